@@ -1,0 +1,58 @@
+"""Verification of one-dimensional granular-chain simulations against LAMMPS.
+
+>>> import dem_bridge as db
+>>> scene = db.load_scene("decelerating-40")
+>>> scene.n_body, scene.n_contact
+(41, 40)
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+#: public name -> module; imported on first use, so that ``--help`` and ``import dem_bridge`` cost nothing
+_HOME = {
+    "Scene": "scene",
+    "Wall": "scene",
+    "Trajectory": "trajectory",
+    "available": "api",
+    "load_scene": "scene_file",
+    "load_trajectory": "trajectory",
+    "shipped_scenes": "scene_file",
+    "solve": "api",
+    "verify": "studies.verify",
+    "write_deck": "api",
+}
+
+if TYPE_CHECKING:
+    from dem_bridge.api import available, solve, write_deck
+    from dem_bridge.scene import Scene, Wall
+    from dem_bridge.scene_file import load_scene, shipped_scenes
+    from dem_bridge.studies.verify import verify
+    from dem_bridge.trajectory import Trajectory, load_trajectory
+
+__all__ = [
+    "Scene",
+    "Trajectory",
+    "Wall",
+    "available",
+    "load_scene",
+    "load_trajectory",
+    "shipped_scenes",
+    "solve",
+    "verify",
+    "write_deck",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOME])
