@@ -1,0 +1,122 @@
+"""The protocol of every backend, its settings, and the table of those that exist.
+
+A backend
+1. says which equations it solves (``equations``) and with which order in dt (``order``; None: no fixed step),
+2. says whether it can run here, with the reason and the remedy if not (``availability``),
+3. says why it cannot do a scene (``refusal``), before anything runs,
+4. turns a Scene, a Resolution and a Sampling into a Trajectory (``run``), with bars that it stands for,
+5. never changes the scene, never repairs a run; raises RunBroken if one fails.
+
+Adding a backend = a class, a line in ``BACKENDS``, a row in tests/test_backends_contract.py.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.errors import UsageError
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resolution:
+    """How finely to solve. None: the backend's own default; a backend ignores what does not apply to it."""
+
+    dt: float | None = None
+    """Largest time step, s."""
+    rtol: float | None = None
+    """Relative local tolerance of an adaptive integrator. It is not the error: see the bars."""
+    gauge_radius: float | None = None
+    """Radius written into a LAMMPS deck, m. None: from the overlaps of a coarse run."""
+    time_limit: float = 3600.0
+    """Wall time, s, after which an engine in a child process is stopped."""
+    bars: bool = True
+    """False: no error bars (inf) and no run that only serves them."""
+
+    def __post_init__(self) -> None:
+        for key in ("dt", "rtol", "gauge_radius", "time_limit"):
+            value = getattr(self, key)
+            if value is not None and not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
+                raise UsageError(f"{key} = {value!r}; allowed: a finite number > 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sampling:
+    """At which times to answer: ``count`` equal steps from 0 to the scene's duration."""
+
+    count: int
+
+    def __post_init__(self) -> None:
+        if isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
+            raise UsageError(f"samples = {self.count!r}; allowed: a whole number >= 1")
+
+    def times(self, duration: float) -> NDArray[np.float64]:
+        return np.linspace(0.0, duration, self.count + 1)
+
+
+@dataclass(frozen=True)
+class Availability:
+    """Whether a backend can run on this machine; ``reason`` says why not and what to do."""
+
+    available: bool
+    reason: str = ""
+
+
+class Backend(Protocol):
+    """See the module's docstring."""
+
+    name: str
+    equations: str
+    order: int | None
+
+    def availability(self) -> Availability: ...
+
+    def refusal(self, scene: Scene) -> str | None: ...
+
+    def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory: ...
+
+
+#: name -> (module, class); imported only when asked for
+BACKENDS: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "lammps-granular": ("dem_bridge.backends.lammps", "LammpsGranular"),
+        "verlet": ("dem_bridge.backends.verlet", "Verlet"),
+        "scipy": ("dem_bridge.backends.scipy_dop853", "ScipyDop853"),
+        "bca": ("dem_bridge.backends.bca", "BinaryCollisions"),
+    }
+)
+
+
+def backend(name: str) -> Backend:
+    """The backend of that name; UsageError with the allowed names otherwise."""
+    if name not in BACKENDS:
+        raise UsageError(f"backend = {name!r}; allowed: {', '.join(BACKENDS)}")
+    module, attribute = BACKENDS[name]
+    found: Backend = getattr(importlib.import_module(module), attribute)()
+    return found
+
+
+def birth_certificate(backend: Backend, scene: Scene, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Provenance common to all backends: what was run, with which settings and versions. JSON-able."""
+    import platform
+    from importlib.metadata import version
+
+    packages = {name: version(name) for name in ("dem-bridge", "numpy", "scipy", "numba")}
+    return {
+        "backend": backend.name,
+        "equations": backend.equations,
+        "scene": scene.name,
+        "scene_hash": scene.content_hash,
+        "settings": dict(settings),
+        "versions": packages | {"python": platform.python_version()},
+        "machine": f"{platform.system()} {platform.machine()}",
+    }

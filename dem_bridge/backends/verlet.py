@@ -1,0 +1,206 @@
+"""The algorithmic twin of LAMMPS: the same velocity-Verlet, written in overlap variables and compiled.
+
+LAMMPS (``fix nve``) half-kicks, drifts, evaluates the forces and half-kicks again (Swope et al. 1982); so does
+this, in the same order of operations. But it carries the overlap of each contact as a variable of its own, so no
+position is ever subtracted from another: what LAMMPS loses there is what the two differ by.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+from numba import njit
+
+from dem_bridge.backends.bars import UNKNOWN, nudged, with_bars
+from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
+from dem_bridge.backends.survey import Survey, survey
+from dem_bridge.dense import Schedule, extremes, schedule
+from dem_bridge.errors import RunBroken
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Cost, Trajectory
+
+#: default step: the next of the 1-2-5 series below this fraction of 1/omega of the stiffest contact
+DEFAULT_PHASE = 2.5e-3
+
+
+class Verlet:
+    """Velocity-Verlet in overlap variables (numba). Any masses, exponents, gaps, walls; gravity."""
+
+    name = "verlet"
+    equations = "hertz"
+    order: int | None = 2
+
+    def availability(self) -> Availability:
+        return Availability(True)
+
+    def refusal(self, scene: Scene) -> str | None:
+        return None
+
+    def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
+        """Solve; the bars come from two more runs with twice the step."""
+        look = survey(scene)
+        plan = fixed_step_plan(scene, resolution, sampling, look)
+        fine = solve_plan(scene, plan)
+        if not resolution.bars:
+            return fine
+        return with_twin_bars(fine, scene, plan, look, magnitude=float(np.max(np.abs(fine.displacement))))
+
+
+def round_step(dt: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is at most ``dt`` (up to round-off).
+
+    >>> round_step(1.3e-8), round_step(9.9e-9), round_step(1e-8)
+    (1e-08, 5e-09, 1e-08)
+    """
+    power = math.floor(math.log10(dt))
+    series = [float(f"{digit}e{decade}") for decade in (power - 1, power, power + 1) for digit in (1, 2, 5)]
+    return max(step for step in series if step <= dt * (1.0 + 1e-12))
+
+
+def default_step(scene: Scene, sampling: Sampling, look: Survey) -> float:
+    """Step of a fixed-step run that was asked for none, s."""
+    if look.frequency > 0.0:
+        return round_step(DEFAULT_PHASE / look.frequency)
+    return scene.duration / sampling.count
+
+
+def fixed_step_plan(scene: Scene, resolution: Resolution, sampling: Sampling, look: Survey) -> Schedule:
+    """The steps of a fixed-step run, the same for LAMMPS and twin."""
+    dt = resolution.dt if resolution.dt is not None else default_step(scene, sampling, look)
+    return schedule(
+        duration=scene.duration, samples=sampling.count, dt=dt, frequency=look.frequency, bodies=scene.n_body
+    )
+
+
+def with_twin_bars(run: Trajectory, scene: Scene, plan: Schedule, look: Survey, *, magnitude: float) -> Trajectory:
+    """``run`` (of LAMMPS or of the twin, on the steps of ``plan``) with bars from twins; see :mod:`.bars`."""
+    own = run if run.provenance["backend"] == Verlet.name else solve_plan(scene, plan)
+    # one step per sample leaves no coarser step that falls on the samples: then take a finer one
+    other_dt = 2.0 * plan.step if plan.per_sample > 1 else 0.5 * plan.step
+    other_plan = fixed_step_plan(scene, Resolution(dt=other_dt), Sampling(count=plan.samples), look)
+    return with_bars(
+        run,
+        scene=scene,
+        plan=plan,
+        look=look,
+        own=own,
+        other=solve_plan(scene, other_plan),
+        ratio=other_plan.step / plan.step,
+        moved=solve_plan(nudged(scene), other_plan),
+        magnitude=magnitude,
+    )
+
+
+def solve_plan(scene: Scene, plan: Schedule) -> Trajectory:
+    """One twin run on the given steps, without bars."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    c = scene.contacts
+    v, x, a, overlap, force = integrate(
+        np.array(scene.mass),
+        np.array(scene.velocity),
+        c.left,
+        c.right,
+        len(scene.stiffness),
+        c.stiffness,
+        c.exponent,
+        c.gap,
+        scene.gravity,
+        plan.step,
+        plan.dense_steps,
+    )
+    if not np.all(np.isfinite(v)):
+        raise RunBroken(f"verlet on {scene.name}: velocities are not finite; dt = {plan.step:g} s is beyond stability")
+    peak_force, crossing = extremes(
+        time=plan.dense_steps * plan.step,
+        overlap=overlap,
+        rate=v[:, c.left] - v[:, c.right],
+        acceleration=a[:, c.left] - a[:, c.right],
+        force=force,
+        exponent=c.exponent,
+    )
+    keep = slice(None, None, plan.subdivisions)
+    return Trajectory(
+        time=Sampling(count=plan.samples).times(scene.duration),
+        displacement=x[keep, :-1],
+        velocity=v[keep, :-1],
+        contact_force=force[keep],
+        peak_force=peak_force,
+        crossing_time=crossing,
+        uncertainty=UNKNOWN,
+        cost=Cost(
+            wall=time.perf_counter() - wall,
+            cpu=time.process_time() - cpu,
+            steps=plan.steps,
+            force_evaluations=plan.steps + 1,
+        ),
+        provenance=birth_certificate(Verlet(), scene, {"dt": plan.step, "samples": plan.samples}),
+    )
+
+
+@njit(cache=True, nogil=True)
+def integrate(  # type: ignore[no-untyped-def]
+    mass, velocity, left, right, links, stiffness, exponent, gap, gravity, dt, dense_steps
+):
+    """Velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap and force
+    ``(n_dense, n_contact)`` at ``dense_steps``. The first ``links`` contacts are those of the chain.
+
+    With n = 5/2 the force is ``beta s sqrt(s)``: only exact powers of two appear when v0 -> 32 v0 and
+    dt -> dt/2, so such runs repeat bit for bit.
+    """
+    n_body, n_contact, n_dense = mass.shape[0], left.shape[0], dense_steps.shape[0]
+    hertz = np.all(exponent == 2.5)
+    v = np.zeros(n_body + 1)
+    v[:n_body] = velocity
+    x = np.zeros(n_body + 1)
+    force = np.zeros(n_contact)
+    net = np.zeros(n_body + 1)
+    kick = np.zeros(n_body + 1)
+    kick[:n_body] = 0.5 * dt / mass
+    weight = np.zeros(n_body + 1)
+    weight[:n_body] = mass * gravity
+    overlap = -gap
+    out_v = np.zeros((n_dense, n_body + 1))
+    out_x = np.zeros((n_dense, n_body + 1))
+    out_a = np.zeros((n_dense, n_body + 1))
+    out_overlap = np.zeros((n_dense, n_contact))
+    out_force = np.zeros((n_dense, n_contact))
+    step = 0
+    for row in range(n_dense):
+        while step <= dense_steps[row]:
+            if step > 0:
+                for i in range(n_body):
+                    v[i] += kick[i] * net[i]
+                    x[i] += dt * v[i]
+                for k in range(links):
+                    overlap[k] += dt * (v[k] - v[k + 1])
+                for k in range(links, n_contact):
+                    overlap[k] += dt * (v[left[k]] - v[right[k]])
+            if hertz:
+                for k in range(n_contact):
+                    closed = max(overlap[k], 0.0)
+                    force[k] = stiffness[k] * closed * np.sqrt(closed)
+            else:
+                for k in range(n_contact):
+                    closed = max(overlap[k], 0.0)
+                    force[k] = stiffness[k] * closed ** (exponent[k] - 1.0)
+            for i in range(n_body):
+                net[i] = weight[i]
+            for k in range(links):
+                net[k] -= force[k]
+                net[k + 1] += force[k]
+            for k in range(links, n_contact):
+                net[left[k]] -= force[k]
+                net[right[k]] += force[k]
+            if step > 0:
+                for i in range(n_body):
+                    v[i] += kick[i] * net[i]
+            step += 1
+        out_v[row] = v
+        out_x[row] = x
+        out_overlap[row] = overlap
+        out_force[row] = force
+        for i in range(n_body):
+            out_a[row, i] = net[i] / mass[i]
+    return out_v, out_x, out_a, out_overlap, out_force

@@ -1,0 +1,153 @@
+"""The one result: what every backend answers with, complete and read-only, and how it is kept on disk.
+
+Knows numpy arrays and netCDF; nothing of how a trajectory was made.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.errors import UsageError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SCHEMA = "dem-bridge/trajectory/1"
+Floats = NDArray[np.float64]
+
+#: quantity -> (unit, what it is, dimensions); the vocabulary of every backend, file and table
+VOCABULARY: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
+    {
+        "displacement": ("m", "displacement from the start", ("time", "body")),
+        "velocity": ("m/s", "velocity", ("time", "body")),
+        "contact_force": ("N", "compressive force of the contact", ("time", "contact")),
+        "peak_force": ("N", "largest force of the contact", ("contact",)),
+        "crossing_time": ("s", "first maximal compression of the contact; nan: never", ("contact",)),
+    }
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cost:
+    """What a run cost. ``wall`` and ``cpu`` in s, with what was needed to set it up; nan: not measured."""
+
+    wall: float
+    cpu: float
+    steps: int
+    force_evaluations: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trajectory:
+    """Motion of every body and force of every contact, with bars, cost and provenance.
+
+    Arrays (float64, read-only): ``time (n_t,)`` in s, starting at 0; ``displacement`` and ``velocity``
+    ``(n_t, n_body)``; ``contact_force (n_t, n_contact)``, columns as :attr:`Scene.contacts`; ``peak_force`` and
+    ``crossing_time (n_contact,)`` at the accuracy of the run, not of the sample spacing.
+
+    ``uncertainty``: bars in the unit of each quantity. ``velocity`` and ``displacement`` are one number each, the
+    largest error over all samples and bodies; ``peak_force`` and ``crossing_time`` have one per contact. inf: nothing
+    can be said.
+    """
+
+    time: Floats
+    displacement: Floats
+    velocity: Floats
+    contact_force: Floats
+    peak_force: Floats
+    crossing_time: Floats
+    uncertainty: Mapping[str, Any]
+    cost: Cost
+    provenance: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        n_t, n_body, n_contact = len(self.time), self.velocity.shape[-1], len(self.peak_force)
+        sizes = {"time": n_t, "body": n_body, "contact": n_contact}
+        for name in ("time", *VOCABULARY):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            dims = VOCABULARY[name][2] if name in VOCABULARY else ("time",)
+            if array.shape != (expected := tuple(sizes[d] for d in dims)):
+                raise ValueError(f"{name} has shape {array.shape}; a trajectory needs {expected}")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        bars: dict[str, Any] = {}
+        for name in ("velocity", "displacement", "peak_force", "crossing_time"):
+            bar = self.uncertainty[name]
+            if name in ("velocity", "displacement"):
+                bars[name] = float(bar)
+            else:
+                bars[name] = np.broadcast_to(np.asarray(bar, dtype=np.float64), (n_contact,)).copy()
+                bars[name].setflags(write=False)
+        object.__setattr__(self, "uncertainty", MappingProxyType(bars))
+        object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
+
+    def to_xarray(self) -> xr.Dataset:
+        """Labelled dataset: dimensions time, body, contact; units and bars as attributes and ``*_bar``."""
+        import xarray as xr
+
+        data: dict[str, Any] = {}
+        for name, (unit, meaning, dims) in VOCABULARY.items():
+            data[name] = (dims, getattr(self, name), {"units": unit, "long_name": meaning})
+        for name, bar in self.uncertainty.items():
+            dims = ("contact",) if np.ndim(bar) else ()
+            data[f"{name}_bar"] = (
+                dims,
+                bar,
+                {"units": VOCABULARY[name][0], "long_name": f"error bar of {name}"},
+            )
+        return xr.Dataset(
+            data,
+            coords={
+                "time": ("time", self.time, {"units": "s", "long_name": "time"}),
+                "body": np.arange(self.velocity.shape[1]),
+                "contact": np.arange(len(self.peak_force)),
+            },
+            attrs={
+                "schema": SCHEMA,
+                "provenance": json.dumps(dict(self.provenance), sort_keys=True),
+                "cost": json.dumps({f.name: getattr(self.cost, f.name) for f in fields(Cost)}),
+            },
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write netCDF-4; the file appears whole or not at all."""
+        path = Path(path)
+        part = path.with_name(path.name + ".part")
+        try:
+            self.to_xarray().to_netcdf(part, engine="h5netcdf")
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+
+
+def load_trajectory(path: str | Path) -> Trajectory:
+    """Read what :meth:`Trajectory.save` wrote; another schema is refused by name."""
+    import xarray as xr
+
+    path = Path(path)
+    if not path.is_file():
+        raise UsageError(f"{path}: no such file; allowed: a .nc file written by Trajectory.save")
+    try:
+        dataset = xr.load_dataset(path, engine="h5netcdf")
+    except OSError as error:
+        raise UsageError(f"{path}: not a netCDF-4 file ({error}); write one with Trajectory.save") from error
+    schema = dataset.attrs.get("schema", "none")
+    if schema != SCHEMA:
+        raise UsageError(f"{path}: schema {schema!r}; this version reads {SCHEMA!r}")
+    return Trajectory(
+        time=dataset["time"].values,
+        **{name: dataset[name].values for name in VOCABULARY},
+        uncertainty={
+            name: dataset[f"{name}_bar"].values for name in ("velocity", "displacement", "peak_force", "crossing_time")
+        },
+        cost=Cost(**json.loads(dataset.attrs["cost"])),
+        provenance=json.loads(dataset.attrs["provenance"]),
+    )
