@@ -1,0 +1,87 @@
+"""The binary collision approximation: the paper's theory (section 3, eq. 3.3 to 3.7) as a backend.
+
+Other equations than Hertz's chain: the impulse is handed on in a row of two-body collisions, each over before the
+next begins. Body i moves with v_i while it crosses from its collision with i-1 to that with i+1, then with what the
+collision left it. The answer is a Trajectory of velocity steps: contact forces are nan, peak forces are those of
+the two-body collision, and nothing can be said about its error from within (bars inf).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+
+from dem_bridge.backends.bars import UNKNOWN
+from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
+from dem_bridge.physics.exact import two_body_collision
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Cost, Trajectory
+
+
+class BinaryCollisions:
+    """A row of exact two-body collisions; single-pulse chains only."""
+
+    name = "bca"
+    equations = "binary collisions"
+    order: int | None = None
+
+    def availability(self) -> Availability:
+        return Availability(True)
+
+    def refusal(self, scene: Scene) -> str | None:
+        """The theory knows one pulse: body 0 alone moves, towards a chain at rest, touching, free and weightless."""
+        problems = {
+            "more than one body moves at the start": any(v != 0.0 for v in scene.velocity[1:]),
+            "body 0 does not move towards the chain": not scene.velocity[0] > 0.0,
+            "there are gaps or initial overlaps": any(g != 0.0 for g in scene.contacts.gap),
+            "there is a wall": scene.wall_left is not None or scene.wall_right is not None,
+            "there is gravity": scene.gravity != 0.0,
+            "there is no contact": scene.n_contact == 0,
+        }
+        reasons = [text for text, wrong in problems.items() if wrong]
+        return f"binary collisions describe a single pulse, but {'; '.join(reasons)}" if reasons else None
+
+    def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
+        wall, cpu = time.perf_counter(), time.process_time()
+        times, c, n = sampling.times(scene.duration), scene.contacts, scene.n_body
+        arrival = np.zeros(n)  # when body i is set moving
+        leaving = np.full(n, math.inf)  # when it has handed its momentum on
+        moving, after = np.zeros(n), np.zeros(n)
+        moving[0] = scene.velocity[0]
+        peak_force = np.zeros(scene.n_contact)
+        for k in range(scene.n_contact):
+            hit = two_body_collision(
+                masses=(scene.mass[k], scene.mass[k + 1]),
+                velocities=(moving[k], 0.0),
+                stiffness=float(c.stiffness[k]),
+                exponent=float(c.exponent[k]),
+            )
+            after[k], moving[k + 1] = hit.exit_velocity
+            leaving[k] = arrival[k + 1] = arrival[k] + hit.half_time
+            peak_force[k] = hit.peak_force
+        after[-1] = moving[-1]  # the last body flies on
+        now = times[:, None]
+        # a body stands still until it is reached; body 0 moves from the start
+        reached, gone = now >= arrival, now >= leaving
+        velocity = np.where(gone, after, np.where(reached, moving, 0.0))
+        travel = np.clip(now, arrival, leaving) - arrival
+        rest = np.where(gone, now - np.where(np.isfinite(leaving), leaving, 0.0), 0.0)
+        crossing = np.where(arrival[1:] <= scene.duration, arrival[1:], np.nan)
+        return Trajectory(
+            time=times,
+            displacement=moving * travel + after * rest,
+            velocity=velocity,
+            contact_force=np.full((len(times), scene.n_contact), np.nan),
+            peak_force=peak_force,
+            crossing_time=crossing,
+            uncertainty=UNKNOWN,
+            cost=Cost(
+                wall=time.perf_counter() - wall,
+                cpu=time.process_time() - cpu,
+                steps=0,
+                force_evaluations=0,
+            ),
+            provenance=birth_certificate(self, scene, {"samples": sampling.count}),
+        )
