@@ -1,0 +1,148 @@
+"""LAMMPS, the code under test: a deck is written, run in a child process and its dump read back.
+
+What is read is LAMMPS' own: positions, velocities and net forces. Contact forces are the running sum of the net
+forces along the chain, so a wrong coefficient in a deck shows in them.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.backends.bars import UNKNOWN
+from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
+from dem_bridge.backends.survey import Survey, survey
+from dem_bridge.backends.verlet import fixed_step_plan, with_twin_bars
+from dem_bridge.dense import extremes
+from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene
+from dem_bridge.lmp.deck import Deck, gauge_radius, granular_deck, refusal
+from dem_bridge.lmp.output import read_binary_dump
+from dem_bridge.lmp.process import EngineReport, engine, run_deck
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Cost, Trajectory
+
+
+class LammpsGranular:
+    """LAMMPS with ``pair_style granular`` and ``fix nve``. n = 5/2; any masses, gaps, walls; gravity."""
+
+    name = "lammps-granular"
+    equations = "hertz"
+    order: int | None = 2
+
+    def availability(self) -> Availability:
+        try:
+            engine()
+        except BackendUnavailable as error:
+            return Availability(False, str(error))
+        return Availability(True)
+
+    def refusal(self, scene: Scene) -> str | None:
+        return refusal(scene)
+
+    def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
+        """Solve. The time step's bar comes from the twin at this and twice the step, never from LAMMPS itself."""
+        wall, cpu = time.perf_counter(), time.process_time()
+        look = survey(scene)
+        deck = self.deck(scene, resolution, sampling, look)
+        with TemporaryDirectory(prefix="dem-bridge-") as name:
+            folder = Path(name)
+            for file, text in deck.files.items():
+                (folder / file).write_text(text)
+            report = run_deck(folder, deck.input_file, time_limit=resolution.time_limit)
+            steps, values = read_binary_dump(folder / deck.dump_file, columns=4)
+        result = self._trajectory(scene, deck, report, steps, values, wall, cpu)
+        if not resolution.bars:
+            return result
+        reach = float(np.max(np.abs(values[:, :, 1])))
+        return with_twin_bars(result, scene, deck.schedule, look, magnitude=reach)
+
+    def deck(self, scene: Scene, resolution: Resolution, sampling: Sampling, look: Survey | None = None) -> Deck:
+        """The deck that :meth:`run` runs."""
+        reason = self.refusal(scene)
+        if reason:
+            raise UnsupportedScene(f"{self.name} cannot do {scene.name}: {reason}")
+        look = look or survey(scene)
+        radius = resolution.gauge_radius or gauge_radius(float(np.max(look.peak_overlap, initial=0.0)))
+        return granular_deck(scene, radius=radius, schedule=fixed_step_plan(scene, resolution, sampling, look))
+
+    def _trajectory(
+        self,
+        scene: Scene,
+        deck: Deck,
+        report: EngineReport,
+        steps: NDArray[np.int64],
+        values: NDArray[np.float64],
+        wall: float,
+        cpu: float,
+    ) -> Trajectory:
+        plan = deck.schedule
+        expected = plan.dense_steps
+        if not np.array_equal(steps, expected) or values.shape[1] != len(deck.line):
+            raise RunBroken(
+                f"LAMMPS dumped {len(steps)} frames of {values.shape[1]} atoms;"
+                f" the deck asks for {len(expected)} of {len(deck.line)}"
+            )
+        if not np.all(np.isfinite(values)):
+            first = int(np.argwhere(~np.isfinite(values).all(axis=(1, 2)))[0, 0])
+            raise RunBroken(f"LAMMPS ended without an error, but from step {steps[first]} on its values are not finite")
+        position, velocity, net = values[:, :, 1], values[:, :, 2], values[:, :, 3]
+        # along the line of atoms, walls included, then in the order of the scene's contacts
+        columns, weight = _columns(scene), np.array(deck.weight)
+        overlap = (2.0 * deck.gauge_radius - np.diff(position, axis=1))[:, columns]
+        rate = -np.diff(velocity, axis=1)[:, columns]
+        # a frozen wall has net force but no acceleration
+        acceleration = -np.diff(net * np.array(deck.mobility), axis=1)[:, columns]
+        force = np.cumsum(weight - net, axis=1)[:, columns]
+        deepest = float(np.max(overlap, initial=0.0))
+        if deepest > deck.gauge_radius:
+            raise RunBroken(
+                f"an overlap of {deepest:.6g} m exceeds the gauge radius {deck.gauge_radius:.6g} m: bodies that are"
+                " not neighbours may have touched; give a larger gauge_radius"
+            )
+        peak_force, crossing = extremes(
+            time=steps * plan.step,
+            overlap=overlap,
+            rate=rate,
+            acceleration=acceleration,
+            force=force,
+            exponent=scene.contacts.exponent,
+            resolution=4.0 * math.ulp(float(np.max(np.abs(position)))),
+        )
+        rows = slice(None, None, plan.subdivisions)
+        bodies = slice(deck.first_id - 1, deck.first_id - 1 + scene.n_body)
+        settings = {"dt": plan.step, "samples": plan.samples, "gauge_radius": deck.gauge_radius}
+        return Trajectory(
+            time=Sampling(count=plan.samples).times(scene.duration),
+            displacement=(position[rows] - np.array(deck.line))[:, bodies],
+            velocity=velocity[rows, bodies],
+            contact_force=force[rows],
+            peak_force=peak_force,
+            crossing_time=crossing,
+            uncertainty=UNKNOWN,
+            cost=Cost(
+                wall=time.perf_counter() - wall,
+                cpu=time.process_time() - cpu + report.cpu,
+                steps=plan.steps,
+                force_evaluations=plan.steps + 1,
+            ),
+            provenance=birth_certificate(self, scene, settings)
+            | {
+                "lammps": {"version": report.version, "packages": list(report.packages)},
+                "engine_wall": report.wall,
+                "deck_hash": deck.content_hash,
+                "atom_types": deck.types,
+            },
+        )
+
+
+def _columns(scene: Scene) -> list[int]:
+    """Where each contact of the scene (chain, wall_left, wall_right) stands along the line of atoms."""
+    links, left = len(scene.stiffness), scene.wall_left is not None
+    order = [k + left for k in range(links)]
+    order += [0] * left + [links + left] * (scene.wall_right is not None)
+    return order

@@ -1,0 +1,66 @@
+"""Reading what LAMMPS wrote: binary dumps, bit for bit."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.errors import RunBroken
+
+_MAGIC = b"DUMPCUSTOM"
+
+
+def read_binary_dump(path: Path, columns: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Steps ``(n_frame,)`` and values ``(n_frame, n_atom, columns)`` of a binary ``dump custom``, rows as dumped.
+
+    The layout is that of LAMMPS' dump_custom.cpp, revision 2 (also read by its ``binary2txt``). Raises RunBroken where
+    the file ends within a frame or is something else.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise RunBroken(f"{path.name}: LAMMPS ended without an error but wrote no dump") from error
+    steps: list[int] = []
+    frames: list[NDArray[np.float64]] = []
+    at = 0
+    try:
+        while at < len(data):
+            step, values, at = _frame(data, at, path.name)
+            steps.append(step)
+            frames.append(values.reshape(-1, columns))
+    except (struct.error, ValueError) as error:
+        raise RunBroken(f"{path.name}: frame {len(steps)} is cut or has another form ({error})") from error
+    sizes = {frame.shape for frame in frames}
+    if len(sizes) > 1:
+        raise RunBroken(f"{path.name}: the number of atoms changes from frame to frame: {sorted(sizes)}")
+    return np.array(steps, dtype=np.int64), np.array(frames)
+
+
+def _frame(data: bytes, at: int, name: str) -> tuple[int, NDArray[np.float64], int]:
+    (size,) = struct.unpack_from("=q", data, at)
+    if size != -len(_MAGIC) or data[at + 8 : at + 18] != _MAGIC:
+        raise RunBroken(f"{name}: not a binary LAMMPS dump of this machine's byte order")
+    at += 18
+    _endian, revision, step, _atoms, triclinic = struct.unpack_from("=iiqqi", data, at)
+    if revision != 2:
+        raise RunBroken(f"{name}: binary dump revision {revision}; known: 2")
+    # boundary flags, box, tilt, then the number of columns
+    at += struct.calcsize("=iiqqi") + 6 * 4 + 6 * 8 + (3 * 8 if triclinic else 0) + 4
+    (units,) = struct.unpack_from("=i", data, at)
+    at += 4 + units
+    has_time = data[at]
+    at += 1 + (8 if has_time else 0)
+    (names,) = struct.unpack_from("=i", data, at)
+    at += 4 + names
+    (chunks,) = struct.unpack_from("=i", data, at)
+    at += 4
+    parts = []
+    for _ in range(chunks):
+        (count,) = struct.unpack_from("=i", data, at)
+        at += 4
+        parts.append(np.frombuffer(data, dtype="=f8", count=count, offset=at))
+        at += 8 * count
+    return step, parts[0] if chunks == 1 else np.concatenate(parts), at
