@@ -1,0 +1,105 @@
+"""How far two trajectories are apart, with a named scale, and where they first part.
+
+Knows arrays; nothing of tolerances or outcomes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from dem_bridge.errors import UsageError
+from dem_bridge.trajectory import Trajectory
+
+
+@dataclass(frozen=True, kw_only=True)
+class Difference:
+    """Largest difference of one quantity, relative to ``scale``."""
+
+    quantity: str
+    value: float
+    """Relative, max-norm; inf where one of the two has no value."""
+    scale: float
+    """In ``unit``; nan where each contact is its own scale."""
+    unit: str
+    scale_name: str
+    uncertainty: float
+    """Bar of the first trajectory, relative to the same scale."""
+    reference_uncertainty: float
+    """Bar of the second."""
+    body: int
+    """Body or contact where the difference is largest."""
+    time: float
+    """s: when it is largest; nan for quantities that are not sampled in time."""
+
+
+def difference(quantity: str, run: Trajectory, reference: Trajectory) -> Difference:
+    """Compare ``velocity`` or ``displacement`` (max over all samples and bodies, relative to the reference's largest
+    magnitude), or ``peak_force`` or ``crossing_time`` (max over contacts, each relative to the reference's own).
+
+    Raises UsageError where the two are sampled at different times.
+    """
+    mine, other = getattr(run, quantity), getattr(reference, quantity)
+    if mine.shape != other.shape or not np.array_equal(run.time, reference.time):
+        raise UsageError(
+            f"trajectories of {len(run.time)} and {len(reference.time)} samples do not share their times;"
+            " solve both with the same samples"
+        )
+    if quantity in ("velocity", "displacement"):
+        unit = "m/s" if quantity == "velocity" else "m"
+        scale = float(np.max(np.abs(other)))
+        apart = np.abs(mine - other)
+        row, body = np.unravel_index(int(np.argmax(apart)), apart.shape)
+        return Difference(
+            quantity=quantity,
+            value=_relative(float(apart[row, body]), scale),
+            scale=scale,
+            unit=unit,
+            scale_name=f"largest |{quantity}| of the reference",
+            uncertainty=_relative(run.uncertainty[quantity], scale),
+            reference_uncertainty=_relative(reference.uncertainty[quantity], scale),
+            body=int(body),
+            time=float(run.time[row]),
+        )
+    if quantity in ("peak_force", "crossing_time"):
+        apart = np.abs(mine - other)
+        # neither has a value: agreed; only one has: infinitely far apart
+        apart = np.where(np.isnan(mine) & np.isnan(other), 0.0, np.where(np.isnan(apart), math.inf, apart))
+        own = np.where(np.isnan(other), 1.0, np.abs(other))
+        relative = np.array([_relative(a, s) for a, s in zip(apart, own, strict=True)])
+        where = int(np.argmax(relative)) if len(relative) else 0
+        bars = [
+            max((_relative(b, s) for b, s in zip(t.uncertainty[quantity], own, strict=True)), default=0.0)
+            for t in (run, reference)
+        ]
+        return Difference(
+            quantity=quantity,
+            value=float(relative[where]) if len(relative) else 0.0,
+            scale=math.nan,
+            unit="N" if quantity == "peak_force" else "s",
+            scale_name=f"each contact's own {quantity}",
+            uncertainty=bars[0],
+            reference_uncertainty=bars[1],
+            body=where,
+            time=math.nan,
+        )
+    raise UsageError(f"quantity = {quantity!r}; allowed: velocity, displacement, peak_force, crossing_time")
+
+
+def first_divergence(run: Trajectory, reference: Trajectory, tolerance: float) -> tuple[float, int] | None:
+    """Time (s) and body where velocities first differ by more than ``tolerance`` of the reference's largest; None:
+    they never do."""
+    scale = float(np.max(np.abs(reference.velocity)))
+    beyond = np.abs(run.velocity - reference.velocity) > tolerance * scale
+    rows = np.nonzero(beyond.any(axis=1))[0]
+    if len(rows) == 0:
+        return None
+    return float(run.time[rows[0]]), int(np.argmax(beyond[rows[0]]))
+
+
+def _relative(value: float, scale: float) -> float:
+    if value == 0.0:
+        return 0.0
+    return float(value) / scale if scale > 0.0 else math.inf

@@ -1,0 +1,27 @@
+"""Momentum and energy of a trajectory. LAMMPS' granular styles report no contact energy: it is rebuilt from the law."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.physics import contact
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+
+
+def momentum(scene: Scene, trajectory: Trajectory) -> Floats:
+    """Total momentum, kg m/s, ``(n_t,)``. Constant where there is neither wall nor gravity."""
+    return np.asarray(trajectory.velocity @ np.array(scene.mass))
+
+
+def energy(scene: Scene, trajectory: Trajectory) -> Floats:
+    """Total energy, J, ``(n_t,)``: kinetic + stored in contacts (``beta overlap^n / n``) - m g x. Constant."""
+    mass, c = np.array(scene.mass), scene.contacts
+    kinetic = 0.5 * trajectory.velocity**2 @ mass
+    # a wall is one more column at rest
+    x = np.concatenate([trajectory.displacement, np.zeros((len(trajectory.time), 1))], axis=1)
+    stored = contact.energy(x[:, c.left] - x[:, c.right] - c.gap, c.stiffness, c.exponent).sum(axis=1)
+    return np.asarray(kinetic + stored - scene.gravity * trajectory.displacement @ mass)

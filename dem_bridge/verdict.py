@@ -1,0 +1,127 @@
+"""From a difference, its bars and a tolerance to one outcome of a closed set, with one sentence.
+
+Policy and nothing else: no numbers are computed here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any
+
+from dem_bridge.compare import Difference
+
+
+class Outcome(StrEnum):
+    """The closed set. Numerical verdicts are PASS, FAIL or UNDECIDED; the others say why there is none."""
+
+    PASS = "PASS"
+    FAIL = "FAIL"
+    UNDECIDED = "UNDECIDED"
+    """An error bar straddles the tolerance."""
+    MODEL_DIFFERENCE = "MODEL_DIFFERENCE"
+    """Other equations: a number, never pass or fail."""
+    NOT_RUN = "NOT_RUN"
+    BROKEN = "BROKEN"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """One line of a report. ``difference``, bars and ``tolerance`` are relative to ``scale`` (in ``unit``)."""
+
+    scene: str
+    quantity: str
+    backend: str
+    reference: str
+    outcome: Outcome
+    sentence: str
+    difference: float = math.nan
+    scale: float = math.nan
+    unit: str = ""
+    scale_name: str = ""
+    uncertainty: float = math.nan
+    reference_uncertainty: float = math.nan
+    tolerance: float = math.nan
+    first_divergence: tuple[float, int] | None = None
+    """(time in s, body) where velocities first differ by more than the tolerance."""
+    meaning: str = ""
+    """What the difference consists of: round-off, time step, model, ..."""
+
+    def as_json(self) -> dict[str, Any]:
+        """JSON-able; numbers that are not finite become null, which JSON has."""
+
+        def plain(value: object) -> object:
+            return None if isinstance(value, float) and not math.isfinite(value) else value
+
+        return {key: plain(value) for key, value in asdict(self).items()}
+
+
+def judge(difference: float, bar: float, tolerance: float) -> Outcome:
+    """PASS or FAIL where the bar leaves no doubt, UNDECIDED where it straddles the tolerance.
+
+    >>> [judge(1e-7, bar, 1e-6).value for bar in (0.0, 1e-5)], judge(1e-5, 1e-7, 1e-6).value
+    (['PASS', 'UNDECIDED'], 'FAIL')
+    >>> judge(float("nan"), 0.0, 1e-6).value
+    'UNDECIDED'
+    """
+    if difference + bar <= tolerance:
+        return Outcome.PASS
+    if difference - bar > tolerance:
+        return Outcome.FAIL
+    return Outcome.UNDECIDED
+
+
+#: exit code of the command line, in the order in which they win
+_EXIT = ((Outcome.BROKEN, 3), (Outcome.FAIL, 1), (Outcome.UNDECIDED, 4))
+
+
+def exit_code(outcomes: Iterable[Outcome]) -> int:
+    """3 a run broke, 1 a check failed, 4 undecided, 0 otherwise; the first of 3, 1, 4 that occurs."""
+    seen = set(outcomes)
+    return next((code for outcome, code in _EXIT if outcome in seen), 0)
+
+
+def numerical_verdict(
+    found: Difference,
+    *,
+    scene: str,
+    backend: str,
+    reference: str,
+    tolerance: float,
+    meaning: str,
+    bar: float | None = None,
+    first_divergence: tuple[float, int] | None = None,
+) -> Verdict:
+    """Verdict on an error against a reference. The bar that counts is the reference's: the difference itself is known;
+    only where the truth lies is not. ``bar`` takes another, relative to the same scale."""
+    doubt = found.reference_uncertainty if bar is None else bar
+    outcome = judge(found.value, doubt, tolerance)
+    relation = {
+        Outcome.PASS: "is within",
+        Outcome.FAIL: "exceeds",
+        Outcome.UNDECIDED: "cannot be told from",
+    }[outcome]
+    place = f"body {found.body}" if math.isfinite(found.time) else f"contact {found.body}"
+    when = f" at t = {1e3 * found.time:.4g} ms" if math.isfinite(found.time) else ""
+    return Verdict(
+        scene=scene,
+        quantity=found.quantity,
+        backend=backend,
+        reference=reference,
+        outcome=outcome,
+        sentence=(
+            f"{found.quantity} of {backend} differs from {reference} by {found.value:.2e} of"
+            f" {found.scale_name} ({place}{when}), +- {doubt:.1e}; this {relation} the tolerance of {tolerance:.1e}."
+        ),
+        difference=found.value,
+        scale=found.scale,
+        unit=found.unit,
+        scale_name=found.scale_name,
+        uncertainty=found.uncertainty,
+        reference_uncertainty=found.reference_uncertainty,
+        tolerance=tolerance,
+        first_divergence=first_divergence,
+        meaning=meaning,
+    )
