@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge import progress
 from dem_bridge.backends.bars import UNKNOWN
 from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
 from dem_bridge.backends.survey import Survey, survey
@@ -53,7 +55,9 @@ class LammpsGranular:
             folder = Path(name)
             for file, text in deck.files.items():
                 (folder / file).write_text(text)
-            report = run_deck(folder, deck.input_file, time_limit=resolution.time_limit)
+            # the dump grows evenly with the steps: its size tells how far the run is
+            watch = dump_progress(folder / deck.dump_file, deck) if progress.wanted() else None
+            report = run_deck(folder, deck.input_file, time_limit=resolution.time_limit, watch=watch)
             steps, values = read_binary_dump(folder / deck.dump_file, columns=4)
         result = self._trajectory(scene, deck, report, steps, values, wall, cpu)
         if not resolution.bars:
@@ -138,6 +142,18 @@ class LammpsGranular:
                 "atom_types": deck.types,
             },
         )
+
+
+def dump_progress(path: Path, deck: Deck) -> Callable[[], None]:
+    """A call that reports the share of the dump that is written."""
+    frame = 8 * 4 * len(deck.line) + 200  # values and, roughly, a frame's header
+    whole = frame * len(deck.schedule.dense_steps)
+
+    def watch() -> None:
+        if path.exists():
+            progress.report(path.stat().st_size / whole)
+
+    return watch
 
 
 def _columns(scene: Scene) -> list[int]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
+from dem_bridge import progress
 from dem_bridge.backends.bars import UNKNOWN, apart
 from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
 from dem_bridge.errors import RunBroken
@@ -53,12 +54,13 @@ class ScipyDop853:
         """Solve; the bars are the difference to a second run at ten times the tolerance."""
         wall, cpu = time.perf_counter(), time.process_time()
         rtol = resolution.rtol if resolution.rtol is not None else DEFAULT_RTOL
-        fine = _Integration(scene, sampling, rtol)
+        share = 0.5 if resolution.bars else 1.0
+        fine = _Integration(scene, sampling, rtol, share=share)
         fine.run()
         bars: dict[str, Any] = dict(UNKNOWN)
         used = (time.perf_counter() - wall, time.process_time() - cpu)
         if resolution.bars:
-            coarse = _Integration(scene, sampling, BAR_FACTOR * rtol)
+            coarse = _Integration(scene, sampling, BAR_FACTOR * rtol, share_before=share, share=share)
             coarse.run()
             bars = apart(fine, coarse)
         return Trajectory(
@@ -78,7 +80,10 @@ class ScipyDop853:
 class _Integration:
     """One run. State: overlap of every contact (negative: open), velocity of every body, displacement of body 0."""
 
-    def __init__(self, scene: Scene, sampling: Sampling, rtol: float) -> None:
+    def __init__(
+        self, scene: Scene, sampling: Sampling, rtol: float, *, share_before: float = 0.0, share: float = 1.0
+    ) -> None:
+        self.share_before, self.share = share_before, share  # of the whole work, for progress
         self.scene, self.rtol, self.contacts = scene, rtol, scene.contacts
         self.steps = self.evaluations = self.restarts = 0
         n, k, c = scene.n_body, scene.n_contact, scene.contacts
@@ -136,6 +141,7 @@ class _Integration:
                     sample = upto
                 self._note_peaks(solver, dense, until)
             self.evaluations += solver.nfev
+            progress.report(self.share_before + self.share * solver.t / end)
             at, y = solver.t, solver.y
             if event is not None:
                 at, contact = event

@@ -11,7 +11,8 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -39,9 +40,14 @@ class EngineReport:
     cpu: float
 
 
-def run_deck(folder: Path, input_file: str, *, time_limit: float) -> EngineReport:
-    """Run ``input_file`` in ``folder``. Raises BackendUnavailable or RunBroken, with LAMMPS' own words."""
-    said = _child(folder, [input_file], time_limit)
+def run_deck(
+    folder: Path, input_file: str, *, time_limit: float, watch: Callable[[], None] | None = None
+) -> EngineReport:
+    """Run ``input_file`` in ``folder``. Raises BackendUnavailable or RunBroken, with LAMMPS' own words.
+
+    ``watch`` is called a few times a second while the engine runs.
+    """
+    said = _child(folder, [input_file], time_limit, watch)
     return EngineReport(version=said["version"], packages=tuple(said["packages"]), wall=said["wall"], cpu=said["cpu"])
 
 
@@ -60,7 +66,9 @@ def engine() -> tuple[int, tuple[str, ...]]:
     return said["version"], tuple(said["packages"])
 
 
-def _child(folder: Path, arguments: list[str], time_limit: float) -> Mapping[str, Any]:
+def _child(
+    folder: Path, arguments: list[str], time_limit: float, watch: Callable[[], None] | None = None
+) -> Mapping[str, Any]:
     errors = folder / "stderr.txt"
     with errors.open("wb") as sink:
         child = subprocess.Popen(
@@ -73,7 +81,7 @@ def _child(folder: Path, arguments: list[str], time_limit: float) -> Mapping[str
             start_new_session=True,  # so that a hanging engine goes with all it has started
         )
         try:
-            code = child.wait(time_limit)
+            code = _wait(child, time_limit, watch)
         except subprocess.TimeoutExpired:
             raise RunBroken(
                 f"LAMMPS did not finish within the time limit of {time_limit:g} s and was stopped",
@@ -96,6 +104,21 @@ def _child(folder: Path, arguments: list[str], time_limit: float) -> Mapping[str
         raise RunBroken(f"LAMMPS: {text}", log=_log(folder))
     how = f"by {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
     raise RunBroken(f"LAMMPS ended {how} while {_SILENT_STAGES[said['stage']]}{_tail(errors)}", log=_log(folder))
+
+
+def _wait(child: subprocess.Popen[bytes], time_limit: float, watch: Callable[[], None] | None) -> int:
+    """Exit code of the child; TimeoutExpired beyond the limit."""
+    if watch is None:
+        return child.wait(time_limit)
+    end = time.monotonic() + time_limit
+    while True:
+        left = end - time.monotonic()
+        try:
+            return child.wait(min(left, 0.2))
+        except subprocess.TimeoutExpired:
+            if left <= 0.2:
+                raise
+            watch()
 
 
 def _answer(folder: Path) -> dict[str, Any]:

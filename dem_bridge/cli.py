@@ -1,0 +1,282 @@
+"""The command line: words in, words out, exit codes. No science, and nothing heavy imported before it is needed.
+
+Answers go to stdout, progress to stderr and only on a terminal. Exit codes: 0 all pass, 1 a check failed, 2 wrong use
+or a bad scene, 3 a run broke, 4 undecided.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+import dem_bridge
+from dem_bridge.errors import DemBridgeError, UnsupportedScene
+
+if TYPE_CHECKING:
+    from dem_bridge.studies.verify import Verification
+    from dem_bridge.trajectory import Trajectory
+
+#: named again here so that --help needs no backend; a test holds the two together
+BACKENDS = ("lammps-granular", "verlet", "scipy", "bca")
+
+
+class _Group(click.Group):
+    """A group in which every error of dem_bridge is one line and an exit code, never a traceback."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except UnsupportedScene as error:
+            _complain(f"NOT_RUN: {error}")
+            ctx.exit(2)
+        except DemBridgeError as error:
+            _complain(str(error))
+            ctx.exit(error.exit_code)
+        except KeyboardInterrupt:
+            _complain("interrupted; nothing was written")
+            ctx.exit(130)
+
+
+def _complain(text: str) -> None:
+    click.echo(f"dem-bridge: {' '.join(text.split())}", err=True)
+
+
+def _scene_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
+    """Tab completion: shipped scenes, then files."""
+    from click.shell_completion import CompletionItem
+
+    folder = Path(__file__).with_name("scenes")
+    names = sorted(file.stem for file in folder.glob("*.toml") if file.stem.startswith(incomplete))
+    return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]
+
+
+_scene = click.argument("scene", shell_complete=_scene_names)
+_step = click.option("--dt", type=float, metavar="S", help="Largest time step, s.")
+_accuracy = click.option(
+    "--accuracy", type=float, metavar="A", help="Wanted accuracy of velocities, relative; the step follows from it."
+)
+
+
+@click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(dem_bridge.__version__, prog_name="dem-bridge")
+def main() -> None:
+    """Verify simulations of one-dimensional granular chains against LAMMPS.
+
+    A SCENE is the name of a shipped scene (see `dem-bridge scenes`) or the path of a .toml file.
+    """
+
+
+@main.command()
+@click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
+def scenes(as_json: bool) -> None:
+    """List the shipped scenes."""
+    found = [dem_bridge.load_scene(name) for name in dem_bridge.shipped_scenes()]
+    if as_json:
+        click.echo(
+            json.dumps(
+                [
+                    {
+                        "name": s.name,
+                        "bodies": s.n_body,
+                        "contacts": s.n_contact,
+                        "duration": s.duration,
+                        "description": s.description,
+                        "hash": s.content_hash,
+                    }
+                    for s in found
+                ],
+                indent=1,
+            )
+        )
+        return
+    width = max(len(s.name) for s in found)
+    for s in found:
+        click.echo(f"{s.name:{width}}  {s.n_body:4} bodies  {1e3 * s.duration:6.3g} ms  {s.description}")
+
+
+@main.command()
+@_scene
+@click.option("--backend", required=True, type=click.Choice(BACKENDS), help="Which code solves the scene.")
+@_step
+@_accuracy
+@click.option("--samples", type=int, metavar="N", help="Samples in time (default: the scene's).")
+@click.option("-o", "output", type=click.Path(path_type=Path), help="Keep the trajectory as netCDF-4.")
+@click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
+def run(
+    scene: str,
+    backend: str,
+    dt: float | None,
+    accuracy: float | None,
+    samples: int | None,
+    output: Path | None,
+    as_json: bool,
+) -> None:
+    """Solve SCENE with one backend and print what was found, with error bars."""
+    if output is not None and not output.parent.is_dir():
+        raise click.UsageError(f"-o {output}: there is no folder {output.parent}")
+    asked = {"dt": dt, "accuracy": accuracy, "samples": samples}
+    settings = {key: value for key, value in asked.items() if value is not None}
+    with _fraction(f"{scene} by {backend}"):
+        result = dem_bridge.solve(scene, backend=backend, **settings)
+    if output is not None:
+        result.save(output)
+    summary = _summary(result)
+    if as_json:
+        click.echo(json.dumps(summary, indent=1, allow_nan=False))
+        return
+    for key, value in summary.items():
+        if key not in ("settings", "versions"):
+            click.echo(f"{key.replace('_', ' '):24} {value}")
+    if output is not None:
+        click.echo(f"{'written':24} {output}")
+
+
+@main.command()
+@_scene
+@click.option("--style", type=click.Choice(["granular"]), default="granular", show_default=True)
+@_step
+@click.option("-o", "folder", required=True, type=click.Path(path_type=Path, file_okay=False), metavar="DIR")
+def deck(scene: str, style: str, dt: float | None, folder: Path) -> None:
+    """Write the LAMMPS deck of SCENE into DIR; it runs there by `lmp -in in.NAME`."""
+    settings = {} if dt is None else {"dt": dt}
+    for path in dem_bridge.write_deck(scene, folder, style=style, **settings):
+        click.echo(path)
+
+
+@main.command()
+@click.argument("scenes", nargs=-1, metavar="[SCENE]...", shell_complete=_scene_names)
+@_accuracy
+@click.option("-j", "jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Runs at a time.")
+@click.option(
+    "-o",
+    "folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("reports/latest"),
+    show_default=True,
+    metavar="DIR",
+    help="Where index.html and verdicts.json go.",
+)
+@click.option("--json", "json_file", type=click.Path(path_type=Path), metavar="FILE", help="Verdicts as JSON too.")
+@click.option(
+    "--junit", "junit_file", type=click.Path(path_type=Path), metavar="FILE", help="Verdicts as JUnit XML too."
+)
+def verify(
+    scenes: tuple[str, ...],
+    accuracy: float | None,
+    jobs: int,
+    folder: Path,
+    json_file: Path | None,
+    junit_file: Path | None,
+) -> None:
+    """Verify scenes (default: all shipped ones) and write the report."""
+    for option, file in (("--json", json_file), ("--junit", junit_file)):
+        if file is not None and not file.parent.is_dir():
+            raise click.UsageError(f"{option} {file}: there is no folder {file.parent}")
+    settings = {} if accuracy is None else {"accuracy": accuracy}
+    with _bar() as tell:
+        found = dem_bridge.verify(list(scenes) or None, folder=folder, jobs=jobs, tell=tell, **settings)
+    if json_file is not None:
+        json_file.write_text((folder / "verdicts.json").read_text(encoding="utf-8"), encoding="utf-8")
+    if junit_file is not None:
+        from dem_bridge.report.junit import junit
+
+        junit_file.write_text(junit(found.verdicts), encoding="utf-8")
+    _print_verdicts(found)
+    click.echo(f"report: {folder / 'index.html'}")
+    sys.exit(found.exit_code)
+
+
+def _summary(run: Trajectory) -> dict[str, Any]:
+    """What a person asks first of a trajectory; JSON-able."""
+    import numpy as np
+
+    def bar(name: str) -> float | None:
+        value = float(np.nanmax(run.uncertainty[name], initial=0.0))
+        return value if np.isfinite(value) else None
+
+    crossed = run.crossing_time[np.isfinite(run.crossing_time)]
+    return {
+        "scene": run.provenance["scene"],
+        "backend": run.provenance["backend"],
+        "settings": run.provenance["settings"],
+        "samples": len(run.time) - 1,
+        "largest_velocity_m_per_s": float(np.max(np.abs(run.velocity))),
+        "velocity_bar_m_per_s": bar("velocity"),
+        "largest_force_N": float(np.max(run.peak_force, initial=0.0)),
+        "force_bar_N": bar("peak_force"),
+        "last_crossing_s": float(crossed[-1]) if len(crossed) else None,
+        "crossing_bar_s": bar("crossing_time"),
+        "steps": run.cost.steps,
+        "force_evaluations": run.cost.force_evaluations,
+        "wall_s": round(run.cost.wall, 4),
+        "cpu_s": round(run.cost.cpu, 4),
+        "versions": run.provenance["versions"],
+    }
+
+
+def _print_verdicts(found: Verification) -> None:
+    """The verdict table; colours on a terminal that wants them (NO_COLOR is heard), plain text elsewhere."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(width=None if sys.stdout.isatty() else 140, highlight=False)
+    colours = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
+    table = Table(box=None, pad_edge=False)
+    for column in ("scene", "quantity", "compared", "difference", "bar", "tolerance", "outcome"):
+        table.add_column(column, justify="right" if column in ("difference", "bar", "tolerance") else "left")
+    for v in found.verdicts:
+        colour = colours.get(v.outcome.value, "yellow")
+        numbers = [f"{x:.2g}" if x == x else "-" for x in (v.difference, v.reference_uncertainty, v.tolerance)]
+        table.add_row(
+            v.scene, v.quantity, f"{v.backend} - {v.reference}", *numbers, f"[{colour}]{v.outcome.value}[/{colour}]"
+        )
+    console.print(table)
+    for v in found.verdicts:
+        if v.outcome.value not in ("PASS", "MODEL_DIFFERENCE"):
+            console.print(f"{v.outcome.value}: {v.sentence}", markup=False)
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[float, int, str], None] | None]:
+    """A progress bar with ETA on a terminal; None in a pipe."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = (
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("ETA"),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        task = bars.add_task("", total=1.0)
+        yield lambda done, total, label: bars.update(task, completed=done / total, description=label)
+
+
+@contextmanager
+def _fraction(label: str) -> Iterator[None]:
+    """Show how far one run is, as :func:`_bar`."""
+    from dem_bridge import progress
+
+    with _bar() as tell:
+        if tell is None:
+            yield
+            return
+        tell(0.0, 1, label)
+        with progress.listening(lambda part: tell(part, 1, label)):
+            yield
+
+
+if __name__ == "__main__":
+    main()

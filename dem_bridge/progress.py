@@ -1,0 +1,38 @@
+"""How far a run is, for whoever wants to show it; costs nothing when nobody listens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+_listener: ContextVar[Callable[[float], None] | None] = ContextVar("listener", default=None)
+
+
+def report(fraction: float) -> None:
+    """Tell the listener that ``fraction`` (0 to 1) of the present run is done."""
+    listener = _listener.get()
+    if listener is not None:
+        listener(min(max(fraction, 0.0), 1.0))
+
+
+def wanted() -> bool:
+    """Whether anybody listens."""
+    return _listener.get() is not None
+
+
+@contextmanager
+def listening(listener: Callable[[float], None]) -> Iterator[None]:
+    """Call ``listener`` with the fraction done, within this context.
+
+    >>> seen = []
+    >>> with listening(seen.append):
+    ...     report(0.5)
+    >>> seen
+    [0.5]
+    """
+    token = _listener.set(listener)
+    try:
+        yield
+    finally:
+        _listener.reset(token)

@@ -1,0 +1,146 @@
+"""Figures of the report, as matplotlib Figures; panels that belong together share their scales.
+
+Colours are the Okabe-Ito set (legible for colour-blind readers); lines and markers also differ in form, so that a page
+printed in grey keeps its meaning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from dem_bridge.observables.front import arrival_by_crossing, residence_by_crossing, wave_speed_by_crossing
+from dem_bridge.studies.verify import ENGINE, REFERENCE, THEORY, TWIN, SceneStudy
+
+BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
+_STYLE = {
+    REFERENCE: {"color": BLACK, "linestyle": "-", "linewidth": 1.4, "label": "reference (scipy)"},
+    ENGINE: {
+        "color": BLUE,
+        "linestyle": "none",
+        "marker": "o",
+        "markersize": 4.5,
+        "markerfacecolor": "none",
+        "label": "LAMMPS",
+    },
+    THEORY: {"color": VERMILION, "linestyle": "--", "linewidth": 1.4, "label": "BCA"},
+}
+
+
+def spacetime_maps(studies: Sequence[SceneStudy]) -> Figure | None:
+    """Velocity over body and time for each scene (the paper's figures 2a and 2c), LAMMPS' where there is a run, with
+    the arrival that binary collisions predict. One colour scale for all. None without a run to show."""
+    shown = [(study, run) for study in studies if (run := study.run(ENGINE) or study.run(REFERENCE)) is not None]
+    if not shown:
+        return None
+    figure, axes = _panels(1, len(shown), width=5.2, height=4.6)
+    low = min(float(run.velocity.min()) for _, run in shown)
+    # the striker's start is far above everything else and would take the whole scale
+    high = max(float(np.max(run.velocity[:, 1:], initial=1e-300)) for _, run in shown)
+    image = None
+    for ax, (study, run) in zip(axes, shown, strict=True):
+        bodies = np.arange(1, run.velocity.shape[1])
+        image = ax.pcolormesh(
+            bodies,
+            1e3 * run.time,
+            run.velocity[:, 1:],
+            cmap="cividis",
+            vmin=low,
+            vmax=high,
+            shading="nearest",
+            rasterized=True,
+        )
+        theory = study.run(THEORY)
+        if theory is not None:
+            arrival = 1e3 * arrival_by_crossing(study.scene, theory)
+            ax.plot(bodies, arrival, color="white", linewidth=3.0)
+            ax.plot(bodies, arrival, label="front by BCA", **_line(THEORY))
+            ax.legend(loc="upper left", framealpha=1.0)
+        ax.set(title=f"{study.scene.name} ({_who(study)})", xlabel="cylinder", ylim=(0.0, 1e3 * run.time[-1]))
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes[0].set_ylabel("time (ms)")
+    assert image is not None
+    figure.colorbar(image, ax=list(axes), label="velocity (m/s)", fraction=0.04, pad=0.02)
+    return figure
+
+
+def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
+    """Residence time and wave speed along each chain (the paper's figure 3) by reference, LAMMPS and BCA."""
+    shown = [study for study in studies if study.scene.n_body > 2 and study.run(REFERENCE) is not None]
+    if not shown:
+        return None
+    with_speed = all(study.scene.spacing is not None for study in shown)
+    rows = 2 if with_speed else 1
+    figure, axes = _panels(rows, len(shown), width=5.0, height=3.0)
+    grid = axes.reshape(rows, len(shown))
+    for column, study in enumerate(shown):
+        body = np.arange(1, study.scene.n_body - 1)
+        for name in (REFERENCE, THEORY, ENGINE):
+            run = study.run(name)
+            if run is None:
+                continue
+            grid[0, column].plot(body, 1e6 * residence_by_crossing(study.scene, run), **_STYLE[name])
+            if with_speed:
+                grid[1, column].plot(body, wave_speed_by_crossing(study.scene, run), **_STYLE[name])
+        grid[0, column].set_title(study.scene.name)
+        grid[-1, column].set_xlabel("cylinder")
+    grid[0, 0].set_ylabel("residence time (µs)")
+    grid[0, 0].legend()
+    if with_speed:
+        grid[1, 0].set_ylabel("wave speed (m/s)")
+    for row in grid:
+        top = max(ax.get_ylim()[1] for ax in row)
+        for ax in row:
+            ax.set_ylim(0.0, top)
+            ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+            ax.grid(alpha=0.25)
+    return figure
+
+
+def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
+    """Velocity error against step for LAMMPS and twin, with what is left between the two: where an error comes from."""
+    shown = [study for study in studies if study.ladder]
+    if not shown:
+        return None
+    figure, axes = _panels(1, len(shown), width=5.0, height=3.6)
+    for ax, study in zip(axes, shown, strict=True):
+        for name, style in (
+            (ENGINE, {**_line(ENGINE), "label": "LAMMPS - reference"}),
+            (TWIN, {"color": GREEN, "linestyle": "none", "marker": "x", "label": "twin - reference"}),
+        ):
+            if name in study.ladder:
+                ax.loglog(*study.ladder[name], **style)
+        steps, errors = next(iter(study.ladder.values()))
+        guide = np.array([max(steps), min(steps)])
+        ax.loglog(guide, errors[0] * (guide / steps[0]) ** 2, color="0.6", linewidth=1.0, label="slope 2", zorder=0)
+        left = [v for v in study.verdicts if v.backend == ENGINE and v.reference == TWIN]
+        run = study.run(ENGINE)
+        if left and run is not None:
+            step = run.provenance["settings"]["dt"]
+            ax.loglog([step], [left[0].difference], color=BLUE, marker="D", linestyle="none", label="LAMMPS - twin")
+        ax.set(title=study.scene.name, xlabel="time step (s)")
+        ax.grid(alpha=0.25)
+    axes[0].set_ylabel("velocity difference / largest velocity")
+    axes[-1].legend()
+    return figure
+
+
+def _panels(rows: int, columns: int, *, width: float, height: float) -> tuple[Figure, NDArray[np.object_]]:
+    figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, sharey="row", squeeze=False)
+    return figure, axes.ravel()
+
+
+def _line(name: str) -> dict[str, object]:
+    return {key: value for key, value in _STYLE[name].items() if key != "label"}
+
+
+def _who(study: SceneStudy) -> str:
+    return "LAMMPS" if study.run(ENGINE) is not None else "reference"
+
+
+__all__ = ["convergence", "front_along_chain", "spacetime_maps"]

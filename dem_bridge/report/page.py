@@ -1,0 +1,180 @@
+"""The report: one self-contained HTML page with the verdicts as JSON beside it. Both files appear, or neither."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import os
+import platform
+from collections import Counter
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure
+
+import dem_bridge
+from dem_bridge.errors import UsageError
+from dem_bridge.report import figures
+from dem_bridge.studies.verify import ENGINE, REFERENCE, THEORY, TWIN, SceneStudy, Verification
+from dem_bridge.verdict import Outcome, Verdict
+
+SCHEMA = "dem-bridge/verdicts/1"
+#: panels side by side on a page
+_BESIDE = 2
+
+#: what a reader must not believe that this page shows
+NOT_VERIFIED = (
+    "The physics of the model. Code is verified against code and theory here; nothing is compared with a measurement.",
+    "The contact stiffness. The scenes take the paper's eq. 3.1 with its approximate axis ratio; the exact Hertz"
+    " solution is softer by 15 % at 2 degrees, where the ellipse is longer than the cylinder is high and Hertz' theory"
+    " ends.",
+    "Contacts that dissipate, cylinders that bend, rotation, friction, more dimensions: none is in these scenes.",
+    "Other LAMMPS styles, builds, parallel runs: only pair_style granular (hertz, undamped), fix nve, one rank.",
+    "Error bars of the reference: they are the difference to a run at ten times its tolerance, tested against"
+    " quadruple-precision solutions of four scenes, not a proof.",
+)
+
+
+def write_report(found: Verification, folder: Path) -> tuple[Path, Path]:
+    """Write ``index.html`` and ``verdicts.json`` into ``folder`` (made if need be) and return their paths."""
+    record = as_json(found)
+    texts = {
+        "index.html": render(found, record),
+        "verdicts.json": json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in texts.items():
+            (folder / f"{name}.part").write_text(text, encoding="utf-8")
+        for name in texts:
+            (folder / f"{name}.part").replace(folder / name)
+    except OSError as error:
+        raise UsageError(f"{folder}: the report cannot be written ({error.strerror}); give another -o DIR") from error
+    return folder / "index.html", folder / "verdicts.json"
+
+
+def as_json(found: Verification) -> dict[str, Any]:
+    """The content of ``verdicts.json``; JSON without NaN."""
+    return {
+        "schema": SCHEMA,
+        "verdicts": [verdict.as_json() for verdict in found.verdicts],
+        "claims": [],
+        "provenance": provenance(found),
+    }
+
+
+def provenance(found: Verification) -> dict[str, Any]:
+    """Versions, hashes and time used, without names of machines or people."""
+    lammps: dict[str, Any] = {}
+    runs = []
+    for study in found.studies:
+        for result in study.results:
+            run = result.trajectory
+            if run is None:
+                continue
+            lammps = dict(run.provenance.get("lammps", lammps))
+            runs.append(
+                {
+                    "scene": study.scene.name,
+                    "scene_hash": study.scene.content_hash,
+                    "backend": result.case.backend,
+                    "settings": run.provenance["settings"],
+                    "deck_hash": run.provenance.get("deck_hash"),
+                    "wall": round(run.cost.wall, 3),
+                    "cpu": round(run.cost.cpu, 3),
+                    "steps": run.cost.steps,
+                    "force_evaluations": run.cost.force_evaluations,
+                }
+            )
+    packages = ("lammps", "mpich", "numpy", "scipy", "numba", "matplotlib")
+    return {
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "accuracy": found.accuracy,
+        "versions": {"dem_bridge": dem_bridge.__version__, "python": platform.python_version()}
+        | {name: version(name) for name in packages},
+        "lammps": lammps,
+        "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+        "wall": round(found.wall, 2),
+        "runs": runs,
+    }
+
+
+def render(found: Verification, record: dict[str, Any]) -> str:
+    """The page as text."""
+    environment = Environment(
+        loader=PackageLoader("dem_bridge.report", "templates"),
+        undefined=StrictUndefined,
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"number": number, "picture": picture}
+    counts = Counter(verdict.outcome for verdict in found.verdicts)
+    return environment.get_template("page.html.j2").render(
+        found=found,
+        record=record,
+        headline=headline(found),
+        counts=[(outcome, counts[outcome]) for outcome in Outcome if counts[outcome]],
+        pairs=[found.studies[i : i + _BESIDE] for i in range(0, len(found.studies), _BESIDE)],
+        figures=figures,
+        judged=lambda study: [v for v in study.verdicts if v.outcome is not Outcome.MODEL_DIFFERENCE],
+        models=lambda study: [v for v in study.verdicts if v.outcome is Outcome.MODEL_DIFFERENCE],
+        not_verified=NOT_VERIFIED,
+        names={ENGINE: "LAMMPS", TWIN: "twin", REFERENCE: "reference", THEORY: "BCA"},
+    )
+
+
+def headline(found: Verification) -> list[str]:
+    """The answer, a sentence a scene."""
+    return [_answer(study) for study in found.studies]
+
+
+def _answer(study: SceneStudy) -> str:
+    def one(quantity: str, backend: str, reference: str) -> Verdict | None:
+        wanted = (quantity, backend, reference)
+        return next((v for v in study.verdicts if (v.quantity, v.backend, v.reference) == wanted), None)
+
+    error, twin = one("velocity", ENGINE, REFERENCE), one("velocity", ENGINE, TWIN)
+    clean = (Outcome.PASS, Outcome.MODEL_DIFFERENCE)
+    trouble = [f"{v.outcome}: {v.sentence}" for v in study.verdicts if v.outcome not in clean]
+    if error is None or twin is None or trouble:
+        return f"{study.scene.name}: {' '.join(trouble) or 'no verdict on LAMMPS'}"
+    run = study.run(ENGINE)
+    assert run is not None
+    text = (
+        f"{study.scene.name}: at dt = {run.provenance['settings']['dt']:.3g} s LAMMPS' velocities are wrong by"
+        f" {error.difference:.1e} of the largest ({error.scale:.3g} m/s), the time step; from the same algorithm"
+        f" in another code they differ by {twin.difference:.1e}, which is round-off."
+    )
+    worst, end = one("arrival", THEORY, REFERENCE), one("arrival_at_end", THEORY, REFERENCE)
+    if worst is not None and end is not None:
+        text += (
+            f" Binary collisions predict the arrival at the last body to {100 * end.difference:.1f} %"
+            f" and at the worst one to {100 * worst.difference:.1f} %."
+        )
+    return text
+
+
+def number(value: float | None, digits: int = 2) -> str:
+    """A number as a person reads it; a dash where there is none.
+
+    >>> number(1.6e-9), number(None), number(float("inf")), number(0.0)
+    ('1.6e-09', '–', '∞', '0')
+    """
+    if value is None or value != value:
+        return "–"
+    if value in (float("inf"), float("-inf")):
+        return "∞"
+    return "0" if value == 0 else f"{value:.{digits}g}"
+
+
+def picture(figure: Figure) -> str:
+    """A figure as a data URI, so that the page is one file."""
+    buffer = io.BytesIO()
+    # no date in the file: the same numbers give the same bytes
+    figure.savefig(buffer, format="png", dpi=150, metadata={"Software": None})
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

@@ -1,0 +1,341 @@
+"""Verify scenes: can a LAMMPS simulation of them be trusted, and what does it differ by?
+
+Each difference isolates one cause:
+
+=========================  ==========================================================================
+LAMMPS minus twin          same algorithm, same step: implementation and round-off
+twin minus reference       same equations: the time step
+LAMMPS minus reference     both, the error a user has
+BCA minus reference        other equations: a model difference, never pass or fail
+=========================  ==========================================================================
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dem_bridge.accuracy import ObservedOrder, observed_order
+from dem_bridge.api import resolution_for
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.campaign import Case, Progress, Result, run_cases
+from dem_bridge.compare import Difference, difference, first_divergence
+from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.observables.conserved import energy, momentum
+from dem_bridge.observables.front import residence_by_crossing
+from dem_bridge.scene import Scene
+from dem_bridge.scene_file import load_scene, shipped_scenes
+from dem_bridge.trajectory import Trajectory
+from dem_bridge.verdict import Outcome, Verdict, exit_code, judge, numerical_verdict
+
+#: wanted accuracy of velocities where none is named; the paper's chains reach it at dt = 1e-8 s
+DEFAULT_ACCURACY = 5e-6
+#: steps of the convergence ladder, in units of the main step
+LADDER = (10.0, 5.0, 2.5, 1.25)
+ENGINE, TWIN, REFERENCE, THEORY = "lammps-granular", "verlet", "scipy", "bca"
+#: what the order of velocity-Verlet may differ by from 2
+ORDER_TOLERANCE = 0.05
+#: a random walk may end this many times beyond its standard deviation
+ROUND_OFF_SIGMAS = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneStudy:
+    """All that was found for one scene."""
+
+    scene: Scene
+    results: tuple[Result, ...]
+    verdicts: tuple[Verdict, ...]
+    ladder: dict[str, tuple[list[float], list[float]]]
+    """backend -> (steps in s, velocity errors relative to the reference's largest velocity)."""
+
+    def run(self, backend: str) -> Trajectory | None:
+        """The run of that backend at the main resolution."""
+        return _main(self.results, backend).trajectory
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verification:
+    """Result of :func:`verify`."""
+
+    studies: tuple[SceneStudy, ...]
+    accuracy: float
+    wall: float
+    """s, for all of it."""
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        return tuple(verdict for study in self.studies for verdict in study.verdicts)
+
+    @property
+    def exit_code(self) -> int:
+        return exit_code(verdict.outcome for verdict in self.verdicts)
+
+
+def verify(
+    scenes: Scene | str | Path | Sequence[Scene | str | Path] | None = None,
+    *,
+    accuracy: float = DEFAULT_ACCURACY,
+    folder: str | Path | None = None,
+    jobs: int = 1,
+    tell: Progress | None = None,
+) -> Verification:
+    """Verify scenes (None: all shipped ones) through LAMMPS, twin, reference and BCA.
+
+    ``accuracy``: wanted of velocities, relative to the largest; the time step follows from it. ``folder``: where
+    ``index.html`` and ``verdicts.json`` are written (None: nowhere). ``jobs``: runs at a time. ``tell`` is called with
+    (done, total, label). Raises SceneError or UsageError; a run that breaks is a BROKEN verdict.
+    """
+    began = time.perf_counter()
+    if isinstance(scenes, Scene | str | Path):
+        scenes = [scenes]
+    chosen = [s if isinstance(s, Scene) else load_scene(s) for s in (scenes or shipped_scenes())]
+    names = [scene.name for scene in chosen]
+    if len(set(names)) < len(names):
+        raise UsageError(f"two scenes have the same name among {', '.join(names)}; give each its own")
+    if jobs < 1:
+        raise UsageError(f"jobs = {jobs}; allowed: a whole number >= 1")
+    cases = [case for scene in chosen for case in cases_of(scene, accuracy)]
+    results = run_cases(cases, jobs=jobs, tell=tell)
+    studies = tuple(
+        study_of(scene, tuple(r for r in results if r.case.scene.name == scene.name), accuracy) for scene in chosen
+    )
+    found = Verification(studies=studies, accuracy=accuracy, wall=time.perf_counter() - began)
+    if folder is not None:
+        from dem_bridge.report.page import write_report
+
+        write_report(found, Path(folder))
+    return found
+
+
+def cases_of(scene: Scene, accuracy: float) -> list[Case]:
+    """The runs that a verdict on one scene needs; the main run of each backend first."""
+    sampling = Sampling(count=scene.samples)
+    main = resolution_for(scene, accuracy, Resolution(), sampling)
+    assert main.dt is not None
+    coarse = [replace(main, dt=factor * main.dt, bars=False) for factor in LADDER]
+    runs = [(REFERENCE, Resolution()), (THEORY, Resolution())]
+    runs += [(name, settings) for name in (TWIN, ENGINE) for settings in (main, *coarse)]
+    return [Case(scene=scene, backend=name, resolution=settings, sampling=sampling) for name, settings in runs]
+
+
+def study_of(scene: Scene, results: tuple[Result, ...], accuracy: float) -> SceneStudy:
+    """Judge the results of one scene; nothing is run here."""
+    reference = _main(results, REFERENCE)
+    verdicts: list[Verdict] = []
+    ladder: dict[str, tuple[list[float], list[float]]] = {}
+    for name in (REFERENCE, TWIN, ENGINE, THEORY):
+        failed = _main(results, name)
+        if failed.failure is not None:
+            verdicts.append(_absent(scene, name, failed))
+    engine, twin, theory = (_main(results, name).trajectory for name in (ENGINE, TWIN, THEORY))
+    if engine is not None and twin is not None:
+        verdicts.append(_implementation(scene, engine, twin))
+    truth = reference.trajectory
+    if truth is not None:
+        for name in (TWIN, ENGINE):
+            run = _main(results, name).trajectory
+            if run is None:
+                continue
+            verdicts += _accuracy(scene, name, run, truth, accuracy)
+            ladder[name] = _ladder(results, name, truth)
+            verdicts.append(_order(scene, name, ladder[name], truth))
+        if theory is not None:
+            verdicts += _model(scene, theory, truth)
+    if engine is not None:
+        verdicts += _conserved(scene, engine, accuracy)
+    return SceneStudy(scene=scene, results=results, verdicts=tuple(verdicts), ladder=ladder)
+
+
+def _main(results: tuple[Result, ...], backend: str) -> Result:
+    return next(r for r in results if r.case.backend == backend)
+
+
+def _absent(scene: Scene, name: str, result: Result) -> Verdict:
+    outcome = Outcome.BROKEN if isinstance(result.failure, RunBroken) else Outcome.NOT_RUN
+    return Verdict(
+        scene=scene.name,
+        quantity="velocity",
+        backend=name,
+        reference=REFERENCE if name != REFERENCE else "",
+        outcome=outcome,
+        sentence=f"{name} on {scene.name}: {result.failure}.",
+    )
+
+
+def _implementation(scene: Scene, engine: Trajectory, twin: Trajectory) -> Verdict:
+    """LAMMPS against its twin: no more than round-off explains, as predicted from steps, gauge and conditioning."""
+    # the same algorithm at the same step: the bars of the time step are common to both and drop out
+    round_off = [float(run.provenance["velocity_bar"]["round_off"]) for run in (engine, twin)]
+    found = replace(difference("velocity", engine, twin), uncertainty=round_off[0], reference_uncertainty=round_off[1])
+    tolerance = ROUND_OFF_SIGMAS * round_off[0]
+    return numerical_verdict(
+        found,
+        scene=scene.name,
+        backend=ENGINE,
+        reference=TWIN,
+        tolerance=tolerance,
+        meaning="implementation and round-off",
+        bar=0.0,  # round-off is what is being measured, and the tolerance is made of it
+        first_divergence=first_divergence(engine, twin, tolerance),
+    )
+
+
+def _accuracy(scene: Scene, name: str, run: Trajectory, truth: Trajectory, accuracy: float) -> list[Verdict]:
+    """A run against the reference: velocity for the twin, every quantity for LAMMPS."""
+    meaning = {TWIN: "time step", ENGINE: "time step, implementation and round-off"}[name]
+    quantities = ("velocity",) if name == TWIN else ("velocity", "displacement", "peak_force", "crossing_time")
+    found = [difference(quantity, run, truth) for quantity in quantities]
+    if name == ENGINE and scene.n_body > 2:
+        found.append(_residence(scene, run, truth))
+    return [
+        numerical_verdict(
+            one,
+            scene=scene.name,
+            backend=name,
+            reference=REFERENCE,
+            tolerance=accuracy,
+            meaning=meaning,
+            first_divergence=first_divergence(run, truth, accuracy) if one.quantity == "velocity" else None,
+        )
+        for one in found
+    ]
+
+
+def _residence(scene: Scene, run: Trajectory, truth: Trajectory) -> Difference:
+    """Relative difference of residence times; a bar is the sum of those of its two crossings."""
+    mine, other = residence_by_crossing(scene, run), residence_by_crossing(scene, truth)
+    relative = np.abs(mine - other) / np.abs(other)
+    relative = np.where(np.isnan(mine) & np.isnan(other), 0.0, np.where(np.isnan(relative), np.inf, relative))
+    worst = int(np.argmax(relative))
+
+    def bar(trajectory: Trajectory) -> float:
+        crossing = trajectory.uncertainty["crossing_time"][: scene.n_body - 1]
+        return float(np.nanmax((crossing[1:] + crossing[:-1]) / np.abs(other), initial=0.0))
+
+    return Difference(
+        quantity="residence_time",
+        value=float(relative[worst]),
+        scale=math.nan,
+        unit="s",
+        scale_name="each body's own residence time",
+        uncertainty=bar(run),
+        reference_uncertainty=bar(truth),
+        body=worst + 1,
+        time=math.nan,
+    )
+
+
+def _ladder(results: tuple[Result, ...], name: str, truth: Trajectory) -> tuple[list[float], list[float]]:
+    runs = [r.trajectory for r in results if r.case.backend == name and r.trajectory is not None]
+    steps = [float(run.provenance["settings"]["dt"]) for run in runs]
+    errors = [difference("velocity", run, truth).value for run in runs]
+    order = np.argsort(steps)[::-1]
+    return [steps[i] for i in order], [errors[i] for i in order]
+
+
+def _order(scene: Scene, name: str, ladder: tuple[list[float], list[float]], truth: Trajectory) -> Verdict:
+    """Order of convergence over the ladder, without the main run; its bar is the residual over the ladder's length."""
+    steps, errors = ladder[0][:-1], ladder[1][:-1]
+    floor = 10.0 * truth.uncertainty["velocity"] / max(float(np.max(np.abs(truth.velocity))), 1e-300)
+    fit: ObservedOrder = observed_order(steps, errors, floor=floor)
+    bar = 2.0 * math.log1p(fit.residual) / math.log(steps[0] / steps[-1]) if fit.points > 2 else math.inf
+    away = abs(fit.order - 2.0)
+    outcome = judge(away, bar, ORDER_TOLERANCE)
+    return Verdict(
+        scene=scene.name,
+        quantity="order",
+        backend=name,
+        reference="exact 2",
+        outcome=outcome,
+        sentence=(
+            f"velocity errors of {name} fall as dt^{fit.order:.3f} over dt = {steps[0]:.3g} .. {steps[-1]:.3g} s"
+            f" ({fit.points} points, residual {100 * fit.residual:.1f} %); velocity-Verlet has 2 +- {ORDER_TOLERANCE}."
+        ),
+        difference=away,
+        scale=1.0,
+        scale_name="1",
+        uncertainty=bar,
+        reference_uncertainty=0.0,
+        tolerance=ORDER_TOLERANCE,
+        meaning="convergence in the time step",
+    )
+
+
+def _conserved(scene: Scene, run: Trajectory, accuracy: float) -> list[Verdict]:
+    """Momentum to round-off (where nothing takes any), energy to the accuracy asked for."""
+    found: list[tuple[str, np.ndarray[Any, np.dtype[np.float64]], float, str, float, str]] = []
+    speed = float(np.max(np.abs(run.velocity)))
+    if scene.wall_left is None and scene.wall_right is None and scene.gravity == 0.0:
+        scale = sum(scene.mass) * speed
+        # each step rounds each velocity by at most half a unit in its last place
+        found.append(
+            ("momentum", momentum(scene, run), scale, "kg m/s", run.cost.steps * np.finfo(float).eps, "round-off")
+        )
+    total = energy(scene, run)
+    found.append(("energy", total, float(np.max(np.abs(total))), "J", accuracy, "time step"))
+    verdicts = []
+    for quantity, series, scale, unit, tolerance, meaning in found:
+        drift = float(np.max(np.abs(series - series[0]))) / scale if scale > 0.0 else 0.0
+        outcome = judge(drift, 0.0, tolerance)
+        verdicts.append(
+            Verdict(
+                scene=scene.name,
+                quantity=quantity,
+                backend=ENGINE,
+                reference="its own start",
+                outcome=outcome,
+                sentence=(
+                    f"{quantity} of {ENGINE} drifts by at most {drift:.2e} of {scale:.4g} {unit};"
+                    f" tolerance {tolerance:.1e} ({meaning})."
+                ),
+                difference=drift,
+                scale=scale,
+                unit=unit,
+                scale_name=f"largest {quantity}" if quantity == "energy" else "total mass times largest velocity",
+                uncertainty=0.0,
+                reference_uncertainty=0.0,
+                tolerance=tolerance,
+                meaning=meaning,
+            )
+        )
+    return verdicts
+
+
+def _model(scene: Scene, theory: Trajectory, truth: Trajectory) -> list[Verdict]:
+    """BCA beside the reference: numbers of a theory with other equations."""
+    arrival, *found = [difference(quantity, theory, truth) for quantity in ("crossing_time", "peak_force", "velocity")]
+    last = len(truth.crossing_time) - 1
+    away = abs(float(theory.crossing_time[last] - truth.crossing_time[last])) / float(truth.crossing_time[last])
+    if math.isfinite(away):
+        found.insert(0, replace(arrival, quantity="arrival_at_end", value=away, body=last))
+    found.insert(0, replace(arrival, quantity="arrival"))
+    if scene.n_body > 2:
+        found.insert(1, _residence(scene, theory, truth))
+    return [
+        Verdict(
+            scene=scene.name,
+            quantity=one.quantity,
+            backend=THEORY,
+            reference=REFERENCE,
+            outcome=Outcome.MODEL_DIFFERENCE,
+            sentence=(
+                f"binary collisions give a {one.quantity.replace('_', ' ')} that is up to {100 * one.value:.3g} %"
+                f" of {one.scale_name} away (largest at {'body' if math.isfinite(one.time) else 'contact'} {one.body});"
+                " they are another model, so this is no error of either code."
+            ),
+            difference=one.value,
+            scale=one.scale,
+            unit=one.unit,
+            scale_name=one.scale_name,
+            reference_uncertainty=one.reference_uncertainty,
+            meaning="model",
+        )
+        for one in found
+    ]
