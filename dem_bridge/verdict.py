@@ -91,12 +91,11 @@ def numerical_verdict(
     reference: str,
     tolerance: float,
     meaning: str,
-    bar: float | None = None,
     first_divergence: tuple[float, int] | None = None,
 ) -> Verdict:
     """Verdict on an error against a reference. The bar that counts is the reference's: the difference itself is known;
-    only where the truth lies is not. ``bar`` takes another, relative to the same scale."""
-    doubt = found.reference_uncertainty if bar is None else bar
+    only where the truth lies is not."""
+    doubt = found.reference_uncertainty
     outcome = judge(found.value, doubt, tolerance)
     relation = {
         Outcome.PASS: "is within",

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.observables.front import arrival_by_crossing, residence_by_crossing, wave_speed_by_crossing
 from dem_bridge.studies.verify import ENGINE, REFERENCE, THEORY, TWIN, SceneStudy
+from dem_bridge.trajectory import Trajectory
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
 _STYLE = {
@@ -34,20 +35,26 @@ _STYLE = {
 def spacetime_maps(studies: Sequence[SceneStudy]) -> Figure | None:
     """Velocity over body and time for each scene (the paper's figures 2a and 2c), LAMMPS' where there is a run, with
     the arrival that binary collisions predict. One colour scale for all. None without a run to show."""
-    shown = [(study, run) for study in studies if (run := study.run(ENGINE) or study.run(REFERENCE)) is not None]
+    runs = [(study, study.run(ENGINE) or study.run(REFERENCE)) for study in studies]
+    shown = [(study, run) for study, run in runs if run is not None and study.scene.n_body > 2]
     if not shown:
         return None
-    figure, axes = _panels(1, len(shown), width=5.2, height=4.6)
-    low = min(float(run.velocity.min()) for _, run in shown)
-    # the striker's start is far above everything else and would take the whole scale
-    high = max(float(np.max(run.velocity[:, 1:], initial=1e-300)) for _, run in shown)
+    figure, axes = _panels(1, len(shown), width=5.2, height=4.6, sharey=False)
+    ends = [_front_has_passed(run) for _, run in shown]
+    if max(ends) < 2.0 * min(ends):
+        ends = [max(ends)] * len(ends)  # chains that compare share their axis
+    windows = [int(np.searchsorted(run.time, end, side="right")) for (_, run), end in zip(shown, ends, strict=True)]
+    # the striker, and the last body once it flies off, are far above the rest and would take the whole scale
+    inside = [run.velocity[:rows, 1:-1] for (_, run), rows in zip(shown, windows, strict=True)]
+    low = min(float(np.min(v, initial=0.0)) for v in inside)
+    high = max(float(np.max(v, initial=1e-300)) for v in inside)
     image = None
-    for ax, (study, run) in zip(axes, shown, strict=True):
+    for ax, (study, run), rows, end in zip(axes, shown, windows, ends, strict=True):
         bodies = np.arange(1, run.velocity.shape[1])
         image = ax.pcolormesh(
             bodies,
-            1e3 * run.time,
-            run.velocity[:, 1:],
+            1e3 * run.time[:rows],
+            run.velocity[:rows, 1:],
             cmap="cividis",
             vmin=low,
             vmax=high,
@@ -60,11 +67,11 @@ def spacetime_maps(studies: Sequence[SceneStudy]) -> Figure | None:
             ax.plot(bodies, arrival, color="white", linewidth=3.0)
             ax.plot(bodies, arrival, label="front by BCA", **_line(THEORY))
             ax.legend(loc="upper left", framealpha=1.0)
-        ax.set(title=f"{study.scene.name} ({_who(study)})", xlabel="cylinder", ylim=(0.0, 1e3 * run.time[-1]))
+        ax.set(title=f"{study.scene.name} ({_who(study)})", xlabel="cylinder", ylim=(0.0, 1e3 * end))
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes[0].set_ylabel("time (ms)")
     assert image is not None
-    figure.colorbar(image, ax=list(axes), label="velocity (m/s)", fraction=0.04, pad=0.02)
+    figure.colorbar(image, ax=list(axes), label="velocity (m/s)", fraction=0.04, pad=0.02, extend="max")
     return figure
 
 
@@ -92,10 +99,9 @@ def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
     grid[0, 0].legend()
     if with_speed:
         grid[1, 0].set_ylabel("wave speed (m/s)")
-    for row in grid:
-        top = max(ax.get_ylim()[1] for ax in row)
+    for row, unit in zip(grid, ("µs", "m/s"), strict=False):
+        _common_scale(row, unit)
         for ax in row:
-            ax.set_ylim(0.0, top)
             ax.xaxis.set_major_locator(MaxNLocator(integer=True))
             ax.grid(alpha=0.25)
     return figure
@@ -103,7 +109,7 @@ def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
 
 def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
     """Velocity error against step for LAMMPS and twin, with what is left between the two: where an error comes from."""
-    shown = [study for study in studies if study.ladder]
+    shown = [study for study in studies if any(max(errors) > 0.0 for _, errors in study.ladder.values())]
     if not shown:
         return None
     figure, axes = _panels(1, len(shown), width=5.0, height=3.6)
@@ -129,9 +135,37 @@ def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
     return figure
 
 
-def _panels(rows: int, columns: int, *, width: float, height: float) -> tuple[Figure, NDArray[np.object_]]:
+def _front_has_passed(run: Trajectory) -> float:
+    """A little after the last body is reached, s; the end where it never is."""
+    last = float(run.crossing_time[-1]) if len(run.crossing_time) else np.nan
+    return min(1.15 * last, float(run.time[-1])) if np.isfinite(last) else float(run.time[-1])
+
+
+def _common_scale(row: NDArray[np.object_], unit: str) -> None:
+    """One scale from 0 for all panels of a row. Body 1, next to the striker, may be far above the chain: it is then
+    named in its panel instead of squeezing the rest."""
+    lines = [np.asarray(line.get_ydata()) for ax in row for line in ax.get_lines()]
+    top = 1.1 * max((float(np.nanmax(y[1:], initial=0.0)) for y in lines), default=0.0)
+    if not top > 0.0:
+        return  # the front gets nowhere: nothing to scale
+    for ax in row:
+        ax.set_ylim(0.0, top)
+        first = max((float(line.get_ydata()[0]) for line in ax.get_lines()), default=0.0)
+        if first > top:
+            ax.annotate(
+                f"cylinder 1: {first:.4g} {unit}, off scale",
+                xy=(1.0, 0.985 * top),
+                xytext=(5.0, 0.93 * top),
+                va="center",
+                arrowprops={"arrowstyle": "->"},
+            )
+
+
+def _panels(
+    rows: int, columns: int, *, width: float, height: float, sharey: bool = True
+) -> tuple[Figure, NDArray[np.object_]]:
     figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
-    axes = figure.subplots(rows, columns, sharey="row", squeeze=False)
+    axes = figure.subplots(rows, columns, sharey="row" if sharey else False, squeeze=False)
     return figure, axes.ravel()
 
 
