@@ -87,6 +87,7 @@ def resolution_for(scene: Scene, accuracy: float, resolution: Resolution, sampli
     from dem_bridge.backends.survey import survey
     from dem_bridge.backends.verlet import Verlet, default_step, round_step
 
+    accuracy = _checked_accuracy(accuracy)
     dt = 10.0 * default_step(scene, sampling, survey(scene))
     while scene.duration / dt <= MOST_STEPS:
         run = Verlet().run(scene, replace(resolution, dt=dt, bars=True), sampling)
@@ -111,14 +112,19 @@ def _settings(
         raise UsageError(f"setting {unknown[0]!r} is unknown; allowed: {', '.join((*_RESOLUTION, *_OTHER))}")
     accuracy = settings.get("accuracy")
     if accuracy is not None:
-        if isinstance(accuracy, bool) or not isinstance(accuracy, int | float) or not 0.0 < accuracy < 1.0:
-            raise UsageError(f"accuracy = {accuracy!r}; allowed: a number between 0 and 1, as 1e-6")
+        accuracy = _checked_accuracy(accuracy)
         if settings.get("dt") is not None:
             raise UsageError("dt and accuracy are both given; give one: the other follows from it")
     samples = settings.get("samples")
     sampling = Sampling(count=scene.samples if samples is None else samples)  # type: ignore[arg-type]
     resolution = Resolution(**{key: settings[key] for key in _RESOLUTION if key in settings})  # type: ignore[arg-type]
     return chosen, resolution, sampling, accuracy
+
+
+def _checked_accuracy(accuracy: object) -> float:
+    if isinstance(accuracy, bool) or not isinstance(accuracy, int | float) or not 0.0 < accuracy < 1.0:
+        raise UsageError(f"accuracy = {accuracy!r}; allowed: a number between 0 and 1, as 1e-6")
+    return float(accuracy)
 
 
 def _check_accuracy(chosen: Backend, scene: Scene, run: Trajectory, accuracy: float) -> None:

@@ -89,6 +89,12 @@ class Trajectory:
         object.__setattr__(self, "uncertainty", MappingProxyType(bars))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Read-only mappings cannot be pickled: travel as plain ones, and be checked again on arrival."""
+        parts = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        parts |= {name: dict(parts[name]) for name in ("uncertainty", "provenance")}
+        return _arrive, (parts,)
+
     def to_xarray(self) -> xr.Dataset:
         """Labelled dataset: dimensions time, body, contact; units and bars as attributes and ``*_bar``."""
         import xarray as xr
@@ -126,6 +132,10 @@ class Trajectory:
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)
+
+
+def _arrive(parts: dict[str, Any]) -> Trajectory:
+    return Trajectory(**parts)
 
 
 def load_trajectory(path: str | Path) -> Trajectory:

@@ -152,13 +152,15 @@ def _common_scale(row: NDArray[np.object_], unit: str) -> None:
         ax.set_ylim(0.0, top)
         first = max((float(line.get_ydata()[0]) for line in ax.get_lines()), default=0.0)
         if first > top:
-            ax.annotate(
+            note = ax.annotate(
                 f"cylinder 1: {first:.4g} {unit}, off scale",
                 xy=(1.0, 0.985 * top),
-                xytext=(5.0, 0.93 * top),
+                xytext=(0.15, 0.92),
+                textcoords="axes fraction",
                 va="center",
                 arrowprops={"arrowstyle": "->"},
             )
+            note.set_in_layout(False)  # a note gives way to the axes, not they to it
 
 
 def _panels(

@@ -123,9 +123,15 @@ def render(found: Verification, record: dict[str, Any]) -> str:
         figures=figures,
         judged=lambda study: [v for v in study.verdicts if v.outcome is not Outcome.MODEL_DIFFERENCE],
         models=lambda study: [v for v in study.verdicts if v.outcome is Outcome.MODEL_DIFFERENCE],
+        deck_hashes=_deck_hashes,
         not_verified=NOT_VERIFIED,
         names={ENGINE: "LAMMPS", TWIN: "twin", REFERENCE: "reference", THEORY: "BCA"},
     )
+
+
+def _deck_hashes(study: SceneStudy) -> list[str]:
+    run = study.run(ENGINE)
+    return [run.provenance["deck_hash"]] if run is not None and "deck_hash" in run.provenance else []
 
 
 def headline(found: Verification) -> list[str]:

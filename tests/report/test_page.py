@@ -1,0 +1,119 @@
+"""The page is one file, says what is in the verdicts, and does not gloss over trouble."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+import dem_bridge as db
+from dem_bridge.campaign import Result
+from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.report.junit import junit
+from dem_bridge.report.page import NOT_VERIFIED, SCHEMA, as_json, headline, number, write_report
+from dem_bridge.scene import Scene
+from dem_bridge.studies.verify import ENGINE, TWIN, Verification, cases_of, study_of
+
+PAIR = Scene(
+    name="three<&>",
+    duration=1.5e-4,
+    mass=(8e-3, 1e-2, 1e-2),
+    stiffness=(4e9, 4e9),
+    velocity=(0.8, 0.0, 0.0),
+    samples=20,
+)
+
+
+def _verification(scene: Scene, broken: bool = False) -> Verification:
+    """All runs of a small scene, with the twin (or a broken run) standing in for LAMMPS."""
+    results = []
+    for case in cases_of(scene, 1e-3):
+        if broken and case.backend == ENGINE:
+            results.append(Result(case=case, failure=RunBroken("LAMMPS: ERROR: Lost atoms")))
+            continue
+        name = TWIN if case.backend == ENGINE else case.backend
+        run = db.solve(scene, backend=name, dt=case.resolution.dt, bars=case.resolution.bars)
+        results.append(Result(case=case, trajectory=run))
+    return Verification(studies=(study_of(scene, tuple(results), 1e-3),), accuracy=1e-3, wall=1.0)
+
+
+@pytest.fixture(scope="module")
+def found() -> Verification:
+    return _verification(PAIR)
+
+
+def test_the_page_is_one_file_that_loads_nothing(found: Verification, tmp_path: Path) -> None:
+    page, _ = write_report(found, tmp_path / "new" / "folder")
+    text = page.read_text(encoding="utf-8")
+    sources = re.findall(r'(?:src|href)="([^"]{0,30})', text)
+    assert sources
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    assert "<script" not in text
+
+
+def test_names_with_markup_are_escaped(found: Verification, tmp_path: Path) -> None:
+    page, _ = write_report(found, tmp_path)
+    text = page.read_text(encoding="utf-8")
+    assert "three&lt;&amp;&gt;" in text
+    assert "three<&>" not in text
+
+
+def test_the_page_shows_every_verdict_and_what_is_not_verified(found: Verification, tmp_path: Path) -> None:
+    text = write_report(found, tmp_path)[0].read_text(encoding="utf-8")
+    for verdict in found.verdicts:
+        if verdict.backend != "bca":
+            assert number(verdict.difference) in text
+    for line in NOT_VERIFIED:
+        assert line.split(".")[0] in text
+
+
+def test_the_json_has_the_keys_of_the_contract(found: Verification, tmp_path: Path) -> None:
+    record = json.loads(write_report(found, tmp_path)[1].read_text(encoding="utf-8"))
+    assert record["schema"] == SCHEMA == "dem-bridge/verdicts/1"
+    assert set(record) == {"schema", "verdicts", "claims", "provenance"}
+    for verdict in record["verdicts"]:
+        assert {
+            "scene", "quantity", "backend", "reference", "difference", "scale", "uncertainty",
+            "reference_uncertainty", "tolerance", "outcome", "sentence",
+        } <= set(verdict)  # fmt: skip
+    assert record["provenance"]["runs"][0]["scene_hash"] == PAIR.content_hash
+
+
+def test_a_broken_run_stands_in_the_headline_and_is_no_pass() -> None:
+    broken = _verification(PAIR, broken=True)
+    [sentence] = headline(broken)
+    assert "BROKEN" in sentence
+    assert "Lost atoms" in sentence
+    assert broken.exit_code == 3
+
+
+def test_a_failed_check_stands_in_the_headline_instead_of_praise(found: Verification) -> None:
+    [study] = found.studies
+    strict = study_of(PAIR, study.results, 1e-9)
+    [sentence] = headline(replace(found, studies=(strict,)))
+    assert "FAIL" in sentence
+    assert "which is round-off" not in sentence
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(found: Verification, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UsageError, match="cannot be written"):
+        write_report(found, tmp_path / "file")
+
+
+def test_nothing_names_a_machine_or_a_path(found: Verification) -> None:
+    text = json.dumps(as_json(found))
+    assert str(Path.home()) not in text.replace("/root", str(Path.home()))
+    assert not re.search(r'"/(home|root|tmp|work|usr)/', text)
+
+
+def test_junit_counts_what_failed() -> None:
+    broken = _verification(PAIR, broken=True)
+    suite = ElementTree.fromstring(junit(broken.verdicts))
+    assert suite.get("errors") == "1"
+    assert suite.get("tests") == str(len(broken.verdicts))
+    assert len(suite.findall("testcase")) == len(broken.verdicts)

@@ -1,0 +1,192 @@
+"""The verification study: its verdicts on real runs, and that each of its checks can fail."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dem_bridge as db
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.campaign import Case, Result
+from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.scene import Scene
+from dem_bridge.studies.verify import ENGINE, REFERENCE, THEORY, TWIN, cases_of, study_of, verify
+from dem_bridge.trajectory import Trajectory
+from dem_bridge.verdict import Outcome, Verdict
+
+SHORT = Scene(
+    name="short",
+    duration=1.5e-4,
+    mass=(8.1e-3, 1.01e-2, 1.01e-2, 1.01e-2),
+    stiffness=(3.98e9, 7e9, 5e9),
+    velocity=(0.8, 0.0, 0.0, 0.0),
+    samples=50,
+    spacing=18e-3,
+)
+ACCURACY = 1e-4
+
+
+@pytest.fixture(scope="module")
+def results() -> tuple[Result, ...]:
+    """All runs of the short scene, with the twin standing in for LAMMPS: judging needs no engine."""
+    found = []
+    for case in cases_of(SHORT, ACCURACY):
+        backend = TWIN if case.backend == ENGINE else case.backend
+        settings = case.resolution
+        run = db.solve(SHORT, backend=backend, dt=settings.dt, bars=settings.bars)
+        found.append(Result(case=case, trajectory=run))
+    return tuple(found)
+
+
+def _with(results: tuple[Result, ...], backend: str, **changes: object) -> tuple[Result, ...]:
+    """The results with something planted in every run of one backend."""
+    return tuple(
+        replace(r, trajectory=replace(r.trajectory, **changes))  # type: ignore[type-var]
+        if r.case.backend == backend and r.trajectory is not None
+        else r
+        for r in results
+    )
+
+
+def _outcome(verdicts: tuple[Verdict, ...], quantity: str, backend: str, reference: str) -> Outcome:
+    [found] = [v for v in verdicts if (v.quantity, v.backend, v.reference) == (quantity, backend, reference)]
+    return found.outcome
+
+
+def test_runs_without_a_fault_pass_everything(results: tuple[Result, ...]) -> None:
+    verdicts = study_of(SHORT, results, ACCURACY).verdicts
+    outcomes = {v.outcome for v in verdicts}
+    assert outcomes == {Outcome.PASS, Outcome.MODEL_DIFFERENCE}, [v.sentence for v in verdicts]
+    assert {v.quantity for v in verdicts if v.backend == ENGINE} == {
+        "velocity", "displacement", "peak_force", "crossing_time", "residence_time", "order", "momentum", "energy",
+    }  # fmt: skip
+
+
+def _main_run(results: tuple[Result, ...], backend: str) -> Trajectory:
+    run = next(r for r in results if r.case.backend == backend).trajectory
+    assert run is not None
+    return run
+
+
+def test_a_late_velocity_fails_against_twin_and_reference_and_says_where(results: tuple[Result, ...]) -> None:
+    velocity = _main_run(results, ENGINE).velocity.copy()
+    velocity[30:, 2] += 2e-4 * 0.8
+    verdicts = study_of(SHORT, _with(results, ENGINE, velocity=velocity), ACCURACY).verdicts
+    assert _outcome(verdicts, "velocity", ENGINE, TWIN) is Outcome.FAIL
+    assert _outcome(verdicts, "velocity", ENGINE, REFERENCE) is Outcome.FAIL
+    assert _outcome(verdicts, "velocity", TWIN, REFERENCE) is Outcome.PASS
+    [found] = [v for v in verdicts if (v.quantity, v.reference) == ("velocity", TWIN)]
+    assert found.first_divergence == (pytest.approx(30 * SHORT.duration / 50), 2)
+
+
+@pytest.mark.parametrize(
+    ("changed", "quantity"),
+    [
+        ("peak_force", "peak_force"),
+        ("crossing_time", "crossing_time"),
+        ("displacement", "displacement"),
+        ("crossing_time", "residence_time"),
+    ],
+)
+def test_a_wrong_quantity_fails_under_its_own_name(results: tuple[Result, ...], changed: str, quantity: str) -> None:
+    wrong = getattr(_main_run(results, ENGINE), changed).copy()
+    wrong[..., 1] *= 1.0 + 10 * ACCURACY
+    verdicts = study_of(SHORT, _with(results, ENGINE, **{changed: wrong}), ACCURACY).verdicts
+    assert _outcome(verdicts, quantity, ENGINE, REFERENCE) is Outcome.FAIL
+    assert _outcome(verdicts, "velocity", ENGINE, REFERENCE) is Outcome.PASS
+
+
+def test_a_lost_crossing_fails(results: tuple[Result, ...]) -> None:
+    lost = _main_run(results, ENGINE).crossing_time.copy()
+    lost[2] = np.nan
+    verdicts = study_of(SHORT, _with(results, ENGINE, crossing_time=lost), ACCURACY).verdicts
+    assert _outcome(verdicts, "crossing_time", ENGINE, REFERENCE) is Outcome.FAIL
+
+
+def test_momentum_that_leaks_fails(results: tuple[Result, ...]) -> None:
+    velocity = _main_run(results, ENGINE).velocity * np.linspace(1.0, 1.0 + 1e-9, 51)[:, None]
+    verdicts = study_of(SHORT, _with(results, ENGINE, velocity=velocity), ACCURACY).verdicts
+    assert _outcome(verdicts, "momentum", ENGINE, "its own start") is Outcome.FAIL
+
+
+def test_energy_that_grows_fails(results: tuple[Result, ...]) -> None:
+    velocity = _main_run(results, ENGINE).velocity * np.linspace(1.0, 1.001, 51)[:, None]
+    verdicts = study_of(SHORT, _with(results, ENGINE, velocity=velocity), ACCURACY).verdicts
+    assert _outcome(verdicts, "energy", ENGINE, "its own start") is Outcome.FAIL
+
+
+def test_a_first_order_code_fails_the_order(results: tuple[Result, ...]) -> None:
+    truth = _main_run(results, REFERENCE).velocity
+
+    def first_order(run: Trajectory) -> Trajectory:
+        shift = np.zeros_like(truth)
+        shift[25:, 1] = 1e3 * run.provenance["settings"]["dt"]
+        return replace(run, velocity=truth + shift)
+
+    planted = tuple(
+        replace(r, trajectory=first_order(r.trajectory)) if r.case.backend == ENGINE and r.trajectory else r
+        for r in results
+    )
+    verdicts = study_of(SHORT, planted, ACCURACY).verdicts
+    assert _outcome(verdicts, "order", ENGINE, "exact 2") is Outcome.FAIL
+    assert _outcome(verdicts, "order", TWIN, "exact 2") is Outcome.PASS
+
+
+def test_a_reference_with_a_wide_bar_decides_nothing(results: tuple[Result, ...]) -> None:
+    unsure = {**_main_run(results, REFERENCE).uncertainty, "velocity": 1.0}
+    verdicts = study_of(SHORT, _with(results, REFERENCE, uncertainty=unsure), ACCURACY).verdicts
+    assert _outcome(verdicts, "velocity", ENGINE, REFERENCE) is Outcome.UNDECIDED
+
+
+def test_a_broken_run_is_a_verdict_and_the_others_go_on(results: tuple[Result, ...]) -> None:
+    broken = tuple(
+        Result(case=r.case, failure=RunBroken("LAMMPS: ERROR: Lost atoms")) if r.case.backend == ENGINE else r
+        for r in results
+    )
+    verdicts = study_of(SHORT, broken, ACCURACY).verdicts
+    assert _outcome(verdicts, "velocity", ENGINE, REFERENCE) is Outcome.BROKEN
+    assert "Lost atoms" in next(v.sentence for v in verdicts if v.outcome is Outcome.BROKEN)
+    assert _outcome(verdicts, "velocity", TWIN, REFERENCE) is Outcome.PASS
+
+
+def test_a_model_difference_is_never_pass_or_fail(results: tuple[Result, ...]) -> None:
+    verdicts = study_of(SHORT, results, ACCURACY).verdicts
+    assert {v.outcome for v in verdicts if v.backend == THEORY} == {Outcome.MODEL_DIFFERENCE}
+
+
+def test_the_main_run_comes_first_and_the_ladder_spans_a_factor_eight() -> None:
+    cases = [case for case in cases_of(SHORT, ACCURACY) if case.backend == ENGINE]
+    steps = [case.resolution.dt or 0.0 for case in cases]
+    assert steps[0] == min(steps)
+    assert max(steps[1:]) / min(steps[1:]) == pytest.approx(8.0)
+
+
+def test_two_scenes_of_one_name_are_refused() -> None:
+    with pytest.raises(UsageError, match="same name"):
+        verify([SHORT, SHORT])
+
+
+@pytest.mark.lammps
+def test_lammps_is_verified_on_a_short_scene_in_two_processes(tmp_path: Path) -> None:
+    told: list[tuple[float, int, str]] = []
+    found = verify(SHORT, accuracy=ACCURACY, folder=tmp_path, jobs=2, tell=lambda *news: told.append(news))
+    assert found.exit_code == 0, [v.sentence for v in found.verdicts]
+    assert told[-1][0] == told[-1][1] == 12
+    assert {file.name for file in tmp_path.iterdir()} == {"index.html", "verdicts.json"}
+
+
+@pytest.mark.lammps
+def test_a_scene_that_lammps_cannot_express_is_not_run_with_the_reason() -> None:
+    linear = replace(SHORT, exponent=2.0, stiffness=(4e6, 4e6, 4e6))
+    found = verify(linear, accuracy=1e-3)
+    [refused] = [v for v in found.verdicts if v.outcome is Outcome.NOT_RUN]
+    assert "exponent" in refused.sentence
+    assert found.exit_code == 0
+
+
+def test_cases_name_what_they_run() -> None:
+    case = Case(scene=SHORT, backend=TWIN, resolution=Resolution(dt=1e-8), sampling=Sampling(count=5))
+    assert case.label == "short: verlet at dt = 1e-08 s"

@@ -1,0 +1,141 @@
+"""The command line, as a program: what it prints, where, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PROGRAM = str(Path(sys.executable).with_name("dem-bridge"))
+
+CHAIN = """\
+name = "small"
+duration = 2.0e-4
+[chain]
+mass = [8.1e-3, 1.0e-2, 1.0e-2]
+stiffness = [4.0e9, 5.0e9]
+velocity = [0.8, 0.0, 0.0]
+[sampling]
+count = 20
+"""
+
+
+def _run(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([PROGRAM, *words], capture_output=True, text=True, cwd=cwd, timeout=300)
+
+
+def _one_line(done: subprocess.CompletedProcess[str], *parts: str) -> None:
+    assert done.stdout == ""
+    assert "Traceback" not in done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    for part in parts:
+        assert part in done.stderr
+
+
+def test_help_needs_no_numpy(tmp_path: Path) -> None:
+    code = (
+        "import sys; from dem_bridge.cli import main\n"
+        "try: main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "heavy = {'numpy', 'scipy', 'numba', 'rich', 'pydantic', 'matplotlib'} & set(sys.modules)\n"
+        "sys.exit(f'imported {heavy}' if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_backends_named_by_the_command_line_are_those_that_exist() -> None:
+    from dem_bridge.backends.base import BACKENDS
+    from dem_bridge.cli import BACKENDS as NAMED
+
+    assert tuple(BACKENDS) == NAMED
+
+
+def test_scenes_lists_every_shipped_scene(tmp_path: Path) -> None:
+    done = _run("scenes", cwd=tmp_path)
+    assert done.returncode == 0
+    assert [line.split()[0] for line in done.stdout.splitlines()] == ["accelerating-40", "decelerating-40"]
+    found = json.loads(_run("scenes", "--json", cwd=tmp_path).stdout)
+    assert found[1]["contacts"] == 40
+
+
+def test_run_prints_json_on_stdout_and_nothing_on_stderr_in_a_pipe(tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text(CHAIN)
+    done = _run("run", "small.toml", "--backend", "verlet", "--dt", "1e-7", "--json", "-o", "run.nc", cwd=tmp_path)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    found = json.loads(done.stdout)
+    assert found["settings"]["dt"] == pytest.approx(1e-7)
+    assert 0.0 < found["velocity_bar_m_per_s"] < 1e-3
+    assert (tmp_path / "run.nc").exists()
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_a_bad_scene_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
+    (tmp_path / "bad.toml").write_text(CHAIN.replace("8.1e-3", "-8.1e-3"))
+    done = _run("run", "bad.toml", "--backend", "verlet", cwd=tmp_path)
+    assert done.returncode == 2
+    _one_line(done, "bad.toml", "chain.mass[0]", "-0.0081", "allowed")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("run", "nowhere.toml", "--backend", "verlet"),
+        ("run", "decelerating-40", "--backend", "verlet", "--dt", "-1"),
+        ("run", "decelerating-40", "--backend", "verlet", "--dt", "nan"),
+        ("run", "decelerating-40", "--backend", "verlet", "--dt", "1e-8", "--accuracy", "1e-6"),
+        ("run", "decelerating-40", "--backend", "bca", "--accuracy", "1e-6"),
+        ("run", "decelerating-40", "--backend", "verlet", "--samples", "0"),
+        ("verify", "decelerating-40", "--accuracy", "2"),
+    ],
+)
+def test_wrong_use_is_one_line_and_exit_code_2(words: tuple[str, ...], tmp_path: Path) -> None:
+    done = _run(*words, cwd=tmp_path)
+    assert done.returncode == 2
+    _one_line(done)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_backend_that_cannot_do_the_scene_says_so(tmp_path: Path) -> None:
+    (tmp_path / "linear.toml").write_text(CHAIN.replace("velocity =", "exponent = 2.0\nvelocity ="))
+    done = _run("run", "linear.toml", "--backend", "lammps-granular", cwd=tmp_path)
+    assert done.returncode == 2
+    _one_line(done, "NOT_RUN", "exponent")
+
+
+def test_an_output_folder_that_is_missing_is_found_before_the_run(tmp_path: Path) -> None:
+    done = _run("run", "decelerating-40", "--backend", "scipy", "-o", "no/such/run.nc", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "no/such" in done.stderr
+
+
+def test_deck_writes_the_deck(tmp_path: Path) -> None:
+    done = _run("deck", "accelerating-40", "-o", "deck", cwd=tmp_path)
+    assert done.returncode == 0
+    assert [Path(line).name for line in done.stdout.split()] == ["in.accelerating-40", "data.accelerating-40"]
+
+
+@pytest.mark.lammps
+def test_verify_writes_page_json_and_junit_and_ends_with_0(tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text(CHAIN)
+    words = ("verify", "small.toml", "--accuracy", "1e-4", "-o", "report", "--json", "v.json", "--junit", "v.xml")
+    done = _run(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stderr == ""
+    assert "PASS" in done.stdout
+    assert "\x1b" not in done.stdout
+    assert json.loads((tmp_path / "v.json").read_text())["verdicts"]
+    assert (tmp_path / "report" / "index.html").exists()
+
+
+def test_tab_completion_offers_the_shipped_scenes(tmp_path: Path) -> None:
+    asked = {"_DEM_BRIDGE_COMPLETE": "bash_complete", "COMP_WORDS": "dem-bridge run dec", "COMP_CWORD": "2"}
+    done = subprocess.run(
+        [PROGRAM], capture_output=True, text=True, cwd=tmp_path, env={**os.environ, **asked}, timeout=60
+    )
+    assert "decelerating-40" in done.stdout
