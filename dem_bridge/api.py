@@ -30,7 +30,7 @@ def solve(scene: Scene | str | Path, *, backend: str, **settings: object) -> Tra
     >>> import dem_bridge as db
     >>> run = db.solve("accelerating-40", backend="verlet", dt=1e-7)
     >>> run.velocity.shape, f"{1e3 * run.crossing_time[-1]:.2f} ms", run.uncertainty["velocity"] < 4e-4
-    ((501, 41), '0.54 ms', True)
+    ((501, 41), '0.55 ms', True)
     """
     if not isinstance(scene, Scene):
         scene = load_scene(scene)

@@ -36,7 +36,8 @@ class Resolution:
     rtol: float | None = None
     """Relative local tolerance of an adaptive integrator. It is not the error: see the bars."""
     gauge_radius: float | None = None
-    """Radius written into a LAMMPS deck, m. None: from the overlaps of a coarse run."""
+    """Radius written into a LAMMPS deck, m; None: from the overlaps of a coarse run. The twin then keeps absolute
+    positions of bodies of this radius; None: overlaps."""
     time_limit: float = 3600.0
     """Wall time, s, after which an engine in a child process is stopped."""
     bars: bool = True

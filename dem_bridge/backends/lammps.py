@@ -22,7 +22,7 @@ from dem_bridge.backends.survey import Survey, survey
 from dem_bridge.backends.verlet import fixed_step_plan, with_twin_bars
 from dem_bridge.dense import extremes
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene
-from dem_bridge.lmp.deck import Deck, gauge_radius, granular_deck, refusal
+from dem_bridge.lmp.deck import Deck, granular_deck, refusal
 from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.process import EngineReport, engine, run_deck
 from dem_bridge.scene import Scene
@@ -62,8 +62,7 @@ class LammpsGranular:
         result = self._trajectory(scene, deck, report, steps, values, wall, cpu)
         if not resolution.bars:
             return result
-        reach = float(np.max(np.abs(values[:, :, 1])))
-        return with_twin_bars(result, scene, deck.schedule, look, magnitude=reach)
+        return with_twin_bars(result, scene, deck.schedule, look, radius=deck.gauge_radius)
 
     def deck(self, scene: Scene, resolution: Resolution, sampling: Sampling, look: Survey | None = None) -> Deck:
         """The deck that :meth:`run` runs."""
@@ -71,7 +70,7 @@ class LammpsGranular:
         if reason:
             raise UnsupportedScene(f"{self.name} cannot do {scene.name}: {reason}")
         look = look or survey(scene)
-        radius = resolution.gauge_radius or gauge_radius(float(np.max(look.peak_overlap, initial=0.0)))
+        radius = resolution.gauge_radius or look.gauge_radius
         return granular_deck(scene, radius=radius, schedule=fixed_step_plan(scene, resolution, sampling, look))
 
     def _trajectory(

@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dem_bridge.errors import RunBroken
+from dem_bridge.lmp.deck import gauge_radius
 from dem_bridge.scene import Scene
 
 #: fraction of 1/omega taken as the step
@@ -34,6 +35,11 @@ class Survey:
     highest: float
     """m: largest displacement of any body."""
     steps: int
+
+    @property
+    def gauge_radius(self) -> float:
+        """Radius for a code that keeps positions, m; see :func:`dem_bridge.lmp.deck.gauge_radius`."""
+        return gauge_radius(float(np.max(self.peak_overlap, initial=0.0)))
 
 
 def survey(scene: Scene, *, max_steps: int = 200_000_000) -> Survey:

@@ -2,7 +2,8 @@
 
 LAMMPS (``fix nve``) half-kicks, drifts, evaluates the forces and half-kicks again (Swope et al. 1982); so does
 this, in the same order of operations. But it carries the overlap of each contact as a variable of its own, so no
-position is ever subtracted from another: what LAMMPS loses there is what the two differ by.
+position is ever subtracted from another: what LAMMPS loses there is what the two differ by. Asked for a
+``gauge_radius`` it keeps absolute positions instead, as LAMMPS does, and then loses the same.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ import time
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from dem_bridge.backends.bars import UNKNOWN, nudged, with_bars
+from dem_bridge.backends.bars import UNKNOWN, with_bars
 from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
 from dem_bridge.backends.survey import Survey, survey
 from dem_bridge.dense import Schedule, extremes, schedule
@@ -39,13 +41,13 @@ class Verlet:
         return None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
-        """Solve; the bars come from two more runs with twice the step."""
+        """Solve; with ``gauge_radius`` in absolute positions, as LAMMPS. The bars come from two more runs."""
         look = survey(scene)
         plan = fixed_step_plan(scene, resolution, sampling, look)
-        fine = solve_plan(scene, plan)
+        run = solve_plan(scene, plan, resolution.gauge_radius or 0.0)
         if not resolution.bars:
-            return fine
-        return with_twin_bars(fine, scene, plan, look, magnitude=float(np.max(np.abs(fine.displacement))))
+            return run
+        return with_twin_bars(run, scene, plan, look, radius=resolution.gauge_radius or look.gauge_radius)
 
 
 def round_step(dt: float) -> float:
@@ -74,28 +76,35 @@ def fixed_step_plan(scene: Scene, resolution: Resolution, sampling: Sampling, lo
     )
 
 
-def with_twin_bars(run: Trajectory, scene: Scene, plan: Schedule, look: Survey, *, magnitude: float) -> Trajectory:
-    """``run`` (of LAMMPS or of the twin, on the steps of ``plan``) with bars from twins; see :mod:`.bars`."""
-    own = run if run.provenance["backend"] == Verlet.name else solve_plan(scene, plan)
+def with_twin_bars(run: Trajectory, scene: Scene, plan: Schedule, look: Survey, *, radius: float) -> Trajectory:
+    """``run`` (of LAMMPS or of the twin, on the steps of ``plan``) with bars from twins; see :mod:`.bars`.
+
+    ``radius`` (m): of the bodies, for a code that keeps positions.
+    """
+    is_own = run.provenance["backend"] == Verlet.name and "gauge_radius" not in run.provenance["settings"]
     # one step per sample leaves no coarser step that falls on the samples: then take a finer one
     other_dt = 2.0 * plan.step if plan.per_sample > 1 else 0.5 * plan.step
     other_plan = fixed_step_plan(scene, Resolution(dt=other_dt), Sampling(count=plan.samples), look)
     return with_bars(
         run,
-        scene=scene,
         plan=plan,
-        look=look,
-        own=own,
+        own=run if is_own else solve_plan(scene, plan),
         other=solve_plan(scene, other_plan),
         ratio=other_plan.step / plan.step,
-        moved=solve_plan(nudged(scene), other_plan),
-        magnitude=magnitude,
+        positional=solve_plan(scene, plan, radius),
     )
 
 
-def solve_plan(scene: Scene, plan: Schedule) -> Trajectory:
-    """One twin run on the given steps, without bars."""
+def solve_plan(scene: Scene, plan: Schedule, radius: float = 0.0) -> Trajectory:
+    """One twin run on the given steps, without bars.
+
+    ``radius`` (m) above 0: as a code does that keeps absolute positions of bodies of this radius and subtracts them.
+    Nothing but round-off differs, so the difference to the run with 0 is the round-off of such a code.
+    """
     wall, cpu = time.perf_counter(), time.process_time()
+    settings: dict[str, float] = {"dt": plan.step, "samples": plan.samples}
+    if radius > 0.0:
+        settings["gauge_radius"] = radius
     c = scene.contacts
     v, x, a, overlap, force = integrate(
         np.array(scene.mass),
@@ -109,6 +118,7 @@ def solve_plan(scene: Scene, plan: Schedule) -> Trajectory:
         scene.gravity,
         plan.step,
         plan.dense_steps,
+        *_frame(scene, radius),
     )
     if not np.all(np.isfinite(v)):
         raise RunBroken(f"verlet on {scene.name}: velocities are not finite; dt = {plan.step:g} s is beyond stability")
@@ -135,13 +145,24 @@ def solve_plan(scene: Scene, plan: Schedule) -> Trajectory:
             steps=plan.steps,
             force_evaluations=plan.steps + 1,
         ),
-        provenance=birth_certificate(Verlet(), scene, {"dt": plan.step, "samples": plan.samples}),
+        provenance=birth_certificate(Verlet(), scene, settings),
     )
+
+
+def _frame(scene: Scene, radius: float) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+    """Diameter, start positions of the bodies and position of the wall of each contact, m."""
+    c, links = scene.contacts, len(scene.stiffness)
+    start = np.concatenate([[0.0], np.cumsum(2.0 * radius + c.gap[:links])])
+    wall = np.zeros(scene.n_contact)
+    for k in range(links, scene.n_contact):
+        reach = 2.0 * radius + c.gap[k]
+        wall[k] = start[0] - reach if c.left[k] == scene.n_body else start[-1] + reach
+    return 2.0 * radius, start, wall
 
 
 @njit(cache=True, nogil=True)
 def integrate(  # type: ignore[no-untyped-def]
-    mass, velocity, left, right, links, stiffness, exponent, gap, gravity, dt, dense_steps
+    mass, velocity, left, right, links, stiffness, exponent, gap, gravity, dt, dense_steps, diameter, start, wall
 ):
     """Velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap and force
     ``(n_dense, n_contact)`` at ``dense_steps``. The first ``links`` contacts are those of the chain.
@@ -161,6 +182,7 @@ def integrate(  # type: ignore[no-untyped-def]
     weight = np.zeros(n_body + 1)
     weight[:n_body] = mass * gravity
     overlap = -gap
+    position = start.copy()
     out_v = np.zeros((n_dense, n_body + 1))
     out_x = np.zeros((n_dense, n_body + 1))
     out_a = np.zeros((n_dense, n_body + 1))
@@ -173,10 +195,21 @@ def integrate(  # type: ignore[no-untyped-def]
                 for i in range(n_body):
                     v[i] += kick[i] * net[i]
                     x[i] += dt * v[i]
-                for k in range(links):
-                    overlap[k] += dt * (v[k] - v[k + 1])
-                for k in range(links, n_contact):
-                    overlap[k] += dt * (v[left[k]] - v[right[k]])
+                if diameter == 0.0:
+                    for k in range(links):
+                        overlap[k] += dt * (v[k] - v[k + 1])
+                    for k in range(links, n_contact):
+                        overlap[k] += dt * (v[left[k]] - v[right[k]])
+                else:
+                    for i in range(n_body):
+                        position[i] += dt * v[i]
+                    for k in range(links):
+                        overlap[k] = diameter - (position[k + 1] - position[k])
+                    for k in range(links, n_contact):
+                        if left[k] == n_body:
+                            overlap[k] = diameter - (position[right[k]] - wall[k])
+                        else:
+                            overlap[k] = diameter - (wall[k] - position[left[k]])
             if hertz:
                 for k in range(n_contact):
                     closed = max(overlap[k], 0.0)
