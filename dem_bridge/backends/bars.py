@@ -88,7 +88,7 @@ def with_bars(
             # force errors go with the force; a late crossing is late by what all before it were
             own_scale = scale if name == "peak_force" else np.ones_like(scale)
             of_step = _not_below_the_median(step[name], own_scale)
-        bars[name] = of_step / abs(ratio - 1.0) + REALISATIONS * rounding[name] + digit * scale
+        bars[name] = of_step / abs(ratio - 1.0) + REALISATIONS * (rounding[name] + digit * scale)
     # equal increments round alike: a displacement may be off by half a unit in the last place for every step
     bars["displacement"] += 0.5 * plan.steps * math.ulp(float(np.max(np.abs(run.displacement))))
     bars["peak_force"] += PEAK_ERROR * np.nan_to_num(own.peak_force)
@@ -99,6 +99,7 @@ def with_bars(
     speed = float(np.max(np.abs(own.velocity)))
     parts = {
         "time_step": float(step["velocity"] / abs(ratio - 1.0) / speed) if speed > 0.0 else 0.0,
-        "round_off": float(REALISATIONS * rounding["velocity"] / speed + digit) if speed > 0.0 else 0.0,
+        "round_off": float(REALISATIONS * (rounding["velocity"] / speed + digit)) if speed > 0.0 else 0.0,
+        "last_digit": digit,
     }
     return replace(run, uncertainty=bars, provenance={**run.provenance, "velocity_bar": parts})

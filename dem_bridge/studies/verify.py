@@ -181,10 +181,12 @@ def _absent(scene: Scene, name: str, result: Result) -> Verdict:
 
 def _implementation(scene: Scene, engine: Trajectory, twin: Trajectory, reference: str) -> Verdict:
     """LAMMPS against a twin: no more than the round-off that twins predict for a code that keeps positions."""
-    tolerance = float(engine.provenance["velocity_bar"]["round_off"])
-    # the same algorithm at the same step: the bars of the time step are common to both and drop out; round-off is
-    # what is measured, against a tolerance that is made of it
-    found = replace(difference("velocity", engine, twin), uncertainty=tolerance, reference_uncertainty=0.0)
+    expected = engine.provenance["velocity_bar"]
+    tolerance = float(expected["round_off"])
+    # the same algorithm at the same step: the bars of the time step are common to both and drop out
+    found = replace(
+        difference("velocity", engine, twin), uncertainty=tolerance, reference_uncertainty=float(expected["last_digit"])
+    )
     return numerical_verdict(
         found,
         scene=scene.name,
