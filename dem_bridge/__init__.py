@@ -11,7 +11,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from dem_bridge.version import __version__
 
 #: public name -> module; imported on first use, so that ``--help`` and ``import dem_bridge`` cost nothing
 _HOME = {
@@ -23,21 +23,21 @@ _HOME = {
     "load_trajectory": "trajectory",
     "shipped_scenes": "scene_file",
     "solve": "api",
-    "verify": "studies.verify",
+    "verify": "api",
     "write_deck": "api",
 }
 
 if TYPE_CHECKING:
-    from dem_bridge.api import available, solve, write_deck
+    from dem_bridge.api import available, solve, verify, write_deck
     from dem_bridge.scene import Scene, Wall
     from dem_bridge.scene_file import load_scene, shipped_scenes
-    from dem_bridge.studies.verify import verify
     from dem_bridge.trajectory import Trajectory, load_trajectory
 
 __all__ = [
     "Scene",
     "Trajectory",
     "Wall",
+    "__version__",
     "available",
     "load_scene",
     "load_trajectory",

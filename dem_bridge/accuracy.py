@@ -1,4 +1,4 @@
-"""Plain numbers in, plain numbers out: the observed order of convergence.
+"""Plain numbers in, plain numbers out: the observed order of convergence, and what an accuracy may be.
 
 Knows nothing of scenes or backends. The order is fitted on log(dt), with its sign and its residual, because
 a mean of log2 ratios hides both (Roache 1998, *Verification and Validation in Computational Science and
@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+from dem_bridge.errors import UsageError
 
 
 @dataclass(frozen=True)
@@ -48,3 +50,14 @@ def observed_order(dt: Sequence[float], error: Sequence[float], *, floor: float 
     slope = sum((x - mean_x) * (y - mean_y) for x, y in pairs) / spread
     residual = max(abs(y - mean_y - slope * (x - mean_x)) for x, y in pairs)
     return ObservedOrder(slope, math.expm1(residual), n)
+
+
+def checked_accuracy(accuracy: object) -> float:
+    """``accuracy`` as a float; UsageError, in one line, where it is none.
+
+    >>> checked_accuracy(1e-6)
+    1e-06
+    """
+    if isinstance(accuracy, bool) or not isinstance(accuracy, int | float) or not 0.0 < accuracy < 1.0:
+        raise UsageError(f"accuracy = {accuracy!r}; allowed: a number between 0 and 1, as 1e-6")
+    return float(accuracy)

@@ -1,22 +1,27 @@
-"""The public facade: solve a scene by name of backend, write its deck, ask what is available."""
+"""The public facade: solve a scene by name of backend, verify scenes, write a deck, ask what is available."""
 
 from __future__ import annotations
 
 import shutil
-from dataclasses import fields, replace
+from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import BACKENDS, Availability, Backend, Resolution, Sampling, backend
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene
+from dem_bridge.scene_file import load_scene, shipped_scenes
 from dem_bridge.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from dem_bridge.campaign import Progress
+    from dem_bridge.studies.verify import Verification
 
 _RESOLUTION = tuple(field.name for field in fields(Resolution))
 #: settings of solve that are no field of a Resolution
 _OTHER = ("samples", "accuracy")
-#: fixed-step runs longer than this are not chosen by accuracy
-MOST_STEPS = 50_000_000
 
 
 def solve(scene: Scene | str | Path, *, backend: str, **settings: object) -> Trajectory:
@@ -39,11 +44,41 @@ def solve(scene: Scene | str | Path, *, backend: str, **settings: object) -> Tra
     if reason:
         raise UnsupportedScene(f"{chosen.name} cannot do {scene.name}: {reason}")
     if accuracy is not None and chosen.order is not None:
+        from dem_bridge.plan import resolution_for  # brings the compiler, which not every backend needs
+
         resolution = resolution_for(scene, accuracy, resolution, sampling)
     run = chosen.run(scene, resolution, sampling)
     if accuracy is not None:
         _check_accuracy(chosen, scene, run, accuracy)
     return run
+
+
+def verify(
+    scenes: Scene | str | Path | Sequence[Scene | str | Path] | None = None,
+    *,
+    accuracy: float | None = None,
+    folder: str | Path | None = None,
+    jobs: int = 1,
+    tell: Progress | None = None,
+) -> Verification:
+    """Verify scenes (None: all shipped ones) through LAMMPS, its twin, the reference and binary collisions.
+
+    ``accuracy``: wanted of velocities, relative to the largest (None: 5e-6); the time step follows from it. ``folder``:
+    where ``index.html`` and ``verdicts.json`` are written (None: nowhere). ``jobs``: runs at a time. ``tell`` is called
+    with (done, total, label). The answer has ``verdicts`` and ``exit_code``. Raises SceneError or UsageError; a run
+    that breaks is a BROKEN verdict.
+    """
+    from dem_bridge.studies.verify import DEFAULT_ACCURACY, verify_scenes
+
+    if isinstance(scenes, Scene | str | Path):
+        scenes = [scenes]
+    chosen = [s if isinstance(s, Scene) else load_scene(s) for s in (scenes or shipped_scenes())]
+    found = verify_scenes(chosen, accuracy=DEFAULT_ACCURACY if accuracy is None else accuracy, jobs=jobs, tell=tell)
+    if folder is not None:
+        from dem_bridge.report.page import write_report
+
+        write_report(found, Path(folder))
+    return found
 
 
 def write_deck(
@@ -53,6 +88,7 @@ def write_deck(
     ``lmp -in in.NAME`` there. ``dt``, ``samples`` and ``gauge_radius`` as in :func:`solve`. All files appear or none.
     """
     from dem_bridge.backends.lammps import LammpsGranular
+    from dem_bridge.plan import resolution_for
 
     if style != "granular":
         raise UsageError(f"style = {style!r}; allowed: granular")
@@ -79,30 +115,6 @@ def available() -> dict[str, Availability]:
     return {name: backend(name).availability() for name in BACKENDS}
 
 
-def resolution_for(scene: Scene, accuracy: float, resolution: Resolution, sampling: Sampling) -> Resolution:
-    """``resolution`` with the largest step of the 1-2-5 series whose velocity bar, by twins, is within ``accuracy``.
-
-    Raises UsageError where that would take more than 5e7 steps.
-    """
-    from dem_bridge.backends.survey import survey
-    from dem_bridge.backends.verlet import Verlet, default_step, round_step
-
-    accuracy = _checked_accuracy(accuracy)
-    dt = 10.0 * default_step(scene, sampling, survey(scene))
-    while scene.duration / dt <= MOST_STEPS:
-        run = Verlet().run(scene, replace(resolution, dt=dt, bars=True), sampling)
-        scale = float(abs(run.velocity).max())
-        bar = run.uncertainty["velocity"] / scale if scale > 0.0 else 0.0
-        if bar <= accuracy:
-            return replace(resolution, dt=dt)
-        # second order: the bar goes as dt^2
-        dt = round_step(dt * min(0.7, (accuracy / bar) ** 0.5))
-    raise UsageError(
-        f"accuracy = {accuracy:g} on {scene.name} needs a step below {dt:.2g} s, more than {MOST_STEPS:.0e} steps;"
-        " ask for less, or take backend='scipy'"
-    )
-
-
 def _settings(
     scene: Scene, name: str, settings: dict[str, object]
 ) -> tuple[Backend, Resolution, Sampling, float | None]:
@@ -112,19 +124,13 @@ def _settings(
         raise UsageError(f"setting {unknown[0]!r} is unknown; allowed: {', '.join((*_RESOLUTION, *_OTHER))}")
     accuracy = settings.get("accuracy")
     if accuracy is not None:
-        accuracy = _checked_accuracy(accuracy)
+        accuracy = checked_accuracy(accuracy)
         if settings.get("dt") is not None:
             raise UsageError("dt and accuracy are both given; give one: the other follows from it")
     samples = settings.get("samples")
     sampling = Sampling(count=scene.samples if samples is None else samples)  # type: ignore[arg-type]
     resolution = Resolution(**{key: settings[key] for key in _RESOLUTION if key in settings})  # type: ignore[arg-type]
     return chosen, resolution, sampling, accuracy
-
-
-def _checked_accuracy(accuracy: object) -> float:
-    if isinstance(accuracy, bool) or not isinstance(accuracy, int | float) or not 0.0 < accuracy < 1.0:
-        raise UsageError(f"accuracy = {accuracy!r}; allowed: a number between 0 and 1, as 1e-6")
-    return float(accuracy)
 
 
 def _check_accuracy(chosen: Backend, scene: Scene, run: Trajectory, accuracy: float) -> None:

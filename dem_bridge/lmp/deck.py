@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from itertools import groupby, pairwise
 from types import MappingProxyType
 
-import dem_bridge
 from dem_bridge.dense import Schedule
 from dem_bridge.lmp.encoding import euler_types
 from dem_bridge.scene import Scene
+from dem_bridge.version import __version__
 
 #: date of the deck's form, not of the day it is written: the same scene gives the same bytes
 FORM_DATE = "2026-11-21"
@@ -130,7 +130,7 @@ def _positions(scene: Scene, radius: float) -> list[float]:
 
 def _header(scene: Scene, what: str) -> str:
     return (
-        f"# {what} of {scene.name}, written by dem_bridge {dem_bridge.__version__}"
+        f"# {what} of {scene.name}, written by dem_bridge {__version__}"
         f" DATE: {FORM_DATE} UNITS: si SCENE: sha256:{scene.content_hash}"
     )
 

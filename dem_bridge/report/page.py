@@ -16,11 +16,11 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
-import dem_bridge
 from dem_bridge.errors import UsageError
 from dem_bridge.report import figures
 from dem_bridge.studies.verify import ENGINE, POSITIONAL, REFERENCE, THEORY, TWIN, SceneStudy, Verification
 from dem_bridge.verdict import Outcome, Verdict
+from dem_bridge.version import __version__
 
 SCHEMA = "dem-bridge/verdicts/1"
 #: panels side by side on a page
@@ -94,7 +94,7 @@ def provenance(found: Verification) -> dict[str, Any]:
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "accuracy": found.accuracy,
-        "versions": {"dem_bridge": dem_bridge.__version__, "python": platform.python_version()}
+        "versions": {"dem_bridge": __version__, "python": platform.python_version()}
         | {name: version(name) for name in packages},
         "lammps": lammps,
         "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",

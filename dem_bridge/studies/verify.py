@@ -17,13 +17,11 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dem_bridge.accuracy import ObservedOrder, observed_order
-from dem_bridge.api import resolution_for
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.survey import survey
 from dem_bridge.campaign import Case, Progress, Result, run_cases
@@ -31,8 +29,8 @@ from dem_bridge.compare import Difference, difference, first_divergence
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.observables.front import residence_by_crossing
+from dem_bridge.plan import resolution_for
 from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene, shipped_scenes
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome, Verdict, exit_code, judge, numerical_verdict
 
@@ -64,7 +62,7 @@ class SceneStudy:
 
 @dataclass(frozen=True, kw_only=True)
 class Verification:
-    """Result of :func:`verify`."""
+    """Result of :func:`verify_scenes`."""
 
     studies: tuple[SceneStudy, ...]
     accuracy: float
@@ -80,40 +78,22 @@ class Verification:
         return exit_code(verdict.outcome for verdict in self.verdicts)
 
 
-def verify(
-    scenes: Scene | str | Path | Sequence[Scene | str | Path] | None = None,
-    *,
-    accuracy: float = DEFAULT_ACCURACY,
-    folder: str | Path | None = None,
-    jobs: int = 1,
-    tell: Progress | None = None,
+def verify_scenes(
+    scenes: Sequence[Scene], *, accuracy: float = DEFAULT_ACCURACY, jobs: int = 1, tell: Progress | None = None
 ) -> Verification:
-    """Verify scenes (None: all shipped ones) through LAMMPS, twin, reference and BCA.
-
-    ``accuracy``: wanted of velocities, relative to the largest; the time step follows from it. ``folder``: where
-    ``index.html`` and ``verdicts.json`` are written (None: nowhere). ``jobs``: runs at a time. ``tell`` is called with
-    (done, total, label). Raises SceneError or UsageError; a run that breaks is a BROKEN verdict.
-    """
+    """Run and judge scenes; see :func:`dem_bridge.api.verify` for the arguments."""
     began = time.perf_counter()
-    if isinstance(scenes, Scene | str | Path):
-        scenes = [scenes]
-    chosen = [s if isinstance(s, Scene) else load_scene(s) for s in (scenes or shipped_scenes())]
-    names = [scene.name for scene in chosen]
+    names = [scene.name for scene in scenes]
     if len(set(names)) < len(names):
         raise UsageError(f"two scenes have the same name among {', '.join(names)}; give each its own")
     if jobs < 1:
         raise UsageError(f"jobs = {jobs}; allowed: a whole number >= 1")
-    cases = [case for scene in chosen for case in cases_of(scene, accuracy)]
+    cases = [case for scene in scenes for case in cases_of(scene, accuracy)]
     results = run_cases(cases, jobs=jobs, tell=tell)
     studies = tuple(
-        study_of(scene, tuple(r for r in results if r.case.scene.name == scene.name), accuracy) for scene in chosen
+        study_of(scene, tuple(r for r in results if r.case.scene.name == scene.name), accuracy) for scene in scenes
     )
-    found = Verification(studies=studies, accuracy=accuracy, wall=time.perf_counter() - began)
-    if folder is not None:
-        from dem_bridge.report.page import write_report
-
-        write_report(found, Path(folder))
-    return found
+    return Verification(studies=studies, accuracy=accuracy, wall=time.perf_counter() - began)
 
 
 def cases_of(scene: Scene, accuracy: float) -> list[Case]:

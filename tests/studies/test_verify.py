@@ -14,7 +14,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Case, Result
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene import Scene
-from dem_bridge.studies.verify import ENGINE, REFERENCE, THEORY, TWIN, cases_of, study_of, verify
+from dem_bridge.studies.verify import ENGINE, REFERENCE, THEORY, TWIN, cases_of, study_of
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome, Verdict
 
@@ -167,13 +167,13 @@ def test_the_main_run_comes_first_and_the_ladder_spans_a_factor_eight() -> None:
 
 def test_two_scenes_of_one_name_are_refused() -> None:
     with pytest.raises(UsageError, match="same name"):
-        verify([SHORT, SHORT])
+        db.verify([SHORT, SHORT])
 
 
 @pytest.mark.lammps
 def test_lammps_is_verified_on_a_short_scene_in_two_processes(tmp_path: Path) -> None:
     told: list[tuple[float, int, str]] = []
-    found = verify(SHORT, accuracy=ACCURACY, folder=tmp_path, jobs=2, tell=lambda *news: told.append(news))
+    found = db.verify(SHORT, accuracy=ACCURACY, folder=tmp_path, jobs=2, tell=lambda *news: told.append(news))
     assert found.exit_code == 0, [v.sentence for v in found.verdicts]
     assert told[-1][0] == told[-1][1] == 13
     assert {file.name for file in tmp_path.iterdir()} == {"index.html", "verdicts.json"}
@@ -182,7 +182,7 @@ def test_lammps_is_verified_on_a_short_scene_in_two_processes(tmp_path: Path) ->
 @pytest.mark.lammps
 def test_a_scene_that_lammps_cannot_express_is_not_run_with_the_reason() -> None:
     linear = replace(SHORT, exponent=2.0, stiffness=(4e6, 4e6, 4e6))
-    found = verify(linear, accuracy=1e-3)
+    found = db.verify(linear, accuracy=1e-3)
     [refused] = [v for v in found.verdicts if v.outcome is Outcome.NOT_RUN]
     assert "exponent" in refused.sentence
     assert found.exit_code == 0

@@ -1,0 +1,36 @@
+"""Settings for a wanted accuracy: the largest time step whose error bar is within it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from dem_bridge.accuracy import checked_accuracy
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.survey import survey
+from dem_bridge.backends.verlet import Verlet, default_step, round_step
+from dem_bridge.errors import UsageError
+from dem_bridge.scene import Scene
+
+#: fixed-step runs longer than this are not chosen by accuracy
+MOST_STEPS = 50_000_000
+
+
+def resolution_for(scene: Scene, accuracy: float, resolution: Resolution, sampling: Sampling) -> Resolution:
+    """``resolution`` with the largest step of the 1-2-5 series whose velocity bar, by twins, is within ``accuracy``.
+
+    Raises UsageError where that would take more than 5e7 steps.
+    """
+    accuracy = checked_accuracy(accuracy)
+    dt = 10.0 * default_step(scene, sampling, survey(scene))
+    while scene.duration / dt <= MOST_STEPS:
+        run = Verlet().run(scene, replace(resolution, dt=dt, bars=True), sampling)
+        scale = float(abs(run.velocity).max())
+        bar = run.uncertainty["velocity"] / scale if scale > 0.0 else 0.0
+        if bar <= accuracy:
+            return replace(resolution, dt=dt)
+        # second order: the bar goes as dt^2
+        dt = round_step(dt * min(0.7, (accuracy / bar) ** 0.5))
+    raise UsageError(
+        f"accuracy = {accuracy:g} on {scene.name} needs a step below {dt:.2g} s, more than {MOST_STEPS:.0e} steps;"
+        " ask for less, or take backend='scipy'"
+    )
