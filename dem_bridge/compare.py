@@ -22,7 +22,7 @@ class Difference:
     value: float
     """Relative, max-norm; inf where one of the two has no value."""
     scale: float
-    """In ``unit``; nan where each contact is its own scale."""
+    """In ``unit``; where each contact is its own scale, that of the worst."""
     unit: str
     scale_name: str
     uncertainty: float
@@ -77,7 +77,7 @@ def difference(quantity: str, run: Trajectory, reference: Trajectory) -> Differe
         return Difference(
             quantity=quantity,
             value=float(relative[where]) if len(relative) else 0.0,
-            scale=math.nan,
+            scale=float(own[where]) if len(relative) else 0.0,
             unit="N" if quantity == "peak_force" else "s",
             scale_name=f"each contact's own {quantity}",
             uncertainty=bars[0],

@@ -213,7 +213,7 @@ def _residence(scene: Scene, run: Trajectory, truth: Trajectory) -> Difference:
     return Difference(
         quantity="residence_time",
         value=float(relative[worst]),
-        scale=math.nan,
+        scale=float(np.abs(other[worst])),
         unit="s",
         scale_name="each body's own residence time",
         uncertainty=bar(run),
