@@ -1,0 +1,95 @@
+"""What all tests share: the engine's marker, the truth files, runs that are made once, and no litter.
+
+A test marked ``lammps`` is skipped, with the reason, where the engine is missing; with DEM_BRIDGE_REQUIRE_LAMMPS=1 it
+fails instead, so that CI cannot pass without the code under test.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import hypothesis
+import pytest
+
+import dem_bridge as db
+from dem_bridge.errors import BackendUnavailable
+from dem_bridge.lmp import process
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
+from tests.strategies import EXPLORE
+from tests.truth import Truth, load_truth
+
+# the same examples every time; how long one takes says nothing of its truth. HYPOTHESIS_PROFILE=explore looks further.
+hypothesis.settings.register_profile("ci", derandomize=True, deadline=None, database=None, print_blob=True)
+hypothesis.settings.register_profile("explore", deadline=None, database=None, print_blob=True, max_examples=2000)
+hypothesis.settings.load_profile("explore" if EXPLORE else "ci")
+
+#: solve a scene, or hand out the run made before with the same settings
+Solve = Callable[..., Trajectory]
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if item.get_closest_marker("lammps") is None:
+        return
+    try:
+        process.engine()
+    except BackendUnavailable as error:
+        if os.environ.get("DEM_BRIDGE_REQUIRE_LAMMPS") == "1":
+            pytest.fail(f"DEM_BRIDGE_REQUIRE_LAMMPS=1, but there is no engine: {error}", pytrace=False)
+        pytest.skip(f"no LAMMPS: {error}")
+
+
+@pytest.fixture(autouse=True)
+def clean_cwd(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Every test runs in an empty folder and must leave it empty: paths are arguments."""
+    folder = tmp_path_factory.mktemp("cwd")
+    monkeypatch.chdir(folder)
+    yield folder
+    litter = sorted(path.name for path in folder.iterdir())
+    assert not litter, f"written into the current working directory: {litter}"
+
+
+@pytest.fixture(scope="session")
+def solved() -> Solve:
+    """``db.solve`` that runs each combination of scene, backend and settings once in a session."""
+    runs: dict[tuple[object, ...], Trajectory] = {}
+
+    def solve(scene: Scene, backend: str, **settings: object) -> Trajectory:
+        key = (scene.name, scene.content_hash, backend, *sorted(settings.items()))
+        if key not in runs:
+            runs[key] = db.solve(scene, backend=backend, **settings)
+        return runs[key]
+
+    return solve
+
+
+@pytest.fixture(scope="session")
+def decelerating() -> Truth:
+    """The paper's decelerating chain in raw form, far end free."""
+    return load_truth("a_N40_dec")
+
+
+@pytest.fixture(scope="session")
+def accelerating() -> Truth:
+    """The paper's accelerating chain in raw form, far end free."""
+    return load_truth("b_N40_inc")
+
+
+@pytest.fixture(scope="session")
+def walled() -> Truth:
+    """The decelerating chain with a rigid wall behind the last cylinder: ill-conditioned."""
+    return load_truth("aw_N40_dec_wall")
+
+
+@pytest.fixture(scope="session")
+def two_bodies() -> Truth:
+    """The striker on one cylinder."""
+    return load_truth("e_two_body")
+
+
+@pytest.fixture(scope="session", params=["a_N40_dec", "b_N40_inc"], ids=["decelerating", "accelerating"])
+def free_chain(request: pytest.FixtureRequest) -> Truth:
+    """Both chains of the paper, one after the other."""
+    return load_truth(request.param)

@@ -1,0 +1,32 @@
+"""Trajectories with closed-form answers, for tests that need no integration."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dem_bridge.trajectory import Cost, Trajectory
+
+NO_COST = Cost(wall=0.0, cpu=0.0, steps=0, force_evaluations=0)
+NO_BARS = {"velocity": 0.0, "displacement": 0.0, "peak_force": 0.0, "crossing_time": 0.0}
+
+
+def free_flight(
+    *, bodies: int = 3, contacts: int = 2, samples: int = 4, duration: float = 1.0, **changes: Any
+) -> Trajectory:
+    """Body i flies at speed i + 1 (m/s); contact k has peak force 10 (k + 1) N and crosses at 0.1 (k + 1) s."""
+    time = np.linspace(0.0, duration, samples + 1)
+    speed = np.arange(1.0, bodies + 1.0)
+    parts: dict[str, Any] = {
+        "time": time,
+        "displacement": time[:, None] * speed,
+        "velocity": np.ones((samples + 1, 1)) * speed,
+        "contact_force": np.zeros((samples + 1, contacts)),
+        "peak_force": 10.0 * np.arange(1, contacts + 1),
+        "crossing_time": 0.1 * np.arange(1, contacts + 1),
+        "uncertainty": NO_BARS,
+        "cost": NO_COST,
+        "provenance": {"backend": "fake"},
+    }
+    return Trajectory(**(parts | changes))
