@@ -17,13 +17,14 @@ import click
 
 import dem_bridge
 from dem_bridge.errors import DemBridgeError, UnsupportedScene
+from dem_bridge.files import check_file, write_whole
 
 if TYPE_CHECKING:
     from dem_bridge.studies.verify import Verification
     from dem_bridge.trajectory import Trajectory
 
 #: named again here so that --help needs no backend; a test holds the two together
-BACKENDS = ("lammps-granular", "verlet", "scipy", "bca")
+BACKENDS = ("lammps-granular", "verlet", "reference", "scipy", "bca")
 
 
 class _Group(click.Group):
@@ -38,8 +39,15 @@ class _Group(click.Group):
         except DemBridgeError as error:
             _complain(str(error))
             ctx.exit(error.exit_code)
+        except click.UsageError as error:
+            command = error.ctx.command_path if error.ctx else "dem-bridge"
+            _complain(f"{error.format_message()} See: {command} --help")
+            ctx.exit(2)
+        except (OSError, OverflowError, MemoryError) as error:
+            _complain(f"{type(error).__name__}: {error}; the run was given up")
+            ctx.exit(3)
         except KeyboardInterrupt:
-            _complain("interrupted; nothing was written")
+            _complain("interrupted; the run was given up")
             ctx.exit(130)
 
 
@@ -118,8 +126,8 @@ def run(
     as_json: bool,
 ) -> None:
     """Solve SCENE with one backend and print what was found, with error bars."""
-    if output is not None and not output.parent.is_dir():
-        raise click.UsageError(f"-o {output}: there is no folder {output.parent}")
+    if output is not None:
+        check_file(output)
     asked = {"dt": dt, "accuracy": accuracy, "samples": samples}
     settings = {key: value for key, value in asked.items() if value is not None}
     with _fraction(f"{scene} by {backend}"):
@@ -141,7 +149,7 @@ def run(
 @_scene
 @click.option("--style", type=click.Choice(["granular"]), default="granular", show_default=True)
 @_step
-@click.option("-o", "folder", required=True, type=click.Path(path_type=Path, file_okay=False), metavar="DIR")
+@click.option("-o", "folder", required=True, type=click.Path(path_type=Path), metavar="DIR")
 def deck(scene: str, style: str, dt: float | None, folder: Path) -> None:
     """Write the LAMMPS deck of SCENE into DIR; it runs there by `lmp -in in.NAME`."""
     settings = {} if dt is None else {"dt": dt}
@@ -156,7 +164,7 @@ def deck(scene: str, style: str, dt: float | None, folder: Path) -> None:
 @click.option(
     "-o",
     "folder",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=click.Path(path_type=Path),
     default=Path("reports/latest"),
     show_default=True,
     metavar="DIR",
@@ -175,18 +183,18 @@ def verify(
     junit_file: Path | None,
 ) -> None:
     """Verify scenes (default: all shipped ones) and write the report."""
-    for option, file in (("--json", json_file), ("--junit", junit_file)):
-        if file is not None and not file.parent.is_dir():
-            raise click.UsageError(f"{option} {file}: there is no folder {file.parent}")
+    for file in (json_file, junit_file):
+        if file is not None:
+            check_file(file)
     settings = {} if accuracy is None else {"accuracy": accuracy}
     with _bar() as tell:
         found = dem_bridge.verify(list(scenes) or None, folder=folder, jobs=jobs, tell=tell, **settings)
     if json_file is not None:
-        json_file.write_text((folder / "verdicts.json").read_text(encoding="utf-8"), encoding="utf-8")
+        write_whole(json_file.parent, {json_file.name: (folder / "verdicts.json").read_text(encoding="utf-8")})
     if junit_file is not None:
         from dem_bridge.report.junit import junit
 
-        junit_file.write_text(junit(found.verdicts), encoding="utf-8")
+        write_whole(junit_file.parent, {junit_file.name: junit(found.verdicts)})
     _print_verdicts(found)
     click.echo(f"report: {folder / 'index.html'}")
     sys.exit(found.exit_code)

@@ -7,7 +7,7 @@ A backend
 4. turns a Scene, a Resolution and a Sampling into a Trajectory (``run``), with bars that it stands for,
 5. never changes the scene, never repairs a run; raises RunBroken if one fails.
 
-Adding a backend = a class, a line in ``BACKENDS``, a row in tests/test_backends_contract.py.
+Adding a backend = a class, a line in ``BACKENDS``, a row in tests/backends/test_contract.py.
 """
 
 from __future__ import annotations
@@ -25,6 +25,10 @@ from numpy.typing import NDArray
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
+
+#: what DOP853 can do (100 eps) to what it can be asked for and still be called a reference
+RTOL_RANGE = (2.3e-14, 1e-4)
+MOST_SAMPLES = 10_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,10 +48,16 @@ class Resolution:
     """False: no error bars (inf) and no run that only serves them."""
 
     def __post_init__(self) -> None:
-        for key in ("dt", "rtol", "gauge_radius", "time_limit"):
+        limits = {"dt": (1e-40, 1e40), "rtol": RTOL_RANGE, "gauge_radius": (1e-40, 1e40), "time_limit": (1e-3, 1e9)}
+        for key, (low, high) in limits.items():
             value = getattr(self, key)
-            if value is not None and not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
-                raise UsageError(f"{key} = {value!r}; allowed: a finite number > 0")
+            if value is None:
+                continue
+            real = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+            if not real or not low <= value <= high:
+                raise UsageError(f"{key} = {value!r}; allowed: a number from {low:g} to {high:g}")
+        if not isinstance(self.bars, bool):
+            raise UsageError(f"bars = {self.bars!r}; allowed: True or False")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,8 +67,10 @@ class Sampling:
     count: int
 
     def __post_init__(self) -> None:
-        if isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
-            raise UsageError(f"samples = {self.count!r}; allowed: a whole number >= 1")
+        whole = isinstance(self.count, int | np.integer) and not isinstance(self.count, bool)
+        if not whole or not 1 <= self.count <= MOST_SAMPLES:
+            raise UsageError(f"samples = {self.count!r}; allowed: a whole number from 1 to {MOST_SAMPLES}")
+        object.__setattr__(self, "count", int(self.count))
 
     def times(self, duration: float) -> NDArray[np.float64]:
         return np.linspace(0.0, duration, self.count + 1)
@@ -91,6 +103,7 @@ BACKENDS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "lammps-granular": ("dem_bridge.backends.lammps", "LammpsGranular"),
         "verlet": ("dem_bridge.backends.verlet", "Verlet"),
+        "reference": ("dem_bridge.backends.reference", "Reference"),
         "scipy": ("dem_bridge.backends.scipy_dop853", "ScipyDop853"),
         "bca": ("dem_bridge.backends.bca", "BinaryCollisions"),
     }
@@ -99,11 +112,21 @@ BACKENDS: Mapping[str, tuple[str, str]] = MappingProxyType(
 
 def backend(name: str) -> Backend:
     """The backend of that name; UsageError with the allowed names otherwise."""
-    if name not in BACKENDS:
+    if not isinstance(name, str) or name not in BACKENDS:
         raise UsageError(f"backend = {name!r}; allowed: {', '.join(BACKENDS)}")
     module, attribute = BACKENDS[name]
     found: Backend = getattr(importlib.import_module(module), attribute)()
     return found
+
+
+def natural_scales(scene: Scene) -> tuple[float, NDArray[np.float64]]:
+    """Largest speed (m/s) and overlap of each contact (m) that the energy at hand allows, roughly: what is small."""
+    c, mass, v = scene.contacts, np.array(scene.mass), np.array(scene.velocity)
+    fall = abs(scene.gravity) * scene.duration
+    stored = float(np.sum(c.stiffness * np.maximum(-c.gap, 0.0) ** c.exponent / c.exponent))
+    energy = 0.5 * float(np.sum(mass * (v**2 + fall**2))) + stored
+    speed = max(float(np.max(np.abs(v))) + fall, math.sqrt(2.0 * stored / float(np.sum(mass))))
+    return speed, (c.exponent * energy / c.stiffness) ** (1.0 / c.exponent)
 
 
 def birth_certificate(backend: Backend, scene: Scene, settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,445 @@
+"""Taylor series of a chain from contact event to contact event: the compiled core of the reference.
+
+The force beta s^(n-1) is singular where a contact opens or closes (s = 0). With w = sqrt(s) of the contact nearest to
+such a moment and the time transformation dt = w dr (a Sundman transformation; Stiefel & Scheifele 1971, *Linear and
+Regular Celestial Mechanics*, for the same trick at collisions) its motion is analytic through it::
+
+    w' = u/2    t' = w    v' = w a    s_j' = w u_j    F = beta w^(2(n-1))
+
+with u the closing rate: w passes through 0 with a finite slope, so that openings are simple roots. All series are made
+by recurrences (Jorba & Zou 2005, *Exp. Math.* 14, 99), steps follow from the decay of the last coefficients, and
+events, samples and peaks are roots of the polynomials, as accurate as the rest.
+
+Only bodies with a closed contact and their neighbours have series. All others coast: their flight is exact and costs
+nothing until a collision, whose time waits in a heap. The index n_body stands for a wall: at rest, infinitely heavy.
+"""
+
+from __future__ import annotations
+
+from heapq import heappop, heappush
+
+import numpy as np
+from numba import njit
+
+#: coefficients looked at for the length of a step: by symmetry some may vanish
+_TAIL = 5
+
+
+@njit(cache=True, nogil=True)
+def _value(c, order, r):  # type: ignore[no-untyped-def]
+    value = c[order]
+    for o in range(order - 1, -1, -1):
+        value = value * r + c[o]
+    return value
+
+
+@njit(cache=True, nogil=True)
+def _root(c, order, level, low, high):  # type: ignore[no-untyped-def]
+    """Where the polynomial passes ``level`` in [low, high], whose ends lie on different sides: regula falsi with the
+    Illinois weight, and bisection where that is slow. The end on the far side of the passage is returned."""
+    a, b = low, high
+    fa, fb = _value(c, order, a) - level, _value(c, order, b) - level
+    for _ in range(120):
+        if b - a <= 2.3e-16 * b or fb == 0.0:
+            break
+        width = b - a
+        middle = b - fb * (b - a) / (fb - fa)
+        if not a < middle < b:
+            middle = 0.5 * (a + b)
+        f = _value(c, order, middle) - level
+        if (f > 0.0) == (fb > 0.0):
+            b, fb = middle, f
+            fa *= 0.5
+        else:
+            a, fa = middle, f
+            fb *= 0.5
+        if b - a > 0.5 * width:
+            middle = 0.5 * (a + b)
+            f = _value(c, order, middle) - level
+            if (f > 0.0) == (_value(c, order, b) - level > 0.0):
+                b = middle
+            else:
+                a = middle
+            fa, fb = _value(c, order, a) - level, _value(c, order, b) - level
+    return b
+
+
+@njit(cache=True, nogil=True)
+def _series(  # type: ignore[no-untyped-def]
+    order, near, bodies, contacts, closed, a, b, stiffness, exponent, overlap, velocity, position, inverse, weight,
+    w, power, t, v, x, s, u, f, g,
+):  # fmt: skip
+    """All series around the present moment. ``near``: the local contact that sets dt = w dr (-1: dt = dr).
+
+    Local arrays: ``a``, ``b`` left and right body of each contact; ``weight`` the free acceleration of each body.
+    Filled: ``w``, ``t``, ``v``, ``x`` per body; overlap ``s``, closing rate ``u``, force ``f`` per contact; ``g``
+    acceleration.
+    """
+    w[: order + 1] = 0.0
+    t[0] = 0.0
+    w[0] = 1.0
+    folds = 0
+    if near >= 0:
+        w[0] = np.sqrt(max(overlap[near], 0.0))
+        folds = round(2.0 * (exponent[near] - 1.0)) - 1
+    for i in range(bodies):
+        v[i, 0] = velocity[i]
+        x[i, 0] = position[i]
+    for j in range(contacts):
+        s[j, 0] = overlap[j]
+    for o in range(order + 1):
+        if near >= 0:
+            # powers of w: power[q] is w^(q+2); those of w itself up to order o are known
+            for q in range(folds):
+                total = 0.0
+                for d in range(o + 1):
+                    total += (w[d] if q == 0 else power[q - 1, d]) * w[o - d]
+                power[q, o] = total
+        for i in range(bodies):
+            g[i, o] = weight[i] if o == 0 else 0.0
+        for j in range(contacts):
+            u[j, o] = v[a[j], o] - v[b[j], o]
+            if not closed[j]:
+                continue
+            if j == near:
+                f[j, o] = stiffness[j] * (power[folds - 1, o] if folds > 0 else w[o])
+            elif o == 0:
+                f[j, 0] = stiffness[j] * overlap[j] ** (exponent[j] - 1.0)
+            else:
+                total = 0.0
+                for d in range(1, o + 1):
+                    total += (exponent[j] * d - o) * s[j, d] * f[j, o - d]
+                f[j, o] = total / (o * overlap[j])
+            g[a[j], o] -= f[j, o] * inverse[a[j]]
+            g[b[j], o] += f[j, o] * inverse[b[j]]
+        if o == order:
+            break
+        t[o + 1] = w[o] / (o + 1)
+        if near < 0:
+            for i in range(bodies):
+                v[i, o + 1] = g[i, o] / (o + 1)
+                x[i, o + 1] = v[i, o] / (o + 1)
+            for j in range(contacts):
+                s[j, o + 1] = u[j, o] / (o + 1)
+            continue
+        w[o + 1] = 0.5 * u[near, o] / (o + 1)
+        for i in range(bodies):
+            kick, drift = 0.0, 0.0
+            for d in range(o + 1):
+                kick += w[d] * g[i, o - d]
+                drift += w[d] * v[i, o - d]
+            v[i, o + 1] = kick / (o + 1)
+            x[i, o + 1] = drift / (o + 1)
+        for j in range(contacts):
+            total = 0.0
+            if j == near:
+                for d in range(o + 2):
+                    total += w[d] * w[o + 1 - d]
+                s[j, o + 1] = total
+            else:
+                for d in range(o + 1):
+                    total += w[d] * u[j, o - d]
+                s[j, o + 1] = total / (o + 1)
+
+
+@njit(cache=True, nogil=True)
+def _step(order, near, bodies, contacts, closed, overlap, speed, touch, accuracy, v, s):  # type: ignore[no-untyped-def]
+    """Length of a step for which the last coefficients contribute ``accuracy`` of speeds and overlaps."""
+    step = np.inf
+    for o in range(order - _TAIL + 1, order + 1):
+        largest = 0.0
+        for i in range(bodies):
+            largest = max(largest, abs(v[i, o]) / speed)
+        for j in range(contacts):
+            if closed[j] and j != near:
+                largest = max(largest, abs(s[j, o]) / max(overlap[j], touch[j]))
+        if largest > 0.0:
+            step = min(step, (accuracy / largest) ** (1.0 / o))
+    return step
+
+
+@njit(cache=True, nogil=True)
+def follow(  # type: ignore[no-untyped-def]
+    mass, velocity, c_left, c_right, of_left, of_right, stiffness, exponent, gap, gravity, times, touch, speed,
+    order, accuracy, most_steps,
+):  # fmt: skip
+    """Follow a chain through ``times`` (the first is 0). Returns displacement and velocity ``(n_t, n_body)``, force
+    ``(n_t, n_contact)``, largest overlap, crossing time ``(n_contact,)``, steps, openings and closings.
+
+    ``c_left``, ``c_right``: bodies of each contact; ``of_left``, ``of_right``: contacts of each body (-1: none);
+    ``touch``: overlap of each contact below which its force is nothing; steps reach ``most_steps`` where it gives up.
+    """
+    n, k, rows, end = mass.shape[0], c_left.shape[0], times.shape[0], times[-1]
+    x_all, v_all, t_all = np.zeros(n + 1), np.zeros(n + 1), np.zeros(n + 1)
+    v_all[:n] = velocity
+    inverse_all, weight_all = np.zeros(n + 1), np.zeros(n + 1)
+    inverse_all[:n] = 1.0 / mass
+    weight_all[:n] = gravity
+    s_all, ts_all = -gap, np.zeros(k)
+    shut = np.zeros(k, dtype=np.bool_)
+    stamp = np.zeros(k, dtype=np.int64)
+    out_x, out_v, out_f = np.zeros((rows, n)), np.zeros((rows, n)), np.zeros((rows, k))
+    deepest, crossing = np.maximum(s_all, 0.0), np.full(k, np.nan)
+    # local: those that need series now
+    cap = n + 2
+    body, contact = np.empty(cap, dtype=np.int64), np.empty(k + 1, dtype=np.int64)
+    where = np.full(n + 1, -1, dtype=np.int64)
+    seen = np.zeros(k, dtype=np.bool_)
+    shut_list, shut_at, shut_count = np.empty(k + 1, dtype=np.int64), np.empty(k, dtype=np.int64), 0
+    a, b = np.empty(k + 1, dtype=np.int64), np.empty(k + 1, dtype=np.int64)
+    closed = np.empty(k + 1, dtype=np.bool_)
+    stiff, expo, tiny, overlap = np.empty(k + 1), np.empty(k + 1), np.empty(k + 1), np.empty(k + 1)
+    pos, vel, inv, wei = np.empty(cap), np.empty(cap), np.empty(cap), np.empty(cap)
+    w, t_series, power = np.empty(order + 1), np.empty(order + 1), np.empty((8, order + 1))
+    v, x, g = np.empty((cap, order + 1)), np.empty((cap, order + 1)), np.empty((cap, order + 1))
+    s, u, f = np.empty((k + 1, order + 1)), np.empty((k + 1, order + 1)), np.empty((k + 1, order + 1))
+    bodies, contacts = 0, 0
+    heap = [(np.inf, -1, -1)]
+    for j in range(k):
+        if s_all[j] > touch[j]:
+            shut[j] = True
+            shut_list[shut_count], shut_at[j] = j, shut_count
+            shut_count += 1
+        else:
+            rate = v_all[c_left[j]] - v_all[c_right[j]]
+            wait = _collision(s_all[j], rate, weight_all[c_left[j]] - weight_all[c_right[j]], touch[j])
+            if wait < np.inf:
+                heappush(heap, (wait, j, 0))
+    now, row, steps, opened, shuttings, dirty = 0.0, 0, 0, 0, 0, True
+    while row < rows and steps < most_steps:
+        if dirty:
+            # states of all that had series are already those of this moment
+            for i in range(bodies):
+                where[body[i]] = -1
+            old = contacts
+            for j in range(old):
+                seen[contact[j]] = False
+            former = contact[:old].copy()
+            bodies, contacts = 0, 0
+            for q in range(shut_count):
+                j = shut_list[q]
+                seen[j] = True
+                contact[contacts] = j
+                contacts += 1
+                for i in (c_left[j], c_right[j]):
+                    if where[i] < 0:
+                        where[i] = bodies
+                        body[bodies] = i
+                        bodies += 1
+            driven = bodies
+            for q in range(driven):
+                i = body[q]
+                if i == n:
+                    continue
+                for j in (of_left[i], of_right[i]):
+                    if j >= 0 and not seen[j]:
+                        seen[j] = True
+                        contact[contacts] = j
+                        contacts += 1
+                        for other in (c_left[j], c_right[j]):
+                            if where[other] < 0:
+                                where[other] = bodies
+                                body[bodies] = other
+                                bodies += 1
+            for q in range(bodies):
+                i = body[q]
+                lag = now - t_all[i]
+                x_all[i] += lag * (v_all[i] + 0.5 * lag * weight_all[i])
+                v_all[i] += lag * weight_all[i]
+                t_all[i] = now
+                inv[q], wei[q] = inverse_all[i], weight_all[i]
+            for q in range(contacts):
+                j = contact[q]
+                lag = now - ts_all[j]
+                if lag > 0.0 and not shut[j]:
+                    rate = v_all[c_left[j]] - v_all[c_right[j]]
+                    pull = weight_all[c_left[j]] - weight_all[c_right[j]]
+                    s_all[j] += lag * (rate - 0.5 * lag * pull)
+                ts_all[j] = now
+                stamp[j] += 1
+                a[q], b[q] = where[c_left[j]], where[c_right[j]]
+                stiff[q], expo[q], tiny[q] = stiffness[j], exponent[j], touch[j]
+            for j in former:
+                if not seen[j]:
+                    # both its bodies coast now
+                    stamp[j] += 1
+                    rate = v_all[c_left[j]] - v_all[c_right[j]]
+                    pull = weight_all[c_left[j]] - weight_all[c_right[j]]
+                    wait = _collision(s_all[j], rate, pull, touch[j])
+                    if wait < np.inf:
+                        heappush(heap, (now + wait, j, stamp[j]))
+            dirty = False
+        while heap[0][1] >= 0 and heap[0][2] != stamp[heap[0][1]]:
+            heappop(heap)
+        due = heap[0][0]
+        steps += 1
+        kind, which, near, r = 0, -1, -1, 0.0
+        stop = min(due, end)
+        if shut_count > 0:
+            for q in range(bodies):
+                pos[q], vel[q] = x_all[body[q]], v_all[body[q]]
+            least = np.inf
+            for q in range(contacts):
+                overlap[q] = s_all[contact[q]]
+                if shut[contact[q]]:
+                    rate = vel[a[q]] - vel[b[q]]
+                    soon = max(overlap[q], 0.0) / abs(rate) if rate != 0.0 else np.inf
+                    if soon < least or near < 0:
+                        near, least = q, soon
+            # of contacts that close at the same moment one is the nearest; the others wait until they are felt
+            for q in range(contacts):
+                closed[q] = shut[contact[q]] and (q == near or overlap[q] >= tiny[q])
+            _series(
+                order, near, bodies, contacts, closed, a, b, stiff, expo, overlap, vel, pos, inv, wei,
+                w, power, t_series, v, x, s, u, f, g,
+            )  # fmt: skip
+            r = _step(order, near, bodies, contacts, closed, overlap, speed, tiny, accuracy, v, s)
+            if not r < np.inf:
+                r = 1.0
+            # a closed contact other than the nearest must stay well away from its own singularity
+            for q in range(contacts):
+                if closed[q] and q != near:
+                    for _ in range(80):
+                        if _value(s[q], order, r) > 0.1 * overlap[q]:
+                            break
+                        r *= 0.7
+            if _value(t_series, order, r) > stop - now and _value(w, order, r) > 0.0:
+                r = _root(t_series, order, stop - now, 0.0, r)
+                kind = 4
+            if _value(w, order, r) <= 0.0:
+                low = 0.0
+                if w[0] == 0.0:  # it has just closed: look for the next zero
+                    low = 1e-3 * r
+                    while _value(w, order, low) <= 0.0 and low > 0.0:
+                        low *= 0.1
+                r = _root(w, order, 0.0, low, r)
+                kind, which = 1, near
+                if now + _value(t_series, order, r) > stop:
+                    r = _root(t_series, order, stop - now, 0.0, r)
+                    kind, which = 4, -1
+            for q in range(contacts):
+                if closed[q]:
+                    continue
+                if overlap[q] < 0.0:
+                    upto = r
+                    if _value(s[q], order, r) <= 0.0 and u[q, 0] > 0.0 and _value(u[q], order, r) < 0.0:
+                        upto = _root(u[q], order, 0.0, 0.0, r)  # it may come and go
+                    if _value(s[q], order, upto) > 0.0:
+                        r = _root(s[q], order, 0.0, 0.0, upto)
+                        kind, which = 2, q
+                elif _value(s[q], order, r) > tiny[q]:
+                    # at rest in touch, and now pressed: force begins where it begins to be felt
+                    r = _root(s[q], order, tiny[q], 0.0, r)
+                    kind, which = 3, q
+            if kind != 4:
+                stop = min(now + _value(t_series, order, r), end)
+            for q in range(contacts):
+                if closed[q] and u[q, 0] > 0.0 and _value(u[q], order, r) <= 0.0:
+                    top = _root(u[q], order, 0.0, 0.0, r)
+                    j = contact[q]
+                    deepest[j] = max(deepest[j], _value(s[q], order, top))
+                    if np.isnan(crossing[j]):
+                        crossing[j] = now + _value(t_series, order, top)
+        while row < rows and times[row] <= stop:
+            at = r
+            if shut_count > 0 and times[row] < stop:
+                at = _root(t_series, order, times[row] - now, 0.0, r) if times[row] > now else 0.0
+            for i in range(n):
+                q = where[i]
+                if shut_count > 0 and q >= 0:
+                    out_x[row, i], out_v[row, i] = _value(x[q], order, at), _value(v[q], order, at)
+                else:
+                    lag = times[row] - t_all[i]
+                    out_x[row, i] = x_all[i] + lag * (v_all[i] + 0.5 * lag * weight_all[i])
+                    out_v[row, i] = v_all[i] + lag * weight_all[i]
+            for q in range(contacts):
+                if closed[q]:
+                    out_f[row, contact[q]] = _value(f[q], order, at)
+            row += 1
+        if shut_count > 0:
+            for q in range(bodies):
+                i = body[q]
+                x_all[i], v_all[i], t_all[i] = _value(x[q], order, r), _value(v[q], order, r), stop
+            for q in range(contacts):
+                j = contact[q]
+                s_all[j] = _value(w, order, r) ** 2 if q == near else _value(s[q], order, r)
+                ts_all[j] = stop
+                deepest[j] = max(deepest[j], s_all[j])
+        now = stop
+        x_all[n], v_all[n], t_all[n] = 0.0, 0.0, now
+        joins = -1
+        if kind == 1:
+            j = contact[which]
+            opened += 1
+            dirty = True
+            s_all[j] = 0.0
+            shut_count = _open(j, shut, shut_list, shut_at, shut_count)
+        elif kind == 2:
+            joins = contact[which]
+            s_all[joins] = 0.0
+            shuttings += 1
+        elif kind == 3:
+            joins = contact[which]
+        elif due <= now and due < np.inf:
+            joins = heappop(heap)[1]
+            for i in (c_left[joins], c_right[joins]):
+                if where[i] < 0:
+                    lag = now - t_all[i]
+                    x_all[i] += lag * (v_all[i] + 0.5 * lag * weight_all[i])
+                    v_all[i] += lag * weight_all[i]
+                    t_all[i] = now
+            # the closing rate has grown from exactly 0: see _collision
+            pull = weight_all[c_left[joins]] - weight_all[c_right[joins]]
+            rested = s_all[joins] >= 0.0 and pull > 0.0 and now > ts_all[joins]
+            s_all[joins], ts_all[joins] = touch[joins] if rested else 0.0, now
+            shuttings += 1
+        if joins >= 0 and not shut[joins]:
+            shut[joins] = True
+            shut_list[shut_count], shut_at[joins] = joins, shut_count
+            shut_count += 1
+            dirty = True
+        # contacts that fade out together with another one: too weak to be felt, and opening
+        for q in range(contacts):
+            j = contact[q]
+            if shut[j] and j != joins and s_all[j] < touch[j] and v_all[c_left[j]] < v_all[c_right[j]]:
+                shut_count = _open(j, shut, shut_list, shut_at, shut_count)
+                dirty = True
+    return out_x, out_v, out_f, deepest, crossing, steps, opened, shuttings
+
+
+@njit(cache=True, nogil=True)
+def _open(j, shut, shut_list, shut_at, count):  # type: ignore[no-untyped-def]
+    """Take contact ``j`` from the list of closed ones; the new length."""
+    shut[j] = False
+    last = shut_list[count - 1]
+    shut_list[shut_at[j]], shut_at[last] = last, shut_at[j]
+    return count - 1
+
+
+@njit(cache=True, nogil=True)
+def _collision(overlap, rate, pull, touch):  # type: ignore[no-untyped-def]
+    """Time until two coasting bodies touch; inf: never. ``pull``: difference of their accelerations. Bodies in touch
+    that are pulled together meet at an overlap of ``touch``: without a closing rate nothing can start at 0."""
+    if overlap >= 0.0 and rate > 0.0:
+        return 0.0
+    if overlap >= 0.0:
+        return (-rate + np.sqrt(rate * rate + 2.0 * pull * max(touch - overlap, 0.0))) / pull if pull > 0.0 else np.inf
+    if pull == 0.0:
+        return -overlap / rate if rate > 0.0 else np.inf
+    # overlap + rate t + pull t^2 / 2 = 0, the first root > 0, without cancellation
+    inside = rate * rate - 2.0 * pull * overlap
+    if inside < 0.0:
+        return np.inf
+    root = np.sqrt(inside)
+    first, second = np.inf, np.inf
+    if rate > 0.0:
+        first = -2.0 * overlap / (rate + root) if rate + root > 0.0 else np.inf
+        second = (-rate - root) / pull
+    else:
+        first = (-rate + root) / pull
+        second = -2.0 * overlap / (rate - root) if rate - root < 0.0 else np.inf
+    best = np.inf
+    for candidate in (first, second):
+        if candidate > 0.0:
+            best = min(best, candidate)
+    return best
