@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import BACKENDS, Availability, Backend, Resolution, Sampling, backend
 from dem_bridge.errors import UnsupportedScene, UsageError
+from dem_bridge.files import check_folder, write_whole
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
 from dem_bridge.trajectory import Trajectory
@@ -70,10 +70,17 @@ def verify(
     """
     from dem_bridge.studies.verify import DEFAULT_ACCURACY, verify_scenes
 
-    if isinstance(scenes, Scene | str | Path):
+    if scenes is None:
+        scenes = shipped_scenes()
+    elif isinstance(scenes, Scene | str | Path):
         scenes = [scenes]
-    chosen = [s if isinstance(s, Scene) else load_scene(s) for s in (scenes or shipped_scenes())]
-    found = verify_scenes(chosen, accuracy=DEFAULT_ACCURACY if accuracy is None else accuracy, jobs=jobs, tell=tell)
+    if len(scenes) == 0:
+        raise UsageError("scenes = []; allowed: one or more scenes, or None for all shipped ones")
+    chosen = [s if isinstance(s, Scene) else load_scene(s) for s in scenes]
+    accuracy = checked_accuracy(DEFAULT_ACCURACY if accuracy is None else accuracy)
+    if folder is not None:
+        check_folder(Path(folder))
+    found = verify_scenes(chosen, accuracy=accuracy, jobs=jobs, tell=tell)
     if folder is not None:
         from dem_bridge.report.page import write_report
 
@@ -99,14 +106,7 @@ def write_deck(
         resolution = resolution_for(scene, accuracy, resolution, sampling)
     deck = LammpsGranular().deck(scene, resolution, sampling)
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    free = shutil.disk_usage(folder).free
-    if free < 2 * sum(len(text) for text in deck.files.values()):
-        raise UsageError(f"{folder}: {free} bytes free are too few for the deck; give another folder")
-    for name, text in deck.files.items():
-        (folder / f"{name}.part").write_text(text)
-    for name in deck.files:
-        (folder / f"{name}.part").replace(folder / name)
+    write_whole(folder, deck.files)
     return tuple(folder / name for name in deck.files)
 
 
@@ -125,6 +125,8 @@ def _settings(
     accuracy = settings.get("accuracy")
     if accuracy is not None:
         accuracy = checked_accuracy(accuracy)
+        if settings.get("bars") is False:
+            raise UsageError("accuracy is promised by error bars; allowed with bars=True only")
         if settings.get("dt") is not None:
             raise UsageError("dt and accuracy are both given; give one: the other follows from it")
     samples = settings.get("samples")

@@ -73,11 +73,18 @@ def run_cases(cases: Sequence[Case], *, jobs: int = 1, tell: Progress | None = N
         return tuple(results)
     # spawn: compiled code and engines do not survive a fork of a process with threads
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(max_workers=jobs, mp_context=context) as executor:
+    executor = ProcessPoolExecutor(max_workers=jobs, mp_context=context)
+    try:
         futures = [executor.submit(run_case, case) for case in cases]
         for done, future in enumerate(as_completed(futures), start=1):
             say(done, future.result().case.label)
         return tuple(future.result() for future in futures)
+    except KeyboardInterrupt:
+        for worker in multiprocessing.active_children():
+            worker.terminate()
+        raise
+    finally:
+        executor.shutdown(wait=False, cancel_futures=True)
 
 
 def _within(say: Callable[[float, str], None], done: int, label: str, part: float) -> None:

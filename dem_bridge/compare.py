@@ -13,6 +13,10 @@ import numpy as np
 from dem_bridge.errors import UsageError
 from dem_bridge.trajectory import Trajectory
 
+QUANTITIES = ("velocity", "displacement", "peak_force", "crossing_time")
+#: no scale of a contact or body is smaller than this part of the largest in the chain
+SMALLEST_SCALE = 1e-3
+
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
@@ -37,11 +41,19 @@ class Difference:
 
 def difference(quantity: str, run: Trajectory, reference: Trajectory) -> Difference:
     """Compare ``velocity`` or ``displacement`` (max over all samples and bodies, relative to the reference's largest
-    magnitude), or ``peak_force`` or ``crossing_time`` (max over contacts, each relative to the reference's own).
+    magnitude), or ``peak_force`` or ``crossing_time`` (max over contacts, each relative to the reference's own, or to a
+    thousandth of the largest in the chain where that is more).
 
     Raises UsageError where the two are sampled at different times.
     """
+    if quantity not in QUANTITIES:
+        raise UsageError(f"quantity = {quantity!r}; allowed: {', '.join(QUANTITIES)}")
     mine, other = getattr(run, quantity), getattr(reference, quantity)
+    if mine.shape[1:] != other.shape[1:] or run.velocity.shape[1:] != reference.velocity.shape[1:]:
+        raise UsageError(
+            f"trajectories of {run.velocity.shape[1]} and {reference.velocity.shape[1]} bodies do not compare;"
+            " solve the same scene with both"
+        )
     if mine.shape != other.shape or not np.array_equal(run.time, reference.time):
         raise UsageError(
             f"trajectories of {len(run.time)} and {len(reference.time)} samples do not share their times;"
@@ -63,36 +75,37 @@ def difference(quantity: str, run: Trajectory, reference: Trajectory) -> Differe
             body=int(body),
             time=float(run.time[row]),
         )
-    if quantity in ("peak_force", "crossing_time"):
-        apart = np.abs(mine - other)
-        # neither has a value: agreed; only one has: infinitely far apart
-        apart = np.where(np.isnan(mine) & np.isnan(other), 0.0, np.where(np.isnan(apart), math.inf, apart))
-        own = np.where(np.isnan(other), 1.0, np.abs(other))
-        relative = np.array([_relative(a, s) for a, s in zip(apart, own, strict=True)])
-        where = int(np.argmax(relative)) if len(relative) else 0
-        bars = [
-            max((_relative(b, s) for b, s in zip(t.uncertainty[quantity], own, strict=True)), default=0.0)
-            for t in (run, reference)
-        ]
-        return Difference(
-            quantity=quantity,
-            value=float(relative[where]) if len(relative) else 0.0,
-            scale=float(own[where]) if len(relative) else 0.0,
-            unit="N" if quantity == "peak_force" else "s",
-            scale_name=f"each contact's own {quantity}",
-            uncertainty=bars[0],
-            reference_uncertainty=bars[1],
-            body=where,
-            time=math.nan,
-        )
-    raise UsageError(f"quantity = {quantity!r}; allowed: velocity, displacement, peak_force, crossing_time")
+    apart = np.abs(mine - other)
+    # neither has a value: agreed; only one has: infinitely far apart
+    apart = np.where(np.isnan(mine) & np.isnan(other), 0.0, np.where(np.isnan(apart), math.inf, apart))
+    # a contact that is hardly felt is measured against the chain, not against its own nothing
+    size = np.nan_to_num(np.abs(other))
+    own = np.maximum(size, SMALLEST_SCALE * float(np.max(size, initial=0.0)))
+    relative = np.array([_relative(a, s) for a, s in zip(apart, own, strict=True)])
+    where = int(np.argmax(relative)) if len(relative) else 0
+    bars = [
+        max((_relative(b, s) for b, s in zip(t.uncertainty[quantity], own, strict=True)), default=0.0)
+        for t in (run, reference)
+    ]
+    return Difference(
+        quantity=quantity,
+        value=float(relative[where]) if len(relative) else 0.0,
+        scale=float(own[where]) if len(relative) else 0.0,
+        unit="N" if quantity == "peak_force" else "s",
+        scale_name=f"each contact's own {quantity}",
+        uncertainty=bars[0],
+        reference_uncertainty=bars[1],
+        body=where,
+        time=math.nan,
+    )
 
 
 def first_divergence(run: Trajectory, reference: Trajectory, tolerance: float) -> tuple[float, int] | None:
     """Time (s) and body where velocities first differ by more than ``tolerance`` of the reference's largest; None:
     they never do."""
     scale = float(np.max(np.abs(reference.velocity)))
-    beyond = np.abs(run.velocity - reference.velocity) > tolerance * scale
+    # what is not a number has parted too
+    beyond = ~(np.abs(run.velocity - reference.velocity) <= tolerance * scale)
     rows = np.nonzero(beyond.any(axis=1))[0]
     if len(rows) == 0:
         return None

@@ -21,7 +21,7 @@ def resolution_for(scene: Scene, accuracy: float, resolution: Resolution, sampli
     Raises UsageError where that would take more than 5e7 steps.
     """
     accuracy = checked_accuracy(accuracy)
-    dt = 10.0 * default_step(scene, sampling, survey(scene))
+    dt = 100.0 * default_step(scene, sampling, survey(scene))
     while scene.duration / dt <= MOST_STEPS:
         run = Verlet().run(scene, replace(resolution, dt=dt, bars=True), sampling)
         scale = float(abs(run.velocity).max())

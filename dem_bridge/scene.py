@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -15,6 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import SceneError
+
+#: magnitudes between which products and powers of inputs stay within double precision
+SMALLEST, LARGEST = 1e-40, 1e40
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,11 +74,13 @@ class Scene:
     spacing: float | None = None
     description: str = ""
     content_hash: str = field(init=False, compare=False)
-    """sha256 over all that decides the motion, without name and description."""
+    """sha256 over all that decides the motion and its samples, without name and description."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name or set(self.name) & set("/\\ \t\n"):
-            raise SceneError("name", found=self.name, allowed="a word without spaces or slashes")
+        if not isinstance(self.name, str) or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}", self.name):
+            raise SceneError("name", found=self.name, allowed="1 to 100 of A-Z a-z 0-9 . _ -, a letter or digit first")
+        if not isinstance(self.description, str) or not self.description.isprintable():
+            raise SceneError("description", found=self.description, allowed="one line of printable text")
         bodies = len(_numbers("mass", self.mass, "a number > 0 (kg)", positive=True))
         if bodies < 1:
             raise SceneError("mass", problem="is empty", allowed="at least one body")
@@ -102,6 +108,8 @@ class Scene:
         for side in ("wall_left", "wall_right"):
             wall: Wall | None = getattr(self, side)
             if wall is not None:
+                if not isinstance(wall, Wall):
+                    raise SceneError(side, found=wall, allowed="a Wall or None")
                 exponent = wall.exponent
                 if exponent is None:
                     exponent = exponents[0] if links else 2.5
@@ -176,11 +184,16 @@ class Scene:
 
 
 def _number(key: str, value: object, allowed: str, *, above: float | None = None) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise SceneError(key, found=value, allowed=allowed)
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
     if not math.isfinite(number) or (above is not None and not number > above):
         raise SceneError(key, found=number, allowed=allowed)
+    if number != 0.0 and not SMALLEST <= abs(number) <= LARGEST:
+        raise SceneError(key, found=number, allowed=f"{allowed} of magnitude {SMALLEST:g} to {LARGEST:g}")
     return number
 
 
@@ -200,7 +213,7 @@ def _numbers(
         if count is None:
             raise SceneError(key, found=values, allowed=f"a list; each entry {allowed}")
         return (_number(key, values, allowed, above=above),) * count
-    if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray):
+    if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray) or np.ndim(values) == 0:
         raise SceneError(key, found=values, allowed=f"a list; each entry {allowed}")
     if count is not None and len(values) != count:
         raise SceneError(key, problem=f"has {len(values)} entries", allowed=f"{count}, one per {per}")

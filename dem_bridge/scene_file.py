@@ -129,12 +129,18 @@ def load_scene(source: str | Path) -> Scene:
     >>> load_scene("decelerating-40").stiffness[1]
     72729932838.4
     """
+    if not isinstance(source, str | Path):
+        raise SceneError("", found=source, allowed="the name of a shipped scene or the path of a .toml file")
     name = str(source)
     if name in shipped_scenes():
         file = resources.files("dem_bridge").joinpath("scenes", f"{name}.toml")
         return parse_scene(file.read_text(encoding="utf-8"), where=f"{name}.toml")
     path = Path(source)
-    if not path.is_file():
+    try:
+        is_file = path.is_file()
+    except (OSError, ValueError):  # a name too long, or with a NUL in it
+        is_file = False
+    if not is_file:
         raise SceneError(
             "",
             problem="no such scene",
@@ -142,7 +148,7 @@ def load_scene(source: str | Path) -> Scene:
             where=name,
         )
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError("", problem=f"cannot be read: {error}", allowed="a TOML file in UTF-8", where=name) from error
     return parse_scene(text, where=name)
@@ -152,7 +158,7 @@ def parse_scene(text: str, *, where: str = "scene") -> Scene:
     """The scene in a TOML text; ``where`` names it in errors."""
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # tomllib's own error is a ValueError
         raise SceneError("", problem=f"not TOML: {error}", allowed="TOML 1.0", where=where) from error
     chain = table.get("chain", {})
     physical = "material" in table or (isinstance(chain, dict) and "cylinders" in chain)
@@ -198,6 +204,12 @@ def _from_physical(file: _PhysicalScene) -> Scene:
         )
         for angle in (contacts.first_angle, contacts.last_angle)
     )
+    if cylinders.count == 2 and first != last:
+        raise SceneError(
+            "contacts.last_angle",
+            found=contacts.last_angle,
+            allowed=f"first_angle = {contacts.first_angle!r}: two cylinders have one contact",
+        )
     graded = np.linspace(first, last, cylinders.count - 1)
     return Scene(
         name=file.name,
@@ -235,13 +247,22 @@ def _file_key(key: str) -> str:
     return key if key in ("name", "duration") else f"chain.{key}"
 
 
+#: how pydantic names the two forms of a key that takes a number or a list of them
+_ALTERNATIVES = ("float", "list[float]")
+
+
 def _in_one_line(error: ValidationError, form: type[BaseModel], where: str) -> SceneError:
     """The first of pydantic's findings, unknown keys first: a misspelt key also shows as a missing one."""
     findings = sorted(error.errors(), key=lambda finding: finding["type"] != "extra_forbidden")
     finding = findings[0]
-    path = [part for part in finding["loc"] if part not in ("float", "list[float]")]
+    # a number or a list of them: what was given decides which of the two complaints is meant
+    if isinstance(finding["input"], list) and _ALTERNATIVES[0] in finding["loc"]:
+        finding = next((f for f in findings if _ALTERNATIVES[1] in f["loc"]), finding)
+    meant = {tuple(part for part in f["loc"] if part not in _ALTERNATIVES)[:2] for f in findings}
+    path = [part for part in finding["loc"] if part not in _ALTERNATIVES]
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).removeprefix(".")
-    more = f"{len(findings) - 1} more to mend after this" if len(findings) > 1 else ""
+    key = key if key.isprintable() else repr(key)
+    more = f"{len(meant) - 1} more to mend after this" if len(meant) > 1 else ""
     if finding["type"] == "extra_forbidden":
         return SceneError(key, problem="is an unknown key", allowed=_keys(form, path[:-1]), advice=more, where=where)
     if finding["type"] == "missing":
@@ -252,7 +273,12 @@ def _in_one_line(error: ValidationError, form: type[BaseModel], where: str) -> S
             advice=more,
             where=where,
         )
-    allowed = finding["msg"].removeprefix("Input should be ").replace("a valid ", "a ")
+    allowed = (
+        finding["msg"]
+        .removeprefix("Input should be ")
+        .replace("a valid integer", "a whole number")
+        .replace("a valid ", "a ")
+    )
     if finding["type"].startswith("model_"):
         allowed = f"a table with the keys {_keys(form, path)}"
     return SceneError(key, found=finding["input"], allowed=allowed, advice=more, where=where)

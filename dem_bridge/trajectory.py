@@ -6,6 +6,7 @@ Knows numpy arrays and netCDF; nothing of how a trajectory was made.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
+from dem_bridge.files import check_file
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -126,10 +128,13 @@ class Trajectory:
     def save(self, path: str | Path) -> None:
         """Write netCDF-4; the file appears whole or not at all."""
         path = Path(path)
-        part = path.with_name(path.name + ".part")
+        check_file(path)
+        part = path.with_name(f"{path.name}.{os.getpid()}.part")
         try:
             self.to_xarray().to_netcdf(part, engine="h5netcdf")
             part.replace(path)
+        except OSError as error:
+            raise UsageError(f"{path}: cannot be written ({error}); give another file") from error
         finally:
             part.unlink(missing_ok=True)
 
@@ -152,6 +157,13 @@ def load_trajectory(path: str | Path) -> Trajectory:
     schema = dataset.attrs.get("schema", "none")
     if schema != SCHEMA:
         raise UsageError(f"{path}: schema {schema!r}; this version reads {SCHEMA!r}")
+    try:
+        return _from_dataset(dataset)
+    except (KeyError, TypeError, ValueError) as error:
+        raise UsageError(f"{path}: a part is missing or wrong ({error}); write it again") from error
+
+
+def _from_dataset(dataset: xr.Dataset) -> Trajectory:
     return Trajectory(
         time=dataset["time"].values,
         **{name: dataset[name].values for name in VOCABULARY},

@@ -27,6 +27,8 @@ from dem_bridge.trajectory import Trajectory
 QUANTITIES = ("velocity", "displacement", "peak_force", "crossing_time")
 #: no bars at all
 UNKNOWN = dict.fromkeys(QUANTITIES, math.inf)
+#: 16 units in the last place: what a few thousand steps of a reference may lose whatever its second run says
+_LEAST = 16.0 * 2.0**-52
 #: one realisation of round-off stands for others up to this factor
 REALISATIONS = 3.0
 
@@ -68,6 +70,22 @@ def _not_below_the_median(found: NDArray[np.float64], scale: NDArray[np.float64]
     return np.maximum(found, scale * float(np.median(relative))) if len(relative) else found
 
 
+def reference_bars(run: Answer, other: Answer, *, factor: float) -> dict[str, Any]:
+    """Bars of a reference from a second run: their difference times ``factor``, none below 16 units in the last place,
+    and none of a contact below the median of all, where two runs can agree by chance."""
+    found = apart(run, other)
+    bars: dict[str, Any] = {}
+    for name in QUANTITIES:
+        scale = np.nan_to_num(np.abs(getattr(run, name)))
+        largest = float(np.max(scale, initial=0.0))
+        if name in ("velocity", "displacement"):
+            bars[name] = factor * found[name] + _LEAST * largest
+        else:
+            own_scale = scale if name == "peak_force" else np.ones_like(scale)
+            bars[name] = factor * _not_below_the_median(found[name], own_scale) + _LEAST * largest
+    return bars
+
+
 def with_bars(
     run: Trajectory, *, plan: Schedule, own: Trajectory, other: Trajectory, ratio: float, positional: Trajectory
 ) -> Trajectory:
@@ -89,8 +107,12 @@ def with_bars(
             own_scale = scale if name == "peak_force" else np.ones_like(scale)
             of_step = _not_below_the_median(step[name], own_scale)
         bars[name] = of_step / abs(ratio - 1.0) + REALISATIONS * (rounding[name] + digit * scale)
-    # equal increments round alike: a displacement may be off by half a unit in the last place for every step
-    bars["displacement"] += 0.5 * plan.steps * math.ulp(float(np.max(np.abs(run.displacement))))
+    # equal increments round alike: a sum may be off by half a unit in the last place for every step
+    summation = 0.5 * plan.steps * np.finfo(float).eps
+    bars["displacement"] += summation * float(np.max(np.abs(own.displacement)))
+    bars["velocity"] += summation * float(np.max(np.abs(own.velocity)))
+    # forces come as running sums of net forces: an untouched contact may show the last digit of the largest
+    bars["peak_force"] += 8.0 * np.finfo(float).eps * float(np.max(own.peak_force, initial=0.0))
     bars["peak_force"] += PEAK_ERROR * np.nan_to_num(own.peak_force)
     bars["crossing_time"] += CROSSING_ERROR * plan.spacing
     if not plan.resolved:
@@ -100,6 +122,7 @@ def with_bars(
     parts = {
         "time_step": float(step["velocity"] / abs(ratio - 1.0) / speed) if speed > 0.0 else 0.0,
         "round_off": float(REALISATIONS * (rounding["velocity"] / speed + digit)) if speed > 0.0 else 0.0,
-        "last_digit": digit,
+        "summation": float(summation),
+        "last_digit": digit if speed > 0.0 else 0.0,
     }
     return replace(run, uncertainty=bars, provenance={**run.provenance, "velocity_bar": parts})

@@ -21,8 +21,8 @@ from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_c
 from dem_bridge.backends.survey import Survey, survey
 from dem_bridge.backends.verlet import fixed_step_plan, with_twin_bars
 from dem_bridge.dense import extremes
-from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene
-from dem_bridge.lmp.deck import Deck, granular_deck, refusal
+from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
+from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, granular_deck, refusal
 from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.process import EngineReport, engine, run_deck
 from dem_bridge.scene import Scene
@@ -54,11 +54,11 @@ class LammpsGranular:
         with TemporaryDirectory(prefix="dem-bridge-") as name:
             folder = Path(name)
             for file, text in deck.files.items():
-                (folder / file).write_text(text)
+                (folder / file).write_text(text, encoding="utf-8")
             # the dump grows evenly with the steps: its size tells how far the run is
             watch = dump_progress(folder / deck.dump_file, deck) if progress.wanted() else None
             report = run_deck(folder, deck.input_file, time_limit=resolution.time_limit, watch=watch)
-            steps, values = read_binary_dump(folder / deck.dump_file, columns=4)
+            steps, values = read_binary_dump(folder / deck.dump_file, columns=len(DUMP_COLUMNS))
         result = self._trajectory(scene, deck, report, steps, values, wall, cpu)
         if not resolution.bars:
             return result
@@ -70,8 +70,12 @@ class LammpsGranular:
         if reason:
             raise UnsupportedScene(f"{self.name} cannot do {scene.name}: {reason}")
         look = look or survey(scene)
+        deepest = float(np.max(look.peak_overlap, initial=0.0))
         radius = resolution.gauge_radius or look.gauge_radius
-        return granular_deck(scene, radius=radius, schedule=fixed_step_plan(scene, resolution, sampling, look))
+        if radius < deepest:
+            raise UsageError(f"gauge_radius = {radius:g} m; allowed: more than the largest overlap, {deepest:.3g} m")
+        plan = fixed_step_plan(scene, resolution, sampling, look)
+        return granular_deck(scene, radius=radius, schedule=plan, travel=look.highest - look.lowest)
 
     def _trajectory(
         self,
@@ -93,7 +97,7 @@ class LammpsGranular:
         if not np.all(np.isfinite(values)):
             first = int(np.argwhere(~np.isfinite(values).all(axis=(1, 2)))[0, 0])
             raise RunBroken(f"LAMMPS ended without an error, but from step {steps[first]} on its values are not finite")
-        position, velocity, net = values[:, :, 1], values[:, :, 2], values[:, :, 3]
+        position, velocity, net = (values[:, :, DUMP_COLUMNS.index(name)] for name in ("x", "vx", "fx"))
         # along the line of atoms, walls included, then in the order of the scene's contacts
         columns, weight = _columns(scene), np.array(deck.weight)
         overlap = (2.0 * deck.gauge_radius - np.diff(position, axis=1))[:, columns]
@@ -145,7 +149,7 @@ class LammpsGranular:
 
 def dump_progress(path: Path, deck: Deck) -> Callable[[], None]:
     """A call that reports the share of the dump that is written."""
-    frame = 8 * 4 * len(deck.line) + 200  # values and, roughly, a frame's header
+    frame = 8 * len(DUMP_COLUMNS) * len(deck.line) + 200  # values and, roughly, a frame's header
     whole = frame * len(deck.schedule.dense_steps)
 
     def watch() -> None:

@@ -20,8 +20,8 @@ from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
 from dem_bridge import progress
-from dem_bridge.backends.bars import UNKNOWN, apart
-from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
+from dem_bridge.backends.bars import UNKNOWN, reference_bars
+from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate, natural_scales
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Cost, Trajectory
@@ -35,6 +35,8 @@ DEFAULT_RTOL = 3e-14
 ATOL_SHARE = 1e-4
 #: the second run, for the bars, has this many times the tolerance
 BAR_FACTOR = 10.0
+#: ... and the difference to it is taken this many times
+BAR_SAFETY = 3.0
 
 
 class ScipyDop853:
@@ -62,7 +64,7 @@ class ScipyDop853:
         if resolution.bars:
             coarse = _Integration(scene, sampling, BAR_FACTOR * rtol, share_before=share, share=share)
             coarse.run()
-            bars = apart(fine, coarse)
+            bars = reference_bars(fine, coarse, factor=BAR_SAFETY)
         return Trajectory(
             time=fine.times,
             displacement=fine.displacement,
@@ -88,15 +90,12 @@ class _Integration:
         self.steps = self.evaluations = self.restarts = 0
         n, k, c = scene.n_body, scene.n_contact, scene.contacts
         self.n, self.k = n, k
-        mass = np.array(scene.mass)
-        # contact forces act on bodies through the incidence; closing rates are its transpose
-        incidence = np.zeros((n + 1, k))
-        incidence[c.left, range(k)] = -1.0
-        incidence[c.right, range(k)] = 1.0
-        self.acceleration = incidence[:n] / mass[:, None]
-        self.closing = -incidence[:n].T.copy()
+        self.inverse_mass = 1.0 / np.array(scene.mass)
+        # contacts on either side of each body; k stands for none
+        self.pushes, self.holds = np.full(n + 1, k), np.full(n + 1, k)
+        self.pushes[c.right], self.holds[c.left] = range(k), range(k)
         self.hertz = bool(np.all(c.exponent == 2.5))
-        speed, depth = self._scales(mass)
+        speed, depth = natural_scales(scene)
         self.touch = 1e-12 * depth  # a contact less deep than this has no force that could matter
         scales = np.concatenate([depth, np.full(n, speed), [speed * scene.duration]])
         self.atol = np.maximum(ATOL_SHARE * rtol * scales, 1e-300)  # a scene at rest has no scale
@@ -106,15 +105,6 @@ class _Integration:
         self.contact_force = np.zeros((rows, k))
         self.peak_force, self.crossing_time = np.zeros(k), np.full(k, np.nan)
 
-    def _scales(self, mass: Floats) -> tuple[float, Floats]:
-        """Largest speed (m/s) and overlap of each contact (m) that the energy at hand allows, roughly."""
-        c, v = self.contacts, np.array(self.scene.velocity)
-        fall = abs(self.scene.gravity) * self.scene.duration
-        stored = c.stiffness * np.maximum(-c.gap, 0.0) ** c.exponent / c.exponent
-        energy = 0.5 * float(np.sum(mass * (v**2 + fall**2))) + float(np.sum(stored))
-        speed = max(float(np.max(np.abs(v))) + fall, math.sqrt(2.0 * float(np.sum(stored)) / float(np.sum(mass))))
-        return speed, (c.exponent * energy / c.stiffness) ** (1.0 / c.exponent)
-
     def run(self) -> None:
         """Integrate from event to event until the end of the scene."""
         k, end = self.k, self.scene.duration
@@ -122,7 +112,7 @@ class _Integration:
         self._keep(np.array([0]), y[:, None])
         np.maximum(self.peak_force, self._force(y[:k]), out=self.peak_force)
         at, sample = 0.0, 1
-        closed = (y[:k] > 0.0) | ((y[:k] == 0.0) & (self.closing @ y[k:-1] >= 0.0))
+        closed = (y[:k] > 0.0) | ((y[:k] == 0.0) & (self._closing(y) >= 0.0))
         while at < end:
             solver = DOP853(self._slope(closed), at, y, end, rtol=self.rtol, atol=self.atol)
             event = None
@@ -161,6 +151,11 @@ class _Integration:
         self.evaluations += again.nfev
         return np.array(again.y) if again.status == "finished" else dense(at)
 
+    def _closing(self, y: Floats) -> Floats:
+        """Closing rate of every contact; a wall is a body at rest."""
+        velocity = np.append(y[self.k : -1], 0.0)
+        return np.asarray(velocity[self.contacts.left] - velocity[self.contacts.right])
+
     def _force(self, overlap: Floats) -> Floats:
         pressed = np.maximum(overlap, 0.0)
         if self.hertz:
@@ -174,8 +169,9 @@ class _Integration:
         def slope(_: float, y: Floats) -> Floats:
             velocity = y[k:-1]
             out = np.empty_like(y)
-            out[:k] = self.closing @ velocity
-            out[k:-1] = self.acceleration @ np.where(closed, self._force(y[:k]), 0.0) + gravity
+            out[:k] = self._closing(y)
+            force = np.append(np.where(closed, self._force(y[:k]), 0.0), 0.0)
+            out[k:-1] = (force[self.pushes[:-1]] - force[self.holds[:-1]]) * self.inverse_mass + gravity
             out[-1] = velocity[0]
             return out
 
@@ -187,7 +183,7 @@ class _Integration:
         """Earliest opening or closing inside the last step, as (time, contact); flips ``closed`` in place for
         contacts that leave touch without ever having had a force."""
         k, before, after = self.k, solver.y_old, solver.y
-        turned = (self.closing @ before[k:-1]) * (self.closing @ after[k:-1]) < 0.0
+        turned = (self._closing(before)) * (self._closing(after)) < 0.0
         side = np.where(closed, 1.0, -1.0)  # side * overlap >= 0 as long as nothing happens
         start, stop = side * before[:k], side * after[:k]
         suspects = np.flatnonzero((stop < -self.touch) | turned).tolist()
@@ -210,13 +206,14 @@ class _Integration:
 
     def _turning_time(self, solver: DOP853, dense: Callable[[float], Floats], contact: int) -> float:
         """When the closing rate of ``contact`` passes through zero within the last step."""
-        row, k = self.closing[contact], self.k
-        return float(brentq(lambda t: row @ dense(t)[k:-1], solver.t_old, solver.t, xtol=1e-300, rtol=1e-15))
+        return float(
+            brentq(lambda t: self._closing(dense(t))[contact], solver.t_old, solver.t, xtol=1e-300, rtol=1e-15)
+        )
 
     def _note_peaks(self, solver: DOP853, dense: Callable[[float], Floats], until: float) -> None:
         """Force and time of every maximal compression within the last step, up to ``until``."""
         k = self.k
-        before, after = self.closing @ solver.y_old[k:-1], self.closing @ solver.y[k:-1]
+        before, after = self._closing(solver.y_old), self._closing(solver.y)
         for contact in np.flatnonzero((before > 0.0) & (after <= 0.0)).tolist():
             when = self._turning_time(solver, dense, contact)
             if when > until:

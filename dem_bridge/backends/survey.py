@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from dem_bridge.compiled import interruptible
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.deck import gauge_radius
 from dem_bridge.scene import Scene
@@ -46,7 +47,8 @@ def survey(scene: Scene, *, max_steps: int = 200_000_000) -> Survey:
     """Coarse run of the whole scene. Raises RunBroken where it would take more than ``max_steps``."""
     c = scene.contacts
     inverse_mass = np.append(1.0 / np.array(scene.mass), 0.0)
-    peak, frequency, acceleration, low, high, steps = _run(
+    peak, frequency, acceleration, low, high, steps = interruptible(
+        _run,
         inverse_mass,
         np.append(np.array(scene.velocity), 0.0),
         c.left,

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from dem_bridge.backends.bars import UNKNOWN, with_bars
 from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
 from dem_bridge.backends.survey import Survey, survey
+from dem_bridge.compiled import interruptible
 from dem_bridge.dense import Schedule, extremes, schedule
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
@@ -106,7 +107,8 @@ def solve_plan(scene: Scene, plan: Schedule, radius: float = 0.0) -> Trajectory:
     if radius > 0.0:
         settings["gauge_radius"] = radius
     c = scene.contacts
-    v, x, a, overlap, force = integrate(
+    v, x, a, overlap, force = interruptible(
+        integrate,
         np.array(scene.mass),
         np.array(scene.velocity),
         c.left,
@@ -129,6 +131,8 @@ def solve_plan(scene: Scene, plan: Schedule, radius: float = 0.0) -> Trajectory:
         acceleration=a[:, c.left] - a[:, c.right],
         force=force,
         exponent=c.exponent,
+        # bodies that fly in touch overlap by the last digit of their way: that is no collision
+        resolution=4.0 * math.ulp(float(np.max(np.abs(x)))),
     )
     keep = slice(None, None, plan.subdivisions)
     return Trajectory(

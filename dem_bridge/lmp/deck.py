@@ -25,6 +25,8 @@ from dem_bridge.version import __version__
 FORM_DATE = "2026-11-21"
 #: gauge radius over the largest overlap, at least
 GAUGE_MARGIN = 1.25
+#: columns of the dump; with ``type`` and three coordinates other readers know it too
+DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "fx")
 #: a contact law that is exactly elastic: these two clauses with zeros give no force at all
 _ELASTIC = "tangential linear_nohistory 0 0 damping velocity"
 
@@ -88,8 +90,8 @@ def gauge_radius(peak_overlap: float) -> float:
     return 2.0 ** (math.floor(math.log2(GAUGE_MARGIN * peak_overlap)) + 1)
 
 
-def granular_deck(scene: Scene, *, radius: float, schedule: Schedule) -> Deck:
-    """The deck of a scene for ``pair_style granular``; ``radius`` in m.
+def granular_deck(scene: Scene, *, radius: float, schedule: Schedule, travel: float = 0.0) -> Deck:
+    """The deck of a scene for ``pair_style granular``; ``radius`` in m, ``travel`` (m): how far bodies get, roughly.
 
     Raises ValueError where :func:`refusal` has a reason.
     """
@@ -100,7 +102,8 @@ def granular_deck(scene: Scene, *, radius: float, schedule: Schedule) -> Deck:
     line = _positions(scene, radius)
     types = euler_types(len(line) - 1)
     files = {
-        f"in.{scene.name}": "\n".join(_input(scene, radius, schedule, types, walls)) + "\n",
+        f"in.{scene.name}": "\n".join(_input(scene, radius, schedule, types, walls, line[-1] - line[0] + travel))
+        + "\n",
         f"data.{scene.name}": "\n".join(_data(scene, radius, line, types, walls)) + "\n",
     }
     return Deck(
@@ -136,14 +139,18 @@ def _header(scene: Scene, what: str) -> str:
 
 
 def _input(
-    scene: Scene, radius: float, plan: Schedule, types: tuple[int, ...], walls: tuple[bool, bool]
+    scene: Scene, radius: float, plan: Schedule, types: tuple[int, ...], walls: tuple[bool, bool], length: float
 ) -> Iterator[str]:
+    # LAMMPS' own bins follow the radius: bodies that fly far would need millions of them
+    most_bins = 20 * len(types) + 1000
+    binsize = f" binsize {length / most_bins!r}" if length > 1.5 * radius * most_bins else ""
     yield _header(scene, "LAMMPS deck")
     if scene.description:
         yield f"# {scene.description}"
     yield f"# {scene.n_body} bodies, {scene.n_contact} contacts, {max(types)} atom types: each contact has its own pair"
     yield f"# gauge radius R = {radius!r} m; stiffness K = beta / sqrt(R/2)"
     yield ""
+    yield "# run it in this folder; a finer step needs dt, per_sample and steps together: half, twice and twice"
     yield f"variable dt          index {plan.step!r}  # s"
     yield f"variable steps       index {plan.steps}"
     yield f"variable per_sample  index {plan.per_sample}  # steps between two samples"
@@ -166,7 +173,7 @@ def _input(
     yield from (
         "",
         f"neighbor        {radius!r} bin",
-        "neigh_modify    delay 0 every 1 check yes",
+        f"neigh_modify    delay 0 every 1 check yes{binsize}",
         "pair_style      granular",
         f"pair_coeff      * * hertz 0 0 {_ELASTIC}",
     )
@@ -189,7 +196,7 @@ def _input(
         f"thermo          {max(1, plan.steps // 10)}",
         "# dumps fall on ceil(j * per_sample / dense), j = 0, 1, 2, ...; every dense-th one is a sample",
         'variable next   equal "ceil((floor(step*v_dense/v_per_sample) + 1)*v_per_sample/v_dense)"',
-        "dump            motion all custom 1 ${dump} id x vx fx",
+        f"dump            motion all custom 1 ${{dump}} {' '.join(DUMP_COLUMNS)}",
         "dump_modify     motion sort id every v_next first yes units yes time yes format float %.17g",
         "run             ${steps}",
     )

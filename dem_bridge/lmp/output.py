@@ -29,10 +29,12 @@ def read_binary_dump(path: Path, columns: int) -> tuple[NDArray[np.int64], NDArr
     try:
         while at < len(data):
             step, values, at = _frame(data, at, path.name)
-            steps.append(step)
             frames.append(values.reshape(-1, columns))
-    except (struct.error, ValueError) as error:
+            steps.append(step)
+    except (struct.error, ValueError, IndexError) as error:
         raise RunBroken(f"{path.name}: frame {len(steps)} is cut or has another form ({error})") from error
+    if not frames:
+        raise RunBroken(f"{path.name}: the dump is empty")
     sizes = {frame.shape for frame in frames}
     if len(sizes) > 1:
         raise RunBroken(f"{path.name}: the number of atoms changes from frame to frame: {sorted(sizes)}")

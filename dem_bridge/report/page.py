@@ -16,7 +16,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
-from dem_bridge.errors import UsageError
+from dem_bridge.files import write_whole
 from dem_bridge.report import figures
 from dem_bridge.studies.verify import ENGINE, POSITIONAL, REFERENCE, THEORY, TWIN, SceneStudy, Verification
 from dem_bridge.verdict import Outcome, Verdict
@@ -29,13 +29,13 @@ _BESIDE = 2
 #: what a reader must not believe that this page shows
 NOT_VERIFIED = (
     "The physics of the model. Code is verified against code and theory here; nothing is compared with a measurement.",
-    "The contact stiffness. The scenes take the paper's eq. 3.1 with its approximate axis ratio; the exact Hertz"
-    " solution is softer by 15 % at 2 degrees, where the ellipse is longer than the cylinder is high and Hertz' theory"
-    " ends.",
-    "Contacts that dissipate, cylinders that bend, rotation, friction, more dimensions: none is in these scenes.",
-    "Other LAMMPS styles, builds, parallel runs: only pair_style granular (hertz, undamped), fix nve, one rank.",
+    "The contact stiffness: it is taken as the scene gives it. Where that is by the paper's eq. 3.1 with its"
+    " approximate axis ratio, as in the shipped scenes, the exact Hertz solution is softer by 15 % at 2 degrees, and"
+    " the contact ellipse is then longer than the cylinder is high, where Hertz' theory ends.",
+    "Contacts that dissipate, cylinders that bend, rotation, friction, more dimensions: none is in such scenes.",
+    "LAMMPS beyond pair_style granular (hertz, undamped) with fix nve on one rank: other styles, builds, ranks.",
     "Error bars of the reference: they are the difference to a run at ten times its tolerance, tested against"
-    " quadruple-precision solutions of four scenes, not a proof.",
+    " quadruple-precision solutions of four scenes, and no proof.",
 )
 
 
@@ -46,14 +46,7 @@ def write_report(found: Verification, folder: Path) -> tuple[Path, Path]:
         "index.html": render(found, record),
         "verdicts.json": json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n",
     }
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, text in texts.items():
-            (folder / f"{name}.part").write_text(text, encoding="utf-8")
-        for name in texts:
-            (folder / f"{name}.part").replace(folder / name)
-    except OSError as error:
-        raise UsageError(f"{folder}: the report cannot be written ({error.strerror}); give another -o DIR") from error
+    write_whole(folder, texts)
     return folder / "index.html", folder / "verdicts.json"
 
 
