@@ -1,7 +1,7 @@
 """What each backend costs on decelerating-40 (3 ms, dt = 1e-8 s, 500 samples), against the bare engine.
 
-`make bench` runs this; the figures in brackets are ratios to the fastest of a group, medians, warm. Force evaluations are
-kept beside the seconds, because seconds depend on the machine.
+`make bench` runs this; the figures in brackets are ratios to the fastest of a group, medians, warm. Force
+evaluations are kept beside the seconds, because seconds depend on the machine.
 """
 
 from __future__ import annotations

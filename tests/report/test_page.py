@@ -19,7 +19,8 @@ from dem_bridge.scene import Scene
 from dem_bridge.studies.verify import ENGINE, TWIN, Verification, cases_of, study_of
 
 PAIR = Scene(
-    name="three<&>",
+    name="three",
+    description="<b>three</b> & more",
     duration=1.5e-4,
     mass=(8e-3, 1e-2, 1e-2),
     stiffness=(4e9, 4e9),
@@ -55,11 +56,11 @@ def test_the_page_is_one_file_that_loads_nothing(found: Verification, tmp_path: 
     assert "<script" not in text
 
 
-def test_names_with_markup_are_escaped(found: Verification, tmp_path: Path) -> None:
+def test_text_with_markup_is_escaped(found: Verification, tmp_path: Path) -> None:
     page, _ = write_report(found, tmp_path)
     text = page.read_text(encoding="utf-8")
-    assert "three&lt;&amp;&gt;" in text
-    assert "three<&>" not in text
+    assert "&lt;b&gt;three&lt;/b&gt; &amp; more" in text
+    assert "<b>three" not in text
 
 
 def test_the_page_shows_every_verdict_and_what_is_not_verified(found: Verification, tmp_path: Path) -> None:

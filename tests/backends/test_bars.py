@@ -1,0 +1,142 @@
+"""Error bars: that they hold where the truth is known by another way, and what they are made of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+import dem_bridge as db
+from dem_bridge.backends.bars import QUANTITIES, UNKNOWN, apart
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.survey import survey
+from dem_bridge.backends.verlet import fixed_step_plan, solve_plan, with_twin_bars
+from dem_bridge.scene import Scene, Wall
+from dem_bridge.trajectory import Trajectory
+from tests.conftest import Solve
+from tests.fakes import NO_BARS, free_flight
+from tests.strategies import HALVES, examples, scenes
+from tests.truth import Truth
+
+EPS = float(np.finfo(float).eps)
+
+
+def _unexplained(run: Trajectory, reference: Trajectory, quantity: str) -> float:
+    """Largest difference over what both bars and the rounding of doubles allow."""
+    one, other = getattr(run, quantity), getattr(reference, quantity)
+    error = np.where(np.isnan(one) & np.isnan(other), 0.0, np.abs(one - other))
+    error = np.where(np.isnan(error), math.inf, error)
+    if quantity in ("velocity", "displacement"):
+        error = np.max(error)
+    rounding = 2.0 * EPS * np.max(np.abs(np.nan_to_num(other)), initial=0.0)
+    allowed = run.uncertainty[quantity] + reference.uncertainty[quantity] + rounding
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.where((error == 0.0) | np.isinf(allowed), 0.0, error / allowed)
+    return float(np.max(ratio, initial=0.0))
+
+
+@examples(40)
+@given(scene=scenes(bodies=(1, 6), exponents=HALVES, walls=True, gravity=True, samples=50))
+def test_bars_of_the_twins_samples_hold_on_random_scenes(scene: Scene) -> None:
+    reference = db.solve(scene, backend="reference")
+    run = db.solve(scene, backend="verlet", dt=1e-7)
+    for quantity in ("velocity", "displacement"):
+        assert _unexplained(run, reference, quantity) <= 1.0, quantity
+
+
+@pytest.mark.parametrize("scale", [1.0, 8.0])
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_bars_hold_at_every_step_of_a_ladder(accelerating: Truth, solved: Solve, quantity: str, scale: float) -> None:
+    run = solved(accelerating.scene, "verlet", dt=scale * 1e-8)
+    assert np.all(accelerating.error(run, quantity) <= run.uncertainty[quantity])
+
+
+PAIR = Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=20)
+
+
+def _bars_of(change: Callable[[Trajectory], Trajectory]) -> Mapping[str, Any]:
+    """Bars that a changed run gets where it is said to come from LAMMPS: those of twins."""
+    look = survey(PAIR)
+    plan = fixed_step_plan(PAIR, Resolution(dt=1e-7), Sampling(count=20), look)
+    born = {"backend": "lammps-granular", "settings": {"dt": 1e-7, "gauge_radius": look.gauge_radius}}
+    run = replace(solve_plan(PAIR, plan), provenance=born)
+    return with_twin_bars(change(run), PAIR, plan, look, radius=look.gauge_radius).uncertainty
+
+
+def test_a_wrong_run_does_not_widen_its_own_bar() -> None:
+    honest = _bars_of(lambda run: run)
+    wrong = _bars_of(lambda run: replace(run, velocity=1.5 * run.velocity, peak_force=0.5 * run.peak_force))
+    assert wrong["velocity"] == honest["velocity"] > 0.0
+    for quantity in ("peak_force", "crossing_time"):
+        np.testing.assert_array_equal(wrong[quantity], honest[quantity])
+
+
+def test_a_wrong_displacement_does_not_widen_its_own_bar() -> None:
+    narrow, wide = _bars_of(lambda run: run), _bars_of(lambda run: replace(run, displacement=1e9 * run.displacement))
+    assert wide["displacement"] == narrow["displacement"]
+
+
+def test_the_parts_of_the_velocity_bar_are_in_the_provenance(accelerating: Truth, solved: Solve) -> None:
+    run = solved(accelerating.scene, "verlet", dt=1e-8)
+    parts = run.provenance["velocity_bar"]
+    assert parts["time_step"] > parts["round_off"] > 0.0
+    total = parts["time_step"] + parts["round_off"] + parts["summation"]
+    assert run.uncertainty["velocity"] == pytest.approx(total * float(np.max(np.abs(run.velocity))), rel=1e-9)
+
+
+def test_where_dense_samples_are_too_few_nothing_is_said_of_what_lies_between() -> None:
+    look = survey(PAIR)
+    plan = fixed_step_plan(PAIR, Resolution(dt=1e-7), Sampling(count=2), look)
+    assert plan.resolved
+    poor = replace(plan, subdivisions=1, resolved=False)
+    run = with_twin_bars(solve_plan(PAIR, poor), PAIR, poor, look, radius=look.gauge_radius)
+    assert np.all(np.isinf(run.uncertainty["peak_force"]))
+    assert np.all(np.isinf(run.uncertainty["crossing_time"]))
+    assert math.isfinite(run.uncertainty["velocity"])
+
+
+def test_a_difference_is_the_largest_for_samples_and_one_per_contact_for_the_rest() -> None:
+    one = free_flight()
+    changed = one.velocity.copy()
+    changed[3, 1] += 0.25
+    other = replace(one, velocity=changed, peak_force=one.peak_force + np.array([0.0, 3.0]))
+    found = apart(one, other)
+    assert (found["velocity"], found["displacement"]) == (0.25, 0.0)
+    assert found["peak_force"].tolist() == [0.0, 3.0]
+    assert found["crossing_time"].tolist() == [0.0, 0.0]
+
+
+def test_a_crossing_that_only_one_run_has_leaves_nothing_to_say() -> None:
+    one = free_flight(crossing_time=[0.1, math.nan])
+    assert apart(one, free_flight())["crossing_time"].tolist() == [0.0, math.inf]
+    assert apart(one, one)["crossing_time"].tolist() == [0.0, 0.0]
+
+
+def test_unknown_bars_cover_every_quantity() -> None:
+    assert set(UNKNOWN) == set(QUANTITIES) == set(NO_BARS)
+    assert all(math.isinf(bar) for bar in UNKNOWN.values())
+
+
+WALLED_PAIR: dict[str, Any] = {
+    # the stiff right wall opens at 288.58 us, contact 0 turns at 288.85 us: within one dense interval of 2 us
+    "duration": 3e-4,
+    "mass": (0.048787340670165005, 0.03956825051616249),
+    "stiffness": (155728032.35008448,),
+    "velocity": (1.0432670570174438, 0.0),
+    "wall_left": Wall(stiffness=605665219.5794809, gap=1e-5),
+    "wall_right": Wall(stiffness=11348307962.118172, gap=1e-5),
+    "gravity": -1000.0,
+    "samples": 50,
+}
+
+
+@pytest.mark.parametrize("dt", [5e-8, 1e-8, 1e-9])
+def test_the_crossing_bar_covers_what_the_estimator_loses_at_a_kink(solved: Solve, dt: float) -> None:
+    scene = Scene(name="walled-pair", **WALLED_PAIR)
+    run, reference = solved(scene, "verlet", dt=dt), solved(scene, "scipy")
+    assert _unexplained(run, reference, "crossing_time") <= 1.0

@@ -1,0 +1,220 @@
+"""The scipy reference: against quadruple-precision truth and exact collisions, and its bars."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scipy.integrate import DOP853
+
+import dem_bridge as db
+from dem_bridge.backends import scipy_dop853
+from dem_bridge.errors import RunBroken
+from dem_bridge.observables.conserved import energy, momentum
+from dem_bridge.physics.exact import two_body_collision
+from dem_bridge.scene import Scene, Wall
+from tests.conftest import Solve
+from tests.strategies import ANY, examples, log_uniform, scenes, stiffness_for
+from tests.truth import Truth
+
+EPS = float(np.finfo(float).eps)
+
+
+def test_velocities_are_those_of_the_truth(free_chain: Truth, solved: Solve) -> None:
+    # restarted at every event DOP853 reaches 1e-12; straight through the contacts it has 1e-8 (PHYSICS.md)
+    assert free_chain.error(solved(free_chain.scene, "scipy"), "velocity") < 1e-10 * free_chain.v0
+
+
+def test_velocities_are_those_of_the_truth_on_the_ill_conditioned_wall(walled: Truth, solved: Solve) -> None:
+    # relative condition 1e4: 3e-14, the local tolerance, in 12,000 steps
+    assert walled.error(solved(walled.scene, "scipy"), "velocity") < 3e-9 * walled.v0
+
+
+def test_peaks_and_crossings_are_those_of_the_truth(free_chain: Truth, solved: Solve) -> None:
+    run = solved(free_chain.scene, "scipy")
+    for quantity, truth in (("peak_force", "F_peak"), ("crossing_time", "t_cross")):
+        assert np.all(free_chain.error(run, quantity) < 1e-10 * free_chain.data[truth])
+
+
+def test_displacements_are_those_of_the_truth(free_chain: Truth, solved: Solve) -> None:
+    largest = float(np.max(np.abs(free_chain.data["x"])))
+    assert free_chain.error(solved(free_chain.scene, "scipy"), "displacement") < 1e-11 * largest
+
+
+def test_it_restarts_once_for_every_event_of_the_truth(
+    decelerating: Truth, accelerating: Truth, walled: Truth, two_bodies: Truth, solved: Solve
+) -> None:
+    found = [solved(truth.scene, "scipy").provenance["restarts"] for truth in (decelerating, accelerating, walled)]
+    assert found == [len(truth.data["events"]) for truth in (decelerating, accelerating, walled)] == [527, 42, 877]
+    assert solved(two_bodies.scene, "scipy").provenance["restarts"] == len(two_bodies.data["events"]) == 1
+
+
+@pytest.mark.parametrize("chain", ["decelerating", "accelerating", "walled", "two_bodies"])
+def test_the_bars_of_the_samples_hold(chain: str, solved: Solve, request: pytest.FixtureRequest) -> None:
+    truth: Truth = request.getfixturevalue(chain)
+    run = solved(truth.scene, "scipy")
+    for quantity in ("velocity", "displacement"):
+        assert truth.error(run, quantity) <= run.uncertainty[quantity]
+
+
+@pytest.mark.parametrize("chain", ["decelerating", "accelerating", "walled", "two_bodies"])
+def test_the_bars_of_peaks_and_crossings_hold(chain: str, solved: Solve, request: pytest.FixtureRequest) -> None:
+    truth: Truth = request.getfixturevalue(chain)
+    run = solved(truth.scene, "scipy")
+    for quantity in ("peak_force", "crossing_time"):
+        # the truth is rounded to doubles: half an ulp of each value
+        rounding = 0.5 * EPS * getattr(run, quantity)
+        assert np.all(truth.error(run, quantity) <= run.uncertainty[quantity] + rounding), quantity
+
+
+@pytest.mark.parametrize("chain", ["decelerating", "accelerating", "walled"])
+def test_the_velocity_bar_is_no_excuse(chain: str, solved: Solve, request: pytest.FixtureRequest) -> None:
+    truth: Truth = request.getfixturevalue(chain)
+    run = solved(truth.scene, "scipy")
+    # a second run at ten times the tolerance errs about ten times as much, where round-off rules a few times more, and
+    # the difference is taken three times
+    assert run.uncertainty["velocity"] <= 90.0 * truth.error(run, "velocity")
+
+
+@examples(12)
+@given(
+    masses=st.tuples(log_uniform(1e-4, 1e-1), log_uniform(1e-4, 1e-1)),
+    speed=log_uniform(1e-2, 1e1),
+    drift=st.floats(-1.0, 1.0).map(lambda x: round(x, 9)),
+    exponent=st.floats(1.5, 4.0),
+    hertz=log_uniform(1e7, 1e11),
+    gap=st.sampled_from([0.0, 1e-6, 1e-4]),
+)
+def test_a_collision_is_the_exact_one_for_any_masses_exponents_and_speeds(
+    masses: tuple[float, float], speed: float, drift: float, exponent: float, hertz: float, gap: float
+) -> None:
+    velocities = (speed + drift, drift)
+    stiffness = stiffness_for(exponent, hertz)
+    hit = two_body_collision(masses=masses, velocities=velocities, stiffness=stiffness, exponent=exponent)
+    touch = gap / (velocities[0] - velocities[1])
+    scene = Scene(
+        name="collision",
+        duration=touch + 1.2 * hit.contact_time,
+        mass=masses,
+        stiffness=(stiffness,),
+        exponent=exponent,
+        gap=gap,
+        velocity=velocities,
+        samples=5,
+    )
+    run = db.solve(scene, backend="scipy", bars=False)
+    # a hundred steps at a local tolerance of 3e-14; the exponent multiplies relative errors of the overlap
+    allowed = 1e-11 * max(abs(velocities[0]), abs(velocities[1]), speed)
+    assert run.velocity[-1] == pytest.approx(hit.exit_velocity, abs=allowed)
+    assert run.peak_force[0] == pytest.approx(hit.peak_force, rel=1e-11 * (1.0 + abs(drift) / speed))
+    assert run.crossing_time[0] == pytest.approx(touch + hit.half_time, rel=1e-11 * (1.0 + abs(drift) / speed))
+    assert run.provenance["restarts"] == (2 if gap > 0.0 else 1)
+
+
+@examples(12)
+@given(scene=scenes(bodies=(1, 5), exponents=ANY, walls=True, gravity=True, samples=10))
+def test_energy_and_without_outer_forces_momentum_are_conserved_on_random_scenes(scene: Scene) -> None:
+    run = db.solve(scene, backend="scipy", bars=False)
+    found, mass = energy(scene, run), np.array(scene.mass)
+    # kinetic and stored energy, and the work of weight, are what round-off and tolerance scale with
+    scale = float(np.max(np.abs(found))) + 0.5 * float(np.max(run.velocity**2 @ mass))
+    scale += abs(scene.gravity) * float(np.max(np.abs(run.displacement) @ mass))
+    # a thousand steps at 3e-14, and 10 for displacements of 1e-4 m against overlaps of 1e-5 m
+    assert found == pytest.approx(np.full(11, found[0]), abs=1e-9 * scale)
+    if scene.wall_left is scene.wall_right is None and scene.gravity == 0.0:
+        # linear invariants are kept by every Runge-Kutta method: round-off of 1e4 steps alone
+        size = float(np.max(np.abs(run.velocity)) * np.sum(mass))
+        start = float(np.dot(mass, scene.velocity))
+        assert momentum(scene, run) == pytest.approx(np.full(11, start), abs=1e4 * EPS * size)
+
+
+@examples(5)
+@given(scene=scenes(bodies=(2, 4), samples=10))
+def test_a_motion_without_scale_is_repeated_at_another_speed(scene: Scene) -> None:
+    # the same powers of two as in the twin's test, here up to the tolerance
+    assume(max(abs(v) for v in scene.velocity) > 1e-2)
+    fast = replace(
+        scene,
+        velocity=tuple(32.0 * v for v in scene.velocity),
+        gap=tuple(16.0 * gap for gap in scene.contacts.gap.tolist()),
+        duration=0.5 * scene.duration,
+    )
+    one, other = (db.solve(s, backend="scipy") for s in (scene, fast))
+    allowed = one.uncertainty["velocity"] + other.uncertainty["velocity"] / 32.0
+    assert other.velocity / 32.0 == pytest.approx(one.velocity, abs=2.0 * allowed + 1e-13)
+
+
+def test_a_finer_tolerance_errs_less(two_bodies: Truth) -> None:
+    errors = [
+        float(two_bodies.error(db.solve(two_bodies.scene, backend="scipy", rtol=rtol, bars=False), "velocity"))
+        for rtol in (1e-6, 1e-9, 1e-12)
+    ]
+    assert errors[0] > 10.0 * errors[1] > 100.0 * errors[2]
+
+
+def test_the_tolerance_is_in_the_provenance(two_bodies: Truth, solved: Solve) -> None:
+    assert solved(two_bodies.scene, "scipy").provenance["settings"]["rtol"] == scipy_dop853.DEFAULT_RTOL
+    run = db.solve(two_bodies.scene, backend="scipy", rtol=1e-8, bars=False)
+    assert run.provenance["settings"]["rtol"] == 1e-8
+
+
+def test_samples_do_not_change_the_motion(accelerating: Truth, solved: Solve) -> None:
+    few, many = solved(accelerating.scene, "scipy", samples=5, bars=False), solved(accelerating.scene, "scipy")
+    np.testing.assert_array_equal(few.velocity, many.velocity[::100])
+    np.testing.assert_array_equal(few.crossing_time, many.crossing_time)
+    np.testing.assert_array_equal(few.peak_force, many.peak_force)
+
+
+def test_a_chain_pressed_between_walls_and_let_go_keeps_its_mirror_symmetry() -> None:
+    scene = Scene(
+        name="pressed",
+        duration=2e-4,
+        mass=(1e-2, 2e-2, 1e-2),
+        stiffness=(2e9, 2e9),
+        gap=-2e-6,
+        velocity=(0.0, 0.0, 0.0),
+        wall_left=Wall(stiffness=1e9, gap=1e-6),
+        wall_right=Wall(stiffness=1e9, gap=1e-6),
+        samples=20,
+    )
+    run = db.solve(scene, backend="scipy", bars=False)
+    speed = float(np.max(np.abs(run.velocity)))
+    assert run.velocity == pytest.approx(-run.velocity[:, ::-1], abs=1e-11 * speed)
+    assert run.velocity[:, 1] == pytest.approx(np.zeros(21), abs=1e-11 * speed)
+    # at rest and pressed at the start, it has no maximal compression before it has flown to the walls and back
+    assert run.peak_force[:2] == pytest.approx([2e9 * 2e-6**1.5] * 2, rel=4.0 * EPS)
+    assert run.crossing_time[2] == pytest.approx(run.crossing_time[3], rel=1e-11)
+
+
+def test_an_integrator_that_gives_up_is_a_broken_run(monkeypatch: pytest.MonkeyPatch, two_bodies: Truth) -> None:
+    class GivesUp(DOP853):
+        def step(self) -> str:
+            self.status = "failed"
+            return "Required step size is less than spacing between numbers."
+
+    monkeypatch.setattr(scipy_dop853, "DOP853", GivesUp)
+    with pytest.raises(RunBroken, match=r"scipy on e_two_body: DOP853 stopped at t = 0 s: Required step size"):
+        db.solve(two_bodies.scene, backend="scipy")
+
+
+def test_a_body_bouncing_in_its_weight_returns_in_the_time_of_its_fall() -> None:
+    # onto a wall stiff enough that the contact is short; exact: all bounces are alike
+    scene = Scene(
+        name="bounce",
+        duration=2e-2,
+        mass=(1e-2,),
+        stiffness=(),
+        velocity=(0.0,),
+        wall_right=Wall(stiffness=1e12, gap=1e-4),
+        gravity=9.81,
+        samples=200,
+    )
+    run = db.solve(scene, backend="scipy", bars=False)
+    closed = run.provenance["restarts"] / 2
+    fall = math.sqrt(2.0 * 1e-4 / 9.81)
+    assert closed == pytest.approx(scene.duration / (2.0 * fall), abs=1.0)
+    assert float(np.min(run.displacement)) == pytest.approx(0.0, abs=1e-10 * 1e-4 * closed)

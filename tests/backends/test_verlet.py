@@ -1,0 +1,313 @@
+"""The twin: second order against the truth, and the symmetries that velocity-Verlet keeps to the last bit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from numpy.typing import NDArray
+
+import dem_bridge as db
+from dem_bridge.accuracy import observed_order
+from dem_bridge.backends.base import Sampling
+from dem_bridge.backends.survey import survey
+from dem_bridge.backends.verlet import default_step, round_step
+from dem_bridge.errors import DemBridgeError, RunBroken
+from dem_bridge.observables.conserved import energy, momentum
+from dem_bridge.scene import Scene, Wall
+from dem_bridge.trajectory import Trajectory
+from tests.conftest import Solve
+from tests.strategies import ANY, HALVES, examples, log_uniform, scenes
+from tests.truth import Truth
+
+EPS = float(np.finfo(float).eps)
+
+#: halved from 1e-7 s, where order 2 sets in, to 1.25e-8 s
+LADDER = (1e-7, 5e-8, 2.5e-8, 1.25e-8)
+
+
+def _solve(scene: Scene, dt: float | None = None, *, bars: bool = False) -> Trajectory:
+    return db.solve(scene, backend="verlet", dt=dt, bars=bars)
+
+
+# accuracy
+
+
+def test_the_order_is_two_on_the_papers_chains(free_chain: Truth, solved: Solve) -> None:
+    runs = [solved(free_chain.scene, "verlet", dt=dt) for dt in LADDER]
+    fit = observed_order(LADDER, [float(free_chain.error(run, "velocity")) for run in runs])
+    # round-off is at 1e-11, four decades below the smallest of these errors
+    assert (fit.points, fit.order) == (4, pytest.approx(2.0, abs=0.05))
+    assert fit.residual < 0.02  # a straight line: 2 % over a factor 64 in error
+
+
+@pytest.mark.parametrize("dt", [*LADDER, 1e-8])
+def test_the_bars_hold_on_the_papers_chains(free_chain: Truth, solved: Solve, dt: float) -> None:
+    run = solved(free_chain.scene, "verlet", dt=dt)
+    for quantity, bar in run.uncertainty.items():
+        assert np.all(free_chain.error(run, quantity) <= bar), quantity
+
+
+@pytest.mark.parametrize("dt", [*LADDER, 1e-8])
+def test_the_velocity_bar_is_at_most_five_times_the_error(free_chain: Truth, solved: Solve, dt: float) -> None:
+    run = solved(free_chain.scene, "verlet", dt=dt)
+    assert run.uncertainty["velocity"] <= 5.0 * free_chain.error(run, "velocity")
+
+
+@pytest.mark.parametrize("dt", [1e-7, 1e-8])
+def test_the_bars_hold_on_the_ill_conditioned_wall(walled: Truth, solved: Solve, dt: float) -> None:
+    run = solved(walled.scene, "verlet", dt=dt)
+    for quantity, bar in run.uncertainty.items():
+        assert np.all(walled.error(run, quantity) <= bar), quantity
+
+
+def test_the_error_at_a_hundredth_of_a_microsecond_is_that_of_the_time_step(free_chain: Truth, solved: Solve) -> None:
+    # measured 1.4e-6 and 1.1e-6 of v0 (LAMMPS.md: 1.4e-6); more is a change of the integrator
+    assert free_chain.error(solved(free_chain.scene, "verlet", dt=1e-8), "velocity") < 2e-6 * free_chain.v0
+
+
+def test_the_twin_is_velocity_verlet_as_written_down_by_hand() -> None:
+    scene = Scene(
+        name="hand",
+        duration=2e-4,
+        mass=(8e-3, 1e-2, 2e-2),
+        stiffness=(4e9, 5e9),
+        velocity=(0.8, 0.0, -0.2),
+        gap=(1e-6, -5e-7),
+        wall_left=Wall(stiffness=2e9, gap=5e-6),
+        wall_right=Wall(stiffness=3e9, gap=2e-5),
+        gravity=100.0,
+        samples=40,
+    )
+    run = _solve(scene, 1e-7)
+    dt, m, g = scene.duration / 2000, np.array(scene.mass), scene.gravity
+
+    def acceleration(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """In displacements, contact by contact, as in PHYSICS.md."""
+        f01 = 4e9 * max(x[0] - x[1] - 1e-6, 0.0) ** 1.5
+        f12 = 5e9 * max(x[1] - x[2] + 5e-7, 0.0) ** 1.5
+        left = 2e9 * max(-x[0] - 5e-6, 0.0) ** 1.5
+        right = 3e9 * max(x[2] - 2e-5, 0.0) ** 1.5
+        return np.asarray(np.array([left - f01, f01 - f12, f12 - right]) / m + g)
+
+    x, v = np.zeros(3), np.array(scene.velocity)
+    a = acceleration(x)
+    for step in range(1, 2001):
+        v = v + 0.5 * dt * a
+        x = x + dt * v
+        a = acceleration(x)
+        v = v + 0.5 * dt * a
+        if step % 50 == 0:
+            # displacements of 1e-4 m against overlaps of 1e-6 m: two digits lost in each of up to 2000 steps
+            assert run.velocity[step // 50] == pytest.approx(v, abs=2000 * 100 * EPS)
+            assert run.displacement[step // 50] == pytest.approx(x, abs=2000 * 100 * EPS * 1e-4)
+
+
+# symmetries
+
+
+@examples(25)
+@given(scene=scenes(walls=True, gravity=True))
+def test_a_hertzian_scene_has_no_scale_and_repeats_bit_for_bit(scene: Scene) -> None:
+    def scaled(wall: Wall | None) -> Wall | None:
+        return None if wall is None else replace(wall, gap=16.0 * wall.gap)
+
+    # v -> 32 v: t -> t/2, x -> 16 x, F -> 64 F, g -> 64 g (PHYSICS.md); all of them powers of two
+    fast = replace(
+        scene,
+        velocity=tuple(32.0 * v for v in scene.velocity),
+        gap=tuple(16.0 * gap for gap in scene.contacts.gap[: scene.n_body - 1].tolist()),
+        wall_left=scaled(scene.wall_left),
+        wall_right=scaled(scene.wall_right),
+        gravity=64.0 * scene.gravity,
+        duration=0.5 * scene.duration,
+    )
+    dt = 2.5e-7
+    one, other = _solve(scene, dt), _solve(fast, 0.5 * dt)
+    assert (other.time * 2.0).tobytes() == one.time.tobytes()
+    np.testing.assert_array_equal(other.velocity, 32.0 * one.velocity)
+    np.testing.assert_array_equal(other.displacement, 16.0 * one.displacement)
+    np.testing.assert_array_equal(other.contact_force, 64.0 * one.contact_force)
+
+
+def _mirrored(scene: Scene) -> Scene:
+    links = scene.n_body - 1
+    return replace(
+        scene,
+        mass=scene.mass[::-1],
+        velocity=tuple(-v for v in scene.velocity[::-1]),
+        stiffness=scene.stiffness[::-1],
+        exponent=tuple(scene.contacts.exponent[:links][::-1].tolist()),
+        gap=tuple(scene.contacts.gap[:links][::-1].tolist()),
+        wall_left=scene.wall_right,
+        wall_right=scene.wall_left,
+        gravity=-scene.gravity,
+    )
+
+
+@examples(25)
+@given(scene=scenes(exponents=ANY, walls=True))
+def test_a_chain_in_a_mirror_moves_as_the_mirror_image_bit_for_bit(scene: Scene) -> None:
+    one, other = _solve(scene, 2.5e-7), _solve(_mirrored(scene), 2.5e-7)
+    np.testing.assert_array_equal(other.velocity[:, ::-1], -one.velocity)
+    np.testing.assert_array_equal(other.displacement[:, ::-1], -one.displacement)
+    links = scene.n_body - 1
+    np.testing.assert_array_equal(other.contact_force[:, :links][:, ::-1], one.contact_force[:, :links])
+
+
+def _speed(scene: Scene) -> float:
+    """Scale of velocities, m/s: bodies that start slowly may be set moving by an initial overlap."""
+    stored = sum(k * max(-g, 0.0) ** 2.5 for k, g in zip(scene.contacts.stiffness, scene.contacts.gap, strict=True))
+    return max(*(abs(v) for v in scene.velocity), math.sqrt(stored / min(scene.mass)))
+
+
+def _sensitivity(scene: Scene, dt: float) -> float:
+    """What a relative shift of the stiffnesses does to velocities, relative to their scale: measured, with a shift
+    a million times larger than round-off."""
+    size = 1e-9
+    signs = [size if k % 2 else -size for k in range(len(scene.stiffness))]
+    moved = replace(scene, stiffness=tuple(k * (1.0 + s) for k, s in zip(scene.stiffness, signs, strict=True)))
+    one, other = _solve(scene, dt), _solve(moved, dt)
+    return float(np.max(np.abs(one.velocity - other.velocity))) / _speed(scene) / size
+
+
+@examples(20)
+@given(scene=scenes(bodies=(2, 6)))
+def test_a_moving_observer_sees_the_same_motion(scene: Scene) -> None:
+    shift, dt = 0.75, 2.5e-7
+    speed = _speed(scene)
+    assume(speed > 1e-3)
+    one = _solve(scene, dt)
+    other = _solve(replace(scene, velocity=tuple(v + shift for v in scene.velocity)), dt)
+    # v + shift rounds at each of the 1200 steps and changes overlaps by that share of a step; the scene magnifies it
+    lost = 1200 * EPS * (shift + speed) * (1.0 + _sensitivity(scene, dt))
+    assert other.velocity == pytest.approx(one.velocity + shift, abs=4.0 * lost)
+    drift = shift * one.time[:, None]
+    assert other.displacement == pytest.approx(one.displacement + drift, abs=4.0 * lost * scene.duration)
+
+
+@examples(20)
+@given(scene=scenes(bodies=(2, 6), exponents=HALVES, walls=True))
+def test_a_motion_run_backwards_returns_to_its_start(scene: Scene) -> None:
+    dt = 2.5e-7
+    assume(_speed(scene) > 1e-3)
+    there = _solve(scene, dt)
+    x = np.append(there.displacement[-1], 0.0)
+    c, links = scene.contacts, scene.n_body - 1
+    gap = c.gap - (x[c.left] - x[c.right])
+    walls = iter(gap[links:].tolist())
+    back = _solve(
+        replace(
+            scene,
+            velocity=tuple((-there.velocity[-1]).tolist()),
+            gap=tuple(gap[:links].tolist()),
+            wall_left=replace(scene.wall_left, gap=next(walls)) if scene.wall_left else None,
+            wall_right=replace(scene.wall_right, gap=next(walls)) if scene.wall_right else None,
+        ),
+        dt,
+    )
+    # 2400 roundings magnified by the scene; the gaps of the way back lose ulp(x)/overlap, x / overlap ~ 1e3 at most
+    lost = (2400 + 1e3) * EPS * (1.0 + _sensitivity(scene, dt)) * _speed(scene)
+    assert back.velocity[::-1] == pytest.approx(-there.velocity, abs=4.0 * lost)
+
+
+@examples(25)
+@given(scene=scenes(exponents=ANY))
+def test_momentum_is_exact(scene: Scene) -> None:
+    run = _solve(scene, 2.5e-7)
+    total = momentum(scene, run)
+    # both kicks of 1200 steps round each momentum to half an ulp
+    size = float(np.max(np.abs(run.velocity)) * np.sum(scene.mass))
+    assert total == pytest.approx(np.full(21, float(np.dot(scene.mass, scene.velocity))), abs=2400 * EPS * size)
+
+
+@examples(25)
+@given(scene=scenes(walls=True, gravity=True))
+def test_energy_is_conserved_to_the_size_of_the_error(scene: Scene) -> None:
+    run = _solve(scene, bars=True)
+    error = np.abs(energy(scene, run) - energy(scene, run)[0])
+    # dE = sum m v dv - sum F dx - m g dx, with dv and dx at most the bars
+    mass = np.array(scene.mass)
+    momenta = float(np.max(np.abs(run.velocity) @ mass))
+    forces = float(np.max(np.sum(run.contact_force, axis=1, initial=0.0)))
+    weight = abs(scene.gravity) * float(np.sum(mass))
+    allowed = momenta * run.uncertainty["velocity"] + (2.0 * forces + weight) * run.uncertainty["displacement"]
+    second_order = 0.5 * float(np.sum(mass)) * run.uncertainty["velocity"] ** 2
+    # round-off of the sum itself
+    assert np.all(error <= allowed + second_order + 100 * EPS * float(np.max(np.abs(energy(scene, run)))))
+
+
+# steps
+
+
+@given(dt=log_uniform(1e-15, 1e3))
+def test_steps_are_1_2_or_5_times_a_power_of_ten_and_not_above_what_is_asked(dt: float) -> None:
+    step = round_step(dt)
+    assert f"{step:e}".split("e")[0].rstrip("0").rstrip(".") in ("1", "2", "5")
+    assert dt / 2.5 * (1.0 - 1e-11) <= step <= dt * (1.0 + 1e-11)
+    assert step == float(f"{step:.0e}")  # the very number that a person would write
+
+
+def test_the_default_step_of_the_papers_chains_is_a_hundredth_of_a_microsecond(free_chain: Truth) -> None:
+    # what the issue's ladder and the committed decks use
+    scene = free_chain.scene
+    assert default_step(scene, Sampling(count=scene.samples), survey(scene)) == 1e-8
+
+
+def test_the_step_is_at_most_what_is_asked_and_in_the_provenance() -> None:
+    scene = Scene(name="pair", duration=1e-4, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
+    run = _solve(scene, 3e-8)
+    # interval 1e-5 s: 334 steps a sample
+    assert run.provenance["settings"]["dt"] == pytest.approx(1e-5 / 334, rel=4.0 * EPS)
+    assert run.cost.steps == 3340
+
+
+def test_one_step_a_sample_still_has_a_bar_that_holds() -> None:
+    scene = Scene(name="pair", duration=1e-4, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=1000)
+    run, exact = _solve(scene, 1.0, bars=True), db.solve(scene, backend="scipy", samples=1000)
+    assert run.cost.steps == 1000
+    assert np.max(np.abs(run.velocity - exact.velocity)) <= run.uncertainty["velocity"]
+    # a finer twin instead of a coarser one: its difference times 2 is 3/2 of the error at order 2
+    assert run.uncertainty["velocity"] <= 5.0 * np.max(np.abs(run.velocity - exact.velocity))
+
+
+def _far_too_large(backend: Callable[[float], Trajectory]) -> None:
+    for dt in (1e-6, 1e-5, 1e-4):
+        try:
+            run = backend(dt)
+        except RunBroken:
+            continue
+        assert np.all(np.isfinite(run.velocity))
+        assert np.all(np.isfinite(run.displacement))
+
+
+def test_a_step_far_too_large_is_broken_or_finite_but_never_nan(decelerating: Truth) -> None:
+    _far_too_large(lambda dt: db.solve(decelerating.scene, backend="verlet", dt=dt, samples=10, bars=False))
+
+
+def test_more_steps_than_can_be_counted_are_refused() -> None:
+    scene = Scene(name="pair", duration=1e-4, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
+    with pytest.raises(DemBridgeError):
+        _solve(scene, 1e-300)
+
+
+def test_a_contact_made_of_round_off_is_no_crossing(solved: Solve) -> None:
+    # touching bodies in free fall move alike; that their overlap is an ulp above zero is no collision
+    scene = Scene(
+        name="ghost",
+        duration=3e-4,
+        mass=(0.0017255358031763315, 0.07638728628910182, 0.002732011251263888, 0.027181962726174593, 0.001585748309),
+        stiffness=(115744892.72787969, 113964307.63378143, 921377939.4945136, 683521232.3937557),
+        velocity=(1.7904875203681332, 0.0, 0.0, 0.0, 0.0),
+        gap=(2e-5, 0.0, 0.0, 0.0),
+        gravity=-1000.0,
+        samples=50,
+    )
+    run, exact = solved(scene, "verlet"), solved(scene, "scipy")
+    np.testing.assert_array_equal(np.isnan(run.crossing_time), np.isnan(exact.crossing_time))
+    real = ~np.isnan(exact.crossing_time)
+    assert run.crossing_time[real] == pytest.approx(exact.crossing_time[real], rel=1e-4)

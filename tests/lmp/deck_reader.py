@@ -1,0 +1,216 @@
+"""A reader of granular LAMMPS decks, written from LAMMPS' manual and from nothing of this project.
+
+It does what LAMMPS does with ``in.NAME`` and the data file that it reads: strips comments, substitutes variables, lets
+later ``pair_coeff`` and ``set`` lines override earlier ones, and knows a frozen atom by the absence of an integrator.
+Commands that it does not know are an error, so nothing in a deck goes unread.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+#: commands that say nothing about masses, forces, positions or velocities
+SILENT = {
+    "units", "dimension", "boundary", "atom_style", "atom_modify", "newton", "comm_modify", "neighbor",
+    "neigh_modify", "thermo_style", "thermo_modify", "thermo", "dump", "dump_modify", "run",
+}  # fmt: skip
+
+
+@dataclass
+class Atom:
+    """One line of the data file's Atoms section, with what ``set`` and Velocities add."""
+
+    number: int
+    kind: int
+    diameter: float
+    density: float
+    place: tuple[float, float, float]
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    set_mass: float | None = None
+    moves: bool = False
+
+    @property
+    def mass(self) -> float:
+        """What ``set`` gave it; without that, density times the volume of the sphere."""
+        if self.set_mass is not None:
+            return self.set_mass
+        return self.density * 4.0 / 3.0 * math.pi * (self.diameter / 2.0) ** 3
+
+
+@dataclass
+class Coefficients:
+    """``hertz k eta`` of one pair of types, and the damping model's name."""
+
+    stiffness: float
+    eta: float
+    damping: str
+    tangential: tuple[float, ...]
+
+
+@dataclass
+class ReadDeck:
+    """What LAMMPS would simulate."""
+
+    atoms: list[Atom]
+    coefficients: dict[tuple[int, int], Coefficients]
+    settings: dict[str, str]
+    dt: float
+    steps: int
+    gravity: float
+    types: int
+
+    @property
+    def bodies(self) -> list[Atom]:
+        return [atom for atom in self.atoms if atom.moves]
+
+    @property
+    def masses(self) -> list[float]:
+        return [atom.mass for atom in self.bodies]
+
+    @property
+    def velocities(self) -> list[float]:
+        return [atom.velocity[0] for atom in self.bodies]
+
+    @property
+    def wall_left(self) -> bool:
+        return not self.atoms[0].moves
+
+    @property
+    def wall_right(self) -> bool:
+        return not self.atoms[-1].moves
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Types of each contact along the line, walls included."""
+        ends = zip(self.atoms, self.atoms[1:], strict=False)
+        return [(min(a.kind, b.kind), max(a.kind, b.kind)) for a, b in ends]
+
+    @property
+    def stiffnesses(self) -> list[float]:
+        """beta of each contact along the line: F = K sqrt(R_eff) overlap^1.5 with 1/R_eff = 1/R_a + 1/R_b."""
+        found = []
+        for a, b, pair in zip(self.atoms, self.atoms[1:], self.pairs, strict=False):
+            effective = a.diameter * b.diameter / (2.0 * (a.diameter + b.diameter))
+            found.append(self.coefficients[pair].stiffness * math.sqrt(effective))
+        return found
+
+    @property
+    def gaps(self) -> list[float]:
+        """Clearance of each contact along the line, m."""
+        ends = zip(self.atoms, self.atoms[1:], strict=False)
+        return [b.place[0] - a.place[0] - 0.5 * (a.diameter + b.diameter) for a, b in ends]
+
+
+def read_deck(folder: Path, name: str) -> ReadDeck:
+    """Read ``in.NAME`` and what it reads."""
+    variables: dict[str, str] = {}
+    settings: dict[str, str] = {}
+    atoms: list[Atom] = []
+    coefficients: dict[tuple[int, int], Coefficients] = {}
+    groups: dict[str, set[int]] = {}
+    types, dt, steps, gravity = 0, math.nan, 0, 0.0
+    for line in (folder / f"in.{name}").read_text().splitlines():
+        line = re.sub(r"\$\{(\w+)\}", lambda match: variables[match[1]], line.split("#")[0])
+        words = line.split()
+        if not words:
+            continue
+        command, rest = words[0], words[1:]
+        if command == "variable":
+            if rest[1] == "index":
+                variables[rest[0]] = rest[2]
+            else:
+                assert rest[1] == "equal", line
+        elif command == "read_data":
+            atoms, types = _read_data(folder / rest[0])
+            groups["all"] = {atom.number for atom in atoms}
+        elif command == "set":
+            assert (rest[0], rest[2]) == ("atom", "mass"), line
+            for atom in atoms:
+                if atom.number in _numbers(rest[1], len(atoms)):
+                    atom.set_mass = float(rest[3])
+        elif command == "pair_style":
+            assert rest == ["granular"], line
+        elif command == "pair_coeff":
+            _pair_coeff(rest, types, coefficients)
+        elif command == "group":
+            if rest[1] == "id":
+                groups[rest[0]] = {int(word) for word in rest[2:]}
+            else:
+                assert rest[1] == "subtract", line
+                groups[rest[0]] = groups[rest[2]].difference(*(groups[word] for word in rest[3:]))
+        elif command == "fix" and rest[2] == "nve":
+            for atom in atoms:
+                atom.moves |= atom.number in groups[rest[1]]
+        elif command == "fix":
+            assert rest[2] == "gravity", line
+            assert rest[4] == "vector", line
+            assert [float(word) for word in rest[6:]] == [0.0, 0.0], line
+            assert groups[rest[1]] == {atom.number for atom in atoms if atom.moves}, "weight on what does not move"
+            gravity += float(rest[3]) * math.copysign(1.0, float(rest[5]))
+        elif command == "timestep":
+            dt = float(rest[0])
+        else:
+            assert command in SILENT, f"not read: {line}"
+            settings[command] = " ".join(rest)
+            if command == "run":
+                steps = int(rest[0])
+    assert all(atom.place[1:] == (0.0, 0.0) for atom in atoms)
+    assert all(atom.velocity[1:] == (0.0, 0.0) and atom.spin == (0.0, 0.0, 0.0) for atom in atoms)
+    atoms.sort(key=lambda atom: atom.place[0])
+    return ReadDeck(atoms, coefficients, settings, dt, steps, gravity, types)
+
+
+def _read_data(file: Path) -> tuple[list[Atom], int]:
+    """Atoms and the number of types. As in LAMMPS, the first line is skipped whatever it says."""
+    counts: dict[str, int] = {}
+    section, atoms = "", {}
+    box: tuple[float, float] = (math.nan, math.nan)
+    for line in file.read_text().splitlines()[1:]:
+        words = line.split("#")[0].split()
+        if not words:
+            continue
+        if words[0] in ("Atoms", "Velocities"):
+            section = words[0]
+        elif section == "Atoms":
+            number, kind = int(words[0]), int(words[1])
+            diameter, density, x, y, z = map(float, words[2:])
+            assert 1 <= kind <= counts["types"]
+            assert box[0] <= x <= box[1], f"atom {number} stands outside of the box"
+            atoms[number] = Atom(number, kind, diameter, density, (x, y, z))
+        elif section == "Velocities":
+            vx, vy, vz, wx, wy, wz = map(float, words[1:])
+            atoms[int(words[0])].velocity, atoms[int(words[0])].spin = (vx, vy, vz), (wx, wy, wz)
+        elif words[-2:] == ["xlo", "xhi"]:
+            box = (float(words[0]), float(words[1]))
+        elif words[-1] in ("atoms", "types"):
+            counts[words[-1]] = int(words[0])
+    assert sorted(atoms) == list(range(1, counts["atoms"] + 1))
+    return list(atoms.values()), counts["types"]
+
+
+def _numbers(word: str, most: int) -> range:
+    """LAMMPS' ``*``, ``n``, ``n*``, ``*m`` and ``n*m``."""
+    if "*" not in word:
+        return range(int(word), int(word) + 1)
+    low, high = word.split("*")
+    return range(int(low or 1), int(high or most) + 1)
+
+
+def _pair_coeff(words: list[str], types: int, coefficients: dict[tuple[int, int], Coefficients]) -> None:
+    """``pair_coeff I J hertz k eta tangential linear_nohistory kt xgamma damping NAME``, for all I <= J named."""
+    assert words[2] == "hertz", words
+    assert words[5:7] == ["tangential", "linear_nohistory"], words
+    assert words[9] == "damping", words
+    assert len(words) == 11, words
+    count = 0
+    for i in _numbers(words[0], types):
+        for j in _numbers(words[1], types):
+            if i <= j:
+                tangential = (float(words[7]), float(words[8]))
+                coefficients[i, j] = Coefficients(float(words[3]), float(words[4]), words[10], tangential)
+                count += 1
+    assert count, f"LAMMPS rejects this line, I > J: {words}"

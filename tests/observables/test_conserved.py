@@ -1,0 +1,93 @@
+"""Momentum and energy: against sums written out by hand, and constant where nothing dissipates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+import dem_bridge as db
+from dem_bridge.observables.conserved import energy, momentum
+from dem_bridge.scene import Scene, Wall
+from tests.conftest import Solve
+from tests.fakes import free_flight
+from tests.strategies import examples, scenes
+from tests.truth import Truth
+
+EPS = float(np.finfo(float).eps)
+
+THREE = Scene(
+    name="three",
+    duration=1.0,
+    mass=(2.0, 3.0, 5.0),
+    stiffness=(7.0, 11.0),
+    velocity=(1.0, 2.0, 3.0),
+    exponent=(2.5, 2.0),
+    gap=(-0.25, 0.0),
+    wall_left=Wall(stiffness=13.0, gap=-1.0, exponent=3.0),
+    wall_right=Wall(stiffness=17.0, gap=2.0, exponent=2.0),
+    gravity=10.0,
+)
+
+
+def test_momentum_is_the_sum_of_mass_times_velocity() -> None:
+    assert momentum(THREE, free_flight(contacts=4)).tolist() == [2.0 + 6.0 + 15.0] * 5
+
+
+def test_energy_is_kinetic_stored_and_of_position() -> None:
+    # displacements at t = 0 and t = 1: (0, 0, 0) and (1, 2, 3)
+    found = energy(THREE, free_flight(contacts=4))
+    kinetic = 0.5 * (2.0 * 1.0 + 3.0 * 4.0 + 5.0 * 9.0)
+    start = kinetic + 7.0 * 0.25**2.5 / 2.5 + 13.0 * 1.0 / 3.0
+    # all contacts of the chain are open at the end; the right wall is pressed by 3 - 2, the left one touches no more
+    end = kinetic + 17.0 * 1.0**2 / 2.0 - 10.0 * (2.0 * 1.0 + 3.0 * 2.0 + 5.0 * 3.0)
+    assert found[0] == pytest.approx(start, rel=8.0 * EPS)
+    assert found[-1] == pytest.approx(end, rel=8.0 * EPS)
+
+
+def test_energy_of_the_truth_is_constant_to_the_last_digits(free_chain: Truth) -> None:
+    data = free_chain.data
+    rows = len(data["t"]) + 1
+    start = np.array(free_chain.scene.velocity)
+    exact = free_flight(
+        bodies=41,
+        contacts=40,
+        samples=500,
+        displacement=np.vstack([np.zeros(41), data["x"]]),
+        velocity=np.vstack([start, data["v"]]),
+        contact_force=np.zeros((rows, 40)),
+    )
+    found = energy(free_chain.scene, exact)
+    # displacements of 2 mm lose 3 digits in overlaps of 2 um
+    assert found == pytest.approx(np.full(rows, 0.5 * 8.1e-3 * 0.8**2), rel=1e4 * EPS)
+    assert momentum(free_chain.scene, exact) == pytest.approx(np.full(rows, 8.1e-3 * 0.8), rel=41 * EPS)
+
+
+@examples(20)
+@given(scene=scenes(bodies=(1, 5), walls=True, gravity=True))
+def test_energy_does_not_change_when_all_is_seen_in_a_mirror(scene: Scene) -> None:
+    run = db.solve(scene, backend="verlet", dt=2.5e-7, bars=False)
+    mirrored = replace(
+        scene,
+        mass=scene.mass[::-1],
+        stiffness=scene.stiffness[::-1],
+        gap=tuple(scene.contacts.gap[: scene.n_body - 1][::-1].tolist()),
+        velocity=tuple(-v for v in scene.velocity[::-1]),
+        wall_left=scene.wall_right,
+        wall_right=scene.wall_left,
+        gravity=-scene.gravity,
+    )
+    image = replace(run, velocity=-run.velocity[:, ::-1], displacement=-run.displacement[:, ::-1])
+    size = float(np.max(np.abs(energy(scene, run)))) + abs(scene.gravity) * sum(scene.mass) * 1e-3
+    # another order of the same sums
+    assert energy(mirrored, image) == pytest.approx(energy(scene, run), abs=100 * EPS * size)
+
+
+@pytest.mark.lammps
+def test_lammps_conserves_momentum_to_the_last_digits(free_chain: Truth, solved: Solve) -> None:
+    scene = free_chain.scene
+    total = momentum(scene, solved(scene, "lammps-granular", dt=1e-8))
+    # 3e5 steps of 40 contacts that round at random: sqrt of their number
+    assert total == pytest.approx(np.full(501, 8.1e-3 * 0.8), rel=40 * EPS * np.sqrt(3e5))

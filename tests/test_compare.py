@@ -1,0 +1,140 @@
+"""Differences with a named scale, on trajectories whose difference is known by construction."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dem_bridge.compare import difference, first_divergence
+from dem_bridge.errors import UsageError
+from dem_bridge.trajectory import Trajectory
+from tests.fakes import NO_BARS, free_flight
+from tests.strategies import log_uniform
+
+EPS = float(np.finfo(float).eps)
+
+
+def _changed(run: Trajectory, quantity: str, where: Any, by: float) -> Trajectory:
+    values = getattr(run, quantity).copy()
+    values[where] += by
+    changes: dict[str, Any] = {quantity: values}
+    return replace(run, **changes)
+
+
+@pytest.mark.parametrize("quantity", ["velocity", "displacement", "peak_force", "crossing_time"])
+def test_a_run_does_not_differ_from_itself(quantity: str) -> None:
+    assert difference(quantity, free_flight(), free_flight()).value == 0.0
+
+
+@given(row=st.integers(0, 4), body=st.integers(0, 2), by=log_uniform(1e-9, 1e3), sign=st.sampled_from([-1.0, 1.0]))
+def test_the_largest_difference_is_found_with_its_place(row: int, body: int, by: float, sign: float) -> None:
+    reference = free_flight()
+    found = difference("velocity", _changed(reference, "velocity", (row, body), sign * by), reference)
+    # the largest |velocity| of the reference is 3 m/s; the sum rounds to an ulp of it or of the change
+    assert found.value == pytest.approx(by / 3.0, abs=EPS * (1.0 + by))
+    assert (found.body, found.time) == (body, reference.time[row])
+    assert (found.scale, found.unit) == (3.0, "m/s")
+    assert found.scale_name == "largest |velocity| of the reference"
+
+
+def test_a_displacement_is_measured_by_the_largest_of_the_reference() -> None:
+    reference = free_flight()
+    found = difference("displacement", _changed(reference, "displacement", (2, 0), 0.6), reference)
+    assert (found.value, found.unit, found.body, found.time) == (pytest.approx(0.2), "m", 0, 0.5)
+
+
+def test_the_scale_is_the_references_and_not_the_runs() -> None:
+    reference = free_flight()
+    run = replace(reference, velocity=2.0 * reference.velocity)
+    assert difference("velocity", run, reference).value == pytest.approx(1.0)
+    assert difference("velocity", reference, run).value == pytest.approx(0.5)
+
+
+def test_peaks_and_crossings_are_measured_by_each_contacts_own() -> None:
+    reference = free_flight()  # peaks of 10 and 20 N, crossings at 0.1 and 0.2 s
+    run = _changed(_changed(reference, "peak_force", 0, 1.0), "peak_force", 1, -1.5)
+    found = difference("peak_force", run, reference)
+    assert (found.value, found.body, found.unit) == (pytest.approx(0.1), 0, "N")
+    assert math.isnan(found.time)
+    late = difference("crossing_time", _changed(reference, "crossing_time", 1, 0.05), reference)
+    assert (late.value, late.body, late.unit) == (pytest.approx(0.25), 1, "s")
+
+
+def test_a_crossing_that_only_one_has_is_infinitely_far() -> None:
+    lost = free_flight(crossing_time=[0.1, math.nan])
+    for one, other in ((lost, free_flight()), (free_flight(), lost)):
+        found = difference("crossing_time", one, other)
+        assert (found.value, found.body) == (math.inf, 1)
+    assert difference("crossing_time", lost, lost).value == 0.0
+
+
+def test_bars_of_both_are_relative_to_the_same_scale() -> None:
+    reference = free_flight(uncertainty=NO_BARS | {"velocity": 0.3, "peak_force": [0.1, 0.4]})
+    run = free_flight(uncertainty=NO_BARS | {"velocity": 0.6, "peak_force": [0.5, 0.2]})
+    found = difference("velocity", run, reference)
+    assert (found.uncertainty, found.reference_uncertainty) == (pytest.approx(0.2), pytest.approx(0.1))
+    peaks = difference("peak_force", run, reference)
+    # the worst contact of each: 0.5 of 10 N, 0.4 of 20 N
+    assert (peaks.uncertainty, peaks.reference_uncertainty) == (pytest.approx(0.05), pytest.approx(0.02))
+
+
+def test_a_scene_at_rest_agrees_with_itself_and_with_nothing_that_moves() -> None:
+    rest = free_flight(velocity=np.zeros((5, 3)))
+    assert difference("velocity", rest, rest).value == 0.0
+    assert difference("velocity", free_flight(), rest).value == math.inf
+
+
+def test_a_scene_without_contacts_has_no_difference_of_forces() -> None:
+    run = free_flight(contacts=0)
+    assert difference("peak_force", run, run).value == difference("crossing_time", run, run).value == 0.0
+
+
+@pytest.mark.parametrize("other", [{"samples": 5}, {"duration": 2.0}], ids=str)
+def test_other_times_are_refused(other: dict[str, Any]) -> None:
+    with pytest.raises(UsageError, match="do not share their times; solve both with the same samples"):
+        difference("velocity", free_flight(), free_flight(**other))
+
+
+def test_a_quantity_that_is_not_compared_is_refused_with_those_that_are() -> None:
+    with pytest.raises(UsageError, match=r"quantity = 'contact_force'; allowed: velocity, displacement, peak_force"):
+        difference("contact_force", free_flight(), free_flight())
+
+
+def test_a_quantity_that_does_not_exist_is_refused_too() -> None:
+    with pytest.raises(UsageError, match=r"quantity = 'speed'; allowed"):
+        difference("speed", free_flight(), free_flight())
+
+
+def test_another_number_of_bodies_is_refused_as_such() -> None:
+    with pytest.raises(UsageError, match="bodies"):
+        difference("velocity", free_flight(), free_flight(bodies=4))
+
+
+def test_round_off_in_a_contact_that_is_never_pressed_is_no_difference() -> None:
+    # so it is for LAMMPS beside scipy where touching bodies fly together: 3e-19 N against 0 N
+    reference = free_flight(peak_force=[10.0, 0.0])
+    assert difference("peak_force", free_flight(peak_force=[10.0, 1e-20]), reference).value < 1e-12
+
+
+def test_the_first_divergence_is_the_first_sample_beyond_the_tolerance() -> None:
+    reference = free_flight()
+    run = _changed(_changed(reference, "velocity", (2, 1), 0.031), "velocity", (4, 0), 1.0)
+    assert first_divergence(run, reference, 0.01) == (0.5, 1)
+    assert first_divergence(run, reference, 0.02) == (1.0, 0)
+    assert first_divergence(run, reference, 0.5) is None
+
+
+def test_a_divergence_exactly_at_the_tolerance_is_none() -> None:
+    reference = free_flight(velocity=np.full((5, 3), 4.0))
+    assert first_divergence(_changed(reference, "velocity", (1, 1), 1.0), reference, 0.25) is None
+
+
+def test_a_velocity_that_is_no_number_diverges() -> None:
+    reference = free_flight()
+    assert first_divergence(_changed(reference, "velocity", (3, 2), math.nan), reference, 0.1) == (0.75, 2)

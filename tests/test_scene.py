@@ -1,0 +1,212 @@
+"""A Scene checks itself, cannot change, and is known by a hash of what decides the motion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import FrozenInstanceError, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from dem_bridge.errors import SceneError
+from dem_bridge.scene import Scene, Wall
+from tests.strategies import ANY, scenes
+
+GOOD: dict[str, Any] = {
+    "name": "three",
+    "duration": 1e-3,
+    "mass": (8.1e-3, 1e-2, 2e-2),
+    "stiffness": (4e9, 5e9),
+    "velocity": (0.8, 0.0, -0.1),
+}
+
+
+def _scene(**changes: Any) -> Scene:
+    return Scene(**(GOOD | changes))
+
+
+def _message(**changes: Any) -> str:
+    with pytest.raises(SceneError) as caught:
+        _scene(**changes)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
+def test_single_numbers_for_exponent_and_gap_stand_for_all_contacts() -> None:
+    scene = _scene(exponent=3.0, gap=1e-6)
+    assert (scene.exponent, scene.gap) == ((3.0, 3.0), (1e-6, 1e-6))
+
+
+def test_lists_and_arrays_and_whole_numbers_are_taken_as_floats() -> None:
+    one = _scene(mass=[1, 2, 3], velocity=np.array([1, 0, 0]), gap=np.zeros(2), duration=np.float32(2.0))
+    assert one.mass == (1.0, 2.0, 3.0)
+    assert all(type(v) is float for v in (*one.mass, *one.velocity, *one.gap, one.duration))  # type: ignore[misc]
+
+
+def test_a_scene_cannot_be_changed() -> None:
+    scene = _scene()
+    with pytest.raises(FrozenInstanceError):
+        scene.duration = 1.0  # type: ignore[misc]
+
+
+@given(scene=scenes(walls=True, gravity=True, exponents=ANY))
+def test_a_scene_made_of_a_scenes_parts_is_the_same_scene(scene: Scene) -> None:
+    again = replace(scene)
+    assert again == scene
+    assert again.content_hash == scene.content_hash
+
+
+def test_contacts_are_those_of_the_chain_then_wall_left_then_wall_right() -> None:
+    scene = _scene(
+        gap=(1e-6, 2e-6),
+        exponent=(2.5, 3.0),
+        wall_left=Wall(stiffness=1e9, gap=3e-6),
+        wall_right=Wall(stiffness=2e9, gap=4e-6, exponent=2.0),
+    )
+    c = scene.contacts
+    assert (scene.n_body, scene.n_contact) == (3, 4)
+    assert c.left.tolist() == [0, 1, 3, 2]  # 3 = n_body is the wall
+    assert c.right.tolist() == [1, 2, 0, 3]
+    assert c.stiffness.tolist() == [4e9, 5e9, 1e9, 2e9]
+    assert c.gap.tolist() == [1e-6, 2e-6, 3e-6, 4e-6]
+    assert c.exponent.tolist() == [2.5, 3.0, 2.5, 2.0]  # the left wall's: that of the first contact
+
+
+def test_one_body_between_walls_has_two_contacts_and_they_are_hertzian() -> None:
+    scene = Scene(
+        name="one",
+        duration=1.0,
+        mass=(1.0,),
+        stiffness=(),
+        velocity=(1.0,),
+        wall_left=Wall(stiffness=1.0),
+        wall_right=Wall(stiffness=2.0),
+    )
+    assert (scene.n_contact, scene.contacts.exponent.tolist()) == (2, [2.5, 2.5])
+
+
+def test_one_free_body_has_no_contact() -> None:
+    scene = Scene(name="alone", duration=1.0, mass=(1.0,), stiffness=(), velocity=(1.0,))
+    assert (scene.n_contact, len(scene.contacts.gap)) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"duration": 2e-3},
+        {"mass": (8.1e-3, 1e-2, math.nextafter(2e-2, 1.0))},
+        {"stiffness": (5e9, 4e9)},
+        {"velocity": (0.8, 0.0, 0.1)},
+        {"exponent": (2.5, 2.4)},
+        {"gap": (0.0, 1e-9)},
+        {"gravity": 9.81},
+        {"samples": 499},
+        {"wall_left": Wall(stiffness=1e9)},
+        {"wall_right": Wall(stiffness=1e9)},
+    ],
+    ids=lambda changes: next(iter(changes)),
+)
+def test_the_hash_sees_everything_that_decides_the_motion(changes: dict[str, Any]) -> None:
+    assert _scene(**changes).content_hash != _scene().content_hash
+
+
+def test_left_and_right_wall_have_different_hashes() -> None:
+    wall = Wall(stiffness=1e9)
+    assert _scene(wall_left=wall).content_hash != _scene(wall_right=wall).content_hash
+
+
+def test_the_hash_does_not_see_words_or_ways_of_writing() -> None:
+    same = _scene(name="other", description="words", mass=list(GOOD["mass"]), exponent=(2.5, 2.5), gap=[0, 0])
+    assert same.content_hash == _scene().content_hash
+
+
+@pytest.mark.parametrize(
+    ("changes", "parts"),
+    [
+        ({"mass": (8.1e-3, -1e-2, 2e-2)}, ("mass[1]", "-0.01", "> 0 (kg)")),
+        ({"mass": (0.0, 1e-2, 2e-2)}, ("mass[0]", "0.0", "> 0 (kg)")),
+        ({"mass": ()}, ("mass", "is empty", "at least one body")),
+        ({"mass": 1.0}, ("mass", "1.0", "a list")),
+        ({"mass": "abc"}, ("mass", "'abc'", "a list")),
+        ({"mass": None}, ("mass", "None", "a list")),
+        ({"mass": (True, 1.0, 1.0)}, ("mass[0]", "True", "> 0 (kg)")),
+        ({"stiffness": (4e9,)}, ("stiffness", "has 1 entries", "2, one per contact")),
+        ({"stiffness": (4e9, math.inf)}, ("stiffness[1]", "inf", "> 0 (N/m^(n-1))")),
+        ({"stiffness": (4e9, -5e9)}, ("stiffness[1]", "-5000000000.0", "> 0 (N/m^(n-1))")),
+        ({"velocity": (0.8, 0.0)}, ("velocity", "has 2 entries", "3, one per body")),
+        ({"velocity": (0.8, math.nan, 0.0)}, ("velocity[1]", "nan", "a finite number (m/s)")),
+        ({"velocity": (0.8, "0", 0.0)}, ("velocity[1]", "'0'", "a finite number (m/s)")),
+        ({"exponent": 1.0}, ("exponent", "1.0", "n > 1")),
+        ({"exponent": (2.5, 0.5)}, ("exponent[1]", "0.5", "n > 1")),
+        ({"exponent": (2.5, 2.5, 2.5)}, ("exponent", "has 3 entries", "2, one per contact")),
+        ({"exponent": True}, ("exponent", "True", "n > 1")),
+        ({"gap": (0.0, math.inf)}, ("gap[1]", "inf", "a finite number (m)")),
+        ({"duration": 0.0}, ("duration", "0.0", "> 0 (s)")),
+        ({"duration": math.nan}, ("duration", "nan", "> 0 (s)")),
+        ({"duration": "1"}, ("duration", "'1'", "> 0 (s)")),
+        ({"gravity": math.inf}, ("gravity", "inf", "a finite number (m/s^2)")),
+        ({"spacing": 0.0}, ("spacing", "0.0", "> 0 (m)")),
+        ({"samples": 0}, ("samples", "0", "a whole number >= 1")),
+        ({"samples": 2.0}, ("samples", "2.0", "a whole number >= 1")),
+        ({"samples": True}, ("samples", "True", "a whole number >= 1")),
+        ({"name": ""}, ("name", "''", "1 to 100 of A-Z a-z 0-9 . _ -, a letter or digit first")),
+        ({"name": "two words"}, ("name", "'two words'", "1 to 100 of A-Z a-z 0-9 . _ -, a letter or digit first")),
+        ({"name": "../up"}, ("name", "'../up'", "1 to 100 of A-Z a-z 0-9 . _ -, a letter or digit first")),
+        ({"name": 5}, ("name", "5", "1 to 100 of A-Z a-z 0-9 . _ -, a letter or digit first")),
+        ({"wall_left": Wall(stiffness=0.0)}, ("wall_left.stiffness", "0.0", "> 0")),
+        ({"wall_right": Wall(stiffness=1.0, gap=math.nan)}, ("wall_right.gap", "nan", "a finite number (m)")),
+        ({"wall_right": Wall(stiffness=1.0, exponent=1.0)}, ("wall_right.exponent", "1.0", "n > 1")),
+    ],
+    ids=str,
+)
+def test_a_wrong_entry_is_refused_by_key_value_and_what_is_allowed(
+    changes: dict[str, Any], parts: tuple[str, str, str]
+) -> None:
+    message = _message(**changes)
+    key, found, allowed = parts
+    assert message.startswith(f"scene: {key} ")
+    assert found in message
+    assert allowed in message.split("allowed:")[1]
+
+
+def test_a_whole_number_beyond_all_floats_is_refused() -> None:
+    _message(duration=10**400)
+
+
+def test_a_wall_that_is_no_wall_is_refused() -> None:
+    _message(wall_left={"stiffness": 1e9})
+
+
+def test_an_array_without_dimensions_is_refused() -> None:
+    _message(mass=np.array(1.0))
+
+
+@pytest.mark.parametrize(
+    "name",
+    # what LAMMPS reads otherwise in a deck (comments, variables, continuation, quotes, wildcards) or no file may have
+    [
+        "a#b",
+        "a$b",
+        "a${x}",
+        "a$(1)",
+        "a&",
+        'a"b',
+        "a'b",
+        "a*b",
+        "a%b",
+        "größe",
+        "a\rb",
+        "a\vb",
+        "a\0b",
+        "x" * 300,
+        "-x",
+        "..",
+        "three<&>",
+    ],
+    ids=lambda name: ascii(name)[:12],
+)
+def test_a_name_that_cannot_be_a_file_name_in_a_deck_is_refused(name: str) -> None:
+    assert "name" in _message(name=name)
