@@ -23,6 +23,8 @@ from numba import njit
 
 #: coefficients looked at for the length of a step: by symmetry some may vanish
 _TAIL = 5
+#: pieces of a step that are looked at for a turning point of their own
+_PIECES = 8
 
 
 @njit(cache=True, nogil=True)
@@ -334,12 +336,19 @@ def follow(  # type: ignore[no-untyped-def]
             if kind != 4:
                 stop = min(now + _value(t_series, order, r), end)
             for q in range(contacts):
-                if closed[q] and u[q, 0] > 0.0 and _value(u[q], order, r) <= 0.0:
-                    top = _root(u[q], order, 0.0, 0.0, r)
-                    j = contact[q]
-                    deepest[j] = max(deepest[j], _value(s[q], order, top))
-                    if np.isnan(crossing[j]):
-                        crossing[j] = now + _value(t_series, order, top)
+                if not closed[q]:
+                    continue
+                # a step may hold a maximum and a minimum: look piece by piece
+                j, low, before = contact[q], 0.0, u[q, 0]
+                for piece in range(1, _PIECES + 1):
+                    high = r * piece / _PIECES
+                    after = _value(u[q], order, high)
+                    if before > 0.0 and after <= 0.0:
+                        top = _root(u[q], order, 0.0, low, high)
+                        deepest[j] = max(deepest[j], _value(s[q], order, top))
+                        if np.isnan(crossing[j]):
+                            crossing[j] = now + _value(t_series, order, top)
+                    low, before = high, after
         while row < rows and times[row] <= stop:
             at = r
             if shut_count > 0 and times[row] < stop:
