@@ -43,7 +43,7 @@ class _Group(click.Group):
             command = error.ctx.command_path if error.ctx else "dem-bridge"
             _complain(f"{error.format_message()} See: {command} --help")
             ctx.exit(2)
-        except (OSError, OverflowError, MemoryError) as error:
+        except (OSError, ArithmeticError, MemoryError) as error:
             _complain(f"{type(error).__name__}: {error}; the run was given up")
             ctx.exit(3)
         except KeyboardInterrupt:

@@ -192,7 +192,8 @@ def _number(key: str, value: object, allowed: str, *, above: float | None = None
         number = math.inf
     if not math.isfinite(number) or (above is not None and not number > above):
         raise SceneError(key, found=number, allowed=allowed)
-    if number != 0.0 and not SMALLEST <= abs(number) <= LARGEST:
+    # speeds and gaps may be next to nothing, as ahead of a wave front; masses and stiffnesses may not
+    if abs(number) > LARGEST or (above is not None and number < SMALLEST):
         raise SceneError(key, found=number, allowed=f"{allowed} of magnitude {SMALLEST:g} to {LARGEST:g}")
     return number
 
