@@ -7,6 +7,7 @@ fails instead, so that CI cannot pass without the code under test.
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -41,13 +42,20 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         pytest.skip(f"no LAMMPS: {error}")
 
 
+@pytest.fixture(scope="session")
+def empty_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cwd")
+
+
 @pytest.fixture(autouse=True)
-def clean_cwd(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def clean_cwd(empty_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Every test runs in an empty folder and must leave it empty: paths are arguments."""
-    folder = tmp_path_factory.mktemp("cwd")
-    monkeypatch.chdir(folder)
-    yield folder
-    litter = sorted(path.name for path in folder.iterdir())
+    monkeypatch.chdir(empty_folder)
+    yield empty_folder
+    litter = sorted(path.name for path in empty_folder.iterdir())
+    for name in litter:  # the next test is not to blame
+        path = empty_folder / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
     assert not litter, f"written into the current working directory: {litter}"
 
 

@@ -210,3 +210,7 @@ def test_an_array_without_dimensions_is_refused() -> None:
 )
 def test_a_name_that_cannot_be_a_file_name_in_a_deck_is_refused(name: str) -> None:
     assert "name" in _message(name=name)
+
+
+def test_a_scene_can_start_from_the_state_ahead_of_a_wave_front() -> None:
+    assert _scene(velocity=(0.8, 1e-20, 1e-60)).n_body == 3

@@ -140,3 +140,64 @@ def test_the_crossing_bar_covers_what_the_estimator_loses_at_a_kink(solved: Solv
     scene = Scene(name="walled-pair", **WALLED_PAIR)
     run, reference = solved(scene, "verlet", dt=dt), solved(scene, "scipy")
     assert _unexplained(run, reference, "crossing_time") <= 1.0
+
+
+BY_CHANCE = pytest.mark.xfail(
+    strict=True, reason="the error changes its sign between dt and 2 dt: the bar is 5 to 10 times too narrow by chance"
+)
+#: found by random search, 21 of 3000 small Hertzian scenes: quantity, scene
+SIGN_CHANGES: dict[str, tuple[str, dict[str, Any]]] = {
+    "peak force": (
+        "peak_force",
+        {
+            "mass": (0.001280772528186575, 0.015371125952887876, 0.019845059930940493, 0.01557972737118, 0.00817510920),
+            "stiffness": (14935860725.20991, 1332846461.8257778, 5346948315.506127, 135579950.8932426),
+            "velocity": (0.7062748553750291, 0.0, 0.0, 0.0, 0.0),
+            "gap": (0.0, 2e-05, 2e-05, -1e-06),
+            "gravity": -1000.0,
+        },
+    ),
+    "crossing time": (
+        "crossing_time",
+        {
+            "mass": (
+                0.020818201584395835,
+                0.001978684281415911,
+                0.02844873417294111,
+                0.01830745737,
+                0.014662575,
+                0.0016,
+            ),
+            "stiffness": (12480248570.953653, 11512582508.280186, 280456169.24193853, 115665252.738, 103716971.908),
+            "velocity": (1.394842818216975, 0.0, 0.0, 0.0, 0.0, 0.0),
+            "gap": (-1e-06, 0.0, 0.0, 2e-05, -1e-06),
+            "gravity": 9.81,
+        },
+    ),
+}
+
+
+@BY_CHANCE
+@pytest.mark.parametrize(("quantity", "parts"), SIGN_CHANGES.values(), ids=SIGN_CHANGES)
+def test_bars_of_peaks_and_crossings_hold_where_the_error_changes_its_sign(
+    quantity: str, parts: dict[str, Any]
+) -> None:
+    scene = Scene(name="sign-change", duration=3e-4, samples=50, **parts)
+    run, reference = db.solve(scene, backend="verlet", dt=1e-7), db.solve(scene, backend="reference")
+    assert _unexplained(run, reference, quantity) <= 1.0
+
+
+@pytest.mark.xfail(strict=True, reason="a linear contact (n = 2) has a kink: no clean order, and the error is 1.4 bars")
+def test_the_velocity_bar_holds_for_a_linear_contact() -> None:
+    scene = Scene(
+        name="linear",
+        duration=3e-4,
+        mass=(math.exp(-6.0), math.exp(-6.0)),
+        stiffness=(8828867.13895124,),
+        exponent=2.0,
+        velocity=(1.0, 0.0),
+        wall_right=Wall(stiffness=math.exp(18.5), exponent=2.5),
+        samples=50,
+    )
+    run, reference = db.solve(scene, backend="verlet", dt=1e-7), db.solve(scene, backend="reference")
+    assert _unexplained(run, reference, "velocity") <= 1.0

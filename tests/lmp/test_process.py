@@ -125,7 +125,7 @@ def test_a_child_that_hangs_is_stopped_with_all_that_it_started(plant: Plant, fo
     helper = "import subprocess\nhelper = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(600)'])\n"
     plant(RUNNING + helper + "open('pids', 'w').write(f'{os.getpid()} {helper.pid}')\ntime.sleep(600)")
     # long enough for the child to start its helper
-    assert "time limit of 3 s and was stopped" in str(_broken(folder, time_limit=3.0))
+    assert "time limit of 2 s and was stopped" in str(_broken(folder, time_limit=2.0))
     pids = [int(word) for word in (folder / "pids").read_text().split()]
     assert all(_gone(pid) for pid in pids)
 
