@@ -10,16 +10,17 @@ from __future__ import annotations
 
 import math
 import time
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dem_bridge.backends.bars import UNKNOWN, with_bars
+from dem_bridge.backends.bars import UNKNOWN, Twins, with_bars
 from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
 from dem_bridge.backends.survey import Survey, survey
 from dem_bridge.compiled import interruptible
-from dem_bridge.dense import Schedule, extremes, schedule
+from dem_bridge.dense import MOST_STEPS, Schedule, extremes, schedule
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Cost, Trajectory
@@ -42,7 +43,7 @@ class Verlet:
         return None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
-        """Solve; with ``gauge_radius`` in absolute positions, as LAMMPS. The bars come from two more runs."""
+        """Solve; with ``gauge_radius`` in absolute positions, as LAMMPS. The bars come from three more runs."""
         look = survey(scene)
         plan = fixed_step_plan(scene, resolution, sampling, look)
         run = solve_plan(scene, plan, resolution.gauge_radius or 0.0)
@@ -83,17 +84,18 @@ def with_twin_bars(run: Trajectory, scene: Scene, plan: Schedule, look: Survey, 
     ``radius`` (m): of the bodies, for a code that keeps positions.
     """
     is_own = run.provenance["backend"] == Verlet.name and "gauge_radius" not in run.provenance["settings"]
-    # one step per sample leaves no coarser step that falls on the samples: then take a finer one
-    other_dt = 2.0 * plan.step if plan.per_sample > 1 else 0.5 * plan.step
-    other_plan = fixed_step_plan(scene, Resolution(dt=other_dt), Sampling(count=plan.samples), look)
-    return with_bars(
-        run,
-        plan=plan,
-        own=run if is_own else solve_plan(scene, plan),
-        other=solve_plan(scene, other_plan),
-        ratio=other_plan.step / plan.step,
-        positional=solve_plan(scene, plan, radius),
-    )
+    # one step per sample leaves no coarser step that falls on the samples
+    ratios = (2.0, 1.0 / 3.0) if plan.per_sample > 1 else (0.5, 1.0 / 3.0)
+    if plan.steps > min(ratios) * MOST_STEPS:
+        return run  # no finer run can be had, so nothing can be said
+    others = {}
+    for ratio in ratios:
+        other = fixed_step_plan(scene, Resolution(dt=ratio * plan.step), Sampling(count=plan.samples), look)
+        others[other.step / plan.step] = solve_plan(scene, other)
+    positional, dense = _solved(scene, plan, radius)
+    thinned = _extremes(scene, plan, dense, every=2)
+    own = run if is_own else solve_plan(scene, plan)
+    return with_bars(run, Twins(plan=plan, own=own, others=others, positional=positional, thinned=thinned))
 
 
 def solve_plan(scene: Scene, plan: Schedule, radius: float = 0.0) -> Trajectory:
@@ -102,44 +104,51 @@ def solve_plan(scene: Scene, plan: Schedule, radius: float = 0.0) -> Trajectory:
     ``radius`` (m) above 0: as a code does that keeps absolute positions of bodies of this radius and subtracts them.
     Nothing but round-off differs, so the difference to the run with 0 is the round-off of such a code.
     """
+    return _solved(scene, plan, radius)[0]
+
+
+class _Dense(NamedTuple):
+    """What :func:`integrate` returns."""
+
+    velocity: NDArray[np.float64]
+    displacement: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    overlap: NDArray[np.float64]
+    force: NDArray[np.float64]
+
+
+def _solved(scene: Scene, plan: Schedule, radius: float) -> tuple[Trajectory, _Dense]:
     wall, cpu = time.perf_counter(), time.process_time()
     settings: dict[str, float] = {"dt": plan.step, "samples": plan.samples}
     if radius > 0.0:
         settings["gauge_radius"] = radius
     c = scene.contacts
-    v, x, a, overlap, force = interruptible(
-        integrate,
-        np.array(scene.mass),
-        np.array(scene.velocity),
-        c.left,
-        c.right,
-        len(scene.stiffness),
-        c.stiffness,
-        c.exponent,
-        c.gap,
-        scene.gravity,
-        plan.step,
-        plan.dense_steps,
-        *_frame(scene, radius),
+    dense = _Dense(
+        *interruptible(
+            integrate,
+            np.array(scene.mass),
+            np.array(scene.velocity),
+            c.left,
+            c.right,
+            len(scene.stiffness),
+            c.stiffness,
+            c.exponent,
+            c.gap,
+            scene.gravity,
+            plan.step,
+            plan.dense_steps,
+            *_frame(scene, radius),
+        )
     )
-    if not np.all(np.isfinite(v)):
+    if not np.all(np.isfinite(dense.velocity)):
         raise RunBroken(f"verlet on {scene.name}: velocities are not finite; dt = {plan.step:g} s is beyond stability")
-    peak_force, crossing = extremes(
-        time=plan.dense_steps * plan.step,
-        overlap=overlap,
-        rate=v[:, c.left] - v[:, c.right],
-        acceleration=a[:, c.left] - a[:, c.right],
-        force=force,
-        exponent=c.exponent,
-        # bodies that fly in touch overlap by the last digit of their way: that is no collision
-        resolution=4.0 * math.ulp(float(np.max(np.abs(x)))),
-    )
+    peak_force, crossing = _extremes(scene, plan, dense)
     keep = slice(None, None, plan.subdivisions)
-    return Trajectory(
+    run = Trajectory(
         time=Sampling(count=plan.samples).times(scene.duration),
-        displacement=x[keep, :-1],
-        velocity=v[keep, :-1],
-        contact_force=force[keep],
+        displacement=dense.displacement[keep, :-1],
+        velocity=dense.velocity[keep, :-1],
+        contact_force=dense.force[keep],
         peak_force=peak_force,
         crossing_time=crossing,
         uncertainty=UNKNOWN,
@@ -150,6 +159,25 @@ def solve_plan(scene: Scene, plan: Schedule, radius: float = 0.0) -> Trajectory:
             force_evaluations=plan.steps + 1,
         ),
         provenance=birth_certificate(Verlet(), scene, settings),
+    )
+    return run, dense
+
+
+def _extremes(
+    scene: Scene, plan: Schedule, dense: _Dense, every: int = 1
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Peak forces and crossing times from one in ``every`` dense samples."""
+    c, rows = scene.contacts, slice(None, None, every)
+    v, a = dense.velocity[rows], dense.acceleration[rows]
+    return extremes(
+        time=plan.dense_steps[rows] * plan.step,
+        overlap=dense.overlap[rows],
+        rate=v[:, c.left] - v[:, c.right],
+        acceleration=a[:, c.left] - a[:, c.right],
+        force=dense.force[rows],
+        exponent=c.exponent,
+        # bodies that fly in touch overlap by the last digit of their way: that is no collision
+        resolution=4.0 * math.ulp(float(np.max(np.abs(dense.displacement)))),
     )
 
 
