@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dem_bridge.errors import UsageError
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Trajectory, own_scale
 
 QUANTITIES = ("velocity", "displacement", "peak_force", "crossing_time")
-#: no scale of a contact or body is smaller than this part of the largest in the chain
-SMALLEST_SCALE = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,9 +76,7 @@ def difference(quantity: str, run: Trajectory, reference: Trajectory) -> Differe
     apart = np.abs(mine - other)
     # neither has a value: agreed; only one has: infinitely far apart
     apart = np.where(np.isnan(mine) & np.isnan(other), 0.0, np.where(np.isnan(apart), math.inf, apart))
-    # a contact that is hardly felt is measured against the chain, not against its own nothing
-    size = np.nan_to_num(np.abs(other))
-    own = np.maximum(size, SMALLEST_SCALE * float(np.max(size, initial=0.0)))
+    own = own_scale(other)
     relative = np.array([_relative(a, s) for a, s in zip(apart, own, strict=True)])
     where = int(np.argmax(relative)) if len(relative) else 0
     bars = [

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SCHEMA = "dem-bridge/trajectory/1"
+#: no scale of a contact or body is smaller than this part of the largest in the chain
+SMALLEST_SCALE = 1e-3
 Floats = NDArray[np.float64]
 
 #: quantity -> (unit, what it is, dimensions); the vocabulary of every backend, file and table
@@ -137,6 +139,17 @@ class Trajectory:
             raise UsageError(f"{path}: cannot be written ({error}); give another file") from error
         finally:
             part.unlink(missing_ok=True)
+
+
+def own_scale(values: Floats) -> Floats:
+    """Scale of each contact's or body's own value: its magnitude, or a thousandth of the largest where that is more,
+    because one that is hardly felt is measured against the chain and not against its own nothing.
+
+    >>> own_scale(np.array([-4.0, 1e-9, np.nan])).tolist()
+    [4.0, 0.004, 0.004]
+    """
+    size = np.nan_to_num(np.abs(values))
+    return np.asarray(np.maximum(size, SMALLEST_SCALE * float(np.max(size, initial=0.0))))
 
 
 def _arrive(parts: dict[str, Any]) -> Trajectory:

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.dense import CROSSING_ERROR, PEAK_ERROR, Schedule
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Trajectory, own_scale
 
 QUANTITIES = ("velocity", "displacement", "peak_force", "crossing_time")
 #: no bars at all
@@ -91,8 +91,8 @@ def reference_bars(run: Answer, others: Sequence[Answer], *, factor: float) -> d
         if name in ("velocity", "displacement"):
             bars[name] = factor * float(most) + _LEAST * largest
         else:
-            own_scale = scale if name == "peak_force" else np.ones_like(scale)
-            bars[name] = factor * _not_below_the_median(most, own_scale) + _LEAST * largest
+            share = scale if name == "peak_force" else np.ones_like(scale)
+            bars[name] = factor * _not_below_the_median(most, share) + _LEAST * largest
     return bars
 
 
@@ -131,8 +131,8 @@ def with_bars(run: Trajectory, twins: Twins) -> Trajectory:
             bars[name] = float(step[name]) + REALISATIONS * (rounding[name] + digit * float(np.max(size)))
         else:
             # force errors go with the force; a late crossing is late by what all before it were
-            own_scale = size if name == "peak_force" else np.ones_like(size)
-            bars[name] = _not_below_the_median(step[name], own_scale) + REALISATIONS * (rounding[name] + digit * size)
+            share = size if name == "peak_force" else np.ones_like(size)
+            bars[name] = _not_below_the_median(step[name], share) + REALISATIONS * (rounding[name] + digit * size)
     # equal increments round alike: a sum may be off by half a unit in the last place for every step
     summation = 0.5 * plan.steps * np.finfo(float).eps
     bars["displacement"] += summation * float(np.max(np.abs(own.displacement)))
@@ -140,9 +140,12 @@ def with_bars(run: Trajectory, twins: Twins) -> Trajectory:
     # forces come as running sums of net forces: an untouched contact may show the last digit of the largest
     bars["peak_force"] += 8.0 * np.finfo(float).eps * float(np.max(own.peak_force, initial=0.0))
     thin_peak, thin_crossing = twins.thinned
-    bars["peak_force"] += THINNING * np.abs(thin_peak - twins.positional.peak_force) + PEAK_ERROR * own.peak_force
-    moved = np.nan_to_num(np.abs(thin_crossing - twins.positional.crossing_time))
-    bars["crossing_time"] += THINNING * moved + CROSSING_ERROR * plan.spacing
+    lost = {
+        "peak_force": THINNING * np.abs(thin_peak - twins.positional.peak_force),
+        "crossing_time": THINNING * np.nan_to_num(np.abs(thin_crossing - twins.positional.crossing_time)),
+    }
+    bars["peak_force"] += lost["peak_force"] + PEAK_ERROR * own.peak_force
+    bars["crossing_time"] += lost["crossing_time"] + CROSSING_ERROR * plan.spacing
     # where velocities are not known, a later collision may or may not surpass the largest force so far
     unknown = min(1.0, float(bars["velocity"]) / speed) if speed > 0.0 else 0.0
     bars["peak_force"] += unknown**4 * np.max([one.peak_force for one in (own, *twins.others.values())], axis=0)
@@ -155,4 +158,9 @@ def with_bars(run: Trajectory, twins: Twins) -> Trajectory:
         "summation": float(summation),
         "last_digit": digit if speed > 0.0 else 0.0,
     }
-    return replace(run, uncertainty=bars, provenance={**run.provenance, "velocity_bar": parts})
+    # samples are steps: only what lies between them is read off a curve
+    sampling = dict.fromkeys(QUANTITIES, 0.0) | {
+        name: float(np.max(amount / np.maximum(own_scale(getattr(own, name)), 1e-300), initial=0.0))
+        for name, amount in lost.items()
+    }
+    return replace(run, uncertainty=bars, provenance={**run.provenance, "velocity_bar": parts, "sampling": sampling})

@@ -235,6 +235,7 @@ def integrate(  # type: ignore[no-untyped-def]
                 else:
                     for i in range(n_body):
                         position[i] += dt * v[i]
+                        x[i] = position[i] - start[i]
                     for k in range(links):
                         overlap[k] = diameter - (position[k + 1] - position[k])
                     for k in range(links, n_contact):

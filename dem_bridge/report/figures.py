@@ -19,7 +19,7 @@ from dem_bridge.trajectory import Trajectory
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
 _STYLE = {
-    REFERENCE: {"color": BLACK, "linestyle": "-", "linewidth": 1.4, "label": "reference (scipy)"},
+    REFERENCE: {"color": BLACK, "linestyle": "-", "linewidth": 1.4, "label": "reference"},
     ENGINE: {
         "color": BLUE,
         "linestyle": "none",
@@ -135,6 +135,34 @@ def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
     return figure
 
 
+def error_budget(study: SceneStudy) -> Figure | None:
+    """Error of LAMMPS by quantity, the parts it is made of, and what they leave unexplained. One scale for all."""
+    rows = [{"found": one.found, **one.parts, "unexplained": one.unexplained} for one in study.budgets]
+    values = [value for row in rows for value in row.values() if 0.0 < value < np.inf]
+    if not values:
+        return None
+    figure, axes = _panels(1, len(rows), width=3.1, height=2.9)
+    low, high = 0.3 * max(min(values), 1e-18), 300.0 * max(values)
+    for ax, budget, row in zip(axes, study.budgets, rows, strict=True):
+        colours = [BLACK, *[BLUE] * len(budget.parts), VERMILION]
+        ax.barh(list(row), [min(max(value, low), high) for value in row.values()], color=colours)
+        for place, value in enumerate(row.values()):
+            ax.annotate(
+                "0" if value == 0.0 else f"{value:.1e}" if np.isfinite(value) else "unknown",
+                (min(max(value, low), high), place),
+                xytext=(3, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=8,
+            )
+        ax.axvline(budget.allowed, color=VERMILION, linestyle=":", linewidth=1.2)
+        ax.set(xscale="log", xlim=(low, high), title=budget.quantity.replace("_", " "))
+        ax.grid(axis="x", alpha=0.25)
+    axes[0].invert_yaxis()  # shared by all
+    figure.supxlabel(f"{study.scene.name}: difference / scale of the quantity", fontsize=10)
+    return figure
+
+
 def _front_has_passed(run: Trajectory) -> float:
     """A little after the last body is reached, s; the end where it never is."""
     last = float(run.crossing_time[-1]) if len(run.crossing_time) else np.nan
@@ -179,4 +207,4 @@ def _who(study: SceneStudy) -> str:
     return "LAMMPS" if study.run(ENGINE) is not None else "reference"
 
 
-__all__ = ["convergence", "front_along_chain", "spacetime_maps"]
+__all__ = ["convergence", "error_budget", "front_along_chain", "spacetime_maps"]

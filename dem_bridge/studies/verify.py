@@ -7,6 +7,7 @@ LAMMPS minus twin          same algorithm, same step: implementation and round-o
   ... twin in positions    the same round-off too: implementation alone
 twin minus reference       same equations: the time step
 LAMMPS minus reference     both, the error a user has
+scipy minus reference      nothing: two methods that share no code, each within its bar
 BCA minus reference        other equations: a model difference, never pass or fail
 =========================  ==========================================================================
 """
@@ -22,24 +23,24 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.accuracy import ObservedOrder, checked_accuracy, observed_order
-from dem_bridge.backends.bars import REALISATIONS
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.survey import survey
 from dem_bridge.campaign import Case, Progress, Result, run_cases
-from dem_bridge.compare import SMALLEST_SCALE, Difference, difference, first_divergence
+from dem_bridge.compare import Difference, difference, first_divergence
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.conserved import energy, energy_parts, momentum
 from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.plan import resolution_for
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.studies.budget import Budget, budgets
+from dem_bridge.trajectory import Trajectory, own_scale
 from dem_bridge.verdict import Outcome, Verdict, exit_code, judge, numerical_verdict
 
 #: wanted accuracy of velocities where none is named; the paper's chains reach it at dt = 1e-8 s
 DEFAULT_ACCURACY = 5e-6
 #: steps of the convergence ladder, in units of the main step
 LADDER = (10.0, 5.0, 2.5, 1.25)
-ENGINE, TWIN, REFERENCE, THEORY = "lammps-granular", "verlet", "scipy", "bca"
+ENGINE, TWIN, REFERENCE, SECOND, THEORY = "lammps-granular", "verlet", "reference", "scipy", "bca"
 #: what the order of velocity-Verlet may differ by from 2
 ORDER_TOLERANCE = 0.05
 #: the twin as a code that keeps absolute positions, with the gauge radius of the deck
@@ -55,6 +56,8 @@ class SceneStudy:
     verdicts: tuple[Verdict, ...]
     ladder: dict[str, tuple[list[float], list[float]]]
     """backend -> (steps in s, velocity errors relative to the reference's largest velocity)."""
+    budgets: tuple[Budget, ...] = ()
+    """Of LAMMPS' main run, one per quantity."""
 
     def run(self, backend: str) -> Trajectory | None:
         """The run of that backend at the main resolution."""
@@ -125,7 +128,7 @@ def cases_of(scene: Scene, accuracy: float) -> list[Case]:
     main = resolution_for(scene, accuracy, Resolution(), sampling)
     assert main.dt is not None
     coarse = [replace(main, dt=factor * main.dt, bars=False) for factor in LADDER]
-    runs = [(REFERENCE, Resolution()), (THEORY, Resolution())]
+    runs = [(name, Resolution()) for name in (REFERENCE, SECOND, THEORY)]
     runs += [(name, settings) for name in (TWIN, ENGINE) for settings in (main, *coarse)]
     runs.append((TWIN, replace(main, gauge_radius=survey(scene).gauge_radius, bars=False)))
     return [Case(scene=scene, backend=name, resolution=settings, sampling=sampling) for name, settings in runs]
@@ -133,21 +136,25 @@ def cases_of(scene: Scene, accuracy: float) -> list[Case]:
 
 def study_of(scene: Scene, results: tuple[Result, ...], accuracy: float) -> SceneStudy:
     """Judge the results of one scene; nothing is run here."""
-    reference = _main(results, REFERENCE)
+    truth = _main(results, REFERENCE).trajectory
     verdicts: list[Verdict] = []
     ladder: dict[str, tuple[list[float], list[float]]] = {}
-    for name in (REFERENCE, TWIN, ENGINE, THEORY):
+    budget: tuple[Budget, ...] = ()
+    for name in (REFERENCE, SECOND, TWIN, ENGINE, THEORY):
         failed = _main(results, name)
         if failed.failure is not None:
             verdicts.append(_absent(scene, name, failed))
     engine, twin, theory = (_main(results, name).trajectory for name in (ENGINE, TWIN, THEORY))
     if engine is not None and twin is not None:
-        verdicts.append(_implementation(scene, engine, twin, TWIN))
+        verdicts.append(_implementation(scene, engine, twin))
         positional = next((r.trajectory for r in results if _in_positions(r)), None)
-        if positional is not None:
-            verdicts.append(_implementation(scene, engine, positional, POSITIONAL))
-    truth = reference.trajectory
+        if positional is not None and truth is not None:
+            budget = budgets(engine, twin, positional, truth)
+            verdicts += [_explained(scene, one, engine, positional) for one in budget]
     if truth is not None:
+        second = _main(results, SECOND).trajectory
+        if second is not None:
+            verdicts.append(_two_methods(scene, second, truth))
         for name in (TWIN, ENGINE):
             run = _main(results, name).trajectory
             if run is None:
@@ -159,7 +166,7 @@ def study_of(scene: Scene, results: tuple[Result, ...], accuracy: float) -> Scen
             verdicts += _model(scene, theory, truth)
     if engine is not None:
         verdicts += _conserved(scene, engine, accuracy)
-    return SceneStudy(scene=scene, results=results, verdicts=tuple(verdicts), ladder=ladder)
+    return SceneStudy(scene=scene, results=results, verdicts=tuple(verdicts), ladder=ladder, budgets=budget)
 
 
 def _main(results: tuple[Result, ...], backend: str) -> Result:
@@ -182,11 +189,10 @@ def _absent(scene: Scene, name: str, result: Result) -> Verdict:
     )
 
 
-def _implementation(scene: Scene, engine: Trajectory, twin: Trajectory, reference: str) -> Verdict:
-    """LAMMPS against a twin: no more than the round-off that twins predict for a code that keeps positions."""
+def _implementation(scene: Scene, engine: Trajectory, twin: Trajectory) -> Verdict:
+    """LAMMPS against the twin: no more than the round-off that twins predict for a code that keeps positions."""
     expected = engine.provenance["velocity_bar"]
-    # a twin that keeps positions shares that round-off: what is left must be clearly less
-    tolerance = float(expected["round_off"]) / (REALISATIONS if reference == POSITIONAL else 1.0)
+    tolerance = float(expected["round_off"])
     # the same algorithm at the same step: the bars of the time step are common to both and drop out
     found = replace(
         difference("velocity", engine, twin), uncertainty=tolerance, reference_uncertainty=float(expected["last_digit"])
@@ -195,10 +201,64 @@ def _implementation(scene: Scene, engine: Trajectory, twin: Trajectory, referenc
         found,
         scene=scene.name,
         backend=ENGINE,
-        reference=reference,
+        reference=TWIN,
         tolerance=tolerance,
-        meaning="implementation" if reference == POSITIONAL else "implementation and round-off",
+        meaning="implementation and round-off",
         first_divergence=first_divergence(engine, twin, tolerance),
+    )
+
+
+def _explained(scene: Scene, budget: Budget, engine: Trajectory, positional: Trajectory) -> Verdict:
+    """What the budget of a quantity leaves unexplained: the twin in positions shares step and round-off."""
+    digit = float(engine.provenance["velocity_bar"]["last_digit"])
+    found = replace(
+        difference(budget.quantity, engine, positional), uncertainty=budget.allowed, reference_uncertainty=digit
+    )
+    return numerical_verdict(
+        found,
+        scene=scene.name,
+        backend=ENGINE,
+        reference=POSITIONAL,
+        tolerance=budget.allowed,
+        meaning="implementation",
+        first_divergence=first_divergence(engine, positional, budget.allowed)
+        if budget.quantity == "velocity"
+        else None,
+    )
+
+
+def _two_methods(scene: Scene, second: Trajectory, truth: Trajectory) -> Verdict:
+    """The two references against each other: both must be right within the bars they claim."""
+    found = difference("velocity", second, truth)
+    allowed = found.uncertainty + found.reference_uncertainty
+    answered_by = truth.provenance.get("answered_by")
+    if answered_by == SECOND:
+        outcome, sentence = (
+            Outcome.NOT_RUN,
+            f"{REFERENCE} on {scene.name} was answered by {SECOND}: nothing to compare.",
+        )
+    else:
+        # each bar is on one side of the comparison already: no doubt is left
+        outcome = judge(found.value, 0.0, allowed)
+        sentence = (
+            f"velocity of {SECOND} differs from {REFERENCE} by {found.value:.2e} of {found.scale_name};"
+            f" their bars together are {allowed:.1e}."
+        )
+    return Verdict(
+        scene=scene.name,
+        quantity="velocity",
+        backend=SECOND,
+        reference=REFERENCE,
+        outcome=outcome,
+        sentence=sentence,
+        difference=found.value,
+        scale=found.scale,
+        unit=found.unit,
+        scale_name=found.scale_name,
+        uncertainty=found.uncertainty,
+        reference_uncertainty=found.reference_uncertainty,
+        tolerance=allowed,
+        meaning="nothing: two methods",
     )
 
 
@@ -227,8 +287,7 @@ def _accuracy(scene: Scene, name: str, run: Trajectory, truth: Trajectory, accur
 def _residence(scene: Scene, run: Trajectory, truth: Trajectory) -> Difference:
     """Relative difference of residence times; a bar is the sum of those of its two crossings."""
     mine, other = residence_by_crossing(scene, run), residence_by_crossing(scene, truth)
-    size = np.nan_to_num(np.abs(other))
-    own = np.maximum(size, max(SMALLEST_SCALE * float(np.max(size, initial=0.0)), 1e-300))
+    own = np.maximum(own_scale(other), 1e-300)
     relative = np.abs(mine - other) / own
     relative = np.where(np.isnan(mine) & np.isnan(other), 0.0, np.where(np.isnan(relative), np.inf, relative))
     worst = int(np.argmax(relative))

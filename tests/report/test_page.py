@@ -75,7 +75,7 @@ def test_the_page_shows_every_verdict_and_what_is_not_verified(found: Verificati
 def test_the_json_has_the_keys_of_the_contract(found: Verification, tmp_path: Path) -> None:
     record = json.loads(write_report(found, tmp_path)[1].read_text(encoding="utf-8"))
     assert record["schema"] == SCHEMA == "dem-bridge/verdicts/1"
-    assert set(record) == {"schema", "verdicts", "claims", "provenance"}
+    assert set(record) == {"schema", "verdicts", "claims", "budgets", "provenance"}
     for verdict in record["verdicts"]:
         assert {
             "scene", "quantity", "backend", "reference", "difference", "scale", "uncertainty",

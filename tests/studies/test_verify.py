@@ -175,7 +175,7 @@ def test_lammps_is_verified_on_a_short_scene_in_two_processes(tmp_path: Path) ->
     told: list[tuple[float, int, str]] = []
     found = db.verify(SHORT, accuracy=ACCURACY, folder=tmp_path, jobs=2, tell=lambda *news: told.append(news))
     assert found.exit_code == 0, [v.sentence for v in found.verdicts]
-    assert told[-1][0] == told[-1][1] == 13
+    assert told[-1][0] == told[-1][1] == 14
     assert {file.name for file in tmp_path.iterdir()} == {"index.html", "verdicts.json"}
 
 

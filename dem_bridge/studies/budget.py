@@ -1,0 +1,85 @@
+"""The budget of a LAMMPS run: what its error consists of, each part measured by other runs than the one it explains.
+
+==============  =================================================================================================
+time step       twin minus reference: the same algorithm at the same step, in overlap variables
+table           none with ``pair_style granular``, which evaluates the law itself
+round-off       twin in positions, with the deck's gauge radius, minus twin in overlaps
+sampling        what is read between (or not quite at) time steps: peaks from every second dense sample, and the
+                rounding of sample times
+reference       the bar of the reference
+==============  =================================================================================================
+
+Parts with a sign are differences of whole trajectories, so what they leave *unexplained* is a trajectory, too: LAMMPS
+minus the twin in positions. It is a finding where it exceeds what is uncertain in the explanation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from dem_bridge.compare import QUANTITIES, difference
+from dem_bridge.trajectory import Trajectory
+
+
+@dataclass(frozen=True, kw_only=True)
+class Budget:
+    """Error of one quantity of a run, relative to ``scale_name``, and its parts."""
+
+    quantity: str
+    found: float
+    """Run minus reference."""
+    parts: Mapping[str, float]
+    unexplained: float
+    allowed: float
+    """What may stay unexplained: one more realisation of the round-off."""
+    scale_name: str
+
+    @property
+    def total(self) -> float:
+        """Sum of the parts: never below ``found`` but for what is unexplained."""
+        return sum(self.parts.values())
+
+    @property
+    def is_finding(self) -> bool:
+        return not self.unexplained <= self.allowed
+
+    def as_json(self) -> dict[str, Any]:
+        """JSON-able; numbers that are not finite become null, which JSON has."""
+
+        def plain(value: float) -> float | None:
+            return value if math.isfinite(value) else None
+
+        numbers = {name: plain(getattr(self, name)) for name in ("found", "total", "unexplained", "allowed")}
+        parts = {name: plain(value) for name, value in self.parts.items()}
+        return {"quantity": self.quantity, "scale_name": self.scale_name, **numbers, "parts": parts}
+
+
+def budgets(engine: Trajectory, twin: Trajectory, positional: Trajectory, truth: Trajectory) -> tuple[Budget, ...]:
+    """Budgets of all quantities; ``twin`` and ``positional`` (which keeps positions) took the engine's steps."""
+    found = []
+    for quantity in QUANTITIES:
+        error, step = difference(quantity, engine, truth), difference(quantity, twin, truth)
+        rounding = difference(quantity, positional, twin).value
+        sampling = float(twin.provenance["sampling"][quantity])
+        digit = float(twin.provenance["velocity_bar"]["last_digit"])
+        found.append(
+            Budget(
+                quantity=quantity,
+                found=error.value,
+                parts={
+                    "time step": step.value,
+                    "table": 0.0,
+                    "round-off": rounding,
+                    "sampling": sampling,
+                    "reference": error.reference_uncertainty,
+                },
+                unexplained=difference(quantity, engine, positional).value,
+                # both round alike, but not each operation in the same order; what sampling costs is the same in both
+                allowed=rounding + digit,
+                scale_name=error.scale_name,
+            )
+        )
+    return tuple(found)
