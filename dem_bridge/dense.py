@@ -138,6 +138,25 @@ def extremes(
     return peak_force, crossing
 
 
+def rivals(force: Floats) -> Floats:
+    """Largest force of each contact, N, outside the collision that has its largest: ``(n_t, n_contact)`` to
+    ``(n_contact,)``. A collision ends where the force falls below a tenth of its peak.
+
+    >>> rivals(np.array([[0.0, 5.0, 0.1, 3.0, 4.0, 0.0]]).T).tolist()
+    [4.0]
+    """
+    found = np.zeros(force.shape[1])
+    top = np.argmax(force, axis=0)
+    for contact, row in enumerate(top.tolist()):
+        series = force[:, contact]
+        low = np.flatnonzero(series < 0.1 * series[row])
+        where = int(np.searchsorted(low, row))
+        before = series[: low[where - 1]] if where > 0 else series[:0]
+        after = series[low[where] :] if where < len(low) else series[:0]
+        found[contact] = max(np.max(before, initial=0.0), np.max(after, initial=0.0))
+    return found
+
+
 def _quintic(
     value: tuple[Floats, Floats],
     slope: tuple[Floats, Floats],

@@ -109,6 +109,8 @@ class Twins:
     """As ``own``, in absolute positions."""
     thinned: tuple[NDArray[np.float64], NDArray[np.float64]]
     """Peak forces and crossing times of ``positional`` from every second dense sample."""
+    rivals: NDArray[np.float64]
+    """Largest force of each contact outside the collision that has its largest, N."""
 
     def of_step(self) -> dict[str, Any]:
         """Bars for the time step, before contacts are compared with each other."""
@@ -146,9 +148,9 @@ def with_bars(run: Trajectory, twins: Twins) -> Trajectory:
     }
     bars["peak_force"] += lost["peak_force"] + PEAK_ERROR * own.peak_force
     bars["crossing_time"] += lost["crossing_time"] + CROSSING_ERROR * plan.spacing
-    # where velocities are not known, a later collision may or may not surpass the largest force so far
+    # a share of the velocities is not known, and so of the force of the next largest collision: it may be the largest
     unknown = min(1.0, float(bars["velocity"]) / speed) if speed > 0.0 else 0.0
-    bars["peak_force"] += unknown**4 * np.max([one.peak_force for one in (own, *twins.others.values())], axis=0)
+    bars["peak_force"] += np.maximum(0.0, twins.rivals * (1.0 + unknown) - own.peak_force)
     if not plan.resolved:
         # all twins look too rarely, so their differences say nothing of what lies between the looks
         bars["peak_force"] = bars["crossing_time"] = math.inf

@@ -20,7 +20,7 @@ from dem_bridge.backends.bars import UNKNOWN, Twins, with_bars
 from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
 from dem_bridge.backends.survey import Survey, survey
 from dem_bridge.compiled import interruptible
-from dem_bridge.dense import MOST_STEPS, Schedule, extremes, schedule
+from dem_bridge.dense import MOST_STEPS, Schedule, extremes, rivals, schedule
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Cost, Trajectory
@@ -95,7 +95,17 @@ def with_twin_bars(run: Trajectory, scene: Scene, plan: Schedule, look: Survey, 
     positional, dense = _solved(scene, plan, radius)
     thinned = _extremes(scene, plan, dense, every=2)
     own = run if is_own else solve_plan(scene, plan)
-    return with_bars(run, Twins(plan=plan, own=own, others=others, positional=positional, thinned=thinned))
+    return with_bars(
+        run,
+        Twins(
+            plan=plan,
+            own=own,
+            others=others,
+            positional=positional,
+            thinned=thinned,
+            rivals=rivals(dense.force),
+        ),
+    )
 
 
 def solve_plan(scene: Scene, plan: Schedule, radius: float = 0.0) -> Trajectory:
