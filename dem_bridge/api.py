@@ -28,9 +28,9 @@ def solve(scene: Scene | str | Path, *, backend: str, **settings: object) -> Tra
     """Solve a scene (or a shipped name, or the path of a scene file) with one backend.
 
     Settings: ``dt`` (s, an upper bound: the step is interval/ceil(interval/dt)), or ``accuracy`` (of velocity, relative
-    to its largest magnitude) instead; ``samples``; ``rtol``; ``gauge_radius`` (m); ``time_limit`` (s); ``bars=False``
-    for no error bars. Raises UsageError for an unknown backend or setting, UnsupportedScene, BackendUnavailable
-    or RunBroken.
+    to its largest magnitude) instead; ``samples``; ``rtol`` (scipy, ode45) and ``atol`` (ode45; m and m/s);
+    ``gauge_radius`` (m); ``time_limit`` (s); ``bars=False`` for no error bars. Raises UsageError for an unknown backend
+    or setting, UnsupportedScene, BackendUnavailable or RunBroken.
 
     >>> import dem_bridge as db
     >>> run = db.solve("accelerating-40", backend="verlet", dt=1e-7)

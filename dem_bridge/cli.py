@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from dem_bridge.trajectory import Trajectory
 
 #: named again here so that --help needs no backend; a test holds the two together
-BACKENDS = ("lammps-granular", "verlet", "reference", "scipy", "bca")
+BACKENDS = ("lammps-granular", "verlet", "reference", "scipy", "ase", "ode45", "bca")
 
 
 class _Group(click.Group):
@@ -113,6 +113,8 @@ def scenes(as_json: bool) -> None:
 @click.option("--backend", required=True, type=click.Choice(BACKENDS), help="Which code solves the scene.")
 @_step
 @_accuracy
+@click.option("--rtol", type=float, metavar="R", help="Relative tolerance of scipy and ode45.")
+@click.option("--atol", type=float, metavar="A", help="Absolute tolerance of ode45, m and m/s.")
 @click.option("--samples", type=int, metavar="N", help="Samples in time (default: the scene's).")
 @click.option("-o", "output", type=click.Path(path_type=Path), help="Keep the trajectory as netCDF-4.")
 @click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
@@ -121,6 +123,8 @@ def run(
     backend: str,
     dt: float | None,
     accuracy: float | None,
+    rtol: float | None,
+    atol: float | None,
     samples: int | None,
     output: Path | None,
     as_json: bool,
@@ -128,7 +132,7 @@ def run(
     """Solve SCENE with one backend and print what was found, with error bars."""
     if output is not None:
         check_file(output)
-    asked = {"dt": dt, "accuracy": accuracy, "samples": samples}
+    asked = {"dt": dt, "accuracy": accuracy, "rtol": rtol, "atol": atol, "samples": samples}
     settings = {key: value for key, value in asked.items() if value is not None}
     with _fraction(f"{scene} by {backend}"):
         result = dem_bridge.solve(scene, backend=backend, **settings)

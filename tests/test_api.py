@@ -58,7 +58,14 @@ def test_a_scene_may_be_given_as_itself_a_name_or_a_path(tmp_path: Path, solved:
 
 
 def test_every_setting_that_is_advertised_is_taken() -> None:
-    settings = {"dt": 1e-7, "rtol": 1e-10, "gauge_radius": 1e-3, "time_limit": 60.0, "bars": False}
+    settings = {
+        "dt": 1e-7,
+        "rtol": 1e-10,
+        "atol": 1e-12,
+        "gauge_radius": 1e-3,
+        "time_limit": 60.0,
+        "bars": False,
+    }
     assert set(settings) == {field.name for field in fields(Resolution)}
     run = db.solve(PAIR, backend="verlet", samples=5, **settings)
     assert run.velocity.shape == (6, 2)

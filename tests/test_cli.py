@@ -75,6 +75,12 @@ def test_run_prints_json_on_stdout_and_nothing_on_stderr_in_a_pipe(tmp_path: Pat
     assert not list(tmp_path.glob("*.part"))
 
 
+def test_run_takes_the_tolerances_of_an_adaptive_backend(tmp_path: Path) -> None:
+    words = ("run", "accelerating-40", "--backend", "ode45", "--rtol", "1e-5", "--atol", "1e-8", "--json")
+    found = json.loads(_run(*words, cwd=tmp_path).stdout)
+    assert (found["settings"]["rtol"], found["settings"]["atol"]) == (1e-5, 1e-8)
+
+
 def test_a_bad_scene_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
     (tmp_path / "bad.toml").write_text(CHAIN.replace("8.1e-3", "-8.1e-3"))
     done = _run("run", "bad.toml", "--backend", "verlet", cwd=tmp_path)
@@ -91,6 +97,8 @@ def test_a_bad_scene_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
         ("run", "decelerating-40", "--backend", "verlet", "--dt", "1e-8", "--accuracy", "1e-6"),
         ("run", "decelerating-40", "--backend", "bca", "--accuracy", "1e-6"),
         ("run", "decelerating-40", "--backend", "verlet", "--samples", "0"),
+        ("run", "decelerating-40", "--backend", "scipy", "--rtol", "1e-3"),
+        ("run", "decelerating-40", "--backend", "ode45", "--atol", "0"),
         ("verify", "decelerating-40", "--accuracy", "2"),
     ],
 )

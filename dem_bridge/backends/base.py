@@ -26,8 +26,8 @@ from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
-#: what DOP853 can do (100 eps) to what it can be asked for and still be called a reference
-RTOL_RANGE = (2.3e-14, 1e-4)
+#: the least that adaptive integrators take (100 eps) to what decides no step any more
+RTOL_RANGE = (2.3e-14, 1.0)
 MOST_SAMPLES = 10_000_000
 
 
@@ -39,6 +39,8 @@ class Resolution:
     """Largest time step, s."""
     rtol: float | None = None
     """Relative local tolerance of an adaptive integrator. It is not the error: see the bars."""
+    atol: float | None = None
+    """Absolute local tolerance of ode45, in SI (m and m/s alike), as MATLAB has it."""
     gauge_radius: float | None = None
     """Radius written into a LAMMPS deck, m; None: from the overlaps of a coarse run. The twin then keeps absolute
     positions of bodies of this radius; None: overlaps."""
@@ -48,7 +50,13 @@ class Resolution:
     """False: no error bars (inf) and no run that only serves them."""
 
     def __post_init__(self) -> None:
-        limits = {"dt": (1e-40, 1e40), "rtol": RTOL_RANGE, "gauge_radius": (1e-40, 1e40), "time_limit": (1e-3, 1e9)}
+        limits = {
+            "dt": (1e-40, 1e40),
+            "rtol": RTOL_RANGE,
+            "atol": (1e-40, 1e40),
+            "gauge_radius": (1e-40, 1e40),
+            "time_limit": (1e-3, 1e9),
+        }
         for key, (low, high) in limits.items():
             value = getattr(self, key)
             if value is None:
@@ -105,6 +113,8 @@ BACKENDS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "verlet": ("dem_bridge.backends.verlet", "Verlet"),
         "reference": ("dem_bridge.backends.reference", "Reference"),
         "scipy": ("dem_bridge.backends.scipy_dop853", "ScipyDop853"),
+        "ase": ("dem_bridge.backends.ase_verlet", "AseVerlet"),
+        "ode45": ("dem_bridge.backends.ode45", "Ode45"),
         "bca": ("dem_bridge.backends.bca", "BinaryCollisions"),
     }
 )

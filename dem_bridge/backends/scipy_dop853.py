@@ -22,7 +22,7 @@ from scipy.optimize import brentq
 from dem_bridge import progress
 from dem_bridge.backends.bars import UNKNOWN, reference_bars
 from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate, natural_scales
-from dem_bridge.errors import RunBroken
+from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Cost, Trajectory
 
@@ -30,6 +30,8 @@ Floats = NDArray[np.float64]
 
 #: local tolerance, near the smallest that DOP853 takes (100 eps)
 DEFAULT_RTOL = 3e-14
+#: the largest that may be asked for and still be called a reference
+LARGEST_RTOL = 1e-4
 #: absolute tolerance as a fraction of rtol times the scale: re-collisions a thousand times slower than the impact
 #: keep their digits. 1e-2 is 30 times worse on the decelerating chain, 1e-6 no better and 25 % dearer.
 ATOL_SHARE = 1e-4
@@ -53,9 +55,14 @@ class ScipyDop853:
         return None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
-        """Solve; the bars are the difference to a second run at ten times the tolerance."""
+        """Solve; the bars are the difference to a second run at ten times the tolerance.
+
+        Raises UsageError for ``rtol`` above 1e-4, RunBroken where DOP853 stops.
+        """
         wall, cpu = time.perf_counter(), time.process_time()
         rtol = resolution.rtol if resolution.rtol is not None else DEFAULT_RTOL
+        if rtol > LARGEST_RTOL:
+            raise UsageError(f"rtol = {rtol:g} is too loose for {self.name}; allowed: up to {LARGEST_RTOL:g}")
         share = 0.5 if resolution.bars else 1.0
         fine = _Integration(scene, sampling, rtol, share=share)
         fine.run()

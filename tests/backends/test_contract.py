@@ -270,11 +270,13 @@ def test_two_contacts_that_close_at_once_are_no_obstacle(name: str, solved: Solv
 
 
 def test_an_unknown_backend_is_refused_with_the_names_that_exist() -> None:
-    with pytest.raises(UsageError, match=r"backend = 'lamps'; allowed: lammps-granular, verlet, reference, scipy, bca"):
+    with pytest.raises(
+        UsageError, match=r"backend = 'lamps'; allowed: lammps-granular, verlet, reference, scipy, ase, ode45, bca"
+    ):
         backend("lamps")
 
 
-@pytest.mark.parametrize("key", ["dt", "rtol", "gauge_radius", "time_limit"])
+@pytest.mark.parametrize("key", ["dt", "rtol", "atol", "gauge_radius", "time_limit"])
 @pytest.mark.parametrize("value", [0.0, -1e-8, math.inf, math.nan, "1e-8"])
 def test_a_resolution_refuses_what_is_no_positive_number(key: str, value: Any) -> None:
     with pytest.raises(UsageError, match=rf"{key} = .*; allowed: a number from"):

@@ -13,7 +13,7 @@ from scipy.integrate import DOP853
 
 import dem_bridge as db
 from dem_bridge.backends import scipy_dop853
-from dem_bridge.errors import RunBroken
+from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.scene import Scene, Wall
@@ -154,6 +154,12 @@ def test_a_finer_tolerance_errs_less(two_bodies: Truth) -> None:
         for rtol in (1e-6, 1e-9, 1e-12)
     ]
     assert errors[0] > 10.0 * errors[1] > 100.0 * errors[2]
+
+
+def test_a_tolerance_too_loose_for_a_reference_is_refused(two_bodies: Truth) -> None:
+    with pytest.raises(UsageError, match=r"rtol = 0.001 is too loose for scipy; allowed: up to 0.0001"):
+        db.solve(two_bodies.scene, backend="scipy", rtol=1e-3)
+    assert db.solve(two_bodies.scene, backend="scipy", rtol=1e-4, bars=False).cost.steps > 0
 
 
 def test_the_tolerance_is_in_the_provenance(two_bodies: Truth, solved: Solve) -> None:

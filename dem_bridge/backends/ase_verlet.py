@@ -1,0 +1,168 @@
+"""A third party's integrator: ``ase.md.verlet.VelocityVerlet`` on a Calculator of ours for chains of contacts.
+
+ASE: Larsen et al. 2017, *J. Phys.: Condens. Matter* 29, 273002. The method is that of LAMMPS and of the twin, on the
+same steps, but written by others: what all three share cannot be a slip of one of them. ASE's integrator is unit-free
+(it knows a step, masses, momenta and forces, and converts none of them), so SI numbers go straight through and nothing
+is taken from ``ase.units``. Nor does it remove the drift of the centre of mass or touch momenta unless asked.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import time
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge import progress
+from dem_bridge.backends.bars import UNKNOWN
+from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
+from dem_bridge.backends.survey import survey
+from dem_bridge.backends.verlet import fixed_step_plan, with_twin_bars
+from dem_bridge.dense import Schedule, extremes
+from dem_bridge.errors import BackendUnavailable, RunBroken
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Cost, Trajectory
+
+
+class AseVerlet:
+    """ASE's VelocityVerlet on displacements. Any masses, exponents, gaps, walls; gravity.
+
+    >>> import dem_bridge as db
+    >>> scene = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
+    >>> ase, twin = (db.solve(scene, backend=name, dt=2e-7, bars=False) for name in ("ase", "verlet"))
+    >>> bool(abs(ase.velocity - twin.velocity).max() < 1e-12)
+    True
+    """
+
+    name = "ase"
+    equations = "hertz"
+    order: int | None = 2
+
+    def availability(self) -> Availability:
+        if importlib.util.find_spec("ase") is None:
+            return Availability(False, "the package ase is not installed; install it by: pip install 'ase>=3.23'")
+        return Availability(True)
+
+    def refusal(self, scene: Scene) -> str | None:
+        return None
+
+    def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
+        """Solve on the steps of twin and LAMMPS; the bars come from twins, never from ASE itself.
+
+        Raises BackendUnavailable where ASE is missing, RunBroken where velocities are not finite.
+        """
+        missing = self.availability().reason
+        if missing:
+            raise BackendUnavailable(f"{self.name} cannot run: {missing}")
+        look = survey(scene)
+        plan = fixed_step_plan(scene, resolution, sampling, look)
+        run = self._solve(scene, plan)
+        if not resolution.bars:
+            return run
+        # displacements are smaller than positions, so this bounds the round-off
+        return with_twin_bars(run, scene, plan, look, radius=look.gauge_radius)
+
+    def _solve(self, scene: Scene, plan: Schedule) -> Trajectory:
+        from ase import Atoms
+        from ase.md.verlet import VelocityVerlet
+
+        wall, cpu = time.perf_counter(), time.process_time()
+        mass, c, bodies = np.array(scene.mass), scene.contacts, scene.n_body
+        momenta = np.zeros((bodies, 3))
+        momenta[:, 0] = mass * scene.velocity
+        # positions mean what the calculator says they mean: displacements from the start round least
+        chain: Any = Atoms(numbers=np.zeros(bodies, dtype=int), positions=np.zeros((bodies, 3)), masses=mass)
+        chain.set_momenta(momenta)
+        calculator = chain_calculator(scene)
+        chain.calc = calculator
+        dynamics: Any = VelocityVerlet(chain, timestep=plan.step)
+        looks = plan.dense_steps
+        x, v, a = (np.zeros((len(looks), bodies + 1)) for _ in range(3))  # the last column: the walls, at rest
+        overlap, force = (np.zeros((len(looks), scene.n_contact)) for _ in range(2))
+        with np.errstate(over="ignore", invalid="ignore"):  # a run beyond stability is reported below
+            for row, steps in enumerate(np.diff(looks, prepend=0).tolist()):
+                if steps:
+                    dynamics.run(steps)
+                    progress.report(row / len(looks))
+                a[row, :-1] = chain.get_forces()[:, 0] / mass
+                x[row, :-1] = chain.arrays["positions"][:, 0]
+                v[row, :-1] = chain.arrays["momenta"][:, 0] / mass
+                overlap[row], force[row] = calculator.overlap, calculator.contact_force
+        v[0, :-1] = scene.velocity  # momenta round it
+        if not np.all(np.isfinite(v)):
+            raise RunBroken(f"ase on {scene.name}: velocities are not finite; dt = {plan.step:g} s is beyond stability")
+        peak_force, crossing = extremes(
+            time=looks * plan.step,
+            overlap=overlap,
+            rate=v[:, c.left] - v[:, c.right],
+            acceleration=a[:, c.left] - a[:, c.right],
+            force=force,
+            exponent=c.exponent,
+            resolution=4.0 * math.ulp(float(np.max(np.abs(x)))),
+        )
+        keep = slice(None, None, plan.subdivisions)
+        born = birth_certificate(self, scene, {"dt": plan.step, "samples": plan.samples})
+        return Trajectory(
+            time=Sampling(count=plan.samples).times(scene.duration),
+            displacement=x[keep, :-1],
+            velocity=v[keep, :-1],
+            contact_force=force[keep],
+            peak_force=peak_force,
+            crossing_time=crossing,
+            uncertainty=UNKNOWN,
+            cost=Cost(
+                wall=time.perf_counter() - wall,
+                cpu=time.process_time() - cpu,
+                steps=plan.steps,
+                force_evaluations=calculator.evaluations,
+            ),
+            provenance=born | {"versions": born["versions"] | {"ase": version("ase")}},
+        )
+
+
+def chain_calculator(scene: Scene) -> Any:
+    """An ``ase.calculators.calculator.Calculator`` of the contacts and weights of ``scene``.
+
+    Positions (first column) are displacements from the start in m, forces in N. After each calculation ``overlap``
+    (m, negative: open) and ``contact_force`` (N), both ``(n_contact,)``, are those of the last positions.
+    """
+    from ase.calculators.calculator import Calculator
+
+    class Chain(Calculator):  # made here, so that the package can be imported without ASE
+        def __init__(self) -> None:
+            super().__init__()  # type: ignore[no-untyped-call]
+            self.implemented_properties = ["forces"]
+            self.contacts, self.evaluations = scene.contacts, 0
+            self.weight = np.array(scene.mass) * scene.gravity
+            self.power = self.contacts.exponent - 1.0
+            self.hertz = bool(np.all(self.power == 1.5))
+            self.seen: NDArray[np.float64] | None = None
+
+        def check_state(self, atoms: Any, tol: float = 0.0) -> list[str]:
+            # ASE takes positions within 1e-15 for the same and answers with the forces of before: in metres that is
+            # motion, so only equal positions are the same
+            same = self.seen is not None and np.array_equal(self.seen, atoms.arrays["positions"])
+            return [] if same else ["positions"]
+
+        def calculate(self, atoms: Any = None, properties: Any = ("forces",), system_changes: Any = ()) -> None:
+            # Calculator.calculate would copy the Atoms and look for a folder, at each step
+            self.seen = atoms.arrays["positions"].copy()
+            x = np.append(self.seen[:, 0], 0.0)  # the last: a wall
+            self.overlap = x[self.contacts.left] - x[self.contacts.right] - self.contacts.gap
+            pressed = np.maximum(self.overlap, 0.0)
+            law = pressed * np.sqrt(pressed) if self.hertz else pressed**self.power
+            self.contact_force = self.contacts.stiffness * law
+            net = np.zeros(len(x))
+            # no body is twice on the same side of a contact
+            net[self.contacts.left] -= self.contact_force
+            net[self.contacts.right] += self.contact_force
+            forces = np.zeros_like(self.seen)
+            forces[:, 0] = net[:-1] + self.weight
+            self.results = {"forces": forces}
+            self.evaluations += 1
+
+    return Chain()
