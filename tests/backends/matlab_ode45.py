@@ -31,6 +31,10 @@ class Solution:
     accepted: int
     failed: int
     evaluations: int
+    cut: int
+    """Steps that failed by more than the least factor of 0.1."""
+    halved: int
+    """Steps that failed again."""
 
 
 def ode45(
@@ -40,7 +44,7 @@ def ode45(
     t, tfinal, y = float(tspan[0]), float(tspan[-1]), np.array(y0)
     threshold, hmax, power = abstol / reltol, 0.1 * (tspan[-1] - tspan[0]), 1 / 5
     f0 = odefun(t, y)
-    evaluations, accepted, failed = 1, 0, 0
+    evaluations, accepted, failed, cut, halved = 1, 0, 0, 0, 0
     absh = min(hmax, tfinal - t)
     rh = np.linalg.norm(f0 / np.maximum(np.abs(y), threshold), np.inf) / (0.8 * reltol**power)
     if absh * rh > 1:
@@ -74,7 +78,13 @@ def ode45(
             failed += 1
             if absh <= hmin:
                 raise ArithmeticError("unable to meet integration tolerances")
-            absh = max(hmin, absh * max(0.1, 0.8 * (reltol / err) ** power)) if nofailed else max(hmin, 0.5 * absh)
+            if nofailed:
+                factor = 0.8 * (reltol / err) ** power
+                cut += factor < 0.1
+                absh = max(hmin, absh * max(0.1, factor))
+            else:
+                halved += 1
+                absh = max(hmin, 0.5 * absh)
             nofailed = done = False
             h = absh
         accepted += 1
@@ -85,4 +95,4 @@ def ode45(
             temp = 1.25 * (err / reltol) ** power
             absh = absh / temp if temp > 0.2 else 5 * absh
         t, y, f0 = tnew, ynew, f[:, 6]
-    return Solution(np.array(out), accepted, failed, evaluations)
+    return Solution(np.array(out), accepted, failed, evaluations, cut, halved)

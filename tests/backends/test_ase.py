@@ -97,6 +97,13 @@ def test_motion_below_a_femtometre_is_motion() -> None:
     assert run.velocity == pytest.approx(twin.velocity, rel=1e-12, abs=1e-25)
 
 
+def test_the_start_is_the_scenes_to_the_last_digit_though_momenta_round_it() -> None:
+    scene = Scene(name="start", duration=1e-6, mass=(0.01,) * 3, stiffness=(1e9,) * 2, velocity=(0.06, 0.23, 0.48))
+    assert [0.01 * v / 0.01 for v in scene.velocity] != list(scene.velocity)
+    run = db.solve(scene, backend="ase", dt=1e-6, samples=1, bars=False)
+    assert run.velocity[0].tolist() == list(scene.velocity)
+
+
 def test_the_bars_hold(free_chain: Truth, solved: Solve) -> None:
     # the first 0.3 ms: what is slow here is Python, 45 us a step
     scene = replace(free_chain.scene, duration=3e-4, samples=50)
