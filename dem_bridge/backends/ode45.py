@@ -28,6 +28,7 @@ TIGHTER, LEAST = 1e-2, 1e-15
 #: ... and the difference to it is taken this many times: SAMPLES for velocity and displacement, CONTACTS for peaks and
 #: crossings. Over 200 random scenes (2 to 60 bodies, four decades of mass and stiffness, 1e-9 to 1e3 m/s) the error was
 #: up to 1.5, 2.4, 16 and 182 differences at the default tolerances, but at most 1.1, 1.4, 6.1 and 4.8 in 99 % of them
+#: (on 200 others the bars held in 99.5 % and more of the scenes for each quantity); at tighter tolerances less
 SAMPLES, CONTACTS = 2.0, 8.0
 MOST_STEPS = 50_000_000
 
