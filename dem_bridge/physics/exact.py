@@ -1,14 +1,46 @@
-"""Exact solutions that need no time stepping.
+"""Exact solutions that need no time stepping, behind one call shape.
 
-A collision of two bodies through ``F = beta overlap^(n-1)`` is one-dimensional motion in a power-law well; its
-duration is a quotient of Gamma functions (Deresiewicz 1968, *Acta Mech.* 6, 110; for the residence time
+Every function takes SI numbers by keyword and answers with a frozen dataclass; what is outside its validity is a
+ValueError of one line. Two bodies through ``F = beta overlap^(n-1)`` are one-dimensional motion in a power-law well,
+whose duration is a quotient of Gamma functions (Deresiewicz 1968, *Acta Mech.* 6, 110; for the residence time
 Machado, Rosas & Lindenberg 2013, *Granul. Matter* 15, 735 = the paper's eq. 3.3).
+
+| solution | of | valid for |
+|---|---|---|
+| :func:`two_body_collision` | two free bodies, elastic | n > 1, any masses |
+| :func:`wall_rebound` | a body on a rigid wall | n > 1 |
+| :func:`equal_mass_transfer` | two equal bodies | n > 1 |
+| :func:`dashpot_collision` | two bodies or a wall, spring and dashpot, net force clipped at zero or not | n = 2 |
+| :func:`solitary_wave` | a uniform chain that just touches | 2.00001 <= n <= 50 |
+| :func:`dispersion` | small oscillations of a precompressed chain | n > 1, no contact opens |
+| :func:`scaling` | any chain without gaps, under another speed, stiffness or mass | n > 1 |
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from dem_bridge.physics.dashpot import DashpotCollision, dashpot_collision
+from dem_bridge.physics.dispersion import Dispersion, dispersion
+from dem_bridge.physics.solitary import SolitaryWave, solitary_wave
+from dem_bridge.physics.valid import above
+
+__all__ = [
+    "DashpotCollision",
+    "Dispersion",
+    "Scaling",
+    "SolitaryWave",
+    "TwoBodyCollision",
+    "WallRebound",
+    "dashpot_collision",
+    "dispersion",
+    "equal_mass_transfer",
+    "scaling",
+    "solitary_wave",
+    "two_body_collision",
+    "wall_rebound",
+]
 
 
 @dataclass(frozen=True)
@@ -32,8 +64,8 @@ def two_body_collision(
 ) -> TwoBodyCollision:
     """Elastic head-on collision of two free bodies, exact for any n > 1, masses and closing velocities.
 
-    ``masses`` in kg, ``velocities`` in m/s (body 1 must close in on body 2), ``stiffness`` in N/m^(n-1).
-    Raises ValueError where the bodies do not approach each other. Where the paper's section 4c prints the peak
+    ``masses`` in kg, the second may be inf: a wall; ``velocities`` in m/s (body 1 must close in on body 2),
+    ``stiffness`` in N/m^(n-1). Raises ValueError for anything else. Where the paper's section 4c prints the peak
     compression with v instead of v^2, the dimensions ask for v^2.
 
     >>> hit = two_body_collision(masses=(8.1e-3, 2200 * math.pi * 9e-3**2 * 18e-3), velocities=(0.8, 0.0),
@@ -41,9 +73,11 @@ def two_body_collision(
     >>> f"{hit.contact_time:.10e} s, {hit.peak_force:.8f} N, {hit.exit_velocity[0]:.8f} m/s"
     '5.5968164636e-05 s, 236.14749736 N, -0.08700998 m/s'
     """
-    (m1, m2), (v1, v2), n = masses, velocities, exponent
+    m1, m2 = above(0.0, "masses[0]", masses[0], "kg"), above(0.0, "masses[1]", masses[1], "kg", infinite="a wall")
+    (v1, v2), n = velocities, above(1.0, "exponent", exponent)
+    above(0.0, "stiffness", stiffness, "N/m^(n-1)")
     closing = v1 - v2
-    if not closing > 0.0:
+    if not 0.0 < closing < math.inf:
         raise ValueError(f"closing velocity = {closing!r} m/s; allowed: > 0, body 1 must catch up with body 2")
     reduced = m1 / (1.0 + m1 / m2)
     overlap = (n * reduced * closing**2 / (2.0 * stiffness)) ** (1.0 / n)
@@ -56,4 +90,112 @@ def two_body_collision(
         half_time=half,
         contact_time=2.0 * half,
         exit_velocity=(v1 - impulse / m1, v2 + impulse / m2),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class WallRebound:
+    """A body on a rigid wall: it leaves as fast as it came. Made by :func:`wall_rebound`."""
+
+    peak_overlap: float
+    """m: (n m v^2 / (2 beta))^(1/n)."""
+    peak_force: float
+    """N."""
+    half_time: float
+    """s: from touch to the largest overlap, where the body is at rest."""
+    contact_time: float
+    """s."""
+    exit_velocity: float
+    """m/s: minus the velocity of approach."""
+    impulse: float
+    """N s: what the wall takes, 2 m v."""
+
+
+def wall_rebound(*, mass: float, velocity: float, stiffness: float, exponent: float) -> WallRebound:
+    """Elastic impact on a rigid wall: the collision with a body of infinite mass, so that mu = m; any n > 1.
+
+    ``mass`` in kg, ``velocity`` towards the wall in m/s, ``stiffness`` in N/m^(n-1) (Deresiewicz 1968). No gravity.
+    Raises ValueError for anything that is not > 0, or n <= 1.
+
+    >>> bounce = wall_rebound(mass=2.0, velocity=3.0, stiffness=8.0, exponent=2.0)  # a linear spring: half a period
+    >>> f"{bounce.contact_time / math.pi:.12f} s, {bounce.peak_overlap:.12f} m", bounce.exit_velocity
+    ('0.500000000000 s, 1.500000000000 m', -3.0)
+    """
+    v = above(0.0, "velocity", velocity, "m/s, towards the wall")
+    m = above(0.0, "mass", mass, "kg")
+    hit = two_body_collision(masses=(m, math.inf), velocities=(v, 0.0), stiffness=stiffness, exponent=exponent)
+    return WallRebound(
+        peak_overlap=hit.peak_overlap,
+        peak_force=hit.peak_force,
+        half_time=hit.half_time,
+        contact_time=hit.contact_time,
+        exit_velocity=-v,
+        impulse=2.0 * m * v,
+    )
+
+
+def equal_mass_transfer(
+    *, mass: float, velocities: tuple[float, float], stiffness: float, exponent: float
+) -> TwoBodyCollision:
+    """Elastic collision of two equal bodies: they exchange velocities, so a body at rest takes all momentum.
+
+    Times, overlap and force are those of :func:`two_body_collision` with mu = m/2; the exit velocities are exchanged
+    and not computed, hence without round-off. What the binary collision approximation rests on: in a chain the next
+    contact is felt before the collision is over, and the transfer is not complete. Units and errors as there.
+
+    >>> equal_mass_transfer(mass=0.1, velocities=(0.7, 0.0), stiffness=4e9, exponent=2.5).exit_velocity
+    (0.0, 0.7)
+    """
+    hit = two_body_collision(masses=(mass, mass), velocities=velocities, stiffness=stiffness, exponent=exponent)
+    return replace(hit, exit_velocity=(velocities[1], velocities[0]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scaling:
+    """Factors by which a chain's motion changes. Made by :func:`scaling`."""
+
+    time: float
+    displacement: float
+    velocity: float
+    acceleration: float
+    """Gravity, where there is any, must change by it too."""
+    force: float
+    momentum: float
+    energy: float
+    damping: float
+    """Of a dashpot's coefficient, force over velocity: it too must change for the motion to stay similar."""
+
+
+def scaling(*, exponent: float, velocity: float = 1.0, stiffness: float = 1.0, mass: float = 1.0) -> Scaling:
+    """Factors of all quantities when all velocities, stiffnesses and masses are multiplied by those given.
+
+    No length or time is built into a chain of bodies that just touch, so motions are similar (Nesterenko 1983,
+    *J. Appl. Mech. Tech. Phys.* 24, 733; Sen et al. 2008, *Phys. Rep.* 462, 21)::
+
+        displacement = (mass velocity^2 / stiffness)^(1/n)       time = displacement / velocity
+
+    Under velocity -> s velocity alone: time by s^(2/n - 1), displacement by s^(2/n), force by s^(2 - 2/n);
+    -1/5, 4/5 and 6/5 for n = 5/2. Exact where one exponent n > 1 holds in the whole chain and gaps and initial
+    overlaps are zero, or are multiplied by the factor of displacement. Raises ValueError for factors that are not > 0.
+
+    >>> faster = scaling(exponent=2.5, velocity=32.0)
+    >>> [round(math.log2(f) / 5, 12) for f in (faster.time, faster.displacement, faster.force, faster.energy)]
+    [-0.2, 0.8, 1.2, 2.0]
+    """
+    n = above(1.0, "exponent", exponent)
+    s, b, m = (
+        above(0.0, name, value) for name, value in (("velocity", velocity), ("stiffness", stiffness), ("mass", mass))
+    )
+    displacement = (m * s**2 / b) ** (1.0 / n)
+    time = displacement / s
+    force = m * s**2 / displacement
+    return Scaling(
+        time=time,
+        displacement=displacement,
+        velocity=s,
+        acceleration=force / m,
+        force=force,
+        momentum=m * s,
+        energy=m * s**2,
+        damping=force / s,
     )

@@ -1,0 +1,114 @@
+"""Small oscillations of a precompressed chain: what is left of the contact law is its tangent stiffness.
+
+Under a static force F0 each contact is overlapped by ``delta0 = (F0/beta)^(1/(n-1))`` and small motions see a spring
+``K = (n-1) beta delta0^(n-2)``. A lattice of equal masses then has ``omega = 2 sqrt(K/m) |sin(k/2)|``, of two masses in
+turn an acoustic and an optical branch (Brillouin 1946, *Wave Propagation in Periodic Structures*, ch. 3 and 4;
+Nesterenko 2001, *Dynamics of Heterogeneous Materials*, ch. 1, for the granular chain). Wave numbers k are in radians
+per contact, speeds in grains per second. Valid while the overlap's oscillation is much smaller than delta0: no contact
+opens, and the relative error of K is about (n-2)/2 times their ratio.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from dem_bridge.physics.valid import above
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dispersion:
+    """Oscillations of a precompressed chain of one or two masses in turn. Made by :func:`dispersion`."""
+
+    static_overlap: float
+    """m: delta0."""
+    tangent_stiffness: float
+    """N/m: K."""
+    sound_speed: float
+    """Grains per second, in the limit of long waves."""
+    cutoff: float
+    """rad/s: no wave is faster."""
+    band_gap: tuple[float, float]
+    """rad/s: from the top of the acoustic to the bottom of the optical branch; for equal masses both are sqrt(2 K/m),
+    and there is no gap."""
+    masses: tuple[float, float]
+
+    def frequency(self, wave_number: float, *, optical: bool = False) -> float:
+        """omega(k), rad/s, of the acoustic (or optical) branch; 0 <= k <= pi, for two masses or ``optical`` pi/2."""
+        k = self._in_zone(wave_number, folded=optical)
+        if self._uniform and not optical:
+            return self.cutoff * math.sin(0.5 * k)
+        # omega^2 = S -+ sqrt(S^2 - P); the smaller root as P/(larger), which does not cancel for long waves
+        mean, product = self._sum, (2.0 * self.tangent_stiffness * math.sin(k)) ** 2 / math.prod(self.masses)
+        larger = mean + math.sqrt(max(mean * mean - product, 0.0))
+        return math.sqrt(larger if optical else product / larger)
+
+    def group_velocity(self, wave_number: float) -> float:
+        """d omega / d k, grains per second, of the acoustic branch; k as in :meth:`frequency`."""
+        k = self._in_zone(wave_number)
+        if self._uniform:
+            return self.sound_speed * math.cos(0.5 * k)
+        if k == 0.0:
+            return self.sound_speed
+        omega = self.frequency(k)
+        # implicit derivative of omega^4 - 2 S omega^2 + P(k) = 0
+        slope = 4.0 * self.tangent_stiffness**2 * math.sin(2.0 * k) / math.prod(self.masses)
+        return slope / (4.0 * omega * (self._sum - omega**2))
+
+    def fixed_modes(self, count: int) -> tuple[float, ...]:
+        """Frequencies, rad/s, of ``count`` equal bodies between rigid walls (``count`` + 1 contacts, all alike).
+
+        In mode j body i moves as sin(k i) with k = j pi / (count + 1).
+        """
+        if not self._uniform:
+            raise ValueError(f"masses = {self.masses}; allowed: equal masses, two kinds have no closed form")
+        if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+            raise ValueError(f"count = {count!r}; allowed: a whole number >= 1")
+        return tuple(self.frequency(j * math.pi / (count + 1)) for j in range(1, count + 1))
+
+    @property
+    def _uniform(self) -> bool:
+        return self.masses[0] == self.masses[1]
+
+    @property
+    def _sum(self) -> float:
+        return self.tangent_stiffness * (1.0 / self.masses[0] + 1.0 / self.masses[1])
+
+    def _in_zone(self, wave_number: float, *, folded: bool = False) -> float:
+        edge, text = (math.pi, "pi") if self._uniform and not folded else (0.5 * math.pi, "pi/2")
+        if not 0.0 <= wave_number <= edge:
+            raise ValueError(f"wave_number = {wave_number!r} rad per grain; allowed: 0 to {text}")
+        return float(wave_number)
+
+
+def dispersion(
+    *, mass: float | tuple[float, float], stiffness: float, exponent: float, static_force: float
+) -> Dispersion:
+    """Dispersion of a chain of ``mass`` (kg; a pair: two kinds in turn) held by ``static_force`` (N).
+
+    ``stiffness`` in N/m^(n-1), ``exponent`` n > 1. Raises ValueError for anything else: without a static force a chain
+    with n > 2 has no sound at all.
+
+    >>> chain = dispersion(mass=0.01, stiffness=4e9, exponent=2.5, static_force=10.0)
+    >>> f"{chain.sound_speed:.6f} grains/s, {chain.cutoff:.6f} rad/s, {chain.static_overlap:.6e} m"
+    '28536.385282 grains/s, 57072.770565 rad/s, 1.842016e-06 m'
+    >>> f"{chain.frequency(math.pi):.6f}", chain.group_velocity(0.0) == chain.sound_speed
+    ('57072.770565', True)
+    """
+    pair = mass if isinstance(mass, tuple) else (mass, mass)
+    if len(pair) != 2:
+        raise ValueError(f"mass = {mass!r}; allowed: one number > 0 (kg) or two, for bodies in turn")
+    m1, m2 = (above(0.0, "mass", m, "kg") for m in pair)
+    beta, n = above(0.0, "stiffness", stiffness, "N/m^(n-1)"), above(1.0, "exponent", exponent)
+    force = above(0.0, "static_force", static_force, "N", why="a chain that is not pressed together has no sound speed")
+    overlap = (force / beta) ** (1.0 / (n - 1.0))
+    spring = (n - 1.0) * force / overlap
+    light, heavy = sorted((m1, m2))
+    return Dispersion(
+        static_overlap=overlap,
+        tangent_stiffness=spring,
+        sound_speed=math.sqrt(2.0 * spring / (light + heavy)),
+        cutoff=math.sqrt(2.0 * spring * (1.0 / light + 1.0 / heavy)),
+        band_gap=(math.sqrt(2.0 * spring / heavy), math.sqrt(2.0 * spring / light)),
+        masses=(m1, m2),
+    )
