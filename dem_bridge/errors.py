@@ -5,6 +5,7 @@
     ├── SceneError           a scene or scene file that cannot be accepted          exit 2
     ├── UnsupportedScene     the scene is sound, but not for this backend           NOT_RUN
     ├── BackendUnavailable   the backend's engine is missing on this machine        NOT_RUN
+    ├── NotAsymptotic        results from which no extrapolation follows            exit 2
     └── RunBroken            a run that started and failed                          exit 3
 
 Every message is one line that says what was asked, what was found, what is allowed and what to do.
@@ -59,6 +60,10 @@ class UnsupportedScene(DemBridgeError):
 
 class BackendUnavailable(DemBridgeError):
     """A backend cannot run on this machine; the message says why and what to install."""
+
+
+class NotAsymptotic(DemBridgeError, ValueError):
+    """Resolutions that show no clean order of convergence: what would be extrapolated from them is refused."""
 
 
 class RunBroken(DemBridgeError):

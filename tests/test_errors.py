@@ -8,6 +8,7 @@ from dem_bridge import errors
 from dem_bridge.errors import (
     BackendUnavailable,
     DemBridgeError,
+    NotAsymptotic,
     RunBroken,
     SceneError,
     UnsupportedScene,
@@ -15,7 +16,9 @@ from dem_bridge.errors import (
 )
 
 
-@pytest.mark.parametrize("kind", [UsageError, SceneError, UnsupportedScene, BackendUnavailable, RunBroken])
+@pytest.mark.parametrize(
+    "kind", [UsageError, SceneError, UnsupportedScene, BackendUnavailable, NotAsymptotic, RunBroken]
+)
 def test_every_error_can_be_caught_as_a_dem_bridge_error(kind: type[Exception]) -> None:
     assert issubclass(kind, DemBridgeError)
 
@@ -36,6 +39,7 @@ def test_wrong_use_exits_with_2_and_a_broken_run_with_3() -> None:
 def test_wrong_use_is_also_a_value_error() -> None:
     assert issubclass(UsageError, ValueError)
     assert issubclass(SceneError, ValueError)
+    assert issubclass(NotAsymptotic, ValueError)
 
 
 def test_a_scene_error_says_where_what_and_what_is_allowed() -> None:
