@@ -38,9 +38,11 @@ class Dispersion:
         k = self._in_zone(wave_number, folded=optical)
         if self._uniform and not optical:
             return self.cutoff * math.sin(0.5 * k)
-        # omega^2 = S -+ sqrt(S^2 - P); the smaller root as P/(larger), which does not cancel for long waves
-        mean, product = self._sum, (2.0 * self.tangent_stiffness * math.sin(k)) ** 2 / math.prod(self.masses)
-        larger = mean + math.sqrt(max(mean * mean - product, 0.0))
+        # with a = K/m1, b = K/m2: omega^2 = a + b -+ sqrt((a + b)^2 - 4 a b sin^2 k), the root written as a hypotenuse
+        # and the smaller omega^2 as product over larger, so that nothing cancels at either end of the zone
+        a, b = (self.tangent_stiffness / m for m in self.masses)
+        larger = a + b + math.hypot(a - b, 2.0 * math.sqrt(a * b) * math.cos(k))
+        product = 4.0 * a * b * math.sin(k) ** 2
         return math.sqrt(larger if optical else product / larger)
 
     def group_velocity(self, wave_number: float) -> float:
@@ -51,9 +53,9 @@ class Dispersion:
         if k == 0.0:
             return self.sound_speed
         omega = self.frequency(k)
-        # implicit derivative of omega^4 - 2 S omega^2 + P(k) = 0
-        slope = 4.0 * self.tangent_stiffness**2 * math.sin(2.0 * k) / math.prod(self.masses)
-        return slope / (4.0 * omega * (self._sum - omega**2))
+        # implicit derivative of omega^4 - 2 (a + b) omega^2 + 4 a b sin^2 k = 0
+        a, b = (self.tangent_stiffness / m for m in self.masses)
+        return a * b * math.sin(2.0 * k) / (omega * math.hypot(a - b, 2.0 * math.sqrt(a * b) * math.cos(k)))
 
     def fixed_modes(self, count: int) -> tuple[float, ...]:
         """Frequencies, rad/s, of ``count`` equal bodies between rigid walls (``count`` + 1 contacts, all alike).
@@ -69,10 +71,6 @@ class Dispersion:
     @property
     def _uniform(self) -> bool:
         return self.masses[0] == self.masses[1]
-
-    @property
-    def _sum(self) -> float:
-        return self.tangent_stiffness * (1.0 / self.masses[0] + 1.0 / self.masses[1])
 
     def _in_zone(self, wave_number: float, *, folded: bool = False) -> float:
         edge, text = (math.pi, "pi") if self._uniform and not folded else (0.5 * math.pi, "pi/2")
