@@ -6,8 +6,9 @@ from dataclasses import replace
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.steps import default_step, round_step
 from dem_bridge.backends.survey import survey
-from dem_bridge.backends.verlet import Verlet, default_step, round_step
+from dem_bridge.backends.verlet import Verlet
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
 

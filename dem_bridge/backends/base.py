@@ -92,6 +92,23 @@ class Availability:
     reason: str = ""
 
 
+class Named(Protocol):
+    """What a birth certificate names."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def equations(self) -> str: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Identity:
+    """Name and equations of a code that more than one module speaks of."""
+
+    name: str
+    equations: str
+
+
 class Backend(Protocol):
     """See the module's docstring."""
 
@@ -139,7 +156,7 @@ def natural_scales(scene: Scene) -> tuple[float, NDArray[np.float64]]:
     return speed, (c.exponent * energy / c.stiffness) ** (1.0 / c.exponent)
 
 
-def birth_certificate(backend: Backend, scene: Scene, settings: Mapping[str, Any]) -> dict[str, Any]:
+def birth_certificate(backend: Named, scene: Scene, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Provenance common to all backends: what was run, with which settings and versions. JSON-able."""
     import platform
     from importlib.metadata import version

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from dem_bridge import progress
 from dem_bridge.backends.bars import UNKNOWN
 from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
+from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.survey import Survey, survey
-from dem_bridge.backends.verlet import fixed_step_plan, with_twin_bars
+from dem_bridge.backends.twin_bars import with_twin_bars
 from dem_bridge.dense import extremes
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, granular_deck, refusal

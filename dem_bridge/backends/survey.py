@@ -6,6 +6,7 @@ that follows the stiffest contact of the moment; good to about a per cent, and n
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,9 +15,10 @@ from numpy.typing import NDArray
 
 from dem_bridge.compiled import interruptible
 from dem_bridge.errors import RunBroken
-from dem_bridge.lmp.deck import gauge_radius
 from dem_bridge.scene import Scene
 
+#: gauge radius over the largest overlap, at least
+GAUGE_MARGIN = 1.25
 #: fraction of 1/omega taken as the step
 _STEP = 0.1
 
@@ -39,8 +41,23 @@ class Survey:
 
     @property
     def gauge_radius(self) -> float:
-        """Radius for a code that keeps positions, m; see :func:`dem_bridge.lmp.deck.gauge_radius`."""
+        """Radius for a code that keeps positions, m; see :func:`gauge_radius`."""
         return gauge_radius(float(np.max(self.peak_overlap, initial=0.0)))
+
+
+def gauge_radius(peak_overlap: float) -> float:
+    """Radius for a deck, m: the next power of two above 1.25 times the largest overlap (m).
+
+    Neighbours of neighbours then never touch, and the round-off floor follows the scene's own scale.
+
+    >>> gauge_radius(16e-6) == 2.0**-15
+    True
+    """
+    if not (math.isfinite(peak_overlap) and peak_overlap >= 0.0):
+        raise ValueError(f"peak overlap = {peak_overlap!r} m; allowed: finite, >= 0")
+    if peak_overlap == 0.0:
+        return 2.0**-15  # nothing touches: any radius serves
+    return 2.0 ** (math.floor(math.log2(GAUGE_MARGIN * peak_overlap)) + 1)
 
 
 def survey(scene: Scene, *, max_steps: int = 200_000_000) -> Survey:

@@ -23,8 +23,6 @@ from dem_bridge.version import __version__
 
 #: date of the deck's form, not of the day it is written: the same scene gives the same bytes
 FORM_DATE = "2026-11-21"
-#: gauge radius over the largest overlap, at least
-GAUGE_MARGIN = 1.25
 #: columns of the dump; with ``type`` and three coordinates other readers know it too
 DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "fx")
 #: a contact law that is exactly elastic: these two clauses with zeros give no force at all
@@ -73,21 +71,6 @@ def refusal(scene: Scene) -> str | None:
         found = float(scene.contacts.exponent[wrong[0]])
         return f"contact {wrong[0]} has exponent n = {found!r}; pair_style granular's hertz has n = 2.5 only"
     return None
-
-
-def gauge_radius(peak_overlap: float) -> float:
-    """Radius for a deck, m: the next power of two above 1.25 times the largest overlap (m).
-
-    Neighbours of neighbours then never touch, and the round-off floor follows the scene's own scale.
-
-    >>> gauge_radius(16e-6) == 2.0**-15
-    True
-    """
-    if not (math.isfinite(peak_overlap) and peak_overlap >= 0.0):
-        raise ValueError(f"peak overlap = {peak_overlap!r} m; allowed: finite, >= 0")
-    if peak_overlap == 0.0:
-        return 2.0**-15  # nothing touches: any radius serves
-    return 2.0 ** (math.floor(math.log2(GAUGE_MARGIN * peak_overlap)) + 1)
 
 
 def granular_deck(scene: Scene, *, radius: float, schedule: Schedule, travel: float = 0.0) -> Deck:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 import dem_bridge as db
 from dem_bridge.accuracy import observed_order
 from dem_bridge.backends.base import Sampling
+from dem_bridge.backends.steps import default_step, round_step
 from dem_bridge.backends.survey import survey
-from dem_bridge.backends.verlet import default_step, round_step
 from dem_bridge.errors import DemBridgeError, RunBroken
 from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.scene import Scene, Wall

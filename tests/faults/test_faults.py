@@ -17,7 +17,8 @@ import pytest
 from numpy.typing import NDArray
 
 import dem_bridge as db
-from dem_bridge.backends import bca, lammps, scipy_dop853, verlet
+from dem_bridge.backends import bca, lammps, scipy_dop853
+from dem_bridge.backends import twin as twin_code
 from dem_bridge.compare import difference
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.deck import Deck, granular_deck
@@ -196,7 +197,7 @@ def test_dumps_at_other_steps_are_a_broken_run(fault: Change, faulty_lammps: Cal
 
 # in the twin
 
-SOURCE = inspect.getsource(verlet.integrate.py_func)
+SOURCE = inspect.getsource(twin_code.integrate.py_func)
 
 #: what is written -> what is planted, in the twin's own source
 TWIN_FAULTS = {
@@ -222,7 +223,7 @@ def _faulty_twin(monkeypatch: pytest.MonkeyPatch, changes: list[tuple[str, str]]
         text = text.replace(old, new)
     names = {"np": np}
     exec(text.split("\n", 1)[1], names)  # without the decorator
-    monkeypatch.setattr(verlet, "integrate", names["integrate"])
+    monkeypatch.setattr(twin_code, "integrate", names["integrate"])
     return db.solve(CHAIN, backend="verlet", dt=DT, bars=False)
 
 

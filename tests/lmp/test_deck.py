@@ -14,9 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dem_bridge as db
+from dem_bridge.backends.survey import gauge_radius
 from dem_bridge.dense import schedule
 from dem_bridge.errors import SceneError
-from dem_bridge.lmp.deck import Deck, gauge_radius, granular_deck, refusal
+from dem_bridge.lmp.deck import Deck, granular_deck, refusal
 from dem_bridge.scene import Scene, Wall
 from tests.lmp.deck_reader import ReadDeck, read_deck
 from tests.strategies import examples, log_uniform, scenes

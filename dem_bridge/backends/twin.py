@@ -1,0 +1,196 @@
+"""The kernel of the twin: velocity-Verlet in overlap variables, or in absolute positions, on given steps."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dem_bridge.backends.bars import UNKNOWN
+from dem_bridge.backends.base import Identity, Sampling, birth_certificate
+from dem_bridge.compiled import interruptible
+from dem_bridge.dense import Schedule, extremes
+from dem_bridge.errors import RunBroken
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Cost, Trajectory
+
+TWIN = Identity(name="verlet", equations="hertz")
+
+
+def solve_plan(scene: Scene, plan: Schedule, radius: float = 0.0) -> Trajectory:
+    """One twin run on the given steps, without bars.
+
+    ``radius`` (m) above 0: as a code does that keeps absolute positions of bodies of this radius and subtracts them.
+    Nothing but round-off differs, so the difference to the run with 0 is the round-off of such a code.
+    """
+    return solve_dense(scene, plan, radius)[0]
+
+
+class Dense(NamedTuple):
+    """What :func:`integrate` returns."""
+
+    velocity: NDArray[np.float64]
+    displacement: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    overlap: NDArray[np.float64]
+    force: NDArray[np.float64]
+
+
+def solve_dense(scene: Scene, plan: Schedule, radius: float) -> tuple[Trajectory, Dense]:
+    """As :func:`solve_plan`, with all that was looked at between the samples."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    settings: dict[str, float] = {"dt": plan.step, "samples": plan.samples}
+    if radius > 0.0:
+        settings["gauge_radius"] = radius
+    c = scene.contacts
+    dense = Dense(
+        *interruptible(
+            integrate,
+            np.array(scene.mass),
+            np.array(scene.velocity),
+            c.left,
+            c.right,
+            len(scene.stiffness),
+            c.stiffness,
+            c.exponent,
+            c.gap,
+            scene.gravity,
+            plan.step,
+            plan.dense_steps,
+            *_frame(scene, radius),
+        )
+    )
+    if not np.all(np.isfinite(dense.velocity)):
+        raise RunBroken(f"verlet on {scene.name}: velocities are not finite; dt = {plan.step:g} s is beyond stability")
+    peak_force, crossing = peaks_and_crossings(scene, plan, dense)
+    keep = slice(None, None, plan.subdivisions)
+    run = Trajectory(
+        time=Sampling(count=plan.samples).times(scene.duration),
+        displacement=dense.displacement[keep, :-1],
+        velocity=dense.velocity[keep, :-1],
+        contact_force=dense.force[keep],
+        peak_force=peak_force,
+        crossing_time=crossing,
+        uncertainty=UNKNOWN,
+        cost=Cost(
+            wall=time.perf_counter() - wall,
+            cpu=time.process_time() - cpu,
+            steps=plan.steps,
+            force_evaluations=plan.steps + 1,
+        ),
+        provenance=birth_certificate(TWIN, scene, settings),
+    )
+    return run, dense
+
+
+def peaks_and_crossings(
+    scene: Scene, plan: Schedule, dense: Dense, every: int = 1
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Peak forces and crossing times from one in ``every`` dense samples."""
+    c, rows = scene.contacts, slice(None, None, every)
+    v, a = dense.velocity[rows], dense.acceleration[rows]
+    return extremes(
+        time=plan.dense_steps[rows] * plan.step,
+        overlap=dense.overlap[rows],
+        rate=v[:, c.left] - v[:, c.right],
+        acceleration=a[:, c.left] - a[:, c.right],
+        force=dense.force[rows],
+        exponent=c.exponent,
+        # bodies that fly in touch overlap by the last digit of their way: that is no collision
+        resolution=4.0 * math.ulp(float(np.max(np.abs(dense.displacement)))),
+    )
+
+
+def _frame(scene: Scene, radius: float) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+    """Diameter, start positions of the bodies and position of the wall of each contact, m."""
+    c, links = scene.contacts, len(scene.stiffness)
+    start = np.concatenate([[0.0], np.cumsum(2.0 * radius + c.gap[:links])])
+    wall = np.zeros(scene.n_contact)
+    for k in range(links, scene.n_contact):
+        reach = 2.0 * radius + c.gap[k]
+        wall[k] = start[0] - reach if c.left[k] == scene.n_body else start[-1] + reach
+    return 2.0 * radius, start, wall
+
+
+@njit(cache=True, nogil=True)
+def integrate(  # type: ignore[no-untyped-def]
+    mass, velocity, left, right, links, stiffness, exponent, gap, gravity, dt, dense_steps, diameter, start, wall
+):
+    """Velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap and force
+    ``(n_dense, n_contact)`` at ``dense_steps``. The first ``links`` contacts are those of the chain.
+
+    With n = 5/2 the force is ``beta s sqrt(s)``: only exact powers of two appear when v0 -> 32 v0 and
+    dt -> dt/2, so such runs repeat bit for bit.
+    """
+    n_body, n_contact, n_dense = mass.shape[0], left.shape[0], dense_steps.shape[0]
+    hertz = np.all(exponent == 2.5)
+    v = np.zeros(n_body + 1)
+    v[:n_body] = velocity
+    x = np.zeros(n_body + 1)
+    force = np.zeros(n_contact)
+    net = np.zeros(n_body + 1)
+    kick = np.zeros(n_body + 1)
+    kick[:n_body] = 0.5 * dt / mass
+    weight = np.zeros(n_body + 1)
+    weight[:n_body] = mass * gravity
+    overlap = -gap
+    position = start.copy()
+    out_v = np.zeros((n_dense, n_body + 1))
+    out_x = np.zeros((n_dense, n_body + 1))
+    out_a = np.zeros((n_dense, n_body + 1))
+    out_overlap = np.zeros((n_dense, n_contact))
+    out_force = np.zeros((n_dense, n_contact))
+    step = 0
+    for row in range(n_dense):
+        while step <= dense_steps[row]:
+            if step > 0:
+                for i in range(n_body):
+                    v[i] += kick[i] * net[i]
+                    x[i] += dt * v[i]
+                if diameter == 0.0:
+                    for k in range(links):
+                        overlap[k] += dt * (v[k] - v[k + 1])
+                    for k in range(links, n_contact):
+                        overlap[k] += dt * (v[left[k]] - v[right[k]])
+                else:
+                    for i in range(n_body):
+                        position[i] += dt * v[i]
+                        x[i] = position[i] - start[i]
+                    for k in range(links):
+                        overlap[k] = diameter - (position[k + 1] - position[k])
+                    for k in range(links, n_contact):
+                        if left[k] == n_body:
+                            overlap[k] = diameter - (position[right[k]] - wall[k])
+                        else:
+                            overlap[k] = diameter - (wall[k] - position[left[k]])
+            if hertz:
+                for k in range(n_contact):
+                    closed = max(overlap[k], 0.0)
+                    force[k] = stiffness[k] * closed * np.sqrt(closed)
+            else:
+                for k in range(n_contact):
+                    closed = max(overlap[k], 0.0)
+                    force[k] = stiffness[k] * closed ** (exponent[k] - 1.0)
+            for i in range(n_body):
+                net[i] = weight[i]
+            for k in range(links):
+                net[k] -= force[k]
+                net[k + 1] += force[k]
+            for k in range(links, n_contact):
+                net[left[k]] -= force[k]
+                net[right[k]] += force[k]
+            if step > 0:
+                for i in range(n_body):
+                    v[i] += kick[i] * net[i]
+            step += 1
+        out_v[row] = v
+        out_x[row] = x
+        out_overlap[row] = overlap
+        out_force[row] = force
+        for i in range(n_body):
+            out_a[row, i] = net[i] / mass[i]
+    return out_v, out_x, out_a, out_overlap, out_force

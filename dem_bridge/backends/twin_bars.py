@@ -1,0 +1,142 @@
+"""Error bars of fixed-step runs, each part measured apart by twins and none by the run that is judged.
+
+*Time step.* The twin at the run's step, at twice and at a third of it. A second-order error is a third of the first
+difference and nine eighths of the second; three times the error is taken, so that the bar holds where the order is not
+clean, and the larger of the two, because one of them can be small by chance.
+
+*Round-off.* A code that keeps absolute positions rounds them at every step and subtracts them for every overlap. The
+twin can do the same; its difference to the twin in overlap variables is that round-off, with the scene's conditioning
+in it. On the paper's chains it predicts LAMMPS' to 1 %; three times it is taken, because it is one realisation.
+
+*Sampling.* Peaks and crossings from every second dense sample beside those from all, see :mod:`dem_bridge.dense`.
+
+How often bars hold is measured on 300 random scenes in tests/bench/bench_bars.py.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.backends.bars import QUANTITIES, Answer, apart, not_below_the_median
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.steps import fixed_step_plan
+from dem_bridge.backends.survey import Survey
+from dem_bridge.backends.twin import TWIN, peaks_and_crossings, solve_dense, solve_plan
+from dem_bridge.dense import CROSSING_ERROR, MOST_STEPS, PEAK_ERROR, Schedule, rivals
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory, own_scale
+
+#: one realisation of round-off stands for others up to this factor
+REALISATIONS = 3.0
+#: bars of the time step are so many times a second-order error: they hold where the order is not clean, too
+STEP_SAFETY = 3.0
+#: of what every second dense sample changes: by order 7/2 (a neighbour that opens between them) a tenth is lost
+THINNING = 0.5
+
+
+def with_twin_bars(run: Trajectory, scene: Scene, plan: Schedule, look: Survey, *, radius: float) -> Trajectory:
+    """``run`` (of LAMMPS or of the twin, on the steps of ``plan``) with bars from twins; see :mod:`.bars`.
+
+    ``radius`` (m): of the bodies, for a code that keeps positions.
+    """
+    is_own = run.provenance["backend"] == TWIN.name and "gauge_radius" not in run.provenance["settings"]
+    # one step per sample leaves no coarser step that falls on the samples
+    ratios = (2.0, 1.0 / 3.0) if plan.per_sample > 1 else (0.5, 1.0 / 3.0)
+    if plan.steps > min(ratios) * MOST_STEPS:
+        return run  # no finer run can be had, so nothing can be said
+    others = {}
+    for ratio in ratios:
+        other = fixed_step_plan(scene, Resolution(dt=ratio * plan.step), Sampling(count=plan.samples), look)
+        others[other.step / plan.step] = solve_plan(scene, other)
+    positional, dense = solve_dense(scene, plan, radius)
+    thinned = peaks_and_crossings(scene, plan, dense, every=2)
+    own = run if is_own else solve_plan(scene, plan)
+    return with_bars(
+        run,
+        Twins(
+            plan=plan,
+            own=own,
+            others=others,
+            positional=positional,
+            thinned=thinned,
+            rivals=rivals(dense.force),
+        ),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Twins:
+    """Runs of the twin that a fixed-step run gets its bars from."""
+
+    plan: Schedule
+    """Steps of the run that is judged, and of ``own`` and ``positional``."""
+    own: Answer
+    others: Mapping[float, Answer]
+    """The same at other steps, by the ratio of their step to that of the plan."""
+    positional: Answer
+    """As ``own``, in absolute positions."""
+    thinned: tuple[NDArray[np.float64], NDArray[np.float64]]
+    """Peak forces and crossing times of ``positional`` from every second dense sample."""
+    rivals: NDArray[np.float64]
+    """Largest force of each contact outside the collision that has its largest, N."""
+
+    def of_step(self) -> dict[str, Any]:
+        """Bars for the time step, before contacts are compared with each other."""
+        safe = {ratio: STEP_SAFETY / abs(ratio**2 - 1.0) for ratio in self.others}
+        found = {ratio: apart(self.own, other) for ratio, other in self.others.items()}
+        return {name: np.max([safe[ratio] * one[name] for ratio, one in found.items()], axis=0) for name in QUANTITIES}
+
+
+def with_bars(run: Trajectory, twins: Twins) -> Trajectory:
+    """``run`` with its bars."""
+    plan, own = twins.plan, twins.own
+    step, rounding = twins.of_step(), apart(own, twins.positional)
+    speed = float(np.max(np.abs(own.velocity)))
+    # no run is better than a random walk of its last digit
+    digit = np.finfo(float).eps * math.sqrt(plan.steps)
+    bars: dict[str, NDArray[np.float64] | float] = {}
+    for name in QUANTITIES:
+        size = np.nan_to_num(np.abs(getattr(own, name)))
+        if name in ("velocity", "displacement"):
+            bars[name] = float(step[name]) + REALISATIONS * (rounding[name] + digit * float(np.max(size)))
+        else:
+            # force errors go with the force; a late crossing is late by what all before it were
+            share = size if name == "peak_force" else np.ones_like(size)
+            bars[name] = not_below_the_median(step[name], share) + REALISATIONS * (rounding[name] + digit * size)
+    # equal increments round alike: a sum may be off by half a unit in the last place for every step
+    summation = 0.5 * plan.steps * np.finfo(float).eps
+    bars["displacement"] += summation * float(np.max(np.abs(own.displacement)))
+    bars["velocity"] += summation * speed
+    # forces come as running sums of net forces: an untouched contact may show the last digit of the largest
+    bars["peak_force"] += 8.0 * np.finfo(float).eps * float(np.max(own.peak_force, initial=0.0))
+    thin_peak, thin_crossing = twins.thinned
+    lost = {
+        "peak_force": THINNING * np.abs(thin_peak - twins.positional.peak_force),
+        "crossing_time": THINNING * np.nan_to_num(np.abs(thin_crossing - twins.positional.crossing_time)),
+    }
+    bars["peak_force"] += lost["peak_force"] + PEAK_ERROR * own.peak_force
+    bars["crossing_time"] += lost["crossing_time"] + CROSSING_ERROR * plan.spacing
+    # a share of the velocities is not known, and so of the force of the next largest collision: it may be the largest
+    unknown = min(1.0, float(bars["velocity"]) / speed) if speed > 0.0 else 0.0
+    bars["peak_force"] += np.maximum(0.0, twins.rivals * (1.0 + unknown) - own.peak_force)
+    if not plan.resolved:
+        # all twins look too rarely, so their differences say nothing of what lies between the looks
+        bars["peak_force"] = bars["crossing_time"] = math.inf
+    parts = {
+        "time_step": float(step["velocity"]) / speed if speed > 0.0 else 0.0,
+        "round_off": float(REALISATIONS * (rounding["velocity"] / speed + digit)) if speed > 0.0 else 0.0,
+        "summation": float(summation),
+        "last_digit": digit if speed > 0.0 else 0.0,
+    }
+    # samples are steps: only what lies between them is read off a curve
+    sampling = dict.fromkeys(QUANTITIES, 0.0) | {
+        name: float(np.max(amount / np.maximum(own_scale(getattr(own, name)), 1e-300), initial=0.0))
+        for name, amount in lost.items()
+    }
+    return replace(run, uncertainty=bars, provenance={**run.provenance, "velocity_bar": parts, "sampling": sampling})

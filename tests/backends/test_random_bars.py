@@ -1,0 +1,44 @@
+"""Error bars on every tenth of the 300 random scenes with a stored truth; tests/bench/bench_bars.py has all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dem_bridge as db
+from dem_bridge.backends.bars import QUANTITIES
+from tests.bench.bench_bars import trials
+from tests.random_scenes import COUNT, random_scene, random_truth
+
+SEEDS = range(0, COUNT, 10)
+
+
+def test_the_bars_of_the_reference_hold_in_all() -> None:
+    found = list(trials("reference", SEEDS))
+    assert {trial.seed: trial.outside for trial in found if max(trial.outside.values()) > 1.0} == {}
+    assert all(all(trial.finite.values()) for trial in found)
+
+
+@pytest.mark.parametrize(
+    ("backend", "parts"),
+    [("verlet", (1 / 25, 1 / 50, 1 / 100)), pytest.param("lammps-granular", (1 / 50,), marks=pytest.mark.lammps)],
+)
+def test_the_bars_of_fixed_steps_hold(backend: str, parts: tuple[float, ...]) -> None:
+    found = list(trials(backend, SEEDS, parts))
+    for quantity in QUANTITIES:
+        # of 100 runs one may be outside; 30 scenes at one step allow none
+        outside = [trial.seed for trial in found if trial.outside[quantity] > 1.0]
+        assert len(outside) <= len(found) // 90, (quantity, outside)
+        assert np.nanmedian([trial.wide[quantity] for trial in found]) <= 5.0, quantity
+        assert np.mean([trial.finite[quantity] for trial in found]) >= 0.97, quantity
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_a_bar_that_is_too_narrow_is_noticed(quantity: str) -> None:
+    scene, truth = random_scene(0), random_truth(0)
+    run = db.solve(scene, backend="verlet", dt=scene.duration / 1e4, bars=False)
+    error = truth.error(run, quantity)
+    narrow = replace(run, uncertainty={**run.uncertainty, quantity: 0.9 * error if error.size > 1 else 0.9 * error[0]})
+    assert truth.outside(narrow, quantity) == pytest.approx(1.0 / 0.9)

@@ -1,0 +1,84 @@
+"""Do error bars hold? 300 random scenes with a truth of their own, for the reference, the twin and LAMMPS.
+
+``make bench`` runs this (half an hour); tests/backends/test_random_bars.py takes every tenth scene. Fixed-step codes
+are tried at 1/25, 1/50 and 1/100 of the shortest contact time, where many of these scenes are far from converged.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+from scipy.stats import binomtest
+
+import dem_bridge as db
+from dem_bridge.backends.bars import QUANTITIES
+from tests.random_scenes import COUNT, random_scene, random_truth, shortest_contact
+
+#: part of the shortest contact time that is taken as the step
+FRACTIONS = (1 / 25, 1 / 50, 1 / 100)
+FIXED_STEP = ("verlet", "lammps-granular")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One run: what its bars are worth."""
+
+    seed: int
+    outside: dict[str, float]
+    """Error over bar, the worst of all contacts: above 1 the bar does not hold."""
+    wide: dict[str, float]
+    """Bar over error, the median of contacts; nan where there is no error."""
+    finite: dict[str, bool]
+
+
+def trials(backend: str, seeds: Sequence[int], fractions: Sequence[float] = FRACTIONS) -> Iterator[Trial]:
+    """Every scene at every step (a reference has none)."""
+    for seed in seeds:
+        scene, truth = random_scene(seed), random_truth(seed)
+        for part in fractions if backend in FIXED_STEP else (None,):
+            settings = {} if part is None else {"dt": part * shortest_contact(scene)}
+            run = db.solve(scene, backend=backend, **settings)
+            outside, wide, finite = {}, {}, {}
+            for quantity in QUANTITIES:
+                error = truth.error(run, quantity)
+                bar = np.broadcast_to(np.atleast_1d(run.uncertainty[quantity]), error.shape)
+                real = (error > 0.0) & np.isfinite(error) & np.isfinite(bar)
+                outside[quantity] = truth.outside(run, quantity)
+                wide[quantity] = float(np.median(bar[real] / error[real])) if real.any() else math.nan
+                finite[quantity] = bool(np.isfinite(bar).all())
+            yield Trial(seed, outside, wide, finite)
+
+
+def main() -> int:
+    """Print one table; 1 where bars do not hold as often as they must."""
+    table = Table("backend", "quantity", "runs", "inside", "95 % interval", "finite", "median bar / error", "worst")
+    failed = 0
+    for backend in ("reference", *FIXED_STEP):
+        runs = [trial for seed in track(range(COUNT), backend, transient=True) for trial in trials(backend, [seed])]
+        least = 0.99 if backend in FIXED_STEP else 1.0
+        for quantity in QUANTITIES:
+            outside = np.array([run.outside[quantity] for run in runs])
+            inside, finite = int(np.sum(outside <= 1.0)), float(np.mean([run.finite[quantity] for run in runs]))
+            sure = binomtest(inside, len(runs)).proportion_ci()
+            wide = float(np.nanmedian([run.wide[quantity] for run in runs]))
+            held = inside >= least * len(runs) and finite >= 0.97 and (least == 1.0 or wide <= 5.0)
+            failed += not held
+            worst = runs[int(np.argmax(outside))].seed
+            table.add_row(
+                backend, quantity, str(len(runs)), f"{100 * inside / len(runs):.2f} %",
+                f"{100 * sure.low:.1f} .. {100 * sure.high:.1f} %", f"{100 * finite:.1f} %", f"{wide:.2f}",
+                f"{outside.max():.2g} (scene {worst})" + ("" if held else "  NOT ENOUGH"),
+            )  # fmt: skip
+    Console(width=130).print(table)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
