@@ -16,8 +16,10 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
+from dem_bridge.backends.base import BACKENDS
 from dem_bridge.files import write_whole
 from dem_bridge.report import figures
+from dem_bridge.studies.independence import ANSWERS_THROUGH, matrix
 from dem_bridge.studies.verify import ENGINE, POSITIONAL, REFERENCE, SECOND, THEORY, TWIN, SceneStudy, Verification
 from dem_bridge.verdict import Outcome, Verdict
 from dem_bridge.version import __version__
@@ -131,6 +133,9 @@ def render(found: Verification, record: dict[str, Any]) -> str:
         deck_hashes=_deck_hashes,
         not_verified=NOT_VERIFIED,
         names=NAMES,
+        backends=tuple(BACKENDS),
+        shares=matrix(),
+        answers_through=ANSWERS_THROUGH,
     )
 
 

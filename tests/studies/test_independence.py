@@ -1,0 +1,54 @@
+"""What judges shares nothing with what it judges, by its imports."""
+
+from __future__ import annotations
+
+import pytest
+
+from dem_bridge.backends.base import BACKENDS
+from dem_bridge.studies import independence
+from dem_bridge.studies.independence import matrix, shared
+
+#: judged, judge -> what they may share for the values of a run
+JUDGED = {
+    # steps must be the same, and peaks be read off alike, so that both drop out of the difference; neither solves
+    ("lammps-granular", "verlet"): {"dense", "steps", "survey"},
+    ("ase", "verlet"): {"dense", "steps", "survey"},
+    ("verlet", "reference"): set(),
+    ("lammps-granular", "reference"): set(),
+    ("ase", "reference"): set(),
+    ("ode45", "reference"): set(),
+    ("bca", "reference"): set(),
+    ("scipy", "reference"): {"scales"},
+}
+
+
+@pytest.mark.parametrize("pair", JUDGED, ids="-".join)
+def test_a_judge_shares_no_solver_with_what_it_judges(pair: tuple[str, str]) -> None:
+    assert set(shared(*pair).values) == JUDGED[pair]
+
+
+def test_only_fixed_step_codes_take_their_bars_from_the_twin() -> None:
+    for pair, found in matrix().items():
+        fixed = {"lammps-granular", "verlet", "ase"} >= set(pair)
+        assert ("twin" in found.bars) == fixed, pair
+        assert "twin" not in found.values
+
+
+def test_the_matrix_has_every_pair_once() -> None:
+    assert len(matrix()) == len(BACKENDS) * (len(BACKENDS) - 1) // 2
+
+
+def test_a_solver_that_is_shared_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    honest = independence._imports
+
+    def planted(module: str) -> frozenset[str]:
+        more = {"dem_bridge.backends.twin"} if module == "dem_bridge.backends.taylor" else set()
+        return honest(module) | more
+
+    monkeypatch.setattr(independence, "_imports", planted)
+    assert "twin" in shared("verlet", "reference").values
+
+
+def test_the_fallback_of_the_reference_is_named_and_real() -> None:
+    for one, other in independence.ANSWERS_THROUGH.items():
+        assert BACKENDS[other][0] in independence._imports(BACKENDS[one][0])
