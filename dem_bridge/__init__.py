@@ -15,6 +15,7 @@ from dem_bridge.version import __version__
 
 #: public name -> module; imported on first use, so that ``--help`` and ``import dem_bridge`` cost nothing
 _HOME = {
+    "Damping": "scene",
     "Scene": "scene",
     "Wall": "scene",
     "Trajectory": "trajectory",
@@ -29,11 +30,12 @@ _HOME = {
 
 if TYPE_CHECKING:
     from dem_bridge.api import available, solve, verify, write_deck
-    from dem_bridge.scene import Scene, Wall
+    from dem_bridge.scene import Damping, Scene, Wall
     from dem_bridge.scene_file import load_scene, shipped_scenes
     from dem_bridge.trajectory import Trajectory, load_trajectory
 
 __all__ = [
+    "Damping",
     "Scene",
     "Trajectory",
     "Wall",

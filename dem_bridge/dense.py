@@ -100,19 +100,22 @@ def extremes(
     force: Floats,
     exponent: Floats,
     resolution: float = 0.0,
+    resting: Floats | float = 0.0,
 ) -> tuple[Floats, Floats]:
     """Largest force (N) and first maximal compression (s; nan: never) of each contact, ``(n_contact,)`` both.
 
     ``time (n_t,)``; ``overlap`` (m, negative = open), ``rate`` and ``acceleration`` of closing and the run's own
     ``force`` (N), all ``(n_t, n_contact)``; ``exponent (n_contact,)``. Overlaps up to ``resolution`` are round-off of
-    the run, not contact. The force at a peak is the run's own at the nearer sample, carried to the peak by the
-    law's power, so that a wrong stiffness in the run shows in it.
+    the run, not contact, and turns with less closing acceleration than ``resting`` (m/s^2; ``(n_contact,)`` or one
+    for all) those of a contact at rest. The force at a peak is the run's own at the nearer sample, carried to the peak
+    by the law's power, so that a wrong stiffness in the run shows in it.
     """
     n_contact = overlap.shape[1]
     peak_force = np.max(force, axis=0)
     crossing = np.full(n_contact, np.nan)
     touching = np.maximum(overlap[:-1], overlap[1:]) > resolution
-    turning = (rate[:-1] > 0.0) & (rate[1:] <= 0.0) & touching
+    moved = np.maximum(np.abs(acceleration[:-1]), np.abs(acceleration[1:])) >= resting
+    turning = (rate[:-1] > 0.0) & (rate[1:] <= 0.0) & touching & moved
     rows, contacts = np.nonzero(turning)
     if len(rows) == 0:
         return peak_force, crossing

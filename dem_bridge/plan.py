@@ -9,7 +9,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.steps import default_step, round_step
 from dem_bridge.backends.survey import survey
 from dem_bridge.backends.verlet import Verlet
-from dem_bridge.errors import UsageError
+from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.scene import Scene
 
 #: fixed-step runs longer than this are not chosen by accuracy
@@ -19,8 +19,11 @@ MOST_STEPS = 50_000_000
 def resolution_for(scene: Scene, accuracy: float, resolution: Resolution, sampling: Sampling) -> Resolution:
     """``resolution`` with the largest step of the 1-2-5 series whose velocity bar, by twins, is within ``accuracy``.
 
-    Raises UsageError where that would take more than 5e7 steps.
+    Raises UsageError where that would take more than 5e7 steps, UnsupportedScene where the twins cannot do the scene.
     """
+    reason = Verlet().refusal(scene)
+    if reason:
+        raise UnsupportedScene(f"accuracy = {accuracy!r} on {scene.name}: {reason}")
     accuracy = checked_accuracy(accuracy)
     dt = 100.0 * default_step(scene, sampling, survey(scene))
     while scene.duration / dt <= MOST_STEPS:

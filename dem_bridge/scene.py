@@ -16,9 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import SceneError
+from dem_bridge.physics.statics import static_forces, static_overlap
 
 #: magnitudes between which products and powers of inputs stay within double precision
 SMALLEST, LARGEST = 1e-40, 1e40
+#: how a contact may lose energy, and the unit of the law's coefficient
+DAMPING_LAWS = {"dashpot": "N s/m", "kuwabara-kono": "s"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,10 +35,24 @@ class Wall:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Damping:
+    """Energy lost in contacts, by a force beside the elastic one while the overlap is > 0.
+
+    ``law``: "dashpot", ``c overlap'``, or "kuwabara-kono", ``gamma beta overlap^(n-2) overlap'`` (n >= 2; Kuwabara &
+    Kono 1987, *Jpn. J. Appl. Phys.* 26, 1230, for n = 5/2). ``coefficient``: c (N s/m) or gamma (s), >= 0, one for
+    all or one per contact, walls included. Elastic force and damping together never pull: their sum is clipped at 0.
+    """
+
+    law: str
+    coefficient: tuple[float, ...] | float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Contacts:
     """Every contact of a scene as arrays ``(n_contact,)``: the chain's in order, then wall_left, wall_right.
 
-    ``overlap_k = x[left_k] - x[right_k] - gap_k``; the index ``n_body`` stands for a wall, with x = v = 0.
+    ``overlap_k = x[left_k] - x[right_k] - gap_k``; the index ``n_body`` stands for a wall, with x = v = 0. In a
+    precompressed chain ``gap`` is minus the static overlap.
     """
 
     left: NDArray[np.int64]
@@ -53,11 +70,20 @@ class Scene:
     force goes as overlap^(n-1)) and ``gap`` (m; negative = initial overlap) one per contact of the chain; a single
     exponent or gap serves all. ``gravity`` (m/s^2) is positive towards the last body. ``spacing`` (m), where the
     scene has a geometry, is the distance between the centres of neighbouring bodies: a wave speed in m/s needs it.
-    Raises :class:`SceneError` for anything else.
+
+    ``precompression`` (N) above 0 starts the chain in equilibrium: pressed with this force by its walls, or where
+    there is none by a constant load on the end body (see :attr:`load`). A wall that gravity points to bears the
+    weight as well; without such a wall the chain falls freely. The gaps, which must be 0, then are minus the static
+    overlaps. At 0 nothing is pressed, by weight neither. ``damping``: see :class:`Damping`. ``drag`` b (1/s) is a
+    force ``-b m v`` on each body. Raises :class:`SceneError` for anything else.
 
     >>> scene = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
     >>> scene.n_body, scene.n_contact, scene.exponent, scene.gap
     (2, 1, (2.5,), (0.0,))
+    >>> from dataclasses import replace
+    >>> pressed = replace(scene, precompression=32.0)
+    >>> pressed.contacts.gap, pressed.load
+    (array([-4.e-06]), array([ 32., -32.]))
     """
 
     name: str
@@ -70,11 +96,16 @@ class Scene:
     wall_left: Wall | None = None
     wall_right: Wall | None = None
     gravity: float = 0.0
+    precompression: float = 0.0
+    damping: Damping | None = None
+    drag: float = 0.0
     samples: int = 500
     spacing: float | None = None
     description: str = ""
     content_hash: str = field(init=False, compare=False)
     """sha256 over all that decides the motion and its samples, without name and description."""
+    _static_overlap: tuple[float, ...] = field(init=False, default=(), compare=False, repr=False)
+    """Of every contact, m; empty without precompression."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}", self.name):
@@ -102,6 +133,8 @@ class Scene:
             "gap": _numbers("gap", self.gap, "a finite number (m)", count=links, per="contact"),
             "duration": _number("duration", self.duration, "a number > 0 (s)", above=0.0),
             "gravity": _number("gravity", self.gravity, "a finite number (m/s^2)"),
+            "precompression": _number("precompression", self.precompression, "a number >= 0 (N)", at_least=0.0),
+            "drag": _number("drag", self.drag, "a number >= 0 (1/s)", at_least=0.0),
         }
         if self.spacing is not None:
             checked["spacing"] = _number("spacing", self.spacing, "a number > 0 (m)", above=0.0)
@@ -122,7 +155,56 @@ class Scene:
             raise SceneError("samples", found=self.samples, allowed="a whole number >= 1")
         for key, value in checked.items():
             object.__setattr__(self, key, value)
+        object.__setattr__(self, "damping", self._checked_damping())
+        object.__setattr__(self, "_static_overlap", self._checked_statics())
         object.__setattr__(self, "content_hash", self._hash())
+
+    def _checked_damping(self) -> Damping | None:
+        given = self.damping
+        if given is None:
+            return None
+        if not isinstance(given, Damping):
+            raise SceneError("damping", found=given, allowed="a Damping or None")
+        if given.law not in DAMPING_LAWS:
+            raise SceneError("damping.law", found=given.law, allowed=" or ".join(DAMPING_LAWS))
+        allowed = f"a number >= 0 ({DAMPING_LAWS[given.law]})"
+        key, per = "damping.coefficient", "contact, walls included"
+        coefficient = _numbers(key, given.coefficient, allowed, count=self.n_contact, per=per, at_least=0.0)
+        if given.law == "kuwabara-kono":
+            for k, (gamma, n) in enumerate(zip(coefficient, self.contacts.exponent.tolist(), strict=True)):
+                if gamma > 0.0 and n < 2.0:
+                    problem = f"has the law kuwabara-kono on contact {k}, whose exponent n is {n!r}"
+                    raise SceneError("damping", problem=problem, allowed="n >= 2: below, it is infinite at touch")
+        return Damping(law=given.law, coefficient=coefficient)
+
+    def _checked_statics(self) -> tuple[float, ...]:
+        if self.precompression == 0.0:
+            return ()
+        c = self.contacts
+        if np.any(c.gap != 0.0):
+            problem = f"= {self.precompression!r}, and contact {int(np.flatnonzero(c.gap)[0])} has a gap"
+            allowed = "gaps of 0: in a precompressed chain the initial overlaps follow from the force"
+            raise SceneError("precompression", problem=problem, allowed=allowed)
+        forces = self._static_forces
+        # a contact stands in front of the body on its right; that of the right wall stands behind the last body
+        carried = [forces[right] for right in c.right.tolist()]
+        found = [static_overlap(*one) for one in zip(carried, c.stiffness.tolist(), c.exponent.tolist(), strict=True)]
+        for k, overlap in enumerate(found):
+            if not SMALLEST < overlap < LARGEST:
+                problem = f"= {self.precompression!r} gives contact {k} an overlap of {overlap:g} m"
+                raise SceneError("precompression", problem=problem, allowed=f"{SMALLEST:g} to {LARGEST:g} m")
+        return tuple(found)
+
+    @property
+    def _static_forces(self) -> tuple[float, ...]:
+        """From the left end to the right, N, ``(n_body + 1,)``."""
+        return static_forces(
+            self.mass,
+            force=self.precompression,
+            gravity=self.gravity,
+            wall_left=self.wall_left is not None,
+            wall_right=self.wall_right is not None,
+        )
 
     @property
     def n_body(self) -> int:
@@ -132,6 +214,30 @@ class Scene:
     def n_contact(self) -> int:
         """Contacts of the chain and of the walls."""
         return len(self.stiffness) + (self.wall_left is not None) + (self.wall_right is not None)
+
+    @property
+    def load(self) -> NDArray[np.float64]:
+        """Constant outer force on each body beside its weight, N, ``(n_body,)``: what presses an end without wall."""
+        load = np.zeros(self.n_body)
+        forces = self._static_forces
+        load[0] += 0.0 if self.wall_left else forces[0]
+        load[-1] -= 0.0 if self.wall_right else forces[-1]
+        return load
+
+    @property
+    def free_acceleration(self) -> NDArray[np.float64]:
+        """Of each body that touches nothing and is not dragged, m/s^2, ``(n_body,)``: gravity and load."""
+        return np.asarray(self.gravity + self.load / np.array(self.mass))
+
+    @property
+    def damped(self) -> bool:
+        """Whether any contact loses energy."""
+        return self.damping is not None and any(self._damping_coefficients)
+
+    @property
+    def dissipates(self) -> bool:
+        """Whether energy is lost anywhere: in contacts or by drag."""
+        return self.damped or self.drag > 0.0
 
     @property
     def contacts(self) -> Contacts:
@@ -150,6 +256,8 @@ class Scene:
                 stiffness.append(wall.stiffness)
                 exponent.append(wall.exponent)
                 gap.append(wall.gap)
+        if self._static_overlap:
+            gap = [-overlap for overlap in self._static_overlap]
         return Contacts(
             left=np.array(left, dtype=np.int64),
             right=np.array(right, dtype=np.int64),
@@ -162,6 +270,12 @@ class Scene:
     def _exponents(self) -> tuple[float, ...]:
         assert isinstance(self.exponent, tuple)
         return self.exponent
+
+    @property
+    def _damping_coefficients(self) -> tuple[float, ...]:
+        assert self.damping is not None
+        assert isinstance(self.damping.coefficient, tuple)  # set when the scene was made
+        return self.damping.coefficient
 
     @property
     def _gaps(self) -> tuple[float, ...]:
@@ -180,17 +294,27 @@ class Scene:
         for wall in (self.wall_left, self.wall_right):
             parts.append(None if wall is None else (wall.stiffness, wall.gap, wall.exponent))
         parts += [self.gravity, self.samples]
+        # what is not there leaves no trace: a scene keeps its hash when more physics become possible
+        if self.precompression > 0.0:
+            parts.append(("precompression", self.precompression))
+        if self.damping is not None and self.damped:
+            parts.append(("damping", self.damping.law, self.damping.coefficient))
+        if self.drag > 0.0:
+            parts.append(("drag", self.drag))
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
-def _number(key: str, value: object, allowed: str, *, above: float | None = None) -> float:
+def _number(
+    key: str, value: object, allowed: str, *, above: float | None = None, at_least: float | None = None
+) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise SceneError(key, found=value, allowed=allowed)
     try:
         number = float(value)
     except OverflowError:
         number = math.inf
-    if not math.isfinite(number) or (above is not None and not number > above):
+    too_small = (above is not None and not number > above) or (at_least is not None and not number >= at_least)
+    if not math.isfinite(number) or too_small:
         raise SceneError(key, found=number, allowed=allowed)
     # speeds and gaps may be next to nothing, as ahead of a wave front; masses and stiffnesses may not
     if abs(number) > LARGEST or (above is not None and number < SMALLEST):
@@ -207,15 +331,17 @@ def _numbers(
     per: str = "",
     positive: bool = False,
     above: float | None = None,
+    at_least: float | None = None,
 ) -> tuple[float, ...]:
     """Checked floats; a single number stands for ``count`` equal ones."""
     above = 0.0 if positive else above
     if isinstance(values, int | float | np.number):
         if count is None:
             raise SceneError(key, found=values, allowed=f"a list; each entry {allowed}")
-        return (_number(key, values, allowed, above=above),) * count
+        return (_number(key, values, allowed, above=above, at_least=at_least),) * count
     if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray) or np.ndim(values) == 0:
         raise SceneError(key, found=values, allowed=f"a list; each entry {allowed}")
     if count is not None and len(values) != count:
         raise SceneError(key, problem=f"has {len(values)} entries", allowed=f"{count}, one per {per}")
-    return tuple(_number(f"{key}[{i}]", value, allowed, above=above) for i, value in enumerate(values))
+    limits = {"above": above, "at_least": at_least}
+    return tuple(_number(f"{key}[{i}]", value, allowed, **limits) for i, value in enumerate(values))

@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from dem_bridge.errors import SceneError
 from dem_bridge.physics.contact import cylinder_stiffness_paper
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene import Damping, Scene, Wall
 
 Positive = Annotated[float, Field(gt=0.0)]
 
@@ -40,6 +40,15 @@ class _Wall(_RawTable):
     exponent: float | None = None
 
 
+class _Damping(_RawTable):
+    law: Literal["dashpot", "kuwabara-kono"]
+    coefficient: float | list[float]
+
+
+class _Precompression(_RawTable):
+    force: float
+
+
 class _RawChain(_RawTable):
     mass: list[float]
     stiffness: list[float]
@@ -49,6 +58,8 @@ class _RawChain(_RawTable):
     spacing: float | None = None
     wall_left: _Wall | None = None
     wall_right: _Wall | None = None
+    precompression: _Precompression | None = None
+    damping: _Damping | None = None
 
 
 class _Sampling(_RawTable):
@@ -57,6 +68,7 @@ class _Sampling(_RawTable):
 
 class _Environment(_RawTable):
     gravity: float = 0.0
+    drag: float = 0.0
 
 
 class _RawScene(_RawTable):
@@ -99,6 +111,8 @@ class _PhysicalChain(_Table):
     striker: _Striker
     wall_left: _Wall | None = None
     wall_right: _Wall | None = None
+    precompression: _Precompression | None = None
+    damping: _Damping | None = None
 
 
 class _PhysicalScene(_Table):
@@ -186,7 +200,10 @@ def _from_raw(file: _RawScene) -> Scene:
         spacing=chain.spacing,
         wall_left=_wall(chain.wall_left),
         wall_right=_wall(chain.wall_right),
+        precompression=0.0 if chain.precompression is None else chain.precompression.force,
+        damping=_damping(chain.damping),
         gravity=file.environment.gravity,
+        drag=file.environment.drag,
         samples=file.sampling.count,
     )
 
@@ -221,7 +238,10 @@ def _from_physical(file: _PhysicalScene) -> Scene:
         spacing=2.0 * cylinders.radius,
         wall_left=_wall(file.chain.wall_left),
         wall_right=_wall(file.chain.wall_right),
+        precompression=0.0 if file.chain.precompression is None else file.chain.precompression.force,
+        damping=_damping(file.chain.damping),
         gravity=file.environment.gravity,
+        drag=file.environment.drag,
         samples=file.sampling.count,
     )
 
@@ -238,13 +258,24 @@ def _wall(wall: _Wall | None) -> Wall | None:
     return None if wall is None else Wall(stiffness=wall.stiffness, gap=wall.gap, exponent=wall.exponent)
 
 
+def _damping(damping: _Damping | None) -> Damping | None:
+    return None if damping is None else Damping(law=damping.law, coefficient=_numbers(damping.coefficient))
+
+
+#: where a Scene's attributes stand in a file, if not in [chain] under their own name
+_FILE_KEYS = {
+    "name": "name",
+    "duration": "duration",
+    "samples": "sampling.count",
+    "gravity": "environment.gravity",
+    "drag": "environment.drag",
+    "precompression": "chain.precompression.force",
+}
+
+
 def _file_key(key: str) -> str:
     """Where a Scene's attribute stands in a file."""
-    if key == "samples":
-        return "sampling.count"
-    if key == "gravity":
-        return "environment.gravity"
-    return key if key in ("name", "duration") else f"chain.{key}"
+    return _FILE_KEYS.get(key, f"chain.{key}")
 
 
 #: how pydantic names the two forms of a key that takes a number or a list of them

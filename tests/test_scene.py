@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 
 from dem_bridge.errors import SceneError
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene_file import load_scene
 from tests.strategies import ANY, scenes
 
 GOOD: dict[str, Any] = {
@@ -106,11 +107,82 @@ def test_one_free_body_has_no_contact() -> None:
         {"samples": 499},
         {"wall_left": Wall(stiffness=1e9)},
         {"wall_right": Wall(stiffness=1e9)},
+        {"precompression": 1e-3},
+        {"drag": 1e-3},
+        {"damping": Damping(law="dashpot", coefficient=1e-3)},
     ],
     ids=lambda changes: next(iter(changes)),
 )
 def test_the_hash_sees_everything_that_decides_the_motion(changes: dict[str, Any]) -> None:
     assert _scene(**changes).content_hash != _scene().content_hash
+
+
+def test_the_hash_sees_the_law_and_every_coefficient_of_damping() -> None:
+    laws = [("dashpot", (1.0, 2.0)), ("dashpot", (2.0, 1.0)), ("kuwabara-kono", (1.0, 2.0))]
+    hashes = {_scene(damping=Damping(law=law, coefficient=c)).content_hash for law, c in laws}
+    assert len(hashes) == 3
+
+
+def test_physics_that_does_nothing_leaves_the_hash_alone() -> None:
+    idle = _scene(precompression=0, drag=0.0, damping=Damping(law="dashpot", coefficient=0.0))
+    assert idle.content_hash == _scene().content_hash
+    assert not idle.dissipates
+
+
+def test_the_shipped_scenes_keep_the_hashes_of_their_decks_and_reports() -> None:
+    # they stand in lammps_inputs/ and reports/: a scene must not change its name when a Scene learns more physics
+    known = {
+        "accelerating-40": "9858599c934d30bb63c923afc95a1d5bbbf55ea910fce7a0ea30defee10e6dc8",
+        "decelerating-40": "78cb53a62263adca587f59d8c2e757bd4b4a9a0f6bc45af0e486b21e7df62c34",
+    }
+    assert {name: load_scene(name).content_hash for name in known} == known
+
+
+WALLS = {"wall_left": Wall(stiffness=1e9), "wall_right": Wall(stiffness=2e9, exponent=3.0)}
+
+
+def test_a_precompressed_contact_starts_with_the_overlap_that_carries_the_force() -> None:
+    c = _scene(precompression=10.0, exponent=(2.5, 2.0), **WALLS).contacts
+    assert np.all(c.gap < 0.0)
+    carried = c.stiffness * (-c.gap) ** (c.exponent - 1.0)
+    # overlaps are rounded once, forces go with the power n - 1
+    assert carried == pytest.approx(np.full(4, 10.0), rel=8 * 2.0**-52)
+
+
+def test_a_wall_that_gravity_points_to_bears_the_weight_of_all_above() -> None:
+    mass = np.array(GOOD["mass"])
+    down = _scene(precompression=10.0, gravity=9.81, **WALLS).contacts
+    up = _scene(precompression=10.0, gravity=-9.81, **WALLS).contacts
+    above = {0: mass[0], 1: mass[:2].sum(), 2: 0.0, 3: mass.sum()}
+    below = {0: mass[1:].sum(), 1: mass[2], 2: mass.sum(), 3: 0.0}
+    for c, weights in ((down, above), (up, below)):
+        carried = c.stiffness * (-c.gap) ** (c.exponent - 1.0)
+        assert carried == pytest.approx([10.0 + 9.81 * weights[k] for k in range(4)], rel=1e-14)
+
+
+def test_an_end_without_a_wall_is_pressed_by_a_load_towards_the_chain() -> None:
+    assert _scene(precompression=10.0).load.tolist() == [10.0, 0.0, -10.0]
+    assert _scene(precompression=10.0, wall_left=WALLS["wall_left"]).load.tolist() == [0.0, 0.0, -10.0]
+    assert _scene(precompression=10.0, wall_right=WALLS["wall_right"]).load.tolist() == [10.0, 0.0, 0.0]
+    assert _scene(precompression=10.0, **WALLS).load.tolist() == [0.0, 0.0, 0.0]
+    assert _scene().load.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_the_acceleration_without_contact_is_that_of_weight_and_load() -> None:
+    free = _scene(precompression=10.0, gravity=2.0).free_acceleration
+    assert free == pytest.approx([2.0 + 10.0 / 8.1e-3, 2.0, 2.0 - 10.0 / 2e-2], rel=1e-15)
+    assert _scene(gravity=9.81).free_acceleration.tolist() == [9.81] * 3
+
+
+def test_one_body_between_loads_is_free() -> None:
+    one = Scene(name="one", duration=1.0, mass=(1.0,), stiffness=(), velocity=(1.0,), precompression=3.0)
+    assert one.free_acceleration.tolist() == [0.0]
+
+
+def test_one_coefficient_of_damping_stands_for_all_contacts_walls_included() -> None:
+    damping = _scene(damping=Damping(law="dashpot", coefficient=3), **WALLS).damping
+    assert damping == Damping(law="dashpot", coefficient=(3.0,) * 4)
+    assert _scene(damping=Damping(law="dashpot", coefficient=(0.0, 1.0))).damped
 
 
 def test_left_and_right_wall_have_different_hashes() -> None:
@@ -148,6 +220,36 @@ def test_the_hash_does_not_see_words_or_ways_of_writing() -> None:
         ({"duration": math.nan}, ("duration", "nan", "> 0 (s)")),
         ({"duration": "1"}, ("duration", "'1'", "> 0 (s)")),
         ({"gravity": math.inf}, ("gravity", "inf", "a finite number (m/s^2)")),
+        ({"precompression": -1.0}, ("precompression", "-1.0", "a number >= 0 (N)")),
+        ({"precompression": math.inf}, ("precompression", "inf", "a number >= 0 (N)")),
+        ({"precompression": "10"}, ("precompression", "'10'", "a number >= 0 (N)")),
+        ({"precompression": 10.0, "gap": (0.0, 1e-6)}, ("precompression", "contact 1 has a gap", "gaps of 0")),
+        (
+            {"precompression": 10.0, "wall_right": Wall(stiffness=1e9, gap=-1e-6)},
+            ("precompression", "contact 2 has a gap", "gaps of 0"),
+        ),
+        ({"precompression": 1e30, "exponent": 1.1}, ("precompression", "an overlap of", "1e-40 to 1e+40 m")),
+        ({"precompression": 1e-9, "exponent": 1.01}, ("precompression", "an overlap of", "1e-40 to 1e+40 m")),
+        ({"drag": -0.1}, ("drag", "-0.1", "a number >= 0 (1/s)")),
+        ({"drag": math.nan}, ("drag", "nan", "a number >= 0 (1/s)")),
+        ({"damping": "dashpot"}, ("damping", "'dashpot'", "a Damping or None")),
+        ({"damping": Damping(law="hunt", coefficient=1.0)}, ("damping.law", "'hunt'", "dashpot or kuwabara-kono")),
+        (
+            {"damping": Damping(law="dashpot", coefficient=-1.0)},
+            ("damping.coefficient", "-1.0", "a number >= 0 (N s/m)"),
+        ),
+        (
+            {"damping": Damping(law="kuwabara-kono", coefficient=(1e-6, math.inf))},
+            ("damping.coefficient[1]", "inf", "a number >= 0 (s)"),
+        ),
+        (
+            {"damping": Damping(law="dashpot", coefficient=(1.0,)), "wall_left": Wall(stiffness=1.0)},
+            ("damping.coefficient", "has 1 entries", "3, one per contact, walls included"),
+        ),
+        (
+            {"damping": Damping(law="kuwabara-kono", coefficient=1e-6), "exponent": (2.5, 1.5)},
+            ("damping", "contact 1, whose exponent n is 1.5", "n >= 2"),
+        ),
         ({"spacing": 0.0}, ("spacing", "0.0", "> 0 (m)")),
         ({"samples": 0}, ("samples", "0", "a whole number >= 1")),
         ({"samples": 2.0}, ("samples", "2.0", "a whole number >= 1")),

@@ -10,7 +10,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.errors import SceneError
-from dem_bridge.scene import Wall
+from dem_bridge.scene import Damping, Wall
 from dem_bridge.scene_file import load_scene, parse_scene, shipped_scenes
 from tests.truth import Truth
 
@@ -151,6 +151,75 @@ def test_a_file_is_loaded_by_its_path(tmp_path: Path) -> None:
     assert load_scene(file) == load_scene(str(file)) == parse_scene(RAW)
 
 
+OPTIONAL = """\
+[chain.precompression]
+force = 10.0
+[chain.damping]
+law = "kuwabara-kono"
+coefficient = [1e-6, 2e-6, 0]
+[environment]
+gravity = 9.81
+drag = 0.5
+"""
+PRESSED = (
+    RAW.replace("gap = [0.0, 1e-6]\n", "")
+    .replace("gap = 2e-6\n", "")
+    .replace("[environment]\ngravity = 9.81\n", OPTIONAL)
+)
+
+
+def test_a_raw_file_may_have_precompression_damping_and_drag() -> None:
+    scene = parse_scene(PRESSED)
+    assert (scene.precompression, scene.drag, scene.gravity) == (10.0, 0.5, 9.81)
+    assert scene.damping == Damping(law="kuwabara-kono", coefficient=(1e-6, 2e-6, 0.0))
+    assert scene.contacts.gap[2] == pytest.approx(-(((10.0 + 9.81 * 28.3e-3) / 3e9) ** (2.0 / 3.0)), rel=1e-14)
+    single = parse_scene(PRESSED.replace("[1e-6, 2e-6, 0]", "3e-6"))
+    assert single.damping == Damping(law="kuwabara-kono", coefficient=(3e-6,) * 3)
+
+
+def test_a_physical_file_may_have_precompression_damping_and_drag() -> None:
+    text = PHYSICAL + OPTIONAL.replace("[1e-6, 2e-6, 0]", "1e-6").replace("force = 10.0", "force = 2")
+    scene = parse_scene(text)
+    assert (scene.precompression, scene.drag, scene.load[0]) == (2.0, 0.5, 2.0)
+    assert scene.damping == Damping(law="kuwabara-kono", coefficient=(1e-6,) * 5)
+
+
+WRONG_PRESSED = {
+    "negative force": ("force = 10.0", "force = -1", "chain.precompression.force = -1.0", ">= 0 (N)"),
+    "no force": ("force = 10.0", "", "chain.precompression.force is missing", "force"),
+    "force misspelt": ("force = 10.0", "forces = 10.0", "chain.precompression.forces is an unknown key", "force"),
+    "force a string": ("force = 10.0", "force = '10 N'", "chain.precompression.force = '10 N'", "number"),
+    "force beside a gap": (
+        "velocity =",
+        "gap = [0, 1e-6]\nvelocity =",
+        "precompression.force = 10.0, and",
+        "gaps of 0",
+    ),
+    "unknown law": ("kuwabara-kono", "tsuji", "chain.damping.law = 'tsuji'", "'dashpot' or 'kuwabara-kono'"),
+    "no law": ('law = "kuwabara-kono"\n', "", "chain.damping.law is missing", "law, coefficient"),
+    "no coefficient": ("coefficient = [1e-6, 2e-6, 0]", "", "chain.damping.coefficient is missing", "coefficient"),
+    "negative coefficient": (
+        "[1e-6, 2e-6, 0]",
+        "[1e-6, -2e-6, 0]",
+        "chain.damping.coefficient[1] = -2e-06",
+        ">= 0 (s)",
+    ),
+    "coefficient for no wall": ("[1e-6, 2e-6, 0]", "[1e-6, 2e-6]", "chain.damping.coefficient has 2", "3, one per"),
+    "coefficient a string": ("[1e-6, 2e-6, 0]", "[1e-6, 'a', 0]", "chain.damping.coefficient[1] = 'a'", "number"),
+    "key of damping misspelt": ("coefficient =", "gamma =", "chain.damping.gamma is an unknown key", "coefficient"),
+    "law for another exponent": ("exponent = 2.5", "exponent = 1.8", "chain.damping has the law", "n >= 2"),
+    "negative drag": ("drag = 0.5", "drag = -0.5", "environment.drag = -0.5", ">= 0 (1/s)"),
+    "drag a list": ("drag = 0.5", "drag = [0.5]", "environment.drag = [0.5]", "number"),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "found", "allowed"), WRONG_PRESSED.values(), ids=WRONG_PRESSED)
+def test_a_mistake_in_optional_physics_is_named_in_one_line(old: str, new: str, found: str, allowed: str) -> None:
+    message = _refusal(_changed(PRESSED, old, new))
+    assert found in message
+    assert allowed in message.split("allowed:")[1]
+
+
 WRONG_RAW = {
     "unknown key": ("exponent = 2.5", "exponnent = 2.5", "chain.exponnent is an unknown key", "exponent"),
     "unknown table": ("[sampling]", "[samplings]", "samplings is an unknown key", "sampling"),
@@ -158,8 +227,8 @@ WRONG_RAW = {
     "unknown key in a subtable": ("count = 50", "counts = 50", "sampling.counts is an unknown key", "count"),
     "physics that is not there": (
         "[environment]",
-        "[chain.damping]\n[environment]",
-        "chain.damping is an unknown",
+        "[chain.friction]\n[environment]",
+        "chain.friction is an unknown",
         "mass",
     ),
     "missing key": ("stiffness = [3.98e9, 7.27e10]\n", "", "chain.stiffness is missing", "stiffness"),

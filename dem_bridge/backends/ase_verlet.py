@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from dem_bridge import progress
 from dem_bridge.backends.bars import UNKNOWN
 from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
+from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.survey import survey
 from dem_bridge.backends.twin_bars import with_twin_bars
@@ -30,7 +31,7 @@ from dem_bridge.trajectory import Cost, Trajectory
 
 
 class AseVerlet:
-    """ASE's VelocityVerlet on displacements. Any masses, exponents, gaps, walls; gravity.
+    """ASE's VelocityVerlet on displacements. Any masses, exponents, gaps, walls; precompression, weight.
 
     >>> import dem_bridge as db
     >>> scene = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
@@ -49,7 +50,7 @@ class AseVerlet:
         return Availability(True)
 
     def refusal(self, scene: Scene) -> str | None:
-        return None
+        return "this calculator has neither damping nor drag; take backend='scipy'" if scene.dissipates else None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve on the steps of twin and LAMMPS; the bars come from twins, never from ASE itself.
@@ -103,6 +104,7 @@ class AseVerlet:
             acceleration=a[:, c.left] - a[:, c.right],
             force=force,
             exponent=c.exponent,
+            resting=resting_acceleration(scene),
             resolution=4.0 * math.ulp(float(np.max(np.abs(x)))),
         )
         keep = slice(None, None, plan.subdivisions)
@@ -138,7 +140,7 @@ def chain_calculator(scene: Scene) -> Any:
             super().__init__()  # type: ignore[no-untyped-call]
             self.implemented_properties = ["forces"]
             self.contacts, self.evaluations = scene.contacts, 0
-            self.weight = np.array(scene.mass) * scene.gravity
+            self.weight = np.array(scene.mass) * scene.gravity + scene.load
             self.power = self.contacts.exponent - 1.0
             self.hertz = bool(np.all(self.power == 1.5))
             self.seen: NDArray[np.float64] | None = None

@@ -13,7 +13,6 @@ Adding a backend = a class, a line in ``BACKENDS``, a row in tests/backends/test
 from __future__ import annotations
 
 import importlib
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -144,16 +143,6 @@ def backend(name: str) -> Backend:
     module, attribute = BACKENDS[name]
     found: Backend = getattr(importlib.import_module(module), attribute)()
     return found
-
-
-def natural_scales(scene: Scene) -> tuple[float, NDArray[np.float64]]:
-    """Largest speed (m/s) and overlap of each contact (m) that the energy at hand allows, roughly: what is small."""
-    c, mass, v = scene.contacts, np.array(scene.mass), np.array(scene.velocity)
-    fall = abs(scene.gravity) * scene.duration
-    stored = float(np.sum(c.stiffness * np.maximum(-c.gap, 0.0) ** c.exponent / c.exponent))
-    energy = 0.5 * float(np.sum(mass * (v**2 + fall**2))) + stored
-    speed = max(float(np.max(np.abs(v))) + fall, math.sqrt(2.0 * stored / float(np.sum(mass))))
-    return speed, (c.exponent * energy / c.stiffness) ** (1.0 / c.exponent)
 
 
 def birth_certificate(backend: Named, scene: Scene, settings: Mapping[str, Any]) -> dict[str, Any]:

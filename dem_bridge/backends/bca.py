@@ -35,9 +35,13 @@ class BinaryCollisions:
         problems = {
             "more than one body moves at the start": any(v != 0.0 for v in scene.velocity[1:]),
             "body 0 does not move towards the chain": not scene.velocity[0] > 0.0,
-            "there are gaps or initial overlaps": any(g != 0.0 for g in scene.contacts.gap),
+            "there are gaps or initial overlaps": any(g != 0.0 for g in scene.contacts.gap)
+            and scene.precompression == 0.0,
             "there is a wall": scene.wall_left is not None or scene.wall_right is not None,
             "there is gravity": scene.gravity != 0.0,
+            "there is precompression": scene.precompression > 0.0,
+            "there is damping": scene.damped,
+            "there is drag": scene.drag > 0.0,
             "there is no contact": scene.n_contact == 0,
         }
         reasons = [text for text, wrong in problems.items() if wrong]

@@ -46,7 +46,7 @@ FINISHED, STEP_TOO_SMALL, TOO_MANY_STEPS = 0, 1, 2
 
 @njit(cache=True, nogil=True)
 def integrate(  # type: ignore[no-untyped-def]
-    mass, velocity, left, right, stiffness, exponent, gap, gravity, times, rtol, atol, most_steps
+    mass, velocity, left, right, stiffness, exponent, gap, free, times, rtol, atol, most_steps
 ):
     """Displacement, velocity ``(n_t, n_body)`` and force ``(n_t, n_contact)`` at ``times`` (s; the first 0, the last
     the end), largest force and first crossing ``(n_contact,)``, accepted and failed steps, how and when it ended.
@@ -63,7 +63,7 @@ def integrate(  # type: ignore[no-untyped-def]
     y, stage, new, doubt = np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n)
     extension = np.zeros((4, 2 * n))
     y[n:] = velocity
-    _slope(y, f[0], mass, left, right, stiffness, exponent, gap, gravity)
+    _slope(y, f[0], mass, left, right, stiffness, exponent, gap, free)
     out[0] = y
     _forces(y, out_force[0], peak, left, right, stiffness, exponent, gap)
     t, row, accepted, failed, ended = 0.0, 1, 0, 0, FINISHED
@@ -95,7 +95,7 @@ def integrate(  # type: ignore[no-untyped-def]
                 if k == 5:
                     h = end - t if done else (t + h) - t  # the step that t really makes
                     new[:] = stage
-                _slope(stage, f[k + 1], mass, left, right, stiffness, exponent, gap, gravity)
+                _slope(stage, f[k + 1], mass, left, right, stiffness, exponent, gap, free)
             error = 0.0
             for i in range(2 * n):
                 doubt[i] = 0.0
@@ -145,7 +145,7 @@ def integrate(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _slope(y, out, mass, left, right, stiffness, exponent, gap, gravity):  # type: ignore[no-untyped-def]
+def _slope(y, out, mass, left, right, stiffness, exponent, gap, free):  # type: ignore[no-untyped-def]
     """Velocities and accelerations of the state ``y``, into ``out``."""
     n = mass.shape[0]
     for i in range(n):
@@ -160,7 +160,7 @@ def _slope(y, out, mass, left, right, stiffness, exponent, gap, gravity):  # typ
             if right[k] < n:
                 out[n + right[k]] += force
     for i in range(n):
-        out[n + i] = out[n + i] / mass[i] + gravity
+        out[n + i] = out[n + i] / mass[i] + free[i]
 
 
 @njit(cache=True, nogil=True)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from dem_bridge import progress
 from dem_bridge.backends.bars import UNKNOWN
 from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
+from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.survey import Survey, survey
 from dem_bridge.backends.twin_bars import with_twin_bars
@@ -31,7 +32,7 @@ from dem_bridge.trajectory import Cost, Trajectory
 
 
 class LammpsGranular:
-    """LAMMPS with ``pair_style granular`` and ``fix nve``. n = 5/2; any masses, gaps, walls; gravity."""
+    """LAMMPS with ``pair_style granular`` and ``fix nve``. n = 5/2; any masses, gaps, walls, precompression, weight."""
 
     name = "lammps-granular"
     equations = "hertz"
@@ -119,6 +120,7 @@ class LammpsGranular:
             acceleration=acceleration,
             force=force,
             exponent=scene.contacts.exponent,
+            resting=resting_acceleration(scene),
             resolution=4.0 * math.ulp(float(np.max(np.abs(position)))),
         )
         rows = slice(None, None, plan.subdivisions)

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.bars import UNKNOWN, reference_bars
-from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate, natural_scales
+from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
 from dem_bridge.backends.dormand_prince import STEP_TOO_SMALL, TOO_MANY_STEPS, integrate
+from dem_bridge.backends.scales import natural_scales
 from dem_bridge.compiled import interruptible
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
@@ -34,7 +35,7 @@ MOST_STEPS = 50_000_000
 
 
 class Ode45:
-    """Dormand & Prince 5(4) with MATLAB's step control. Any masses, exponents, gaps, walls; gravity.
+    """Dormand & Prince 5(4) with MATLAB's step control. Any masses, exponents, gaps, walls; precompression, weight.
 
     >>> import dem_bridge as db
     >>> run = db.solve("decelerating-40", backend="ode45")
@@ -51,7 +52,7 @@ class Ode45:
         return Availability(True)
 
     def refusal(self, scene: Scene) -> str | None:
-        return None
+        return "it has neither damping nor drag; take backend='scipy'" if scene.dissipates else None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve with ``rtol`` and ``atol`` (m and m/s), the initial step as for ``tspan = [0 duration]``.
@@ -85,7 +86,7 @@ class Ode45:
             c.stiffness,
             c.exponent,
             c.gap,
-            scene.gravity,
+            scene.free_acceleration,
             times,
             rtol,
             atol,

@@ -1,8 +1,8 @@
 """The reference: Taylor series through located openings and closings, compiled; see :mod:`.taylor`.
 
 Against quadruple-precision solutions it is good to 1e-13 of v0 on the paper's chains. Where the series do not fit (an
-exponent n whose 2(n-1) is no whole number up to 8) it answers through :mod:`.scipy_dop853` and says so in
-``provenance``.
+exponent n whose 2(n-1) is no whole number up to 8, damping, drag) it answers through :mod:`.scipy_dop853` and says so
+in ``provenance``.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from dem_bridge.backends.bars import UNKNOWN, reference_bars
-from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate, natural_scales
+from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
+from dem_bridge.backends.scales import natural_scales, resting_acceleration
 from dem_bridge.backends.scipy_dop853 import ScipyDop853
 from dem_bridge.backends.taylor import follow
 from dem_bridge.compiled import interruptible
@@ -37,7 +38,8 @@ MOST_STEPS = 50_000_000
 
 
 class Reference:
-    """Taylor series with desingularised contacts. Any masses, gaps, walls, several moving bodies; gravity."""
+    """Taylor series with desingularised contacts. Any masses, gaps, walls, several moving bodies; precompression,
+    gravity; damping and drag through scipy."""
 
     name = "reference"
     equations = "hertz"
@@ -81,10 +83,11 @@ class Reference:
             c.stiffness,
             c.exponent,
             c.gap,
-            scene.gravity,
+            scene.free_acceleration,
             times,
             TOUCH * depth,
             speed if speed > 0.0 else 1.0,
+            resting_acceleration(scene),
             order,
             ACCURACY,
             MOST_STEPS,
@@ -113,6 +116,8 @@ class Reference:
 
 
 def _series_fit(scene: Scene) -> bool:
+    if scene.dissipates:
+        return False
     folds = 2.0 * (scene.contacts.exponent - 1.0)
     return bool(np.all((folds == np.round(folds)) & (folds >= 2.0) & (folds <= 8.0)))
 
@@ -138,6 +143,7 @@ def _nudged(scene: Scene, directions: np.random.Generator) -> Scene:
         stiffness=all_moved(scene.stiffness),
         gap=all_moved(scene.gap),
         gravity=moved(scene.gravity),
+        precompression=moved(scene.precompression),
         wall_left=moved_wall(scene.wall_left),
         wall_right=moved_wall(scene.wall_right),
     )

@@ -73,7 +73,7 @@ def survey(scene: Scene, *, max_steps: int = 200_000_000) -> Survey:
         c.stiffness,
         c.exponent,
         c.gap,
-        scene.gravity,
+        scene.free_acceleration,
         scene.duration,
         max_steps,
     )
@@ -94,9 +94,9 @@ def survey(scene: Scene, *, max_steps: int = 200_000_000) -> Survey:
 
 @njit(cache=True, nogil=True)
 def _run(  # type: ignore[no-untyped-def]
-    inverse_mass, velocity, left, right, stiffness, exponent, gap, gravity, duration, max_steps
+    inverse_mass, velocity, left, right, stiffness, exponent, gap, free, duration, max_steps
 ):
-    """Index n_body is the wall: no inverse mass, no velocity, no weight."""
+    """Index n_body is the wall: no inverse mass, no velocity. ``free (n_body,)``: acceleration without contact."""
     n_body, n_contact = inverse_mass.shape[0] - 1, left.shape[0]
     v = velocity.copy()
     x = np.zeros(n_body + 1)
@@ -106,7 +106,7 @@ def _run(  # type: ignore[no-untyped-def]
     top_frequency, top_acceleration, low, high = 0.0, 0.0, 0.0, 0.0
     time, steps = 0.0, 0
     for i in range(n_body):
-        a[i] = gravity
+        a[i] = free[i]
     for k in range(n_contact):
         if overlap[k] > 0.0:
             f = stiffness[k] * overlap[k] ** (exponent[k] - 1.0)
@@ -131,12 +131,12 @@ def _run(  # type: ignore[no-untyped-def]
         dt = duration - time
         if squared > 0.0:
             dt = min(dt, _STEP / np.sqrt(squared))
-        elif gravity != 0.0:
+        elif np.any(free != 0.0):
             dt = min(dt, 1e-3 * duration)
         for i in range(n_body):
             v[i] += 0.5 * dt * a[i]
             x[i] += dt * v[i]
-            a[i] = gravity
+            a[i] = free[i]
             low, high = min(low, x[i]), max(high, x[i])
         for k in range(n_contact):
             overlap[k] += dt * (v[left[k]] - v[right[k]])

@@ -162,21 +162,23 @@ def _step(order, near, bodies, contacts, closed, overlap, speed, touch, accuracy
 
 @njit(cache=True, nogil=True)
 def follow(  # type: ignore[no-untyped-def]
-    mass, velocity, c_left, c_right, of_left, of_right, stiffness, exponent, gap, gravity, times, touch, speed,
-    order, accuracy, most_steps,
+    mass, velocity, c_left, c_right, of_left, of_right, stiffness, exponent, gap, free, times, touch, speed,
+    resting, order, accuracy, most_steps,
 ):  # fmt: skip
     """Follow a chain through ``times`` (the first is 0). Returns displacement and velocity ``(n_t, n_body)``, force
     ``(n_t, n_contact)``, largest overlap, crossing time ``(n_contact,)``, steps, openings and closings.
 
     ``c_left``, ``c_right``: bodies of each contact; ``of_left``, ``of_right``: contacts of each body (-1: none);
-    ``touch``: overlap of each contact below which its force is nothing; steps reach ``most_steps`` where it gives up.
+    ``free``: acceleration of each body without contact; ``touch``: overlap of each contact below which its force is
+    nothing; ``resting``: its closing acceleration below which it is at rest; steps reach ``most_steps`` where it gives
+    up.
     """
     n, k, rows, end = mass.shape[0], c_left.shape[0], times.shape[0], times[-1]
     x_all, v_all, t_all = np.zeros(n + 1), np.zeros(n + 1), np.zeros(n + 1)
     v_all[:n] = velocity
     inverse_all, weight_all = np.zeros(n + 1), np.zeros(n + 1)
     inverse_all[:n] = 1.0 / mass
-    weight_all[:n] = gravity
+    weight_all[:n] = free
     s_all, ts_all = -gap, np.zeros(k)
     shut = np.zeros(k, dtype=np.bool_)
     stamp = np.zeros(k, dtype=np.int64)
@@ -346,7 +348,8 @@ def follow(  # type: ignore[no-untyped-def]
                     if before > 0.0 and after <= 0.0:
                         top = _root(u[q], order, 0.0, low, high)
                         deepest[j] = max(deepest[j], _value(s[q], order, top))
-                        if np.isnan(crossing[j]):
+                        pull = _value(g[b[q]], order, top) - _value(g[a[q]], order, top)
+                        if np.isnan(crossing[j]) and abs(pull) >= resting[j]:
                             crossing[j] = now + _value(t_series, order, top)
                     low, before = high, after
         while row < rows and times[row] <= stop:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.bars import UNKNOWN
 from dem_bridge.backends.base import Identity, Sampling, birth_certificate
+from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.compiled import interruptible
 from dem_bridge.dense import Schedule, extremes
 from dem_bridge.errors import RunBroken
@@ -59,6 +60,7 @@ def solve_dense(scene: Scene, plan: Schedule, radius: float) -> tuple[Trajectory
             c.exponent,
             c.gap,
             scene.gravity,
+            scene.load,
             plan.step,
             plan.dense_steps,
             *_frame(scene, radius),
@@ -100,6 +102,7 @@ def peaks_and_crossings(
         acceleration=a[:, c.left] - a[:, c.right],
         force=dense.force[rows],
         exponent=c.exponent,
+        resting=resting_acceleration(scene),
         # bodies that fly in touch overlap by the last digit of their way: that is no collision
         resolution=4.0 * math.ulp(float(np.max(np.abs(dense.displacement)))),
     )
@@ -118,10 +121,11 @@ def _frame(scene: Scene, radius: float) -> tuple[float, NDArray[np.float64], NDA
 
 @njit(cache=True, nogil=True)
 def integrate(  # type: ignore[no-untyped-def]
-    mass, velocity, left, right, links, stiffness, exponent, gap, gravity, dt, dense_steps, diameter, start, wall
+    mass, velocity, left, right, links, stiffness, exponent, gap, gravity, load, dt, dense_steps, diameter, start, wall
 ):
     """Velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap and force
-    ``(n_dense, n_contact)`` at ``dense_steps``. The first ``links`` contacts are those of the chain.
+    ``(n_dense, n_contact)`` at ``dense_steps``. The first ``links`` contacts are those of the chain; ``load (n_body,)``
+    is the constant force on each body beside its weight, N.
 
     With n = 5/2 the force is ``beta s sqrt(s)``: only exact powers of two appear when v0 -> 32 v0 and
     dt -> dt/2, so such runs repeat bit for bit.
@@ -136,7 +140,7 @@ def integrate(  # type: ignore[no-untyped-def]
     kick = np.zeros(n_body + 1)
     kick[:n_body] = 0.5 * dt / mass
     weight = np.zeros(n_body + 1)
-    weight[:n_body] = mass * gravity
+    weight[:n_body] = mass * gravity + load
     overlap = -gap
     position = start.copy()
     out_v = np.zeros((n_dense, n_body + 1))

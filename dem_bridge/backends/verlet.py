@@ -18,7 +18,7 @@ from dem_bridge.trajectory import Trajectory
 
 
 class Verlet:
-    """Velocity-Verlet in overlap variables (numba). Any masses, exponents, gaps, walls; gravity."""
+    """Velocity-Verlet in overlap variables (numba). Any masses, exponents, gaps, walls; precompression, gravity."""
 
     name = TWIN.name
     equations = TWIN.equations
@@ -28,7 +28,7 @@ class Verlet:
         return Availability(True)
 
     def refusal(self, scene: Scene) -> str | None:
-        return None
+        return "the twin has neither damping nor drag; take backend='scipy'" if scene.dissipates else None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve; with ``gauge_radius`` in absolute positions, as LAMMPS. The bars come from three more runs."""

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from itertools import groupby, pairwise
 from types import MappingProxyType
 
+import numpy as np
+
 from dem_bridge.dense import Schedule
 from dem_bridge.lmp.encoding import euler_types
 from dem_bridge.scene import Scene
@@ -66,6 +68,8 @@ class Deck:
 
 def refusal(scene: Scene) -> str | None:
     """Why ``pair_style granular`` cannot express the scene; None if it can."""
+    if scene.dissipates:
+        return "the deck has neither damping nor drag; take backend='scipy'"
     wrong = [k for k, n in enumerate(scene.contacts.exponent) if n != 2.5]
     if wrong:
         found = float(scene.contacts.exponent[wrong[0]])
@@ -94,7 +98,7 @@ def granular_deck(scene: Scene, *, radius: float, schedule: Schedule, travel: fl
         files=MappingProxyType(files),
         gauge_radius=radius,
         line=tuple(line),
-        weight=(*[0.0] * walls[0], *(m * scene.gravity for m in scene.mass), *[0.0] * walls[1]),
+        weight=(*[0.0] * walls[0], *(np.array(scene.mass) * scene.gravity + scene.load).tolist(), *[0.0] * walls[1]),
         mobility=(*[0.0] * walls[0], *(1.0 / m for m in scene.mass), *[0.0] * walls[1]),
         first_id=1 + walls[0],
         types=max(types),
@@ -104,13 +108,14 @@ def granular_deck(scene: Scene, *, radius: float, schedule: Schedule, travel: fl
 
 def _positions(scene: Scene, radius: float) -> list[float]:
     """Centres along x, with the walls' in their places; body 0 at 0. Each is rounded once."""
-    gaps = [float(g) for g in scene.contacts.gap[: scene.n_body - 1]]
+    gap = scene.contacts.gap.tolist()
+    gaps, beside = gap[: scene.n_body - 1], gap[scene.n_body - 1 :]
     line = [math.fsum([2.0 * radius * i, *gaps[:i]]) for i in range(scene.n_body)] if any(gaps) else []
     line = line or [2.0 * radius * i for i in range(scene.n_body)]
     if scene.wall_left is not None:
-        line.insert(0, -(2.0 * radius + scene.wall_left.gap))
+        line.insert(0, -(2.0 * radius + beside[0]))
     if scene.wall_right is not None:
-        line.append(math.fsum([2.0 * radius * scene.n_body, *gaps, scene.wall_right.gap]))
+        line.append(math.fsum([2.0 * radius * scene.n_body, *gaps, beside[-1]]))
     return line
 
 
@@ -171,6 +176,10 @@ def _input(
     yield f"fix             motion {group} nve"
     if scene.gravity != 0.0:
         yield f"fix             weight {group} gravity ${{gravity}} vector {1 if scene.gravity > 0 else -1} 0 0"
+    for body, load in enumerate(scene.load.tolist()):
+        if load != 0.0:
+            yield f"group           load{body} id {body + 1 + walls[0]}"
+            yield f"fix             load{body} load{body} addforce {load!r} 0 0"
     yield from (
         "timestep        ${dt}",
         "",

@@ -13,21 +13,27 @@ Floats = NDArray[np.float64]
 
 
 def momentum(scene: Scene, trajectory: Trajectory) -> Floats:
-    """Total momentum, kg m/s, ``(n_t,)``. Constant where there is neither wall nor gravity."""
+    """Total momentum, kg m/s, ``(n_t,)``. Constant where there is neither wall nor gravity nor drag.
+
+    Without walls the loads on both ends of a precompressed chain cancel; damping gives one body what it takes from the
+    other.
+    """
     return np.asarray(trajectory.velocity @ np.array(scene.mass))
 
 
 def energy_parts(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats, Floats]:
-    """Kinetic, stored in contacts (``beta overlap^n / n``) and potential (- m g x) energy, J, ``(n_t,)`` each."""
+    """Energies, J, ``(n_t,)`` each: kinetic, stored in contacts (``beta overlap^n / n``), potential
+    (``-(m g + load) x``)."""
     mass, c = np.array(scene.mass), scene.contacts
     kinetic = 0.5 * trajectory.velocity**2 @ mass
     # a wall is one more column at rest
     x = np.concatenate([trajectory.displacement, np.zeros((len(trajectory.time), 1))], axis=1)
     stored = contact.energy(x[:, c.left] - x[:, c.right] - c.gap, c.stiffness, c.exponent).sum(axis=1)
-    return np.asarray(kinetic), np.asarray(stored), np.asarray(-scene.gravity * trajectory.displacement @ mass)
+    potential = -scene.gravity * trajectory.displacement @ mass - trajectory.displacement @ scene.load
+    return np.asarray(kinetic), np.asarray(stored), np.asarray(potential)
 
 
 def energy(scene: Scene, trajectory: Trajectory) -> Floats:
-    """Total energy, J, ``(n_t,)``: the sum of :func:`energy_parts`. Constant."""
+    """Total energy, J, ``(n_t,)``: the sum of :func:`energy_parts`. Constant; falling with damping or drag."""
     kinetic, stored, potential = energy_parts(scene, trajectory)
     return kinetic + stored + potential

@@ -20,6 +20,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from dem_bridge.backends.twin_bars import REALISATIONS
 from dem_bridge.compare import QUANTITIES, difference
 from dem_bridge.trajectory import Trajectory
 
@@ -78,7 +79,7 @@ def budgets(engine: Trajectory, twin: Trajectory, positional: Trajectory, truth:
                 },
                 unexplained=difference(quantity, engine, positional).value,
                 # both round alike, but not each operation in the same order; what sampling costs is the same in both
-                allowed=rounding + digit,
+                allowed=rounding + REALISATIONS * digit,
                 scale_name=error.scale_name,
             )
         )

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import DOP853
 
 import dem_bridge as db
-from dem_bridge.backends import scipy_dop853
+from dem_bridge.backends import scipy_dop853, scipy_integration
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.physics.exact import two_body_collision
@@ -202,7 +202,7 @@ def test_an_integrator_that_gives_up_is_a_broken_run(monkeypatch: pytest.MonkeyP
             self.status = "failed"
             return "Required step size is less than spacing between numbers."
 
-    monkeypatch.setattr(scipy_dop853, "DOP853", GivesUp)
+    monkeypatch.setattr(scipy_integration, "DOP853", GivesUp)
     with pytest.raises(RunBroken, match=r"scipy on e_two_body: DOP853 stopped at t = 0 s: Required step size"):
         db.solve(two_bodies.scene, backend="scipy")
 

@@ -17,7 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 import dem_bridge as db
-from dem_bridge.backends import bca, lammps, scipy_dop853
+from dem_bridge.backends import bca, lammps, scipy_integration
 from dem_bridge.backends import twin as twin_code
 from dem_bridge.compare import difference
 from dem_bridge.errors import RunBroken
@@ -261,13 +261,13 @@ def test_a_wrong_exponent_in_the_twin_fails(reference: Trajectory) -> None:
 
 
 def test_a_reference_that_restarts_late_fails(monkeypatch: pytest.MonkeyPatch, reference: Trajectory) -> None:
-    sound = scipy_dop853._Integration._first_event
+    sound = scipy_integration.Integration._first_event
 
     def late(self: Any, solver: Any, dense: Any, closed: NDArray[np.bool_]) -> tuple[float, int] | None:
         found = sound(self, solver, dense, closed)
         return None if found is None else (float(solver.t), found[1])
 
-    monkeypatch.setattr(scipy_dop853._Integration, "_first_event", late)
+    monkeypatch.setattr(scipy_integration.Integration, "_first_event", late)
     wrong = db.solve(CHAIN, backend="scipy", bars=False)
     # what every reference run is asserted to have on the paper's chains
     assert _judged(wrong, reference, 1e-10).outcome is Outcome.FAIL
@@ -276,8 +276,8 @@ def test_a_reference_that_restarts_late_fails(monkeypatch: pytest.MonkeyPatch, r
 def test_a_reference_with_another_law_fails(
     monkeypatch: pytest.MonkeyPatch, twin: Trajectory, reference: Trajectory
 ) -> None:
-    sound = scipy_dop853._Integration._force
-    monkeypatch.setattr(scipy_dop853._Integration, "_force", lambda self, overlap: 1.001 * sound(self, overlap))
+    sound = scipy_integration.Integration._force
+    monkeypatch.setattr(scipy_integration.Integration, "_force", lambda self, overlap: 1.001 * sound(self, overlap))
     assert _judged(twin, db.solve(CHAIN, backend="scipy"), TIME_STEP).outcome is Outcome.FAIL
 
 

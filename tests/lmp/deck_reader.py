@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 #: commands that say nothing about masses, forces, positions or velocities
@@ -62,6 +62,8 @@ class ReadDeck:
     steps: int
     gravity: float
     types: int
+    loads: dict[int, float] = field(default_factory=dict)
+    """Atom -> constant force along x, N."""
 
     @property
     def bodies(self) -> list[Atom]:
@@ -112,6 +114,7 @@ def read_deck(folder: Path, name: str) -> ReadDeck:
     atoms: list[Atom] = []
     coefficients: dict[tuple[int, int], Coefficients] = {}
     groups: dict[str, set[int]] = {}
+    loads: dict[int, float] = {}
     types, dt, steps, gravity = 0, math.nan, 0, 0.0
     for line in (folder / f"in.{name}").read_text().splitlines():
         line = re.sub(r"\$\{(\w+)\}", lambda match: variables[match[1]], line.split("#")[0])
@@ -145,6 +148,10 @@ def read_deck(folder: Path, name: str) -> ReadDeck:
         elif command == "fix" and rest[2] == "nve":
             for atom in atoms:
                 atom.moves |= atom.number in groups[rest[1]]
+        elif command == "fix" and rest[2] == "addforce":
+            assert [float(word) for word in rest[4:]] == [0.0, 0.0], line
+            for number in groups[rest[1]]:
+                loads[number] = loads.get(number, 0.0) + float(rest[3])
         elif command == "fix":
             assert rest[2] == "gravity", line
             assert rest[4] == "vector", line
@@ -161,7 +168,7 @@ def read_deck(folder: Path, name: str) -> ReadDeck:
     assert all(atom.place[1:] == (0.0, 0.0) for atom in atoms)
     assert all(atom.velocity[1:] == (0.0, 0.0) and atom.spin == (0.0, 0.0, 0.0) for atom in atoms)
     atoms.sort(key=lambda atom: atom.place[0])
-    return ReadDeck(atoms, coefficients, settings, dt, steps, gravity, types)
+    return ReadDeck(atoms, coefficients, settings, dt, steps, gravity, types, loads)
 
 
 def _read_data(file: Path) -> tuple[list[Atom], int]:

@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from dem_bridge.backends.survey import gauge_radius
 from dem_bridge.dense import schedule
 from dem_bridge.errors import SceneError
 from dem_bridge.lmp.deck import Deck, granular_deck, refusal
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene import Damping, Scene, Wall
 from tests.lmp.deck_reader import ReadDeck, read_deck
 from tests.strategies import examples, log_uniform, scenes
 from tests.truth import Truth
@@ -251,3 +252,29 @@ def test_the_committed_deck_is_the_shipped_scene(name: str) -> None:
 def test_a_description_of_two_lines_is_refused_before_it_becomes_a_command() -> None:
     with pytest.raises(SceneError, match="description"):
         replace(PAIR, description="first line\nshell touch surprise")
+
+
+def test_a_precompressed_chain_is_written_with_its_overlaps_and_the_loads_on_its_ends() -> None:
+    scene = replace(
+        PAIR, mass=(8.1e-3, 1e-2, 2e-2), stiffness=(4e9, 5e9), exponent=2.5, gap=0.0, velocity=(0.8, 0.0, 0.0),
+        precompression=10.0,
+    )  # fmt: skip
+    walled = replace(scene, wall_left=Wall(stiffness=3e9), wall_right=Wall(stiffness=2e9), gravity=9.81)
+    half = replace(scene, wall_left=Wall(stiffness=3e9))
+    for pressed, loads in ((scene, {1: 10.0, 3: -10.0}), (half, {4: -10.0}), (walled, {})):
+        deck = _deck(pressed)
+        read = _read(deck)
+        assert read.loads == loads
+        gap = pressed.contacts.gap
+        order = [*([2] if pressed.wall_left else []), 0, 1, *([pressed.n_contact - 1] if pressed.wall_right else [])]
+        # positions of a few radii are rounded once each
+        assert read.gaps == pytest.approx(gap[order].tolist(), abs=4.0 * EPS * 8.0 * RADIUS)
+        weight = 9.81 if pressed is walled else 0.0
+        bodies = [m * weight + load for m, load in zip(pressed.mass, pressed.load.tolist(), strict=True)]
+        assert [w for w, m in zip(deck.weight, deck.mobility, strict=True) if m] == pytest.approx(bodies)
+
+
+@pytest.mark.parametrize("changes", [{"drag": 1.0}, {"damping": Damping(law="dashpot", coefficient=1.0)}], ids=str)
+def test_a_deck_without_the_scenes_damping_is_not_written(changes: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="neither damping nor drag"):
+        _deck(replace(PAIR, **changes))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 
 import dem_bridge as db
-from dem_bridge.observables.conserved import energy, momentum
+from dem_bridge.observables.conserved import energy, energy_parts, momentum
 from dem_bridge.scene import Scene, Wall
 from tests.conftest import Solve
 from tests.fakes import free_flight
@@ -45,6 +45,17 @@ def test_energy_is_kinetic_stored_and_of_position() -> None:
     end = kinetic + 17.0 * 1.0**2 / 2.0 - 10.0 * (2.0 * 1.0 + 3.0 * 2.0 + 5.0 * 3.0)
     assert found[0] == pytest.approx(start, rel=8.0 * EPS)
     assert found[-1] == pytest.approx(end, rel=8.0 * EPS)
+
+
+def test_a_load_has_the_potential_of_its_work() -> None:
+    # displacements at the end: (1, 2, 3); all contacts start pressed by 8 N
+    scene = replace(THREE, gap=0.0, wall_left=Wall(stiffness=1.0, exponent=2.0), wall_right=None, gravity=0.0,
+                    exponent=2.0, stiffness=(1.0, 1.0), precompression=8.0)  # fmt: skip
+    kinetic, stored, potential = energy_parts(scene, free_flight(contacts=3))
+    assert (stored[0], potential[0]) == (3 * 0.5 * 8.0**2, 0.0)
+    # the wall's contact is less deep by 1, those of the chain by 1 each; the load on body 2 points to body 1
+    assert (stored[-1], potential[-1]) == (3 * 0.5 * 7.0**2, 8.0 * 3.0)
+    assert np.all(kinetic == kinetic[0])
 
 
 def test_energy_of_the_truth_is_constant_to_the_last_digits(free_chain: Truth) -> None:

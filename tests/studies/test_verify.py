@@ -13,10 +13,12 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Case, Result
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.scene import Scene
-from dem_bridge.studies.verify import ENGINE, REFERENCE, THEORY, TWIN, cases_of, study_of
+from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.studies import verify
+from dem_bridge.studies.verify import ENGINE, REFERENCE, THEORY, TWIN, cases_of, study_of, verify_scenes
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome, Verdict
+from tests.fakes import free_flight
 
 SHORT = Scene(
     name="short",
@@ -186,6 +188,32 @@ def test_a_scene_that_lammps_cannot_express_is_not_run_with_the_reason() -> None
     [refused] = [v for v in found.verdicts if v.outcome is Outcome.NOT_RUN and v.backend == ENGINE]
     assert "exponent" in refused.sentence
     assert found.exit_code == 0
+
+
+def test_a_scene_that_the_twin_cannot_do_is_not_run_with_the_reason_and_the_others_are() -> None:
+    damped = replace(SHORT, name="damped", damping=Damping(law="dashpot", coefficient=1.0))
+    found = verify_scenes([damped], accuracy=1e-3)
+    [verdict] = found.verdicts
+    assert (verdict.scene, verdict.outcome) == ("damped", Outcome.NOT_RUN)
+    assert "neither damping nor drag" in verdict.sentence
+
+
+@pytest.mark.parametrize(
+    ("changes", "quantities"),
+    [
+        ({}, {"momentum", "energy"}),
+        ({"precompression": 5.0}, {"momentum", "energy"}),
+        ({"precompression": 5.0, "wall_left": Wall(stiffness=1e9)}, {"energy"}),
+        ({"damping": Damping(law="dashpot", coefficient=1.0)}, {"momentum"}),
+        ({"drag": 1.0}, set()),
+    ],
+    ids=str,
+)
+def test_only_what_a_scene_conserves_is_asked_of_its_runs(changes: dict[str, Any], quantities: set[str]) -> None:
+    # the run itself does not matter here
+    scene = replace(SHORT, **changes)
+    verdicts = verify._conserved(scene, free_flight(bodies=SHORT.n_body, contacts=scene.n_contact), 1e-3)
+    assert {verdict.quantity for verdict in verdicts} == quantities
 
 
 def test_cases_name_what_they_run() -> None:

@@ -1,0 +1,54 @@
+"""What is much and what is little in a scene: speeds, overlaps and accelerations, from its energy and its forces."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.scene import Scene
+
+#: part of a static force that is round-off: codes that keep positions lose a few digits of their overlaps
+RESTING = 1e-10
+
+
+def natural_scales(scene: Scene) -> tuple[float, NDArray[np.float64]]:
+    """Largest speed (m/s) and overlap of each contact (m) that the energy at hand allows, roughly: what is small.
+
+    Energy stored in an equilibrium cannot become motion: it counts for the overlaps of a precompressed chain alone.
+    """
+    c, mass, v = scene.contacts, np.array(scene.mass), np.array(scene.velocity)
+    fall = abs(scene.gravity) * scene.duration
+    initial = np.maximum(-c.gap, 0.0)
+    held = scene.precompression > 0.0
+    stored = 0.0 if held else float(np.sum(c.stiffness * initial**c.exponent / c.exponent))
+    energy = 0.5 * float(np.sum(mass * (v**2 + fall**2))) + stored
+    speed = max(float(np.max(np.abs(v))) + fall, math.sqrt(2.0 * stored / float(np.sum(mass))))
+    depth = (c.exponent * energy / c.stiffness) ** (1.0 / c.exponent)
+    return speed, depth + initial if held else depth
+
+
+def resting_speed(scene: Scene) -> float:
+    """Speed (m/s) that the force of a precompressed contact gives to a body over the contact's overlap; 0 without.
+
+    Forces in balance cancel but for their last digits, so this, times that digit, is how slow nothing can be told
+    from rest.
+    """
+    if scene.precompression == 0.0:
+        return 0.0
+    c, mobility = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    lighter = np.maximum(mobility[c.left], mobility[c.right])
+    return math.sqrt(float(np.max(c.stiffness * (-c.gap) ** c.exponent * lighter, initial=0.0)))
+
+
+def resting_acceleration(scene: Scene) -> NDArray[np.float64]:
+    """Closing acceleration (m/s^2) of each contact, ``(n_contact,)``, below which it counts as at rest.
+
+    Ahead of a front the forces on a body of a precompressed chain cancel but for round-off, and the closing rate
+    passes zero all the time: maximal compressions are only those that a force ends. 0 without precompression.
+    """
+    c, mobility = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    held = scene.precompression > 0.0
+    force = c.stiffness * (-c.gap) ** (c.exponent - 1.0) if held else np.zeros(scene.n_contact)
+    return np.asarray(RESTING * force * (mobility[c.left] + mobility[c.right]))
