@@ -57,18 +57,22 @@ def not_below_the_median(found: NDArray[np.float64], scale: NDArray[np.float64])
     return np.maximum(found, scale * float(np.median(relative))) if len(relative) else found
 
 
-def reference_bars(run: Answer, others: Sequence[Answer], *, factor: float) -> dict[str, Any]:
-    """Bars of a reference from runs beside it: their largest difference times ``factor``, none below 16 units in the
-    last place, and none of a contact below the median of all, where runs can agree by chance."""
+def reference_bars(run: Answer, others: Sequence[Answer], *, factor: float, duration: float) -> dict[str, Any]:
+    """Bars of a reference from runs beside it: their largest difference times ``factor``.
+
+    None is below 16 units in the last place (of the ``duration``, s, for times), no peak force is better known than the
+    median of all, where runs can agree by chance, and no crossing better than those before it, whose errors it has.
+    """
     found = [apart(run, other) for other in others]
     bars: dict[str, Any] = {}
     for name in QUANTITIES:
         scale = np.nan_to_num(np.abs(getattr(run, name)))
-        largest = float(np.max(scale, initial=0.0))
-        most = np.max([one[name] for one in found], axis=0)
-        if name in ("velocity", "displacement"):
-            bars[name] = factor * float(most) + _LEAST * largest
-        else:
-            share = scale if name == "peak_force" else np.ones_like(scale)
-            bars[name] = factor * not_below_the_median(most, share) + _LEAST * largest
+        most = factor * np.max([one[name] for one in found], axis=0)
+        largest = duration if name == "crossing_time" else float(np.max(scale, initial=0.0))
+        if name == "peak_force":
+            most = not_below_the_median(most, scale)
+        elif name == "crossing_time":
+            order = np.argsort(run.crossing_time, kind="stable")  # nan last: never
+            most[order] = np.maximum.accumulate(most[order])
+        bars[name] = most + _LEAST * largest
     return bars

@@ -70,8 +70,9 @@ class Ode45:
             return run
         own = np.maximum(TIGHTER * np.minimum(atol, rtol * _scales(scene)), 1e-300)  # a scene at rest has no scale
         second = self._solve(scene, sampling, max(TIGHTER * rtol, LEAST), own)
-        bars = reference_bars(run, [second], factor=CONTACTS)
-        bars |= {name: reference_bars(run, [second], factor=SAMPLES)[name] for name in ("velocity", "displacement")}
+        bars = reference_bars(run, [second], factor=CONTACTS, duration=scene.duration)
+        samples = reference_bars(run, [second], factor=SAMPLES, duration=scene.duration)
+        bars |= {name: samples[name] for name in ("velocity", "displacement")}
         return replace(run, uncertainty=bars)
 
     def _solve(self, scene: Scene, sampling: Sampling, rtol: float, atol: NDArray[np.float64]) -> Trajectory:

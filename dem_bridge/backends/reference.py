@@ -62,7 +62,7 @@ class Reference:
             return run
         directions = np.random.default_rng(20180305)
         others = [self._solve(_nudged(scene, directions), sampling, SECOND_ORDER) for _ in range(REALISATIONS)]
-        return replace(run, uncertainty=reference_bars(run, others, factor=SAFETY))
+        return replace(run, uncertainty=reference_bars(run, others, factor=SAFETY, duration=scene.duration))
 
     def _solve(self, scene: Scene, sampling: Sampling, order: int) -> Trajectory:
         wall, cpu = time.perf_counter(), time.process_time()

@@ -59,7 +59,7 @@ class ScipyDop853:
         if resolution.bars:
             coarse = kind(scene, sampling, BAR_FACTOR * rtol, share_before=share, share=share)
             coarse.run()
-            bars = reference_bars(fine, [coarse], factor=BAR_SAFETY)
+            bars = reference_bars(fine, [coarse], factor=BAR_SAFETY, duration=scene.duration)
         return Trajectory(
             time=fine.times,
             displacement=fine.displacement,

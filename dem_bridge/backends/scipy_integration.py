@@ -165,16 +165,22 @@ class Integration:
         suspects = np.flatnonzero((stop < -self.touch) | turned).tolist()
         found: list[tuple[float, int]] = []
         for contact in suspects:
-            upto = solver.t
-            if stop[contact] >= -self.touch[contact]:
-                # it may have crossed and come back: look at the turning point
-                upto = self._turning_time(solver, dense, contact)
-                if side[contact] * dense(upto)[contact] >= -self.touch[contact]:
-                    continue
-            if start[contact] > 0.0:
-                when = brentq(lambda t, contact=contact: dense(t)[contact], solver.t_old, upto, xtol=1e-300, rtol=1e-15)
+            low, high = solver.t_old, solver.t
+            begins, ends = start[contact], stop[contact]
+            if turned[contact]:
+                # it may have crossed and come back, or come from touch and gone too far: look at the turning point
+                turning = self._turning_time(solver, dense, contact)
+                extreme = side[contact] * dense(turning)[contact]
+                if ends >= -self.touch[contact]:
+                    high, ends = turning, extreme
+                elif begins <= 0.0 and extreme > self.touch[contact]:
+                    low, begins = turning, extreme
+            if ends >= -self.touch[contact]:
+                continue
+            if begins > 0.0:
+                when = brentq(lambda t, contact=contact: dense(t)[contact], low, high, xtol=1e-300, rtol=1e-15)
                 found.append((float(when), contact))
-            elif closed[contact]:
+            elif closed[contact] and high == solver.t:
                 closed[contact] = False
             else:
                 found.append((float(solver.t_old), contact))
@@ -195,10 +201,18 @@ class Integration:
             if when > until:
                 continue
             state = dense(when)
-            if state[contact] > self.touch[contact] and self._is_pushed(contact, state, contacts):
+            if state[contact] <= self.touch[contact] or not self._is_pushed(contact, state, contacts):
+                continue
+            first = math.isnan(self.crossing_time[contact])
+            if first or self._force(state[:k])[contact] > (1.0 - 1e-9) * self.peak_force[contact]:
+                # as accurate as a step, which the dense output is not
+                state = self._step_to(when, solver, dense)
                 self.peak_force[contact] = max(self.peak_force[contact], self._force(state[:k])[contact])
-                if math.isnan(self.crossing_time[contact]):
-                    self.crossing_time[contact] = when
+            if first:
+                ends = np.append(self._slope(contacts)(when, state)[k:-1], 0.0)
+                slowing = ends[self.contacts.right[contact]] - ends[self.contacts.left[contact]]
+                late = self._closing(state)[contact] / slowing if slowing > 0.0 else 0.0
+                self.crossing_time[contact] = min(max(when + late, solver.t_old), solver.t)
 
     def _is_pushed(self, contact: int, y: Floats, state: NDArray[Any]) -> bool:
         """Whether more than round-off ends the compression of a contact."""
