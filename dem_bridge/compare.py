@@ -11,9 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from dem_bridge.errors import UsageError
-from dem_bridge.trajectory import Trajectory, own_scale
+from dem_bridge.trajectory import VOCABULARY, Trajectory, own_scale
 
 QUANTITIES = ("velocity", "displacement", "peak_force", "crossing_time")
+#: sampled in time; contact forces have no bars of their own
+SAMPLED = ("velocity", "displacement", "contact_force")
+UNITS = {name: unit for name, (unit, _, _) in VOCABULARY.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,14 +41,14 @@ class Difference:
 
 
 def difference(quantity: str, run: Trajectory, reference: Trajectory) -> Difference:
-    """Compare ``velocity`` or ``displacement`` (max over all samples and bodies, relative to the reference's largest
-    magnitude), or ``peak_force`` or ``crossing_time`` (max over contacts, each relative to the reference's own, or to a
-    thousandth of the largest in the chain where that is more).
+    """Compare ``velocity``, ``displacement`` or ``contact_force`` (max over all samples and columns, relative to the
+    reference's largest magnitude), or ``peak_force`` or ``crossing_time`` (max over contacts, each relative to
+    the reference's own, or to a thousandth of the largest in the chain where that is more).
 
     Raises UsageError where the two are sampled at different times.
     """
-    if quantity not in QUANTITIES:
-        raise UsageError(f"quantity = {quantity!r}; allowed: {', '.join(QUANTITIES)}")
+    if quantity not in UNITS:
+        raise UsageError(f"quantity = {quantity!r}; allowed: {', '.join(UNITS)}")
     mine, other = getattr(run, quantity), getattr(reference, quantity)
     if mine.shape[1:] != other.shape[1:] or run.velocity.shape[1:] != reference.velocity.shape[1:]:
         raise UsageError(
@@ -57,19 +60,18 @@ def difference(quantity: str, run: Trajectory, reference: Trajectory) -> Differe
             f"trajectories of {len(run.time)} and {len(reference.time)} samples do not share their times;"
             " solve both with the same samples"
         )
-    if quantity in ("velocity", "displacement"):
-        unit = "m/s" if quantity == "velocity" else "m"
-        scale = float(np.max(np.abs(other)))
+    if quantity in SAMPLED:
+        scale = float(np.max(np.abs(other), initial=0.0))
         apart = np.abs(mine - other)
-        row, body = np.unravel_index(int(np.argmax(apart)), apart.shape)
+        row, body = np.unravel_index(int(np.argmax(apart)), apart.shape) if apart.size else (0, 0)
         return Difference(
             quantity=quantity,
-            value=_relative(float(apart[row, body]), scale),
+            value=_relative(float(apart[row, body]) if apart.size else 0.0, scale),
             scale=scale,
-            unit=unit,
+            unit=UNITS[quantity],
             scale_name=f"largest |{quantity}| of the reference",
-            uncertainty=_relative(run.uncertainty[quantity], scale),
-            reference_uncertainty=_relative(reference.uncertainty[quantity], scale),
+            uncertainty=_relative(run.uncertainty.get(quantity, math.inf), scale),
+            reference_uncertainty=_relative(reference.uncertainty.get(quantity, math.inf), scale),
             body=int(body),
             time=float(run.time[row]),
         )
@@ -87,7 +89,7 @@ def difference(quantity: str, run: Trajectory, reference: Trajectory) -> Differe
         quantity=quantity,
         value=float(relative[where]) if len(relative) else 0.0,
         scale=float(own[where]) if len(relative) else 0.0,
-        unit="N" if quantity == "peak_force" else "s",
+        unit=UNITS[quantity],
         scale_name=f"each contact's own {quantity}",
         uncertainty=bars[0],
         reference_uncertainty=bars[1],

@@ -102,7 +102,8 @@ def numerical_verdict(
         Outcome.FAIL: "exceeds",
         Outcome.UNDECIDED: "cannot be told from",
     }[outcome]
-    place = f"body {found.body}" if math.isfinite(found.time) else f"contact {found.body}"
+    of_body = found.quantity in ("velocity", "displacement", "residence_time")
+    place = f"{'body' if of_body else 'contact'} {found.body}"
     when = f" at t = {1e3 * found.time:.4g} ms" if math.isfinite(found.time) else ""
     return Verdict(
         scene=scene,

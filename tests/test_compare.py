@@ -102,8 +102,8 @@ def test_other_times_are_refused(other: dict[str, Any]) -> None:
 
 
 def test_a_quantity_that_is_not_compared_is_refused_with_those_that_are() -> None:
-    with pytest.raises(UsageError, match=r"quantity = 'contact_force'; allowed: velocity, displacement, peak_force"):
-        difference("contact_force", free_flight(), free_flight())
+    with pytest.raises(UsageError, match=r"quantity = 'energy'; allowed: displacement, velocity, contact_force, peak"):
+        difference("energy", free_flight(), free_flight())
 
 
 def test_a_quantity_that_does_not_exist_is_refused_too() -> None:
@@ -138,3 +138,10 @@ def test_a_divergence_exactly_at_the_tolerance_is_none() -> None:
 def test_a_velocity_that_is_no_number_diverges() -> None:
     reference = free_flight()
     assert first_divergence(_changed(reference, "velocity", (3, 2), math.nan), reference, 0.1) == (0.75, 2)
+
+
+def test_contact_forces_are_compared_at_all_samples_and_have_no_bar() -> None:
+    one = free_flight()
+    found = difference("contact_force", one, _changed(one, "contact_force", (2, 1), 5.0))
+    assert (found.value, found.scale, found.body, found.unit) == (1.0, 5.0, 1, "N")
+    assert math.isinf(found.uncertainty)

@@ -14,7 +14,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from dem_bridge.observables.front import arrival_by_crossing, residence_by_crossing, wave_speed_by_crossing
-from dem_bridge.studies.verify import ENGINE, REFERENCE, THEORY, TWIN, SceneStudy
+from dem_bridge.studies.checks import ENGINE, REFERENCE, THEORY, TWIN
+from dem_bridge.studies.verify import SceneStudy
 from dem_bridge.trajectory import Trajectory
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"

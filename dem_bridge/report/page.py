@@ -19,8 +19,9 @@ from matplotlib.figure import Figure
 from dem_bridge.backends.base import BACKENDS
 from dem_bridge.files import write_whole
 from dem_bridge.report import figures
+from dem_bridge.studies.checks import ENGINE, POSITIONAL, REFERENCE, SECOND, THEORY, TWIN
 from dem_bridge.studies.independence import ANSWERS_THROUGH, matrix
-from dem_bridge.studies.verify import ENGINE, POSITIONAL, REFERENCE, SECOND, THEORY, TWIN, SceneStudy, Verification
+from dem_bridge.studies.verify import SceneStudy, Verification
 from dem_bridge.verdict import Outcome, Verdict
 from dem_bridge.version import __version__
 

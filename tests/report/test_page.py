@@ -16,7 +16,8 @@ from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.report.junit import junit
 from dem_bridge.report.page import NOT_VERIFIED, SCHEMA, as_json, headline, number, write_report
 from dem_bridge.scene import Scene
-from dem_bridge.studies.verify import ENGINE, TWIN, Verification, cases_of, study_of
+from dem_bridge.studies.checks import ENGINE, TWIN
+from dem_bridge.studies.verify import Verification, cases_of, study_of
 
 PAIR = Scene(
     name="three",

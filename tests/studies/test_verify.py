@@ -14,8 +14,9 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Case, Result
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.studies import verify
-from dem_bridge.studies.verify import ENGINE, REFERENCE, THEORY, TWIN, cases_of, study_of, verify_scenes
+from dem_bridge.studies import checks
+from dem_bridge.studies.checks import ENGINE, REFERENCE, THEORY, TWIN
+from dem_bridge.studies.verify import cases_of, study_of, verify_scenes
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome, Verdict
 from tests.fakes import free_flight
@@ -64,7 +65,8 @@ def test_runs_without_a_fault_pass_everything(results: tuple[Result, ...]) -> No
     outcomes = {v.outcome for v in verdicts}
     assert outcomes == {Outcome.PASS, Outcome.MODEL_DIFFERENCE}, [v.sentence for v in verdicts]
     assert {v.quantity for v in verdicts if v.backend == ENGINE} == {
-        "velocity", "displacement", "peak_force", "crossing_time", "residence_time", "order", "momentum", "energy",
+        "velocity", "displacement", "contact_force", "peak_force", "crossing_time", "residence_time", "order",
+        "momentum", "energy",
     }  # fmt: skip
 
 
@@ -212,7 +214,7 @@ def test_a_scene_that_the_twin_cannot_do_is_not_run_with_the_reason_and_the_othe
 def test_only_what_a_scene_conserves_is_asked_of_its_runs(changes: dict[str, Any], quantities: set[str]) -> None:
     # the run itself does not matter here
     scene = replace(SHORT, **changes)
-    verdicts = verify._conserved(scene, free_flight(bodies=SHORT.n_body, contacts=scene.n_contact), 1e-3)
+    verdicts = checks.conserved(scene, free_flight(bodies=SHORT.n_body, contacts=scene.n_contact), 1e-3)
     assert {verdict.quantity for verdict in verdicts} == quantities
 
 

@@ -1,0 +1,288 @@
+"""The checks that a verification consists of, each a pure function from trajectories to verdicts.
+
+===================  ===========================================================================
+implementation       LAMMPS against the twin: the round-off that twins predict, and nothing more
+explained            LAMMPS against the twin in positions: what its error budget leaves over
+two_methods          the two references against each other
+accuracy             a run against the reference
+order                errors along the ladder of steps
+conserved            momentum and energy, where nothing takes or gives any
+model                binary collisions against the reference: a number, never pass or fail
+===================  ===========================================================================
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from dem_bridge.accuracy import ObservedOrder, observed_order
+from dem_bridge.campaign import Result
+from dem_bridge.compare import Difference, difference, first_divergence
+from dem_bridge.errors import RunBroken
+from dem_bridge.observables.conserved import energy, energy_parts, momentum
+from dem_bridge.observables.front import residence_by_crossing
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory, own_scale
+from dem_bridge.verdict import Outcome, Verdict, judge, numerical_verdict
+
+ENGINE, TWIN, REFERENCE, SECOND, THEORY = "lammps-granular", "verlet", "reference", "scipy", "bca"
+#: what the order of velocity-Verlet may differ by from 2
+ORDER_TOLERANCE = 0.05
+#: the twin as a code that keeps absolute positions, with the gauge radius of the deck
+POSITIONAL = "verlet in positions"
+
+
+def absent(scene: Scene, name: str, result: Result) -> Verdict:
+    outcome = Outcome.BROKEN if isinstance(result.failure, RunBroken) else Outcome.NOT_RUN
+    return Verdict(
+        scene=scene.name,
+        quantity="velocity",
+        backend=name,
+        reference=REFERENCE if name != REFERENCE else "",
+        outcome=outcome,
+        sentence=f"{name} on {scene.name}: {result.failure}.",
+    )
+
+
+def implementation(scene: Scene, engine: Trajectory, twin: Trajectory) -> Verdict:
+    """LAMMPS against the twin: no more than the round-off that twins predict for a code that keeps positions."""
+    expected = engine.provenance["velocity_bar"]
+    tolerance = float(expected["round_off"])
+    # the same algorithm at the same step: the bars of the time step are common to both and drop out
+    found = replace(
+        difference("velocity", engine, twin), uncertainty=tolerance, reference_uncertainty=float(expected["last_digit"])
+    )
+    return numerical_verdict(
+        found,
+        scene=scene.name,
+        backend=ENGINE,
+        reference=TWIN,
+        tolerance=tolerance,
+        meaning="implementation and round-off",
+        first_divergence=first_divergence(engine, twin, tolerance),
+    )
+
+
+def explained(scene: Scene, quantity: str, engine: Trajectory, positional: Trajectory, *, allowed: float) -> Verdict:
+    """What a budget leaves unexplained: the twin in positions shares the step and the round-off."""
+    digit = float(engine.provenance["velocity_bar"]["last_digit"])
+    found = replace(difference(quantity, engine, positional), uncertainty=allowed, reference_uncertainty=digit)
+    return numerical_verdict(
+        found,
+        scene=scene.name,
+        backend=ENGINE,
+        reference=POSITIONAL,
+        tolerance=allowed,
+        meaning="implementation",
+        first_divergence=first_divergence(engine, positional, allowed) if quantity == "velocity" else None,
+    )
+
+
+def two_methods(scene: Scene, second: Trajectory, truth: Trajectory) -> Verdict:
+    """The two references against each other: both must be right within the bars they claim."""
+    found = difference("velocity", second, truth)
+    allowed = found.uncertainty + found.reference_uncertainty
+    answered_by = truth.provenance.get("answered_by")
+    if answered_by == SECOND:
+        outcome, sentence = (
+            Outcome.NOT_RUN,
+            f"{REFERENCE} on {scene.name} was answered by {SECOND}: nothing to compare.",
+        )
+    else:
+        # each bar is on one side of the comparison already: no doubt is left
+        outcome = judge(found.value, 0.0, allowed)
+        sentence = (
+            f"velocity of {SECOND} differs from {REFERENCE} by {found.value:.2e} of {found.scale_name};"
+            f" their bars together are {allowed:.1e}."
+        )
+    return Verdict(
+        scene=scene.name,
+        quantity="velocity",
+        backend=SECOND,
+        reference=REFERENCE,
+        outcome=outcome,
+        sentence=sentence,
+        difference=found.value,
+        scale=found.scale,
+        unit=found.unit,
+        scale_name=found.scale_name,
+        uncertainty=found.uncertainty,
+        reference_uncertainty=found.reference_uncertainty,
+        tolerance=allowed,
+        meaning="nothing: two methods",
+    )
+
+
+def accuracy(scene: Scene, name: str, run: Trajectory, truth: Trajectory, wanted: float) -> list[Verdict]:
+    """A run against the reference: velocity for the twin, every quantity for LAMMPS."""
+    meaning = {TWIN: "time step", ENGINE: "time step, implementation and round-off"}[name]
+    quantities = ("velocity",) if name == TWIN else ("velocity", "displacement", "peak_force", "crossing_time")
+    found = [difference(quantity, run, truth) for quantity in quantities]
+    if name == ENGINE and scene.n_body > 2:
+        found.append(_residence(scene, run, truth))
+    return [
+        numerical_verdict(
+            one,
+            scene=scene.name,
+            backend=name,
+            reference=REFERENCE,
+            # the accuracy was asked of velocities; the others may err by what twins predict for this step
+            tolerance=wanted if one.quantity == "velocity" else max(wanted, one.uncertainty),
+            meaning=meaning,
+            first_divergence=first_divergence(run, truth, wanted) if one.quantity == "velocity" else None,
+        )
+        for one in found
+    ]
+
+
+def _residence(scene: Scene, run: Trajectory, truth: Trajectory) -> Difference:
+    """Relative difference of residence times; a bar is the sum of those of its two crossings."""
+    mine, other = residence_by_crossing(scene, run), residence_by_crossing(scene, truth)
+    own = np.maximum(own_scale(other), 1e-300)
+    relative = np.abs(mine - other) / own
+    relative = np.where(np.isnan(mine) & np.isnan(other), 0.0, np.where(np.isnan(relative), np.inf, relative))
+    worst = int(np.argmax(relative))
+
+    def bar(trajectory: Trajectory) -> float:
+        crossing = trajectory.uncertainty["crossing_time"][: scene.n_body - 1]
+        return float(np.nanmax((crossing[1:] + crossing[:-1]) / own, initial=0.0))
+
+    return Difference(
+        quantity="residence_time",
+        value=float(relative[worst]),
+        scale=float(own[worst]),
+        unit="s",
+        scale_name="each body's own residence time",
+        uncertainty=bar(run),
+        reference_uncertainty=bar(truth),
+        body=worst + 1,
+        time=math.nan,
+    )
+
+
+def order(scene: Scene, name: str, ladder: tuple[list[float], list[float]], truth: Trajectory) -> Verdict:
+    """Order of convergence over the ladder, without the main run; its bar is the residual over the ladder's length."""
+    steps, errors = ladder[0][:-1], ladder[1][:-1]
+    floor = 10.0 * truth.uncertainty["velocity"] / max(float(np.max(np.abs(truth.velocity))), 1e-300)
+    fit: ObservedOrder = observed_order(steps, errors, floor=floor)
+    bar, why = math.inf, ""
+    if fit.points < 3:
+        why = f"{fit.points} of {len(steps)} errors are above round-off, and 3 are needed for a fit"
+    elif len(set(steps)) < 3:
+        why = f"with one sample in {scene.duration / scene.samples:.3g} s the steps of the ladder fall together"
+    else:
+        bar = 2.0 * math.log1p(fit.residual) / math.log(steps[0] / steps[-1])
+    if not bar < ORDER_TOLERANCE:
+        why = why or f"errors scatter by {100 * fit.residual:.0f} % about a power of dt: no asymptotic range here"
+        return Verdict(
+            scene=scene.name,
+            quantity="order",
+            backend=name,
+            reference="exact 2",
+            outcome=Outcome.NOT_RUN,
+            sentence=f"order of {name} on {scene.name}: {why}.",
+            meaning="convergence in the time step",
+        )
+    away = abs(fit.order - 2.0)
+    outcome = judge(away, bar, ORDER_TOLERANCE)
+    return Verdict(
+        scene=scene.name,
+        quantity="order",
+        backend=name,
+        reference="exact 2",
+        outcome=outcome,
+        sentence=(
+            f"velocity errors of {name} fall as dt^{fit.order:.3f} over dt = {steps[0]:.3g} .. {steps[-1]:.3g} s"
+            f" ({fit.points} points, residual {100 * fit.residual:.1f} %); velocity-Verlet has 2 +- {ORDER_TOLERANCE}."
+        ),
+        difference=away,
+        scale=1.0,
+        scale_name="1",
+        reference_uncertainty=bar,
+        tolerance=ORDER_TOLERANCE,
+        meaning="convergence in the time step",
+    )
+
+
+def conserved(scene: Scene, run: Trajectory, wanted: float) -> list[Verdict]:
+    """Momentum to round-off, energy to the accuracy asked for; each where nothing takes or gives any.
+
+    The loads on the ends of a precompressed chain without walls cancel; with one wall there is one load alone.
+    """
+    found: list[tuple[str, np.ndarray[Any, np.dtype[np.float64]], float, str, float, str]] = []
+    speed = float(np.max(np.abs(run.velocity)))
+    if scene.wall_left is None and scene.wall_right is None and scene.gravity == scene.drag == 0.0:
+        scale = sum(scene.mass) * speed
+        # each step rounds each velocity by at most half a unit in its last place
+        found.append(
+            ("momentum", momentum(scene, run), scale, "kg m/s", run.cost.steps * np.finfo(float).eps, "round-off")
+        )
+    if not scene.dissipates:
+        parts = energy_parts(scene, run)
+        most = float(np.max(sum(np.abs(part) for part in parts)))
+        found.append(("energy", energy(scene, run), most, "J", wanted, "time step"))
+    verdicts = []
+    for quantity, series, scale, unit, tolerance, meaning in found:
+        drift = float(np.max(np.abs(series - series[0]))) / scale if scale > 0.0 else 0.0
+        outcome = judge(drift, 0.0, tolerance)
+        verdicts.append(
+            Verdict(
+                scene=scene.name,
+                quantity=quantity,
+                backend=ENGINE,
+                reference="its own start",
+                outcome=outcome,
+                sentence=(
+                    f"{quantity} of {ENGINE} drifts by at most {drift:.2e} of {scale:.4g} {unit};"
+                    f" tolerance {tolerance:.1e} ({meaning})."
+                ),
+                difference=drift,
+                scale=scale,
+                unit=unit,
+                scale_name="most energy in motion, contacts and height"
+                if quantity == "energy"
+                else "total mass times largest velocity",
+                uncertainty=0.0,
+                reference_uncertainty=0.0,
+                tolerance=tolerance,
+                meaning=meaning,
+            )
+        )
+    return verdicts
+
+
+def model(scene: Scene, theory: Trajectory, truth: Trajectory) -> list[Verdict]:
+    """BCA beside the reference: numbers of a theory with other equations."""
+    arrival, *found = [difference(quantity, theory, truth) for quantity in ("crossing_time", "peak_force", "velocity")]
+    last = len(truth.crossing_time) - 1
+    away = abs(float(theory.crossing_time[last] - truth.crossing_time[last])) / float(truth.crossing_time[last])
+    if math.isfinite(away):
+        found.insert(0, replace(arrival, quantity="arrival_at_end", value=away, body=last))
+    found.insert(0, replace(arrival, quantity="arrival"))
+    if scene.n_body > 2:
+        found.insert(1, _residence(scene, theory, truth))
+    return [
+        Verdict(
+            scene=scene.name,
+            quantity=one.quantity,
+            backend=THEORY,
+            reference=REFERENCE,
+            outcome=Outcome.MODEL_DIFFERENCE,
+            sentence=(
+                f"binary collisions miss the {one.quantity.replace('_', ' ')} by up to {100 * one.value:.3g} % of"
+                f" {one.scale_name} ({'body' if math.isfinite(one.time) else 'contact'} {one.body}): they are another"
+                " model, so this is no error of either code."
+            ),
+            difference=one.value,
+            scale=one.scale,
+            unit=one.unit,
+            scale_name=one.scale_name,
+            reference_uncertainty=one.reference_uncertainty,
+            meaning="model",
+        )
+        for one in found
+    ]

@@ -1,0 +1,54 @@
+"""Decks with something planted: LAMMPS itself commits the fault."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from dem_bridge.backends import lammps
+from dem_bridge.campaign import Case, Result, run_case
+from dem_bridge.lmp.deck import Deck, granular_deck
+from dem_bridge.scene import Scene
+
+#: a deck -> the files that are run in its place
+Change = Callable[[Deck], dict[str, str]]
+
+
+def substituted(
+    pattern: str, new: str | Callable[[re.Match[str]], str], *, places: int = 1, data: bool = False
+) -> Change:
+    """A change of the places in the deck (or its data file) where the pattern fits."""
+
+    def change(deck: Deck) -> dict[str, str]:
+        file = f"data.{deck.name}" if data else deck.input_file
+        text, count = re.subn(pattern, new, deck.files[file], flags=re.MULTILINE)
+        assert count == places, f"{pattern!r} fits {count} places"
+        return {**deck.files, file: text}
+
+    return change
+
+
+def both(first: Change, second: Change) -> Change:
+    """One change after the other."""
+    return lambda deck: second(replace(deck, files=first(deck)))
+
+
+def times(factor: float) -> Callable[[re.Match[str]], str]:
+    """The first group of a match, a number, times ``factor``."""
+    return lambda match: match[0].replace(match[1], repr(float(match[1]) * factor))
+
+
+def run_with(change: Change, case: Case, *, gauge_radius: float | None = None) -> Result:
+    """LAMMPS on the changed deck; ``gauge_radius`` in m, None: that of the case."""
+
+    def planted(scene: Scene, **how: Any) -> Deck:
+        deck = granular_deck(scene, **how)
+        return replace(deck, files=change(deck))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lammps, "granular_deck", planted)
+        return run_case(replace(case, resolution=replace(case.resolution, gauge_radius=gauge_radius)))

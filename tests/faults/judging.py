@@ -1,0 +1,149 @@
+"""Scenes on which faults are planted, the runs that ``verify`` makes for them, and short names for its verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Generic, TypeVar
+
+from dem_bridge.campaign import Case, Result, run_case
+from dem_bridge.scene import Scene, Wall
+from dem_bridge.studies.checks import ENGINE, POSITIONAL, REFERENCE, SECOND, THEORY, TWIN
+from dem_bridge.studies.verify import cases_of, study_of
+from dem_bridge.trajectory import Trajectory
+from dem_bridge.verdict import Outcome, Verdict
+
+Results = tuple[Result, ...]
+Plant = TypeVar("Plant")
+
+#: chosen so that everything can show: a light body between two heavy ones collides three times with the striker (peaks
+#: of 184, 352 and 157 N; open from 27 to 43 us and from 72 to 94 us), the other contacts start open, and no wall and no
+#: weight takes momentum
+FREE = Scene(
+    name="recolliding",
+    duration=1.5e-4,
+    mass=(8e-3, 2e-3, 2e-2, 1e-2),
+    stiffness=(1e10, 2e9, 2e10),
+    velocity=(0.8, 0.0, 0.0, 0.0),
+    gap=(0.0, 4e-6, 4e-6),
+    samples=150,
+)
+#: everything else that a deck can say: walls, weight, overlap at the start
+HELD = Scene(
+    name="held",
+    duration=4e-4,
+    mass=(8.1e-3, 1e-2, 1.1e-2, 1.2e-2, 9e-3),
+    stiffness=(4e9, 5e9, 8e9, 6e9),
+    velocity=(0.8, 0.0, 0.0, 0.0, -0.1),
+    gap=(0.0, 1e-6, -5e-7, 0.0),
+    wall_left=Wall(stiffness=3e9, gap=1e-6),
+    wall_right=Wall(stiffness=2e9, gap=5e-6),
+    gravity=50.0,
+    samples=100,
+)
+
+
+def named(verdict: Verdict) -> str:
+    """What of a study a verdict judges: ``velocity - verlet``, ``energy``, ``scipy: velocity - reference``."""
+    name = verdict.quantity
+    if name not in ("momentum", "energy", "order"):
+        name += f" - {verdict.reference}"
+    return name if verdict.backend == ENGINE else f"{verdict.backend}: {name}"
+
+
+def minus(reference: str, *quantities: str) -> frozenset[str]:
+    """Names of the verdicts on quantities of LAMMPS against ``reference``."""
+    return frozenset(f"{quantity} - {reference}" for quantity in quantities)
+
+
+FOUR = ("velocity", "displacement", "peak_force", "crossing_time")
+#: LAMMPS against the twin at the same step: implementation and round-off
+IMPLEMENTATION = minus(TWIN, "velocity") | minus(POSITIONAL, *FOUR, "contact_force")
+#: LAMMPS against the reference: the error that a user has
+USER = minus(REFERENCE, *FOUR, "residence_time")
+MOMENTUM, ENERGY, ORDER = (frozenset({law}) for law in ("momentum", "energy", "order"))
+#: the same without LAMMPS
+TWIN_ERROR = frozenset({f"{TWIN}: velocity - {REFERENCE}"})
+TWIN_ORDER = frozenset({f"{TWIN}: order"})
+TWO_REFERENCES = frozenset({f"{SECOND}: velocity - {REFERENCE}"})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault(Generic[Plant]):
+    """A planted defect: what changes, and the verdicts that must be FAIL. All others must be PASS."""
+
+    plant: Plant
+    shows: frozenset[str]
+    begins: float | None = None
+    """s: the sample at which velocities first leave those of the twin, within one; None: not looked at."""
+
+
+class Bench:
+    """One scene with all its runs, each made once and shared by all faults."""
+
+    def __init__(self, scene: Scene, accuracy: float) -> None:
+        self.scene, self.accuracy = scene, accuracy
+
+    @cached_property
+    def cases(self) -> tuple[Case, ...]:
+        return tuple(cases_of(self.scene, self.accuracy))
+
+    @cached_property
+    def our_runs(self) -> Results:
+        """Everything but LAMMPS'."""
+        return tuple(run_case(case) for case in self.cases if case.backend != ENGINE)
+
+    @cached_property
+    def sound_runs(self) -> Results:
+        """Everything, LAMMPS' ladder too."""
+        return tuple(run_case(case) for case in self.of(ENGINE)) + self.our_runs
+
+    def of(self, backend: str) -> list[Case]:
+        """Cases of one backend, the main one first."""
+        return [case for case in self.cases if case.backend == backend]
+
+    def main(self, results: Results, backend: str) -> Trajectory:
+        found = next(result.trajectory for result in results if result.case.backend == backend)
+        assert found is not None
+        return found
+
+    def verdicts(self, results: Results) -> dict[str, Verdict]:
+        """Name -> verdict, without those on the theory, which are never pass or fail."""
+        judged = [v for v in study_of(self.scene, results, self.accuracy).verdicts if v.backend != THEORY]
+        found = {named(verdict): verdict for verdict in judged}
+        assert len(found) == len(judged), "two verdicts share a name"
+        return found
+
+    def check(self, results: Results, shows: Iterable[str] = ()) -> dict[str, Verdict]:
+        """Assert that the verdicts in ``shows`` are FAIL and that all others are PASS; hands them out."""
+        found = self.verdicts(results)
+        expected = set(shows)
+        assert {name for name, verdict in found.items() if verdict.outcome is Outcome.FAIL} == expected
+        others = {name: verdict.outcome for name, verdict in found.items() if name not in expected}
+        assert set(others.values()) == {Outcome.PASS}, others
+        return found
+
+    def check_fault(self, results: Results, fault: Fault[Any]) -> None:
+        """Assert that the results show the fault as it says."""
+        found = self.check(results, fault.shows)
+        if fault.begins is not None:
+            parted = found[f"velocity - {TWIN}"].first_divergence
+            assert parted is not None
+            assert abs(parted[0] - fault.begins) < 1.5 * self.scene.duration / self.scene.samples
+
+
+def replaced(results: Results, new: Result) -> Results:
+    """The results with the main run of one backend replaced; its ladder stays."""
+    first = next(i for i, result in enumerate(results) if result.case.backend == new.case.backend)
+    return (*results[:first], new, *results[first + 1 :])
+
+
+def with_trajectory(results: Results, case: Case, run: Trajectory) -> Results:
+    """The results with another trajectory for this case."""
+    return tuple(replace(result, trajectory=run) if result.case == case else result for result in results)
+
+
+#: dt = 1e-8 s, 15,000 steps; sound runs err by 4.8e-7 of the largest velocity
+BENCH = Bench(FREE, 2e-6)
+HELD_BENCH = Bench(HELD, 1e-5)

@@ -1,0 +1,110 @@
+"""Faults in what is read out of a sound run: they show in the quantities they touch and in no other."""
+
+from __future__ import annotations
+
+import inspect
+import textwrap
+from typing import Any
+
+import pytest
+
+from dem_bridge.backends import lammps
+from dem_bridge.backends.lammps import LammpsGranular
+from dem_bridge.studies.checks import ENGINE, POSITIONAL, REFERENCE, TWIN
+from tests.faults.decks import Change, both, run_with, substituted
+from tests.faults.judging import BENCH, ENERGY, IMPLEMENTATION, USER, Fault, minus, replaced
+from tests.faults.stand_in import Code, run_in_place_of_lammps, runs_of
+
+
+def shown(*quantities: str) -> frozenset[str]:
+    """The quantities against both the twin in positions and the reference; velocity against the twin, too."""
+    twin = minus(TWIN, "velocity") if "velocity" in quantities else frozenset()
+    return twin | minus(POSITIONAL, *quantities) | minus(REFERENCE, *quantities)
+
+
+# LAMMPS answers with something else than the deck asks for
+
+DUMPS: dict[str, Fault[Change]] = {
+    # v - dt/2 f/m: where the closing rate turns, and with it every crossing, moves by half a step
+    "half-step velocities": Fault(
+        plant=both(
+            substituted(r"^dump .*", lambda m: f"variable half atom vx-0.5*v_dt*fx/mass\n{m[0]}"),
+            substituted(r"^(dump .*) vx ", r"\1 v_half "),
+        ),
+        shows=(IMPLEMENTATION | USER | ENERGY)
+        - minus(POSITIONAL, "displacement", "contact_force")
+        - minus(REFERENCE, "displacement"),
+        begins=0.0,
+    ),
+    # a clock that is off by one: all times are, so times between two crossings are not; energy is that of any moment.
+    # 3e-11 of peak forces come from other dense samples beside the peak, more than round-off
+    "a clock one step late": Fault(
+        plant=substituted("^thermo_style ", "run 1\nreset_timestep 0\nthermo_style "),
+        shows=shown("velocity", "displacement", "crossing_time") | minus(POSITIONAL, "peak_force", "contact_force"),
+        begins=0.0,
+    ),
+}
+
+
+@pytest.mark.lammps
+@pytest.mark.parametrize("fault", DUMPS.values(), ids=DUMPS)
+def test_a_fault_in_what_lammps_dumps_is_named(fault: Fault[Change]) -> None:
+    BENCH.check_fault(replaced(BENCH.sound_runs, run_with(fault.plant, BENCH.of(ENGINE)[0])), fault)
+
+
+# the dump is sound, its reading is not; the stand-in writes it
+
+Substitution = tuple[str, str]
+
+
+def reading(*changes: Substitution) -> Any:
+    """``LammpsGranular._trajectory`` with something else in its source."""
+    text = textwrap.dedent(inspect.getsource(LammpsGranular._trajectory))
+    for old, new in changes:
+        assert text.count(old) == 1, f"the source has changed: {old!r} is in it {text.count(old)} times"
+        text = text.replace(old, new)
+    names = dict(vars(lammps))
+    exec("from __future__ import annotations\n" + text, names)
+    return names["_trajectory"]
+
+
+ROWS = "rows = slice(None, None, plan.subdivisions)"
+READINGS: dict[str, Fault[Substitution]] = {
+    "samples off by one": Fault(
+        plant=(ROWS, "rows = np.minimum(np.arange(0, len(steps), plan.subdivisions) + 1, len(steps) - 1)"),
+        shows=shown("velocity", "displacement") | minus(POSITIONAL, "contact_force"),
+        begins=0.0,
+    ),
+    "times off by one": Fault(plant=("steps * plan.step", "(steps + 1) * plan.step"), shows=shown("crossing_time")),
+    # overlaps, and so the energy in contacts, are those of displacements
+    "start positions without the gaps": Fault(
+        plant=("np.array(deck.line))[:", "2.0 * deck.gauge_radius * np.arange(len(deck.line)))[:"),
+        shows=shown("displacement") | ENERGY,
+    ),
+    "peak force of the dense samples alone": Fault(
+        plant=(ROWS, f"peak_force = np.max(force, axis=0); {ROWS}"), shows=shown("peak_force")
+    ),
+    "a curve without accelerations": Fault(
+        plant=("net * np.array(deck.mobility)", "0.0 * net"),
+        shows=shown("peak_force", "crossing_time") | minus(REFERENCE, "residence_time"),
+    ),
+}
+
+
+def read_with(monkeypatch: pytest.MonkeyPatch, *changes: Substitution) -> Any:
+    monkeypatch.setattr(LammpsGranular, "_trajectory", reading(*changes))
+    return replaced(runs_of(Code), run_in_place_of_lammps(Code, BENCH.of(ENGINE)[0]))
+
+
+def test_the_reading_as_it_is_fails_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    BENCH.check(read_with(monkeypatch))
+
+
+@pytest.mark.parametrize("fault", READINGS.values(), ids=READINGS)
+def test_a_fault_in_the_reading_is_named(fault: Fault[Substitution], monkeypatch: pytest.MonkeyPatch) -> None:
+    BENCH.check_fault(read_with(monkeypatch, fault.plant), fault)
+
+
+def test_contact_forces_in_the_columns_of_others_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    results = read_with(monkeypatch, ("force=force[rows]", "force=force[rows][:, ::-1]"))
+    BENCH.check(results, minus(POSITIONAL, "contact_force"))
