@@ -28,6 +28,38 @@ from dem_bridge.trajectory import Trajectory
 
 DATA = Path(__file__).parent / "data"
 COUNT = 300
+#: conditions of 1e9 and more: extended precision does not know their truth to nine digits, so no bar can be tried on it
+LEFT_OUT = (
+    3,
+    18,
+    46,
+    48,
+    52,
+    87,
+    96,
+    107,
+    116,
+    122,
+    123,
+    129,
+    136,
+    147,
+    150,
+    181,
+    188,
+    204,
+    227,
+    253,
+    254,
+    264,
+    273,
+    277,
+    293,
+    303,
+    304,
+    314,
+)
+DRAWS = [draw for draw in range(COUNT + len(LEFT_OUT)) if draw not in LEFT_OUT]
 #: local tolerance of the truth: ten times finer moves it by 1e-15 of v0 on the paper's decelerating chain
 TOLERANCE = 3e-19
 Floats = NDArray[np.float64]
@@ -175,8 +207,8 @@ def make_truth(program: Path, scene: Scene, tolerance: float) -> RandomTruth:
 
 def save(scenes: list[Scene], truths: list[RandomTruth]) -> None:
     """Keep scenes and truths together, so that one cannot change without the other."""
-    skip = ("content_hash", "description", "spacing")
-    kept = [{key: value for key, value in asdict(scene).items() if key not in skip} for scene in scenes]
+    keys = ("name", "duration", "mass", "stiffness", "velocity", "gap", "wall_left", "wall_right", "gravity", "samples")
+    kept = [{key: value for key, value in asdict(scene).items() if key in keys} for scene in scenes]
     names = ("displacement", "velocity", "peak_force", "crossing_time")
     parts = {name: np.concatenate([getattr(truth, name).ravel() for truth in truths]) for name in names}
     text = np.frombuffer(json.dumps(kept).encode(), dtype=np.uint8)
@@ -187,7 +219,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "truth"
         subprocess.run(["cc", "-O2", "-o", program, DATA / "truth.c", "-lm"], check=True)
-        scenes, truths = [drawn(seed) for seed in range(COUNT)], []
+        scenes, truths = [drawn(draw) for draw in DRAWS], []
         for seed, scene in enumerate(scenes):
             truths.append(make_truth(program, scene, TOLERANCE))
             print(f"\r{seed + 1} of {COUNT}", end="", file=sys.stderr)

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 import dem_bridge as db
 from dem_bridge.lmp.process import run_deck
+from dem_bridge.scene import Scene
 
 SCENE, STEP = "decelerating-40", 1e-8
 
@@ -50,11 +52,39 @@ def test_fixed_step(benchmark: BenchmarkFixture, backend: str, bars: bool) -> No
 
 
 @pytest.mark.benchmark(group=f"{SCENE}, 3e5 steps")
-def test_scipy_reference(benchmark: BenchmarkFixture) -> None:
+@pytest.mark.parametrize(("backend", "rounds"), [("reference", 10), ("scipy", 2), ("ode45", 10)])
+def test_adaptive(benchmark: BenchmarkFixture, backend: str, rounds: int) -> None:
     run = benchmark.pedantic(
-        db.solve, args=(SCENE,), kwargs={"backend": "scipy", "bars": False}, rounds=2, warmup_rounds=0
+        db.solve, args=(SCENE,), kwargs={"backend": backend, "bars": False}, rounds=rounds, warmup_rounds=1
     )
     benchmark.extra_info["force_evaluations"] = run.cost.force_evaluations
+
+
+def decelerating(cylinders: int) -> Scene:
+    """The decelerating chain of any length, struck by one of its own, until the front has passed it."""
+    stiffness = np.linspace(7.27e10, 4.68e9, cylinders - 1)
+    mass, speed = 0.0100766, 0.8
+    # binary collisions: each contact is crossed in half its contact time, and momentum is handed on whole
+    half = 0.5 * 2.943275184325 * (1.25 * 0.5 * mass * speed**2 / stiffness) ** 0.4 / speed
+    return Scene(
+        name="front",
+        duration=1.05 * float(np.sum(half)),
+        mass=(mass,) * cylinders,
+        stiffness=tuple(stiffness.tolist()),
+        velocity=(speed, *[0.0] * (cylinders - 1)),
+        samples=10,
+    )
+
+
+@pytest.mark.benchmark(group="reference following a front, per chain")
+@pytest.mark.parametrize(("cylinders", "rounds"), [(1_000, 3), (10_000, 1), (100_000, 1)])
+def test_front(benchmark: BenchmarkFixture, cylinders: int, rounds: int) -> None:
+    run = benchmark.pedantic(
+        db.solve, args=(decelerating(cylinders),), kwargs={"backend": "reference", "bars": False}, rounds=rounds
+    )
+    reached = int(np.sum(np.isfinite(run.crossing_time)))
+    assert benchmark.stats is not None
+    benchmark.extra_info["ms_per_cylinder"] = round(1e3 * benchmark.stats.stats.median / reached, 4)
 
 
 @pytest.mark.benchmark(group="command line")
