@@ -155,6 +155,7 @@ def error_budget(study: SceneStudy) -> Figure | None:
                 textcoords="offset points",
                 va="center",
                 fontsize=8,
+                bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
             )
         ax.axvline(budget.allowed, color=VERMILION, linestyle=":", linewidth=1.2)
         ax.set(xscale="log", xlim=(low, high), title=budget.quantity.replace("_", " "))

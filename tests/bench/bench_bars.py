@@ -49,7 +49,7 @@ def trials(backend: str, seeds: Sequence[int], fractions: Sequence[float] = FRAC
             for quantity in QUANTITIES:
                 error = truth.error(run, quantity)
                 bar = np.broadcast_to(np.atleast_1d(run.uncertainty[quantity]), error.shape)
-                real = (error > 0.0) & np.isfinite(error) & np.isfinite(bar)
+                real = (error > 1e-300) & np.isfinite(error) & np.isfinite(bar)
                 outside[quantity] = truth.outside(run, quantity)
                 wide[quantity] = float(np.median(bar[real] / error[real])) if real.any() else math.nan
                 finite[quantity] = bool(np.isfinite(bar).all())
