@@ -73,6 +73,7 @@ def reference_bars(run: Answer, others: Sequence[Answer], *, factor: float, dura
             most = not_below_the_median(most, scale)
         elif name == "crossing_time":
             order = np.argsort(run.crossing_time, kind="stable")  # nan last: never
-            most[order] = np.maximum.accumulate(most[order])
+            known = np.where(np.isfinite(most), most, 0.0)
+            most[order] = np.maximum(most[order], np.maximum.accumulate(known[order]))
         bars[name] = most + _LEAST * largest
     return bars
