@@ -64,7 +64,8 @@ class LammpsGranular:
         result = self._trajectory(scene, deck, report, steps, values, wall, cpu)
         if not resolution.bars:
             return result
-        return with_twin_bars(result, scene, deck.schedule, look, radius=deck.gauge_radius)
+        weights = float(np.sum(np.abs(deck.weight)))
+        return with_twin_bars(result, scene, deck.schedule, look, radius=deck.gauge_radius, summed=weights)
 
     def deck(self, scene: Scene, resolution: Resolution, sampling: Sampling, look: Survey | None = None) -> Deck:
         """The deck that :meth:`run` runs."""

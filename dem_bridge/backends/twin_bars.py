@@ -40,10 +40,13 @@ STEP_SAFETY = 3.0
 THINNING = 0.5
 
 
-def with_twin_bars(run: Trajectory, scene: Scene, plan: Schedule, look: Survey, *, radius: float) -> Trajectory:
+def with_twin_bars(
+    run: Trajectory, scene: Scene, plan: Schedule, look: Survey, *, radius: float, summed: float | None = None
+) -> Trajectory:
     """``run`` (of LAMMPS or of the twin, on the steps of ``plan``) with bars from twins; see :mod:`.bars`.
 
-    ``radius`` (m): of the bodies, for a code that keeps positions.
+    ``radius`` (m): of the bodies, for a code that keeps positions. ``summed`` (N): of a code whose contact forces are
+    running sums of net forces, all that is summed beside them; None: it knows its contact forces.
     """
     is_own = run.provenance["backend"] == TWIN.name and "gauge_radius" not in run.provenance["settings"]
     # one step per sample leaves no coarser step that falls on the samples
@@ -66,6 +69,7 @@ def with_twin_bars(run: Trajectory, scene: Scene, plan: Schedule, look: Survey, 
             positional=positional,
             thinned=thinned,
             rivals=rivals(dense.force),
+            summed=summed,
         ),
     )
 
@@ -85,6 +89,8 @@ class Twins:
     """Peak forces and crossing times of ``positional`` from every second dense sample."""
     rivals: NDArray[np.float64]
     """Largest force of each contact outside the collision that has its largest, N."""
+    summed: float | None = None
+    """Of a code whose contact forces are running sums of net forces: all that is summed beside them, N."""
 
     def of_step(self) -> dict[str, Any]:
         """Bars for the time step, before contacts are compared with each other."""
@@ -113,8 +119,10 @@ def with_bars(run: Trajectory, twins: Twins) -> Trajectory:
     summation = 0.5 * plan.steps * np.finfo(float).eps
     bars["displacement"] += summation * float(np.max(np.abs(own.displacement)))
     bars["velocity"] += summation * speed
-    # forces come as running sums of net forces: an untouched contact may show the last digit of the largest
-    bars["peak_force"] += 8.0 * np.finfo(float).eps * float(np.max(own.peak_force, initial=0.0))
+    if twins.summed is not None:
+        # an untouched contact may show the last digit of the largest force, and of all weights
+        sums = 8.0 * float(np.max(own.peak_force, initial=0.0)) + 2.0 * twins.summed
+        bars["peak_force"] += np.finfo(float).eps * sums
     thin_peak, thin_crossing = twins.thinned
     lost = {
         "peak_force": THINNING * np.abs(thin_peak - twins.positional.peak_force),
