@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _RESOLUTION = tuple(field.name for field in fields(Resolution))
 #: settings of solve that are no field of a Resolution
-_OTHER = ("samples", "accuracy")
+_OTHER = ("samples", "accuracy", "order")
 
 
 def solve(scene: Scene | str | Path, *, backend: str, **settings: object) -> Trajectory:
@@ -29,6 +29,7 @@ def solve(scene: Scene | str | Path, *, backend: str, **settings: object) -> Tra
 
     Settings: ``dt`` (s, an upper bound: the step is interval/ceil(interval/dt)), or ``accuracy`` (of velocity, relative
     to its largest magnitude) instead; ``samples``; ``rtol`` (scipy, ode45) and ``atol`` (ode45; m and m/s);
+    ``order="richardson"`` to extrapolate from 2 dt, dt and dt/2 (NotAsymptotic where their order is not clean);
     ``gauge_radius`` (m); ``time_limit`` (s); ``bars=False`` for no error bars. Raises UsageError for an unknown backend
     or setting, UnsupportedScene, BackendUnavailable or RunBroken.
 
@@ -47,7 +48,12 @@ def solve(scene: Scene | str | Path, *, backend: str, **settings: object) -> Tra
         from dem_bridge.plan import resolution_for  # brings the compiler, which not every backend needs
 
         resolution = resolution_for(scene, accuracy, resolution, sampling)
-    run = chosen.run(scene, resolution, sampling)
+    if settings.get("order") is None:
+        run = chosen.run(scene, resolution, sampling)
+    else:
+        from dem_bridge.extrapolate import extrapolated
+
+        run = extrapolated(chosen, scene, resolution, sampling)
     if accuracy is not None:
         _check_accuracy(chosen, scene, run, accuracy)
     return run
@@ -130,6 +136,8 @@ def _settings(
         if settings.get("dt") is not None:
             raise UsageError("dt and accuracy are both given; give one: the other follows from it")
     samples = settings.get("samples")
+    if settings.get("order") not in (None, "richardson"):
+        raise UsageError(f"order = {settings['order']!r}; allowed: 'richardson'")
     sampling = Sampling(count=scene.samples if samples is None else samples)  # type: ignore[arg-type]
     resolution = Resolution(**{key: settings[key] for key in _RESOLUTION if key in settings})  # type: ignore[arg-type]
     return chosen, resolution, sampling, accuracy

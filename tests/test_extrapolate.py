@@ -1,0 +1,83 @@
+"""Extrapolated runs: far better than the finest of their runs, within their bars, and refused where the order is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dem_bridge as db
+from dem_bridge.backends.bars import QUANTITIES
+from dem_bridge.backends.twin import solve_plan
+from dem_bridge.dense import Schedule
+from dem_bridge.errors import NotAsymptotic, UsageError
+from dem_bridge.trajectory import Trajectory
+from tests.truth import Truth
+
+
+@pytest.mark.parametrize("dt", [1e-7, 2e-8])
+def test_it_is_twenty_times_better_than_its_finest_run_and_within_its_bars(free_chain: Truth, dt: float) -> None:
+    run = db.solve(free_chain.scene, backend="verlet", dt=dt, order="richardson")
+    plain = db.solve(free_chain.scene, backend="verlet", dt=0.5 * dt, bars=False)
+    # 23 (decelerating, 1e-7 s) to 900 times were found
+    assert free_chain.error(run, "velocity") < 0.05 * free_chain.error(plain, "velocity")
+    for quantity in QUANTITIES:
+        assert np.all(free_chain.error(run, quantity) <= run.uncertainty[quantity]), quantity
+    assert run.uncertainty["velocity"] < free_chain.error(plain, "velocity")
+    assert run.provenance["extrapolated_from"] == pytest.approx([2.0 * dt, dt, 0.5 * dt])
+    assert run.cost.steps == sum(round(free_chain.scene.duration / step) for step in (2.0 * dt, dt, 0.5 * dt))
+
+
+@pytest.mark.lammps
+def test_lammps_is_extrapolated_like_its_twin(accelerating: Truth) -> None:
+    scene = replace(accelerating.scene, duration=3e-4, samples=50)
+    truth = db.solve(scene, backend="reference", bars=False).velocity
+    run = db.solve(scene, backend="lammps-granular", dt=1e-7, order="richardson")
+    error = float(np.max(np.abs(run.velocity - truth)))
+    assert error <= run.uncertainty["velocity"] < 1e-6
+
+
+def test_it_is_refused_where_the_order_is_not_clean(decelerating: Truth) -> None:
+    with pytest.raises(NotAsymptotic, match=r"observed order .* allowed: 2 \+- 0\.1; refine dt"):
+        db.solve(decelerating.scene, backend="verlet", dt=2e-7, order="richardson")
+
+
+def test_what_has_no_clean_order_is_that_of_the_finest_run(decelerating: Truth) -> None:
+    run = db.solve(decelerating.scene, backend="verlet", dt=1e-7, order="richardson")
+    assert run.provenance["not_extrapolated"] == ["crossing_time"]
+    finest = db.solve(decelerating.scene, backend="verlet", dt=5e-8)
+    np.testing.assert_array_equal(run.crossing_time, finest.crossing_time)
+    np.testing.assert_array_equal(run.uncertainty["crossing_time"], finest.uncertainty["crossing_time"])
+
+
+def test_without_bars_nothing_is_claimed(accelerating: Truth) -> None:
+    scene = replace(accelerating.scene, duration=1e-4, samples=10)
+    run = db.solve(scene, backend="verlet", dt=1e-7, order="richardson", bars=False)
+    assert all(np.all(np.isinf(run.uncertainty[quantity])) for quantity in QUANTITIES)
+    assert np.all(run.contact_force >= 0.0)
+
+
+def test_a_code_of_another_order_is_refused(accelerating: Truth, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fault of first order in one run in three, as a stale force is, must not be extrapolated by second order."""
+
+    def drifting(scene: db.Scene, plan: Schedule, radius: float = 0.0) -> Trajectory:
+        run = solve_plan(scene, plan, radius)
+        return replace(run, velocity=run.velocity * (1.0 + 1e3 * float(run.provenance["settings"]["dt"])))
+
+    scene = replace(accelerating.scene, duration=3e-4, samples=50)
+    monkeypatch.setattr("dem_bridge.backends.verlet.solve_plan", drifting)
+    with pytest.raises(NotAsymptotic, match="no extrapolation"):
+        db.solve(scene, backend="verlet", dt=5e-8, order="richardson")
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"backend": "verlet", "order": "aitken"}, r"order = 'aitken'; allowed: 'richardson'"),
+        ({"backend": "scipy", "order": "richardson"}, r"'richardson' with scipy, which has no fixed step"),
+    ],
+)
+def test_wrong_use_is_one_line(accelerating: Truth, settings: dict[str, str], words: str) -> None:
+    with pytest.raises(UsageError, match=words):
+        db.solve(accelerating.scene, **settings)
