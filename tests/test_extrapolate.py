@@ -1,4 +1,4 @@
-"""Extrapolated runs: far better than the finest of their runs, within their bars, and refused where the order is not."""
+"""Extrapolated runs: far better than the finest of theirs, within their bars, and refused where the order is not."""
 
 from __future__ import annotations
 
