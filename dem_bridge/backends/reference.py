@@ -12,6 +12,7 @@ import time
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dem_bridge.backends.bars import UNKNOWN, reference_bars
 from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
@@ -28,7 +29,8 @@ from dem_bridge.trajectory import Cost, Trajectory
 ORDER, ACCURACY = 28, 1e-16
 #: order of the second run, for the bars
 SECOND_ORDER = 22
-#: overlap, relative to what the energy at hand could make, whose force (1e-18 of the largest) is not felt
+#: overlap, relative to what the energy at hand could make, whose force (1e-18 of the largest) is not felt; by a body
+#: lighter than those that move it would be, see :func:`_unfelt`
 TOUCH = 1e-12
 #: runs for the bars: each one more realisation of round-off
 REALISATIONS = 6
@@ -85,7 +87,7 @@ class Reference:
             c.gap,
             scene.free_acceleration,
             times,
-            TOUCH * depth,
+            _unfelt(scene, speed, depth),
             speed if speed > 0.0 else 1.0,
             resting_acceleration(scene),
             order,
@@ -113,6 +115,18 @@ class Reference:
             ),
             provenance=birth_certificate(self, scene, settings) | {"openings": openings, "closings": closings},
         )
+
+
+def _unfelt(scene: Scene, speed: float, depth: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Overlap of each contact, m, ``(n_contact,)``, below which its force moves neither body by 1e-18 of ``speed``.
+
+    The force falls with the mass of the lighter body, as far as it is lighter than what carries the energy at hand.
+    """
+    c, mass = scene.contacts, np.append(np.array(scene.mass), np.inf)
+    carrier = 2.0 * c.stiffness * depth**c.exponent / c.exponent / speed**2 if speed > 0.0 else 0.0
+    lighter = np.minimum(mass[c.left], mass[c.right])
+    felt = np.divide(lighter, carrier, out=np.ones_like(lighter), where=lighter < carrier)
+    return np.asarray(TOUCH * depth * felt ** (1.0 / (c.exponent - 1.0)))
 
 
 def _series_fit(scene: Scene) -> bool:

@@ -21,49 +21,10 @@ from heapq import heappop, heappush
 import numpy as np
 from numba import njit
 
+from dem_bridge.backends.polynomials import MOST_TURNS, root, swing, turning_points, value
+
 #: coefficients looked at for the length of a step: by symmetry some may vanish
 _TAIL = 5
-#: pieces of a step that are looked at for a turning point of their own
-_PIECES = 8
-
-
-@njit(cache=True, nogil=True)
-def _value(c, order, r):  # type: ignore[no-untyped-def]
-    value = c[order]
-    for o in range(order - 1, -1, -1):
-        value = value * r + c[o]
-    return value
-
-
-@njit(cache=True, nogil=True)
-def _root(c, order, level, low, high):  # type: ignore[no-untyped-def]
-    """Where the polynomial passes ``level`` in [low, high], whose ends lie on different sides: regula falsi with the
-    Illinois weight, and bisection where that is slow. The end on the far side of the passage is returned."""
-    a, b = low, high
-    fa, fb = _value(c, order, a) - level, _value(c, order, b) - level
-    for _ in range(120):
-        if b - a <= 2.3e-16 * b or fb == 0.0:
-            break
-        width = b - a
-        middle = b - fb * (b - a) / (fb - fa)
-        if not a < middle < b:
-            middle = 0.5 * (a + b)
-        f = _value(c, order, middle) - level
-        if (f > 0.0) == (fb > 0.0):
-            b, fb = middle, f
-            fa *= 0.5
-        else:
-            a, fa = middle, f
-            fb *= 0.5
-        if b - a > 0.5 * width:
-            middle = 0.5 * (a + b)
-            f = _value(c, order, middle) - level
-            if (f > 0.0) == (_value(c, order, b) - level > 0.0):
-                b = middle
-            else:
-                a = middle
-            fa, fb = _value(c, order, a) - level, _value(c, order, b) - level
-    return b
 
 
 @njit(cache=True, nogil=True)
@@ -197,6 +158,7 @@ def follow(  # type: ignore[no-untyped-def]
     w, t_series, power = np.empty(order + 1), np.empty(order + 1), np.empty((8, order + 1))
     v, x, g = np.empty((cap, order + 1)), np.empty((cap, order + 1)), np.empty((cap, order + 1))
     s, u, f = np.empty((k + 1, order + 1)), np.empty((k + 1, order + 1)), np.empty((k + 1, order + 1))
+    turns = np.empty(MOST_TURNS)
     bodies, contacts = 0, 0
     heap = [(np.inf, -1, -1)]
     for j in range(k):
@@ -304,77 +266,75 @@ def follow(  # type: ignore[no-untyped-def]
             for q in range(contacts):
                 if closed[q] and q != near:
                     for _ in range(80):
-                        if _value(s[q], order, r) > 0.1 * overlap[q]:
+                        if value(s[q], order, r) > 0.1 * overlap[q]:
                             break
                         r *= 0.7
-            if _value(t_series, order, r) > stop - now and _value(w, order, r) > 0.0:
-                r = _root(t_series, order, stop - now, 0.0, r)
+            if value(t_series, order, r) > stop - now and value(w, order, r) > 0.0:
+                r = root(t_series, order, stop - now, 0.0, r)
                 kind = 4
-            if _value(w, order, r) <= 0.0:
+            if value(w, order, r) <= 0.0:
                 low = 0.0
                 if w[0] == 0.0:  # it has just closed: look for the next zero
                     low = 1e-3 * r
-                    while _value(w, order, low) <= 0.0 and low > 0.0:
+                    while value(w, order, low) <= 0.0 and low > 0.0:
                         low *= 0.1
-                r = _root(w, order, 0.0, low, r)
+                r = root(w, order, 0.0, low, r)
                 kind, which = 1, near
-                if now + _value(t_series, order, r) > stop:
-                    r = _root(t_series, order, stop - now, 0.0, r)
+                if now + value(t_series, order, r) > stop:
+                    r = root(t_series, order, stop - now, 0.0, r)
                     kind, which = 4, -1
             for q in range(contacts):
                 if closed[q]:
                     continue
-                if overlap[q] < 0.0:
-                    upto = r
-                    if _value(s[q], order, r) <= 0.0 and u[q, 0] > 0.0 and _value(u[q], order, r) < 0.0:
-                        upto = _root(u[q], order, 0.0, 0.0, r)  # it may come and go
-                    if _value(s[q], order, upto) > 0.0:
-                        r = _root(s[q], order, 0.0, 0.0, upto)
-                        kind, which = 2, q
-                elif _value(s[q], order, r) > tiny[q]:
-                    # at rest in touch, and now pressed: force begins where it begins to be felt
-                    r = _root(s[q], order, tiny[q], 0.0, r)
-                    kind, which = 3, q
+                # at rest in touch, and then pressed: force begins where it begins to be felt
+                level = 0.0 if overlap[q] < 0.0 else tiny[q]
+                if overlap[q] + swing(s[q], order, r) <= level:
+                    continue
+                upto = r
+                count, falls = turning_points(u[q], order, r, turns)
+                for turn in range(0 if falls else 1, count, 2):
+                    if value(s[q], order, turns[turn]) > level:
+                        upto = turns[turn]  # it may come and go
+                        break
+                if value(s[q], order, upto) > level:
+                    r = root(s[q], order, level, 0.0, upto)
+                    kind, which = 2 if overlap[q] < 0.0 else 3, q
             if kind != 4:
-                stop = min(now + _value(t_series, order, r), end)
+                stop = min(now + value(t_series, order, r), end)
             for q in range(contacts):
                 if not closed[q]:
                     continue
-                # a step may hold a maximum and a minimum: look piece by piece
-                j, low, before = contact[q], 0.0, u[q, 0]
-                for piece in range(1, _PIECES + 1):
-                    high = r * piece / _PIECES
-                    after = _value(u[q], order, high)
-                    if before > 0.0 and after <= 0.0:
-                        top = _root(u[q], order, 0.0, low, high)
-                        deepest[j] = max(deepest[j], _value(s[q], order, top))
-                        pull = _value(g[b[q]], order, top) - _value(g[a[q]], order, top)
-                        if np.isnan(crossing[j]) and abs(pull) >= resting[j]:
-                            crossing[j] = now + _value(t_series, order, top)
-                    low, before = high, after
+                j = contact[q]
+                count, falls = turning_points(u[q], order, r, turns)
+                for turn in range(0 if falls else 1, count, 2):
+                    top = turns[turn]
+                    deepest[j] = max(deepest[j], value(s[q], order, top))
+                    pull = value(g[b[q]], order, top) - value(g[a[q]], order, top)
+                    if np.isnan(crossing[j]) and abs(pull) >= resting[j]:
+                        crossing[j] = now + value(t_series, order, top)
         while row < rows and times[row] <= stop:
             at = r
             if shut_count > 0 and times[row] < stop:
-                at = _root(t_series, order, times[row] - now, 0.0, r) if times[row] > now else 0.0
+                at = root(t_series, order, times[row] - now, 0.0, r) if times[row] > now else 0.0
             for i in range(n):
                 q = where[i]
                 if shut_count > 0 and q >= 0:
-                    out_x[row, i], out_v[row, i] = _value(x[q], order, at), _value(v[q], order, at)
+                    out_x[row, i], out_v[row, i] = value(x[q], order, at), value(v[q], order, at)
                 else:
                     lag = times[row] - t_all[i]
                     out_x[row, i] = x_all[i] + lag * (v_all[i] + 0.5 * lag * weight_all[i])
                     out_v[row, i] = v_all[i] + lag * weight_all[i]
             for q in range(contacts):
                 if closed[q]:
-                    out_f[row, contact[q]] = _value(f[q], order, at)
+                    out_f[row, contact[q]] = value(f[q], order, at)
             row += 1
         if shut_count > 0:
             for q in range(bodies):
                 i = body[q]
-                x_all[i], v_all[i], t_all[i] = _value(x[q], order, r), _value(v[q], order, r), stop
+                x_all[i], v_all[i], t_all[i] = value(x[q], order, r), value(v[q], order, r), stop
             for q in range(contacts):
                 j = contact[q]
-                s_all[j] = _value(w, order, r) ** 2 if q == near else _value(s[q], order, r)
+                s_all[j] = value(w, order, r) ** 2 if q == near else value(s[q], order, r)
                 ts_all[j] = stop
                 deepest[j] = max(deepest[j], s_all[j])
         now = stop
@@ -442,14 +402,14 @@ def _collision(overlap, rate, pull, touch):  # type: ignore[no-untyped-def]
     inside = rate * rate - 2.0 * pull * overlap
     if inside < 0.0:
         return np.inf
-    root = np.sqrt(inside)
+    wide = np.sqrt(inside)
     first, second = np.inf, np.inf
     if rate > 0.0:
-        first = -2.0 * overlap / (rate + root) if rate + root > 0.0 else np.inf
-        second = (-rate - root) / pull
+        first = -2.0 * overlap / (rate + wide) if rate + wide > 0.0 else np.inf
+        second = (-rate - wide) / pull
     else:
-        first = (-rate + root) / pull
-        second = -2.0 * overlap / (rate - root) if rate - root < 0.0 else np.inf
+        first = (-rate + wide) / pull
+        second = -2.0 * overlap / (rate - wide) if rate - wide < 0.0 else np.inf
     best = np.inf
     for candidate in (first, second):
         if candidate > 0.0:
