@@ -133,9 +133,11 @@ class DampedIntegration(Integration):
                 raise RunBroken(f"scipy on {self.scene.name}: contact {event[1]} chatters at t = {event[0]:.6g} s")
         return event
 
-    def _note_peaks(self, solver: DOP853, dense: Callable[[Any], Floats], until: float, state: NDArray[Any]) -> None:
+    def _note_peaks(
+        self, solver: DOP853, dense: Callable[[Any], Floats], until: float, state: NDArray[Any], tilt: Floats
+    ) -> None:
         """Crossings as ever; largest forces wherever in the step they are, its start after a jump included."""
-        super()._note_peaks(solver, dense, until, state)
+        super()._note_peaks(solver, dense, until, state, tilt)
         times = solver.t_old + LOOKS * (until - solver.t_old)
         forces = self._sampled_force(dense(times), state)
         np.maximum(self.peak_force, forces.max(axis=0), out=self.peak_force)

@@ -31,6 +31,8 @@ Floats = NDArray[np.float64]
 ATOL_SHARE = 1e-4
 #: the same for what is far slower than a static force could make it: 1e-2 of 3e-14 is the last digit of that force
 REST_SHARE = 1e-2
+#: where in a step that begins with a closing rate of exactly 0 its sign is looked for: it may turn at once
+LOOKS = 2.0 ** np.arange(-20, 1)
 
 
 class Integration:
@@ -78,6 +80,7 @@ class Integration:
             solver = DOP853(self._slope(state), at, y, end, rtol=self.rtol, atol=self.atol)
             event = None
             while event is None and solver.status == "running":
+                tilt = solver.f
                 message = solver.step()
                 if solver.status == "failed":
                     raise RunBroken(f"scipy on {self.scene.name}: DOP853 stopped at t = {solver.t:.6g} s: {message}")
@@ -90,7 +93,7 @@ class Integration:
                     rows = np.arange(sample, upto)
                     self._keep(rows, dense(self.times[rows]), state)
                     sample = upto
-                self._note_peaks(solver, dense, until, state)
+                self._note_peaks(solver, dense, until, state, tilt)
             self.evaluations += solver.nfev
             progress.report(self.share_before + self.share * solver.t / end)
             at, y = solver.t, solver.y
@@ -169,7 +172,7 @@ class Integration:
             begins, ends = start[contact], stop[contact]
             if turned[contact]:
                 # it may have crossed and come back, or come from touch and gone too far: look at the turning point
-                turning = self._turning_time(solver, dense, contact)
+                turning = self._turning_time(dense, contact, low, high)
                 extreme = side[contact] * dense(turning)[contact]
                 if ends >= -self.touch[contact]:
                     high, ends = turning, extreme
@@ -186,22 +189,60 @@ class Integration:
                 found.append((float(solver.t_old), contact))
         return min(found, default=None)
 
-    def _turning_time(self, solver: DOP853, dense: Callable[[float], Floats], contact: int) -> float:
-        """When the closing rate of ``contact`` passes through zero within the last step."""
-        return float(
-            brentq(lambda t: self._closing(dense(t))[contact], solver.t_old, solver.t, xtol=1e-300, rtol=1e-15)
-        )
+    def _turning_time(self, dense: Callable[[float], Floats], contact: int, low: float, high: float) -> float:
+        """When the closing rate of ``contact`` passes through zero between two times within the last step."""
+        return float(brentq(lambda t: self._closing(dense(t))[contact], low, high, xtol=1e-300, rtol=1e-15))
 
-    def _note_peaks(self, solver: DOP853, dense: Callable[[Any], Floats], until: float, contacts: NDArray[Any]) -> None:
+    def _maxima(
+        self, solver: DOP853, dense: Callable[[Any], Floats], contacts: NDArray[Any], tilt: Floats
+    ) -> list[tuple[float, int]]:
+        """Every (time, contact) of the last step at which a closing rate falls through zero; ``tilt``: the slope of the
+        state at its start. Two turns within a step are found by the extremum between them."""
+        old, new = solver.t_old, solver.t
+        before, after = self._closing(solver.y_old), self._closing(solver.y)
+        found = [(old, new, contact) for contact in np.flatnonzero((before > 0.0) & (after <= 0.0)).tolist()]
+        # zero lies between both tangents, and what ends the compression is more than round-off
+        begins, ends = self._closing(tilt), self._closing(solver.f)
+        bent = (before * (before + begins * (new - old)) < 0.0) & (after * (after - ends * (new - old)) < 0.0)
+        dips = bent & (before > 0.0) & (after > 0.0) & (begins <= -self.resting)
+        bumps = bent & (before < 0.0) & (after < 0.0) & (ends <= -self.resting)
+        slope = self._slope(contacts)
+        for contact in np.flatnonzero(dips | bumps).tolist():
+            bends = [self._closing(slope(t, dense(t)))[contact] for t in (old, new)]
+            if bends[0] * bends[1] >= 0.0:
+                continue
+            bend = brentq(lambda t, contact=contact: self._closing(slope(t, dense(t)))[contact], old, new)
+            if dips[contact] == (self._closing(dense(bend))[contact] < 0.0):
+                found.append((old, bend, contact) if dips[contact] else (bend, new, contact))
+        still = np.flatnonzero(before == 0.0).tolist()
+        if still:
+            times = old + LOOKS * (new - old)
+            rates = np.array([self._closing(dense(t)) for t in times])
+            for contact in still:
+                rate = rates[:, contact]
+                falls = np.flatnonzero((rate[:-1] > 0.0) & (rate[1:] <= 0.0)).tolist()
+                found += [(times[look], times[look + 1], contact) for look in falls]
+        return sorted((self._turning_time(dense, contact, low, high), contact) for low, high, contact in found)
+
+    def _note_peaks(
+        self,
+        solver: DOP853,
+        dense: Callable[[Any], Floats],
+        until: float,
+        contacts: NDArray[Any],
+        tilt: Floats,
+    ) -> None:
         """Force and time of every maximal compression within the last step, up to ``until``."""
         k = self.k
-        before, after = self._closing(solver.y_old), self._closing(solver.y)
-        for contact in np.flatnonzero((before > 0.0) & (after <= 0.0)).tolist():
-            when = self._turning_time(solver, dense, contact)
+        for when, contact in self._maxima(solver, dense, contacts, tilt):
             if when > until:
                 continue
             state = dense(when)
-            if state[contact] <= self.touch[contact] or not self._is_pushed(contact, state, contacts):
+            if state[contact] <= self.touch[contact]:
+                continue
+            if not self._is_pushed(contact, state, contacts):
+                # a motion so small that the dense output has all its digits
+                self.peak_force[contact] = max(self.peak_force[contact], self._force(state[:k])[contact])
                 continue
             first = math.isnan(self.crossing_time[contact])
             if first or self._force(state[:k])[contact] > (1.0 - 1e-9) * self.peak_force[contact]:
