@@ -75,9 +75,9 @@ def test_the_bars_of_peaks_and_crossings_hold(chain: str, solved: Solve, request
 def test_the_velocity_bar_is_no_excuse(chain: str, solved: Solve, request: pytest.FixtureRequest) -> None:
     truth: Truth = request.getfixturevalue(chain)
     run = solved(truth.scene, "scipy")
-    # a second run at ten times the tolerance errs about ten times as much, where round-off rules a few times more, and
-    # the difference is taken three times
-    assert run.uncertainty["velocity"] <= 90.0 * truth.error(run, "velocity")
+    # a run at twenty times the tolerance errs about twenty times as much, where round-off rules a few times more, and
+    # the difference is taken three times: 20 x 3 x 3. Measured: 102 on the decelerating chain
+    assert run.uncertainty["velocity"] <= 180.0 * truth.error(run, "velocity")
 
 
 @examples(12)
