@@ -119,10 +119,10 @@ def with_bars(run: Trajectory, twins: Twins) -> Trajectory:
     summation = 0.5 * plan.steps * np.finfo(float).eps
     bars["displacement"] += summation * float(np.max(np.abs(own.displacement)))
     bars["velocity"] += summation * speed
-    if twins.summed is not None:
-        # an untouched contact may show the last digit of the largest force, and of all weights
-        sums = 8.0 * float(np.max(own.peak_force, initial=0.0)) + 2.0 * twins.summed
-        bars["peak_force"] += np.finfo(float).eps * sums
+    # what nothing touches may show the last digit of the largest force and, in running sums, of all weights
+    largest = float(np.max(own.peak_force, initial=0.0))
+    sums = largest if twins.summed is None else 4.0 * largest + twins.summed
+    bars["peak_force"] += np.finfo(float).eps * sums
     thin_peak, thin_crossing = twins.thinned
     lost = {
         "peak_force": THINNING * np.abs(thin_peak - twins.positional.peak_force),
