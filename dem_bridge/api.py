@@ -135,6 +135,7 @@ def _settings(
             raise UsageError("accuracy is promised by error bars; allowed with bars=True only")
         if settings.get("dt") is not None:
             raise UsageError("dt and accuracy are both given; give one: the other follows from it")
+    # of any type so far: Sampling and Resolution check what they are given
     samples = settings.get("samples")
     if settings.get("order") not in (None, "richardson"):
         raise UsageError(f"order = {settings['order']!r}; allowed: 'richardson'")

@@ -13,7 +13,6 @@ import numpy as np
 from dem_bridge.errors import UsageError
 from dem_bridge.trajectory import VOCABULARY, Trajectory, own_scale
 
-QUANTITIES = ("velocity", "displacement", "peak_force", "crossing_time")
 #: sampled in time; contact forces have no bars of their own
 SAMPLED = ("velocity", "displacement", "contact_force")
 UNITS = {name: unit for name, (unit, _, _) in VOCABULARY.items()}

@@ -12,7 +12,7 @@ from dem_bridge.accuracy import Extrapolation, richardson
 from dem_bridge.backends.base import Backend, Resolution, Sampling
 from dem_bridge.errors import NotAsymptotic, UsageError
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.trajectory import QUANTITIES, Cost, Trajectory
 
 
 def extrapolated(chosen: Backend, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
@@ -23,7 +23,8 @@ def extrapolated(chosen: Backend, scene: Scene, resolution: Resolution, sampling
     of what is extrapolated: the distance to the extrapolation from the two coarser runs (Richardson 1911, *Phil. Trans.
     R. Soc. A* 210, 307), and the round-off of the finest. UsageError for a backend without a fixed step.
     """
-    if chosen.order is None:
+    order = chosen.order
+    if order is None:
         raise UsageError(f"order = 'richardson' with {chosen.name}, which has no fixed step; give rtol, or nothing")
     main = chosen.run(scene, replace(resolution, bars=False), sampling)
     step = float(main.provenance["settings"]["dt"])
@@ -37,14 +38,14 @@ def extrapolated(chosen: Backend, scene: Scene, resolution: Resolution, sampling
     def of(quantity: str) -> Extrapolation:
         rows = [getattr(run, quantity).ravel().tolist() for run in runs]
         floor = rounding * float(np.nanmax(np.abs(rows[-1]), initial=0.0))
-        found = richardson(steps, rows, order=float(chosen.order or 0), floor=floor)
+        found = richardson(steps, rows, order=order, floor=floor)
         # weights of 4/3 and -1/3 magnify what was rounded
         return replace(found, uncertainty=found.uncertainty + 5.0 / 3.0 * floor)
 
     values: dict[str, NDArray[np.float64]] = {}
     bars: dict[str, Any] = dict(fine.uncertainty)
     kept: list[str] = []
-    for quantity in ("velocity", "displacement", "peak_force", "crossing_time"):
+    for quantity in QUANTITIES:
         try:
             found = of(quantity)
         except NotAsymptotic:
@@ -54,7 +55,7 @@ def extrapolated(chosen: Backend, scene: Scene, resolution: Resolution, sampling
             continue
         values[quantity] = np.array(found.value).reshape(getattr(fine, quantity).shape)
         bars[quantity] = found.uncertainty
-    weight = 1.0 / ((steps[1] / steps[2]) ** chosen.order - 1.0)
+    weight = 1.0 / ((steps[1] / steps[2]) ** order - 1.0)
     force = fine.contact_force + weight * (fine.contact_force - main.contact_force)
     settings = {**fine.provenance["settings"], "order": "richardson", "dt": steps[1]}
     return replace(

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SCHEMA = "dem-bridge/trajectory/1"
+#: what has error bars: two sampled in time, two per contact
+QUANTITIES = ("velocity", "displacement", "peak_force", "crossing_time")
 #: no scale of a contact or body is smaller than this part of the largest in the chain
 SMALLEST_SCALE = 1e-3
 Floats = NDArray[np.float64]
@@ -83,7 +85,7 @@ class Trajectory:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         bars: dict[str, Any] = {}
-        for name in ("velocity", "displacement", "peak_force", "crossing_time"):
+        for name in QUANTITIES:
             bar = self.uncertainty[name]
             if name in ("velocity", "displacement"):
                 bars[name] = float(bar)
@@ -180,9 +182,7 @@ def _from_dataset(dataset: xr.Dataset) -> Trajectory:
     return Trajectory(
         time=dataset["time"].values,
         **{name: dataset[name].values for name in VOCABULARY},
-        uncertainty={
-            name: dataset[f"{name}_bar"].values for name in ("velocity", "displacement", "peak_force", "crossing_time")
-        },
+        uncertainty={name: dataset[f"{name}_bar"].values for name in QUANTITIES},
         cost=Cost(**json.loads(dataset.attrs["cost"])),
         provenance=json.loads(dataset.attrs["provenance"]),
     )

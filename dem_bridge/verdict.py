@@ -27,6 +27,15 @@ class Outcome(StrEnum):
     BROKEN = "BROKEN"
 
 
+def plain(value: object) -> object:
+    """As JSON has it: a number that is not finite becomes null.
+
+    >>> plain(1e-9), plain(math.inf), plain("velocity")
+    (1e-09, None, 'velocity')
+    """
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
     """One line of a report. ``difference``, bars and ``tolerance`` are relative to ``scale`` (in ``unit``)."""
@@ -50,11 +59,7 @@ class Verdict:
     """What the difference consists of: round-off, time step, model, ..."""
 
     def as_json(self) -> dict[str, Any]:
-        """JSON-able; numbers that are not finite become null, which JSON has."""
-
-        def plain(value: object) -> object:
-            return None if isinstance(value, float) and not math.isfinite(value) else value
-
+        """JSON-able, see :func:`plain`."""
         return {key: plain(value) for key, value in asdict(self).items()}
 
 

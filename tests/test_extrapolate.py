@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.backends.bars import QUANTITIES
 from dem_bridge.backends.twin import solve_plan
 from dem_bridge.dense import Schedule
 from dem_bridge.errors import NotAsymptotic, UsageError
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import QUANTITIES, Trajectory
 from tests.truth import Truth
 
 

@@ -9,8 +9,8 @@ is taken from ``ase.units``. Nor does it remove the drift of the centre of mass 
 from __future__ import annotations
 
 import importlib.util
-import math
 import time
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
@@ -18,16 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge import progress
-from dem_bridge.backends.bars import UNKNOWN
-from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
-from dem_bridge.backends.scales import resting_acceleration
-from dem_bridge.backends.steps import fixed_step_plan
+from dem_bridge.backends.base import Availability, Resolution, Sampling
+from dem_bridge.backends.steps import Dense, fixed_step_plan, read_off
 from dem_bridge.backends.survey import survey
 from dem_bridge.backends.twin_bars import with_twin_bars
-from dem_bridge.dense import Schedule, extremes
-from dem_bridge.errors import BackendUnavailable, RunBroken
+from dem_bridge.dense import Schedule
+from dem_bridge.errors import BackendUnavailable
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.trajectory import Trajectory
 
 
 class AseVerlet:
@@ -72,8 +70,8 @@ class AseVerlet:
         from ase import Atoms
         from ase.md.verlet import VelocityVerlet
 
-        wall, cpu = time.perf_counter(), time.process_time()
-        mass, c, bodies = np.array(scene.mass), scene.contacts, scene.n_body
+        began = time.perf_counter(), time.process_time()
+        mass, bodies = np.array(scene.mass), scene.n_body
         momenta = np.zeros((bodies, 3))
         momenta[:, 0] = mass * scene.velocity
         # positions mean what the calculator says they mean: displacements from the start round least
@@ -95,36 +93,11 @@ class AseVerlet:
                 v[row, :-1] = chain.arrays["momenta"][:, 0] / mass
                 overlap[row], force[row] = calculator.overlap, calculator.contact_force
         v[0, :-1] = scene.velocity  # momenta round it
-        if not np.all(np.isfinite(v)):
-            raise RunBroken(f"ase on {scene.name}: velocities are not finite; dt = {plan.step:g} s is beyond stability")
-        peak_force, crossing = extremes(
-            time=looks * plan.step,
-            overlap=overlap,
-            rate=v[:, c.left] - v[:, c.right],
-            acceleration=a[:, c.left] - a[:, c.right],
-            force=force,
-            exponent=c.exponent,
-            resting=resting_acceleration(scene),
-            resolution=4.0 * math.ulp(float(np.max(np.abs(x)))),
-        )
-        keep = slice(None, None, plan.subdivisions)
-        born = birth_certificate(self, scene, {"dt": plan.step, "samples": plan.samples})
-        return Trajectory(
-            time=Sampling(count=plan.samples).times(scene.duration),
-            displacement=x[keep, :-1],
-            velocity=v[keep, :-1],
-            contact_force=force[keep],
-            peak_force=peak_force,
-            crossing_time=crossing,
-            uncertainty=UNKNOWN,
-            cost=Cost(
-                wall=time.perf_counter() - wall,
-                cpu=time.process_time() - cpu,
-                steps=plan.steps,
-                force_evaluations=calculator.evaluations,
-            ),
-            provenance=born | {"versions": born["versions"] | {"ase": version("ase")}},
-        )
+        settings = {"dt": plan.step, "samples": plan.samples}
+        dense = Dense(velocity=v, displacement=x, acceleration=a, overlap=overlap, force=force)
+        run = read_off(self, scene, plan, dense, settings, began=began, evaluations=calculator.evaluations)
+        versions = run.provenance["versions"] | {"ase": version("ase")}
+        return replace(run, provenance={**run.provenance, "versions": versions})
 
 
 def chain_calculator(scene: Scene) -> Any:

@@ -13,7 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-QUANTITIES = ("velocity", "displacement", "peak_force", "crossing_time")
+from dem_bridge.trajectory import QUANTITIES
+
 #: no bars at all
 UNKNOWN = dict.fromkeys(QUANTITIES, math.inf)
 #: 16 units in the last place: what a few thousand steps of a reference may lose whatever its second run says

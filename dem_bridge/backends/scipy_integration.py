@@ -250,8 +250,7 @@ class Integration:
                 state = self._step_to(when, solver, dense)
                 self.peak_force[contact] = max(self.peak_force[contact], self._force(state[:k])[contact])
             if first:
-                ends = np.append(self._slope(contacts)(when, state)[k:-1], 0.0)
-                slowing = ends[self.contacts.right[contact]] - ends[self.contacts.left[contact]]
+                slowing = self._slowing(contact, state, contacts)
                 late = self._closing(state)[contact] / slowing if slowing > 0.0 else 0.0
                 self.crossing_time[contact] = min(max(when + late, solver.t_old), solver.t)
 
@@ -259,9 +258,11 @@ class Integration:
         """Whether more than round-off ends the compression of a contact."""
         if self.resting[contact] == 0.0:
             return True
-        acceleration = np.append(self._slope(state)(0.0, y)[self.k : -1], 0.0)
-        pull = acceleration[self.contacts.right[contact]] - acceleration[self.contacts.left[contact]]
-        return bool(abs(pull) >= self.resting[contact])
+        return abs(self._slowing(contact, y, state)) >= float(self.resting[contact])
+
+    def _slowing(self, contact: int, y: Floats, state: NDArray[Any]) -> float:
+        """How fast the closing rate of a contact falls, m/s^2."""
+        return -float(self._closing(self._slope(state)(0.0, y))[contact])
 
     def _keep(self, rows: NDArray[np.int64], states: Floats, state: NDArray[Any]) -> None:
         """Store samples; ``states (n_state, n_rows)``. Positions follow from body 0 and the overlaps."""

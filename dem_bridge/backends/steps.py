@@ -1,13 +1,26 @@
-"""The steps of a fixed-step run, alike for LAMMPS, the twin and ASE: they fall on the samples, and on each other."""
+"""The steps of a fixed-step run, alike for LAMMPS, the twin and ASE: they fall on the samples, and on each other.
+
+And what twin and ASE read off them, alike as well, so that it drops out of their difference.
+"""
 
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
-from dem_bridge.backends.base import Resolution, Sampling
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.backends.bars import UNKNOWN
+from dem_bridge.backends.base import Named, Resolution, Sampling, birth_certificate
+from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.backends.survey import Survey
-from dem_bridge.dense import Schedule, schedule
+from dem_bridge.dense import Schedule, extremes, schedule
+from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Cost, Trajectory
 
 #: default step: the next of the 1-2-5 series below this fraction of 1/omega of the stiffest contact
 DEFAULT_PHASE = 2.5e-3
@@ -36,4 +49,72 @@ def fixed_step_plan(scene: Scene, resolution: Resolution, sampling: Sampling, lo
     dt = resolution.dt if resolution.dt is not None else default_step(scene, sampling, look)
     return schedule(
         duration=scene.duration, samples=sampling.count, dt=dt, frequency=look.frequency, bodies=scene.n_body
+    )
+
+
+class Dense(NamedTuple):
+    """A run at its dense samples: ``(n_dense, n_body + 1)``, the last column the walls, at rest; overlap and force
+    ``(n_dense, n_contact)``."""
+
+    velocity: NDArray[np.float64]
+    displacement: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    overlap: NDArray[np.float64]
+    force: NDArray[np.float64]
+
+
+def peaks_and_crossings(
+    scene: Scene, plan: Schedule, dense: Dense, every: int = 1
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Peak forces and crossing times from one in ``every`` dense samples."""
+    c, rows = scene.contacts, slice(None, None, every)
+    v, a = dense.velocity[rows], dense.acceleration[rows]
+    return extremes(
+        time=plan.dense_steps[rows] * plan.step,
+        overlap=dense.overlap[rows],
+        rate=v[:, c.left] - v[:, c.right],
+        acceleration=a[:, c.left] - a[:, c.right],
+        force=dense.force[rows],
+        exponent=c.exponent,
+        resting=resting_acceleration(scene),
+        # bodies that fly in touch overlap by the last digit of their way: that is no collision
+        resolution=4.0 * math.ulp(float(np.max(np.abs(dense.displacement)))),
+    )
+
+
+def read_off(
+    code: Named,
+    scene: Scene,
+    plan: Schedule,
+    dense: Dense,
+    settings: Mapping[str, Any],
+    *,
+    began: tuple[float, float],
+    evaluations: int,
+) -> Trajectory:
+    """The trajectory, without bars, of a run of ``code``; ``began``: wall and CPU time (s) at its start.
+
+    Raises RunBroken where velocities are not finite.
+    """
+    if not np.all(np.isfinite(dense.velocity)):
+        raise RunBroken(
+            f"{code.name} on {scene.name}: velocities are not finite; dt = {plan.step:g} s is beyond stability"
+        )
+    peak_force, crossing = peaks_and_crossings(scene, plan, dense)
+    keep = slice(None, None, plan.subdivisions)
+    return Trajectory(
+        time=Sampling(count=plan.samples).times(scene.duration),
+        displacement=dense.displacement[keep, :-1],
+        velocity=dense.velocity[keep, :-1],
+        contact_force=dense.force[keep],
+        peak_force=peak_force,
+        crossing_time=crossing,
+        uncertainty=UNKNOWN,
+        cost=Cost(
+            wall=time.perf_counter() - began[0],
+            cpu=time.process_time() - began[1],
+            steps=plan.steps,
+            force_evaluations=evaluations,
+        ),
+        provenance=birth_certificate(code, scene, settings),
     )

@@ -167,10 +167,7 @@ def follow(  # type: ignore[no-untyped-def]
             shut_list[shut_count], shut_at[j] = j, shut_count
             shut_count += 1
         else:
-            rate = v_all[c_left[j]] - v_all[c_right[j]]
-            wait = _collision(s_all[j], rate, weight_all[c_left[j]] - weight_all[c_right[j]], touch[j])
-            if wait < np.inf:
-                heappush(heap, (wait, j, 0))
+            _await(heap, j, 0, 0.0, c_left[j], c_right[j], s_all, v_all, weight_all, touch)
     now, row, steps, opened, shuttings, dirty = 0.0, 0, 0, 0, 0, True
     while row < rows and steps < most_steps:
         if dirty:
@@ -209,10 +206,7 @@ def follow(  # type: ignore[no-untyped-def]
                                 bodies += 1
             for q in range(bodies):
                 i = body[q]
-                lag = now - t_all[i]
-                x_all[i] += lag * (v_all[i] + 0.5 * lag * weight_all[i])
-                v_all[i] += lag * weight_all[i]
-                t_all[i] = now
+                _coast(i, now, x_all, v_all, t_all, weight_all)
                 inv[q], wei[q] = inverse_all[i], weight_all[i]
             for q in range(contacts):
                 j = contact[q]
@@ -229,11 +223,7 @@ def follow(  # type: ignore[no-untyped-def]
                 if not seen[j]:
                     # both its bodies coast now
                     stamp[j] += 1
-                    rate = v_all[c_left[j]] - v_all[c_right[j]]
-                    pull = weight_all[c_left[j]] - weight_all[c_right[j]]
-                    wait = _collision(s_all[j], rate, pull, touch[j])
-                    if wait < np.inf:
-                        heappush(heap, (now + wait, j, stamp[j]))
+                    _await(heap, j, stamp[j], now, c_left[j], c_right[j], s_all, v_all, weight_all, touch)
             dirty = False
         while heap[0][1] >= 0 and heap[0][2] != stamp[heap[0][1]]:
             heappop(heap)
@@ -356,10 +346,7 @@ def follow(  # type: ignore[no-untyped-def]
             joins = heappop(heap)[1]
             for i in (c_left[joins], c_right[joins]):
                 if where[i] < 0:
-                    lag = now - t_all[i]
-                    x_all[i] += lag * (v_all[i] + 0.5 * lag * weight_all[i])
-                    v_all[i] += lag * weight_all[i]
-                    t_all[i] = now
+                    _coast(i, now, x_all, v_all, t_all, weight_all)
             # the closing rate has grown from exactly 0: see _collision
             pull = weight_all[c_left[joins]] - weight_all[c_right[joins]]
             rested = s_all[joins] >= 0.0 and pull > 0.0 and now > ts_all[joins]
@@ -377,6 +364,23 @@ def follow(  # type: ignore[no-untyped-def]
                 shut_count = _open(j, shut, shut_list, shut_at, shut_count)
                 dirty = True
     return out_x, out_v, out_f, deepest, crossing, steps, opened, shuttings
+
+
+@njit(cache=True, nogil=True)
+def _coast(i, now, x, v, t, weight):  # type: ignore[no-untyped-def]
+    """Bring body ``i``, which flies freely, to ``now``."""
+    lag = now - t[i]
+    x[i] += lag * (v[i] + 0.5 * lag * weight[i])
+    v[i] += lag * weight[i]
+    t[i] = now
+
+
+@njit(cache=True, nogil=True)
+def _await(heap, j, stamp, now, left, right, s, v, weight, touch):  # type: ignore[no-untyped-def]
+    """Put the time at which contact ``j``, whose bodies coast, will close into the heap, if it will."""
+    wait = _collision(s[j], v[left] - v[right], weight[left] - weight[right], touch[j])
+    if wait < np.inf:
+        heappush(heap, (now + wait, j, stamp))
 
 
 @njit(cache=True, nogil=True)

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import math
 import time
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dem_bridge.backends.bars import UNKNOWN
-from dem_bridge.backends.base import Identity, Sampling, birth_certificate
-from dem_bridge.backends.scales import resting_acceleration
+from dem_bridge.backends.base import Identity
+from dem_bridge.backends.steps import Dense, read_off
 from dem_bridge.compiled import interruptible
-from dem_bridge.dense import Schedule, extremes
-from dem_bridge.errors import RunBroken
+from dem_bridge.dense import Schedule
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.trajectory import Trajectory
 
 TWIN = Identity(name="verlet", equations="hertz")
 
@@ -31,19 +27,9 @@ def solve_plan(scene: Scene, plan: Schedule, radius: float = 0.0) -> Trajectory:
     return solve_dense(scene, plan, radius)[0]
 
 
-class Dense(NamedTuple):
-    """What :func:`integrate` returns."""
-
-    velocity: NDArray[np.float64]
-    displacement: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
-    overlap: NDArray[np.float64]
-    force: NDArray[np.float64]
-
-
 def solve_dense(scene: Scene, plan: Schedule, radius: float) -> tuple[Trajectory, Dense]:
     """As :func:`solve_plan`, with all that was looked at between the samples."""
-    wall, cpu = time.perf_counter(), time.process_time()
+    began = time.perf_counter(), time.process_time()
     settings: dict[str, float] = {"dt": plan.step, "samples": plan.samples}
     if radius > 0.0:
         settings["gauge_radius"] = radius
@@ -66,46 +52,7 @@ def solve_dense(scene: Scene, plan: Schedule, radius: float) -> tuple[Trajectory
             *_frame(scene, radius),
         )
     )
-    if not np.all(np.isfinite(dense.velocity)):
-        raise RunBroken(f"verlet on {scene.name}: velocities are not finite; dt = {plan.step:g} s is beyond stability")
-    peak_force, crossing = peaks_and_crossings(scene, plan, dense)
-    keep = slice(None, None, plan.subdivisions)
-    run = Trajectory(
-        time=Sampling(count=plan.samples).times(scene.duration),
-        displacement=dense.displacement[keep, :-1],
-        velocity=dense.velocity[keep, :-1],
-        contact_force=dense.force[keep],
-        peak_force=peak_force,
-        crossing_time=crossing,
-        uncertainty=UNKNOWN,
-        cost=Cost(
-            wall=time.perf_counter() - wall,
-            cpu=time.process_time() - cpu,
-            steps=plan.steps,
-            force_evaluations=plan.steps + 1,
-        ),
-        provenance=birth_certificate(TWIN, scene, settings),
-    )
-    return run, dense
-
-
-def peaks_and_crossings(
-    scene: Scene, plan: Schedule, dense: Dense, every: int = 1
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Peak forces and crossing times from one in ``every`` dense samples."""
-    c, rows = scene.contacts, slice(None, None, every)
-    v, a = dense.velocity[rows], dense.acceleration[rows]
-    return extremes(
-        time=plan.dense_steps[rows] * plan.step,
-        overlap=dense.overlap[rows],
-        rate=v[:, c.left] - v[:, c.right],
-        acceleration=a[:, c.left] - a[:, c.right],
-        force=dense.force[rows],
-        exponent=c.exponent,
-        resting=resting_acceleration(scene),
-        # bodies that fly in touch overlap by the last digit of their way: that is no collision
-        resolution=4.0 * math.ulp(float(np.max(np.abs(dense.displacement)))),
-    )
+    return read_off(TWIN, scene, plan, dense, settings, began=began, evaluations=plan.steps + 1), dense
 
 
 def _frame(scene: Scene, radius: float) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:

@@ -23,14 +23,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.backends.bars import QUANTITIES, Answer, apart, not_below_the_median
+from dem_bridge.backends.bars import Answer, apart, not_below_the_median
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.steps import fixed_step_plan
+from dem_bridge.backends.steps import fixed_step_plan, peaks_and_crossings
 from dem_bridge.backends.survey import Survey
-from dem_bridge.backends.twin import TWIN, peaks_and_crossings, solve_dense, solve_plan
+from dem_bridge.backends.twin import TWIN, solve_dense, solve_plan
 from dem_bridge.dense import CROSSING_ERROR, MOST_STEPS, PEAK_ERROR, Schedule, rivals
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory, own_scale
+from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale
 
 #: one realisation of round-off stands for others up to this factor
 REALISATIONS = 3.0
@@ -43,7 +43,7 @@ THINNING = 0.5
 def with_twin_bars(
     run: Trajectory, scene: Scene, plan: Schedule, look: Survey, *, radius: float, summed: float | None = None
 ) -> Trajectory:
-    """``run`` (of LAMMPS or of the twin, on the steps of ``plan``) with bars from twins; see :mod:`.bars`.
+    """``run`` (of LAMMPS or of the twin, on the steps of ``plan``) with bars from twins.
 
     ``radius`` (m): of the bodies, for a code that keeps positions. ``summed`` (N): of a code whose contact forces are
     running sums of net forces, all that is summed beside them; None: it knows its contact forces.

@@ -4,8 +4,7 @@
 time step       twin minus reference: the same algorithm at the same step, in overlap variables
 table           none with ``pair_style granular``, which evaluates the law itself
 round-off       twin in positions, with the deck's gauge radius, minus twin in overlaps
-sampling        what is read between (or not quite at) time steps: peaks from every second dense sample, and the
-                rounding of sample times
+sampling        what is read between time steps: peaks and crossings from every second dense sample; samples are steps
 reference       the bar of the reference
 ==============  =================================================================================================
 
@@ -15,14 +14,14 @@ minus the twin in positions. It is a finding where it exceeds what is uncertain 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from dem_bridge.backends.twin_bars import REALISATIONS
-from dem_bridge.compare import QUANTITIES, difference
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.compare import difference
+from dem_bridge.trajectory import QUANTITIES, Trajectory
+from dem_bridge.verdict import plain
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,11 +47,7 @@ class Budget:
         return not self.unexplained <= self.allowed
 
     def as_json(self) -> dict[str, Any]:
-        """JSON-able; numbers that are not finite become null, which JSON has."""
-
-        def plain(value: float) -> float | None:
-            return value if math.isfinite(value) else None
-
+        """JSON-able, see :func:`dem_bridge.verdict.plain`."""
         numbers = {name: plain(getattr(self, name)) for name in ("found", "total", "unexplained", "allowed")}
         parts = {name: plain(value) for name, value in self.parts.items()}
         return {"quantity": self.quantity, "scale_name": self.scale_name, **numbers, "parts": parts}
@@ -77,7 +72,7 @@ def budgets(engine: Trajectory, twin: Trajectory, positional: Trajectory, truth:
                     "reference": error.reference_uncertainty,
                 },
                 unexplained=difference(quantity, engine, positional).value,
-                allowed=allowance(quantity, twin, positional),
+                allowed=_allowed(rounding, twin),
                 scale_name=error.scale_name,
             )
         )
@@ -87,5 +82,8 @@ def budgets(engine: Trajectory, twin: Trajectory, positional: Trajectory, truth:
 def allowance(quantity: str, twin: Trajectory, positional: Trajectory) -> float:
     """What LAMMPS may differ by from the twin in positions, relative: both round alike, but not each operation in the
     same order. What the step and sampling cost is the same in both."""
-    digit = float(twin.provenance["velocity_bar"]["last_digit"])
-    return difference(quantity, positional, twin).value + REALISATIONS * digit
+    return _allowed(difference(quantity, positional, twin).value, twin)
+
+
+def _allowed(rounding: float, twin: Trajectory) -> float:
+    return rounding + REALISATIONS * float(twin.provenance["velocity_bar"]["last_digit"])

@@ -26,7 +26,7 @@ from dem_bridge.errors import RunBroken
 from dem_bridge.observables.conserved import energy, energy_parts, momentum
 from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory, own_scale
+from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale
 from dem_bridge.verdict import Outcome, Verdict, judge, numerical_verdict
 
 ENGINE, TWIN, REFERENCE, SECOND, THEORY = "lammps-granular", "verlet", "reference", "scipy", "bca"
@@ -120,7 +120,7 @@ def two_methods(scene: Scene, second: Trajectory, truth: Trajectory) -> Verdict:
 def accuracy(scene: Scene, name: str, run: Trajectory, truth: Trajectory, wanted: float) -> list[Verdict]:
     """A run against the reference: velocity for the twin, every quantity for LAMMPS."""
     meaning = {TWIN: "time step", ENGINE: "time step, implementation and round-off"}[name]
-    quantities = ("velocity",) if name == TWIN else ("velocity", "displacement", "peak_force", "crossing_time")
+    quantities = ("velocity",) if name == TWIN else QUANTITIES
     found = [difference(quantity, run, truth) for quantity in quantities]
     if name == ENGINE and scene.n_body > 2:
         found.append(_residence(scene, run, truth))

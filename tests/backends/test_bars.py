@@ -12,14 +12,14 @@ import pytest
 from hypothesis import given
 
 import dem_bridge as db
-from dem_bridge.backends.bars import QUANTITIES, UNKNOWN, apart
+from dem_bridge.backends.bars import UNKNOWN, apart
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.survey import survey
 from dem_bridge.backends.twin import solve_plan
 from dem_bridge.backends.twin_bars import with_twin_bars
 from dem_bridge.scene import Scene, Wall
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import QUANTITIES, Trajectory
 from tests.conftest import Solve
 from tests.fakes import NO_BARS, free_flight
 from tests.strategies import HALVES, examples, scenes

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.backends.bars import QUANTITIES
+from dem_bridge.trajectory import QUANTITIES
 from tests.bench.bench_bars import trials
 from tests.random_scenes import COUNT, random_scene, random_truth
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.compare import QUANTITIES
 from dem_bridge.scene import Scene
 from dem_bridge.studies.budget import Budget, budgets
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import QUANTITIES, Trajectory
 
 #: a light body between heavy ones, hit from both sides: it re-collides some times
 SCENE = Scene(
