@@ -233,6 +233,23 @@ def verify(
     sys.exit(found.exit_code)
 
 
+@main.command()
+@click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
+@_engine
+def doctor(as_json: bool, lmp: str | None, lmp_args: str | None, python: str | None, ranks: int | None) -> None:
+    """Say what is there and, for what is missing, what to do. Exit code 3 if a default run cannot be made."""
+    from dem_bridge.doctor import examine
+    from dem_bridge.lmp.engine import Engine
+
+    found = examine(Engine.chosen(lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks))
+    if as_json:
+        click.echo(json.dumps([finding.as_dict() for finding in found], indent=1))
+    else:
+        for finding in found:
+            click.echo(str(finding))
+    sys.exit(0 if all(finding.fine or not finding.needed for finding in found) else 3)
+
+
 def _warn(run: Trajectory) -> None:
     """Say on stderr what a user should know of how LAMMPS was run."""
     if note := run.provenance.get("lammps", {}).get("note"):

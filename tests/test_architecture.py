@@ -28,7 +28,7 @@ LAYERS = {
     4: ("lmp", "scene_file", "trajectory", "dense"),
     5: ("backends", "observables"),
     6: ("compare", "campaign"),
-    7: ("verdict", "plan", "extrapolate"),
+    7: ("verdict", "plan", "extrapolate", "doctor"),
     8: ("studies",),
     9: ("report",),
     10: ("api",),

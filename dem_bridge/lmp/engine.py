@@ -83,7 +83,7 @@ class Engine:
         >>> Engine(ranks=2).label
         'module on 2 ranks'
         """
-        name = self.lmp.name if self.lmp else f"module of {self.python.name}" if self.python else "module"
+        name = self.lmp.name if self.lmp else "module of another environment" if self.python else "module"
         return " ".join([name, *self.lmp_args, *([f"on {self.ranks} ranks"] if self.ranks > 1 else [])])
 
     def launcher(self) -> list[str]:

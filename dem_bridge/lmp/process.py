@@ -188,7 +188,7 @@ def _ask_binary(engine: Engine, folder: Path) -> Build:
     found = log.build(text)
     if found is None:
         words = f": {text.strip().splitlines()[-1].strip()}" if text.strip() else ""
-        advice = "" if ended.code == 0 else f"; {remedy(text)}" if "libmpi" in text else ""
+        advice = f"; {remedy(text)}" if "MPI" in text or "libmpi" in text else ""
         raise BackendUnavailable(
             f"{engine.lmp} does not answer to -help as LAMMPS does: it ended {ended.how}{words}{advice}"
         )
@@ -214,11 +214,13 @@ def _worker(
     error = next((str(one["error"]) for one in ranks if one["error"]), "")
     if not error:
         raise _death(ended, _SILENT_STAGES[said["stage"]], folder)
-    if said["stage"] == "load" and "ERROR" not in error:
+    # arguments that LAMMPS refuses are named on its screen alone
+    own = log.error(_read(folder / "stderr.txt").replace("LAMMPS Exception: ", ""))
+    if said["stage"] == "load" and not own:
         text = " ".join(error.split())
         whose = f"the lammps module of {engine.python}" if engine.python else "the lammps module"
         raise BackendUnavailable(f"{whose} does not load: {text}; {remedy(text)}")
-    raise _failure(error, folder)
+    raise _failure(own if said["stage"] == "load" else error, folder)
 
 
 def _child(
@@ -308,7 +310,7 @@ def _ending(child: subprocess.Popen[bytes]) -> Iterator[Callable[[float], bool]]
 
 
 def _check_ranks(engine: Engine, found: int) -> None:
-    if found != engine.ranks:
+    if engine.ranks > 1 and found != engine.ranks:
         raise BackendUnavailable(
             f"ranks = {engine.ranks}, but LAMMPS ran {engine.ranks} times on {found}: {engine.launcher()[0]} is not"
             " of the MPI that it was built with; put the right mpiexec beside it or first on PATH"

@@ -110,7 +110,8 @@ def main() -> int:
         engine.close()
         content["stage"] = "done"
     except Exception as error:  # everything is carried to the parent, which judges
-        content["error"] = f"{error}" or type(error).__name__
+        # LAMMPS' own exception for an error on one rank puts its words in quotes
+        content["error"] = getattr(error, "message", "") or f"{error}" or type(error).__name__
     answer(target, content)
     if launched:
         if content["stage"] != "done":

