@@ -22,6 +22,7 @@ from dem_bridge.lmp.engine import VARIABLE, Engine, lacks
 from dem_bridge.lmp.process import probe, require, run_deck
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
+from dem_bridge.verdict import Outcome
 from tests.conftest import Solve
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
@@ -332,3 +333,12 @@ def test_the_command_line_warns_of_ranks_that_do_not_pay(tmp_path: Path) -> None
         "dem-bridge: warning: pair: 2 bodies are too few for 2 ranks: one is faster below 1000 bodies per rank",
     )
     assert CliRunner().invoke(main, words).stderr == ""
+
+
+def test_verify_asks_the_engine_named_and_a_style_that_it_lacks_is_not_run(binary: Binary) -> None:
+    words = "ERROR: Unrecognized pair style 'granular' is part of the GRANULAR package which is not enabled in this"
+    script = binary(f'echo "{words} LAMMPS binary." > log.lammps\nexit 1')
+    found = db.verify(PAIR, accuracy=1e-3, lmp=script)
+    (verdict,) = (v for v in found.verdicts if v.backend == "lammps-granular")
+    assert verdict.outcome is Outcome.NOT_RUN
+    assert "part of the GRANULAR package which is not enabled" in verdict.sentence

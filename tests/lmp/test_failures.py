@@ -88,13 +88,15 @@ def test_lost_atoms_are_told_in_lammps_words(deck: Path, engine: Engine) -> None
 
 
 def test_values_that_are_not_numbers_at_the_end_of_a_sound_run_are_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
-    # LAMMPS looks for them only as it makes neighbour lists
+    # a restitution of 0 divides 0 by 0; LAMMPS looks for such only as it makes neighbour lists
     def stained(folder: Path, input_file: str, **settings: object) -> process.EngineReport:
-        _change(folder, "\nfix ", "\nvariable nothing atom 0.0/0.0\nvelocity all set NULL v_nothing NULL\nfix ")
+        _change(folder, "damping velocity", "damping coeff_restitution")
         return run_deck(folder, input_file, **settings)  # type: ignore[arg-type]
 
     monkeypatch.setattr("dem_bridge.backends.lammps.run_deck", stained)
-    with pytest.raises(RunBroken, match=r"not finite|Divide by 0|[Nn]on-numeric"):
+    with pytest.raises(
+        RunBroken, match=r"ended without an error, but from step [1-9][0-9]* on its values are not finite"
+    ):
         db.solve(PAIR, backend="lammps-granular", dt=1e-6, bars=False)
 
 
