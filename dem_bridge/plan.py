@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.steps import default_step, round_step
+from dem_bridge.backends.steps import default_step, order_on, round_step
 from dem_bridge.backends.survey import survey
 from dem_bridge.backends.verlet import Verlet
 from dem_bridge.errors import UnsupportedScene, UsageError
@@ -32,8 +32,8 @@ def resolution_for(scene: Scene, accuracy: float, resolution: Resolution, sampli
         bar = run.uncertainty["velocity"] / scale if scale > 0.0 else 0.0
         if bar <= accuracy:
             return replace(resolution, dt=dt)
-        # second order: the bar goes as dt^2
-        dt = round_step(dt * min(0.7, (accuracy / bar) ** 0.5))
+        # the bar goes as dt^order
+        dt = round_step(dt * min(0.7, (accuracy / bar) ** (1.0 / order_on(scene))))
     raise UsageError(
         f"accuracy = {accuracy:g} on {scene.name} needs a step below {dt:.2g} s, more than {MOST_STEPS:.0e} steps;"
         " ask for less, or take backend='scipy'"

@@ -1,7 +1,8 @@
 """Error bars of fixed-step runs, each part measured apart by twins and none by the run that is judged.
 
 *Time step.* The twin at the run's step, at twice and at a third of it. A second-order error is a third of the first
-difference and nine eighths of the second; three times the error is taken, so that the bar holds where the order is not
+difference and nine eighths of the second (of first order, where forces depend on velocities: all of the first, one and
+a half times the second); three times the error is taken, so that the bar holds where the order is not
 clean, and the larger of the two, because one of them can be small by chance.
 
 *Round-off.* A code that keeps absolute positions rounds them at every step and subtracts them for every overlap. The
@@ -25,7 +26,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.bars import Answer, apart, not_below_the_median
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.steps import fixed_step_plan, peaks_and_crossings
+from dem_bridge.backends.steps import fixed_step_plan, order_on, peaks_and_crossings
 from dem_bridge.backends.survey import Survey
 from dem_bridge.backends.twin import TWIN, solve_dense, solve_plan
 from dem_bridge.dense import CROSSING_ERROR, MOST_STEPS, PEAK_ERROR, Schedule, rivals
@@ -34,7 +35,7 @@ from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale
 
 #: one realisation of round-off stands for others up to this factor
 REALISATIONS = 3.0
-#: bars of the time step are so many times a second-order error: they hold where the order is not clean, too
+#: bars of the time step are so many times an error of clean order: they hold where the order is not clean, too
 STEP_SAFETY = 3.0
 #: of what every second dense sample changes: by order 7/2 (a neighbour that opens between them) a tenth is lost
 THINNING = 0.5
@@ -64,6 +65,7 @@ def with_twin_bars(
         run,
         Twins(
             plan=plan,
+            order=order_on(scene),
             own=own,
             others=others,
             positional=positional,
@@ -80,6 +82,7 @@ class Twins:
 
     plan: Schedule
     """Steps of the run that is judged, and of ``own`` and ``positional``."""
+    order: int
     own: Answer
     others: Mapping[float, Answer]
     """The same at other steps, by the ratio of their step to that of the plan."""
@@ -94,7 +97,7 @@ class Twins:
 
     def of_step(self) -> dict[str, Any]:
         """Bars for the time step, before contacts are compared with each other."""
-        safe = {ratio: STEP_SAFETY / abs(ratio**2 - 1.0) for ratio in self.others}
+        safe = {ratio: STEP_SAFETY / abs(ratio**self.order - 1.0) for ratio in self.others}
         found = {ratio: apart(self.own, other) for ratio, other in self.others.items()}
         return {name: np.max([safe[ratio] * one[name] for ratio, one in found.items()], axis=0) for name in QUANTITIES}
 

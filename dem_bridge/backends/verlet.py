@@ -18,7 +18,8 @@ from dem_bridge.trajectory import Trajectory
 
 
 class Verlet:
-    """Velocity-Verlet in overlap variables (numba). Any masses, exponents, gaps, walls; precompression, gravity."""
+    """Velocity-Verlet in overlap variables (numba). Any masses, exponents, gaps, walls; precompression, gravity,
+    damping, drag."""
 
     name = TWIN.name
     equations = TWIN.equations
@@ -28,7 +29,7 @@ class Verlet:
         return Availability(True)
 
     def refusal(self, scene: Scene) -> str | None:
-        return "the twin has neither damping nor drag; take backend='scipy'" if scene.dissipates else None
+        return None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve; with ``gauge_radius`` in absolute positions, as LAMMPS. The bars come from three more runs."""
