@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from dem_bridge import progress
 from dem_bridge.backends.base import Availability, Resolution, Sampling
-from dem_bridge.backends.steps import Dense, fixed_step_plan, read_off
+from dem_bridge.backends.steps import Dense, fixed_step_plan, radius_of, read_off
 from dem_bridge.backends.survey import Survey, survey
-from dem_bridge.backends.twin_bars import with_twin_bars
+from dem_bridge.backends.twin_bars import Twins, twins_of, with_bars
+from dem_bridge.compiled import started
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.coefficients import line_order, refusal
 from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, granular_deck
@@ -59,13 +60,16 @@ class LammpsGranular:
                 (folder / file).write_text(text, encoding="utf-8")
             # the dump grows evenly with the steps: its size tells how far the run is
             watch = dump_progress(folder / deck.dump_file, deck) if progress.wanted() else None
+            # the twins run beside the engine: they need nothing of it
+            bars = started(self._twins, scene, deck, look) if resolution.bars else None
             report = run_deck(folder, deck.input_file, time_limit=resolution.time_limit, watch=watch)
             steps, values = read_binary_dump(folder / deck.dump_file, columns=len(DUMP_COLUMNS))
         result = self._trajectory(scene, deck, report, steps, values, began)
-        if not resolution.bars:
-            return result
+        return result if bars is None else with_bars(result, bars())
+
+    def _twins(self, scene: Scene, deck: Deck, look: Survey) -> Twins | None:
         weights = float(np.sum(np.abs(deck.weight)))
-        return with_twin_bars(result, scene, deck.schedule, look, radius=deck.gauge_radius, summed=weights)
+        return twins_of(scene, deck.schedule, look, radius=deck.gauge_radius, summed=weights)
 
     def deck(self, scene: Scene, resolution: Resolution, sampling: Sampling, look: Survey | None = None) -> Deck:
         """The deck that :meth:`run` runs."""
@@ -74,11 +78,12 @@ class LammpsGranular:
             raise UnsupportedScene(f"{self.name} cannot do {scene.name}: {reason}")
         look = look or survey(scene)
         deepest = float(np.max(look.peak_overlap, initial=0.0))
-        radius = resolution.gauge_radius or look.gauge_radius
+        radius = radius_of(scene, resolution, look)
         if radius < deepest:
             raise UsageError(f"gauge_radius = {radius:g} m; allowed: more than the largest overlap, {deepest:.3g} m")
         plan = fixed_step_plan(scene, resolution, sampling, look)
-        return granular_deck(scene, radius=radius, schedule=plan, travel=look.highest - look.lowest)
+        travel = look.highest - look.lowest
+        return granular_deck(scene, radius=radius, schedule=plan, travel=travel, types=resolution.types)
 
     def _trajectory(
         self,

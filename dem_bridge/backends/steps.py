@@ -18,7 +18,7 @@ from dem_bridge.backends.base import Named, Resolution, Sampling, birth_certific
 from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.backends.survey import Survey
 from dem_bridge.dense import Schedule, damped_peaks, extremes, schedule
-from dem_bridge.errors import RunBroken
+from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Cost, Trajectory
 
@@ -55,6 +55,20 @@ def fixed_step_plan(scene: Scene, resolution: Resolution, sampling: Sampling, lo
     return schedule(
         duration=scene.duration, samples=sampling.count, dt=dt, frequency=look.frequency, bodies=scene.n_body
     )
+
+
+def radius_of(scene: Scene, resolution: Resolution, look: Survey) -> float:
+    """Radius of the bodies of a code that keeps positions, m: what was asked for, by number or as the scene's own."""
+    if resolution.gauge_radius is not None:
+        return resolution.gauge_radius
+    if resolution.geometry == "gauge":
+        return look.gauge_radius
+    if scene.spacing is None:
+        raise UsageError(
+            f"geometry = 'physical' on {scene.name}, which has no spacing of its bodies; allowed: 'gauge', a"
+            " gauge_radius, or a scene in physical form"
+        )
+    return 0.5 * scene.spacing
 
 
 class Dense(NamedTuple):

@@ -28,7 +28,7 @@ from dem_bridge.backends.bars import Answer, apart, not_below_the_median
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.steps import fixed_step_plan, order_on, peaks_and_crossings
 from dem_bridge.backends.survey import Survey
-from dem_bridge.backends.twin import TWIN, solve_dense, solve_plan
+from dem_bridge.backends.twin import solve_dense, solve_plan
 from dem_bridge.dense import CROSSING_ERROR, MOST_STEPS, PEAK_ERROR, Schedule, rivals
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale
@@ -41,38 +41,40 @@ STEP_SAFETY = 3.0
 THINNING = 0.5
 
 
-def with_twin_bars(
-    run: Trajectory, scene: Scene, plan: Schedule, look: Survey, *, radius: float, summed: float | None = None
-) -> Trajectory:
-    """``run`` (of LAMMPS or of the twin, on the steps of ``plan``) with bars from twins.
+def twins_of(
+    scene: Scene,
+    plan: Schedule,
+    look: Survey,
+    *,
+    radius: float,
+    summed: float | None = None,
+    own: Trajectory | None = None,
+) -> Twins | None:
+    """The twins that a run on the steps of ``plan`` gets its bars from; None where no finer run can be had.
 
     ``radius`` (m): of the bodies, for a code that keeps positions. ``summed`` (N): of a code whose contact forces are
-    running sums of net forces, all that is summed beside them; None: it knows its contact forces.
+    running sums of net forces, all that is summed beside them; None: it knows its contact forces. ``own``: the twin on
+    these steps in overlap variables, if it is there already.
     """
-    is_own = run.provenance["backend"] == TWIN.name and "gauge_radius" not in run.provenance["settings"]
     # one step per sample leaves no coarser step that falls on the samples
     ratios = (2.0, 1.0 / 3.0) if plan.per_sample > 1 else (0.5, 1.0 / 3.0)
     if plan.steps > min(ratios) * MOST_STEPS:
-        return run  # no finer run can be had, so nothing can be said
+        return None
     others = {}
     for ratio in ratios:
         other = fixed_step_plan(scene, Resolution(dt=ratio * plan.step), Sampling(count=plan.samples), look)
         others[other.step / plan.step] = solve_plan(scene, other)
     positional, dense = solve_dense(scene, plan, radius)
     thinned = peaks_and_crossings(scene, plan, dense, every=2)
-    own = run if is_own else solve_plan(scene, plan)
-    return with_bars(
-        run,
-        Twins(
-            plan=plan,
-            order=order_on(scene),
-            own=own,
-            others=others,
-            positional=positional,
-            thinned=thinned,
-            rivals=rivals(dense.force),
-            summed=summed,
-        ),
+    return Twins(
+        plan=plan,
+        order=order_on(scene),
+        own=own or solve_plan(scene, plan),
+        others=others,
+        positional=positional,
+        thinned=thinned,
+        rivals=rivals(dense.force),
+        summed=summed,
     )
 
 
@@ -102,8 +104,10 @@ class Twins:
         return {name: np.max([safe[ratio] * one[name] for ratio, one in found.items()], axis=0) for name in QUANTITIES}
 
 
-def with_bars(run: Trajectory, twins: Twins) -> Trajectory:
-    """``run`` with its bars."""
+def with_bars(run: Trajectory, twins: Twins | None) -> Trajectory:
+    """``run`` (of LAMMPS or of the twin) with its bars; as it is where no twins can say anything."""
+    if twins is None:
+        return run
     plan, own = twins.plan, twins.own
     step, rounding = twins.of_step(), apart(own, twins.positional)
     speed = float(np.max(np.abs(own.velocity)))
@@ -139,9 +143,10 @@ def with_bars(run: Trajectory, twins: Twins) -> Trajectory:
     if not plan.resolved:
         # all twins look too rarely, so their differences say nothing of what lies between the looks
         bars["peak_force"] = bars["crossing_time"] = math.inf
+    floor = float(rounding["velocity"]) / speed if speed > 0.0 else 0.0
     parts = {
         "time_step": float(step["velocity"]) / speed if speed > 0.0 else 0.0,
-        "round_off": float(REALISATIONS * (rounding["velocity"] / speed + digit)) if speed > 0.0 else 0.0,
+        "round_off": REALISATIONS * (floor + digit) if speed > 0.0 else 0.0,
         "summation": float(summation),
         "last_digit": digit if speed > 0.0 else 0.0,
     }
@@ -150,4 +155,5 @@ def with_bars(run: Trajectory, twins: Twins) -> Trajectory:
         name: float(np.max(amount / np.maximum(own_scale(getattr(own, name)), 1e-300), initial=0.0))
         for name, amount in lost.items()
     }
-    return replace(run, uncertainty=bars, provenance={**run.provenance, "velocity_bar": parts, "sampling": sampling})
+    told = {"velocity_bar": parts, "round_off_floor": floor, "sampling": sampling}
+    return replace(run, uncertainty=bars, provenance={**run.provenance, **told})

@@ -9,10 +9,10 @@ position is ever subtracted from another: what LAMMPS loses there is what the tw
 from __future__ import annotations
 
 from dem_bridge.backends.base import Availability, Resolution, Sampling
-from dem_bridge.backends.steps import fixed_step_plan
+from dem_bridge.backends.steps import fixed_step_plan, radius_of
 from dem_bridge.backends.survey import survey
 from dem_bridge.backends.twin import TWIN, solve_plan
-from dem_bridge.backends.twin_bars import with_twin_bars
+from dem_bridge.backends.twin_bars import twins_of, with_bars
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
@@ -38,4 +38,5 @@ class Verlet:
         run = solve_plan(scene, plan, resolution.gauge_radius or 0.0)
         if not resolution.bars:
             return run
-        return with_twin_bars(run, scene, plan, look, radius=resolution.gauge_radius or look.gauge_radius)
+        own = run if resolution.gauge_radius is None else None
+        return with_bars(run, twins_of(scene, plan, look, radius=radius_of(scene, resolution, look), own=own))
