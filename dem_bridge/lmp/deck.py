@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -258,7 +259,7 @@ def _masses(line: _Line) -> Iterator[str]:
 def _mass_file(line: _Line) -> Iterator[str]:
     yield _header(line.scene, "masses in kg")
     yield f"{len(line.mass)}"
-    yield from map("{} {!r}".format, range(1, len(line.mass) + 1), line.mass.tolist())
+    yield from _rows("{} {!r}".format, line.mass)
 
 
 def _coefficients(line: _Line) -> Iterator[str]:
@@ -277,10 +278,9 @@ def _coefficients(line: _Line) -> Iterator[str]:
 
 def _data(line: _Line) -> Iterator[str]:
     margin = 2.0 * line.radius
-    atoms = range(1, len(line.types) + 1)
     yield _header(line.scene, "LAMMPS data")
     yield ""
-    yield f"{len(atoms)} atoms"
+    yield f"{len(line.types)} atoms"
     yield f"{int(np.max(line.types))} atom types"
     yield f"{float(np.min(line.place)) - margin!r} {float(np.max(line.place)) + margin!r} xlo xhi"
     yield f"{-4.0 * margin!r} {4.0 * margin!r} ylo yhi"
@@ -290,8 +290,15 @@ def _data(line: _Line) -> Iterator[str]:
     yield ""
     density = line.mass / (4.0 / 3.0 * math.pi * line.radius**3)
     row = f"{{}} {{}} {2.0 * line.radius!r} {{!r}} {{!r}} 0 0".format
-    yield from map(row, atoms, line.types.tolist(), density.tolist(), line.place.tolist())
+    yield from _rows(row, line.types, density, line.place)
     yield ""
     yield "Velocities"
     yield ""
-    yield from map("{} {!r} 0 0 0 0 0".format, atoms, line.velocity.tolist())
+    yield from _rows("{} {!r} 0 0 0 0 0".format, line.velocity)
+
+
+def _rows(row: Callable[..., str], *columns: NDArray[Any], block: int = 10_000) -> Iterator[str]:
+    """Lines ``row(atom id, *values)``, a block at a time: a long chain is never there as an object for each body."""
+    for begin in range(0, len(columns[0]), block):
+        values = [one[begin : begin + block].tolist() for one in columns]
+        yield "\n".join(map(row, range(begin + 1, begin + block + 1), *values))
