@@ -11,6 +11,7 @@ from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import BACKENDS, Availability, Backend, Resolution, Sampling, backend
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.files import check_folder, write_whole
+from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
 from dem_bridge.trajectory import Trajectory
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 _RESOLUTION = tuple(field.name for field in fields(Resolution))
 #: settings of solve that are no field of a Resolution
 _OTHER = ("samples", "accuracy", "order")
+#: settings that say which LAMMPS
+_ENGINE = ("lmp", "lmp_args", "python", "ranks")
 
 
 def solve(scene: Scene | str | Path, *, backend: str, **settings: object) -> Trajectory:
@@ -30,8 +33,10 @@ def solve(scene: Scene | str | Path, *, backend: str, **settings: object) -> Tra
     Settings: ``dt`` (s, an upper bound: the step is interval/ceil(interval/dt)), or ``accuracy`` (of velocity, relative
     to its largest magnitude) instead; ``samples``; ``rtol`` (scipy, ode45) and ``atol`` (ode45; m and m/s);
     ``order="richardson"`` to extrapolate from 2 dt, dt and dt/2 (NotAsymptotic where their order is not clean);
-    ``gauge_radius`` (m); ``time_limit`` (s); ``bars=False`` for no error bars. Raises UsageError for an unknown backend
-    or setting, UnsupportedScene, BackendUnavailable or RunBroken.
+    ``gauge_radius`` (m); ``time_limit`` (s); ``bars=False`` for no error bars. Which LAMMPS: ``lmp`` (a binary; the
+    variable ``DEM_BRIDGE_LMP`` names one too) or ``python`` (an interpreter with the ``lammps`` module), ``lmp_args``
+    ("-sf omp") and ``ranks`` (of MPI); None: the module of this environment, on one. Raises UsageError for an unknown
+    backend or setting, UnsupportedScene, BackendUnavailable or RunBroken.
 
     >>> import dem_bridge as db
     >>> run = db.solve("accelerating-40", backend="verlet", dt=1e-7)
@@ -66,13 +71,17 @@ def verify(
     folder: str | Path | None = None,
     jobs: int = 1,
     tell: Progress | None = None,
+    lmp: str | Path | None = None,
+    lmp_args: str | None = None,
+    python: str | Path | None = None,
+    ranks: int | None = None,
 ) -> Verification:
     """Verify scenes (None: all shipped ones) through LAMMPS, its twin, the reference and binary collisions.
 
     ``accuracy``: wanted of velocities, relative to the largest (None: 5e-6); the time step follows from it. ``folder``:
     where ``index.html`` and ``verdicts.json`` are written (None: nowhere). ``jobs``: runs at a time. ``tell`` is called
-    with (done, total, label). The answer has ``verdicts`` and ``exit_code``. Raises SceneError or UsageError; a run
-    that breaks is a BROKEN verdict.
+    with (done, total, label). ``lmp``, ``lmp_args``, ``python``, ``ranks``: which LAMMPS, as in :func:`solve`. The
+    answer has ``verdicts`` and ``exit_code``. Raises SceneError or UsageError; a run that breaks is a BROKEN verdict.
     """
     from dem_bridge.studies.verify import DEFAULT_ACCURACY, verify_scenes
 
@@ -86,7 +95,8 @@ def verify(
     accuracy = checked_accuracy(DEFAULT_ACCURACY if accuracy is None else accuracy)
     if folder is not None:
         check_folder(Path(folder))
-    found = verify_scenes(chosen, accuracy=accuracy, jobs=jobs, tell=tell)
+    engine = Engine.chosen(lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
+    found = verify_scenes(chosen, accuracy=accuracy, jobs=jobs, tell=tell, engine=engine)
     if folder is not None:
         from dem_bridge.report.page import write_report
 
@@ -124,10 +134,12 @@ def available() -> dict[str, Availability]:
 def _settings(
     scene: Scene, name: str, settings: dict[str, object]
 ) -> tuple[Backend, Resolution, Sampling, float | None]:
-    chosen = backend(name)
-    unknown = [key for key in settings if key not in (*_RESOLUTION, *_OTHER)]
+    which = {key: settings[key] for key in _ENGINE if settings.get(key) is not None}
+    chosen = backend(name, Engine.chosen(**which) if which else None)  # type: ignore[arg-type]
+    known = (*_RESOLUTION, *_OTHER, *_ENGINE)
+    unknown = [key for key in settings if key not in known]
     if unknown:
-        raise UsageError(f"setting {unknown[0]!r} is unknown; allowed: {', '.join((*_RESOLUTION, *_OTHER))}")
+        raise UsageError(f"setting {unknown[0]!r} is unknown; allowed: {', '.join(known)}")
     accuracy = settings.get("accuracy")
     if accuracy is not None:
         accuracy = checked_accuracy(accuracy)

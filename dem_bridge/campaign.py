@@ -11,6 +11,7 @@ from functools import partial
 from dem_bridge import progress
 from dem_bridge.backends.base import Resolution, Sampling, backend
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene
+from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
@@ -23,6 +24,8 @@ class Case:
     backend: str
     resolution: Resolution
     sampling: Sampling
+    engine: Engine | None = None
+    """Which LAMMPS, for a backend that runs it; None: the default."""
 
     @property
     def label(self) -> str:
@@ -45,7 +48,7 @@ Progress = Callable[[float, int, str], None]
 
 def run_case(case: Case) -> Result:
     """Run one case; a refusal, a missing engine or a broken run is a result."""
-    chosen = backend(case.backend)
+    chosen = backend(case.backend, case.engine)
     reason = chosen.refusal(case.scene)
     if reason:
         return Result(case=case, failure=UnsupportedScene(reason))

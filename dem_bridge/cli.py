@@ -71,6 +71,19 @@ _accuracy = click.option(
 )
 
 
+def _engine(command: Callable[..., None]) -> Callable[..., None]:
+    """The options that say which LAMMPS."""
+    options = (
+        click.option("--lmp", metavar="PATH", help="A LAMMPS binary (default: $DEM_BRIDGE_LMP, or the Python module)."),
+        click.option("--lmp-args", metavar="ARGS", help='More arguments for LAMMPS, such as "-sf omp".'),
+        click.option("--python", metavar="PATH", help="Another environment's Python, for its lammps module."),
+        click.option("--ranks", type=int, metavar="R", help="Processes of MPI for one run.  [default: 1]"),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
 @click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(dem_bridge.__version__, prog_name="dem-bridge")
 def main() -> None:
@@ -116,6 +129,7 @@ def scenes(as_json: bool) -> None:
 @click.option("--rtol", type=float, metavar="R", help="Relative tolerance of scipy and ode45.")
 @click.option("--atol", type=float, metavar="A", help="Absolute tolerance of ode45, m and m/s.")
 @click.option("--samples", type=int, metavar="N", help="Samples in time (default: the scene's).")
+@_engine
 @click.option("-o", "output", type=click.Path(path_type=Path), help="Keep the trajectory as netCDF-4.")
 @click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
 def run(
@@ -126,16 +140,22 @@ def run(
     rtol: float | None,
     atol: float | None,
     samples: int | None,
+    lmp: str | None,
+    lmp_args: str | None,
+    python: str | None,
+    ranks: int | None,
     output: Path | None,
     as_json: bool,
 ) -> None:
     """Solve SCENE with one backend and print what was found, with error bars."""
     if output is not None:
         check_file(output)
-    asked = {"dt": dt, "accuracy": accuracy, "rtol": rtol, "atol": atol, "samples": samples}
+    asked: dict[str, Any] = {"dt": dt, "accuracy": accuracy, "rtol": rtol, "atol": atol, "samples": samples}
+    asked |= {"lmp": lmp, "lmp_args": lmp_args, "python": python, "ranks": ranks}
     settings = {key: value for key, value in asked.items() if value is not None}
     with _fraction(f"{scene} by {backend}"):
         result = dem_bridge.solve(scene, backend=backend, **settings)
+    _warn(result)
     if output is not None:
         result.save(output)
     summary = _summary(result)
@@ -164,6 +184,7 @@ def deck(scene: str, style: str, dt: float | None, folder: Path) -> None:
 @main.command()
 @click.argument("scenes", nargs=-1, metavar="[SCENE]...", shell_complete=_scene_names)
 @_accuracy
+@_engine
 @click.option("-j", "jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Runs at a time.")
 @click.option(
     "-o",
@@ -181,6 +202,10 @@ def deck(scene: str, style: str, dt: float | None, folder: Path) -> None:
 def verify(
     scenes: tuple[str, ...],
     accuracy: float | None,
+    lmp: str | None,
+    lmp_args: str | None,
+    python: str | None,
+    ranks: int | None,
     jobs: int,
     folder: Path,
     json_file: Path | None,
@@ -190,7 +215,8 @@ def verify(
     for file in (json_file, junit_file):
         if file is not None:
             check_file(file)
-    settings = {} if accuracy is None else {"accuracy": accuracy}
+    asked = {"accuracy": accuracy, "lmp": lmp, "lmp_args": lmp_args, "python": python, "ranks": ranks}
+    settings: dict[str, Any] = {key: value for key, value in asked.items() if value is not None}
     with _bar() as tell:
         found = dem_bridge.verify(list(scenes) or None, folder=folder, jobs=jobs, tell=tell, **settings)
     if json_file is not None:
@@ -199,9 +225,18 @@ def verify(
         from dem_bridge.report.junit import junit
 
         write_whole(junit_file.parent, {junit_file.name: junit(found.verdicts)})
+    for study in found.studies:
+        if (of_lammps := study.run("lammps-granular")) is not None:
+            _warn(of_lammps)
     _print_verdicts(found)
     click.echo(f"report: {folder / 'index.html'}")
     sys.exit(found.exit_code)
+
+
+def _warn(run: Trajectory) -> None:
+    """Say on stderr what a user should know of how LAMMPS was run."""
+    if note := run.provenance.get("lammps", {}).get("note"):
+        click.echo(f"dem-bridge: warning: {run.provenance['scene']}: {note}", err=True)
 
 
 def _summary(run: Trajectory) -> dict[str, Any]:

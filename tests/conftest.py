@@ -17,6 +17,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.errors import BackendUnavailable
 from dem_bridge.lmp import process
+from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from tests.strategies import EXPLORE
@@ -35,7 +36,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     if item.get_closest_marker("lammps") is None:
         return
     try:
-        process.engine()
+        process.require(Engine(), "pair granular")
     except BackendUnavailable as error:
         if os.environ.get("DEM_BRIDGE_REQUIRE_LAMMPS") == "1":
             pytest.fail(f"DEM_BRIDGE_REQUIRE_LAMMPS=1, but there is no engine: {error}", pytrace=False)

@@ -16,7 +16,7 @@ import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,9 @@ from numpy.typing import NDArray
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from dem_bridge.lmp.engine import Engine
 
 #: the least that adaptive integrators take (100 eps) to what decides no step any more
 RTOL_RANGE = (2.3e-14, 1.0)
@@ -145,13 +148,28 @@ BACKENDS: Mapping[str, tuple[str, str]] = MappingProxyType(
     }
 )
 
+#: those that run LAMMPS, and are constructed with an Engine
+ENGINE_BACKENDS = tuple(name for name in BACKENDS if name.startswith("lammps"))
 
-def backend(name: str) -> Backend:
-    """The backend of that name; UsageError with the allowed names otherwise."""
+
+def backend(name: str, engine: Engine | None = None) -> Backend:
+    """The backend of that name; UsageError with the allowed names otherwise.
+
+    ``engine``: which LAMMPS, for backends that run it (None: the default); UsageError with any other backend.
+    """
     if not isinstance(name, str) or name not in BACKENDS:
         raise UsageError(f"backend = {name!r}; allowed: {', '.join(BACKENDS)}")
     module, attribute = BACKENDS[name]
-    found: Backend = getattr(importlib.import_module(module), attribute)()
+    made = getattr(importlib.import_module(module), attribute)
+    if name in ENGINE_BACKENDS:
+        found: Backend = made(engine)
+        return found
+    if engine is not None:
+        raise UsageError(
+            f"lmp, lmp_args, python and ranks say which LAMMPS; backend = {name!r} runs none;"
+            f" allowed with: {', '.join(ENGINE_BACKENDS)}"
+        )
+    found = made()
     return found
 
 

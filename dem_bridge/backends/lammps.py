@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,9 @@ from dem_bridge.compiled import started
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.coefficients import line_order, refusal
 from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, granular_deck
+from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.output import read_binary_dump
-from dem_bridge.lmp.process import EngineReport, engine, run_deck
+from dem_bridge.lmp.process import EngineReport, require, run_deck, workspace
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
@@ -39,9 +40,12 @@ class LammpsGranular:
     equations = "hertz"
     order: int | None = 2
 
+    def __init__(self, engine: Engine | None = None) -> None:
+        self.engine = engine or Engine.chosen()
+
     def availability(self) -> Availability:
         try:
-            engine()
+            require(self.engine, "pair granular")
         except BackendUnavailable as error:
             return Availability(False, str(error))
         return Availability(True)
@@ -54,15 +58,16 @@ class LammpsGranular:
         began = time.perf_counter(), time.process_time()
         look = survey(scene)
         deck = self.deck(scene, resolution, sampling, look)
-        with TemporaryDirectory(prefix="dem-bridge-") as name:
-            folder = Path(name)
+        with workspace(dump_size(deck)) as folder:
             for file, text in deck.files.items():
                 (folder / file).write_text(text, encoding="utf-8")
             # the dump grows evenly with the steps: its size tells how far the run is
             watch = dump_progress(folder / deck.dump_file, deck) if progress.wanted() else None
             # the twins run beside the engine: they need nothing of it
             bars = started(self._twins, scene, deck, look) if resolution.bars else None
-            report = run_deck(folder, deck.input_file, time_limit=resolution.time_limit, watch=watch)
+            report = run_deck(
+                folder, deck.input_file, time_limit=resolution.time_limit, watch=watch, engine=self.engine
+            )
             steps, values = read_binary_dump(folder / deck.dump_file, columns=len(DUMP_COLUMNS))
         result = self._trajectory(scene, deck, report, steps, values, began)
         return result if bars is None else with_bars(result, bars())
@@ -110,7 +115,7 @@ class LammpsGranular:
             self, scene, plan, _dense(scene, deck, steps, values), settings, began=began, evaluations=plan.steps + 1
         )
         engine = {
-            "lammps": {"version": report.version, "packages": list(report.packages)},
+            "lammps": engine_certificate(self.engine, report, scene),
             "engine_wall": report.wall,
             "deck_hash": deck.content_hash,
             "atom_types": deck.types,
@@ -167,11 +172,28 @@ def _check_gauge(position: NDArray[np.float64], deck: Deck, steps: NDArray[np.in
 
 def dump_progress(path: Path, deck: Deck) -> Callable[[], None]:
     """A call that reports the share of the dump that is written."""
-    frame = 8 * len(DUMP_COLUMNS) * len(deck.line) + 200  # values and, roughly, a frame's header
-    whole = frame * len(deck.schedule.dense_steps)
+    whole = dump_size(deck)
 
     def watch() -> None:
         if path.exists():
             progress.report(path.stat().st_size / whole)
 
     return watch
+
+
+def dump_size(deck: Deck) -> int:
+    """Bytes that a run of the deck writes."""
+    frame = 8 * len(DUMP_COLUMNS) * len(deck.line) + 200  # values and, roughly, a frame's header
+    return frame * len(deck.schedule.dense_steps)
+
+
+def engine_certificate(engine: Engine, report: EngineReport, scene: Scene) -> dict[str, Any]:
+    """Provenance of a run: which LAMMPS, and how. JSON-able."""
+    note = engine.note(scene.n_body)
+    return {
+        "version": report.version,
+        "packages": list(report.packages),
+        "build": list(report.build),
+        "run_by": engine.label,
+        "ranks": report.ranks,
+    } | ({"note": note} if note else {})

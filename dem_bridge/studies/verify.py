@@ -26,6 +26,7 @@ from dem_bridge.backends.survey import survey
 from dem_bridge.campaign import Case, Progress, Result, run_cases
 from dem_bridge.compare import difference
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
+from dem_bridge.lmp.engine import Engine
 from dem_bridge.plan import resolution_for
 from dem_bridge.scene import Scene
 from dem_bridge.studies import checks
@@ -76,7 +77,12 @@ class Verification:
 
 
 def verify_scenes(
-    scenes: Sequence[Scene], *, accuracy: float = DEFAULT_ACCURACY, jobs: int = 1, tell: Progress | None = None
+    scenes: Sequence[Scene],
+    *,
+    accuracy: float = DEFAULT_ACCURACY,
+    jobs: int = 1,
+    tell: Progress | None = None,
+    engine: Engine | None = None,
 ) -> Verification:
     """Run and judge scenes; see :func:`dem_bridge.api.verify` for the arguments."""
     began = time.perf_counter()
@@ -90,7 +96,7 @@ def verify_scenes(
     hopeless: dict[str, SceneStudy] = {}
     for scene in scenes:
         try:
-            cases += cases_of(scene, accuracy)
+            cases += cases_of(scene, accuracy, engine)
         except (RunBroken, UnsupportedScene, UsageError) as error:  # this scene's, not the others'
             hopeless[scene.name] = _hopeless(scene, error)
     results = run_cases(cases, jobs=jobs, tell=tell)
@@ -116,8 +122,8 @@ def _hopeless(scene: Scene, error: RunBroken | UnsupportedScene | UsageError) ->
     return SceneStudy(scene=scene, results=(), verdicts=(verdict,), ladder={})
 
 
-def cases_of(scene: Scene, accuracy: float) -> list[Case]:
-    """The runs that a verdict on one scene needs; the main run of each backend first."""
+def cases_of(scene: Scene, accuracy: float, engine: Engine | None = None) -> list[Case]:
+    """The runs that a verdict on one scene needs; the main run of each backend first. ``engine``: which LAMMPS."""
     sampling = Sampling(count=scene.samples)
     main = resolution_for(scene, accuracy, Resolution(), sampling)
     assert main.dt is not None
@@ -125,7 +131,16 @@ def cases_of(scene: Scene, accuracy: float) -> list[Case]:
     runs = [(name, Resolution()) for name in (REFERENCE, SECOND, THEORY)]
     runs += [(name, settings) for name in (TWIN, ENGINE) for settings in (main, *coarse)]
     runs.append((TWIN, replace(main, gauge_radius=survey(scene).gauge_radius, bars=False)))
-    return [Case(scene=scene, backend=name, resolution=settings, sampling=sampling) for name, settings in runs]
+    return [
+        Case(
+            scene=scene,
+            backend=name,
+            resolution=settings,
+            sampling=sampling,
+            engine=engine if name == ENGINE else None,
+        )
+        for name, settings in runs
+    ]
 
 
 def study_of(scene: Scene, results: tuple[Result, ...], accuracy: float) -> SceneStudy:

