@@ -13,19 +13,31 @@ def interruptible(kernel: Callable[..., Any], *arguments: Any) -> Any:
     Compiled code does not look at signals, and one that arrives within it breaks the hand-over of the result: so the
     kernel runs in a thread that may be left behind, and signals find the main thread waiting.
     """
+    return started(kernel, *arguments)()
+
+
+def started(work: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
+    """Begin ``work(*arguments)`` in a thread; the answer waits for its result, or raises what it raised.
+
+    Nobody waits for it at the end of the program.
+    """
     result: list[Any] = []
     failure: list[BaseException] = []
 
-    def work() -> None:
+    def run() -> None:
         try:
-            result.append(kernel(*arguments))
+            result.append(work(*arguments))
         except BaseException as error:  # carried to the caller's thread
             failure.append(error)
 
-    thread = threading.Thread(target=work, daemon=True)
+    thread = threading.Thread(target=run, daemon=True)
     thread.start()
-    while thread.is_alive():
-        thread.join(0.1)
-    if failure:
-        raise failure[0]
-    return result[0]
+
+    def wait() -> Any:
+        while thread.is_alive():
+            thread.join(0.1)
+        if failure:
+            raise failure[0]
+        return result[0]
+
+    return wait

@@ -13,9 +13,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import polynomial as poly
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
+from dem_bridge.scene import Contacts
 
 Floats = NDArray[np.float64]
 
@@ -139,6 +141,55 @@ def extremes(
     for contact, moment in zip(contacts[compressed][::-1], when[compressed][::-1], strict=True):
         crossing[contact] = moment  # backwards in time, so that the first one stays
     return peak_force, crossing
+
+
+def damped_peaks(
+    *,
+    time: NDArray[np.floating[Any]],
+    overlap: Floats,
+    rate: Floats,
+    acceleration: Floats,
+    force: Floats,
+    contacts: Contacts,
+) -> Floats:
+    """Largest force of each contact, N, ``(n_contact,)``, where damping is added to the elastic force.
+
+    It need not be at maximal compression, and a dashpot's may be at touch, where the force jumps. It is looked for on
+    the quintic polynomials of :func:`extremes`, and at the touch between an open and a closed sample; the run's own
+    force at a sample beside is carried there by the law. Arguments as there.
+    """
+    found: Floats = np.max(force, axis=0)
+    width = np.asarray(np.diff(time), dtype=np.float64)
+    part = np.linspace(0.0, 1.0, 17)
+    for k in np.flatnonzero((contacts.damping > 0.0) & (found > 0.0)).tolist():
+        beta, n, c, power = (
+            a[k] for a in (contacts.stiffness, contacts.exponent, contacts.damping, contacts.damping_power)
+        )
+        delta, closing, own = np.maximum(overlap[:, k], 0.0), rate[:, k], force[:, k]
+        told = beta * delta ** (n - 1.0) + c * delta**power * closing
+        share = np.where((own > 0.0) & (told > 0.0), own / np.where(told > 0.0, told, 1.0), 1.0)
+        touch = np.flatnonzero((overlap[:-1, k] <= 0.0) & (delta[1:] > 0.0))
+        if power == 0.0 and len(touch):
+            # from the open sample on, with the acceleration that it has
+            squared = closing[touch] ** 2 - 2.0 * acceleration[touch, k] * overlap[touch, k]
+            found[k] = max(found[k], np.max(share[touch + 1] * c * np.sqrt(np.maximum(squared, 0.0))))
+        closed = (delta[:-1] > 0.0) & (delta[1:] > 0.0)
+        rows = np.flatnonzero(closed & (np.maximum(own[:-1], own[1:]) > 0.8 * found[k]))
+        if len(rows) == 0:
+            continue
+        value, slope, curve = ((one[rows, k], one[rows + 1, k]) for one in (overlap, rate, acceleration))
+        quintic = np.array(_quintic(value, slope, curve, width[rows]))
+        between = np.maximum(poly.polyval(part, quintic), 0.0)
+        speed = poly.polyval(part, poly.polyder(quintic)) / width[rows, None]
+        law = beta * between ** (n - 1.0) + c * between**power * speed
+        # a parabola through the largest of them and its two neighbours
+        top = np.clip(np.argmax(law, axis=1), 1, len(part) - 2)
+        low, middle, high = (law[np.arange(len(rows)), top + side] for side in (-1, 0, 1))
+        bend = 2.0 * middle - low - high
+        inner = (bend > 0.0) & (np.abs(high - low) < bend)
+        most = np.where(inner, middle + (high - low) ** 2 / (8.0 * np.where(inner, bend, 1.0)), np.max(law, axis=1))
+        found[k] = max(found[k], np.max(share[np.where(top < len(part) // 2, rows, rows + 1)] * most))
+    return found
 
 
 def rivals(force: Floats) -> Floats:

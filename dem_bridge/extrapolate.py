@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.accuracy import Extrapolation, richardson
 from dem_bridge.backends.base import Backend, Resolution, Sampling
+from dem_bridge.backends.steps import order_on
 from dem_bridge.errors import NotAsymptotic, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, Cost, Trajectory
@@ -23,9 +24,9 @@ def extrapolated(chosen: Backend, scene: Scene, resolution: Resolution, sampling
     of what is extrapolated: the distance to the extrapolation from the two coarser runs (Richardson 1911, *Phil. Trans.
     R. Soc. A* 210, 307), and the round-off of the finest. UsageError for a backend without a fixed step.
     """
-    order = chosen.order
-    if order is None:
+    if chosen.order is None:
         raise UsageError(f"order = 'richardson' with {chosen.name}, which has no fixed step; give rtol, or nothing")
+    order = order_on(scene)
     main = chosen.run(scene, replace(resolution, bars=False), sampling)
     step = float(main.provenance["settings"]["dt"])
     coarse = chosen.run(scene, replace(resolution, dt=2.0 * step, bars=False), sampling)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.steps import default_step, round_step
+from dem_bridge.backends.steps import default_step, order_on, radius_of, round_step
 from dem_bridge.backends.survey import survey
 from dem_bridge.backends.verlet import Verlet
 from dem_bridge.errors import UnsupportedScene, UsageError
@@ -25,15 +26,25 @@ def resolution_for(scene: Scene, accuracy: float, resolution: Resolution, sampli
     if reason:
         raise UnsupportedScene(f"accuracy = {accuracy!r} on {scene.name}: {reason}")
     accuracy = checked_accuracy(accuracy)
-    dt = 100.0 * default_step(scene, sampling, survey(scene))
+    look = survey(scene)
+    radius, least = radius_of(scene, resolution, look), math.inf
+    dt = 100.0 * default_step(scene, sampling, look)
     while scene.duration / dt <= MOST_STEPS:
         run = Verlet().run(scene, replace(resolution, dt=dt, bars=True), sampling)
         scale = float(abs(run.velocity).max())
         bar = run.uncertainty["velocity"] / scale if scale > 0.0 else 0.0
         if bar <= accuracy:
             return replace(resolution, dt=dt)
-        # second order: the bar goes as dt^2
-        dt = round_step(dt * min(0.7, (accuracy / bar) ** 0.5))
+        least = min(least, bar)
+        if run.provenance["velocity_bar"]["round_off"] > accuracy:
+            # it grows with the number of steps: no smaller one helps
+            raise UsageError(
+                f"accuracy = {accuracy:g} on {scene.name}: bodies of {radius:.3g} m round off"
+                f" {run.provenance['round_off_floor']:.2g} of the velocities by dt = {dt:g} s; the least bar found is"
+                f" {least:.2g}: ask for that, or take geometry='gauge'"
+            )
+        # the bar goes as dt^order
+        dt = round_step(dt * min(0.7, (accuracy / bar) ** (1.0 / order_on(scene))))
     raise UsageError(
         f"accuracy = {accuracy:g} on {scene.name} needs a step below {dt:.2g} s, more than {MOST_STEPS:.0e} steps;"
         " ask for less, or take backend='scipy'"

@@ -10,7 +10,8 @@ import hashlib
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +53,8 @@ class Contacts:
     """Every contact of a scene as arrays ``(n_contact,)``: the chain's in order, then wall_left, wall_right.
 
     ``overlap_k = x[left_k] - x[right_k] - gap_k``; the index ``n_body`` stands for a wall, with x = v = 0. In a
-    precompressed chain ``gap`` is minus the static overlap.
+    precompressed chain ``gap`` is minus the static overlap. The damping force is
+    ``damping overlap^damping_power overlap'``, whatever its law.
     """
 
     left: NDArray[np.int64]
@@ -60,6 +62,12 @@ class Contacts:
     stiffness: NDArray[np.float64]
     exponent: NDArray[np.float64]
     gap: NDArray[np.float64]
+    damping: NDArray[np.float64]
+    damping_power: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            getattr(self, one.name).flags.writeable = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,6 +165,7 @@ class Scene:
             object.__setattr__(self, key, value)
         object.__setattr__(self, "damping", self._checked_damping())
         object.__setattr__(self, "_static_overlap", self._checked_statics())
+        self.__dict__.pop("contacts", None)  # looked at before the static overlaps were known
         object.__setattr__(self, "content_hash", self._hash())
 
     def _checked_damping(self) -> Damping | None:
@@ -171,7 +180,7 @@ class Scene:
         key, per = "damping.coefficient", "contact, walls included"
         coefficient = _numbers(key, given.coefficient, allowed, count=self.n_contact, per=per, at_least=0.0)
         if given.law == "kuwabara-kono":
-            for k, (gamma, n) in enumerate(zip(coefficient, self.contacts.exponent.tolist(), strict=True)):
+            for k, (gamma, n) in enumerate(zip(coefficient, self._all_exponents, strict=True)):
                 if gamma > 0.0 and n < 2.0:
                     problem = f"has the law kuwabara-kono on contact {k}, whose exponent n is {n!r}"
                     raise SceneError("damping", problem=problem, allowed="n >= 2: below, it is infinite at touch")
@@ -239,7 +248,7 @@ class Scene:
         """Whether energy is lost anywhere: in contacts or by drag."""
         return self.damped or self.drag > 0.0
 
-    @property
+    @cached_property
     def contacts(self) -> Contacts:
         """All contacts as arrays, in the order of the columns of a Trajectory."""
         links = len(self.stiffness)
@@ -258,18 +267,33 @@ class Scene:
                 gap.append(wall.gap)
         if self._static_overlap:
             gap = [-overlap for overlap in self._static_overlap]
+        beta, n = np.array(stiffness), np.array(exponent)
+        damping, power = np.zeros(self.n_contact), np.zeros(self.n_contact)
+        if self.damping is not None:
+            damping = np.array(self._damping_coefficients)
+            if self.damping.law == "kuwabara-kono":
+                # an elastic contact has no such force, whatever its n
+                damping, power = damping * beta, np.maximum(n - 2.0, 0.0)
         return Contacts(
             left=np.array(left, dtype=np.int64),
             right=np.array(right, dtype=np.int64),
-            stiffness=np.array(stiffness),
-            exponent=np.array(exponent),
+            stiffness=beta,
+            exponent=n,
             gap=np.array(gap),
+            damping=damping,
+            damping_power=power,
         )
 
     @property
     def _exponents(self) -> tuple[float, ...]:
         assert isinstance(self.exponent, tuple)
         return self.exponent
+
+    @property
+    def _all_exponents(self) -> tuple[float, ...]:
+        """Of the chain, then of the walls."""
+        walls = (wall.exponent for wall in (self.wall_left, self.wall_right) if wall is not None)
+        return (*self._exponents, *(n for n in walls if n is not None))
 
     @property
     def _damping_coefficients(self) -> tuple[float, ...]:

@@ -21,7 +21,7 @@ from dem_bridge import progress
 from dem_bridge.backends.base import Availability, Resolution, Sampling
 from dem_bridge.backends.steps import Dense, fixed_step_plan, read_off
 from dem_bridge.backends.survey import survey
-from dem_bridge.backends.twin_bars import with_twin_bars
+from dem_bridge.backends.twin_bars import twins_of, with_bars
 from dem_bridge.dense import Schedule
 from dem_bridge.errors import BackendUnavailable
 from dem_bridge.scene import Scene
@@ -64,7 +64,7 @@ class AseVerlet:
         if not resolution.bars:
             return run
         # displacements are smaller than positions, so this bounds the round-off
-        return with_twin_bars(run, scene, plan, look, radius=look.gauge_radius)
+        return with_bars(run, twins_of(scene, plan, look, radius=look.gauge_radius))
 
     def _solve(self, scene: Scene, plan: Schedule) -> Trajectory:
         from ase import Atoms

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 #: the least that adaptive integrators take (100 eps) to what decides no step any more
 RTOL_RANGE = (2.3e-14, 1.0)
 MOST_SAMPLES = 10_000_000
+#: settings that are one of a few words
+CHOICES = {"geometry": ("gauge", "physical"), "types": ("euler", "per-body")}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +48,11 @@ class Resolution:
     gauge_radius: float | None = None
     """Radius written into a LAMMPS deck, m; None: from the overlaps of a coarse run. The twin then keeps absolute
     positions of bodies of this radius; None: overlaps."""
+    geometry: str = "gauge"
+    """Radius of the bodies in a LAMMPS deck where ``gauge_radius`` names none: "gauge", the least that serves, or
+    "physical", half the scene's spacing, with the round-off that comes with it."""
+    types: str = "euler"
+    """Atom types of a LAMMPS deck: "euler", as few as can be, or "per-body", one for each."""
     time_limit: float = 3600.0
     """Wall time, s, after which an engine in a child process is stopped."""
     bars: bool = True
@@ -66,6 +73,9 @@ class Resolution:
             real = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
             if not real or not low <= value <= high:
                 raise UsageError(f"{key} = {value!r}; allowed: a number from {low:g} to {high:g}")
+        for key, choices in CHOICES.items():
+            if getattr(self, key) not in choices:
+                raise UsageError(f"{key} = {getattr(self, key)!r}; allowed: {' or '.join(map(repr, choices))}")
         if not isinstance(self.bars, bool):
             raise UsageError(f"bars = {self.bars!r}; allowed: True or False")
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,24 +17,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge import progress
-from dem_bridge.backends.bars import UNKNOWN
-from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
-from dem_bridge.backends.scales import resting_acceleration
-from dem_bridge.backends.steps import fixed_step_plan
+from dem_bridge.backends.base import Availability, Resolution, Sampling
+from dem_bridge.backends.steps import Dense, fixed_step_plan, radius_of, read_off
 from dem_bridge.backends.survey import Survey, survey
-from dem_bridge.backends.twin_bars import with_twin_bars
-from dem_bridge.dense import extremes
+from dem_bridge.backends.twin_bars import Twins, twins_of, with_bars
+from dem_bridge.compiled import started
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
-from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, granular_deck, refusal
+from dem_bridge.lmp.coefficients import line_order, refusal
+from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, granular_deck
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.process import EngineReport, require, run_deck, workspace
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.trajectory import Trajectory
 
 
 class LammpsGranular:
-    """LAMMPS with ``pair_style granular`` and ``fix nve``. n = 5/2; any masses, gaps, walls, precompression, weight."""
+    """LAMMPS with ``pair_style granular`` and ``fix nve``. n = 5/2 and 2; any masses, gaps, walls, precompression,
+    weight, damping, drag."""
 
     name = "lammps-granular"
     equations = "hertz"
@@ -54,7 +55,7 @@ class LammpsGranular:
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve. The time step's bar comes from the twin at this and twice the step, never from LAMMPS itself."""
-        wall, cpu = time.perf_counter(), time.process_time()
+        began = time.perf_counter(), time.process_time()
         look = survey(scene)
         deck = self.deck(scene, resolution, sampling, look)
         with workspace(dump_size(deck)) as folder:
@@ -62,15 +63,18 @@ class LammpsGranular:
                 (folder / file).write_text(text, encoding="utf-8")
             # the dump grows evenly with the steps: its size tells how far the run is
             watch = dump_progress(folder / deck.dump_file, deck) if progress.wanted() else None
+            # the twins run beside the engine: they need nothing of it
+            bars = started(self._twins, scene, deck, look) if resolution.bars else None
             report = run_deck(
                 folder, deck.input_file, time_limit=resolution.time_limit, watch=watch, engine=self.engine
             )
             steps, values = read_binary_dump(folder / deck.dump_file, columns=len(DUMP_COLUMNS))
-        result = self._trajectory(scene, deck, report, steps, values, wall, cpu)
-        if not resolution.bars:
-            return result
+        result = self._trajectory(scene, deck, report, steps, values, began)
+        return result if bars is None else with_bars(result, bars())
+
+    def _twins(self, scene: Scene, deck: Deck, look: Survey) -> Twins | None:
         weights = float(np.sum(np.abs(deck.weight)))
-        return with_twin_bars(result, scene, deck.schedule, look, radius=deck.gauge_radius, summed=weights)
+        return twins_of(scene, deck.schedule, look, radius=deck.gauge_radius, summed=weights)
 
     def deck(self, scene: Scene, resolution: Resolution, sampling: Sampling, look: Survey | None = None) -> Deck:
         """The deck that :meth:`run` runs."""
@@ -79,11 +83,12 @@ class LammpsGranular:
             raise UnsupportedScene(f"{self.name} cannot do {scene.name}: {reason}")
         look = look or survey(scene)
         deepest = float(np.max(look.peak_overlap, initial=0.0))
-        radius = resolution.gauge_radius or look.gauge_radius
+        radius = radius_of(scene, resolution, look)
         if radius < deepest:
             raise UsageError(f"gauge_radius = {radius:g} m; allowed: more than the largest overlap, {deepest:.3g} m")
         plan = fixed_step_plan(scene, resolution, sampling, look)
-        return granular_deck(scene, radius=radius, schedule=plan, travel=look.highest - look.lowest)
+        travel = look.highest - look.lowest
+        return granular_deck(scene, radius=radius, schedule=plan, travel=travel, types=resolution.types)
 
     def _trajectory(
         self,
@@ -92,8 +97,7 @@ class LammpsGranular:
         report: EngineReport,
         steps: NDArray[np.int64],
         values: NDArray[np.float64],
-        wall: float,
-        cpu: float,
+        began: tuple[float, float],
     ) -> Trajectory:
         plan = deck.schedule
         expected = plan.dense_steps
@@ -105,54 +109,64 @@ class LammpsGranular:
         if not np.all(np.isfinite(values)):
             first = int(np.argwhere(~np.isfinite(values).all(axis=(1, 2)))[0, 0])
             raise RunBroken(f"LAMMPS ended without an error, but from step {steps[first]} on its values are not finite")
-        position, velocity, net = (values[:, :, DUMP_COLUMNS.index(name)] for name in ("x", "vx", "fx"))
-        # along the line of atoms, walls included, then in the order of the scene's contacts
-        columns, weight = _columns(scene), np.array(deck.weight)
-        overlap = (2.0 * deck.gauge_radius - np.diff(position, axis=1))[:, columns]
-        rate = -np.diff(velocity, axis=1)[:, columns]
-        # a frozen wall has net force but no acceleration
-        acceleration = -np.diff(net * np.array(deck.mobility), axis=1)[:, columns]
-        force = np.cumsum(weight - net, axis=1)[:, columns]
-        deepest = float(np.max(overlap, initial=0.0))
-        if deepest > deck.gauge_radius:
-            raise RunBroken(
-                f"an overlap of {deepest:.6g} m exceeds the gauge radius {deck.gauge_radius:.6g} m: bodies that are"
-                " not neighbours may have touched; give a larger gauge_radius"
-            )
-        peak_force, crossing = extremes(
-            time=steps * plan.step,
-            overlap=overlap,
-            rate=rate,
-            acceleration=acceleration,
-            force=force,
-            exponent=scene.contacts.exponent,
-            resting=resting_acceleration(scene),
-            resolution=4.0 * math.ulp(float(np.max(np.abs(position)))),
-        )
-        rows = slice(None, None, plan.subdivisions)
-        bodies = slice(deck.first_id - 1, deck.first_id - 1 + scene.n_body)
+        _check_gauge(values[:, :, DUMP_COLUMNS.index("x")], deck, steps)
         settings = {"dt": plan.step, "samples": plan.samples, "gauge_radius": deck.gauge_radius}
-        return Trajectory(
-            time=Sampling(count=plan.samples).times(scene.duration),
-            displacement=(position[rows] - np.array(deck.line))[:, bodies],
-            velocity=velocity[rows, bodies],
-            contact_force=force[rows],
-            peak_force=peak_force,
-            crossing_time=crossing,
-            uncertainty=UNKNOWN,
-            cost=Cost(
-                wall=time.perf_counter() - wall,
-                cpu=time.process_time() - cpu + report.cpu,
-                steps=plan.steps,
-                force_evaluations=plan.steps + 1,
-            ),
-            provenance=birth_certificate(self, scene, settings)
-            | {
-                "lammps": engine_certificate(self.engine, report, scene),
-                "engine_wall": report.wall,
-                "deck_hash": deck.content_hash,
-                "atom_types": deck.types,
-            },
+        run = read_off(
+            self, scene, plan, _dense(scene, deck, steps, values), settings, began=began, evaluations=plan.steps + 1
+        )
+        engine = {
+            "lammps": engine_certificate(self.engine, report, scene),
+            "engine_wall": report.wall,
+            "deck_hash": deck.content_hash,
+            "atom_types": deck.types,
+        }
+        # the engine's own share of the processor, and not only ours
+        cost = replace(run.cost, cpu=run.cost.cpu + report.cpu)
+        return replace(run, cost=cost, provenance={**run.provenance, **engine})
+
+
+def _dense(scene: Scene, deck: Deck, steps: NDArray[np.int64], values: NDArray[np.float64]) -> Dense:
+    """What LAMMPS dumped, in the order of the scene's contacts and bodies."""
+    position, velocity, net = (values[:, :, DUMP_COLUMNS.index(name)] for name in ("x", "vx", "fx"))
+    columns = np.argsort(line_order(scene))
+    outer = deck.weight
+    if scene.drag > 0.0:
+        # forces are those of the half step's velocity, which is not dumped
+        half = velocity - np.where(steps > 0, 0.5 * deck.schedule.step, 0.0)[:, None] * net * deck.mobility
+        mass = np.divide(1.0, deck.mobility, out=np.zeros_like(deck.mobility), where=deck.mobility > 0.0)
+        outer = deck.weight - scene.drag * mass * half
+    bodies = slice(deck.first_id - 1, deck.first_id - 1 + scene.n_body)
+
+    def at_rest_beside(moving: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.pad(moving[:, bodies], ((0, 0), (0, 1)))
+
+    return Dense(
+        velocity=at_rest_beside(velocity),
+        displacement=at_rest_beside(position - deck.line),
+        # a frozen wall has net force but no acceleration
+        acceleration=at_rest_beside(net * deck.mobility),
+        overlap=(2.0 * deck.gauge_radius - np.diff(position, axis=1))[:, columns],
+        force=np.cumsum(outer - net, axis=1)[:, columns],
+        farthest=float(np.max(np.abs(position))),
+    )
+
+
+def _check_gauge(position: NDArray[np.float64], deck: Deck, steps: NDArray[np.int64]) -> None:
+    """RunBroken where an overlap exceeds the gauge radius or bodies that are not neighbours touch."""
+    diameter = 2.0 * deck.gauge_radius
+    deepest = diameter - float(np.min(np.diff(position, axis=1), initial=math.inf))
+    if deepest > deck.gauge_radius:
+        raise RunBroken(
+            f"an overlap of {deepest:.6g} m exceeds the gauge radius {deck.gauge_radius:.6g} m: bodies that are"
+            " not neighbours may have touched; give a larger gauge_radius"
+        )
+    across = position[:, 2:] - position[:, :-2]
+    if np.min(across, initial=math.inf) < diameter:
+        row, atom = np.unravel_index(np.argmin(across), across.shape)
+        raise RunBroken(
+            f"atoms {atom + 1} and {atom + 3}, which are not neighbours, overlap by"
+            f" {diameter - float(across[row, atom]):.6g} m at step {steps[row]}; give a gauge_radius above"
+            f" {deck.gauge_radius:.6g} m"
         )
 
 
@@ -183,11 +197,3 @@ def engine_certificate(engine: Engine, report: EngineReport, scene: Scene) -> di
         "run_by": engine.label,
         "ranks": report.ranks,
     } | ({"note": note} if note else {})
-
-
-def _columns(scene: Scene) -> list[int]:
-    """Where each contact of the scene (chain, wall_left, wall_right) stands along the line of atoms."""
-    links, left = len(scene.stiffness), scene.wall_left is not None
-    order = [k + left for k in range(links)]
-    order += [0] * left + [links + left] * (scene.wall_right is not None)
-    return order

@@ -17,13 +17,18 @@ from dem_bridge.backends.bars import UNKNOWN
 from dem_bridge.backends.base import Named, Resolution, Sampling, birth_certificate
 from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.backends.survey import Survey
-from dem_bridge.dense import Schedule, extremes, schedule
-from dem_bridge.errors import RunBroken
+from dem_bridge.dense import Schedule, damped_peaks, extremes, schedule
+from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Cost, Trajectory
 
 #: default step: the next of the 1-2-5 series below this fraction of 1/omega of the stiffest contact
 DEFAULT_PHASE = 2.5e-3
+
+
+def order_on(scene: Scene) -> int:
+    """Order of velocity-Verlet: 1 where forces depend on velocities, for it has only those of the half step."""
+    return 1 if scene.dissipates else 2
 
 
 def round_step(dt: float) -> float:
@@ -52,6 +57,20 @@ def fixed_step_plan(scene: Scene, resolution: Resolution, sampling: Sampling, lo
     )
 
 
+def radius_of(scene: Scene, resolution: Resolution, look: Survey) -> float:
+    """Radius of the bodies of a code that keeps positions, m: what was asked for, by number or as the scene's own."""
+    if resolution.gauge_radius is not None:
+        return resolution.gauge_radius
+    if resolution.geometry == "gauge":
+        return look.gauge_radius
+    if scene.spacing is None:
+        raise UsageError(
+            f"geometry = 'physical' on {scene.name}, which has no spacing of its bodies; allowed: 'gauge', a"
+            " gauge_radius, or a scene in physical form"
+        )
+    return 0.5 * scene.spacing
+
+
 class Dense(NamedTuple):
     """A run at its dense samples: ``(n_dense, n_body + 1)``, the last column the walls, at rest; overlap and force
     ``(n_dense, n_contact)``."""
@@ -61,6 +80,8 @@ class Dense(NamedTuple):
     acceleration: NDArray[np.float64]
     overlap: NDArray[np.float64]
     force: NDArray[np.float64]
+    farthest: float = 0.0
+    """m: the largest coordinate that the run subtracts from another for its overlaps; 0: none beyond displacements."""
 
 
 def peaks_and_crossings(
@@ -68,18 +89,25 @@ def peaks_and_crossings(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Peak forces and crossing times from one in ``every`` dense samples."""
     c, rows = scene.contacts, slice(None, None, every)
+    seen: dict[str, NDArray[Any]]
     v, a = dense.velocity[rows], dense.acceleration[rows]
-    return extremes(
-        time=plan.dense_steps[rows] * plan.step,
-        overlap=dense.overlap[rows],
-        rate=v[:, c.left] - v[:, c.right],
-        acceleration=a[:, c.left] - a[:, c.right],
-        force=dense.force[rows],
+    seen = {
+        "time": plan.dense_steps[rows] * plan.step,
+        "overlap": dense.overlap[rows],
+        "rate": v[:, c.left] - v[:, c.right],
+        "acceleration": a[:, c.left] - a[:, c.right],
+        "force": dense.force[rows],
+    }
+    peak_force, crossing = extremes(
+        **seen,
         exponent=c.exponent,
         resting=resting_acceleration(scene),
         # bodies that fly in touch overlap by the last digit of their way: that is no collision
-        resolution=4.0 * math.ulp(float(np.max(np.abs(dense.displacement)))),
+        resolution=4.0 * math.ulp(max(dense.farthest, float(np.max(np.abs(dense.displacement))))),
     )
+    if scene.damped:
+        peak_force = np.where(c.damping > 0.0, damped_peaks(**seen, contacts=c), peak_force)
+    return peak_force, crossing
 
 
 def read_off(

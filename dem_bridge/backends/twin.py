@@ -1,4 +1,8 @@
-"""The kernel of the twin: velocity-Verlet in overlap variables, or in absolute positions, on given steps."""
+"""The kernel of the twin: velocity-Verlet in overlap variables, or in absolute positions, on given steps.
+
+Forces that depend on velocities are evaluated as LAMMPS does, with the velocity of the half step: such runs are of
+first order.
+"""
 
 from __future__ import annotations
 
@@ -34,31 +38,33 @@ def solve_dense(scene: Scene, plan: Schedule, radius: float) -> tuple[Trajectory
     if radius > 0.0:
         settings["gauge_radius"] = radius
     c = scene.contacts
-    dense = Dense(
-        *interruptible(
-            integrate,
-            np.array(scene.mass),
-            np.array(scene.velocity),
-            c.left,
-            c.right,
-            len(scene.stiffness),
-            c.stiffness,
-            c.exponent,
-            c.gap,
-            scene.gravity,
-            scene.load,
-            plan.step,
-            plan.dense_steps,
-            *_frame(scene, radius),
-        )
+    v, x, a, overlap, force = interruptible(
+        integrate,
+        np.array(scene.mass),
+        np.array(scene.velocity),
+        c.left,
+        c.right,
+        len(scene.stiffness),
+        c.stiffness,
+        c.exponent,
+        c.gap,
+        c.damping,
+        c.damping_power,
+        scene.drag,
+        scene.gravity,
+        scene.load,
+        plan.step,
+        plan.dense_steps,
+        *_frame(scene, radius),
     )
+    dense = Dense(velocity=v, displacement=x, acceleration=a, overlap=overlap, force=force)
     return read_off(TWIN, scene, plan, dense, settings, began=began, evaluations=plan.steps + 1), dense
 
 
 def _frame(scene: Scene, radius: float) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
     """Diameter, start positions of the bodies and position of the wall of each contact, m."""
     c, links = scene.contacts, len(scene.stiffness)
-    start = np.concatenate([[0.0], np.cumsum(2.0 * radius + c.gap[:links])])
+    start = 2.0 * radius * np.arange(scene.n_body) + np.concatenate([[0.0], np.cumsum(c.gap[:links])])
     wall = np.zeros(scene.n_contact)
     for k in range(links, scene.n_contact):
         reach = 2.0 * radius + c.gap[k]
@@ -68,7 +74,24 @@ def _frame(scene: Scene, radius: float) -> tuple[float, NDArray[np.float64], NDA
 
 @njit(cache=True, nogil=True)
 def integrate(  # type: ignore[no-untyped-def]
-    mass, velocity, left, right, links, stiffness, exponent, gap, gravity, load, dt, dense_steps, diameter, start, wall
+    mass,
+    velocity,
+    left,
+    right,
+    links,
+    stiffness,
+    exponent,
+    gap,
+    damping,
+    damping_power,
+    drag,
+    gravity,
+    load,
+    dt,
+    dense_steps,
+    diameter,
+    start,
+    wall,
 ):
     """Velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap and force
     ``(n_dense, n_contact)`` at ``dense_steps``. The first ``links`` contacts are those of the chain; ``load (n_body,)``
@@ -78,7 +101,7 @@ def integrate(  # type: ignore[no-untyped-def]
     dt -> dt/2, so such runs repeat bit for bit.
     """
     n_body, n_contact, n_dense = mass.shape[0], left.shape[0], dense_steps.shape[0]
-    hertz = np.all(exponent == 2.5)
+    hertz, damped = np.all(exponent == 2.5), np.any(damping > 0.0)
     v = np.zeros(n_body + 1)
     v[:n_body] = velocity
     x = np.zeros(n_body + 1)
@@ -126,8 +149,17 @@ def integrate(  # type: ignore[no-untyped-def]
                 for k in range(n_contact):
                     closed = max(overlap[k], 0.0)
                     force[k] = stiffness[k] * closed ** (exponent[k] - 1.0)
+            if damped:
+                # v is that of the half step here
+                for k in range(n_contact):
+                    if overlap[k] > 0.0 and damping[k] > 0.0:
+                        rate = v[left[k]] - v[right[k]]
+                        force[k] = max(force[k] + damping[k] * overlap[k] ** damping_power[k] * rate, 0.0)
             for i in range(n_body):
                 net[i] = weight[i]
+            if drag > 0.0:
+                for i in range(n_body):
+                    net[i] -= drag * mass[i] * v[i]
             for k in range(links):
                 net[k] -= force[k]
                 net[k + 1] += force[k]

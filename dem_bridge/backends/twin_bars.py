@@ -1,7 +1,8 @@
 """Error bars of fixed-step runs, each part measured apart by twins and none by the run that is judged.
 
 *Time step.* The twin at the run's step, at twice and at a third of it. A second-order error is a third of the first
-difference and nine eighths of the second; three times the error is taken, so that the bar holds where the order is not
+difference and nine eighths of the second (of first order, where forces depend on velocities: all of the first, one and
+a half times the second); three times the error is taken, so that the bar holds where the order is not
 clean, and the larger of the two, because one of them can be small by chance.
 
 *Round-off.* A code that keeps absolute positions rounds them at every step and subtracts them for every overlap. The
@@ -25,52 +26,55 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.bars import Answer, apart, not_below_the_median
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.steps import fixed_step_plan, peaks_and_crossings
+from dem_bridge.backends.steps import fixed_step_plan, order_on, peaks_and_crossings
 from dem_bridge.backends.survey import Survey
-from dem_bridge.backends.twin import TWIN, solve_dense, solve_plan
+from dem_bridge.backends.twin import solve_dense, solve_plan
 from dem_bridge.dense import CROSSING_ERROR, MOST_STEPS, PEAK_ERROR, Schedule, rivals
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale
 
 #: one realisation of round-off stands for others up to this factor
 REALISATIONS = 3.0
-#: bars of the time step are so many times a second-order error: they hold where the order is not clean, too
+#: bars of the time step are so many times an error of clean order: they hold where the order is not clean, too
 STEP_SAFETY = 3.0
 #: of what every second dense sample changes: by order 7/2 (a neighbour that opens between them) a tenth is lost
 THINNING = 0.5
 
 
-def with_twin_bars(
-    run: Trajectory, scene: Scene, plan: Schedule, look: Survey, *, radius: float, summed: float | None = None
-) -> Trajectory:
-    """``run`` (of LAMMPS or of the twin, on the steps of ``plan``) with bars from twins.
+def twins_of(
+    scene: Scene,
+    plan: Schedule,
+    look: Survey,
+    *,
+    radius: float,
+    summed: float | None = None,
+    own: Trajectory | None = None,
+) -> Twins | None:
+    """The twins that a run on the steps of ``plan`` gets its bars from; None where no finer run can be had.
 
     ``radius`` (m): of the bodies, for a code that keeps positions. ``summed`` (N): of a code whose contact forces are
-    running sums of net forces, all that is summed beside them; None: it knows its contact forces.
+    running sums of net forces, all that is summed beside them; None: it knows its contact forces. ``own``: the twin on
+    these steps in overlap variables, if it is there already.
     """
-    is_own = run.provenance["backend"] == TWIN.name and "gauge_radius" not in run.provenance["settings"]
     # one step per sample leaves no coarser step that falls on the samples
     ratios = (2.0, 1.0 / 3.0) if plan.per_sample > 1 else (0.5, 1.0 / 3.0)
     if plan.steps > min(ratios) * MOST_STEPS:
-        return run  # no finer run can be had, so nothing can be said
+        return None
     others = {}
     for ratio in ratios:
         other = fixed_step_plan(scene, Resolution(dt=ratio * plan.step), Sampling(count=plan.samples), look)
         others[other.step / plan.step] = solve_plan(scene, other)
     positional, dense = solve_dense(scene, plan, radius)
     thinned = peaks_and_crossings(scene, plan, dense, every=2)
-    own = run if is_own else solve_plan(scene, plan)
-    return with_bars(
-        run,
-        Twins(
-            plan=plan,
-            own=own,
-            others=others,
-            positional=positional,
-            thinned=thinned,
-            rivals=rivals(dense.force),
-            summed=summed,
-        ),
+    return Twins(
+        plan=plan,
+        order=order_on(scene),
+        own=own or solve_plan(scene, plan),
+        others=others,
+        positional=positional,
+        thinned=thinned,
+        rivals=rivals(dense.force),
+        summed=summed,
     )
 
 
@@ -80,6 +84,7 @@ class Twins:
 
     plan: Schedule
     """Steps of the run that is judged, and of ``own`` and ``positional``."""
+    order: int
     own: Answer
     others: Mapping[float, Answer]
     """The same at other steps, by the ratio of their step to that of the plan."""
@@ -94,13 +99,15 @@ class Twins:
 
     def of_step(self) -> dict[str, Any]:
         """Bars for the time step, before contacts are compared with each other."""
-        safe = {ratio: STEP_SAFETY / abs(ratio**2 - 1.0) for ratio in self.others}
+        safe = {ratio: STEP_SAFETY / abs(ratio**self.order - 1.0) for ratio in self.others}
         found = {ratio: apart(self.own, other) for ratio, other in self.others.items()}
         return {name: np.max([safe[ratio] * one[name] for ratio, one in found.items()], axis=0) for name in QUANTITIES}
 
 
-def with_bars(run: Trajectory, twins: Twins) -> Trajectory:
-    """``run`` with its bars."""
+def with_bars(run: Trajectory, twins: Twins | None) -> Trajectory:
+    """``run`` (of LAMMPS or of the twin) with its bars; as it is where no twins can say anything."""
+    if twins is None:
+        return run
     plan, own = twins.plan, twins.own
     step, rounding = twins.of_step(), apart(own, twins.positional)
     speed = float(np.max(np.abs(own.velocity)))
@@ -136,9 +143,10 @@ def with_bars(run: Trajectory, twins: Twins) -> Trajectory:
     if not plan.resolved:
         # all twins look too rarely, so their differences say nothing of what lies between the looks
         bars["peak_force"] = bars["crossing_time"] = math.inf
+    floor = float(rounding["velocity"]) / speed if speed > 0.0 else 0.0
     parts = {
         "time_step": float(step["velocity"]) / speed if speed > 0.0 else 0.0,
-        "round_off": float(REALISATIONS * (rounding["velocity"] / speed + digit)) if speed > 0.0 else 0.0,
+        "round_off": REALISATIONS * (floor + digit) if speed > 0.0 else 0.0,
         "summation": float(summation),
         "last_digit": digit if speed > 0.0 else 0.0,
     }
@@ -147,4 +155,5 @@ def with_bars(run: Trajectory, twins: Twins) -> Trajectory:
         name: float(np.max(amount / np.maximum(own_scale(getattr(own, name)), 1e-300), initial=0.0))
         for name, amount in lost.items()
     }
-    return replace(run, uncertainty=bars, provenance={**run.provenance, "velocity_bar": parts, "sampling": sampling})
+    told = {"velocity_bar": parts, "round_off_floor": floor, "sampling": sampling}
+    return replace(run, uncertainty=bars, provenance={**run.provenance, **told})

@@ -9,16 +9,17 @@ position is ever subtracted from another: what LAMMPS loses there is what the tw
 from __future__ import annotations
 
 from dem_bridge.backends.base import Availability, Resolution, Sampling
-from dem_bridge.backends.steps import fixed_step_plan
+from dem_bridge.backends.steps import fixed_step_plan, radius_of
 from dem_bridge.backends.survey import survey
 from dem_bridge.backends.twin import TWIN, solve_plan
-from dem_bridge.backends.twin_bars import with_twin_bars
+from dem_bridge.backends.twin_bars import twins_of, with_bars
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
 
 class Verlet:
-    """Velocity-Verlet in overlap variables (numba). Any masses, exponents, gaps, walls; precompression, gravity."""
+    """Velocity-Verlet in overlap variables (numba). Any masses, exponents, gaps, walls; precompression, gravity,
+    damping, drag."""
 
     name = TWIN.name
     equations = TWIN.equations
@@ -28,7 +29,7 @@ class Verlet:
         return Availability(True)
 
     def refusal(self, scene: Scene) -> str | None:
-        return "the twin has neither damping nor drag; take backend='scipy'" if scene.dissipates else None
+        return None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve; with ``gauge_radius`` in absolute positions, as LAMMPS. The bars come from three more runs."""
@@ -37,4 +38,5 @@ class Verlet:
         run = solve_plan(scene, plan, resolution.gauge_radius or 0.0)
         if not resolution.bars:
             return run
-        return with_twin_bars(run, scene, plan, look, radius=resolution.gauge_radius or look.gauge_radius)
+        own = run if resolution.gauge_radius is None else None
+        return with_bars(run, twins_of(scene, plan, look, radius=radius_of(scene, resolution, look), own=own))

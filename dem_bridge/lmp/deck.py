@@ -3,48 +3,51 @@
 The chain is laid along x, one sphere per body, walls as frozen spheres at its ends. In one dimension only overlaps
 matter, so the radius is a free gauge; a small one keeps positions small and with them the round-off of their
 differences (with the physical 9 mm LAMMPS cannot get below 1e-6). A power of two makes the start positions exact.
-Stiffness: ``pair_style granular`` with ``hertz K`` has F = K sqrt(R_eff) overlap^1.5, R_eff = R/2, hence
-K = beta / sqrt(R/2) (LAMMPS manual, *pair_style granular*). Every float is written with all its digits.
+A deck has only the lines that its scene needs, and every float with all its digits.
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import groupby, pairwise
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dem_bridge.dense import Schedule
-from dem_bridge.lmp.encoding import euler_types
+from dem_bridge.lmp.coefficients import NOTHING, Laws, laws, line_order, pairs, refusal
+from dem_bridge.lmp.encoding import Types, body_types
 from dem_bridge.scene import Scene
 from dem_bridge.version import __version__
+
+Floats = NDArray[np.float64]
 
 #: date of the deck's form, not of the day it is written: the same scene gives the same bytes
 FORM_DATE = "2026-11-21"
 #: columns of the dump; with ``type`` and three coordinates other readers know it too
 DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "fx")
-#: a contact law that is exactly elastic: these two clauses with zeros give no force at all
-_ELASTIC = "tangential linear_nohistory 0 0 damping velocity"
+#: more runs of equal masses than this are read from a file: each `set` looks at every atom
+MOST_SETS = 300
 
 
 @dataclass(frozen=True, kw_only=True)
 class Deck:
-    """Texts of a LAMMPS run and what is needed to read its answer back."""
+    """Texts of a LAMMPS run and what is needed to read its answer back; arrays along the line of atoms."""
 
     name: str
     files: Mapping[str, str]
     """File name -> text; ``in.NAME`` is the deck, the others are read by it."""
     gauge_radius: float
     """m."""
-    line: tuple[float, ...]
+    line: Floats
     """Position of each atom at the start, m, as LAMMPS reads it; walls included."""
-    weight: tuple[float, ...]
+    weight: Floats
     """Constant force on each atom, N."""
-    mobility: tuple[float, ...]
+    mobility: Floats
     """Inverse mass of each atom, 1/kg; 0 for a wall."""
     first_id: int
     """Atom id of body 0."""
@@ -66,57 +69,92 @@ class Deck:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-def refusal(scene: Scene) -> str | None:
-    """Why ``pair_style granular`` cannot express the scene; None if it can."""
-    if scene.dissipates:
-        return "the deck has neither damping nor drag; take backend='scipy'"
-    wrong = [k for k, n in enumerate(scene.contacts.exponent) if n != 2.5]
-    if wrong:
-        found = float(scene.contacts.exponent[wrong[0]])
-        return f"contact {wrong[0]} has exponent n = {found!r}; pair_style granular's hertz has n = 2.5 only"
-    return None
+@dataclass(frozen=True, kw_only=True)
+class _Line:
+    """Everything that the lines of a deck are written from."""
+
+    scene: Scene
+    radius: float
+    schedule: Schedule
+    laws: Laws
+    types: Types
+    place: Floats
+    mass: Floats
+    """Of each atom; a wall weighs as much as its neighbour."""
+    velocity: Floats
+    walls: tuple[bool, bool]
+    length: float
+    """m: how much of the line is ever in use."""
+
+    @property
+    def masses(self) -> list[tuple[int, int]]:
+        """Runs of bodies with equal masses, as the atom ids (first, last)."""
+        left, right = self.walls
+        body = self.mass[left : len(self.mass) - right]
+        ends = np.flatnonzero(np.diff(body)) + 1
+        first = np.concatenate([[0], ends]) + 1 + left
+        last = np.concatenate([ends, [len(body)]]) + left
+        return list(zip(first.tolist(), last.tolist(), strict=True))
 
 
-def granular_deck(scene: Scene, *, radius: float, schedule: Schedule, travel: float = 0.0) -> Deck:
-    """The deck of a scene for ``pair_style granular``; ``radius`` in m, ``travel`` (m): how far bodies get, roughly.
+def granular_deck(
+    scene: Scene, *, radius: float, schedule: Schedule, travel: float = 0.0, types: str = "euler"
+) -> Deck:
+    """The deck of a scene for ``pair_style granular``.
 
-    Raises ValueError where :func:`refusal` has a reason.
+    ``radius`` in m; ``travel`` (m): how far bodies get, roughly; ``types``: "euler", as few as can be, or "per-body".
+    Raises ValueError where :func:`~dem_bridge.lmp.coefficients.refusal` has a reason.
     """
     reason = refusal(scene)
     if reason:
         raise ValueError(reason)
     walls = (scene.wall_left is not None, scene.wall_right is not None)
-    line = _positions(scene, radius)
-    types = euler_types(len(line) - 1)
-    files = {
-        f"in.{scene.name}": "\n".join(_input(scene, radius, schedule, types, walls, line[-1] - line[0] + travel))
-        + "\n",
-        f"data.{scene.name}": "\n".join(_data(scene, radius, line, types, walls)) + "\n",
-    }
+    place, found = positions(scene, radius), laws(scene)
+    around = (int(walls[0]), int(walls[1]))
+    mass = np.pad(np.array(scene.mass), around, mode="edge")
+    line = _Line(
+        scene=scene,
+        radius=radius,
+        schedule=schedule,
+        laws=found,
+        types=body_types(found.where, types),
+        place=place,
+        mass=mass,
+        velocity=np.pad(np.array(scene.velocity), around),
+        walls=walls,
+        length=float(place[-1] - place[0]) + travel,
+    )
+    files = {f"in.{scene.name}": "\n".join(_input(line)) + "\n", f"data.{scene.name}": "\n".join(_data(line)) + "\n"}
+    if len(line.masses) > MOST_SETS:
+        files[f"masses.{scene.name}"] = "\n".join(_mass_file(line)) + "\n"
     return Deck(
         name=scene.name,
         files=MappingProxyType(files),
         gauge_radius=radius,
-        line=tuple(line),
-        weight=(*[0.0] * walls[0], *(np.array(scene.mass) * scene.gravity + scene.load).tolist(), *[0.0] * walls[1]),
-        mobility=(*[0.0] * walls[0], *(1.0 / m for m in scene.mass), *[0.0] * walls[1]),
+        line=place,
+        weight=np.pad(np.array(scene.mass) * scene.gravity + scene.load, around),
+        mobility=np.pad(1.0 / np.array(scene.mass), around),
         first_id=1 + walls[0],
-        types=max(types),
+        types=int(np.max(line.types)),
         schedule=schedule,
     )
 
 
-def _positions(scene: Scene, radius: float) -> list[float]:
-    """Centres along x, with the walls' in their places; body 0 at 0. Each is rounded once."""
-    gap = scene.contacts.gap.tolist()
-    gaps, beside = gap[: scene.n_body - 1], gap[scene.n_body - 1 :]
-    line = [math.fsum([2.0 * radius * i, *gaps[:i]]) for i in range(scene.n_body)] if any(gaps) else []
-    line = line or [2.0 * radius * i for i in range(scene.n_body)]
-    if scene.wall_left is not None:
-        line.insert(0, -(2.0 * radius + beside[0]))
-    if scene.wall_right is not None:
-        line.append(math.fsum([2.0 * radius * scene.n_body, *gaps, beside[-1]]))
-    return line
+def positions(scene: Scene, radius: float) -> Floats:
+    """Centres along x of bodies of ``radius`` (m), with the walls' in their places; body 0 at 0. Each rounded once."""
+    links, gap = len(scene.stiffness), scene.contacts.gap
+    gaps, beside = gap[:links], gap[links:].tolist()
+    line = 2.0 * radius * np.arange(scene.n_body + 1)
+    if np.any(gap):
+        # sums in two doubles, so that nothing is lost on the way
+        high, low, sums = 0.0, 0.0, [(0.0, 0.0)]
+        for one in [*gaps.tolist(), beside[-1] if scene.wall_right is not None else 0.0]:
+            total = math.fsum((high, low, one))
+            high, low = total, math.fsum((high, low, one, -total))
+            sums.append((high, low))
+        line = np.array([math.fsum((x, *parts)) for x, parts in zip(line.tolist(), sums, strict=True)])
+    left = [-(2.0 * radius + beside[0])] if scene.wall_left is not None else []
+    return np.concatenate([left, line if scene.wall_right is not None else line[:-1]])
 
 
 def _header(scene: Scene, what: str) -> str:
@@ -126,16 +164,18 @@ def _header(scene: Scene, what: str) -> str:
     )
 
 
-def _input(
-    scene: Scene, radius: float, plan: Schedule, types: tuple[int, ...], walls: tuple[bool, bool], length: float
-) -> Iterator[str]:
+def _input(line: _Line) -> Iterator[str]:
+    scene, radius, plan = line.scene, line.radius, line.schedule
     # LAMMPS' own bins follow the radius: bodies that fly far would need millions of them
-    most_bins = 20 * len(types) + 1000
-    binsize = f" binsize {length / most_bins!r}" if length > 1.5 * radius * most_bins else ""
+    most_bins = 20 * len(line.types) + 1000
+    binsize = f" binsize {line.length / most_bins!r}" if line.length > 1.5 * radius * most_bins else ""
+    kinds = int(np.max(line.types))
+    alone = len(line.laws.stiffness) == scene.n_contact
+    own = "each contact has its own pair" if alone else "contacts with the same law may share a pair"
     yield _header(scene, "LAMMPS deck")
     if scene.description:
         yield f"# {scene.description}"
-    yield f"# {scene.n_body} bodies, {scene.n_contact} contacts, {max(types)} atom types: each contact has its own pair"
+    yield f"# {scene.n_body} bodies, {scene.n_contact} contacts, {kinds} atom types: {own}"
     yield f"# gauge radius R = {radius!r} m; stiffness K = beta / sqrt(R/2)"
     yield ""
     yield "# run it in this folder; a finer step needs dt, per_sample and steps together: half, twice and twice"
@@ -146,6 +186,8 @@ def _input(
     yield f"variable dump        index dump.{scene.name}.bin  # any other ending gives text"
     if scene.gravity != 0.0:
         yield f"variable gravity     index {abs(scene.gravity)!r}  # m/s^2"
+    if scene.drag > 0.0:
+        yield f"variable drag_time   index {1.0 / scene.drag!r}  # s: drag is -mass * velocity / drag_time"
     yield from (
         "",
         "units           si",
@@ -157,29 +199,17 @@ def _input(
         "comm_modify     vel yes",
         f"read_data       data.{scene.name}",
     )
-    yield from _masses(scene, walls)
+    yield from _masses(line)
     yield from (
         "",
         f"neighbor        {radius!r} bin",
         f"neigh_modify    delay 0 every 1 check yes{binsize}",
         "pair_style      granular",
-        f"pair_coeff      * * hertz 0 0 {_ELASTIC}",
+        f"pair_coeff      * * {NOTHING}",
     )
-    yield from _coefficients(scene, radius, types, walls)
+    yield from _coefficients(line)
     yield ""
-    group = "all"
-    if any(walls):
-        frozen = [str(i) for i, there in ((1, walls[0]), (len(types), walls[1])) if there]
-        group = "bodies"
-        yield f"group           walls id {' '.join(frozen)}"
-        yield "group           bodies subtract all walls"
-    yield f"fix             motion {group} nve"
-    if scene.gravity != 0.0:
-        yield f"fix             weight {group} gravity ${{gravity}} vector {1 if scene.gravity > 0 else -1} 0 0"
-    for body, load in enumerate(scene.load.tolist()):
-        if load != 0.0:
-            yield f"group           load{body} id {body + 1 + walls[0]}"
-            yield f"fix             load{body} load{body} addforce {load!r} 0 0"
+    yield from _fixes(line)
     yield from (
         "timestep        ${dt}",
         "",
@@ -194,54 +224,81 @@ def _input(
     )
 
 
-def _masses(scene: Scene, walls: tuple[bool, bool]) -> Iterator[str]:
+def _fixes(line: _Line) -> Iterator[str]:
+    scene, walls = line.scene, line.walls
+    group = "all"
+    if any(walls):
+        frozen = [str(i) for i, there in ((1, walls[0]), (len(line.types), walls[1])) if there]
+        group = "bodies"
+        yield f"group           walls id {' '.join(frozen)}"
+        yield "group           bodies subtract all walls"
+    yield f"fix             motion {group} nve"
+    if scene.gravity != 0.0:
+        yield f"fix             weight {group} gravity ${{gravity}} vector {1 if scene.gravity > 0 else -1} 0 0"
+    if scene.drag > 0.0:
+        # a bath at zero temperature takes mass * velocity / time and gives nothing back
+        yield f"fix             drag {group} langevin 0 0 ${{drag_time}} 1"
+    loads = scene.load.tolist()
+    for body in np.flatnonzero(loads).tolist():
+        yield f"group           load{body} id {body + 1 + walls[0]}"
+        yield f"fix             load{body} load{body} addforce {loads[body]!r} 0 0"
+
+
+def _masses(line: _Line) -> Iterator[str]:
     """``set`` gives the mass itself; a density in the data file gives it only up to round-off."""
-    atom = 1 + walls[0]
-    for mass, run in groupby(scene.mass):
-        last = atom + len(list(run)) - 1
-        ids = f"{atom}*{last}" if last > atom else f"{atom}"
-        yield f"set             atom {ids} mass {mass!r}"
-        atom = last + 1
+    runs = line.masses
+    if len(runs) > MOST_SETS:
+        yield f"variable        mass atomfile masses.{line.scene.name}"
+        yield "set             group all mass v_mass"
+        return
+    for first, last in runs:
+        ids = f"{first}*{last}" if last > first else f"{first}"
+        yield f"set             atom {ids} mass {float(line.mass[first - 1])!r}"
 
 
-def _coefficients(scene: Scene, radius: float, types: tuple[int, ...], walls: tuple[bool, bool]) -> Iterator[str]:
-    stiffness = list(scene.stiffness)
-    names = [f"contact {k}" for k in range(len(stiffness))]
-    if scene.wall_left is not None:
-        stiffness.insert(0, scene.wall_left.stiffness)
-        names.insert(0, "wall_left")
-    if scene.wall_right is not None:
-        stiffness.append(scene.wall_right.stiffness)
-        names.append("wall_right")
-    for beta, name, pair in zip(stiffness, names, pairwise(types), strict=True):
-        low, high = min(pair), max(pair)
+def _mass_file(line: _Line) -> Iterator[str]:
+    yield _header(line.scene, "masses in kg")
+    yield f"{len(line.mass)}"
+    yield from _rows("{} {!r}".format, line.mass)
+
+
+def _coefficients(line: _Line) -> Iterator[str]:
+    order = line_order(line.scene)
+    links = len(line.scene.stiffness)
+    ends = [side for side, there in zip(("wall_left", "wall_right"), line.walls, strict=True) if there]
+    for low, high, at, count in pairs(line.types):
+        law, contact = int(line.laws.where[at]), int(order[at])
+        name = f"contact {contact}" if contact < links else ends[contact - links]
+        more = f" and {count - 1} more" if count > 1 else ""
         yield (
-            f"pair_coeff      {low} {high} hertz {beta / math.sqrt(0.5 * radius)!r} 0 {_ELASTIC}"
-            f"  # {name}: beta = {beta!r}"
+            f"pair_coeff      {low} {high} {line.laws.coefficients(law, line.radius)}"
+            f"  # {name}{more}: beta = {float(line.laws.stiffness[law])!r}"
         )
 
 
-def _data(
-    scene: Scene, radius: float, line: list[float], types: tuple[int, ...], walls: tuple[bool, bool]
-) -> Iterator[str]:
-    margin = 2.0 * radius
-    yield _header(scene, "LAMMPS data")
+def _data(line: _Line) -> Iterator[str]:
+    margin = 2.0 * line.radius
+    yield _header(line.scene, "LAMMPS data")
     yield ""
-    yield f"{len(line)} atoms"
-    yield f"{max(types)} atom types"
-    yield f"{min(line) - margin!r} {max(line) + margin!r} xlo xhi"
+    yield f"{len(line.types)} atoms"
+    yield f"{int(np.max(line.types))} atom types"
+    yield f"{float(np.min(line.place)) - margin!r} {float(np.max(line.place)) + margin!r} xlo xhi"
     yield f"{-4.0 * margin!r} {4.0 * margin!r} ylo yhi"
     yield f"{-4.0 * margin!r} {4.0 * margin!r} zlo zhi"
     yield ""
     yield "Atoms # sphere  (id type diameter density x y z; the masses are set in the deck)"
     yield ""
-    volume = 4.0 / 3.0 * math.pi * radius**3
-    masses = [*scene.mass[:1] * walls[0], *scene.mass, *scene.mass[-1:] * walls[1]]
-    for atom, (kind, mass, x) in enumerate(zip(types, masses, line, strict=True), start=1):
-        yield f"{atom} {kind} {2.0 * radius!r} {mass / volume!r} {x!r} 0 0"
+    density = line.mass / (4.0 / 3.0 * math.pi * line.radius**3)
+    row = f"{{}} {{}} {2.0 * line.radius!r} {{!r}} {{!r}} 0 0".format
+    yield from _rows(row, line.types, density, line.place)
     yield ""
     yield "Velocities"
     yield ""
-    velocities = [*[0.0] * walls[0], *scene.velocity, *[0.0] * walls[1]]
-    for atom, v in enumerate(velocities, start=1):
-        yield f"{atom} {v!r} 0 0 0 0 0"
+    yield from _rows("{} {!r} 0 0 0 0 0".format, line.velocity)
+
+
+def _rows(row: Callable[..., str], *columns: NDArray[Any], block: int = 10_000) -> Iterator[str]:
+    """Lines ``row(atom id, *values)``, a block at a time: a long chain is never there as an object for each body."""
+    for begin in range(0, len(columns[0]), block):
+        values = [one[begin : begin + block].tolist() for one in columns]
+        yield "\n".join(map(row, range(begin + 1, begin + block + 1), *values))

@@ -17,7 +17,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.survey import survey
 from dem_bridge.backends.twin import solve_plan
-from dem_bridge.backends.twin_bars import with_twin_bars
+from dem_bridge.backends.twin_bars import twins_of, with_bars
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, Trajectory
 from tests.conftest import Solve
@@ -67,7 +67,7 @@ def _bars_of(change: Callable[[Trajectory], Trajectory]) -> Mapping[str, Any]:
     plan = fixed_step_plan(PAIR, Resolution(dt=1e-7), Sampling(count=20), look)
     born = {"backend": "lammps-granular", "settings": {"dt": 1e-7, "gauge_radius": look.gauge_radius}}
     run = replace(solve_plan(PAIR, plan), provenance=born)
-    return with_twin_bars(change(run), PAIR, plan, look, radius=look.gauge_radius).uncertainty
+    return with_bars(change(run), twins_of(PAIR, plan, look, radius=look.gauge_radius)).uncertainty
 
 
 def test_a_wrong_run_does_not_widen_its_own_bar() -> None:
@@ -96,7 +96,7 @@ def test_where_dense_samples_are_too_few_nothing_is_said_of_what_lies_between() 
     plan = fixed_step_plan(PAIR, Resolution(dt=1e-7), Sampling(count=2), look)
     assert plan.resolved
     poor = replace(plan, subdivisions=1, resolved=False)
-    run = with_twin_bars(solve_plan(PAIR, poor), PAIR, poor, look, radius=look.gauge_radius)
+    run = with_bars(solve_plan(PAIR, poor), twins_of(PAIR, poor, look, radius=look.gauge_radius))
     assert np.all(np.isinf(run.uncertainty["peak_force"]))
     assert np.all(np.isinf(run.uncertainty["crossing_time"]))
     assert math.isfinite(run.uncertainty["velocity"])
