@@ -32,7 +32,13 @@ if TYPE_CHECKING:
 RTOL_RANGE = (2.3e-14, 1.0)
 MOST_SAMPLES = 10_000_000
 #: settings that are one of a few words
-CHOICES = {"geometry": ("gauge", "physical"), "types": ("euler", "per-body")}
+CHOICES = {
+    "geometry": ("gauge", "physical"),
+    "types": ("euler", "per-body"),
+    "table_style": ("spline", "linear"),
+    "tables": (False, True),
+    "bars": (True, False),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +59,14 @@ class Resolution:
     "physical", half the scene's spacing, with the round-off that comes with it."""
     types: str = "euler"
     """Atom types of a LAMMPS deck: "euler", as few as can be, or "per-body", one for each."""
+    table_style: str = "spline"
+    """How LAMMPS interpolates between the points of a table: "spline" or "linear"."""
+    table_lines: int | None = None
+    """Lines of a table file."""
+    table_points: int | None = None
+    """Points of LAMMPS' internal table; None: 10,000, or fewer where many tables share the memory."""
+    tables: bool = False
+    """Of the twin: take forces from the tables that LAMMPS would have, not from the laws."""
     time_limit: float = 3600.0
     """Wall time, s, after which an engine in a child process is stopped."""
     bars: bool = True
@@ -74,10 +88,14 @@ class Resolution:
             if not real or not low <= value <= high:
                 raise UsageError(f"{key} = {value!r}; allowed: a number from {low:g} to {high:g}")
         for key, choices in CHOICES.items():
-            if getattr(self, key) not in choices:
-                raise UsageError(f"{key} = {getattr(self, key)!r}; allowed: {' or '.join(map(repr, choices))}")
-        if not isinstance(self.bars, bool):
-            raise UsageError(f"bars = {self.bars!r}; allowed: True or False")
+            value = getattr(self, key)
+            if value not in choices or type(value) is not type(choices[0]):
+                raise UsageError(f"{key} = {value!r}; allowed: {' or '.join(map(repr, choices))}")
+        for key, (least, most) in {"table_lines": (8, 1_000_000), "table_points": (2, 100_000_000)}.items():
+            value = getattr(self, key)
+            whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+            if value is not None and not (whole and least <= value <= most):
+                raise UsageError(f"{key} = {value!r}; allowed: a whole number from {least} to {most}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,6 +157,7 @@ class Backend(Protocol):
 BACKENDS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "lammps-granular": ("dem_bridge.backends.lammps", "LammpsGranular"),
+        "lammps-table": ("dem_bridge.backends.lammps", "LammpsTable"),
         "verlet": ("dem_bridge.backends.verlet", "Verlet"),
         "reference": ("dem_bridge.backends.reference", "Reference"),
         "scipy": ("dem_bridge.backends.scipy_dop853", "ScipyDop853"),

@@ -1,12 +1,13 @@
 """The kernel of the twin: velocity-Verlet in overlap variables, or in absolute positions, on given steps.
 
 Forces that depend on velocities are evaluated as LAMMPS does, with the velocity of the half step: such runs are of
-first order.
+first order. Given :class:`Tables` it finds forces as LAMMPS' ``pair_style table`` does, with the same errors.
 """
 
 from __future__ import annotations
 
 import time
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -16,27 +17,48 @@ from dem_bridge.backends.base import Identity
 from dem_bridge.backends.steps import Dense, read_off
 from dem_bridge.compiled import interruptible
 from dem_bridge.dense import Schedule
+from dem_bridge.lmp.interpolation import pair_force
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
 TWIN = Identity(name="verlet", equations="hertz")
 
 
-def solve_plan(scene: Scene, plan: Schedule, radius: float = 0.0) -> Trajectory:
+class Tables(NamedTuple):
+    """Interpolated laws of contacts, for the kernel. Damped contacts with a table may pull: LAMMPS adds the damping
+    beside the table, where no sum can be clipped."""
+
+    diameter: float
+    """m, of the bodies that the tables are for."""
+    law: NDArray[np.int64]
+    """Row below for each contact; -1: the law itself. Empty: all have the law itself."""
+    frame: NDArray[np.float64]
+    """``(n_law, 4)``: the numbers that :func:`~dem_bridge.lmp.interpolation.pair_force` takes."""
+    value: NDArray[np.float64]
+    second: NDArray[np.float64]
+
+
+#: contacts evaluate their law itself
+EXACT = Tables(0.0, np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 0)), np.zeros((0, 0)))
+
+
+def solve_plan(scene: Scene, plan: Schedule, radius: float = 0.0, tables: Tables = EXACT) -> Trajectory:
     """One twin run on the given steps, without bars.
 
     ``radius`` (m) above 0: as a code does that keeps absolute positions of bodies of this radius and subtracts them.
     Nothing but round-off differs, so the difference to the run with 0 is the round-off of such a code.
     """
-    return solve_dense(scene, plan, radius)[0]
+    return solve_dense(scene, plan, radius, tables)[0]
 
 
-def solve_dense(scene: Scene, plan: Schedule, radius: float) -> tuple[Trajectory, Dense]:
+def solve_dense(scene: Scene, plan: Schedule, radius: float, tables: Tables = EXACT) -> tuple[Trajectory, Dense]:
     """As :func:`solve_plan`, with all that was looked at between the samples."""
     began = time.perf_counter(), time.process_time()
     settings: dict[str, float] = {"dt": plan.step, "samples": plan.samples}
     if radius > 0.0:
         settings["gauge_radius"] = radius
+    if len(tables.law):
+        settings["table_points"] = tables.value.shape[1]
     c = scene.contacts
     v, x, a, overlap, force = interruptible(
         integrate,
@@ -56,6 +78,7 @@ def solve_dense(scene: Scene, plan: Schedule, radius: float) -> tuple[Trajectory
         plan.step,
         plan.dense_steps,
         *_frame(scene, radius),
+        tables,
     )
     dense = Dense(velocity=v, displacement=x, acceleration=a, overlap=overlap, force=force)
     return read_off(TWIN, scene, plan, dense, settings, began=began, evaluations=plan.steps + 1), dense
@@ -92,6 +115,7 @@ def integrate(  # type: ignore[no-untyped-def]
     diameter,
     start,
     wall,
+    tables,
 ):
     """Velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap and force
     ``(n_dense, n_contact)`` at ``dense_steps``. The first ``links`` contacts are those of the chain; ``load (n_body,)``
@@ -101,6 +125,7 @@ def integrate(  # type: ignore[no-untyped-def]
     dt -> dt/2, so such runs repeat bit for bit.
     """
     n_body, n_contact, n_dense = mass.shape[0], left.shape[0], dense_steps.shape[0]
+    tabled = tables.law.shape[0] > 0
     hertz, damped = np.all(exponent == 2.5), np.any(damping > 0.0)
     v = np.zeros(n_body + 1)
     v[:n_body] = velocity
@@ -141,7 +166,22 @@ def integrate(  # type: ignore[no-untyped-def]
                             overlap[k] = diameter - (position[right[k]] - wall[k])
                         else:
                             overlap[k] = diameter - (wall[k] - position[left[k]])
-            if hertz:
+            if tabled:
+                for k in range(n_contact):
+                    row_of = tables.law[k]
+                    closed = max(overlap[k], 0.0)
+                    if row_of < 0:
+                        force[k] = stiffness[k] * closed ** (exponent[k] - 1.0)
+                    elif closed == 0.0:
+                        force[k] = 0.0
+                    else:
+                        r = tables.diameter - closed
+                        frame = tables.frame[row_of]
+                        # beyond the table LAMMPS stops; a coarse twin beside it goes on with its innermost force
+                        squared = max(r * r, frame[0])
+                        value, second = tables.value[row_of], tables.second[row_of]
+                        force[k] = r * pair_force(squared, frame[0], frame[1], frame[2], frame[3], value, second)
+            elif hertz:
                 for k in range(n_contact):
                     closed = max(overlap[k], 0.0)
                     force[k] = stiffness[k] * closed * np.sqrt(closed)
@@ -154,7 +194,9 @@ def integrate(  # type: ignore[no-untyped-def]
                 for k in range(n_contact):
                     if overlap[k] > 0.0 and damping[k] > 0.0:
                         rate = v[left[k]] - v[right[k]]
-                        force[k] = max(force[k] + damping[k] * overlap[k] ** damping_power[k] * rate, 0.0)
+                        force[k] += damping[k] * overlap[k] ** damping_power[k] * rate
+                        if not tabled or tables.law[k] < 0:
+                            force[k] = max(force[k], 0.0)
             for i in range(n_body):
                 net[i] = weight[i]
             if drag > 0.0:

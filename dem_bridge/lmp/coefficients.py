@@ -35,6 +35,20 @@ def refusal(scene: Scene) -> str | None:
     )
 
 
+def table_refusal(scene: Scene) -> str | None:
+    """Why tables, with ``granular`` for what is damped, cannot express the scene's contacts; None if they can."""
+    c = scene.contacts
+    for k, n in enumerate(c.exponent.tolist()):
+        if not 2.0 <= n <= 5.0:
+            return f"contact {k} has exponent n = {n!r}; allowed in a table: 2 to 5"
+        if c.damping[k] > 0.0 and c.damping_power[k] > 0.0 and n not in MODELS:
+            return (
+                f"contact {k} has Kuwabara-Kono damping and n = {n!r}; LAMMPS has that at n = 2 and 2.5 only:"
+                " take backend='scipy'"
+            )
+    return None
+
+
 def line_order(scene: Scene) -> NDArray[np.int64]:
     """Which contact of the scene (chain, wall_left, wall_right) stands at each place along the line of atoms."""
     links = len(scene.stiffness)
@@ -71,6 +85,11 @@ class Laws:
         damping = f"damping {'viscoelastic' if viscoelastic else 'velocity'}{' limit_damping' * self.clipped}"
         # a zero as ever: the decks of undamped scenes do not know that there is damping
         return f"{MODELS[n]} {value!r} {eta if eta else 0!r} tangential linear_nohistory 0 0 {damping}"
+
+
+    def dashpot(self, law: int) -> str:
+        """As :meth:`coefficients`, for what is added beside a table: no elastic force, and nothing clipped."""
+        return f"hertz 0 {float(self.damping[law])!r} tangential linear_nohistory 0 0 damping velocity"
 
 
 def laws(scene: Scene) -> Laws:

@@ -19,15 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.dense import Schedule
-from dem_bridge.lmp.coefficients import NOTHING, Laws, laws, line_order, pairs, refusal
+from dem_bridge.lmp.coefficients import Laws, laws, line_order, pairs, refusal
 from dem_bridge.lmp.encoding import Types, body_types
+from dem_bridge.lmp.pairing import Pairing, TableSet, granular, tabled
 from dem_bridge.scene import Scene
-from dem_bridge.version import __version__
+from dem_bridge.version import FORM_DATE, __version__
 
 Floats = NDArray[np.float64]
 
-#: date of the deck's form, not of the day it is written: the same scene gives the same bytes
-FORM_DATE = "2026-11-21"
 #: columns of the dump; with ``type`` and three coordinates other readers know it too
 DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "fx")
 #: more runs of equal masses than this are read from a file: each `set` looks at every atom
@@ -77,6 +76,7 @@ class _Line:
     radius: float
     schedule: Schedule
     laws: Laws
+    pairing: Pairing
     types: Types
     place: Floats
     mass: Floats
@@ -108,8 +108,23 @@ def granular_deck(
     reason = refusal(scene)
     if reason:
         raise ValueError(reason)
+    found = laws(scene)
+    return _deck(scene, found, granular(found, radius), radius, schedule, travel, types)
+
+
+def table_deck(
+    scene: Scene, tables: TableSet, *, radius: float, schedule: Schedule, travel: float = 0.0, types: str = "euler"
+) -> Deck:
+    """The deck of a scene for ``pair_style table``, with the tables made for it; otherwise as :func:`granular_deck`."""
+    found = laws(scene)
+    return _deck(scene, found, tabled(found, radius, tables, scene.name), radius, schedule, travel, types)
+
+
+def _deck(
+    scene: Scene, found: Laws, pairing: Pairing, radius: float, schedule: Schedule, travel: float, types: str
+) -> Deck:
     walls = (scene.wall_left is not None, scene.wall_right is not None)
-    place, found = positions(scene, radius), laws(scene)
+    place = positions(scene, radius)
     around = (int(walls[0]), int(walls[1]))
     mass = np.pad(np.array(scene.mass), around, mode="edge")
     line = _Line(
@@ -117,6 +132,7 @@ def granular_deck(
         radius=radius,
         schedule=schedule,
         laws=found,
+        pairing=pairing,
         types=body_types(found.where, types),
         place=place,
         mass=mass,
@@ -125,6 +141,7 @@ def granular_deck(
         length=float(place[-1] - place[0]) + travel,
     )
     files = {f"in.{scene.name}": "\n".join(_input(line)) + "\n", f"data.{scene.name}": "\n".join(_data(line)) + "\n"}
+    files |= pairing.files
     if len(line.masses) > MOST_SETS:
         files[f"masses.{scene.name}"] = "\n".join(_mass_file(line)) + "\n"
     return Deck(
@@ -176,7 +193,7 @@ def _input(line: _Line) -> Iterator[str]:
     if scene.description:
         yield f"# {scene.description}"
     yield f"# {scene.n_body} bodies, {scene.n_contact} contacts, {kinds} atom types: {own}"
-    yield f"# gauge radius R = {radius!r} m; stiffness K = beta / sqrt(R/2)"
+    yield f"# gauge radius R = {radius!r} m; {line.pairing.note}"
     yield ""
     yield "# run it in this folder; a finer step needs dt, per_sample and steps together: half, twice and twice"
     yield f"variable dt          index {plan.step!r}  # s"
@@ -204,8 +221,7 @@ def _input(line: _Line) -> Iterator[str]:
         "",
         f"neighbor        {radius!r} bin",
         f"neigh_modify    delay 0 every 1 check yes{binsize}",
-        "pair_style      granular",
-        f"pair_coeff      * * {NOTHING}",
+        *line.pairing.head,
     )
     yield from _coefficients(line)
     yield ""
@@ -270,10 +286,11 @@ def _coefficients(line: _Line) -> Iterator[str]:
         law, contact = int(line.laws.where[at]), int(order[at])
         name = f"contact {contact}" if contact < links else ends[contact - links]
         more = f" and {count - 1} more" if count > 1 else ""
-        yield (
-            f"pair_coeff      {low} {high} {line.laws.coefficients(law, line.radius)}"
-            f"  # {name}{more}: beta = {float(line.laws.stiffness[law])!r}"
-        )
+        for behind in line.pairing.behind[law]:
+            yield (
+                f"pair_coeff      {low} {high} {behind}"
+                f"  # {name}{more}: beta = {float(line.laws.stiffness[law])!r}"
+            )
 
 
 def _data(line: _Line) -> Iterator[str]:
