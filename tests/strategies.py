@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import os
+from dataclasses import replace
+from typing import Any
 
 import hypothesis
 from hypothesis import strategies as st
 
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene import Damping, Scene, Wall
 
 #: HYPOTHESIS_PROFILE=explore: other examples every time, and many more
 EXPLORE = os.environ.get("HYPOTHESIS_PROFILE") == "explore"
@@ -77,4 +79,16 @@ def scenes(
         wall_right=wall(),
         gravity=draw(st.sampled_from([0.0, 9.81, -500.0])) if gravity else 0.0,
         samples=samples,
+    )
+
+
+@st.composite
+def damped_scenes(draw: st.DrawFn, /, **how: Any) -> Scene:
+    """As :func:`scenes`, between walls and with weight if need be, with damping in some or all contacts, or drag."""
+    scene = draw(scenes(walls=True, gravity=True, **how))
+    law = draw(st.sampled_from(["dashpot", "kuwabara-kono"]))
+    one = st.one_of(st.just(0.0), log_uniform(1e-1, 1e3) if law == "dashpot" else log_uniform(1e-7, 1e-3))
+    coefficient = tuple(draw(one) for _ in range(scene.n_contact))
+    return replace(
+        scene, damping=Damping(law=law, coefficient=coefficient), drag=draw(st.sampled_from([0.0, 0.0, 1e3]))
     )

@@ -183,7 +183,7 @@ def test_an_unknown_style_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_scene_that_the_style_cannot_express_writes_nothing(tmp_path: Path) -> None:
-    walled = replace(PAIR, wall_left=Wall(stiffness=1e9, exponent=2.0))
+    walled = replace(PAIR, wall_left=Wall(stiffness=1e9, exponent=3.0))
     with pytest.raises(UnsupportedScene, match="exponent"):
         db.write_deck(walled, tmp_path / "new")
     assert not (tmp_path / "new").exists()

@@ -110,8 +110,8 @@ def test_wrong_use_is_one_line_and_exit_code_2(words: tuple[str, ...], tmp_path:
 
 
 def test_a_backend_that_cannot_do_the_scene_says_so(tmp_path: Path) -> None:
-    (tmp_path / "linear.toml").write_text(CHAIN.replace("velocity =", "exponent = 2.0\nvelocity ="))
-    done = _run("run", "linear.toml", "--backend", "lammps-granular", cwd=tmp_path)
+    (tmp_path / "steep.toml").write_text(CHAIN.replace("velocity =", "exponent = 3.0\nvelocity ="))
+    done = _run("run", "steep.toml", "--backend", "lammps-granular", cwd=tmp_path)
     assert done.returncode == 2
     _one_line(done, "NOT_RUN", "exponent")
 

@@ -152,22 +152,20 @@ def _dense(scene: Scene, deck: Deck, steps: NDArray[np.int64], values: NDArray[n
 
 
 def _check_gauge(position: NDArray[np.float64], deck: Deck, steps: NDArray[np.int64]) -> None:
-    """RunBroken where an overlap exceeds the gauge radius or bodies that are not neighbours touch."""
+    """RunBroken where bodies that are not neighbours touch, or an overlap exceeds the gauge radius, so that they may
+    have touched between two looks."""
     diameter = 2.0 * deck.gauge_radius
     deepest = diameter - float(np.min(np.diff(position, axis=1), initial=math.inf))
-    if deepest > deck.gauge_radius:
-        raise RunBroken(
-            f"an overlap of {deepest:.6g} m exceeds the gauge radius {deck.gauge_radius:.6g} m: bodies that are"
-            " not neighbours may have touched; give a larger gauge_radius"
-        )
+    found = f"an overlap of {deepest:.6g} m exceeds the gauge radius {deck.gauge_radius:.6g} m"
     across = position[:, 2:] - position[:, :-2]
     if np.min(across, initial=math.inf) < diameter:
         row, atom = np.unravel_index(np.argmin(across), across.shape)
         raise RunBroken(
-            f"atoms {atom + 1} and {atom + 3}, which are not neighbours, overlap by"
-            f" {diameter - float(across[row, atom]):.6g} m at step {steps[row]}; give a gauge_radius above"
-            f" {deck.gauge_radius:.6g} m"
+            f"{found}, and atoms {atom + 1} and {atom + 3}, which are not neighbours, overlap by"
+            f" {diameter - float(across[row, atom]):.6g} m at step {steps[row]}; give a larger gauge_radius"
         )
+    if deepest > deck.gauge_radius:
+        raise RunBroken(f"{found}: bodies that are not neighbours may have touched; give a larger gauge_radius")
 
 
 def dump_progress(path: Path, deck: Deck) -> Callable[[], None]:

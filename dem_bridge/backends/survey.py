@@ -1,7 +1,8 @@
 """A coarse look at a scene before the real run: how deep contacts go, how fast they are, how far bodies get.
 
 Decks need it for the gauge radius, fixed-step runs for the spacing of dense samples. Velocity-Verlet with a step
-that follows the stiffest contact of the moment; good to about a per cent, and nothing more is asked of it.
+that follows the stiffest contact of the moment; good to about a per cent, and nothing more is asked of it. It knows no
+damping and no drag: with them contacts are less deep.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ class Survey:
     peak_overlap: NDArray[np.float64]
     """(n_contact,), m."""
     frequency: float
-    """rad/s: highest angular frequency of a contact between its two bodies."""
+    """rad/s: highest angular frequency of a contact between its two bodies; or rate, where damping or drag stops a body
+    faster than that."""
     max_acceleration: float
     """m/s^2."""
     lowest: float
@@ -82,9 +84,11 @@ def survey(scene: Scene, *, max_steps: int = 200_000_000) -> Survey:
             f"the coarse run of {scene.name} needs more than {max_steps} steps: a contact of frequency"
             f" {frequency:.3g} rad/s over {scene.duration:g} s; shorten the duration or soften the stiffest contact"
         )
+    mobility = inverse_mass[c.left] + inverse_mass[c.right]
+    damped = np.where(peak > 0.0, c.damping * peak**c.damping_power * mobility, 0.0)
     return Survey(
         peak_overlap=peak,
-        frequency=frequency,
+        frequency=max(frequency, float(np.max(damped, initial=scene.drag))),
         max_acceleration=acceleration,
         lowest=low,
         highest=high,

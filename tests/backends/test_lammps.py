@@ -212,6 +212,44 @@ def test_overlaps_beyond_the_gauge_are_a_broken_run_with_the_numbers(
     assert f"gauge radius {share * exact:.6g} m" in str(caught.value)
 
 
+#: two bodies press a third between them
+SQUEEZED = Scene(
+    name="squeezed", duration=5e-5, mass=(8e-3, 1e-2, 8e-3), stiffness=(4e9, 4e9), velocity=(0.8, 0.0, -0.8), samples=10
+)
+
+
+@pytest.mark.lammps
+def test_bodies_that_touch_across_another_are_a_broken_run_with_the_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    # the coarse run is told of a tenth: a radius that is too small is not refused, and LAMMPS lets body 0 touch body 2
+    look = survey(SQUEEZED)
+    radius = 0.8 * float(np.max(look.peak_overlap))
+    monkeypatch.setattr(lammps, "survey", lambda _: replace(look, peak_overlap=0.1 * look.peak_overlap))
+    with pytest.raises(RunBroken, match="atoms 1 and 3, which are not neighbours, overlap by") as caught:
+        db.solve(SQUEEZED, backend=ENGINE, dt=1e-7, gauge_radius=radius, bars=False)
+    assert f"exceeds the gauge radius {radius:.6g} m" in str(caught.value)
+    assert "give a larger gauge_radius" in str(caught.value)
+
+
+@pytest.mark.parametrize("sound", [True, False])
+def test_the_numbers_are_those_of_the_bodies_that_touch(sound: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    look = survey(SQUEEZED)
+    radius = look.gauge_radius
+    plan = schedule(duration=SQUEEZED.duration, samples=10, dt=1e-6, frequency=look.frequency, bodies=3)
+    # at the last look the two contacts are closed by 1.3 and 0.9 radii: 0.2 radii more than there is room for
+    places = [(0.0, 2.0, 4.0)] * (len(plan.dense_steps) - 1) + [(0.0, 2.0, 4.0) if sound else (1.3, 2.0, 3.1)]
+    dump = b"".join(
+        frame(int(step), [[i + 1.0, 1.0, x * radius, 0.0, 0.0, 0.0, 0.0] for i, x in enumerate(row)])
+        for step, row in zip(plan.dense_steps, places, strict=True)
+    )
+    monkeypatch.setattr(lammps, "run_deck", _answering(dump))
+    if sound:
+        assert not np.any(db.solve(SQUEEZED, backend=ENGINE, dt=1e-6, bars=False).velocity)
+        return
+    words = f"atoms 1 and 3, which are not neighbours, overlap by {0.2 * radius:.6g} m at step {plan.steps}"
+    with pytest.raises(RunBroken, match=f"an overlap of {1.3 * radius:.6g} m exceeds .*{words}"):
+        db.solve(SQUEEZED, backend=ENGINE, dt=1e-6, bars=False)
+
+
 def test_a_gauge_radius_below_the_overlap_is_refused_before_the_run() -> None:
     with pytest.raises(UsageError, match=r"gauge_radius = 1e-06 m; allowed: more than the largest overlap, 1\.5"):
         db.solve(PAIR, backend=ENGINE, dt=1e-7, gauge_radius=1e-6)

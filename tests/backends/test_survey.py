@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.survey import survey
 from dem_bridge.errors import RunBroken
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.plan import resolution_for
+from dem_bridge.scene import Damping, Scene, Wall
 from tests.conftest import Solve
 from tests.strategies import examples, scenes
 from tests.truth import Truth
@@ -105,3 +107,37 @@ def test_a_left_wall_and_a_motion_backwards_are_seen(solved: Solve) -> None:
 def test_a_look_that_would_take_too_long_is_refused_with_the_reason() -> None:
     with pytest.raises(RunBroken, match=r"the coarse run of pair needs more than 20 steps.*shorten the duration"):
         survey(PAIR, max_steps=20)
+
+
+def test_what_is_stopped_faster_than_it_swings_sets_the_steps() -> None:
+    # 1/s: of drag, of a dashpot c (1/m + 1/M), of Kuwabara-Kono damping gamma beta sqrt(overlap) (1/m + 1/M)
+    mobility = 1.0 / PAIR.mass[0] + 1.0 / PAIR.mass[1]
+    plain = survey(PAIR)
+    assert survey(replace(PAIR, drag=1e9)).frequency == 1e9
+    assert survey(replace(PAIR, drag=1e-3 * plain.frequency)).frequency == plain.frequency
+    stiff = replace(PAIR, damping=Damping(law="dashpot", coefficient=1e6))
+    assert survey(stiff).frequency == pytest.approx(1e6 * mobility)
+    viscous = replace(PAIR, damping=Damping(law="kuwabara-kono", coefficient=1e-2))
+    rate = 1e-2 * PAIR.stiffness[0] * float(np.sqrt(plain.peak_overlap[0])) * mobility
+    assert survey(viscous).frequency == pytest.approx(rate)
+    # a contact that never closes stops nothing
+    assert survey(replace(stiff, gap=1.0)).frequency == survey(replace(PAIR, gap=1.0)).frequency
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        Scene(name="alone", duration=1e-2, mass=(1e-2,), stiffness=(), velocity=(1.0,), drag=1e4, samples=10),
+        replace(PAIR, drag=1e7),
+        replace(PAIR, damping=Damping(law="dashpot", coefficient=1e5)),
+    ],
+    ids=["a body in drag", "a pair in drag", "a pair with a dashpot"],
+)
+def test_a_step_that_nobody_named_is_stable_where_much_is_damped(scene: Scene, solved: Solve) -> None:
+    # steps that followed the springs alone gave 1e30 m/s in the first, no number in the second, 1 m/s too much in
+    # the third. Of first order, DEFAULT_PHASE = 2.5e-3 of the shortest time: an error of that order
+    run, exact = solved(scene, "verlet", bars=False), solved(scene, "scipy", bars=False)
+    assert np.max(np.abs(run.velocity - exact.velocity)) < 2.5e-3 * max(scene.velocity)
+    wanted = resolution_for(scene, 1e-3, Resolution(), Sampling(count=scene.samples))
+    coarse = solved(scene, "verlet", dt=wanted.dt)
+    assert np.max(np.abs(coarse.velocity - exact.velocity)) < 1e-3 * max(scene.velocity)

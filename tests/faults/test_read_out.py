@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import inspect
 import textwrap
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest
 
-from dem_bridge.backends import lammps
-from dem_bridge.backends.lammps import LammpsGranular
+from dem_bridge.backends import lammps, steps
 from dem_bridge.studies.checks import ENGINE, POSITIONAL, REFERENCE, TWIN
 from tests.faults.decks import Change, both, run_with, substituted
 from tests.faults.judging import BENCH, ENERGY, IMPLEMENTATION, USER, Fault, minus, replaced
@@ -54,45 +54,58 @@ def test_a_fault_in_what_lammps_dumps_is_named(fault: Fault[Change]) -> None:
 
 # the dump is sound, its reading is not; the stand-in writes it
 
-Substitution = tuple[str, str]
+#: of a function's source: what is written -> what is planted
+Substitution = tuple[Callable[..., Any], str, str]
 
 
-def reading(*changes: Substitution) -> Any:
-    """``LammpsGranular._trajectory`` with something else in its source."""
-    text = textwrap.dedent(inspect.getsource(LammpsGranular._trajectory))
-    for old, new in changes:
-        assert text.count(old) == 1, f"the source has changed: {old!r} is in it {text.count(old)} times"
-        text = text.replace(old, new)
-    names = dict(vars(lammps))
-    exec("from __future__ import annotations\n" + text, names)
-    return names["_trajectory"]
+def changed(function: Callable[..., Any], changes: Sequence[Substitution], **names: Any) -> Any:
+    """``function`` with something else in its source, and other functions behind the ``names`` that it calls."""
+    text = textwrap.dedent(inspect.getsource(function))
+    for where, old, new in changes:
+        if where is function:
+            assert text.count(old) == 1, f"the source has changed: {old!r} is in it {text.count(old)} times"
+            text = text.replace(old, new)
+    scope = {**vars(inspect.getmodule(function)), **names}
+    exec("from __future__ import annotations\n" + text, scope)
+    return scope[function.__name__]
 
 
-ROWS = "rows = slice(None, None, plan.subdivisions)"
+DENSE, READ_OFF, EXTREMES = lammps._dense, steps.read_off, steps.peaks_and_crossings
+KEEP = "keep = slice(None, None, plan.subdivisions)"
 READINGS: dict[str, Fault[Substitution]] = {
     "samples off by one": Fault(
-        plant=(ROWS, "rows = np.minimum(np.arange(0, len(steps), plan.subdivisions) + 1, len(steps) - 1)"),
+        plant=(
+            READ_OFF,
+            KEEP,
+            "keep = np.minimum(np.arange(0, len(dense.force), plan.subdivisions) + 1, len(dense.force) - 1)",
+        ),
         shows=shown("velocity", "displacement") | minus(POSITIONAL, "contact_force"),
         begins=0.0,
     ),
-    "times off by one": Fault(plant=("steps * plan.step", "(steps + 1) * plan.step"), shows=shown("crossing_time")),
+    "times off by one": Fault(
+        plant=(EXTREMES, "plan.dense_steps[rows] * plan.step", "(plan.dense_steps[rows] + 1) * plan.step"),
+        shows=shown("crossing_time"),
+    ),
     # overlaps, and so the energy in contacts, are those of displacements
     "start positions without the gaps": Fault(
-        plant=("np.array(deck.line))[:", "2.0 * deck.gauge_radius * np.arange(len(deck.line)))[:"),
+        plant=(DENSE, "position - deck.line", "position - 2.0 * deck.gauge_radius * np.arange(len(deck.line))"),
         shows=shown("displacement") | ENERGY,
     ),
     "peak force of the dense samples alone": Fault(
-        plant=(ROWS, f"peak_force = np.max(force, axis=0); {ROWS}"), shows=shown("peak_force")
+        plant=(READ_OFF, KEEP, f"peak_force = np.max(dense.force, axis=0); {KEEP}"), shows=shown("peak_force")
     ),
     "a curve without accelerations": Fault(
-        plant=("net * np.array(deck.mobility)", "0.0 * net"),
+        plant=(DENSE, "at_rest_beside(net * deck.mobility)", "at_rest_beside(0.0 * net)"),
         shows=shown("peak_force", "crossing_time") | minus(REFERENCE, "residence_time"),
     ),
 }
 
 
 def read_with(monkeypatch: pytest.MonkeyPatch, *changes: Substitution) -> Any:
-    monkeypatch.setattr(LammpsGranular, "_trajectory", reading(*changes))
+    """The stand-in's runs, read with these changes; the twin, which is read off by the same functions, without."""
+    peaks = changed(EXTREMES, changes)
+    monkeypatch.setattr(lammps, "_dense", changed(DENSE, changes))
+    monkeypatch.setattr(lammps, "read_off", changed(READ_OFF, changes, peaks_and_crossings=peaks))
     return replaced(runs_of(Code), run_in_place_of_lammps(Code, BENCH.of(ENGINE)[0]))
 
 
@@ -106,5 +119,6 @@ def test_a_fault_in_the_reading_is_named(fault: Fault[Substitution], monkeypatch
 
 
 def test_contact_forces_in_the_columns_of_others_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    results = read_with(monkeypatch, ("force=force[rows]", "force=force[rows][:, ::-1]"))
+    column = "contact_force=dense.force[keep]"
+    results = read_with(monkeypatch, (READ_OFF, column, f"{column}[:, ::-1]"))
     BENCH.check(results, minus(POSITIONAL, "contact_force"))

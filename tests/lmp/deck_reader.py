@@ -43,12 +43,15 @@ class Atom:
 
 @dataclass
 class Coefficients:
-    """``hertz k eta`` of one pair of types, and the damping model's name."""
+    """``hertz K eta`` or ``hooke k eta`` of one pair of types, and the damping model's name."""
 
+    model: str
     stiffness: float
     eta: float
     damping: str
     tangential: tuple[float, ...]
+    clipped: bool
+    """``limit_damping``: the net force never pulls."""
 
 
 @dataclass
@@ -64,6 +67,8 @@ class ReadDeck:
     types: int
     loads: dict[int, float] = field(default_factory=dict)
     """Atom -> constant force along x, N."""
+    drag: float = 0.0
+    """1/s: what moves loses mass * velocity * drag."""
 
     @property
     def bodies(self) -> list[Atom]:
@@ -92,13 +97,40 @@ class ReadDeck:
         return [(min(a.kind, b.kind), max(a.kind, b.kind)) for a, b in ends]
 
     @property
+    def found(self) -> list[Coefficients]:
+        """Coefficients of each contact along the line."""
+        return [self.coefficients[pair] for pair in self.pairs]
+
+    @property
+    def exponents(self) -> list[float]:
+        """n of each contact along the line: the force goes as overlap^(n - 1)."""
+        return [{"hertz": 2.5, "hooke": 2.0}[one.model] for one in self.found]
+
+    @property
+    def _effective(self) -> list[tuple[float, float]]:
+        """Radius and mass of each contact: 1/R_eff = 1/R_a + 1/R_b, and so the mass, if the atom moves or not."""
+        ends = list(zip(self.atoms, self.atoms[1:], strict=False))
+        return [
+            (a.diameter * b.diameter / (2.0 * (a.diameter + b.diameter)), a.mass * b.mass / (a.mass + b.mass))
+            for a, b in ends
+        ]
+
+    @property
     def stiffnesses(self) -> list[float]:
-        """beta of each contact along the line: F = K sqrt(R_eff) overlap^1.5 with 1/R_eff = 1/R_a + 1/R_b."""
-        found = []
-        for a, b, pair in zip(self.atoms, self.atoms[1:], self.pairs, strict=False):
-            effective = a.diameter * b.diameter / (2.0 * (a.diameter + b.diameter))
-            found.append(self.coefficients[pair].stiffness * math.sqrt(effective))
-        return found
+        """beta of each contact along the line: F = K sqrt(R_eff) overlap^1.5 (hertz), k overlap (hooke)."""
+        return [
+            one.stiffness * (math.sqrt(radius) if one.model == "hertz" else 1.0)
+            for one, (radius, _) in zip(self.found, self._effective, strict=True)
+        ]
+
+    @property
+    def dampings(self) -> list[tuple[float, float]]:
+        """Coefficient c and power p of each contact along the line, F = c overlap^p overlap'. ``velocity``: eta and 0;
+        ``viscoelastic``: eta m_eff times the contact's radius sqrt(R_eff overlap), of every model but JKR's."""
+        return [
+            {"velocity": (one.eta, 0.0), "viscoelastic": (one.eta * mass * math.sqrt(radius), 0.5)}[one.damping]
+            for one, (radius, mass) in zip(self.found, self._effective, strict=True)
+        ]
 
     @property
     def gaps(self) -> list[float]:
@@ -115,7 +147,8 @@ def read_deck(folder: Path, name: str) -> ReadDeck:
     coefficients: dict[tuple[int, int], Coefficients] = {}
     groups: dict[str, set[int]] = {}
     loads: dict[int, float] = {}
-    types, dt, steps, gravity = 0, math.nan, 0, 0.0
+    files: dict[str, dict[int, float]] = {}
+    types, dt, steps, gravity, drag = 0, math.nan, 0, 0.0, 0.0
     for line in (folder / f"in.{name}").read_text().splitlines():
         line = re.sub(r"\$\{(\w+)\}", lambda match: variables[match[1]], line.split("#")[0])
         words = line.split()
@@ -125,16 +158,22 @@ def read_deck(folder: Path, name: str) -> ReadDeck:
         if command == "variable":
             if rest[1] == "index":
                 variables[rest[0]] = rest[2]
+            elif rest[1] == "atomfile":
+                files[rest[0]] = _read_atomfile(folder / rest[2])
             else:
                 assert rest[1] == "equal", line
         elif command == "read_data":
             atoms, types = _read_data(folder / rest[0])
             groups["all"] = {atom.number for atom in atoms}
         elif command == "set":
-            assert (rest[0], rest[2]) == ("atom", "mass"), line
+            assert rest[2] == "mass", line
             for atom in atoms:
-                if atom.number in _numbers(rest[1], len(atoms)):
+                if rest[0] == "group" and atom.number in groups[rest[1]]:
+                    atom.set_mass = files[rest[3].removeprefix("v_")].get(atom.number, 0.0)
+                elif rest[0] == "atom" and atom.number in _numbers(rest[1], len(atoms)):
                     atom.set_mass = float(rest[3])
+                else:
+                    assert rest[0] in ("group", "atom"), line
         elif command == "pair_style":
             assert rest == ["granular"], line
         elif command == "pair_coeff":
@@ -152,6 +191,13 @@ def read_deck(folder: Path, name: str) -> ReadDeck:
             assert [float(word) for word in rest[4:]] == [0.0, 0.0], line
             for number in groups[rest[1]]:
                 loads[number] = loads.get(number, 0.0) + float(rest[3])
+        elif command == "fix" and rest[2] == "langevin":
+            # a bath at zero temperature gives nothing, whatever the seed; -m v / t is all that is left
+            assert [float(word) for word in rest[3:5]] == [0.0, 0.0], line
+            assert int(rest[6]) > 0, line
+            assert len(rest) == 7, line
+            assert groups[rest[1]] == {atom.number for atom in atoms if atom.moves}, "drag on what does not move"
+            drag += 1.0 / float(rest[5])
         elif command == "fix":
             assert rest[2] == "gravity", line
             assert rest[4] == "vector", line
@@ -168,7 +214,7 @@ def read_deck(folder: Path, name: str) -> ReadDeck:
     assert all(atom.place[1:] == (0.0, 0.0) for atom in atoms)
     assert all(atom.velocity[1:] == (0.0, 0.0) and atom.spin == (0.0, 0.0, 0.0) for atom in atoms)
     atoms.sort(key=lambda atom: atom.place[0])
-    return ReadDeck(atoms, coefficients, settings, dt, steps, gravity, types, loads)
+    return ReadDeck(atoms, coefficients, settings, dt, steps, gravity, types, loads, drag)
 
 
 def _read_data(file: Path) -> tuple[list[Atom], int]:
@@ -199,6 +245,14 @@ def _read_data(file: Path) -> tuple[list[Atom], int]:
     return list(atoms.values()), counts["types"]
 
 
+def _read_atomfile(file: Path) -> dict[int, float]:
+    """A number for each atom named; as in LAMMPS, comments and blank lines are skipped, then comes how many."""
+    lines = [words for line in file.read_text().splitlines() if (words := line.split("#")[0].split())]
+    [count], rows = lines[0], lines[1:]
+    assert int(count) == len(rows)
+    return {int(number): float(value) for number, value in rows}
+
+
 def _numbers(word: str, most: int) -> range:
     """LAMMPS' ``*``, ``n``, ``n*``, ``*m`` and ``n*m``."""
     if "*" not in word:
@@ -208,16 +262,19 @@ def _numbers(word: str, most: int) -> range:
 
 
 def _pair_coeff(words: list[str], types: int, coefficients: dict[tuple[int, int], Coefficients]) -> None:
-    """``pair_coeff I J hertz k eta tangential linear_nohistory kt xgamma damping NAME``, for all I <= J named."""
-    assert words[2] == "hertz", words
+    """``pair_coeff I J MODEL k eta tangential linear_nohistory kt xgamma damping NAME [limit_damping]``, for all
+    I <= J named."""
+    assert words[2] in ("hertz", "hooke"), words
     assert words[5:7] == ["tangential", "linear_nohistory"], words
     assert words[9] == "damping", words
-    assert len(words) == 11, words
+    assert words[11:] in ([], ["limit_damping"]), words
     count = 0
     for i in _numbers(words[0], types):
         for j in _numbers(words[1], types):
             if i <= j:
                 tangential = (float(words[7]), float(words[8]))
-                coefficients[i, j] = Coefficients(float(words[3]), float(words[4]), words[10], tangential)
+                coefficients[i, j] = Coefficients(
+                    words[2], float(words[3]), float(words[4]), words[10], tangential, len(words) > 11
+                )
                 count += 1
     assert count, f"LAMMPS rejects this line, I > J: {words}"

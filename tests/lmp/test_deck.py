@@ -18,15 +18,19 @@ import dem_bridge as db
 from dem_bridge.backends.survey import gauge_radius
 from dem_bridge.dense import schedule
 from dem_bridge.errors import SceneError
-from dem_bridge.lmp.deck import Deck, granular_deck, refusal
+from dem_bridge.lmp import deck as deck_module
+from dem_bridge.lmp.coefficients import refusal
+from dem_bridge.lmp.deck import Deck, granular_deck
 from dem_bridge.scene import Damping, Scene, Wall
 from tests.lmp.deck_reader import ReadDeck, read_deck
-from tests.strategies import examples, log_uniform, scenes
+from tests.strategies import damped_scenes, examples, log_uniform, scenes
 from tests.truth import Truth
 
 INPUTS = Path(__file__).parents[2] / "lammps_inputs"
 EPS = float(np.finfo(float).eps)
 RADIUS = 2.0**-15
+#: the exponents that pair_style granular has
+EITHER = st.sampled_from([2.0, 2.5])
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
 
@@ -62,6 +66,8 @@ def _assert_says(read: ReadDeck, scene: Scene, dt: float) -> None:
     assert read.gravity == scene.gravity
     # K = beta / sqrt(R/2) is rounded at the root and the quotient, reading it back at the root and the product
     assert read.stiffnesses == pytest.approx(_along_the_line(scene, c.stiffness.tolist()), rel=2.0 * EPS)
+    assert read.exponents == _along_the_line(scene, c.exponent.tolist())
+    _assert_takes(read, scene)
     rounded = 1.0 if math.frexp(0.5 * read.atoms[0].diameter)[0] == 0.5 else 2.0
     ends = zip(read.gaps, _along_the_line(scene, c.gap.tolist()), read.atoms, read.atoms[1:], strict=False)
     for found, gap, one, other in ends:
@@ -74,9 +80,31 @@ def _assert_says(read: ReadDeck, scene: Scene, dt: float) -> None:
     assert read.dt <= dt * (1.0 + 1e-11)
 
 
+def _assert_takes(read: ReadDeck, scene: Scene) -> None:
+    """Damping and drag are those of the scene; written from its definition, not from its arrays."""
+    wanted = [0.0] * scene.n_contact
+    if scene.damping is not None:
+        assert isinstance(scene.damping.coefficient, tuple)
+        wanted = list(scene.damping.coefficient)
+        if scene.damping.law == "kuwabara-kono":
+            wanted = [gamma * beta for gamma, beta in zip(wanted, scene.contacts.stiffness.tolist(), strict=True)]
+    wanted = _along_the_line(scene, wanted)
+    # eta = gamma beta / (m_eff sqrt(R_eff)) and reading it back: a dozen operations
+    assert [c for c, _ in read.dampings] == pytest.approx(wanted, rel=12.0 * EPS)
+    kuwabara_kono = scene.damping is not None and scene.damping.law == "kuwabara-kono"
+    for (_, power), n, c in zip(read.dampings, read.exponents, wanted, strict=True):
+        if c:
+            assert power == (n - 2.0 if kuwabara_kono else 0.0)
+    # net forces are cut at zero wherever something is damped, and nothing is said of it elsewhere
+    assert {one.clipped for one in read.found} <= {any(wanted)}
+    assert all(one.tangential == (0.0, 0.0) for one in read.found)
+    assert read.drag == pytest.approx(scene.drag, rel=EPS)
+
+
 @examples(60)
 @given(
-    scene=scenes(bodies=(1, 12), walls=True, gravity=True),
+    scene=scenes(bodies=(1, 12), walls=True, gravity=True, exponents=EITHER)
+    | damped_scenes(bodies=(1, 12), exponents=EITHER),
     radius=log_uniform(2e-5, 1e-2) | st.sampled_from([2.0**-15, 2.0**-12]),
 )
 def test_the_deck_of_a_random_scene_is_that_scene(scene: Scene, radius: float) -> None:
@@ -85,11 +113,37 @@ def test_the_deck_of_a_random_scene_is_that_scene(scene: Scene, radius: float) -
 
 
 @examples(60)
-@given(scene=scenes(bodies=(1, 12), walls=True, gravity=True))
-def test_every_contact_has_a_pair_of_types_that_no_other_has(scene: Scene) -> None:
+@given(scene=scenes(bodies=(1, 12), walls=True, gravity=True) | damped_scenes(bodies=(1, 12), exponents=EITHER))
+def test_equal_pairs_of_types_are_at_equal_laws_only(scene: Scene) -> None:
     read = _read(_deck(scene))
-    assert len(set(read.pairs)) == len(read.pairs) == len(read.atoms) - 1
+    # what LAMMPS makes of a pair, beside the effective mass that it has from elsewhere
+    laws = list(zip(read.stiffnesses, read.exponents, read.dampings, strict=True))
+    pairs = dict(zip(read.pairs, laws, strict=True))
+    _assert_says(read, scene, 1e-7)
+    # so no contact has the law of another; and where no two are alike, each has a pair of its own
+    if len(set(laws)) == len(laws):
+        assert len(pairs) == len(read.pairs) == len(read.atoms) - 1
     assert read.types == max(atom.kind for atom in read.atoms)
+
+
+def test_a_uniform_chain_needs_one_type_and_one_line() -> None:
+    scene = Scene(name="even", duration=1e-4, mass=(1e-2,) * 9, stiffness=(4e9,) * 8, velocity=(1.0, *[0.0] * 8))
+    deck = _deck(scene)
+    read = _read(deck)
+    assert (read.types, set(read.pairs)) == (1, {(1, 1)})
+    assert deck.files["in.even"].count("pair_coeff") == 2  # the background, and the law
+    assert "# contact 0 and 7 more: beta = 4000000000.0" in deck.files["in.even"]
+
+
+@pytest.mark.parametrize("how", ["euler", "per-body"])
+def test_types_may_be_as_few_as_can_be_or_one_a_body(how: str) -> None:
+    scene = Scene(
+        name="two-laws", duration=1e-4, mass=(1e-2,) * 9, stiffness=(4e9, 5e9, 5e9, 4e9) * 2, velocity=(1.0, *[0.0] * 8)
+    )
+    plan = schedule(duration=1e-4, samples=scene.samples, dt=1e-7, frequency=2e5, bodies=9)
+    read = _read(granular_deck(scene, radius=RADIUS, schedule=plan, types=how))
+    _assert_says(read, scene, 1e-7)
+    assert read.types == {"euler": 2, "per-body": 9}[how]
 
 
 def test_the_decks_of_the_truth_files_are_their_scenes(free_chain: Truth, walled: Truth) -> None:
@@ -113,7 +167,7 @@ def test_contacts_that_are_not_neighbours_have_no_stiffness_of_their_own() -> No
 def test_nothing_dissipates_and_nothing_rubs(scene: Scene) -> None:
     for found in _read(_deck(scene)).coefficients.values():
         # `velocity` damping with eta = 0 is exactly no force; `tsuji` never is (LAMMPS manual)
-        assert (found.eta, found.damping, found.tangential) == (0.0, "velocity", (0.0, 0.0))
+        assert (found.eta, found.damping, found.tangential, found.clipped) == (0.0, "velocity", (0.0, 0.0), False)
 
 
 def test_what_lammps_must_be_told_stands_in_the_deck() -> None:
@@ -157,13 +211,13 @@ def test_a_deck_knows_its_line_weights_and_mobilities() -> None:
     deck = _deck(replace(PAIR, wall_left=left, wall_right=right, gravity=-3.0))
     read = _read(deck)
     assert list(deck.line) == [atom.place[0] for atom in read.atoms]
-    assert deck.weight == (0.0, -3.0 * 8.1e-3, -3.0 * 1e-2, 0.0)
-    assert deck.mobility == (0.0, 1.0 / 8.1e-3, 1.0 / 1e-2, 0.0)
+    assert deck.weight.tolist() == [0.0, -3.0 * 8.1e-3, -3.0 * 1e-2, 0.0]
+    assert deck.mobility.tolist() == [0.0, 1.0 / 8.1e-3, 1.0 / 1e-2, 0.0]
     assert (deck.first_id, deck.types) == (2, read.types)
 
 
-@pytest.mark.parametrize("exponent", [2.0, 2.4999999, 3.0])
-def test_an_exponent_that_hertz_does_not_have_is_refused_with_contact_and_value(exponent: float) -> None:
+@pytest.mark.parametrize("exponent", [1.5, 2.0000001, 2.4999999, 3.0])
+def test_an_exponent_that_lammps_does_not_have_is_refused_with_contact_and_value(exponent: float) -> None:
     scene = Scene(
         name="mixed",
         duration=1.0,
@@ -180,12 +234,13 @@ def test_an_exponent_that_hertz_does_not_have_is_refused_with_contact_and_value(
 
 
 def test_a_wall_of_another_exponent_is_refused_too() -> None:
-    scene = replace(PAIR, wall_right=Wall(stiffness=1.0, exponent=2.0))
-    assert "contact 1 has exponent n = 2.0" in (refusal(scene) or "")
+    scene = replace(PAIR, wall_right=Wall(stiffness=1.0, exponent=3.0))
+    assert "contact 1 has exponent n = 3.0" in (refusal(scene) or "")
 
 
-def test_hertzian_scenes_are_not_refused() -> None:
+def test_hertzian_and_linear_scenes_are_not_refused() -> None:
     assert refusal(PAIR) is None
+    assert refusal(replace(PAIR, exponent=2.0, wall_right=Wall(stiffness=1.0, exponent=2.5))) is None
 
 
 @given(peak=log_uniform(1e-12, 1e-2))
@@ -274,7 +329,62 @@ def test_a_precompressed_chain_is_written_with_its_overlaps_and_the_loads_on_its
         assert [w for w, m in zip(deck.weight, deck.mobility, strict=True) if m] == pytest.approx(bodies)
 
 
-@pytest.mark.parametrize("changes", [{"drag": 1.0}, {"damping": Damping(law="dashpot", coefficient=1.0)}], ids=str)
-def test_a_deck_without_the_scenes_damping_is_not_written(changes: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match="neither damping nor drag"):
-        _deck(replace(PAIR, **changes))
+# damping and drag
+
+DASHPOT = Damping(law="dashpot", coefficient=1.0)
+KUWABARA_KONO = Damping(law="kuwabara-kono", coefficient=1e-6)
+
+#: what a scene may have -> a word of the lines that say so
+LINES: dict[str, tuple[dict[str, Any], str]] = {
+    "weight": ({"gravity": 9.81}, "gravity"),
+    "a dashpot": ({"damping": DASHPOT}, "limit_damping"),
+    "Kuwabara-Kono damping": ({"damping": KUWABARA_KONO}, "viscoelastic limit_damping"),
+    "drag": ({"drag": 1.0}, "langevin"),
+    "drag, its time": ({"drag": 1.0}, "drag_time"),
+    "a wall": ({"wall_left": Wall(stiffness=1e9)}, "walls"),
+    "precompression": ({"precompression": 1.0}, "addforce"),
+    "n = 2": ({"exponent": 2.0}, "hooke"),
+}
+
+
+@pytest.mark.parametrize(("changes", "word"), LINES.values(), ids=LINES)
+def test_a_deck_has_a_line_only_where_the_scene_needs_it(changes: dict[str, Any], word: str) -> None:
+    everything: dict[str, Any] = {key: value for one, _ in LINES.values() for key, value in one.items()}
+    with_it = replace(PAIR, **changes)
+    without = replace(PAIR, **{key: value for key, value in everything.items() if key not in changes})
+    assert word in _deck(with_it).files["in.pair"]
+    for scene in (PAIR, without):
+        assert word not in _deck(scene).files["in.pair"]
+
+
+def test_damping_of_no_strength_leaves_no_trace() -> None:
+    idle = replace(PAIR, damping=Damping(law="kuwabara-kono", coefficient=0.0), drag=0.0)
+    assert dict(_deck(idle).files) == dict(_deck(PAIR).files)
+
+
+def test_equal_damping_between_unequal_masses_is_two_laws_of_lammps() -> None:
+    # eta is per effective mass: one stiffness and one gamma, but a heavier body
+    scene = Scene(
+        name="masses", duration=1e-4, mass=(1e-2, 1e-2, 5e-2), stiffness=(4e9, 4e9), velocity=(1.0, 0.0, 0.0),
+        damping=KUWABARA_KONO,
+    )  # fmt: skip
+    read = _read(_deck(scene))
+    assert len(set(read.pairs)) == 2
+    _assert_says(read, scene, 1e-7)
+    # a dashpot's is not
+    dashpot = replace(scene, damping=DASHPOT)
+    assert set(_read(_deck(dashpot)).pairs) == {(1, 1)}
+    _assert_says(_read(_deck(dashpot)), dashpot, 1e-7)
+
+
+def test_more_runs_of_masses_than_are_set_one_by_one_are_read_from_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene(
+        name="many", duration=1e-4, mass=(1e-2, 0.1 + 0.2, 1e-2, 1e-2, math.pi), stiffness=(4e9,) * 4,
+        velocity=(1.0, *[0.0] * 4), wall_left=Wall(stiffness=1e9),
+    )  # fmt: skip
+    assert set(_deck(scene).files) == {"in.many", "data.many"}
+    monkeypatch.setattr(deck_module, "MOST_SETS", 3)
+    deck = _deck(scene)
+    assert set(deck.files) == {"in.many", "data.many", "masses.many"}
+    assert " atom " not in re.findall(r"^set .*$", deck.files["in.many"], re.MULTILINE)[0]
+    _assert_says(_read(deck), scene, 1e-7)

@@ -11,6 +11,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.verlet import Verlet
 from dem_bridge.campaign import Case, Result
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene import Damping, Scene, Wall
@@ -185,19 +186,22 @@ def test_lammps_is_verified_on_a_short_scene_in_two_processes(tmp_path: Path) ->
 
 @pytest.mark.lammps
 def test_a_scene_that_lammps_cannot_express_is_not_run_with_the_reason() -> None:
-    linear = replace(SHORT, exponent=2.0, stiffness=(4e6, 4e6, 4e6))
-    found = db.verify(linear, accuracy=1e-3)
+    steep = replace(SHORT, exponent=3.0, stiffness=(4e12, 4e12, 4e12))
+    found = db.verify(steep, accuracy=1e-3)
     [refused] = [v for v in found.verdicts if v.outcome is Outcome.NOT_RUN and v.backend == ENGINE]
     assert "exponent" in refused.sentence
     assert found.exit_code == 0
 
 
-def test_a_scene_that_the_twin_cannot_do_is_not_run_with_the_reason_and_the_others_are() -> None:
-    damped = replace(SHORT, name="damped", damping=Damping(law="dashpot", coefficient=1.0))
-    found = verify_scenes([damped], accuracy=1e-3)
+def test_a_scene_that_the_twin_cannot_do_is_not_run_with_the_reason_and_the_others_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # today it can do all: a twin that knows no drag
+    monkeypatch.setattr(Verlet, "refusal", lambda _, scene: "it has no drag" if scene.drag else None)
+    found = verify_scenes([replace(SHORT, name="dragged", drag=1.0)], accuracy=1e-3)
     [verdict] = found.verdicts
-    assert (verdict.scene, verdict.outcome) == ("damped", Outcome.NOT_RUN)
-    assert "neither damping nor drag" in verdict.sentence
+    assert (verdict.scene, verdict.outcome) == ("dragged", Outcome.NOT_RUN)
+    assert "it has no drag" in verdict.sentence
 
 
 @pytest.mark.parametrize(
