@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,7 +33,9 @@ def solve(scene: Scene | str | Path, *, backend: str, **settings: object) -> Tra
     Settings: ``dt`` (s, an upper bound: the step is interval/ceil(interval/dt)), or ``accuracy`` (of velocity, relative
     to its largest magnitude) instead; ``samples``; ``rtol`` (scipy, ode45) and ``atol`` (ode45; m and m/s);
     ``order="richardson"`` to extrapolate from 2 dt, dt and dt/2 (NotAsymptotic where their order is not clean);
-    ``gauge_radius`` (m); ``time_limit`` (s); ``bars=False`` for no error bars. Which LAMMPS: ``lmp`` (a binary; the
+    ``gauge_radius`` (m), or ``geometry`` ("gauge", "physical"), and ``types`` ("euler", "per-body") of a deck;
+    ``table_style`` ("spline", "linear"), ``table_lines`` and ``table_points`` of its tables; ``time_limit`` (s);
+    ``bars=False`` for no error bars. Which LAMMPS: ``lmp`` (a binary; the
     variable ``DEM_BRIDGE_LMP`` names one too) or ``python`` (an interpreter with the ``lammps`` module), ``lmp_args``
     ("-sf omp") and ``ranks`` (of MPI); None: the module of this environment, on one. Raises UsageError for an unknown
     backend or setting, UnsupportedScene, BackendUnavailable or RunBroken.
@@ -52,7 +54,8 @@ def solve(scene: Scene | str | Path, *, backend: str, **settings: object) -> Tra
     if accuracy is not None and chosen.order is not None:
         from dem_bridge.plan import resolution_for  # brings the compiler, which not every backend needs
 
-        resolution = resolution_for(scene, accuracy, resolution, sampling)
+        tables = resolution.tables or chosen.name == "lammps-table"
+        resolution = resolution_for(scene, accuracy, replace(resolution, tables=tables), sampling)
     if settings.get("order") is None:
         run = chosen.run(scene, resolution, sampling)
     else:
@@ -108,19 +111,20 @@ def write_deck(
     scene: Scene | str | Path, folder: str | Path, *, style: str = "granular", **settings: object
 ) -> tuple[Path, ...]:
     """Write the LAMMPS deck of a scene into ``folder`` (made if need be) and return the files; it runs by
-    ``lmp -in in.NAME`` there. ``dt``, ``samples`` and ``gauge_radius`` as in :func:`solve`. All files appear or none.
+    ``lmp -in in.NAME`` there. ``style``: "granular" or "table"; settings as in :func:`solve`. All files appear or none.
     """
-    from dem_bridge.backends.lammps import LammpsGranular
+    from dem_bridge.backends.lammps import LammpsGranular, LammpsTable
     from dem_bridge.plan import resolution_for
 
-    if style != "granular":
-        raise UsageError(f"style = {style!r}; allowed: granular")
+    styles = {"granular": LammpsGranular, "table": LammpsTable}
+    if style not in styles:
+        raise UsageError(f"style = {style!r}; allowed: {' or '.join(styles)}")
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
-    _, resolution, sampling, accuracy = _settings(scene, "lammps-granular", settings)
+    _, resolution, sampling, accuracy = _settings(scene, f"lammps-{style}", settings)
     if accuracy is not None:
-        resolution = resolution_for(scene, accuracy, resolution, sampling)
-    deck = LammpsGranular().deck(scene, resolution, sampling)
+        resolution = resolution_for(scene, accuracy, replace(resolution, tables=style == "table"), sampling)
+    deck = styles[style]().deck(scene, resolution, sampling)
     folder = Path(folder)
     write_whole(folder, deck.files)
     return tuple(folder / name for name in deck.files)

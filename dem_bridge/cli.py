@@ -84,6 +84,25 @@ def _engine(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
+def _form(command: Callable[..., None]) -> Callable[..., None]:
+    """The options that say how a deck is laid out."""
+    options = (
+        click.option(
+            "--geometry",
+            type=click.Choice(["gauge", "physical"]),
+            help="Radius in the deck: the least that serves, or the scene's own with its round-off.  [default: gauge]",
+        ),
+        click.option(
+            "--types",
+            type=click.Choice(["euler", "per-body"]),
+            help="Atom types: as few as can be, or one a body.  [default: euler]",
+        ),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
 @click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(dem_bridge.__version__, prog_name="dem-bridge")
 def main() -> None:
@@ -129,6 +148,7 @@ def scenes(as_json: bool) -> None:
 @click.option("--rtol", type=float, metavar="R", help="Relative tolerance of scipy and ode45.")
 @click.option("--atol", type=float, metavar="A", help="Absolute tolerance of ode45, m and m/s.")
 @click.option("--samples", type=int, metavar="N", help="Samples in time (default: the scene's).")
+@_form
 @_engine
 @click.option("-o", "output", type=click.Path(path_type=Path), help="Keep the trajectory as netCDF-4.")
 @click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
@@ -140,6 +160,8 @@ def run(
     rtol: float | None,
     atol: float | None,
     samples: int | None,
+    geometry: str | None,
+    types: str | None,
     lmp: str | None,
     lmp_args: str | None,
     python: str | None,
@@ -151,7 +173,7 @@ def run(
     if output is not None:
         check_file(output)
     asked: dict[str, Any] = {"dt": dt, "accuracy": accuracy, "rtol": rtol, "atol": atol, "samples": samples}
-    asked |= {"lmp": lmp, "lmp_args": lmp_args, "python": python, "ranks": ranks}
+    asked |= {"geometry": geometry, "types": types, "lmp": lmp, "lmp_args": lmp_args, "python": python, "ranks": ranks}
     settings = {key: value for key, value in asked.items() if value is not None}
     with _fraction(f"{scene} by {backend}"):
         result = dem_bridge.solve(scene, backend=backend, **settings)
@@ -171,12 +193,14 @@ def run(
 
 @main.command()
 @_scene
-@click.option("--style", type=click.Choice(["granular"]), default="granular", show_default=True)
+@click.option("--style", type=click.Choice(["granular", "table"]), default="granular", show_default=True)
 @_step
+@_form
 @click.option("-o", "folder", required=True, type=click.Path(path_type=Path), metavar="DIR")
-def deck(scene: str, style: str, dt: float | None, folder: Path) -> None:
+def deck(scene: str, style: str, dt: float | None, geometry: str | None, types: str | None, folder: Path) -> None:
     """Write the LAMMPS deck of SCENE into DIR; it runs there by `lmp -in in.NAME`."""
-    settings = {} if dt is None else {"dt": dt}
+    asked = {"dt": dt, "geometry": geometry, "types": types}
+    settings = {key: value for key, value in asked.items() if value is not None}
     for path in dem_bridge.write_deck(scene, folder, style=style, **settings):
         click.echo(path)
 
@@ -276,6 +300,7 @@ def _summary(run: Trajectory) -> dict[str, Any]:
         "force_bar_N": bar("peak_force"),
         "last_crossing_s": float(crossed[-1]) if len(crossed) else None,
         "crossing_bar_s": bar("crossing_time"),
+        "round_off_floor": run.provenance.get("round_off_floor"),
         "steps": run.cost.steps,
         "force_evaluations": run.cost.force_evaluations,
         "wall_s": round(run.cost.wall, 4),

@@ -36,12 +36,13 @@ def resolution_for(scene: Scene, accuracy: float, resolution: Resolution, sampli
         if bar <= accuracy:
             return replace(resolution, dt=dt)
         least = min(least, bar)
-        if run.provenance["velocity_bar"]["round_off"] > accuracy:
-            # it grows with the number of steps: no smaller one helps
+        parts = run.provenance["velocity_bar"]
+        if parts["round_off"] + parts["table"] > accuracy:
+            # round-off grows with the number of steps, and tables err whatever it is: no smaller step helps
             raise UsageError(
-                f"accuracy = {accuracy:g} on {scene.name}: bodies of {radius:.3g} m round off"
-                f" {run.provenance['round_off_floor']:.2g} of the velocities by dt = {dt:g} s; the least bar found is"
-                f" {least:.2g}: ask for that, or take geometry='gauge'"
+                f"accuracy = {accuracy:g} on {scene.name}: at dt = {dt:g} s bodies of {radius:.3g} m round off"
+                f" {run.provenance['round_off_floor']:.2g} of the velocities, and tables miss {parts['table']:.2g};"
+                f" the least bar found is {least:.2g}: ask for that, or take geometry='gauge' or backend='lammps-granular'"
             )
         # the bar goes as dt^order
         dt = round_step(dt * min(0.7, (accuracy / bar) ** (1.0 / order_on(scene))))

@@ -11,7 +11,8 @@ from __future__ import annotations
 from dem_bridge.backends.base import Availability, Resolution, Sampling
 from dem_bridge.backends.steps import fixed_step_plan, radius_of
 from dem_bridge.backends.survey import survey
-from dem_bridge.backends.twin import TWIN, solve_plan
+from dem_bridge.backends.tabled import in_kernel, tables_for
+from dem_bridge.backends.twin import EXACT, TWIN, solve_plan
 from dem_bridge.backends.twin_bars import twins_of, with_bars
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
@@ -35,8 +36,12 @@ class Verlet:
         """Solve; with ``gauge_radius`` in absolute positions, as LAMMPS. The bars come from three more runs."""
         look = survey(scene)
         plan = fixed_step_plan(scene, resolution, sampling, look)
-        run = solve_plan(scene, plan, resolution.gauge_radius or 0.0)
+        tables = EXACT
+        if resolution.tables:
+            tables = in_kernel(scene, tables_for(scene, resolution, look), radius_of(scene, resolution, look))
+        run = solve_plan(scene, plan, resolution.gauge_radius or 0.0, tables)
         if not resolution.bars:
             return run
-        own = run if resolution.gauge_radius is None else None
-        return with_bars(run, twins_of(scene, plan, look, radius=radius_of(scene, resolution, look), own=own))
+        own = run if resolution.gauge_radius is None and not resolution.tables else None
+        radius = radius_of(scene, resolution, look)
+        return with_bars(run, twins_of(scene, plan, look, radius=radius, own=own, tables=tables))

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.physics.law import ContactLaw, power_law
 from dem_bridge.scene import Scene
 
 #: force ~ overlap^(n-1) -> LAMMPS' normal model
@@ -86,6 +87,9 @@ class Laws:
         # a zero as ever: the decks of undamped scenes do not know that there is damping
         return f"{MODELS[n]} {value!r} {eta if eta else 0!r} tangential linear_nohistory 0 0 {damping}"
 
+    def law(self, law: int) -> ContactLaw:
+        """Elastic force and energy as functions of overlap."""
+        return power_law(float(self.stiffness[law]), float(self.exponent[law]))
 
     def dashpot(self, law: int) -> str:
         """As :meth:`coefficients`, for what is added beside a table: no elastic force, and nothing clipped."""

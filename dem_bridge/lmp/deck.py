@@ -287,10 +287,7 @@ def _coefficients(line: _Line) -> Iterator[str]:
         name = f"contact {contact}" if contact < links else ends[contact - links]
         more = f" and {count - 1} more" if count > 1 else ""
         for behind in line.pairing.behind[law]:
-            yield (
-                f"pair_coeff      {low} {high} {behind}"
-                f"  # {name}{more}: beta = {float(line.laws.stiffness[law])!r}"
-            )
+            yield (f"pair_coeff      {low} {high} {behind}  # {name}{more}: beta = {float(line.laws.stiffness[law])!r}")
 
 
 def _data(line: _Line) -> Iterator[str]:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from dem_bridge.lmp.coefficients import MODELS, NOTHING, Laws
 from dem_bridge.lmp.interpolation import Style
 from dem_bridge.lmp.table import LINES, ContactTable, contact_table, points_for, zero_table
-from dem_bridge.physics.law import power_law
 from dem_bridge.version import FORM_DATE
 
 #: range of a table over the largest overlap that a coarse run found
@@ -67,20 +66,19 @@ def table_set(
 ) -> TableSet:
     """One table for each law, as long as its own largest overlap asks for.
 
-    ``radius`` in m; ``peak_overlap`` (m) along the line of atoms; ``pairs``: how many ``pair_coeff`` there will be, which
-    share the memory where ``points`` says nothing.
+    ``radius`` in m; ``peak_overlap`` (m) along the line of atoms; ``pairs``: how many ``pair_coeff`` there will be,
+    which share the memory where ``points`` says nothing.
     """
     deepest = np.zeros(len(laws.stiffness))
     np.maximum.at(deepest, laws.where, peak_overlap)
     reach = np.maximum(MARGIN * deepest, _UNTOUCHED * (float(np.max(deepest)) or radius))
     points = points or points_for(pairs + 1)
     tables = {}
-    columns = (one.tolist() for one in (laws.stiffness, laws.exponent, laws.damping))
-    for law, (beta, n, eta) in enumerate(zip(*columns, strict=True)):
-        if eta > 0.0 and n in MODELS:
+    for law in range(len(laws.stiffness)):
+        if laws.damping[law] > 0.0 and laws.exponent[law] in MODELS:
             continue
         tables[law] = contact_table(
-            power_law(beta, n),
+            laws.law(law),
             keyword=f"LAW{law}",
             diameter=2.0 * radius,
             reach=float(reach[law]),
@@ -93,7 +91,9 @@ def table_set(
 
 def tabled(laws: Laws, radius: float, found: TableSet, name: str) -> Pairing:
     """``pair_style table``; with damping beside it, ``hybrid/overlay`` with ``granular``."""
-    none = zero_table(keyword="NONE", diameter=2.0 * radius, date=FORM_DATE)
+    # contacts that are left to granular have no table, however deep they get
+    reach = radius if laws.clipped else None
+    none = zero_table(keyword="NONE", diameter=2.0 * radius, date=FORM_DATE, reach=reach)
     files = {f"{name}.none.table": none.text}
     files |= {f"{name}.{law}.table": table.text for law, table in found.tables.items()}
     style = f"table {found.style} {found.points}"
@@ -109,7 +109,7 @@ def tabled(laws: Laws, radius: float, found: TableSet, name: str) -> Pairing:
             behind=tuple((file(law, table.keyword),) for law, table in found.tables.items()),
             files=MappingProxyType(files),
         )
-    behind = []
+    behind: list[tuple[str, ...]] = []
     for law in range(len(laws.stiffness)):
         table = found.tables.get(law)
         if table is None:

@@ -108,12 +108,13 @@ def contact_table(
     )
 
 
-def zero_table(*, keyword: str, diameter: float, date: str) -> ContactTable:
+def zero_table(*, keyword: str, diameter: float, date: str, reach: float | None = None) -> ContactTable:
     """No force: for ``pair_coeff * *``, which must come first and covers the pairs that have no contact.
 
-    Its innermost line is 1/1024 below the diameter: bodies that are no neighbours and meet stop LAMMPS.
+    Its innermost line is ``reach`` (m; None: 1/1024 of it) below the diameter: bodies that are no neighbours and meet
+    stop LAMMPS there.
     """
-    distance = np.array([diameter * (1.0 - 2.0**-10), diameter])
+    distance = np.array([diameter - reach if reach is not None else diameter * (1.0 - 2.0**-10), diameter])
     none = np.zeros(2)
     return ContactTable(
         keyword=keyword, header=_header(date), distance=distance, energy=none, force=none, slopes=(0.0, 0.0)

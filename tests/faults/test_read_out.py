@@ -70,7 +70,7 @@ def changed(function: Callable[..., Any], changes: Sequence[Substitution], **nam
     return scope[function.__name__]
 
 
-DENSE, READ_OFF, EXTREMES = lammps._dense, steps.read_off, steps.peaks_and_crossings
+DENSE, READ_OFF, EXTREMES = lammps.dense_of, steps.read_off, steps.peaks_and_crossings
 KEEP = "keep = slice(None, None, plan.subdivisions)"
 READINGS: dict[str, Fault[Substitution]] = {
     "samples off by one": Fault(
@@ -104,7 +104,7 @@ READINGS: dict[str, Fault[Substitution]] = {
 def read_with(monkeypatch: pytest.MonkeyPatch, *changes: Substitution) -> Any:
     """The stand-in's runs, read with these changes; the twin, which is read off by the same functions, without."""
     peaks = changed(EXTREMES, changes)
-    monkeypatch.setattr(lammps, "_dense", changed(DENSE, changes))
+    monkeypatch.setattr(lammps, "dense_of", changed(DENSE, changes))
     monkeypatch.setattr(lammps, "read_off", changed(READ_OFF, changes, peaks_and_crossings=peaks))
     return replaced(runs_of(Code), run_in_place_of_lammps(Code, BENCH.of(ENGINE)[0]))
 

@@ -1,0 +1,110 @@
+"""What LAMMPS dumped, read as a run: in the order of the scene's contacts and bodies, and checked.
+
+Positions, velocities and net forces are LAMMPS' own. Contact forces are the running sum of the net forces along the
+chain, so a wrong coefficient in a deck shows in them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge import progress
+from dem_bridge.backends.steps import Dense
+from dem_bridge.errors import RunBroken
+from dem_bridge.lmp.coefficients import line_order
+from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.lmp.process import EngineReport
+from dem_bridge.scene import Scene
+
+
+def checked_values(deck: Deck, steps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+    """RunBroken unless the dump has the frames and atoms that the deck asks for, finite and within the gauge."""
+    expected = deck.schedule.dense_steps
+    if not np.array_equal(steps, expected) or values.shape[1] != len(deck.line):
+        raise RunBroken(
+            f"LAMMPS dumped {len(steps)} frames of {values.shape[1]} atoms;"
+            f" the deck asks for {len(expected)} of {len(deck.line)}"
+        )
+    if not np.all(np.isfinite(values)):
+        first = int(np.argwhere(~np.isfinite(values).all(axis=(1, 2)))[0, 0])
+        raise RunBroken(f"LAMMPS ended without an error, but from step {steps[first]} on its values are not finite")
+    check_gauge(values[:, :, DUMP_COLUMNS.index("x")], deck, steps)
+
+
+def dense_of(scene: Scene, deck: Deck, steps: NDArray[np.int64], values: NDArray[np.float64]) -> Dense:
+    """What LAMMPS dumped, in the order of the scene's contacts and bodies."""
+    position, velocity, net = (values[:, :, DUMP_COLUMNS.index(name)] for name in ("x", "vx", "fx"))
+    columns = np.argsort(line_order(scene))
+    outer = deck.weight
+    if scene.drag > 0.0:
+        # forces are those of the half step's velocity, which is not dumped
+        half = velocity - np.where(steps > 0, 0.5 * deck.schedule.step, 0.0)[:, None] * net * deck.mobility
+        mass = np.divide(1.0, deck.mobility, out=np.zeros_like(deck.mobility), where=deck.mobility > 0.0)
+        outer = deck.weight - scene.drag * mass * half
+    bodies = slice(deck.first_id - 1, deck.first_id - 1 + scene.n_body)
+
+    def at_rest_beside(moving: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.pad(moving[:, bodies], ((0, 0), (0, 1)))
+
+    return Dense(
+        velocity=at_rest_beside(velocity),
+        displacement=at_rest_beside(position - deck.line),
+        # a frozen wall has net force but no acceleration
+        acceleration=at_rest_beside(net * deck.mobility),
+        overlap=(2.0 * deck.gauge_radius - np.diff(position, axis=1))[:, columns],
+        force=np.cumsum(outer - net, axis=1)[:, columns],
+        farthest=float(np.max(np.abs(position))),
+    )
+
+
+def check_gauge(position: NDArray[np.float64], deck: Deck, steps: NDArray[np.int64]) -> None:
+    """RunBroken where bodies that are not neighbours touch, or an overlap exceeds the gauge radius, so that they may
+    have touched between two looks."""
+    diameter = 2.0 * deck.gauge_radius
+    deepest = diameter - float(np.min(np.diff(position, axis=1), initial=math.inf))
+    found = f"an overlap of {deepest:.6g} m exceeds the gauge radius {deck.gauge_radius:.6g} m"
+    across = position[:, 2:] - position[:, :-2]
+    if np.min(across, initial=math.inf) < diameter:
+        row, atom = np.unravel_index(np.argmin(across), across.shape)
+        raise RunBroken(
+            f"{found}, and atoms {atom + 1} and {atom + 3}, which are not neighbours, overlap by"
+            f" {diameter - float(across[row, atom]):.6g} m at step {steps[row]}; give a larger gauge_radius"
+        )
+    if deepest > deck.gauge_radius:
+        raise RunBroken(f"{found}: bodies that are not neighbours may have touched; give a larger gauge_radius")
+
+
+def dump_progress(path: Path, deck: Deck) -> Callable[[], None]:
+    """A call that reports the share of the dump that is written."""
+    whole = dump_size(deck)
+
+    def watch() -> None:
+        if path.exists():
+            progress.report(path.stat().st_size / whole)
+
+    return watch
+
+
+def dump_size(deck: Deck) -> int:
+    """Bytes that a run of the deck writes."""
+    frame = 8 * len(DUMP_COLUMNS) * len(deck.line) + 200  # values and, roughly, a frame's header
+    return frame * len(deck.schedule.dense_steps)
+
+
+def engine_certificate(engine: Engine, report: EngineReport, scene: Scene) -> dict[str, Any]:
+    """Provenance of a run: which LAMMPS, and how. JSON-able."""
+    note = engine.note(scene.n_body)
+    return {
+        "version": report.version,
+        "packages": list(report.packages),
+        "build": list(report.build),
+        "run_by": engine.label,
+        "ranks": report.ranks,
+    } | ({"note": note} if note else {})

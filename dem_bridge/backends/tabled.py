@@ -1,0 +1,82 @@
+"""The tables of a scene: for the deck as files, for the twin as what LAMMPS makes of them.
+
+Both come from the same set, so that the twin errs where LAMMPS does, and the difference to the twin with the laws
+themselves is the error of the tables, apart from that of the time step.
+"""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+
+from dem_bridge.backends.base import Resolution
+from dem_bridge.backends.steps import Dense, radius_of
+from dem_bridge.backends.survey import Survey
+from dem_bridge.backends.twin import Tables
+from dem_bridge.lmp.coefficients import laws, line_order, pairs
+from dem_bridge.lmp.encoding import body_types
+from dem_bridge.lmp.interpolation import Style, interpolated, interpolation_error
+from dem_bridge.lmp.pairing import MARGIN, TableSet, table_set
+from dem_bridge.scene import Scene
+
+
+def tables_for(scene: Scene, resolution: Resolution, look: Survey) -> TableSet:
+    """The tables that a deck of this resolution reads."""
+    found = laws(scene)
+    types = body_types(found.where, resolution.types)
+    return table_set(
+        found,
+        radius=radius_of(scene, resolution, look),
+        peak_overlap=look.peak_overlap[line_order(scene)],
+        pairs=sum(1 for _ in pairs(types)),
+        style=cast(Style, resolution.table_style),
+        lines=resolution.table_lines,
+        points=resolution.table_points,
+    )
+
+
+def in_kernel(scene: Scene, tables: TableSet, radius: float) -> Tables:
+    """The same for the twin's kernel; ``radius`` in m."""
+    found = laws(scene)
+    internal = {law: interpolated(t, style=tables.style, points=tables.points) for law, t in tables.tables.items()}
+    row = np.full(len(found.stiffness), -1)
+    row[list(internal)] = np.arange(len(internal))
+    places = np.empty(scene.n_contact, dtype=np.int64)
+    places[line_order(scene)] = row[found.where]
+    frame = np.zeros((len(internal), 4))
+    value = np.zeros((len(internal), tables.points))
+    second = np.zeros((len(internal), tables.points if tables.style == "spline" else 0))
+    for at, one in enumerate(internal.values()):
+        *frame[at], value[at], second[at] = one.arguments
+    return Tables(2.0 * radius, places, frame, value, second)
+
+
+def predicted_error(scene: Scene, tables: TableSet) -> float:
+    """Largest error of a force for want of points, relative to the largest force that its contact is to have."""
+    found = laws(scene)
+    errors = [
+        interpolation_error(
+            found.law(law),
+            interpolated(table, style=tables.style, points=tables.points),
+            reach=float(table.distance[-1] - table.distance[0]),
+        )
+        for law, table in tables.tables.items()
+    ]
+    return max(errors, default=0.0)
+
+
+def measured_error(scene: Scene, tables: TableSet, dense: Dense) -> float:
+    """The same, found in a run: forces of undamped contacts beside their laws at the overlaps of the run."""
+    found, order = laws(scene), line_order(scene)
+    worst = 0.0
+    for law, table in tables.tables.items():
+        if found.damping[law] > 0.0:
+            continue
+        force_of = found.law(law).force
+        foreseen = float(table.distance[-1] - table.distance[0]) / MARGIN
+        mine = order[found.where == law]
+        overlap = dense.overlap[:, mine]
+        away = np.abs(dense.force[:, mine] - force_of(np.maximum(overlap, 0.0)))[overlap <= foreseen]
+        worst = max(worst, float(np.max(away, initial=0.0)) / float(force_of(np.array(foreseen))))
+    return worst
