@@ -37,12 +37,13 @@ def resolution_for(scene: Scene, accuracy: float, resolution: Resolution, sampli
             return replace(resolution, dt=dt)
         least = min(least, bar)
         parts = run.provenance["velocity_bar"]
-        if parts["round_off"] + parts["table"] > accuracy:
+        if max(accuracy, parts["time_step"]) < parts["round_off"] + parts["table"]:
             # round-off grows with the number of steps, and tables err whatever it is: no smaller step helps
             raise UsageError(
                 f"accuracy = {accuracy:g} on {scene.name}: at dt = {dt:g} s bodies of {radius:.3g} m round off"
                 f" {run.provenance['round_off_floor']:.2g} of the velocities, and tables miss {parts['table']:.2g};"
-                f" the least bar found is {least:.2g}: ask for that, or take geometry='gauge' or backend='lammps-granular'"
+                f" the least bar found is {least:.2g}: ask for that, or take geometry='gauge' or"
+                " backend='lammps-granular'"
             )
         # the bar goes as dt^order
         dt = round_step(dt * min(0.7, (accuracy / bar) ** (1.0 / order_on(scene))))

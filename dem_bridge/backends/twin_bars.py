@@ -170,5 +170,9 @@ def with_bars(run: Trajectory, twins: Twins | None) -> Trajectory:
         name: float(np.max(amount / np.maximum(own_scale(getattr(own, name)), 1e-300), initial=0.0))
         for name, amount in lost.items()
     }
-    told = {"velocity_bar": parts, "round_off_floor": floor, "sampling": sampling}
+    told = {
+        "velocity_bar": {name: float(part) for name, part in parts.items()},
+        "round_off_floor": floor,
+        "sampling": sampling,
+    }
     return replace(run, uncertainty=bars, provenance={**run.provenance, **told})

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from dem_bridge.backends import lammps, steps
+from dem_bridge.backends import lammps, lammps_output, steps
 from dem_bridge.studies.checks import ENGINE, POSITIONAL, REFERENCE, TWIN
 from tests.faults.decks import Change, both, run_with, substituted
 from tests.faults.judging import BENCH, ENERGY, IMPLEMENTATION, USER, Fault, minus, replaced
@@ -70,7 +70,7 @@ def changed(function: Callable[..., Any], changes: Sequence[Substitution], **nam
     return scope[function.__name__]
 
 
-DENSE, READ_OFF, EXTREMES = lammps.dense_of, steps.read_off, steps.peaks_and_crossings
+DENSE, READ_OFF, EXTREMES = lammps_output.dense_of, steps.read_off, steps.peaks_and_crossings
 KEEP = "keep = slice(None, None, plan.subdivisions)"
 READINGS: dict[str, Fault[Substitution]] = {
     "samples off by one": Fault(
