@@ -45,8 +45,8 @@ def resolution_for(scene: Scene, accuracy: float, resolution: Resolution, sampli
                 f" the least bar found is {least:.2g}: ask for that, or take geometry='gauge' or"
                 " backend='lammps-granular'"
             )
-        # the bar goes as dt^order
-        dt = round_step(dt * min(0.7, (accuracy / bar) ** (1.0 / order_on(scene))))
+        # the bar goes as dt^order; no step further than to a tenth, for what no step can reach shows on the way
+        dt = round_step(dt * min(0.7, max(0.1, (accuracy / bar) ** (1.0 / order_on(scene)))))
     raise UsageError(
         f"accuracy = {accuracy:g} on {scene.name} needs a step below {dt:.2g} s, more than {MOST_STEPS:.0e} steps;"
         " ask for less, or take backend='scipy'"
