@@ -9,7 +9,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from dem_bridge.errors import UsageError
 from dem_bridge.physics.contact import Floats
 
 
@@ -26,16 +25,16 @@ class ContactLaw:
 def power_law(stiffness: float, exponent: float) -> ContactLaw:
     """``F = beta overlap^(n-1)`` with energy ``beta overlap^n / n``; ``stiffness`` beta in N/m^(n-1), n >= 2.
 
-    Raises UsageError for other values.
+    Raises ValueError for other values.
 
     >>> law = power_law(1e9, 2.5)
     >>> float(law.force(np.array(4e-6)).round(12)), float(law.energy(np.array(4e-6)).round(18))
     (8.0, 1.28e-05)
     """
     if not (math.isfinite(stiffness) and stiffness > 0.0):
-        raise UsageError(f"stiffness = {stiffness!r}; allowed: a number > 0 (N/m^(n-1))")
+        raise ValueError(f"stiffness = {stiffness!r}; allowed: a number > 0 (N/m^(n-1))")
     if not (math.isfinite(exponent) and exponent >= 2.0):
-        raise UsageError(f"exponent n = {exponent!r}; allowed: n >= 2, so that the force has a slope at touch")
+        raise ValueError(f"exponent n = {exponent!r}; allowed: n >= 2, so that the force has a slope at touch")
     return ContactLaw(
         force=lambda overlap: np.asarray(stiffness * overlap ** (exponent - 1.0)),
         energy=lambda overlap: np.asarray(stiffness * overlap**exponent / exponent),
