@@ -90,6 +90,8 @@ class LammpsGranular:
         told: dict[str, Any] = {
             "lammps": engine_certificate(self.engine, report, scene),
             "engine_wall": report.wall,
+            "engine_loop": report.loop,
+            "engine_memory": report.memory,
             "deck_hash": deck.content_hash,
             "atom_types": deck.types,
         }
