@@ -87,6 +87,12 @@ class _Line:
     """m: how much of the line is ever in use."""
 
     @property
+    def binsize(self) -> float:
+        """Of the neighbour bins, m; 0: LAMMPS' own. They follow the radius: a far flight would need millions."""
+        most = 20 * len(self.types) + 1000
+        return self.length / most if self.length > 1.5 * self.radius * most else 0.0
+
+    @property
     def masses(self) -> list[tuple[int, int]]:
         """Runs of bodies with equal masses, as the atom ids (first, last)."""
         left, right = self.walls
@@ -183,9 +189,7 @@ def _header(scene: Scene, what: str) -> str:
 
 def _input(line: _Line) -> Iterator[str]:
     scene, radius, plan = line.scene, line.radius, line.schedule
-    # LAMMPS' own bins follow the radius: bodies that fly far would need millions of them
-    most_bins = 20 * len(line.types) + 1000
-    binsize = f" binsize {line.length / most_bins!r}" if line.length > 1.5 * radius * most_bins else ""
+    binsize = f" binsize {line.binsize!r}" if line.binsize else ""
     kinds = int(np.max(line.types))
     alone = len(line.laws.stiffness) == scene.n_contact
     own = "each contact has its own pair" if alone else "contacts with the same law may share a pair"
@@ -291,14 +295,16 @@ def _coefficients(line: _Line) -> Iterator[str]:
 
 
 def _data(line: _Line) -> Iterator[str]:
-    margin = 2.0 * line.radius
+    # as thin as bodies are: there are bins across the line, too; but LAMMPS refuses bins much larger than the box
+    margin = max(2.0 * line.radius, line.binsize)
+    across = 0.5 * margin
     yield _header(line.scene, "LAMMPS data")
     yield ""
     yield f"{len(line.types)} atoms"
     yield f"{int(np.max(line.types))} atom types"
     yield f"{float(np.min(line.place)) - margin!r} {float(np.max(line.place)) + margin!r} xlo xhi"
-    yield f"{-4.0 * margin!r} {4.0 * margin!r} ylo yhi"
-    yield f"{-4.0 * margin!r} {4.0 * margin!r} zlo zhi"
+    yield f"{-across!r} {across!r} ylo yhi"
+    yield f"{-across!r} {across!r} zlo zhi"
     yield ""
     yield "Atoms # sphere  (id type diameter density x y z; the masses are set in the deck)"
     yield ""

@@ -133,6 +133,8 @@ SCENES = {
     "initial overlap with a wall": replace(PAIR, wall_right=Wall(stiffness=1e9, gap=-2e-6)),
     "the last body strikes": replace(PAIR, velocity=(0.0, -0.8)),
     "nothing touches": replace(PAIR, velocity=(0.0, 0.8)),
+    # 3e6 radii: so many bins that there are fewer and larger ones, and a box that is wide enough for them
+    "bodies that part and fly far": replace(PAIR, velocity=(0.0, 1e6)),
     "one free body": Scene(name="free", duration=1e-4, mass=(1e-2,), stiffness=(), velocity=(0.5,), samples=10),
 }
 
