@@ -85,6 +85,8 @@ class _Line:
     walls: tuple[bool, bool]
     length: float
     """m: how much of the line is ever in use."""
+    floor: float | None
+    """Round-off to expect, of the largest velocity; None: the radius is a gauge."""
 
     @property
     def binsize(self) -> float:
@@ -104,30 +106,51 @@ class _Line:
 
 
 def granular_deck(
-    scene: Scene, *, radius: float, schedule: Schedule, travel: float = 0.0, types: str = "euler"
+    scene: Scene,
+    *,
+    radius: float,
+    schedule: Schedule,
+    travel: float = 0.0,
+    types: str = "euler",
+    floor: float | None = None,
 ) -> Deck:
     """The deck of a scene for ``pair_style granular``.
 
-    ``radius`` in m; ``travel`` (m): how far bodies get, roughly; ``types``: "euler", as few as can be, or "per-body".
+    ``radius`` in m; ``travel`` (m): how far bodies get, roughly; ``types``: "euler", as few as can be, or "per-body";
+    ``floor``: where the radius is the scene's own, the round-off that it costs, relative to the largest velocity.
     Raises ValueError where :func:`~dem_bridge.lmp.coefficients.refusal` has a reason.
     """
     reason = refusal(scene)
     if reason:
         raise ValueError(reason)
     found = laws(scene)
-    return _deck(scene, found, granular(found, radius), radius, schedule, travel, types)
+    return _deck(scene, found, granular(found, radius), radius, schedule, travel, types, floor)
 
 
 def table_deck(
-    scene: Scene, tables: TableSet, *, radius: float, schedule: Schedule, travel: float = 0.0, types: str = "euler"
+    scene: Scene,
+    tables: TableSet,
+    *,
+    radius: float,
+    schedule: Schedule,
+    travel: float = 0.0,
+    types: str = "euler",
+    floor: float | None = None,
 ) -> Deck:
     """The deck of a scene for ``pair_style table``, with the tables made for it; otherwise as :func:`granular_deck`."""
     found = laws(scene)
-    return _deck(scene, found, tabled(found, radius, tables, scene.name), radius, schedule, travel, types)
+    return _deck(scene, found, tabled(found, radius, tables, scene.name), radius, schedule, travel, types, floor)
 
 
 def _deck(
-    scene: Scene, found: Laws, pairing: Pairing, radius: float, schedule: Schedule, travel: float, types: str
+    scene: Scene,
+    found: Laws,
+    pairing: Pairing,
+    radius: float,
+    schedule: Schedule,
+    travel: float,
+    types: str,
+    floor: float | None,
 ) -> Deck:
     walls = (scene.wall_left is not None, scene.wall_right is not None)
     place = positions(scene, radius)
@@ -145,6 +168,7 @@ def _deck(
         velocity=np.pad(np.array(scene.velocity), around),
         walls=walls,
         length=float(place[-1] - place[0]) + travel,
+        floor=floor,
     )
     files = {f"in.{scene.name}": "\n".join(_input(line)) + "\n", f"data.{scene.name}": "\n".join(_data(line)) + "\n"}
     files |= pairing.files
@@ -197,7 +221,14 @@ def _input(line: _Line) -> Iterator[str]:
     if scene.description:
         yield f"# {scene.description}"
     yield f"# {scene.n_body} bodies, {scene.n_contact} contacts, {kinds} atom types: {own}"
-    yield f"# gauge radius R = {radius!r} m; {line.pairing.note}"
+    if line.floor is None:
+        yield f"# gauge radius R = {radius!r} m; {line.pairing.note}"
+    else:
+        far = float(np.max(np.abs(line.place)))
+        known = f"overlaps, differences of positions up to {far:.3g} m, are known to {math.ulp(far):.1e} m"
+        yield f"# radius R = {radius!r} m, half the spacing of the bodies; {line.pairing.note}"
+        yield f"# {known}: expect round-off of {line.floor:.0e} of the"
+        yield "# largest velocity, more with a finer step; with a gauge radius there is less, and motion is the same"
     yield ""
     yield "# run it in this folder; a finer step needs dt, per_sample and steps together: half, twice and twice"
     yield f"variable dt          index {plan.step!r}  # s"
