@@ -279,17 +279,25 @@ def test_later_pair_coeffs_override_earlier_ones_in_the_reader_as_in_lammps(tmp_
 # committed decks
 
 
+#: folder of lammps_inputs -> the scene, and how its deck is written
+COMMITTED: dict[str, tuple[str, dict[str, Any]]] = {
+    **{name: (name, {}) for name in db.shipped_scenes()},
+    **{f"{name}-physical": (name, {"geometry": "physical", "types": "per-body"}) for name in db.shipped_scenes()},
+}
+
+
 def _owners() -> dict[str, set[str]]:
     """Folder of lammps_inputs -> files it must have."""
-    return {name: {f"in.{name}", f"data.{name}"} for name in db.shipped_scenes()}
+    return {folder: {f"in.{name}", f"data.{name}"} for folder, (name, _) in COMMITTED.items()}
 
 
-@pytest.mark.parametrize("name", db.shipped_scenes())
-def test_the_committed_deck_is_byte_for_byte_what_is_written_now(name: str, tmp_path: Path) -> None:
-    written = db.write_deck(name, tmp_path)
-    assert {file.name for file in written} == _owners()[name]
+@pytest.mark.parametrize("folder", COMMITTED)
+def test_the_committed_deck_is_byte_for_byte_what_is_written_now(folder: str, tmp_path: Path) -> None:
+    name, how = COMMITTED[folder]
+    written = db.write_deck(name, tmp_path, **how)
+    assert {file.name for file in written} == _owners()[folder]
     for file in written:
-        assert file.read_bytes() == (INPUTS / name / file.name).read_bytes(), f"{name}/{file.name} has changed"
+        assert file.read_bytes() == (INPUTS / folder / file.name).read_bytes(), f"{folder}/{file.name} has changed"
 
 
 def test_every_file_in_lammps_inputs_has_a_scene_that_owns_it() -> None:
@@ -298,12 +306,30 @@ def test_every_file_in_lammps_inputs_has_a_scene_that_owns_it() -> None:
     assert found == owned
 
 
-@pytest.mark.parametrize("name", db.shipped_scenes())
-def test_the_committed_deck_is_the_shipped_scene(name: str) -> None:
-    read = read_deck(INPUTS / name, name)
+@pytest.mark.parametrize("folder", COMMITTED)
+def test_the_committed_deck_is_the_shipped_scene(folder: str) -> None:
+    name, how = COMMITTED[folder]
+    read = read_deck(INPUTS / folder, name)
     scene = db.load_scene(name)
     _assert_says(read, scene, 1e-8)
-    assert read.types == 9
+    assert scene.spacing == 0.018
+    assert read.types == (41 if how else 9)
+    assert {atom.diameter for atom in read.atoms} == ({0.018} if how else {2.0**-14})
+
+
+@pytest.mark.parametrize("name", db.shipped_scenes())
+def test_a_deck_of_the_scenes_own_radius_says_what_round_off_to_expect(name: str) -> None:
+    text = (INPUTS / f"{name}-physical" / f"in.{name}").read_text()
+    [said] = re.findall(r"^# .*expect round-off of (\S+) of the$", text, re.MULTILINE)
+    runs = [
+        db.solve(name, backend="verlet", dt=1e-8, gauge_radius=radius, bars=False).velocity for radius in (0.009, None)
+    ]
+    # one digit is said
+    assert float(said) == pytest.approx(np.max(np.abs(runs[0] - runs[1])) / np.max(np.abs(runs[1])), rel=0.5)
+    assert "known to 1.1e-16 m" in text
+    assert math.ulp(0.72) == pytest.approx(1.1e-16, rel=0.01)
+    assert "radius R = 0.009 m" in text
+    assert "round-off" not in (INPUTS / name / f"in.{name}").read_text()
 
 
 def test_a_description_of_two_lines_is_refused_before_it_becomes_a_command() -> None:
