@@ -119,6 +119,9 @@ def write_deck(
     styles = {"granular": LammpsGranular, "table": LammpsTable}
     if style not in styles:
         raise UsageError(f"style = {style!r}; allowed: {' or '.join(styles)}")
+    for key in _ENGINE:
+        if settings.get(key) is not None:
+            raise UsageError(f"{key} = {settings[key]!r} says which LAMMPS runs; a deck is only written: leave it out")
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
     _, resolution, sampling, accuracy = _settings(scene, f"lammps-{style}", settings)
