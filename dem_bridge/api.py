@@ -135,7 +135,14 @@ def write_deck(
 
 def available() -> dict[str, Availability]:
     """Every backend's name with whether it can run here and, if not, why and what to do."""
-    return {name: backend(name).availability() for name in BACKENDS}
+
+    def of(name: str) -> Availability:
+        try:
+            return backend(name).availability()
+        except UsageError as error:  # the environment names an engine that cannot be
+            return Availability(False, str(error))
+
+    return {name: of(name) for name in BACKENDS}
 
 
 def _settings(
