@@ -11,8 +11,9 @@ import numpy as np
 from dem_bridge.scene import Damping, Scene, Wall
 
 
-def random_damped(seed: int) -> Scene:
-    """Scene ``seed``."""
+def random_damped(seed: int, *, severe: bool = False) -> Scene:
+    """Scene ``seed``; ``severe``: dashpots alone, of a tenth to ten times critical damping, and all contacts open, so
+    that forces jump somewhere within a step."""
     rng = np.random.default_rng([1971, seed])
     n = int(rng.integers(2, 9))
     links = n - 1
@@ -24,13 +25,17 @@ def random_damped(seed: int) -> Scene:
     depth = (1.25 * v0**2 * 5e-3 / hertz) ** 0.4
     secant = hertz * depth**0.5
     stiffness = np.where(exponent == 2.5, hertz, secant)
-    ratio = 10 ** rng.uniform(-2, 0.5, links + 2) * (rng.uniform(size=links + 2) < 0.7)
-    law = ("dashpot", "kuwabara-kono")[int(rng.integers(2))]
+    ratio = 10 ** rng.uniform(-1.0 if severe else -2.0, 1.0 if severe else 0.5, links + 2) * (
+        rng.uniform(size=links + 2) < 0.7
+    )
+    law = "dashpot" if severe else ("dashpot", "kuwabara-kono")[int(rng.integers(2))]
     c = 2.0 * ratio * np.sqrt(secant * 5e-3)
     coefficient = c if law == "dashpot" else c / secant
     walls = rng.uniform(size=2) < 0.3
-    gap = np.where(rng.uniform(size=links + 2) < 0.4, depth * 10 ** rng.uniform(-1, 1, links + 2), 0.0)
-    pressed = bool(rng.uniform() < 0.2)
+    gap = np.where(
+        rng.uniform(size=links + 2) < (2.0 if severe else 0.4), depth * 10 ** rng.uniform(-1, 1, links + 2), 0.0
+    )
+    pressed = not severe and bool(rng.uniform() < 0.2)
     if pressed:
         gap[:] = 0.0
     velocity = np.zeros(n)
