@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from dem_bridge.backends.steps import order_on
 from dem_bridge.observables.front import arrival_by_crossing, residence_by_crossing, wave_speed_by_crossing
 from dem_bridge.studies.checks import ENGINE, REFERENCE, THEORY, TWIN
 from dem_bridge.studies.verify import SceneStudy
@@ -123,7 +124,9 @@ def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
                 ax.loglog(*study.ladder[name], **style)
         steps, errors = next(iter(study.ladder.values()))
         guide = np.array([max(steps), min(steps)])
-        ax.loglog(guide, errors[0] * (guide / steps[0]) ** 2, color="0.6", linewidth=1.0, label="slope 2", zorder=0)
+        slope = order_on(study.scene)
+        line = errors[0] * (guide / steps[0]) ** slope
+        ax.loglog(guide, line, color="0.6", linewidth=1.0, label=f"slope {slope}", zorder=0)
         left = [v for v in study.verdicts if v.backend == ENGINE and v.reference == TWIN]
         run = study.run(ENGINE)
         if left and run is not None:
@@ -132,7 +135,9 @@ def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
         ax.set(title=study.scene.name, xlabel="time step (s)")
         ax.grid(alpha=0.25)
     axes[0].set_ylabel("velocity difference / largest velocity")
-    axes[-1].legend()
+    # one legend for all, unless their guides differ
+    for ax in axes if len({order_on(study.scene) for study in shown}) > 1 else axes[-1:]:
+        ax.legend()
     return figure
 
 
