@@ -250,7 +250,7 @@ def verify(
 
         write_whole(junit_file.parent, {junit_file.name: junit(found.verdicts)})
     for study in found.studies:
-        if (of_lammps := study.run("lammps-granular")) is not None:
+        if (of_lammps := study.run(study.engine)) is not None:
             _warn(of_lammps)
     _print_verdicts(found)
     click.echo(f"report: {folder / 'index.html'}")

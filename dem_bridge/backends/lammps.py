@@ -19,7 +19,7 @@ from dem_bridge.backends.lammps_output import (
 )
 from dem_bridge.backends.steps import fixed_step_plan, radius_of, read_off
 from dem_bridge.backends.survey import Survey, survey
-from dem_bridge.backends.tabled import in_kernel, measured_error, predicted_error, tables_for
+from dem_bridge.backends.tabled import in_kernel, measured, predicted_error, tables_for
 from dem_bridge.backends.twin import EXACT
 from dem_bridge.backends.twin_bars import Twins, twins_of, with_bars
 from dem_bridge.compiled import started
@@ -101,7 +101,7 @@ class LammpsGranular:
                 "points": written.tables.points,
                 "files": len(written.tables.tables),
                 "predicted_error": predicted_error(scene, written.tables),
-                "measured_error": measured_error(scene, written.tables, dense),
+                **measured(scene, written.tables, dense, plan),
             }
         # the engine's own share of the processor, and not only ours
         cost = replace(run.cost, cpu=run.cost.cpu + report.cpu)

@@ -2,6 +2,7 @@
 
 ===================  ===========================================================================
 implementation       LAMMPS against the twin: the round-off that twins predict, and nothing more
+table                forces that LAMMPS takes from tables against their laws: what was predicted, and nothing more
 explained            LAMMPS against the twin in positions: what its error budget leaves over
 two_methods          the two references against each other
 accuracy             a run against the reference
@@ -24,17 +25,26 @@ from dem_bridge.backends.steps import order_on
 from dem_bridge.campaign import Result
 from dem_bridge.compare import Difference, difference, first_divergence
 from dem_bridge.errors import RunBroken
+from dem_bridge.lmp.coefficients import refusal
 from dem_bridge.observables.conserved import energy, energy_parts, momentum
 from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale
 from dem_bridge.verdict import Outcome, Verdict, judge, numerical_verdict
 
-ENGINE, TWIN, REFERENCE, SECOND, THEORY = "lammps-granular", "verlet", "reference", "scipy", "bca"
+GRANULAR, TABLE = "lammps-granular", "lammps-table"
+TWIN, REFERENCE, SECOND, THEORY = "verlet", "reference", "scipy", "bca"
 #: what the order of velocity-Verlet may differ by from 2, and from 1 where forces depend on velocities
 ORDER_TOLERANCE = {2: 0.05, 1: 0.1}
 #: the twin as a code that keeps absolute positions, with the gauge radius of the deck
 POSITIONAL = "verlet in positions"
+#: measured errors of tables may exceed predicted ones so much: both look at places, and each misses the worst
+TABLE_TOLERANCE = 1.1
+
+
+def engine_for(scene: Scene) -> str:
+    """The LAMMPS that is verified on a scene: ``pair_style granular`` where it has the laws, else ``table``."""
+    return GRANULAR if refusal(scene) is None else TABLE
 
 
 def absent(scene: Scene, name: str, result: Result) -> Verdict:
@@ -60,11 +70,36 @@ def implementation(scene: Scene, engine: Trajectory, twin: Trajectory) -> Verdic
     return numerical_verdict(
         found,
         scene=scene.name,
-        backend=ENGINE,
+        backend=engine_for(scene),
         reference=TWIN,
         tolerance=tolerance,
         meaning="implementation and round-off",
         first_divergence=first_divergence(engine, twin, tolerance),
+    )
+
+
+def table(scene: Scene, engine: Trajectory) -> Verdict:
+    """Forces of a run beside the laws that its tables stand for; the run's own bar is what was predicted."""
+    told = engine.provenance["table"]
+    found, predicted = float(told["measured_error"]), float(told["predicted_error"])
+    tolerance = TABLE_TOLERANCE * predicted + float(told["round_off"])
+    return Verdict(
+        scene=scene.name,
+        quantity="table",
+        backend=engine_for(scene),
+        reference="its laws",
+        outcome=judge(found, 0.0, tolerance),
+        sentence=(
+            f"forces that {engine_for(scene)} takes from tables miss their laws by {found:.2e} of each contact's"
+            f" largest force; {predicted:.2e} was predicted, and the tolerance is {tolerance:.1e}."
+        ),
+        difference=found,
+        scale=1.0,
+        scale_name="each contact's largest force foreseen",
+        uncertainty=predicted,
+        reference_uncertainty=0.0,
+        tolerance=tolerance,
+        meaning="interpolation",
     )
 
 
@@ -75,7 +110,7 @@ def explained(scene: Scene, quantity: str, engine: Trajectory, positional: Traje
     return numerical_verdict(
         found,
         scene=scene.name,
-        backend=ENGINE,
+        backend=engine_for(scene),
         reference=POSITIONAL,
         tolerance=allowed,
         meaning="implementation",
@@ -120,12 +155,13 @@ def two_methods(scene: Scene, second: Trajectory, truth: Trajectory) -> Verdict:
 
 def accuracy(scene: Scene, name: str, run: Trajectory, truth: Trajectory, wanted: float) -> list[Verdict]:
     """A run against the reference: velocity for the twin, every quantity for LAMMPS."""
-    meaning = {TWIN: "time step", ENGINE: "time step, implementation and round-off"}[name]
+    parts = ["time step", *(["table"] if "table" in run.provenance else []), "implementation and round-off"]
+    meaning = "time step" if name == TWIN else ", ".join(parts)
     quantities = ("velocity",) if name == TWIN else QUANTITIES
     found = [difference(quantity, run, truth) for quantity in quantities]
-    if name == ENGINE and scene.n_body > 2:
+    if name != TWIN and scene.n_body > 2:
         found.append(_residence(scene, run, truth))
-    return [
+    verdicts = [
         numerical_verdict(
             one,
             scene=scene.name,
@@ -138,6 +174,19 @@ def accuracy(scene: Scene, name: str, run: Trajectory, truth: Trajectory, wanted
         )
         for one in found
     ]
+    why = _pull(name, run)
+    return [one if one.outcome is Outcome.PASS else replace(one, sentence=one.sentence + why) for one in verdicts]
+
+
+def _pull(name: str, run: Trajectory) -> str:
+    """What a run with tables has that its equations have not; '' where that is nothing."""
+    pull = float(run.provenance.get("table", {}).get("pull", 0.0))
+    if pull == 0.0:
+        return ""
+    return (
+        f" {name} has contacts that pull, with up to {pull:.3g} N: their damping stands beside a table, and LAMMPS"
+        " cannot clip the sum of two pair styles, as the equations do; with n = 2 or 2.5 in damped contacts it can."
+    )
 
 
 def _residence(scene: Scene, run: Trajectory, truth: Trajectory) -> Difference:
@@ -252,11 +301,11 @@ def conserved(scene: Scene, run: Trajectory, wanted: float) -> list[Verdict]:
             Verdict(
                 scene=scene.name,
                 quantity=quantity,
-                backend=ENGINE,
+                backend=engine_for(scene),
                 reference="its own start",
                 outcome=outcome,
                 sentence=(
-                    f"{quantity} of {ENGINE} drifts by at most {drift:.2e} of {scale:.4g} {unit};"
+                    f"{quantity} of {engine_for(scene)} drifts by at most {drift:.2e} of {scale:.4g} {unit};"
                     f" tolerance {tolerance:.1e} ({meaning})."
                 ),
                 difference=drift,
