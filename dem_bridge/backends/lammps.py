@@ -58,19 +58,28 @@ class LammpsGranular:
         began = time.perf_counter(), time.process_time()
         look = survey(scene)
         deck = self.deck(scene, resolution, sampling, look)
+        # the twins run beside the engine: they need nothing of it
+        bars = started(self._twins, scene, deck, look) if resolution.bars else None
+        result = self.run_deck(scene, deck, time_limit=resolution.time_limit, began=began)
+        return result if bars is None else with_bars(result, bars())
+
+    def run_deck(
+        self, scene: Scene, deck: Deck, *, time_limit: float, began: tuple[float, float] | None = None
+    ) -> Trajectory:
+        """What LAMMPS makes of a deck of the scene, without bars; ``began``: wall and CPU time (s) at the start."""
+        began = began or (time.perf_counter(), time.process_time())
         with workspace(dump_size(deck)) as folder:
             for file, text in deck.files.items():
                 (folder / file).write_text(text, encoding="utf-8")
             # the dump grows evenly with the steps: its size tells how far the run is
             watch = dump_progress(folder / deck.dump_file, deck) if progress.wanted() else None
-            # the twins run beside the engine: they need nothing of it
-            bars = started(self._twins, scene, deck, look) if resolution.bars else None
-            report = run_deck(
-                folder, deck.input_file, time_limit=resolution.time_limit, watch=watch, engine=self.engine
-            )
-            steps, values = read_binary_dump(folder / deck.dump_file, columns=len(DUMP_COLUMNS))
-        result = self._trajectory(scene, deck, report, steps, values, began)
-        return result if bars is None else with_bars(result, bars())
+            report = run_deck(folder, deck.input_file, time_limit=time_limit, watch=watch, engine=self.engine)
+            dumps = [
+                read_binary_dump(folder / file, columns=len(DUMP_COLUMNS))
+                for file in (deck.dump_file, *deck.more_dumps)
+            ]
+        steps, values = dumps[0] if len(dumps) == 1 else (np.concatenate(part) for part in zip(*dumps, strict=True))
+        return self._trajectory(scene, deck, report, steps, values, began)
 
     def _twins(self, scene: Scene, deck: Deck, look: Survey) -> Twins | None:
         weights = float(np.sum(np.abs(deck.weight)))
@@ -119,6 +128,7 @@ class LammpsGranular:
             "engine_wall": report.wall,
             "deck_hash": deck.content_hash,
             "atom_types": deck.types,
+            "pair_style": report.pair_style,
         }
         # the engine's own share of the processor, and not only ours
         cost = replace(run.cost, cpu=run.cost.cpu + report.cpu)
@@ -145,7 +155,7 @@ def _dense(scene: Scene, deck: Deck, steps: NDArray[np.int64], values: NDArray[n
         displacement=at_rest_beside(position - deck.line),
         # a frozen wall has net force but no acceleration
         acceleration=at_rest_beside(net * deck.mobility),
-        overlap=(2.0 * deck.gauge_radius - np.diff(position, axis=1))[:, columns],
+        overlap=(deck.reach - np.diff(position, axis=1))[:, columns],
         force=np.cumsum(outer - net, axis=1)[:, columns],
         farthest=float(np.max(np.abs(position))),
     )
@@ -153,20 +163,20 @@ def _dense(scene: Scene, deck: Deck, steps: NDArray[np.int64], values: NDArray[n
 
 def _check_gauge(position: NDArray[np.float64], deck: Deck, steps: NDArray[np.int64]) -> None:
     """RunBroken where an overlap exceeds the gauge radius or bodies that are not neighbours touch."""
-    diameter = 2.0 * deck.gauge_radius
-    deepest = diameter - float(np.min(np.diff(position, axis=1), initial=math.inf))
-    if deepest > deck.gauge_radius:
+    beyond = deck.reach - np.diff(position, axis=1) - np.minimum(deck.radii[:-1], deck.radii[1:])
+    if np.max(beyond, initial=-math.inf) > 0.0:
+        place = int(np.argmax(np.max(beyond, axis=0)))
+        radius = float(min(deck.radii[place : place + 2]))
         raise RunBroken(
-            f"an overlap of {deepest:.6g} m exceeds the gauge radius {deck.gauge_radius:.6g} m: bodies that are"
-            " not neighbours may have touched; give a larger gauge_radius"
+            f"an overlap of {radius + float(np.max(beyond)):.6g} m exceeds the gauge radius {radius:.6g} m: bodies that"
+            " are not neighbours may have touched; give a larger gauge_radius"
         )
-    across = position[:, 2:] - position[:, :-2]
-    if np.min(across, initial=math.inf) < diameter:
+    across = position[:, 2:] - position[:, :-2] - (deck.radii[2:] + deck.radii[:-2])
+    if np.min(across, initial=math.inf) < 0.0:
         row, atom = np.unravel_index(np.argmin(across), across.shape)
         raise RunBroken(
-            f"atoms {atom + 1} and {atom + 3}, which are not neighbours, overlap by"
-            f" {diameter - float(across[row, atom]):.6g} m at step {steps[row]}; give a gauge_radius above"
-            f" {deck.gauge_radius:.6g} m"
+            f"atoms {atom + 1} and {atom + 3}, which are not neighbours, overlap by {-float(across[row, atom]):.6g} m"
+            f" at step {steps[row]}; give a gauge_radius above {deck.gauge_radius:.6g} m"
         )
 
 

@@ -22,20 +22,21 @@ from dem_bridge.trajectory import Trajectory
 TWIN = Identity(name="verlet", equations="hertz")
 
 
-def solve_plan(scene: Scene, plan: Schedule, radius: float = 0.0) -> Trajectory:
+def solve_plan(scene: Scene, plan: Schedule, radius: float | NDArray[np.float64] = 0.0) -> Trajectory:
     """One twin run on the given steps, without bars.
 
-    ``radius`` (m) above 0: as a code does that keeps absolute positions of bodies of this radius and subtracts them.
-    Nothing but round-off differs, so the difference to the run with 0 is the round-off of such a code.
+    ``radius`` (m) above 0: as a code does that keeps absolute positions of bodies of this radius, or of these
+    ``(n_contact + 1,)`` along the line of bodies, walls included, and subtracts them. Nothing but round-off differs, so
+    the difference to the run with 0 is the round-off of such a code.
     """
     return solve_dense(scene, plan, radius)[0]
 
 
-def solve_dense(scene: Scene, plan: Schedule, radius: float) -> tuple[Trajectory, Dense]:
+def solve_dense(scene: Scene, plan: Schedule, radius: float | NDArray[np.float64]) -> tuple[Trajectory, Dense]:
     """As :func:`solve_plan`, with all that was looked at between the samples."""
     began = time.perf_counter(), time.process_time()
     settings: dict[str, float] = {"dt": plan.step, "samples": plan.samples}
-    if radius > 0.0:
+    if not isinstance(radius, np.ndarray) and radius > 0.0:
         settings["gauge_radius"] = radius
     c = scene.contacts
     v, x, a, overlap, force = interruptible(
@@ -61,15 +62,27 @@ def solve_dense(scene: Scene, plan: Schedule, radius: float) -> tuple[Trajectory
     return read_off(TWIN, scene, plan, dense, settings, began=began, evaluations=plan.steps + 1), dense
 
 
-def _frame(scene: Scene, radius: float) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """Diameter, start positions of the bodies and position of the wall of each contact, m."""
+def _frame(
+    scene: Scene, radius: float | NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Distance at touch of each contact, start positions of the bodies and position of the wall of each contact, m."""
     c, links = scene.contacts, len(scene.stiffness)
-    start = 2.0 * radius * np.arange(scene.n_body) + np.concatenate([[0.0], np.cumsum(c.gap[:links])])
+    gaps = np.concatenate([[0.0], np.cumsum(c.gap[:links])])
+    if isinstance(radius, np.ndarray):
+        # along the line the left wall's contact is the first, the right wall's the last
+        first = int(scene.wall_left is not None)
+        line = radius[:-1] + radius[1:]
+        chain = line[first : first + links]
+        reach = np.concatenate([chain, line[:first], line[first + links :]])
+        start = np.concatenate([[0.0], np.cumsum(chain)]) + gaps
+    else:
+        reach = np.full(scene.n_contact, 2.0 * radius)
+        start = 2.0 * radius * np.arange(scene.n_body) + gaps
     wall = np.zeros(scene.n_contact)
     for k in range(links, scene.n_contact):
-        reach = 2.0 * radius + c.gap[k]
-        wall[k] = start[0] - reach if c.left[k] == scene.n_body else start[-1] + reach
-    return 2.0 * radius, start, wall
+        beside = reach[k] + c.gap[k]
+        wall[k] = start[0] - beside if c.left[k] == scene.n_body else start[-1] + beside
+    return reach, start, wall
 
 
 @njit(cache=True, nogil=True)
@@ -89,7 +102,7 @@ def integrate(  # type: ignore[no-untyped-def]
     load,
     dt,
     dense_steps,
-    diameter,
+    reach,
     start,
     wall,
 ):
@@ -102,6 +115,7 @@ def integrate(  # type: ignore[no-untyped-def]
     """
     n_body, n_contact, n_dense = mass.shape[0], left.shape[0], dense_steps.shape[0]
     hertz, damped = np.all(exponent == 2.5), np.any(damping > 0.0)
+    positional = np.any(reach > 0.0)
     v = np.zeros(n_body + 1)
     v[:n_body] = velocity
     x = np.zeros(n_body + 1)
@@ -125,7 +139,7 @@ def integrate(  # type: ignore[no-untyped-def]
                 for i in range(n_body):
                     v[i] += kick[i] * net[i]
                     x[i] += dt * v[i]
-                if diameter == 0.0:
+                if not positional:
                     for k in range(links):
                         overlap[k] += dt * (v[k] - v[k + 1])
                     for k in range(links, n_contact):
@@ -135,12 +149,12 @@ def integrate(  # type: ignore[no-untyped-def]
                         position[i] += dt * v[i]
                         x[i] = position[i] - start[i]
                     for k in range(links):
-                        overlap[k] = diameter - (position[k + 1] - position[k])
+                        overlap[k] = reach[k] - (position[k + 1] - position[k])
                     for k in range(links, n_contact):
                         if left[k] == n_body:
-                            overlap[k] = diameter - (position[right[k]] - wall[k])
+                            overlap[k] = reach[k] - (position[right[k]] - wall[k])
                         else:
-                            overlap[k] = diameter - (wall[k] - position[left[k]])
+                            overlap[k] = reach[k] - (wall[k] - position[left[k]])
             if hertz:
                 for k in range(n_contact):
                     closed = max(overlap[k], 0.0)

@@ -53,6 +53,21 @@ class Deck:
     """Atom id of body 0."""
     types: int
     schedule: Schedule
+    encoded_radii: Floats | None = None
+    """Of each atom, m, where they carry the stiffness; None: all have the gauge radius."""
+
+    more_dumps: tuple[str, ...] = ()
+    """Files that go on where the first dump ends."""
+
+    @property
+    def radii(self) -> Floats:
+        """Of each atom, m."""
+        return np.full(len(self.line), self.gauge_radius) if self.encoded_radii is None else self.encoded_radii
+
+    @property
+    def reach(self) -> Floats:
+        """Distance of the centres of neighbouring atoms at which they touch, m, ``(n_contact,)``."""
+        return self.radii[:-1] + self.radii[1:]
 
     @property
     def input_file(self) -> str:

@@ -53,6 +53,8 @@ class EngineReport:
     build: tuple[str, ...] = ()
     """Compiler and MPI library."""
     ranks: int = 1
+    pair_style: str = ""
+    """What the engine called its pair style, with the suffix that it took; '' where its log does not say."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,6 +148,7 @@ def _by_module(
         cpu=said["cpu"] + sum(float(other.get("cpu", 0.0)) for other in others),
         build=tuple(said.get("lines", ())),
         ranks=engine.ranks,
+        pair_style=log.pair_style(_read(folder / "log.lammps")),
     )
 
 
@@ -168,6 +171,7 @@ def _by_binary(
         cpu=ended.cpu,
         build=found.lines,
         ranks=engine.ranks,
+        pair_style=log.pair_style(text),
     )
 
 
