@@ -28,13 +28,16 @@ def check_folder(folder: Path) -> None:
 
 
 def write_whole(folder: Path, texts: Mapping[str, str | bytes]) -> None:
-    """Write all ``texts`` (name -> content) into ``folder``, or none of them; UsageError where that fails."""
+    """Write all ``texts`` (name -> content, a picture as bytes) into ``folder``, or none of them; UsageError where that fails."""
     check_folder(folder)
     parts = {name: folder / f"{name}.{os.getpid()}.part" for name in texts}
     try:
         for name, text in texts.items():
             check_file(folder / name)
-            parts[name].write_bytes(text.encode() if isinstance(text, str) else text)
+            if isinstance(text, bytes):
+                parts[name].write_bytes(text)
+            else:
+                parts[name].write_text(text, encoding="utf-8")
         for name, part in parts.items():
             part.replace(folder / name)
     except OSError as error:

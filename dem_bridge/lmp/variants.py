@@ -32,17 +32,18 @@ def newton_off(deck: Deck) -> Deck:
 
 
 def with_restart(deck: Deck, *, after: str = "") -> Deck:
-    """The run in two parts: halfway all is written, cleared and read again, pair coefficients too.
+    """The run in two parts: halfway all is written, cleared and read again.
 
     ``after``: lines that follow ``read_restart``. The step of the cut is none of a dump where there is such a step.
+    Pair style and coefficients are named again: ``granular`` as LAMMPS (2025-07-22) restores it has its laws, but a
+    cutoff of neighbours that nobody has set, 0 as a rule.
     """
     cut = _between_dumps(deck)
     lines = deck.files[deck.input_file].splitlines()
     box = next(i for i, line in enumerate(lines) if line.startswith("units "))
     cell = next(i for i, line in enumerate(lines) if line.startswith("neighbor "))
     restart, dump = f"restart.{deck.name}", f"dump.{deck.name}.2.bin"
-    # the pair style and its coefficients come from the restart file; neighbours, fixes and outputs do not
-    again = [line for line in lines[cell:] if not line.startswith(("pair_", "variable ", "#", "run "))]
+    again = [line for line in lines[cell:] if not line.startswith(("variable ", "#", "run "))]
     # LAMMPS appends to text dumps alone: "append yes" on a binary one begins it anew
     again = [line.replace("${dump}", dump).replace(" first yes ", " first no ") for line in again]
     first = [re.sub(r"^run .*", f"run             {cut}", line) for line in lines]
