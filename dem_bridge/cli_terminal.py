@@ -38,10 +38,18 @@ def print_styles(found: StylesStudy) -> None:
         " relative; the tolerance is of velocity",
         markup=False,
     )
-    table = Table(box=None, pad_edge=False)
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("way")
     names = ("velocity", "displacement", "peak_force", "crossing_time")
-    for column in (*(name.replace("_", " ") for name in names), "tolerance", "bitwise", "wall, s"):
+    for column in (
+        "velocity",
+        "displace-\nment",
+        "peak\nforce",
+        "crossing\ntime",
+        "toler-\nance",
+        "bit-\nwise",
+        "wall\ns",
+    ):
         table.add_column(column, justify="right")
     table.add_column("outcome")
     for row in found.rows:

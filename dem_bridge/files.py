@@ -28,7 +28,7 @@ def check_folder(folder: Path) -> None:
 
 
 def write_whole(folder: Path, texts: Mapping[str, str | bytes]) -> None:
-    """Write all ``texts`` (name -> content, a picture as bytes) into ``folder``, or none of them; UsageError where that fails."""
+    """Write all ``texts`` (name -> content, bytes for a picture) into ``folder``, or none; UsageError if that fails."""
     check_folder(folder)
     parts = {name: folder / f"{name}.{os.getpid()}.part" for name in texts}
     try:

@@ -68,10 +68,11 @@ def error(log: str) -> str:
 def ranks(log: str) -> int:
     """On how many ranks a log's last run was; 0 where it has none.
 
-    >>> ranks("Loop time of 0.64 on 2 procs for 30000 steps with 41 atoms")
+    >>> ranks("34.4% CPU use with 2 MPI tasks x 1 OpenMP threads")
     2
     """
-    found = re.findall(r"^Loop time of \S+ on (\d+) procs", log, flags=re.MULTILINE)
+    # "Loop time of ... on N procs" counts threads too
+    found = re.findall(r"% CPU use with (\d+) MPI tasks", log)
     return int(found[-1]) if found else 0
 
 

@@ -312,7 +312,7 @@ def _ending(child: subprocess.Popen[bytes]) -> Iterator[Callable[[float], bool]]
 
 
 def _check_ranks(engine: Engine, found: int) -> None:
-    if found != engine.ranks:
+    if engine.ranks > 1 and found != engine.ranks:
         raise BackendUnavailable(
             f"ranks = {engine.ranks}, but LAMMPS ran {engine.ranks} times on {found}: {engine.launcher()[0]} is not"
             " of the MPI that it was built with; put the right mpiexec beside it or first on PATH"

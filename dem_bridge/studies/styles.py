@@ -100,7 +100,7 @@ def _suffixed(suffix: str, package: str, arguments: tuple[str, ...], **more: Any
     def engine(engine: Engine) -> Engine:
         return replace(engine, lmp_args=(*engine.lmp_args, *arguments))
 
-    return Way(engine=engine, package=package, suffix=suffix, **{"name": f"granular, suffix {suffix}", **more})
+    return Way(engine=engine, package=package, suffix=suffix, **{"name": f"granular, {suffix}", **more})
 
 
 def _history(base: Base) -> Deck:
@@ -128,7 +128,7 @@ WAYS = (
     _suffixed("omp", "OPENMP", _OMP),
     _suffixed("kk", "KOKKOS", ("-k", "on", "-sf", "kk")),
     Way(name="gran/hertz/history", **_HISTORY),
-    _suffixed("omp", "OPENMP", _OMP, name="gran/hertz/history, suffix omp", **_HISTORY),
+    _suffixed("omp", "OPENMP", _OMP, name="gran/hertz/history, omp", **_HISTORY),
     Way(name="table, linear", deck=_no_table, style="pair table"),
     Way(name="table, spline", deck=_no_table, style="pair table"),
 )

