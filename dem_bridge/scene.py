@@ -55,7 +55,7 @@ class Damping:
     coefficient: tuple[float, ...] | float
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Contacts:
     """Every contact of a scene as arrays ``(n_contact,)``: the chain's in order, then wall_left, wall_right.
 
@@ -278,7 +278,7 @@ class Scene:
         if self.damping is not None and self.damping.law != "dashpot":
             problem = f"= {self.damping.law!r}, and contacts have laws of their own"
             raise SceneError("damping.law", problem=problem, allowed="dashpot: the other is known for powers only")
-        return tuple(given)
+        return tuple(given) or None
 
     @property
     def _distinct_laws(self) -> tuple[tuple[Law, ...], tuple[int, ...]]:

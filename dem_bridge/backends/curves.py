@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from dem_bridge.scene import Scene
+from dem_bridge.scene import Contacts, Scene
 
 #: cells of a law; half as many tell what that costs
 CELLS = 16_384
@@ -39,12 +39,11 @@ POWERS = Curves(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, 0)),
 
 def curves_of(scene: Scene, cells: int = CELLS) -> Curves:
     """The laws of a scene that are functions, with so many ``cells`` each."""
-    return POWERS if scene.law is None else _curves(scene, cells)
+    return POWERS if scene.law is None else _curves(scene.contacts, cells)
 
 
 @lru_cache(maxsize=4)  # a run and the runs for its bars ask for the same
-def _curves(scene: Scene, cells: int) -> Curves:
-    c = scene.contacts
+def _curves(c: Contacts, cells: int) -> Curves:
     starts = [
         [0.0, *sorted({kink for kink in law.kinks if 0.0 < kink < reach})]
         for law, reach in zip(c.laws, c.reach.tolist(), strict=True)
