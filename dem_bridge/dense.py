@@ -103,6 +103,7 @@ def extremes(
     exponent: Floats,
     resolution: float = 0.0,
     resting: Floats | float = 0.0,
+    laws: Contacts | None = None,
 ) -> tuple[Floats, Floats]:
     """Largest force (N) and first maximal compression (s; nan: never) of each contact, ``(n_contact,)`` both.
 
@@ -110,7 +111,7 @@ def extremes(
     ``force`` (N), all ``(n_t, n_contact)``; ``exponent (n_contact,)``. Overlaps up to ``resolution`` are round-off of
     the run, not contact, and turns with less closing acceleration than ``resting`` (m/s^2; ``(n_contact,)`` or one
     for all) those of a contact at rest. The force at a peak is the run's own at the nearer sample, carried to the peak
-    by the law's power, so that a wrong stiffness in the run shows in it.
+    by the law's power, so that a wrong stiffness in the run shows in it; ``laws``: by these in place of powers.
     """
     n_contact = overlap.shape[1]
     peak_force = np.max(force, axis=0)
@@ -135,7 +136,12 @@ def extremes(
     beside = overlap[nearer, contacts]
     compressed = (top > resolution) & (beside > 0.0)
     ratio = np.where(compressed, top / np.where(compressed, beside, 1.0), 0.0)
-    at_peak = force[nearer, contacts] * ratio ** (exponent[contacts] - 1.0)
+    if laws is None:
+        grown = ratio ** (exponent[contacts] - 1.0)
+    else:
+        told = laws.force(np.where(compressed, beside, 0.0), contacts)
+        grown = np.divide(laws.force(np.maximum(top, 0.0), contacts), told, out=ratio, where=told > 0.0)
+    at_peak = force[nearer, contacts] * grown
     np.maximum.at(peak_force, contacts, at_peak)
     when = time[rows] + where * width
     for contact, moment in zip(contacts[compressed][::-1], when[compressed][::-1], strict=True):
@@ -163,11 +169,9 @@ def damped_peaks(
     width = np.asarray(np.diff(time), dtype=np.float64)
     part = np.linspace(0.0, 1.0, 17)
     for k in np.flatnonzero((contacts.damping > 0.0) & (found > 0.0)).tolist():
-        beta, n, c, power = (
-            a[k] for a in (contacts.stiffness, contacts.exponent, contacts.damping, contacts.damping_power)
-        )
+        c, power, mine = contacts.damping[k], contacts.damping_power[k], np.array([k])
         delta, closing, own = np.maximum(overlap[:, k], 0.0), rate[:, k], force[:, k]
-        told = beta * delta ** (n - 1.0) + c * delta**power * closing
+        told = contacts.force(delta[:, None], mine)[:, 0] + c * delta**power * closing
         share = np.where((own > 0.0) & (told > 0.0), own / np.where(told > 0.0, told, 1.0), 1.0)
         # polynomials of the overlap, their widths, and the shares at both ends
         pieces: list[tuple[Floats, Floats, Floats, Floats]] = []
@@ -190,7 +194,7 @@ def damped_peaks(
             continue
         between = np.maximum(poly.polyval(part, polynomial), 0.0)
         velocity = poly.polyval(part, poly.polyder(polynomial)) / span[:, None]
-        law = beta * between ** (n - 1.0) + c * between**power * velocity
+        law = contacts.force(between[..., None], mine)[..., 0] + c * between**power * velocity
         # a parabola through the largest of them and its two neighbours
         top = np.clip(np.argmax(law, axis=1), 1, len(part) - 2)
         low, middle, high = (law[np.arange(len(span)), top + side] for side in (-1, 0, 1))

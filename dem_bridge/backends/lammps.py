@@ -18,8 +18,8 @@ from dem_bridge.backends.lammps_output import (
     engine_certificate,
 )
 from dem_bridge.backends.steps import fixed_step_plan, radius_of, read_off
-from dem_bridge.backends.survey import Survey, survey
-from dem_bridge.backends.tabled import in_kernel, measured, predicted_error, tables_for
+from dem_bridge.backends.survey import Survey
+from dem_bridge.backends.tabled import in_kernel, measured, predicted_error, survey_of, tables_for
 from dem_bridge.backends.twin import EXACT
 from dem_bridge.backends.twin_bars import Twins, twins_of, with_bars
 from dem_bridge.compiled import started
@@ -69,7 +69,7 @@ class LammpsGranular:
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve. The bars come from twins, never from LAMMPS itself."""
         began = time.perf_counter(), time.process_time()
-        look = survey(scene)
+        look = survey_of(scene)
         written = self.written(scene, resolution, sampling, look)
         # the twins run beside the engine: they need nothing of it
         bars = started(self._twins, scene, written, look) if resolution.bars else None
@@ -127,7 +127,7 @@ class LammpsGranular:
 
     def deck(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Deck:
         """The deck that :meth:`run` runs."""
-        return self.written(scene, resolution, sampling, survey(scene)).deck
+        return self.written(scene, resolution, sampling, survey_of(scene)).deck
 
     def written(self, scene: Scene, resolution: Resolution, sampling: Sampling, look: Survey) -> Written:
         """As :meth:`deck`. Raises UnsupportedScene or UsageError where there can be none."""

@@ -9,17 +9,56 @@ from __future__ import annotations
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution
 from dem_bridge.backends.steps import Dense, radius_of
-from dem_bridge.backends.survey import Survey
-from dem_bridge.backends.twin import Tables
-from dem_bridge.dense import Schedule
+from dem_bridge.backends.survey import Survey, survey
+from dem_bridge.backends.twin import Tables, solve_dense
+from dem_bridge.dense import Schedule, schedule
 from dem_bridge.lmp.coefficients import laws, line_order, pairs
 from dem_bridge.lmp.encoding import body_types
 from dem_bridge.lmp.interpolation import Style, interpolated, interpolation_error
 from dem_bridge.lmp.pairing import MARGIN, TableSet, table_set
 from dem_bridge.scene import Scene
+
+#: fraction of 1/omega that is the step of a coarse run
+_STEP = 0.1
+
+
+def survey_of(scene: Scene) -> Survey:
+    """:func:`~dem_bridge.backends.survey.survey` of a scene whose contacts may have laws of their own.
+
+    There the coarse run is one of the twin. It steps by the stiffest contact that the energy at hand could make;
+    the frequency is that of the overlaps it finds.
+    """
+    c = scene.contacts
+    top = _frequency(scene, c.reach[c.law]) if scene.law is not None else 0.0
+    if top == 0.0:
+        return survey(scene)
+    plan = schedule(duration=scene.duration, samples=1, dt=_STEP / top, frequency=top, bodies=scene.n_body)
+    _, dense = solve_dense(scene, plan, 0.0)
+    peak = np.max(dense.overlap, axis=0, initial=0.0)
+    return Survey(
+        peak_overlap=peak,
+        frequency=_frequency(scene, peak),
+        max_acceleration=float(np.max(np.abs(dense.acceleration))),
+        lowest=float(np.min(dense.displacement)),
+        highest=float(np.max(dense.displacement)),
+        steps=plan.steps,
+    )
+
+
+def _frequency(scene: Scene, deepest: NDArray[np.float64]) -> float:
+    """Highest angular frequency, or rate, of contacts (rad/s) with overlaps up to ``deepest`` (m), ``(n_contact,)``."""
+    c, inverse_mass = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    mobility = inverse_mass[c.left] + inverse_mass[c.right]
+    touched = np.flatnonzero(deepest > 0.0)
+    # 256 chords: a law can be steepest anywhere
+    overlap = np.linspace(0.0, deepest[touched], 257)
+    slope = np.max(np.diff(c.force(overlap, touched), axis=0) / np.diff(overlap, axis=0), axis=0)
+    damped = np.max(c.damping[touched] * mobility[touched], initial=scene.drag)
+    return max(float(np.max(np.sqrt(slope * mobility[touched]), initial=0.0)), float(damped))
 
 
 def tables_for(scene: Scene, resolution: Resolution, look: Survey) -> TableSet:

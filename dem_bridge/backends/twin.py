@@ -1,7 +1,8 @@
 """The kernel of the twin: velocity-Verlet in overlap variables, or in absolute positions, on given steps.
 
 Forces that depend on velocities are evaluated as LAMMPS does, with the velocity of the half step: such runs are of
-first order. Given :class:`Tables` it finds forces as LAMMPS' ``pair_style table`` does, with the same errors.
+first order. Given :class:`Tables` it finds forces as LAMMPS' ``pair_style table`` does, with the same errors; laws that
+are functions it has as :mod:`.curves`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Identity
+from dem_bridge.backends.curves import CELLS, curve_force, curves_of
 from dem_bridge.backends.steps import Dense, read_off
 from dem_bridge.compiled import interruptible
 from dem_bridge.dense import Schedule
@@ -43,19 +45,27 @@ EXACT = Tables(0.0, np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 
 
 
 def solve_plan(
-    scene: Scene, plan: Schedule, radius: float | NDArray[np.float64] = 0.0, tables: Tables = EXACT
+    scene: Scene,
+    plan: Schedule,
+    radius: float | NDArray[np.float64] = 0.0,
+    tables: Tables = EXACT,
+    cells: int = CELLS,
 ) -> Trajectory:
-    """One twin run on the given steps, without bars.
+    """One twin run on the given steps, without bars. ``cells``: of laws that are functions.
 
     ``radius`` (m) above 0: as a code does that keeps absolute positions of bodies of this radius, or of these
     ``(n_contact + 1,)`` along the line of bodies, walls included, and subtracts them. Nothing but round-off differs, so
     the difference to the run with 0 is the round-off of such a code.
     """
-    return solve_dense(scene, plan, radius, tables)[0]
+    return solve_dense(scene, plan, radius, tables, cells)[0]
 
 
 def solve_dense(
-    scene: Scene, plan: Schedule, radius: float | NDArray[np.float64], tables: Tables = EXACT
+    scene: Scene,
+    plan: Schedule,
+    radius: float | NDArray[np.float64],
+    tables: Tables = EXACT,
+    cells: int = CELLS,
 ) -> tuple[Trajectory, Dense]:
     """As :func:`solve_plan`, with all that was looked at between the samples."""
     began = time.perf_counter(), time.process_time()
@@ -84,6 +94,7 @@ def solve_dense(
         plan.dense_steps,
         *_frame(scene, radius),
         tables,
+        curves_of(scene, cells),
     )
     dense = Dense(velocity=v, displacement=x, acceleration=a, overlap=overlap, force=force)
     return read_off(TWIN, scene, plan, dense, settings, began=began, evaluations=plan.steps + 1), dense
@@ -139,6 +150,7 @@ def integrate(  # type: ignore[no-untyped-def]
     start,
     wall,
     tables,
+    curves,
 ):
     """Velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap and force
     ``(n_dense, n_contact)`` at ``dense_steps``. The first ``links`` contacts are those of the chain; ``load (n_body,)``
@@ -148,7 +160,7 @@ def integrate(  # type: ignore[no-untyped-def]
     dt -> dt/2, so such runs repeat bit for bit.
     """
     n_body, n_contact, n_dense = mass.shape[0], left.shape[0], dense_steps.shape[0]
-    tabled = tables.law.shape[0] > 0
+    tabled, curved = tables.law.shape[0] > 0, curves.law.shape[0] > 0
     hertz, damped = np.all(exponent == 2.5), np.any(damping > 0.0)
     positional = np.any(reach > 0.0)
     v = np.zeros(n_body + 1)
@@ -196,10 +208,12 @@ def integrate(  # type: ignore[no-untyped-def]
                 for k in range(n_contact):
                     row_of = tables.law[k]
                     closed = max(overlap[k], 0.0)
-                    if row_of < 0:
-                        force[k] = stiffness[k] * closed ** (exponent[k] - 1.0)
-                    elif closed == 0.0:
+                    if closed == 0.0:
                         force[k] = 0.0
+                    elif row_of < 0 and curved:
+                        force[k] = curve_force(k, closed, curves)
+                    elif row_of < 0:
+                        force[k] = stiffness[k] * closed ** (exponent[k] - 1.0)
                     else:
                         r = tables.diameter - closed
                         frame = tables.frame[row_of]
@@ -207,6 +221,9 @@ def integrate(  # type: ignore[no-untyped-def]
                         squared = max(r * r, frame[0])
                         value, second = tables.value[row_of], tables.second[row_of]
                         force[k] = r * pair_force(squared, frame[0], frame[1], frame[2], frame[3], value, second)
+            elif curved:
+                for k in range(n_contact):
+                    force[k] = curve_force(k, overlap[k], curves) if overlap[k] > 0.0 else 0.0
             elif hertz:
                 for k in range(n_contact):
                     closed = max(overlap[k], 0.0)

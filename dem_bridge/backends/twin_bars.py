@@ -10,7 +10,8 @@ and weights that follow from them.
 twin can do the same; its difference to the twin in overlap variables is that round-off, with the scene's conditioning
 in it. On the paper's chains it predicts LAMMPS' to 1 %; three times it is taken, because it is one realisation.
 
-*Tables.* The twin with LAMMPS' tables beside the twin with the laws themselves, at the same step.
+*Tables.* The twin with LAMMPS' tables beside the twin with the laws themselves, at the same step; where a law is a
+function, the twin's own interpolation of it beside one with half as many cells.
 
 *Sampling.* Peaks and crossings from every second dense sample beside those from all, see :mod:`dem_bridge.dense`.
 
@@ -29,6 +30,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.bars import Answer, apart, not_below_the_median
 from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.curves import CELLS
 from dem_bridge.backends.steps import fixed_step_plan, order_on, peaks_and_crossings
 from dem_bridge.backends.survey import Survey
 from dem_bridge.backends.twin import EXACT, Tables, solve_dense, solve_plan
@@ -84,6 +86,7 @@ def twins_of(
         others=others,
         positional=positional,
         tabled=solve_plan(scene, plan, tables=tables) if len(tables.law) else None,
+        halved=solve_plan(scene, plan, cells=CELLS // 2) if scene.law is not None else None,
         thinned=thinned,
         rivals=rivals(dense.force),
         summed=summed,
@@ -104,6 +107,8 @@ class Twins:
     """As ``own``, in absolute positions."""
     tabled: Answer | None = None
     """As ``own``, with tables; None: the code has the laws themselves."""
+    halved: Answer | None = None
+    """As ``own``, with laws that are functions from half as many cells; None: there are none."""
     thinned: tuple[NDArray[np.float64], NDArray[np.float64]]
     """Peak forces and crossing times of ``positional`` from every second dense sample."""
     rivals: NDArray[np.float64]
@@ -145,9 +150,11 @@ def with_bars(run: Trajectory, twins: Twins | None) -> Trajectory:
     sums = largest if twins.summed is None else 4.0 * largest + twins.summed
     bars["peak_force"] += np.finfo(float).eps * sums
     interpolated = 0.0
-    if twins.tabled is not None:
-        found = apart(own, twins.tabled)
-        interpolated = float(found["velocity"]) / speed if speed > 0.0 else 0.0
+    for other in (twins.tabled, twins.halved):
+        if other is None:
+            continue
+        found = apart(own, other)
+        interpolated += float(found["velocity"]) / speed if speed > 0.0 else 0.0
         for name in QUANTITIES:
             bars[name] = bars[name] + TABLE_SAFETY * found[name]
     thin_peak, thin_crossing = twins.thinned

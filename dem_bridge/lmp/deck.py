@@ -301,8 +301,10 @@ def _coefficients(line: _Line) -> Iterator[str]:
         law, contact = int(line.laws.where[at]), int(order[at])
         name = f"contact {contact}" if contact < links else ends[contact - links]
         more = f" and {count - 1} more" if count > 1 else ""
+        own = line.laws.functions is not None
+        what = "a law of its own" if own else f"beta = {float(line.laws.stiffness[law])!r}"
         for behind in line.pairing.behind[law]:
-            yield (f"pair_coeff      {low} {high} {behind}  # {name}{more}: beta = {float(line.laws.stiffness[law])!r}")
+            yield f"pair_coeff      {low} {high} {behind}  # {name}{more}: {what}"
 
 
 def _data(line: _Line) -> Iterator[str]:
