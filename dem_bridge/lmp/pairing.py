@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.lmp.coefficients import MODELS, NOTHING, Laws
+from dem_bridge.lmp.coefficients import NOTHING, Laws
 from dem_bridge.lmp.interpolation import Style
 from dem_bridge.lmp.table import LINES, ContactTable, contact_table, points_for, zero_table
 from dem_bridge.version import FORM_DATE
@@ -75,7 +75,7 @@ def table_set(
     points = points or points_for(pairs + 1)
     tables = {}
     for law in range(len(laws.stiffness)):
-        if laws.damping[law] > 0.0 and laws.exponent[law] in MODELS:
+        if laws.left_to_granular(law):
             continue
         tables[law] = contact_table(
             laws.law(law),

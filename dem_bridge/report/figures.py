@@ -7,28 +7,33 @@ printed in grey keeps its meaning.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from dem_bridge.backends.base import ENGINE_BACKENDS
+from dem_bridge.backends.steps import order_on
 from dem_bridge.observables.front import arrival_by_crossing, residence_by_crossing, wave_speed_by_crossing
-from dem_bridge.studies.checks import ENGINE, REFERENCE, THEORY, TWIN
+from dem_bridge.studies.checks import REFERENCE, THEORY, TWIN
+from dem_bridge.studies.styles import COLUMNS, StylesStudy
 from dem_bridge.studies.verify import SceneStudy
 from dem_bridge.trajectory import Trajectory
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
+_LAMMPS = {
+    "color": BLUE,
+    "linestyle": "none",
+    "marker": "o",
+    "markersize": 4.5,
+    "markerfacecolor": "none",
+    "label": "LAMMPS",
+}
 _STYLE = {
+    **dict.fromkeys(ENGINE_BACKENDS, _LAMMPS),
     REFERENCE: {"color": BLACK, "linestyle": "-", "linewidth": 1.4, "label": "reference"},
-    ENGINE: {
-        "color": BLUE,
-        "linestyle": "none",
-        "marker": "o",
-        "markersize": 4.5,
-        "markerfacecolor": "none",
-        "label": "LAMMPS",
-    },
     THEORY: {"color": VERMILION, "linestyle": "--", "linewidth": 1.4, "label": "BCA"},
 }
 
@@ -36,7 +41,7 @@ _STYLE = {
 def spacetime_maps(studies: Sequence[SceneStudy]) -> Figure | None:
     """Velocity over body and time for each scene (the paper's figures 2a and 2c), LAMMPS' where there is a run, with
     the arrival that binary collisions predict. One colour scale for all. None without a run to show."""
-    runs = [(study, study.run(ENGINE) or study.run(REFERENCE)) for study in studies]
+    runs = [(study, study.run(study.engine) or study.run(REFERENCE)) for study in studies]
     shown = [(study, run) for study, run in runs if run is not None and study.scene.n_body > 2]
     if not shown:
         return None
@@ -87,7 +92,7 @@ def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
     grid = axes.reshape(rows, len(shown))
     for column, study in enumerate(shown):
         body = np.arange(1, study.scene.n_body - 1)
-        for name in (REFERENCE, THEORY, ENGINE):
+        for name in (REFERENCE, THEORY, study.engine):
             run = study.run(name)
             if run is None:
                 continue
@@ -116,23 +121,27 @@ def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
     figure, axes = _panels(1, len(shown), width=5.0, height=3.6)
     for ax, study in zip(axes, shown, strict=True):
         for name, style in (
-            (ENGINE, {**_line(ENGINE), "label": "LAMMPS - reference"}),
+            (study.engine, {**_LAMMPS, "label": "LAMMPS - reference"}),
             (TWIN, {"color": GREEN, "linestyle": "none", "marker": "x", "label": "twin - reference"}),
         ):
             if name in study.ladder:
                 ax.loglog(*study.ladder[name], **style)
         steps, errors = next(iter(study.ladder.values()))
         guide = np.array([max(steps), min(steps)])
-        ax.loglog(guide, errors[0] * (guide / steps[0]) ** 2, color="0.6", linewidth=1.0, label="slope 2", zorder=0)
-        left = [v for v in study.verdicts if v.backend == ENGINE and v.reference == TWIN]
-        run = study.run(ENGINE)
+        slope = order_on(study.scene)
+        line = errors[0] * (guide / steps[0]) ** slope
+        ax.loglog(guide, line, color="0.6", linewidth=1.0, label=f"slope {slope}", zorder=0)
+        left = [v for v in study.verdicts if v.backend == study.engine and v.reference == TWIN]
+        run = study.run(study.engine)
         if left and run is not None:
             step = run.provenance["settings"]["dt"]
             ax.loglog([step], [left[0].difference], color=BLUE, marker="D", linestyle="none", label="LAMMPS - twin")
         ax.set(title=study.scene.name, xlabel="time step (s)")
         ax.grid(alpha=0.25)
     axes[0].set_ylabel("velocity difference / largest velocity")
-    axes[-1].legend()
+    # one legend for all, unless their guides differ
+    for ax in axes if len({order_on(study.scene) for study in shown}) > 1 else axes[-1:]:
+        ax.legend()
     return figure
 
 
@@ -162,6 +171,50 @@ def error_budget(study: SceneStudy) -> Figure | None:
         ax.grid(axis="x", alpha=0.25)
     axes[0].invert_yaxis()  # shared by all
     figure.supxlabel(f"{study.scene.name}: difference / scale of the quantity", fontsize=10)
+    return figure
+
+
+def styles_matrix(study: StylesStudy) -> Figure:
+    """Ways by quantities: difference to the twin as colour (its power of ten) and number, with the tolerance below it;
+    "=" for what is bit for bit the first way. A way without numbers has its reason in their place."""
+    rows, values = study.rows, np.full((len(study.rows), len(COLUMNS)), np.nan)
+    for at, row in enumerate(rows):
+        for column, name in enumerate(COLUMNS):
+            # equal to the last digit: drawn as a digit, written as 0
+            values[at, column] = max(row.differences[name].value, 1e-17) if row.differences else np.nan
+    powers = np.log10(np.where(np.isfinite(values), values, np.nan))
+    known = powers[np.isfinite(powers)]
+    low, high = (float(np.floor(known.min())), float(np.ceil(known.max()))) if known.size else (-16.0, 0.0)
+    figure = Figure(figsize=(11.0, 1.6 + 0.46 * len(rows)), layout="constrained")
+    ax = figure.subplots()
+    image = ax.imshow(powers, cmap="cividis", vmin=low, vmax=max(high, low + 1.0), aspect="auto")
+    for at, row in enumerate(rows):
+        if not row.differences:
+            reason = row.reason if len(row.reason) <= 80 else f"{row.reason[:77]}..."
+            ax.text(-0.45, at, reason, va="center", fontsize=8, color="0.35", style="italic")
+        for column, name in enumerate(COLUMNS if row.differences else ()):
+            number, tolerance = row.differences[name].value, row.tolerances[name]
+            dark = not np.isfinite(powers[at, column]) or powers[at, column] > 0.5 * (low + high)
+            label = f"{number:.1e}" if number <= tolerance else f"{number:.1e}  BEYOND"
+            ink: dict[str, Any] = {"ha": "center", "va": "center", "color": BLACK if dark else "white"}
+            ax.text(column, at - 0.14, label, fontsize=9, weight="bold", **ink)
+            ax.text(column, at + 0.24, f"tolerance {tolerance:.1e}", fontsize=7, **ink)
+        bits = {None: "", True: "=", False: "\u2260"}[row.bitwise]
+        ax.text(len(COLUMNS) - 0.3, at, bits, ha="center", va="center", fontsize=13, weight="bold")
+        colour = {"PASS": BLACK, "NOT_RUN": "0.45"}.get(row.outcome.value, VERMILION)
+        ax.text(len(COLUMNS) + 0.1, at, row.outcome.value, ha="center", va="center", fontsize=9, color=colour)
+    for place, heading in ((-0.3, "bitwise"), (0.1, "outcome")):
+        ax.text(len(COLUMNS) + place, -0.62, heading, ha="center", va="bottom", fontsize=9)
+    ax.set_xticks(range(len(COLUMNS)), [name.replace("_", " ") for name in COLUMNS])
+    ax.set_yticks(range(len(rows)), [row.way for row in rows])
+    ax.xaxis.tick_top()
+    ax.set_xlim(-0.5, len(COLUMNS) + 0.4)
+    ax.set_yticks(np.arange(len(rows) + 1) - 0.5, minor=True)
+    ax.grid(which="minor", axis="y", color="white", linewidth=2.0)
+    ax.tick_params(which="both", length=0)
+    ax.spines[:].set_visible(False)
+    ax.set_title(f"{study.scene.name}, dt = {study.dt:.4g} s, LAMMPS {study.lammps}: difference to the twin", pad=14)
+    figure.colorbar(image, ax=ax, label="power of ten of the relative difference", fraction=0.03, pad=0.01)
     return figure
 
 
@@ -206,7 +259,7 @@ def _line(name: str) -> dict[str, object]:
 
 
 def _who(study: SceneStudy) -> str:
-    return "LAMMPS" if study.run(ENGINE) is not None else "reference"
+    return "LAMMPS" if study.run(study.engine) is not None else "reference"
 
 
-__all__ = ["convergence", "error_budget", "front_along_chain", "spacetime_maps"]
+__all__ = ["convergence", "error_budget", "front_along_chain", "spacetime_maps", "styles_matrix"]
