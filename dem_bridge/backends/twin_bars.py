@@ -77,7 +77,7 @@ def twins_of(
     for ratio in ratios:
         other = fixed_step_plan(scene, Resolution(dt=ratio * plan.step), Sampling(count=plan.samples), look)
         others[other.step / plan.step] = solve_plan(scene, other)
-    positional, dense = solve_dense(scene, plan, radius)
+    positional, dense = solve_dense(scene, plan, radius, tables)
     thinned = peaks_and_crossings(scene, plan, dense, every=2)
     return Twins(
         plan=plan,
@@ -111,7 +111,7 @@ class Twins:
     others: Mapping[float, Answer]
     """The same at other steps, by the ratio of their step to that of the plan."""
     positional: Answer
-    """As ``own``, in absolute positions."""
+    """As ``own``, in absolute positions; with tables where there are any: they look up a distance, not an overlap."""
     tabled: Answer | None = None
     """As ``own``, with tables; None: the code has the laws themselves."""
     halved: Answer | None = None
@@ -135,7 +135,7 @@ def with_bars(run: Trajectory, twins: Twins | None) -> Trajectory:
     if twins is None:
         return run
     plan, own = twins.plan, twins.own
-    step, rounding = twins.of_step(), apart(own, twins.positional)
+    step, rounding = twins.of_step(), apart(twins.tabled or own, twins.positional)
     speed = float(np.max(np.abs(own.velocity)))
     # no run is better than a random walk of its last digit
     digit = np.finfo(float).eps * math.sqrt(plan.steps)
