@@ -77,6 +77,44 @@ def test_every_setting_that_is_advertised_is_taken() -> None:
     assert run.velocity.shape == (6, 2)
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "allowed"),
+    [
+        ("geometry", "9mm", "'gauge' or 'physical'"),
+        ("geometry", None, "'gauge' or 'physical'"),
+        ("types", "all", "'euler' or 'per-body'"),
+        ("types", 9, "'euler' or 'per-body'"),
+        ("table_style", "lookup", "'spline' or 'linear'"),
+        ("table_lines", 7, "a whole number from 8 to 1000000"),
+        ("table_lines", 250.0, "a whole number from 8"),
+        ("table_points", 1, "a whole number from 2 to 100000000"),
+        ("table_points", True, "a whole number from 2"),
+        ("table_points", "10000", "a whole number from 2"),
+        ("tables", 1, "False or True"),
+        ("tables", "yes", "False or True"),
+        ("bars", 0, "True or False"),
+        ("geometry", ["physical"], "'gauge' or 'physical'"),
+    ],
+)
+def test_a_wrong_value_of_a_setting_is_one_line_with_what_is_allowed(key: str, value: object, allowed: str) -> None:
+    for backend in ("verlet", "lammps-table"):
+        with pytest.raises(UsageError) as caught:
+            db.solve(PAIR, backend=backend, **{key: value})
+        assert str(caught.value).startswith(f"{key} = {value!r}; allowed: {allowed}")
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "how", [{"table_lines": 8}, {"table_points": 2}, {"table_points": 3}, {"table_style": "linear"}]
+)
+def test_the_least_that_a_table_may_have_still_makes_a_deck(how: dict[str, object], tmp_path: Path) -> None:
+    assert db.write_deck(PAIR, tmp_path, style="table", dt=1e-6, **how)
+    run = db.solve(PAIR, backend="verlet", dt=1e-6, tables=True, **how)
+    # coarse tables are wrong, and the bar knows it
+    truth = db.solve(PAIR, backend="scipy", bars=False)
+    assert np.max(np.abs(run.velocity - truth.velocity)) <= run.uncertainty["velocity"]
+
+
 def test_an_unknown_setting_is_refused_with_those_that_exist() -> None:
     with pytest.raises(UsageError, match=r"setting 'timestep' is unknown; allowed: dt, rtol, .*samples, accuracy"):
         db.solve(PAIR, backend="verlet", timestep=1e-7)

@@ -100,6 +100,11 @@ def test_a_bad_scene_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
         ("run", "decelerating-40", "--backend", "scipy", "--rtol", "1e-3"),
         ("run", "decelerating-40", "--backend", "ode45", "--atol", "0"),
         ("verify", "decelerating-40", "--accuracy", "2"),
+        ("run", "decelerating-40", "--backend", "lammps-table", "--geometry", "9mm"),
+        ("run", "decelerating-40", "--backend", "lammps-table", "--types", "one"),
+        ("run", "decelerating-40", "--backend", "lammps-table", "--geometry", "physical", "--accuracy", "1e-9"),
+        ("deck", "decelerating-40", "--style", "lepton", "-o", "deck"),
+        ("deck", "decelerating-40", "--style", "table", "--geometry", "", "-o", "deck"),
     ],
 )
 def test_wrong_use_is_one_line_and_exit_code_2(words: tuple[str, ...], tmp_path: Path) -> None:
@@ -126,6 +131,39 @@ def test_deck_writes_the_deck(tmp_path: Path) -> None:
     done = _run("deck", "accelerating-40", "-o", "deck", cwd=tmp_path)
     assert done.returncode == 0
     assert [Path(line).name for line in done.stdout.split()] == ["in.accelerating-40", "data.accelerating-40"]
+
+
+def test_a_deck_may_have_tables_the_scenes_own_radius_and_a_type_for_each_body(tmp_path: Path) -> None:
+    words = ("deck", "accelerating-40", "--dt", "1e-7", "--style", "table")
+    done = _run(*words, "--geometry", "physical", "--types", "per-body", "-o", "deck", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert {Path(line).name for line in done.stdout.split()} == {file.name for file in (tmp_path / "deck").iterdir()}
+    text = (tmp_path / "deck" / "in.accelerating-40").read_text()
+    assert "41 atom types" in text
+    assert "radius R = 0.009 m" in text
+    assert "pair_style      table spline 10000\n" in text
+    assert len(list((tmp_path / "deck").glob("*.table"))) == 41
+
+
+def test_a_scene_without_a_spacing_has_no_deck_of_its_own_radius(tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text(CHAIN)
+    done = _run("deck", "small.toml", "--geometry", "physical", "-o", "deck", cwd=tmp_path)
+    assert done.returncode == 2
+    _one_line(done, "geometry = 'physical' on small", "no spacing", "allowed: 'gauge'")
+    assert not (tmp_path / "deck").exists()
+
+
+@pytest.mark.lammps
+def test_run_solves_any_exponent_by_tables_and_prints_their_errors_and_round_off(tmp_path: Path) -> None:
+    (tmp_path / "steep.toml").write_text(CHAIN.replace("velocity =", "exponent = [3.2, 2.1]\nvelocity ="))
+    words = ("run", "steep.toml", "--backend", "lammps-table", "--types", "per-body", "--dt", "1e-7", "--json")
+    done = _run(*words, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    found = json.loads(done.stdout)
+    assert found["backend"] == "lammps-table"
+    assert 0.0 < found["round_off_floor_relative"] < 1e-10
+    assert 0.0 < found["table_measured_error_relative"] < 2.0 * found["table_predicted_error_relative"] < 1e-6
+    assert 0.0 < found["velocity_bar_m_per_s"] < 1e-3
 
 
 @pytest.mark.lammps
