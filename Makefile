@@ -22,6 +22,7 @@ test: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python -m pytest tests/bench/bench_backends.py --benchmark-only --benchmark-columns=median,iqr,rounds -p no:cacheprovider
+	$(BIN)/python -m tests.bench.bench_lammps
 	$(BIN)/python -m tests.bench.bench_bars
 
 lint: $(STAMP)

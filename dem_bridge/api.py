@@ -119,6 +119,9 @@ def write_deck(
     styles = {"granular": LammpsGranular, "table": LammpsTable}
     if style not in styles:
         raise UsageError(f"style = {style!r}; allowed: {' or '.join(styles)}")
+    for key in _ENGINE:
+        if settings.get(key) is not None:
+            raise UsageError(f"{key} = {settings[key]!r} says which LAMMPS runs; a deck is only written: leave it out")
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
     _, resolution, sampling, accuracy = _settings(scene, f"lammps-{style}", settings)
@@ -132,7 +135,14 @@ def write_deck(
 
 def available() -> dict[str, Availability]:
     """Every backend's name with whether it can run here and, if not, why and what to do."""
-    return {name: backend(name).availability() for name in BACKENDS}
+
+    def of(name: str) -> Availability:
+        try:
+            return backend(name).availability()
+        except UsageError as error:  # the environment names an engine that cannot be
+            return Availability(False, str(error))
+
+    return {name: of(name) for name in BACKENDS}
 
 
 def _settings(

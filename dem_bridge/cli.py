@@ -186,9 +186,9 @@ def run(
         return
     for key, value in summary.items():
         if key not in ("settings", "versions"):
-            click.echo(f"{key.replace('_', ' '):24} {value}")
+            click.echo(f"{key.replace('_', ' '):30} {f'{value:.7g}' if isinstance(value, float) else value}")
     if output is not None:
-        click.echo(f"{'written':24} {output}")
+        click.echo(f"{'written':30} {output}")
 
 
 @main.command()
@@ -250,7 +250,7 @@ def verify(
 
         write_whole(junit_file.parent, {junit_file.name: junit(found.verdicts)})
     for study in found.studies:
-        if (of_lammps := study.run("lammps-granular")) is not None:
+        if (of_lammps := study.run(study.engine)) is not None:
             _warn(of_lammps)
     _print_verdicts(found)
     click.echo(f"report: {folder / 'index.html'}")
@@ -288,6 +288,7 @@ def _summary(run: Trajectory) -> dict[str, Any]:
         value = float(np.nanmax(run.uncertainty[name], initial=0.0))
         return value if np.isfinite(value) else None
 
+    errors = ("predicted_error", "measured_error") if "table" in run.provenance else ()
     crossed = run.crossing_time[np.isfinite(run.crossing_time)]
     return {
         "scene": run.provenance["scene"],
@@ -300,7 +301,8 @@ def _summary(run: Trajectory) -> dict[str, Any]:
         "force_bar_N": bar("peak_force"),
         "last_crossing_s": float(crossed[-1]) if len(crossed) else None,
         "crossing_bar_s": bar("crossing_time"),
-        "round_off_floor": run.provenance.get("round_off_floor"),
+        "round_off_floor_relative": run.provenance.get("round_off_floor"),
+        **{f"table_{name}_relative": run.provenance["table"][name] for name in errors},
         "steps": run.cost.steps,
         "force_evaluations": run.cost.force_evaluations,
         "wall_s": round(run.cost.wall, 4),

@@ -12,6 +12,7 @@ from dem_bridge.backends.tabled import survey_of
 from dem_bridge.backends.verlet import Verlet
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
 
 #: fixed-step runs longer than this are not chosen by accuracy
 MOST_STEPS = 50_000_000
@@ -40,10 +41,9 @@ def resolution_for(scene: Scene, accuracy: float, resolution: Resolution, sampli
         if max(accuracy, parts["time_step"]) < parts["round_off"] + parts["table"]:
             # round-off grows with the number of steps, and tables err whatever it is: no smaller step helps
             raise UsageError(
-                f"accuracy = {accuracy:g} on {scene.name}: at dt = {dt:g} s bodies of {radius:.3g} m round off"
-                f" {run.provenance['round_off_floor']:.2g} of the velocities, and tables miss {parts['table']:.2g};"
-                f" the least bar found is {least:.2g}: ask for that, or take geometry='gauge' or"
-                " backend='lammps-granular'"
+                f"accuracy = {accuracy:g} on {scene.name} cannot be had: "
+                + _what_no_step_changes(run, radius, resolution)
+                + f"; the least bar found is {least:.2g}, so ask for less"
             )
         # the bar goes as dt^order; no step further than to a tenth, for what no step can reach shows on the way
         dt = round_step(dt * min(0.7, max(0.1, (accuracy / bar) ** (1.0 / order_on(scene)))))
@@ -51,3 +51,13 @@ def resolution_for(scene: Scene, accuracy: float, resolution: Resolution, sampli
         f"accuracy = {accuracy:g} on {scene.name} needs a step below {dt:.2g} s, more than {MOST_STEPS:.0e} steps;"
         " ask for less, or take backend='scipy'"
     )
+
+
+def _what_no_step_changes(run: Trajectory, radius: float, resolution: Resolution) -> str:
+    """The larger of round-off and tables, with what would make it smaller."""
+    parts, dt = run.provenance["velocity_bar"], run.provenance["settings"]["dt"]
+    if parts["table"] > parts["round_off"]:
+        return f"tables miss {parts['table']:.2g} of the velocities (take more table_points, or lammps-granular)"
+    remedy = " (take geometry='gauge')" if resolution.geometry == "physical" else ""
+    floor = run.provenance["round_off_floor"]
+    return f"bodies of {radius:.3g} m round off {floor:.2g} of the velocities at dt = {dt:g} s{remedy}"

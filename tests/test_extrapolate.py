@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,8 +61,8 @@ def test_without_bars_nothing_is_claimed(accelerating: Truth) -> None:
 def test_a_code_of_another_order_is_refused(accelerating: Truth, monkeypatch: pytest.MonkeyPatch) -> None:
     """A fault of first order in one run in three, as a stale force is, must not be extrapolated by second order."""
 
-    def drifting(scene: db.Scene, plan: Schedule, radius: float = 0.0) -> Trajectory:
-        run = solve_plan(scene, plan, radius)
+    def drifting(scene: db.Scene, plan: Schedule, *how: Any) -> Trajectory:
+        run = solve_plan(scene, plan, *how)
         return replace(run, velocity=run.velocity * (1.0 + 1e3 * float(run.provenance["settings"]["dt"])))
 
     scene = replace(accelerating.scene, duration=3e-4, samples=50)

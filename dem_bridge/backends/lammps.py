@@ -19,7 +19,7 @@ from dem_bridge.backends.lammps_output import (
 )
 from dem_bridge.backends.steps import fixed_step_plan, radius_of, read_off
 from dem_bridge.backends.survey import Survey
-from dem_bridge.backends.tabled import in_kernel, measured_error, predicted_error, survey_of, tables_for
+from dem_bridge.backends.tabled import in_kernel, measured, predicted_error, survey_of, tables_for
 from dem_bridge.backends.twin import EXACT
 from dem_bridge.backends.twin_bars import Twins, twins_of, with_bars
 from dem_bridge.compiled import started
@@ -90,6 +90,8 @@ class LammpsGranular:
         told: dict[str, Any] = {
             "lammps": engine_certificate(self.engine, report, scene),
             "engine_wall": report.wall,
+            "engine_loop": report.loop,
+            "engine_memory": report.memory,
             "deck_hash": deck.content_hash,
             "atom_types": deck.types,
         }
@@ -99,7 +101,7 @@ class LammpsGranular:
                 "points": written.tables.points,
                 "files": len(written.tables.tables),
                 "predicted_error": predicted_error(scene, written.tables),
-                "measured_error": measured_error(scene, written.tables, dense),
+                **measured(scene, written.tables, dense, plan),
             }
         # the engine's own share of the processor, and not only ours
         cost = replace(run.cost, cpu=run.cost.cpu + report.cpu)
@@ -133,7 +135,8 @@ class LammpsGranular:
 
 
 class LammpsTable(LammpsGranular):
-    """LAMMPS with ``pair_style table``: n from 2 to 5, any in each contact; the rest as ``lammps-granular``.
+    """LAMMPS with ``pair_style table``: n from 2 to 5 or any law given as a function, another in each
+    contact; the rest as ``lammps-granular``.
 
     A damped contact is left to ``granular`` where that has its law (n = 5/2 and 2). Elsewhere the damping stands
     beside the table and may pull, which LAMMPS cannot clip; the twin does the same, so the bars know it.

@@ -6,20 +6,21 @@ themselves is the error of the tables, apart from that of the time step.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution
 from dem_bridge.backends.steps import Dense, radius_of
 from dem_bridge.backends.survey import Survey, survey
 from dem_bridge.backends.twin import Tables, solve_dense
-from dem_bridge.dense import schedule
+from dem_bridge.dense import Schedule, schedule
 from dem_bridge.lmp.coefficients import laws, line_order, pairs
 from dem_bridge.lmp.encoding import body_types
 from dem_bridge.lmp.interpolation import Style, interpolated, interpolation_error
 from dem_bridge.lmp.pairing import MARGIN, TableSet, table_set
+from dem_bridge.physics.contact import Floats
 from dem_bridge.scene import Scene
 
 #: fraction of 1/omega that is the step of a coarse run
@@ -49,16 +50,20 @@ def survey_of(scene: Scene) -> Survey:
     )
 
 
-def _frequency(scene: Scene, deepest: NDArray[np.float64]) -> float:
+def _frequency(scene: Scene, deepest: Floats) -> float:
     """Highest angular frequency, or rate, of contacts (rad/s) with overlaps up to ``deepest`` (m), ``(n_contact,)``."""
     c, inverse_mass = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
     mobility = inverse_mass[c.left] + inverse_mass[c.right]
     touched = np.flatnonzero(deepest > 0.0)
-    # 256 chords: a law can be steepest anywhere
-    overlap = np.linspace(0.0, deepest[touched], 257)
-    slope = np.max(np.diff(c.force(overlap, touched), axis=0) / np.diff(overlap, axis=0), axis=0)
+    slope = _steepest(lambda overlap: c.force(overlap, touched), deepest[touched])
     damped = np.max(c.damping[touched] * mobility[touched], initial=scene.drag)
     return max(float(np.max(np.sqrt(slope * mobility[touched]), initial=0.0)), float(damped))
+
+
+def _steepest(force: Callable[[Floats], Floats], deepest: Floats) -> Floats:
+    """Largest slope of a force, N/m, on overlaps up to ``deepest`` (m): a law can be steepest anywhere."""
+    overlap = np.linspace(0.0, deepest, 257)
+    return np.asarray(np.max(np.diff(force(overlap), axis=0) / np.diff(overlap, axis=0), axis=0))
 
 
 def tables_for(scene: Scene, resolution: Resolution, look: Survey) -> TableSet:
@@ -93,7 +98,10 @@ def in_kernel(scene: Scene, tables: TableSet, radius: float) -> Tables:
 
 
 def predicted_error(scene: Scene, tables: TableSet) -> float:
-    """Largest error of a force for want of points, relative to the largest force that its contact is to have."""
+    """Largest error of a force for want of points, relative to the largest force that its contact was foreseen to have.
+
+    Of all overlaps that a table has: LAMMPS stops beyond.
+    """
     found = laws(scene)
     errors = [
         interpolation_error(
@@ -106,17 +114,38 @@ def predicted_error(scene: Scene, tables: TableSet) -> float:
     return max(errors, default=0.0)
 
 
-def measured_error(scene: Scene, tables: TableSet, dense: Dense) -> float:
-    """The same, found in a run: forces of undamped contacts beside their laws at the overlaps of the run."""
-    found, order = laws(scene), line_order(scene)
-    worst = 0.0
+def measured(scene: Scene, tables: TableSet, dense: Dense, plan: Schedule) -> dict[str, float]:
+    """What a run on the steps of ``plan`` made of its tables.
+
+    ``measured_error``: as :func:`predicted_error`, of its forces beside the laws at its own overlaps; ``round_off``:
+    what the measurement may err by, on the same scale; ``pull``: largest tension in a contact with damping beside its
+    table, N.
+    """
+    found, order, c = laws(scene), line_order(scene), scene.contacts
+    # damping goes with the velocity of the half step, and at the start with that of the start
+    half = dense.velocity - np.where(plan.dense_steps > 0, 0.5 * plan.step, 0.0)[:, None] * dense.acceleration
+    elastic = dense.force - np.where(dense.overlap > 0.0, c.damping * (half[:, c.left] - half[:, c.right]), 0.0)
+    # forces are running sums of net forces. An atom's is two contacts' and its weight (one sum each), and is taken from
+    # the weight and added up (one each): half an ulp of at most both forces, four times, and of the weight, twice
+    weight = float(np.sum(np.abs(np.array(scene.mass) * scene.gravity + scene.load)))
+    slowed = scene.drag * np.abs(half[:, :-1]) @ np.array(scene.mass)
+    summed = np.empty_like(elastic)
+    summed[:, order] = 4.0 * np.cumsum(np.abs(dense.force[:, order]), axis=1) + (weight + 4.0 * slowed)[:, None]
+    # four roundings of a velocity in each rate
+    summed += 4.0 * c.damping * float(np.max(np.abs(dense.velocity)))
+    worst = rounding = pull = 0.0
     for law, table in tables.tables.items():
-        if found.damping[law] > 0.0:
-            continue
-        force_of = found.law(law).force
+        mine, force_of = order[found.where == law], found.law(law).force
         foreseen = float(table.distance[-1] - table.distance[0]) / MARGIN
-        mine = order[found.where == law]
-        overlap = dense.overlap[:, mine]
-        away = np.abs(dense.force[:, mine] - force_of(np.maximum(overlap, 0.0)))[overlap <= foreseen]
-        worst = max(worst, float(np.max(away, initial=0.0)) / float(force_of(np.array(foreseen))))
-    return worst
+        largest = float(force_of(np.array(foreseen)))
+        steep = float(found.exponent[law]) - 1.0
+        if found.functions is not None:
+            steep = float(_steepest(force_of, np.array(foreseen))) * foreseen / largest
+        away = np.abs(elastic[:, mine] - force_of(np.maximum(dense.overlap[:, mine], 0.0)))
+        worst = max(worst, float(np.max(away, initial=0.0)) / largest)
+        # r^2 has four roundings of half an ulp from distance to cell, which move a force by its slope;
+        # the spline in a cell, and the law, have at most eight of the force
+        place = 2.0 * steep * float(table.distance[-1]) / foreseen
+        rounding = max(rounding, float(np.max(summed[:, mine], initial=0.0)) / largest + place + 8.0)
+        pull = max(pull, -float(np.min(dense.force[:, mine], initial=0.0)) if found.damping[law] > 0.0 else 0.0)
+    return {"measured_error": worst, "round_off": float(np.finfo(float).eps) * rounding, "pull": pull}

@@ -94,11 +94,15 @@ def solve_dense(
 def _frame(scene: Scene, radius: float) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
     """Diameter, start positions of the bodies and position of the wall of each contact, m."""
     c, links = scene.contacts, len(scene.stiffness)
-    start = 2.0 * radius * np.arange(scene.n_body) + np.concatenate([[0.0], np.cumsum(c.gap[:links])])
+    # a position is rounded once, whatever the gaps before it
+    gaps = np.concatenate([[0.0], np.cumsum(c.gap[:links], dtype=np.longdouble)])
+    start = (2.0 * radius * np.arange(scene.n_body) + gaps).astype(float)
     wall = np.zeros(scene.n_contact)
     for k in range(links, scene.n_contact):
-        reach = 2.0 * radius + c.gap[k]
-        wall[k] = start[0] - reach if c.left[k] == scene.n_body else start[-1] + reach
+        if c.left[k] == scene.n_body:
+            wall[k] = -(2.0 * radius + c.gap[k])
+        else:
+            wall[k] = float(2.0 * radius * scene.n_body + (gaps[-1] + c.gap[k]))
     return 2.0 * radius, start, wall
 
 
@@ -167,13 +171,15 @@ def integrate(  # type: ignore[no-untyped-def]
                     for i in range(n_body):
                         position[i] += dt * v[i]
                         x[i] = position[i] - start[i]
-                    for k in range(links):
-                        overlap[k] = diameter - (position[k + 1] - position[k])
-                    for k in range(links, n_contact):
-                        if left[k] == n_body:
-                            overlap[k] = diameter - (position[right[k]] - wall[k])
-                        else:
-                            overlap[k] = diameter - (wall[k] - position[left[k]])
+            if diameter > 0.0:
+                # at the start too: there gaps are as rounded positions have them
+                for k in range(links):
+                    overlap[k] = diameter - (position[k + 1] - position[k])
+                for k in range(links, n_contact):
+                    if left[k] == n_body:
+                        overlap[k] = diameter - (position[right[k]] - wall[k])
+                    else:
+                        overlap[k] = diameter - (wall[k] - position[left[k]])
             if tabled:
                 for k in range(n_contact):
                     row_of = tables.law[k]

@@ -3,7 +3,8 @@
 *Time step.* The twin at the run's step, at twice and at a third of it. A second-order error is a third of the first
 difference and nine eighths of the second (of first order, where forces depend on velocities: all of the first, one and
 a half times the second); three times the error is taken, so that the bar holds where the order is not
-clean, and the larger of the two, because one of them can be small by chance.
+clean, and the larger of the two, because one of them can be small by chance. Damped contacts get other ratios of steps,
+and weights that follow from them.
 
 *Round-off.* A code that keeps absolute positions rounds them at every step and subtracts them for every overlap. The
 twin can do the same; its difference to the twin in overlap variables is that round-off, with the scene's conditioning
@@ -43,6 +44,9 @@ REALISATIONS = 3.0
 STEP_SAFETY = 3.0
 #: the twin has LAMMPS' tables to the last digit: what differs is how far each run is from the other laws
 TABLE_SAFETY = 2.0
+#: the golden ratio and 1 over its square, for damped contacts: a dashpot's force begins with the step after touch, and
+#: steps with a common multiple may all have it late by the same
+INCOMMENSURATE = (1.618, 0.382)
 #: of what every second dense sample changes: by order 7/2 (a neighbour that opens between them) a tenth is lost
 THINNING = 0.5
 
@@ -65,6 +69,8 @@ def twins_of(
     """
     # one step per sample leaves no coarser step that falls on the samples
     ratios = (2.0, 1.0 / 3.0) if plan.per_sample > 1 else (0.5, 1.0 / 3.0)
+    if scene.damped and plan.per_sample > 2:
+        ratios = INCOMMENSURATE
     if plan.steps > min(ratios) * MOST_STEPS:
         return None
     others = {}

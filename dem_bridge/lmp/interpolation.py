@@ -175,10 +175,10 @@ def interpolated(table: ContactTable, *, style: Style, points: int) -> Interpola
 
 
 def interpolation_error(law: ContactLaw, interpolation: Interpolation, *, reach: float) -> float:
-    """Largest |force of LAMMPS' table - force of the law| over overlaps in (0, reach/1.1], over the largest force.
+    """Largest |force of LAMMPS' table - force of the law| over overlaps in (0, reach], over the force at reach/1.1.
 
-    The innermost tenth is left out: it is there for overlaps that were not foreseen. Looked at in 16 places of each of
-    the 64 cells next to touch and of those beside a kink, and in 4 of all others; the error is smooth in a cell.
+    The innermost tenth is there for overlaps that were not foreseen. Looked at in 16 places of each of the 64 cells
+    next to touch and of those beside a kink, and in 4 of all others; the error is smooth in a cell.
     """
     inner_squared, cut = interpolation.inner_squared, math.sqrt(interpolation.cut_squared)
     points = len(interpolation.value)
@@ -193,6 +193,6 @@ def interpolation_error(law: ContactLaw, interpolation: Interpolation, *, reach:
     fine = [np.arange(64.0), *(np.arange(max(cell - 8.0, 0.0), cell + 9.0) for cell in beside)]
     distance = np.concatenate([distances(np.concatenate(fine), 16), distances(np.arange(64.0, points - 1.0), 4)])
     overlap = cut - distance
-    seen = (overlap > 0.0) & (overlap <= reach / 1.1)
-    force = law.force(overlap[seen])
-    return float(abs(interpolation.force(distance[seen]) - force).max() / force.max())
+    seen = overlap > 0.0
+    away = abs(interpolation.force(distance[seen]) - law.force(overlap[seen]))
+    return float(away.max() / law.force(np.array(reach / 1.1)))

@@ -76,6 +76,15 @@ def ranks(log: str) -> int:
     return int(found[-1]) if found else 0
 
 
+def loop_time(text: str) -> float:
+    """Seconds that the time steps of all runs in a log took; 0 where none came to its end.
+
+    >>> loop_time("Loop time of 0.5 on 1 procs for 100 steps with 3 atoms")
+    0.5
+    """
+    return sum(float(found) for found in re.findall(r"^Loop time of (\S+) on", text, re.MULTILINE))
+
+
 def _words(text: str, heading: str) -> frozenset[str]:
     """What stands between a heading and the next."""
     found = re.search(rf"^{heading}\s*\n(.*?)(?=^\*|^List of|\Z)", text, flags=re.MULTILINE | re.DOTALL)

@@ -71,7 +71,7 @@ def table_set(
     """
     deepest = np.zeros(len(laws.stiffness))
     np.maximum.at(deepest, laws.where, peak_overlap)
-    reach = np.maximum(MARGIN * deepest, _UNTOUCHED * (float(np.max(deepest)) or radius))
+    reach = np.maximum(MARGIN * deepest, _UNTOUCHED * (float(np.max(deepest, initial=0.0)) or radius))
     points = points or points_for(pairs + 1)
     tables = {}
     for law in range(len(laws.stiffness)):

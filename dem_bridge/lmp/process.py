@@ -53,6 +53,10 @@ class EngineReport:
     build: tuple[str, ...] = ()
     """Compiler and MPI library."""
     ranks: int = 1
+    loop: float = 0.0
+    """Of the time steps alone."""
+    memory: int = 0
+    """Bytes: the most that one process had."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +66,7 @@ class _Ended:
     code: int
     wall: float
     cpu: float
+    memory: int
 
     @property
     def how(self) -> str:
@@ -146,6 +151,8 @@ def _by_module(
         cpu=said["cpu"] + sum(float(other.get("cpu", 0.0)) for other in others),
         build=tuple(said.get("lines", ())),
         ranks=engine.ranks,
+        loop=log.loop_time(_read(folder / "log.lammps")),
+        memory=said["memory"],
     )
 
 
@@ -168,6 +175,8 @@ def _by_binary(
         cpu=ended.cpu,
         build=found.lines,
         ranks=engine.ranks,
+        loop=log.loop_time(text),
+        memory=ended.memory,
     )
 
 
@@ -209,7 +218,7 @@ def _worker(
     # the answer first, the exit code second: an engine may crash after it has answered
     said = _answer(folder / _ANSWER)
     if said["stage"] == "done" and (ended.code == 0 or engine.ranks == 1):
-        return said
+        return said | {"memory": ended.memory}
     ranks = [said, *(_answer(path) for path in sorted(folder.glob(f"{_ANSWER}.*")))]
     error = next((str(one["error"]) for one in ranks if one["error"]), "")
     if not error:
@@ -279,7 +288,12 @@ def _wait(child: subprocess.Popen[bytes], began: float, time_limit: float, watch
     # wait4 and not wait, for what the child and its children have used
     _, status, used = os.wait4(child.pid, 0)
     child.returncode = os.waitstatus_to_exitcode(status)
-    return _Ended(code=child.returncode, wall=time.perf_counter() - began, cpu=used.ru_utime + used.ru_stime)
+    return _Ended(
+        code=child.returncode,
+        wall=time.perf_counter() - began,
+        cpu=used.ru_utime + used.ru_stime,
+        memory=1024 * used.ru_maxrss,
+    )
 
 
 @contextmanager

@@ -104,6 +104,8 @@ def completed(law: Law, *, reach: float) -> ContactLaw:
 
     def shaped(function: Callable[[Floats], Floats], overlap: Floats) -> Floats:
         overlap = np.asarray(overlap, dtype=float)
+        if overlap.ndim == 1:
+            return np.asarray(function(overlap), dtype=float)
         return np.asarray(function(overlap.ravel()), dtype=float).reshape(overlap.shape)
 
     if isinstance(law, ContactLaw):

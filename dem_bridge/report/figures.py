@@ -13,22 +13,25 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from dem_bridge.backends.base import ENGINE_BACKENDS
+from dem_bridge.backends.steps import order_on
 from dem_bridge.observables.front import arrival_by_crossing, residence_by_crossing, wave_speed_by_crossing
-from dem_bridge.studies.checks import ENGINE, REFERENCE, THEORY, TWIN
+from dem_bridge.studies.checks import REFERENCE, THEORY, TWIN
 from dem_bridge.studies.verify import SceneStudy
 from dem_bridge.trajectory import Trajectory
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
+_LAMMPS = {
+    "color": BLUE,
+    "linestyle": "none",
+    "marker": "o",
+    "markersize": 4.5,
+    "markerfacecolor": "none",
+    "label": "LAMMPS",
+}
 _STYLE = {
+    **dict.fromkeys(ENGINE_BACKENDS, _LAMMPS),
     REFERENCE: {"color": BLACK, "linestyle": "-", "linewidth": 1.4, "label": "reference"},
-    ENGINE: {
-        "color": BLUE,
-        "linestyle": "none",
-        "marker": "o",
-        "markersize": 4.5,
-        "markerfacecolor": "none",
-        "label": "LAMMPS",
-    },
     THEORY: {"color": VERMILION, "linestyle": "--", "linewidth": 1.4, "label": "BCA"},
 }
 
@@ -36,7 +39,7 @@ _STYLE = {
 def spacetime_maps(studies: Sequence[SceneStudy]) -> Figure | None:
     """Velocity over body and time for each scene (the paper's figures 2a and 2c), LAMMPS' where there is a run, with
     the arrival that binary collisions predict. One colour scale for all. None without a run to show."""
-    runs = [(study, study.run(ENGINE) or study.run(REFERENCE)) for study in studies]
+    runs = [(study, study.run(study.engine) or study.run(REFERENCE)) for study in studies]
     shown = [(study, run) for study, run in runs if run is not None and study.scene.n_body > 2]
     if not shown:
         return None
@@ -87,7 +90,7 @@ def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
     grid = axes.reshape(rows, len(shown))
     for column, study in enumerate(shown):
         body = np.arange(1, study.scene.n_body - 1)
-        for name in (REFERENCE, THEORY, ENGINE):
+        for name in (REFERENCE, THEORY, study.engine):
             run = study.run(name)
             if run is None:
                 continue
@@ -116,23 +119,27 @@ def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
     figure, axes = _panels(1, len(shown), width=5.0, height=3.6)
     for ax, study in zip(axes, shown, strict=True):
         for name, style in (
-            (ENGINE, {**_line(ENGINE), "label": "LAMMPS - reference"}),
+            (study.engine, {**_LAMMPS, "label": "LAMMPS - reference"}),
             (TWIN, {"color": GREEN, "linestyle": "none", "marker": "x", "label": "twin - reference"}),
         ):
             if name in study.ladder:
                 ax.loglog(*study.ladder[name], **style)
         steps, errors = next(iter(study.ladder.values()))
         guide = np.array([max(steps), min(steps)])
-        ax.loglog(guide, errors[0] * (guide / steps[0]) ** 2, color="0.6", linewidth=1.0, label="slope 2", zorder=0)
-        left = [v for v in study.verdicts if v.backend == ENGINE and v.reference == TWIN]
-        run = study.run(ENGINE)
+        slope = order_on(study.scene)
+        line = errors[0] * (guide / steps[0]) ** slope
+        ax.loglog(guide, line, color="0.6", linewidth=1.0, label=f"slope {slope}", zorder=0)
+        left = [v for v in study.verdicts if v.backend == study.engine and v.reference == TWIN]
+        run = study.run(study.engine)
         if left and run is not None:
             step = run.provenance["settings"]["dt"]
             ax.loglog([step], [left[0].difference], color=BLUE, marker="D", linestyle="none", label="LAMMPS - twin")
         ax.set(title=study.scene.name, xlabel="time step (s)")
         ax.grid(alpha=0.25)
     axes[0].set_ylabel("velocity difference / largest velocity")
-    axes[-1].legend()
+    # one legend for all, unless their guides differ
+    for ax in axes if len({order_on(study.scene) for study in shown}) > 1 else axes[-1:]:
+        ax.legend()
     return figure
 
 
@@ -206,7 +213,7 @@ def _line(name: str) -> dict[str, object]:
 
 
 def _who(study: SceneStudy) -> str:
-    return "LAMMPS" if study.run(ENGINE) is not None else "reference"
+    return "LAMMPS" if study.run(study.engine) is not None else "reference"
 
 
 __all__ = ["convergence", "error_budget", "front_along_chain", "spacetime_maps"]

@@ -2,8 +2,8 @@
 
 ==============  =================================================================================================
 time step       twin minus reference: the same algorithm at the same step, in overlap variables
-table           none with ``pair_style granular``, which evaluates the law itself
-round-off       twin in positions, with the deck's gauge radius, minus twin in overlaps
+table           twin with the deck's tables minus twin; none with ``pair_style granular``, which has the law itself
+round-off       twin in positions, with the deck's gauge radius, minus twin in overlaps, with the same tables if any
 sampling        what is read between time steps: peaks and crossings from every second dense sample; samples are steps
 reference       the bar of the reference
 ==============  =================================================================================================
@@ -53,12 +53,19 @@ class Budget:
         return {"quantity": self.quantity, "scale_name": self.scale_name, **numbers, "parts": parts}
 
 
-def budgets(engine: Trajectory, twin: Trajectory, positional: Trajectory, truth: Trajectory) -> tuple[Budget, ...]:
-    """Budgets of all quantities; ``twin`` and ``positional`` (which keeps positions) took the engine's steps."""
-    found = []
+def budgets(
+    engine: Trajectory,
+    twin: Trajectory,
+    positional: Trajectory,
+    truth: Trajectory,
+    tabled: Trajectory | None = None,
+) -> tuple[Budget, ...]:
+    """Budgets of all quantities. ``twin`` took the engine's steps, ``tabled`` its tables, too (None: it has none), and
+    ``positional`` keeps positions beside that."""
+    found, same = [], tabled or twin
     for quantity in QUANTITIES:
         error, step = difference(quantity, engine, truth), difference(quantity, twin, truth)
-        rounding = difference(quantity, positional, twin).value
+        rounding = difference(quantity, positional, same).value
         sampling = float(twin.provenance["sampling"][quantity])
         found.append(
             Budget(
@@ -66,7 +73,7 @@ def budgets(engine: Trajectory, twin: Trajectory, positional: Trajectory, truth:
                 found=error.value,
                 parts={
                     "time step": step.value,
-                    "table": 0.0,
+                    "table": difference(quantity, same, twin).value,
                     "round-off": rounding,
                     "sampling": sampling,
                     "reference": error.reference_uncertainty,
@@ -79,10 +86,10 @@ def budgets(engine: Trajectory, twin: Trajectory, positional: Trajectory, truth:
     return tuple(found)
 
 
-def allowance(quantity: str, twin: Trajectory, positional: Trajectory) -> float:
+def allowance(quantity: str, twin: Trajectory, positional: Trajectory, tabled: Trajectory | None = None) -> float:
     """What LAMMPS may differ by from the twin in positions, relative: both round alike, but not each operation in the
     same order. What the step and sampling cost is the same in both."""
-    return _allowed(difference(quantity, positional, twin).value, twin)
+    return _allowed(difference(quantity, positional, tabled or twin).value, twin)
 
 
 def _allowed(rounding: float, twin: Trajectory) -> float:

@@ -3,7 +3,7 @@
 Each difference isolates one cause:
 
 =========================  ==========================================================================
-LAMMPS minus twin          same algorithm, same step: implementation and round-off
+LAMMPS minus twin          same algorithm, same step, same tables if any: implementation and round-off
   ... twin in positions    the same round-off too: implementation alone
 twin minus reference       same equations: the time step
 LAMMPS minus reference     both, the error a user has
@@ -31,7 +31,7 @@ from dem_bridge.plan import resolution_for
 from dem_bridge.scene import Scene
 from dem_bridge.studies import checks
 from dem_bridge.studies.budget import Budget, allowance, budgets
-from dem_bridge.studies.checks import ENGINE, REFERENCE, SECOND, THEORY, TWIN
+from dem_bridge.studies.checks import REFERENCE, SECOND, TABLE, THEORY, TWIN, engine_for
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome, Verdict, exit_code
 
@@ -52,6 +52,11 @@ class SceneStudy:
     """backend -> (steps in s, velocity errors relative to the reference's largest velocity)."""
     budgets: tuple[Budget, ...] = ()
     """Of LAMMPS' main run, one per quantity."""
+
+    @property
+    def engine(self) -> str:
+        """The backend that is verified."""
+        return engine_for(self.scene)
 
     def run(self, backend: str) -> Trajectory | None:
         """The run of that backend at the main resolution."""
@@ -114,7 +119,7 @@ def _hopeless(scene: Scene, error: RunBroken | UnsupportedScene | UsageError) ->
     verdict = Verdict(
         scene=scene.name,
         quantity="velocity",
-        backend=ENGINE,
+        backend=engine_for(scene),
         reference=REFERENCE,
         outcome=outcomes[type(error)],
         sentence=f"{error}.",
@@ -124,23 +129,38 @@ def _hopeless(scene: Scene, error: RunBroken | UnsupportedScene | UsageError) ->
 
 def cases_of(scene: Scene, accuracy: float, engine: Engine | None = None) -> list[Case]:
     """The runs that a verdict on one scene needs; the main run of each backend first. ``engine``: which LAMMPS."""
-    sampling = Sampling(count=scene.samples)
-    main = resolution_for(scene, accuracy, Resolution(), sampling)
+    sampling, judged = Sampling(count=scene.samples), engine_for(scene)
+    main = _main_resolution(scene, accuracy, sampling, tables=judged == TABLE)
     assert main.dt is not None
     coarse = [replace(main, dt=factor * main.dt, bars=False) for factor in LADDER]
     runs = [(name, Resolution()) for name in (REFERENCE, SECOND, THEORY)]
-    runs += [(name, settings) for name in (TWIN, ENGINE) for settings in (main, *coarse)]
-    runs.append((TWIN, replace(main, gauge_radius=survey(scene).gauge_radius, bars=False)))
+    runs += [(name, settings) for name in (TWIN, judged) for settings in (main, *coarse)]
+    # beside the twin, step by step on the way to what LAMMPS does: its tables, if any, then positions
+    beside = replace(main, tables=judged == TABLE, bars=False)
+    runs += [(TWIN, beside)] if beside.tables else []
+    runs.append((TWIN, replace(beside, gauge_radius=survey(scene).gauge_radius)))
     return [
         Case(
             scene=scene,
             backend=name,
             resolution=settings,
             sampling=sampling,
-            engine=engine if name == ENGINE else None,
+            engine=engine if name == judged else None,
         )
         for name, settings in runs
     ]
+
+
+def _main_resolution(scene: Scene, accuracy: float, sampling: Sampling, *, tables: bool) -> Resolution:
+    """Settings of the main runs, with the step for LAMMPS' own bar."""
+    try:
+        found = resolution_for(scene, accuracy, Resolution(tables=tables), sampling)
+    except UsageError:
+        if not tables:
+            raise
+        # no step makes room for the error of the tables: with that of the laws the verdicts say how large it is
+        found = resolution_for(scene, accuracy, Resolution(), sampling)
+    return replace(found, tables=False)
 
 
 def study_of(scene: Scene, results: tuple[Result, ...], accuracy: float) -> SceneStudy:
@@ -149,19 +169,23 @@ def study_of(scene: Scene, results: tuple[Result, ...], accuracy: float) -> Scen
     verdicts: list[Verdict] = []
     ladder: dict[str, tuple[list[float], list[float]]] = {}
     budget: tuple[Budget, ...] = ()
-    for name in (REFERENCE, SECOND, TWIN, ENGINE, THEORY):
+    judged = engine_for(scene)
+    for name in (REFERENCE, SECOND, TWIN, judged, THEORY):
         failed = _main(results, name)
         if failed.failure is not None:
             verdicts.append(checks.absent(scene, name, failed))
-    engine, twin, theory = (_main(results, name).trajectory for name in (ENGINE, TWIN, THEORY))
+    engine, twin, theory = (_main(results, name).trajectory for name in (judged, TWIN, THEORY))
+    *tables, positional = (r.trajectory for r in results if _is_beside(r))
+    tabled = tables[0] if tables else None
+    if engine is not None and "table" in engine.provenance:
+        verdicts.append(checks.table(scene, engine))
     if engine is not None and twin is not None:
-        verdicts.append(checks.implementation(scene, engine, twin))
-        positional = next((r.trajectory for r in results if _in_positions(r)), None)
+        verdicts.append(checks.implementation(scene, engine, tabled or twin))
         if positional is not None and truth is not None:
-            budget = budgets(engine, twin, positional, truth)
+            budget = budgets(engine, twin, positional, truth, tabled)
             allowed = {one.quantity: one.allowed for one in budget}
             # contact forces have no bar of their own, but they are explained all the same
-            allowed["contact_force"] = allowance("contact_force", twin, positional)
+            allowed["contact_force"] = allowance("contact_force", twin, positional, tabled)
             verdicts += [
                 checks.explained(scene, quantity, engine, positional, allowed=bound)
                 for quantity, bound in allowed.items()
@@ -170,13 +194,18 @@ def study_of(scene: Scene, results: tuple[Result, ...], accuracy: float) -> Scen
         second = _main(results, SECOND).trajectory
         if second is not None:
             verdicts.append(checks.two_methods(scene, second, truth))
-        for name in (TWIN, ENGINE):
+        for name in (TWIN, judged):
             run = _main(results, name).trajectory
             if run is None:
                 continue
             verdicts += checks.accuracy(scene, name, run, truth, accuracy)
             ladder[name] = _ladder(results, name, truth)
-            verdicts.append(checks.order(scene, name, ladder[name], truth))
+            known = truth
+            if name == judged and tabled is not None and twin is not None:
+                # what tables miss falls with no step: of errors below it no order can be told
+                bar = truth.uncertainty["velocity"] + float(np.max(np.abs(tabled.velocity - twin.velocity)))
+                known = replace(truth, uncertainty={**truth.uncertainty, "velocity": bar})
+            verdicts.append(checks.order(scene, name, ladder[name], known))
         if theory is not None:
             verdicts += checks.model(scene, theory, truth)
     if engine is not None:
@@ -188,12 +217,14 @@ def _main(results: tuple[Result, ...], backend: str) -> Result:
     return next(r for r in results if r.case.backend == backend)
 
 
-def _in_positions(result: Result) -> bool:
-    return result.case.backend == TWIN and result.case.resolution.gauge_radius is not None
+def _is_beside(result: Result) -> bool:
+    """Whether it is the twin with what LAMMPS has beside the law: tables, positions."""
+    how = result.case.resolution
+    return result.case.backend == TWIN and (how.tables or how.gauge_radius is not None)
 
 
 def _ladder(results: tuple[Result, ...], name: str, truth: Trajectory) -> tuple[list[float], list[float]]:
-    mine = [r for r in results if r.case.backend == name and not _in_positions(r)]
+    mine = [r for r in results if r.case.backend == name and not _is_beside(r)]
     runs = [r.trajectory for r in mine if r.trajectory is not None]
     steps = [float(run.provenance["settings"]["dt"]) for run in runs]
     errors = [difference("velocity", run, truth).value for run in runs]

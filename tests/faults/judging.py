@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Generic, TypeVar
 
+from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.campaign import Case, Result, run_case
 from dem_bridge.scene import Scene, Wall
-from dem_bridge.studies.checks import ENGINE, POSITIONAL, REFERENCE, SECOND, THEORY, TWIN
+from dem_bridge.studies.checks import POSITIONAL, REFERENCE, SECOND, THEORY, TWIN, engine_for
 from dem_bridge.studies.verify import cases_of, study_of
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome, Verdict
@@ -49,7 +50,7 @@ def named(verdict: Verdict) -> str:
     name = verdict.quantity
     if name not in ("momentum", "energy", "order"):
         name += f" - {verdict.reference}"
-    return name if verdict.backend == ENGINE else f"{verdict.backend}: {name}"
+    return name if verdict.backend in ENGINE_BACKENDS else f"{verdict.backend}: {name}"
 
 
 def minus(reference: str, *quantities: str) -> frozenset[str]:
@@ -89,15 +90,20 @@ class Bench:
     def cases(self) -> tuple[Case, ...]:
         return tuple(cases_of(self.scene, self.accuracy))
 
+    @property
+    def engine_cases(self) -> list[Case]:
+        """LAMMPS', the main one first."""
+        return self.of(engine_for(self.scene))
+
     @cached_property
     def our_runs(self) -> Results:
         """Everything but LAMMPS'."""
-        return tuple(run_case(case) for case in self.cases if case.backend != ENGINE)
+        return tuple(run_case(case) for case in self.cases if case not in self.engine_cases)
 
     @cached_property
     def sound_runs(self) -> Results:
         """Everything, LAMMPS' ladder too."""
-        return tuple(run_case(case) for case in self.of(ENGINE)) + self.our_runs
+        return tuple(run_case(case) for case in self.engine_cases) + self.our_runs
 
     def of(self, backend: str) -> list[Case]:
         """Cases of one backend, the main one first."""

@@ -22,7 +22,6 @@ from dem_bridge.campaign import Case, Result, run_case
 from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, granular_deck
 from dem_bridge.lmp.process import EngineReport
 from dem_bridge.scene import Scene
-from dem_bridge.studies.checks import ENGINE
 from tests.faults.judging import BENCH, Results
 
 #: positions (m), velocities (m/s) and net forces (N) of the bodies
@@ -99,4 +98,4 @@ def run_in_place_of_lammps(code: Callable[[], Code], case: Case) -> Result:
 @cache
 def runs_of(code: Callable[[], Code]) -> Results:
     """All runs of the free scene, with ``code`` in place of LAMMPS in each of them, the ladder too."""
-    return tuple(run_in_place_of_lammps(code, case) for case in BENCH.of(ENGINE)) + BENCH.our_runs
+    return tuple(run_in_place_of_lammps(code, case) for case in BENCH.engine_cases) + BENCH.our_runs

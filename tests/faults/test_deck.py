@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from dem_bridge.lmp.deck import Deck
-from dem_bridge.studies.checks import ENGINE, POSITIONAL, REFERENCE, TWIN
+from dem_bridge.studies.checks import POSITIONAL, REFERENCE, TWIN
 from dem_bridge.verdict import Outcome
 from tests.faults.decks import Change, both, run_with, substituted, times
 from tests.faults.judging import (
@@ -179,11 +179,11 @@ def test_sound_runs_have_no_fault(bench: Bench) -> None:
 
 @pytest.mark.parametrize("change", HARMLESS.values(), ids=HARMLESS)
 def test_a_harmless_change_fails_nothing(change: Change) -> None:
-    BENCH.check(replaced(BENCH.sound_runs, run_with(change, BENCH.of(ENGINE)[0])))
+    BENCH.check(replaced(BENCH.sound_runs, run_with(change, BENCH.engine_cases[0])))
 
 
 def test_a_fine_table_of_the_sound_law_is_what_the_user_asked_for() -> None:
-    run = run_with(tabulated(hertz, "spline 20000"), BENCH.of(ENGINE)[0])
+    run = run_with(tabulated(hertz, "spline 20000"), BENCH.engine_cases[0])
     found = BENCH.verdicts(replaced(BENCH.sound_runs, run))
     # motion 1e-12 from the twin, forces 1e-11: what a spline through 20,000 points leaves of the force
     assert {name for name, verdict in found.items() if verdict.outcome is not Outcome.PASS} <= IMPLEMENTATION
@@ -192,12 +192,12 @@ def test_a_fine_table_of_the_sound_law_is_what_the_user_asked_for() -> None:
 
 @pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS)
 def test_a_fault_in_a_deck_is_named(fault: Fault[Change]) -> None:
-    BENCH.check_fault(replaced(BENCH.sound_runs, run_with(fault.plant, BENCH.of(ENGINE)[0])), fault)
+    BENCH.check_fault(replaced(BENCH.sound_runs, run_with(fault.plant, BENCH.engine_cases[0])), fault)
 
 
 @pytest.mark.parametrize("fault", HELD_FAULTS.values(), ids=HELD_FAULTS)
 def test_a_fault_in_a_deck_with_walls_and_weight_is_named(fault: Fault[Change]) -> None:
-    run = run_with(fault.plant, HELD_BENCH.of(ENGINE)[0])
+    run = run_with(fault.plant, HELD_BENCH.engine_cases[0])
     HELD_BENCH.check_fault(replaced(HELD_BENCH.sound_runs, run), fault)
 
 
@@ -217,12 +217,12 @@ BROKEN: dict[str, tuple[Change, str]] = {
 
 @pytest.mark.parametrize(("change", "why"), BROKEN.values(), ids=BROKEN)
 def test_what_a_run_notices_itself_is_broken_and_says_why(change: Change, why: str) -> None:
-    found = BENCH.verdicts(replaced(BENCH.sound_runs, run_with(change, BENCH.of(ENGINE)[0])))
+    found = BENCH.verdicts(replaced(BENCH.sound_runs, run_with(change, BENCH.engine_cases[0])))
     [broken] = [name for name, verdict in found.items() if verdict.outcome is not Outcome.PASS]
     assert (broken, found[broken].outcome) == ("velocity - reference", Outcome.BROKEN)
     assert why in found[broken].sentence
 
 
 def test_a_missing_root_shows_where_bodies_are_large_enough_to_take_it() -> None:
-    run = run_with(without_root, BENCH.of(ENGINE)[0], gauge_radius=1e-3)
+    run = run_with(without_root, BENCH.engine_cases[0], gauge_radius=1e-3)
     BENCH.check(replaced(BENCH.sound_runs, run), IMPLEMENTATION | USER | ENERGY)

@@ -50,7 +50,7 @@ TWIN_FAULTS: dict[str, Fault[Changes]] = {
     ),
     "one kick with the force of the step before": Fault(
         plant=[
-            ("            if hertz:\n", "            old = net.copy()\n            if hertz:\n"),
+            ("            if tabled:\n", "            old = net.copy()\n            if tabled:\n"),
             ("kick[i] * net[i]\n            step += 1", "kick[i] * old[i]\n            step += 1"),
         ],
         shows=IMPLEMENTATION | TWIN_ERROR,

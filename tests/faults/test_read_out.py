@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from dem_bridge.backends import lammps, lammps_output, steps
-from dem_bridge.studies.checks import ENGINE, POSITIONAL, REFERENCE, TWIN
+from dem_bridge.studies.checks import POSITIONAL, REFERENCE, TWIN
 from tests.faults.decks import Change, both, run_with, substituted
 from tests.faults.judging import BENCH, ENERGY, IMPLEMENTATION, USER, Fault, minus, replaced
 from tests.faults.stand_in import Code, run_in_place_of_lammps, runs_of
@@ -49,7 +49,7 @@ DUMPS: dict[str, Fault[Change]] = {
 @pytest.mark.lammps
 @pytest.mark.parametrize("fault", DUMPS.values(), ids=DUMPS)
 def test_a_fault_in_what_lammps_dumps_is_named(fault: Fault[Change]) -> None:
-    BENCH.check_fault(replaced(BENCH.sound_runs, run_with(fault.plant, BENCH.of(ENGINE)[0])), fault)
+    BENCH.check_fault(replaced(BENCH.sound_runs, run_with(fault.plant, BENCH.engine_cases[0])), fault)
 
 
 # the dump is sound, its reading is not; the stand-in writes it
@@ -106,7 +106,7 @@ def read_with(monkeypatch: pytest.MonkeyPatch, *changes: Substitution) -> Any:
     peaks = changed(EXTREMES, changes)
     monkeypatch.setattr(lammps, "dense_of", changed(DENSE, changes))
     monkeypatch.setattr(lammps, "read_off", changed(READ_OFF, changes, peaks_and_crossings=peaks))
-    return replaced(runs_of(Code), run_in_place_of_lammps(Code, BENCH.of(ENGINE)[0]))
+    return replaced(runs_of(Code), run_in_place_of_lammps(Code, BENCH.engine_cases[0]))
 
 
 def test_the_reading_as_it_is_fails_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,7 @@ from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.report.junit import junit
 from dem_bridge.report.page import NOT_VERIFIED, SCHEMA, as_json, headline, number, write_report
 from dem_bridge.scene import Scene
-from dem_bridge.studies.checks import ENGINE, TWIN
+from dem_bridge.studies.checks import TWIN, engine_for
 from dem_bridge.studies.verify import Verification, cases_of, study_of
 
 PAIR = Scene(
@@ -34,10 +34,10 @@ def _verification(scene: Scene, broken: bool = False) -> Verification:
     """All runs of a small scene, with the twin (or a broken run) standing in for LAMMPS."""
     results = []
     for case in cases_of(scene, 1e-3):
-        if broken and case.backend == ENGINE:
+        if broken and case.backend == engine_for(scene):
             results.append(Result(case=case, failure=RunBroken("LAMMPS: ERROR: Lost atoms")))
             continue
-        name = TWIN if case.backend == ENGINE else case.backend
+        name = TWIN if case.backend == engine_for(scene) else case.backend
         run = db.solve(scene, backend=name, dt=case.resolution.dt, bars=case.resolution.bars)
         results.append(Result(case=case, trajectory=run))
     return Verification(studies=(study_of(scene, tuple(results), 1e-3),), accuracy=1e-3, wall=1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from dem_bridge.campaign import Case, Result
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.studies import checks
-from dem_bridge.studies.checks import ENGINE, REFERENCE, THEORY, TWIN
+from dem_bridge.studies.checks import REFERENCE, SECOND, TABLE, THEORY, TWIN, engine_for
 from dem_bridge.studies.verify import cases_of, study_of, verify_scenes
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome, Verdict
@@ -31,7 +32,7 @@ SHORT = Scene(
     samples=50,
     spacing=18e-3,
 )
-ACCURACY = 1e-4
+ACCURACY, ENGINE = 1e-4, engine_for(SHORT)
 
 
 @pytest.fixture(scope="module")
@@ -141,6 +142,58 @@ def test_a_first_order_code_fails_the_order(results: tuple[Result, ...]) -> None
     assert _outcome(verdicts, "order", TWIN, "exact 2") is Outcome.PASS
 
 
+DASHPOT = Damping(law="dashpot", coefficient=1.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "errors", "outcome", "words"),
+    [
+        ({}, lambda h: h**2, Outcome.PASS, "velocity-Verlet has 2 +- 0.05"),
+        ({}, lambda h: h, Outcome.FAIL, "fall as dt^1.000"),
+        ({"drag": 1.0}, lambda h: h, Outcome.PASS, "evaluated with those of the half step, which leaves 1 +- 0.1"),
+        ({"damping": DASHPOT}, lambda h: h**0.95, Outcome.PASS, "fall as dt^0.950"),
+        ({"damping": DASHPOT}, lambda h: h**0.85, Outcome.FAIL, "fall as dt^0.850"),
+        # an error that does not fall to 0: forces that are wrong
+        ({"damping": DASHPOT}, lambda h: 1.0 + 0.02 * h, Outcome.FAIL, "fall as dt^0.06"),
+        # a sound run with next to no damping
+        ({"damping": DASHPOT}, lambda h: h**1.95, Outcome.NOT_RUN, "little is damped"),
+        # touch anywhere within a step; 8 % of scatter moves the order between two neighbours by 0.2
+        ({"damping": DASHPOT}, lambda h: h * (1.08 if h in (1.0, 4.0) else 1.0), Outcome.NOT_RUN, "scatter by"),
+        # errors of both orders, with different signs: 0.86 over all, but on its way to 1
+        ({"damping": DASHPOT}, lambda h: h - 0.035 * h**2, Outcome.NOT_RUN, "no asymptotic range"),
+    ],
+    ids=str,
+)
+def test_the_order_is_two_and_of_forces_that_depend_on_velocities_one(
+    changes: dict[str, Any], errors: Callable[[float], float], outcome: Outcome, words: str
+) -> None:
+    steps = [8.0, 4.0, 2.0, 1.0, 0.8]
+    ladder = ([1e-8 * h for h in steps], [1e-6 * errors(h) for h in steps])
+    verdict = checks.order(replace(SHORT, **changes), TWIN, ladder, free_flight())
+    assert (verdict.outcome, verdict.reference) == (outcome, f"exact {1 if changes else 2}"), verdict.sentence
+    assert words in verdict.sentence
+
+
+@pytest.mark.lammps
+@pytest.mark.parametrize(
+    "changes", [{"damping": Damping(law="kuwabara-kono", coefficient=1e-5)}, {"drag": 5e3}], ids=["damped", "dragged"]
+)
+def test_a_damped_scene_is_verified_to_the_end_and_its_page_says_so(changes: dict[str, Any], tmp_path: Path) -> None:
+    scene = replace(SHORT, name="lossy", **changes)
+    found = db.verify(scene, accuracy=ACCURACY, folder=tmp_path)
+    assert found.exit_code == 0, [v.sentence for v in found.verdicts]
+    left = {(v.quantity, v.backend) for v in found.verdicts if v.outcome is Outcome.NOT_RUN}
+    # no second reference, no theory
+    assert left == {("velocity", SECOND), ("velocity", THEORY)}
+    for name in (TWIN, ENGINE):
+        assert _outcome(found.verdicts, "order", name, "exact 1") is Outcome.PASS
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    # the answer stands first, what has none behind it
+    assert "LAMMPS&#39; velocities are wrong by" in page
+    assert "NOT_RUN: reference on lossy was answered by scipy" in page
+    assert "dt²" not in page
+
+
 def test_a_reference_with_a_wide_bar_decides_nothing(results: tuple[Result, ...]) -> None:
     unsure = {**_main_run(results, REFERENCE).uncertainty, "velocity": 1.0}
     verdicts = study_of(SHORT, _with(results, REFERENCE, uncertainty=unsure), ACCURACY).verdicts
@@ -186,10 +239,10 @@ def test_lammps_is_verified_on_a_short_scene_in_two_processes(tmp_path: Path) ->
 
 @pytest.mark.lammps
 def test_a_scene_that_lammps_cannot_express_is_not_run_with_the_reason() -> None:
-    steep = replace(SHORT, exponent=3.0, stiffness=(4e12, 4e12, 4e12))
+    steep = replace(SHORT, exponent=5.5, stiffness=(4e22, 4e22, 4e22))
     found = db.verify(steep, accuracy=1e-3)
-    [refused] = [v for v in found.verdicts if v.outcome is Outcome.NOT_RUN and v.backend == ENGINE]
-    assert "exponent" in refused.sentence
+    [refused] = [v for v in found.verdicts if v.outcome is Outcome.NOT_RUN and v.backend == TABLE]
+    assert "exponent n = 5.5; allowed in a table: 2 to 5" in refused.sentence
     assert found.exit_code == 0
 
 
