@@ -15,6 +15,7 @@ import dem_bridge as db
 from dem_bridge.backends import twin
 from dem_bridge.backends.base import BACKENDS, Resolution, Sampling, backend
 from dem_bridge.backends.curves import CELLS, curve_force, curves_of
+from dem_bridge.backends.scales import natural_scales
 from dem_bridge.backends.tabled import survey_of
 from dem_bridge.campaign import Case, run_cases
 from dem_bridge.dense import Schedule, schedule
@@ -147,6 +148,25 @@ def _curve_error(scene: Scene, cells: int = CELLS) -> float:
         found = np.array([curve_force(k, one, curves) for one in overlap])
         worst = max(worst, float(np.max(np.abs(found - law.force(overlap))) / law.force(np.array(reach))))
     return worst
+
+
+@pytest.mark.parametrize(
+    "name", ["scipy", "verlet", pytest.param("lammps-table", marks=pytest.mark.lammps)], ids=lambda name: str(name)
+)
+def test_the_powers_near_a_law_do_not_move_anything(name: str, solved: Solve) -> None:
+    scene = SCENES["a dashpot"]
+    far = Wall(stiffness=1e11, exponent=3.0)
+    other = replace(scene, name="far", stiffness=(1e12, 1e11), exponent=(4.0, 3.0), wall_right=far)
+    run, same = solved(other, name, dt=DT), solved(scene, name, dt=DT)
+    # ranges begin elsewhere, and splines with them: tables err by 1e-8, the others by round-off
+    allowed = 4.0 * run.provenance["table"]["predicted_error"] if name == "lammps-table" else 1e-11
+    assert _apart(run, same) < allowed
+    for quantity in ("peak_force", "crossing_time"):
+        assert getattr(run, quantity) == pytest.approx(getattr(same, quantity), rel=allowed)
+    if name == "lammps-table":
+        rounding = (one.provenance["table"]["round_off"] for one in (run, same))
+        assert next(rounding) == pytest.approx(next(rounding), rel=0.1)
+    np.testing.assert_array_equal(natural_scales(scene)[1], scene.contacts.reach[scene.contacts.law])
 
 
 # beside each other
