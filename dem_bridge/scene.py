@@ -216,8 +216,8 @@ class Scene:
         for key, value in checked.items():
             object.__setattr__(self, key, value)
         object.__setattr__(self, "damping", self._checked_damping())
-        object.__setattr__(self, "_static_overlap", self._checked_statics())
         object.__setattr__(self, "law", self._checked_law())
+        object.__setattr__(self, "_static_overlap", self._checked_statics())
         object.__setattr__(self, "_reach", self._checked_reach())
         self.__dict__.pop("contacts", None)  # looked at before the static overlaps and laws were known
         object.__setattr__(self, "content_hash", self._hash())

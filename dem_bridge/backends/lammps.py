@@ -145,7 +145,8 @@ class LammpsGranular:
 
 
 class LammpsTable(LammpsGranular):
-    """LAMMPS with ``pair_style table``: n from 2 to 5, any in each contact; the rest as ``lammps-granular``.
+    """LAMMPS with ``pair_style table``: n from 2 to 5 or any law given as a function, another in each
+    contact; the rest as ``lammps-granular``.
 
     A damped contact is left to ``granular`` where that has its law (n = 5/2 and 2). Elsewhere the damping stands
     beside the table and may pull, which LAMMPS cannot clip; the twin does the same, so the bars know it.

@@ -18,8 +18,8 @@ from dem_bridge.trajectory import Trajectory
 
 
 class Verlet:
-    """Velocity-Verlet in overlap variables (numba). Any masses, exponents, gaps, walls; precompression, gravity,
-    damping, drag."""
+    """Velocity-Verlet in overlap variables (numba). Any masses, exponents, laws, gaps, walls; precompression,
+    gravity, damping, drag."""
 
     name = TWIN.name
     equations = TWIN.equations
