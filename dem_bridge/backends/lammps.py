@@ -21,7 +21,7 @@ from dem_bridge.backends.steps import fixed_step_plan, radius_of, read_off
 from dem_bridge.backends.survey import Survey
 from dem_bridge.backends.tabled import in_kernel, measured, predicted_error, survey_of, tables_for
 from dem_bridge.backends.twin import EXACT
-from dem_bridge.backends.twin_bars import Twins, twins_of, with_bars
+from dem_bridge.backends.twin_bars import Twins, round_off_floor, twins_of, with_bars
 from dem_bridge.compiled import started
 from dem_bridge.dense import Schedule
 from dem_bridge.errors import BackendUnavailable, UnsupportedScene, UsageError
@@ -165,9 +165,12 @@ class LammpsTable(LammpsGranular):
 
 def _form(scene: Scene, resolution: Resolution, look: Survey, plan: Schedule) -> dict[str, Any]:
     """What all decks are told beside the scene."""
+    radius = radius_of(scene, resolution, look)
+    own = resolution.geometry == "physical" and resolution.gauge_radius is None
     return {
-        "radius": radius_of(scene, resolution, look),
+        "radius": radius,
         "schedule": plan,
         "travel": look.highest - look.lowest,
         "types": resolution.types,
+        "floor": round_off_floor(scene, plan, radius) if own else None,
     }

@@ -93,6 +93,13 @@ def twins_of(
     )
 
 
+def round_off_floor(scene: Scene, plan: Schedule, radius: float) -> float:
+    """What a code loses that keeps positions of bodies of ``radius`` (m): of velocities, over the largest of them."""
+    own, positional = solve_plan(scene, plan), solve_plan(scene, plan, radius)
+    speed = float(np.max(np.abs(own.velocity)))
+    return float(apart(own, positional)["velocity"]) / speed if speed > 0.0 else 0.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class Twins:
     """Runs of the twin that a fixed-step run gets its bars from."""
