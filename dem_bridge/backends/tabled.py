@@ -89,8 +89,9 @@ def measured(
     """What a run on the steps of ``plan`` made of its tables, beside the laws at its own overlaps.
 
     ``measured_error``: as :func:`predicted_error`; ``round_off``: what the measurement may err by, on the same scale;
-    ``energy_error``: of the energies (J) that LAMMPS has by step, relative to the largest that the tabled contacts
-    stored; ``pull``: largest tension in a contact with damping beside its table, N.
+    ``measured_energy_error``: of the energies (J) that LAMMPS has by step, relative to the largest that the tabled
+    contacts stored (absent where they stored none at those steps); ``pull``: largest tension in a contact with damping
+    beside its table, N.
     """
     found, order, c = laws(scene), line_order(scene), scene.contacts
     # damping goes with the velocity of the half step, and at the start with that of the start
@@ -120,10 +121,10 @@ def measured(
         rounding = max(rounding, float(np.max(summed[:, mine], initial=0.0)) / largest + place + 8.0)
         pull = max(pull, -float(np.min(dense.force[:, mine], initial=0.0)) if found.damping[law] > 0.0 else 0.0)
     rows = {step: row for row, step in enumerate(plan.dense_steps.tolist())}
-    missed = max((abs(energy - stored[rows[step]]) for step, energy in energies.items() if step in rows), default=0.0)
-    return {
-        "measured_error": worst,
-        "round_off": float(np.finfo(float).eps) * rounding,
-        "energy_error": float(missed / max(np.max(stored), 1e-300)),
-        "pull": pull,
-    }
+    both = [(energy, float(stored[rows[step]])) for step, energy in energies.items() if step in rows]
+    told = {"measured_error": worst, "round_off": float(np.finfo(float).eps) * rounding, "pull": pull}
+    if any(theirs or ours for theirs, ours in both):
+        told["measured_energy_error"] = max(abs(theirs - ours) for theirs, ours in both) / max(
+            float(np.max(stored)), 1e-300
+        )
+    return told
