@@ -95,6 +95,17 @@ def pair_style(text: str) -> str:
     return found[-1] if found else ""
 
 
+def potential_energy(text: str) -> dict[int, float]:
+    """Step -> potential energy (J) in the columns step, time, pe, ke, etotal of a log.
+
+    >>> potential_energy("      1000  2e-05 0.0014 0.0011 0.0025")
+    {1000: 0.0014}
+    """
+    number = r"[-+]?\d\S*"
+    found = re.findall(rf"^ *(\d+) +{number} +({number}) +{number} +{number} *$", text, flags=re.MULTILINE)
+    return {int(step): float(energy) for step, energy in found}
+
+
 def _words(text: str, heading: str) -> frozenset[str]:
     """What stands between a heading and the next."""
     found = re.search(rf"^{heading}\s*\n(.*?)(?=^\*|^List of|\Z)", text, flags=re.MULTILINE | re.DOTALL)

@@ -178,7 +178,7 @@ def study_of(scene: Scene, results: tuple[Result, ...], accuracy: float) -> Scen
     *tables, positional = (r.trajectory for r in results if _is_beside(r))
     tabled = tables[0] if tables else None
     if engine is not None and "table" in engine.provenance:
-        verdicts.append(checks.table(scene, engine))
+        verdicts += checks.table(scene, engine)
     if engine is not None and twin is not None:
         verdicts.append(checks.implementation(scene, engine, tabled or twin))
         if positional is not None and truth is not None:
