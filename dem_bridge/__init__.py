@@ -24,12 +24,13 @@ _HOME = {
     "load_trajectory": "trajectory",
     "shipped_scenes": "scene_file",
     "solve": "api",
+    "study_styles": "api",
     "verify": "api",
     "write_deck": "api",
 }
 
 if TYPE_CHECKING:
-    from dem_bridge.api import available, solve, verify, write_deck
+    from dem_bridge.api import available, solve, study_styles, verify, write_deck
     from dem_bridge.scene import Damping, Scene, Wall
     from dem_bridge.scene_file import load_scene, shipped_scenes
     from dem_bridge.trajectory import Trajectory, load_trajectory
@@ -45,6 +46,7 @@ __all__ = [
     "load_trajectory",
     "shipped_scenes",
     "solve",
+    "study_styles",
     "verify",
     "write_deck",
 ]

@@ -103,6 +103,7 @@ def extremes(
     exponent: Floats,
     resolution: float = 0.0,
     resting: Floats | float = 0.0,
+    laws: Contacts | None = None,
 ) -> tuple[Floats, Floats]:
     """Largest force (N) and first maximal compression (s; nan: never) of each contact, ``(n_contact,)`` both.
 
@@ -110,7 +111,7 @@ def extremes(
     ``force`` (N), all ``(n_t, n_contact)``; ``exponent (n_contact,)``. Overlaps up to ``resolution`` are round-off of
     the run, not contact, and turns with less closing acceleration than ``resting`` (m/s^2; ``(n_contact,)`` or one
     for all) those of a contact at rest. The force at a peak is the run's own at the nearer sample, carried to the peak
-    by the law's power, so that a wrong stiffness in the run shows in it.
+    by the law's power, so that a wrong stiffness in the run shows in it; ``laws``: by these in place of powers.
     """
     n_contact = overlap.shape[1]
     peak_force = np.max(force, axis=0)
@@ -135,7 +136,12 @@ def extremes(
     beside = overlap[nearer, contacts]
     compressed = (top > resolution) & (beside > 0.0)
     ratio = np.where(compressed, top / np.where(compressed, beside, 1.0), 0.0)
-    at_peak = force[nearer, contacts] * ratio ** (exponent[contacts] - 1.0)
+    if laws is None:
+        grown = ratio ** (exponent[contacts] - 1.0)
+    else:
+        told = laws.force(np.where(compressed, beside, 0.0), contacts)
+        grown = np.divide(laws.force(np.maximum(top, 0.0), contacts), told, out=ratio, where=told > 0.0)
+    at_peak = force[nearer, contacts] * grown
     np.maximum.at(peak_force, contacts, at_peak)
     when = time[rows] + where * width
     for contact, moment in zip(contacts[compressed][::-1], when[compressed][::-1], strict=True):
@@ -154,42 +160,59 @@ def damped_peaks(
 ) -> Floats:
     """Largest force of each contact, N, ``(n_contact,)``, where damping is added to the elastic force.
 
-    It need not be at maximal compression, and a dashpot's may be at touch, where the force jumps. It is looked for on
-    the quintic polynomials of :func:`extremes`, and at the touch between an open and a closed sample; the run's own
-    force at a sample beside is carried there by the law. Arguments as there.
+    It need not be at maximal compression, and a dashpot's may be at touch, where the force jumps, or right behind.
+    It is looked for on the quintic polynomials of :func:`extremes`, at the touch between an open and a closed sample
+    and on a polynomial from there; the run's own force at a sample beside is carried there by the law. Arguments
+    as there.
     """
     found: Floats = np.max(force, axis=0)
     width = np.asarray(np.diff(time), dtype=np.float64)
     part = np.linspace(0.0, 1.0, 17)
     for k in np.flatnonzero((contacts.damping > 0.0) & (found > 0.0)).tolist():
-        beta, n, c, power = (
-            a[k] for a in (contacts.stiffness, contacts.exponent, contacts.damping, contacts.damping_power)
-        )
+        c, power, mine = contacts.damping[k], contacts.damping_power[k], np.array([k])
         delta, closing, own = np.maximum(overlap[:, k], 0.0), rate[:, k], force[:, k]
-        told = beta * delta ** (n - 1.0) + c * delta**power * closing
+        told = contacts.force(delta[:, None], mine)[:, 0] + c * delta**power * closing
         share = np.where((own > 0.0) & (told > 0.0), own / np.where(told > 0.0, told, 1.0), 1.0)
+        # polynomials of the overlap, their widths, and the shares at both ends
+        pieces: list[tuple[Floats, Floats, Floats, Floats]] = []
         touch = np.flatnonzero((overlap[:-1, k] <= 0.0) & (delta[1:] > 0.0))
         if power == 0.0 and len(touch):
-            # from the open sample on, with the acceleration that it has
-            squared = closing[touch] ** 2 - 2.0 * acceleration[touch, k] * overlap[touch, k]
-            found[k] = max(found[k], np.max(share[touch + 1] * c * np.sqrt(np.maximum(squared, 0.0))))
+            speed, after = _touch(overlap[touch, k], closing[touch], acceleration[touch, k])
+            found[k] = max(found[k], np.max(share[touch + 1] * c * speed))
+            rest = width[touch] - after
+            some = rest > 1e-6 * width[touch]
+            first, rest = touch[some] + 1, rest[some]
+            from_touch = _quartic(speed[some], delta[first], closing[first], acceleration[first, k], rest)
+            pieces.append((from_touch, rest, share[first], share[first]))
         closed = (delta[:-1] > 0.0) & (delta[1:] > 0.0)
         rows = np.flatnonzero(closed & (np.maximum(own[:-1], own[1:]) > 0.8 * found[k]))
-        if len(rows) == 0:
-            continue
         value, slope, curve = ((one[rows, k], one[rows + 1, k]) for one in (overlap, rate, acceleration))
-        quintic = np.array(_quintic(value, slope, curve, width[rows]))
-        between = np.maximum(poly.polyval(part, quintic), 0.0)
-        speed = poly.polyval(part, poly.polyder(quintic)) / width[rows, None]
-        law = beta * between ** (n - 1.0) + c * between**power * speed
+        pieces.append((np.array(_quintic(value, slope, curve, width[rows])), width[rows], share[rows], share[rows + 1]))
+        # time runs along the rows of the pieces
+        polynomial, span, early, late = (np.concatenate(parts, axis=-1) for parts in zip(*pieces, strict=True))
+        if len(span) == 0:
+            continue
+        between = np.maximum(poly.polyval(part, polynomial), 0.0)
+        velocity = poly.polyval(part, poly.polyder(polynomial)) / span[:, None]
+        law = contacts.force(between[..., None], mine)[..., 0] + c * between**power * velocity
         # a parabola through the largest of them and its two neighbours
         top = np.clip(np.argmax(law, axis=1), 1, len(part) - 2)
-        low, middle, high = (law[np.arange(len(rows)), top + side] for side in (-1, 0, 1))
+        low, middle, high = (law[np.arange(len(span)), top + side] for side in (-1, 0, 1))
         bend = 2.0 * middle - low - high
         inner = (bend > 0.0) & (np.abs(high - low) < bend)
         most = np.where(inner, middle + (high - low) ** 2 / (8.0 * np.where(inner, bend, 1.0)), np.max(law, axis=1))
-        found[k] = max(found[k], np.max(share[np.where(top < len(part) // 2, rows, rows + 1)] * most))
+        found[k] = max(found[k], np.max(np.where(top < len(part) // 2, early, late) * most))
     return found
+
+
+def _touch(overlap: Floats, closing: Floats, acceleration: Floats) -> tuple[Floats, Floats]:
+    """Closing speed at touch (m/s) and the time until then (s), from an open sample on with the acceleration there."""
+    speed = np.sqrt(np.maximum(closing**2 - 2.0 * acceleration * overlap, 0.0))
+    both = closing + speed
+    # one of the two ways to write a root, whichever subtracts nothing
+    coming = np.where(both > 0.0, -2.0 * overlap / np.where(both > 0.0, both, 1.0), 0.0)
+    turning = (speed - closing) / np.where(acceleration != 0.0, acceleration, 1.0)
+    return speed, np.maximum(np.where(closing >= 0.0, coming, turning), 0.0)
 
 
 def rivals(force: Floats) -> Floats:
@@ -230,6 +253,15 @@ def _quintic(
         -15.0 * rise + 7.0 * turn - 2.0 * bend,
         6.0 * rise - 3.0 * turn + bend,
     ]
+
+
+def _quartic(speed: Floats, value: Floats, slope: Floats, curvature: Floats, width: Floats) -> Floats:
+    """Coefficients c_0..c_5 of an overlap from touch at this ``speed`` on; its acceleration, which jumps there, is
+    known at the end alone."""
+    rise, turn, bend = value - speed * width, (slope - speed) * width, 0.5 * curvature * width**2
+    c4 = bend + 3.0 * rise - 2.0 * turn
+    c3 = turn - 2.0 * rise - 2.0 * c4
+    return np.array([np.zeros_like(width), speed * width, rise - c3 - c4, c3, c4, np.zeros_like(width)])
 
 
 def _turning_point(polynomial: list[Floats]) -> Floats:

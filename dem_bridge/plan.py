@@ -8,7 +8,7 @@ from dataclasses import replace
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.steps import default_step, order_on, radius_of, round_step
-from dem_bridge.backends.survey import survey
+from dem_bridge.backends.tabled import survey_of
 from dem_bridge.backends.verlet import Verlet
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.scene import Scene
@@ -27,7 +27,7 @@ def resolution_for(scene: Scene, accuracy: float, resolution: Resolution, sampli
     if reason:
         raise UnsupportedScene(f"accuracy = {accuracy!r} on {scene.name}: {reason}")
     accuracy = checked_accuracy(accuracy)
-    look = survey(scene)
+    look = survey_of(scene)
     radius, least = radius_of(scene, resolution, look), math.inf
     dt = 100.0 * default_step(scene, sampling, look)
     while scene.duration / dt <= MOST_STEPS:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 
@@ -17,12 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import SceneError
+from dem_bridge.physics.law import ContactLaw, Law, completed, reach_of, stored
 from dem_bridge.physics.statics import static_forces, static_overlap
 
 #: magnitudes between which products and powers of inputs stay within double precision
 SMALLEST, LARGEST = 1e-40, 1e40
 #: how a contact may lose energy, and the unit of the law's coefficient
 DAMPING_LAWS = {"dashpot": "N s/m", "kuwabara-kono": "s"}
+#: laws of contacts are good for this much more than the energy at hand: time steps make some
+ENERGY_MARGIN = 1.05
+_LAW = (
+    "a ContactLaw, or its force (N) as array function of the overlap (m); finite, >= 0, never falling, 0 at touch, as"
+    " deep as the energy at hand can press"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,13 +55,15 @@ class Damping:
     coefficient: tuple[float, ...] | float
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Contacts:
     """Every contact of a scene as arrays ``(n_contact,)``: the chain's in order, then wall_left, wall_right.
 
     ``overlap_k = x[left_k] - x[right_k] - gap_k``; the index ``n_body`` stands for a wall, with x = v = 0. In a
     precompressed chain ``gap`` is minus the static overlap. The damping force is
-    ``damping overlap^damping_power overlap'``, whatever its law.
+    ``damping overlap^damping_power overlap'``, whatever its law. ``laws``: the distinct laws that are no powers, good
+    for overlaps up to ``reach (n_law,)`` (m), which the energy at hand cannot exceed; contact k has
+    ``laws[law[k]]``. Without them ``laws`` and ``reach`` are empty and ``law`` is -1.
     """
 
     left: NDArray[np.int64]
@@ -64,10 +73,38 @@ class Contacts:
     gap: NDArray[np.float64]
     damping: NDArray[np.float64]
     damping_power: NDArray[np.float64]
+    laws: tuple[ContactLaw, ...]
+    law: NDArray[np.int64]
+    reach: NDArray[np.float64]
 
     def __post_init__(self) -> None:
         for one in fields(self):
-            getattr(self, one.name).flags.writeable = False
+            if one.name != "laws":
+                getattr(self, one.name).flags.writeable = False
+
+    def force(self, overlap: NDArray[np.float64], which: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Elastic force, N, of the contacts ``which`` at overlaps >= 0, ``(..., n_which)`` both."""
+        if not self.laws:
+            return np.asarray(self.stiffness[which] * overlap ** (self.exponent[which] - 1.0))
+        return self._by_law([one.force for one in self.laws], overlap, which)
+
+    def energy(self, overlap: NDArray[np.float64], which: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Stored energy, J; as :meth:`force`."""
+        if not self.laws:
+            return np.asarray(self.stiffness[which] * overlap ** self.exponent[which] / self.exponent[which])
+        return self._by_law([one.energy for one in self.laws], overlap, which)
+
+    def _by_law(
+        self,
+        functions: Sequence[Callable[[NDArray[np.float64]], NDArray[np.float64]]],
+        overlap: NDArray[np.float64],
+        which: NDArray[np.int64],
+    ) -> NDArray[np.float64]:
+        out = np.empty(overlap.shape)
+        for law in np.unique(self.law[which]).tolist():
+            own = self.law[which] == law
+            out[..., own] = functions[law](overlap[..., own])
+        return out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +120,15 @@ class Scene:
     there is none by a constant load on the end body (see :attr:`load`). A wall that gravity points to bears the
     weight as well; without such a wall the chain falls freely. The gaps, which must be 0, then are minus the static
     overlaps. At 0 nothing is pressed, by weight neither. ``damping``: see :class:`Damping`. ``drag`` b (1/s) is a
-    force ``-b m v`` on each body. Raises :class:`SceneError` for anything else.
+    force ``-b m v`` on each body.
+
+    ``law``, where the force is no power of the overlap: a :class:`~dem_bridge.physics.law.ContactLaw`, or its force (N)
+    alone as array function of the overlap (m), one for all or one per contact, walls included. It must not fall with
+    the overlap, and where its slope jumps it needs a ContactLaw with the ``kinks`` (``law_of`` finds the energy of a
+    force). ``stiffness`` and ``exponent`` then only say what power is near it. Not with precompression or the damping
+    "kuwabara-kono", whose formulas are those of powers; in Python alone, for scene files have no functions.
+
+    Raises :class:`SceneError` for anything else.
 
     >>> scene = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
     >>> scene.n_body, scene.n_contact, scene.exponent, scene.gap
@@ -92,6 +137,10 @@ class Scene:
     >>> pressed = replace(scene, precompression=32.0)
     >>> pressed.contacts.gap, pressed.load
     (array([-4.e-06]), array([ 32., -32.]))
+    >>> glued = replace(scene, law=lambda overlap: 4e9 * overlap**1.5 + 2e6 * overlap)
+    >>> import dem_bridge as db
+    >>> [round(float(db.solve(one, backend="scipy").peak_force[0])) for one in (scene, glued)]
+    [236, 244]
     """
 
     name: str
@@ -107,6 +156,7 @@ class Scene:
     precompression: float = 0.0
     damping: Damping | None = None
     drag: float = 0.0
+    law: Law | tuple[Law, ...] | None = None
     samples: int = 500
     spacing: float | None = None
     description: str = ""
@@ -114,6 +164,8 @@ class Scene:
     """sha256 over all that decides the motion and its samples, without name and description."""
     _static_overlap: tuple[float, ...] = field(init=False, default=(), compare=False, repr=False)
     """Of every contact, m; empty without precompression."""
+    _reach: tuple[float, ...] = field(init=False, default=(), compare=False, repr=False)
+    """Of every distinct law, m."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}", self.name):
@@ -165,7 +217,9 @@ class Scene:
             object.__setattr__(self, key, value)
         object.__setattr__(self, "damping", self._checked_damping())
         object.__setattr__(self, "_static_overlap", self._checked_statics())
-        self.__dict__.pop("contacts", None)  # looked at before the static overlaps were known
+        object.__setattr__(self, "law", self._checked_law())
+        object.__setattr__(self, "_reach", self._checked_reach())
+        self.__dict__.pop("contacts", None)  # looked at before the static overlaps and laws were known
         object.__setattr__(self, "content_hash", self._hash())
 
     def _checked_damping(self) -> Damping | None:
@@ -202,6 +256,58 @@ class Scene:
             if not SMALLEST < overlap < LARGEST:
                 problem = f"= {self.precompression!r} gives contact {k} an overlap of {overlap:g} m"
                 raise SceneError("precompression", problem=problem, allowed=f"{SMALLEST:g} to {LARGEST:g} m")
+        return tuple(found)
+
+    def _checked_law(self) -> tuple[Law, ...] | None:
+        given = self.law
+        if given is None:
+            return None
+        if isinstance(given, ContactLaw) or callable(given):
+            given = (given,) * self.n_contact
+        if isinstance(given, str) or not isinstance(given, Sequence):
+            raise SceneError("law", found=given, allowed=f"{_LAW}; or a list of these, or None")
+        if len(given) != self.n_contact:
+            allowed = f"{self.n_contact}, one per contact, walls included"
+            raise SceneError("law", problem=f"has {len(given)} entries", allowed=allowed)
+        for k, one in enumerate(given):
+            if not (isinstance(one, ContactLaw) or callable(one)):
+                raise SceneError(f"law[{k}]", found=one, allowed=_LAW)
+        if self.precompression > 0.0:
+            problem = f"= {self.precompression!r}, and contacts have laws of their own"
+            raise SceneError("precompression", problem=problem, allowed="0: static overlaps are known for powers only")
+        if self.damping is not None and self.damping.law != "dashpot":
+            problem = f"= {self.damping.law!r}, and contacts have laws of their own"
+            raise SceneError("damping.law", problem=problem, allowed="dashpot: the other is known for powers only")
+        return tuple(given) or None
+
+    @property
+    def _distinct_laws(self) -> tuple[tuple[Law, ...], tuple[int, ...]]:
+        """Laws that are not the same object, and the number among them of each contact's."""
+        assert self.law is None or isinstance(self.law, tuple)  # set when the scene was made
+        number: dict[int, int] = {}
+        where = tuple(number.setdefault(id(one), len(number)) for one in self.law or ())
+        return tuple((self.law or ())[where.index(nth)] for nth in range(len(number))), where
+
+    def _checked_reach(self) -> tuple[float, ...]:
+        """Overlaps that no energy at hand exceeds; SceneError for what is no law up to there."""
+        distinct, where = self._distinct_laws
+        if not distinct:
+            return ()
+        c, v = self.contacts, np.array(self.velocity)
+        at, energy = 0, 0.5 * float(np.sum(np.array(self.mass) * v**2))
+        try:
+            for k, nth in enumerate(where):
+                at, energy = k, energy + stored(distinct[nth], max(-float(c.gap[k]), 0.0))
+            # the weight does work at a rate of at most g sqrt(2 M energy)
+            energy = (math.sqrt(energy) + abs(self.gravity) * self.duration * math.sqrt(0.5 * sum(self.mass))) ** 2
+            found = []
+            for nth, law in enumerate(distinct):
+                at = where.index(nth)
+                beta, n = float(c.stiffness[at]), float(c.exponent[at])
+                near = (n * energy / beta) ** (1.0 / n) or 1e-6  # a scene at rest has no scale
+                found.append(reach_of(law, ENERGY_MARGIN * energy, near=near))
+        except ValueError as error:
+            raise SceneError(f"law[{at}]", problem=str(error), allowed=_LAW) from None
         return tuple(found)
 
     @property
@@ -274,6 +380,9 @@ class Scene:
             if self.damping.law == "kuwabara-kono":
                 # an elastic contact has no such force, whatever its n
                 damping, power = damping * beta, np.maximum(n - 2.0, 0.0)
+        distinct, where = self._distinct_laws
+        # not known yet while the scene is made
+        known = zip(distinct, self._reach, strict=True) if self._reach else ()
         return Contacts(
             left=np.array(left, dtype=np.int64),
             right=np.array(right, dtype=np.int64),
@@ -282,7 +391,14 @@ class Scene:
             gap=np.array(gap),
             damping=damping,
             damping_power=power,
+            laws=tuple(completed(law, reach=reach) for law, reach in known),
+            law=np.array(where, dtype=np.int64) if distinct else np.full(self.n_contact, -1),
+            reach=np.array(self._reach),
         )
+
+    def __getstate__(self) -> dict[str, object]:
+        """What is found again travels to no other process."""
+        return {key: value for key, value in self.__dict__.items() if key != "contacts"}
 
     @property
     def _exponents(self) -> tuple[float, ...]:
@@ -325,7 +441,18 @@ class Scene:
             parts.append(("damping", self.damping.law, self.damping.coefficient))
         if self.drag > 0.0:
             parts.append(("drag", self.drag))
+        if self._reach:
+            parts.append(("law", self.contacts.law.tolist(), *self._law_values()))
         return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+    def _law_values(self) -> Iterator[object]:
+        """What laws are known by: forces at three overlaps per octave, down to 1e-6 of the deepest.
+
+        To 12 digits: the last ones of a power or a sine are those of a library.
+        """
+        for law, reach in zip(self.contacts.laws, self._reach, strict=True):
+            force = law.force(reach * 2.0 ** (-np.arange(61) / 3.0))
+            yield reach, law.kinks, [f"{value:.12g}" for value in force.tolist()]
 
 
 def _number(

@@ -63,6 +63,12 @@ def test_every_setting_that_is_advertised_is_taken() -> None:
         "rtol": 1e-10,
         "atol": 1e-12,
         "gauge_radius": 1e-3,
+        "geometry": "gauge",
+        "types": "per-body",
+        "table_style": "linear",
+        "table_lines": 100,
+        "table_points": 5000,
+        "tables": True,
         "time_limit": 60.0,
         "bars": False,
     }

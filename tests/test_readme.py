@@ -41,6 +41,14 @@ def test_the_table_of_verdicts_is_that_of_the_committed_report() -> None:
         )
 
 
+def test_the_table_of_backends_has_all_of_them_in_their_order() -> None:
+    from dem_bridge.backends.base import BACKENDS
+
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    table = readme.split("| backend | solves |")[1].split("\n\n")[0]
+    assert re.findall(r"^\| `([\w-]+)` \|", table, re.MULTILINE) == list(BACKENDS)
+
+
 @pytest.mark.lammps
 def test_the_python_example_prints_what_the_readme_says(capsys: pytest.CaptureFixture[str]) -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")

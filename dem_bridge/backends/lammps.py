@@ -18,8 +18,15 @@ from dem_bridge.backends.lammps_output import (
     engine_certificate,
 )
 from dem_bridge.backends.steps import fixed_step_plan, radius_of, read_off
-from dem_bridge.backends.survey import Survey, survey
-from dem_bridge.backends.tabled import in_kernel, measured, predicted_energy_error, predicted_error, tables_for
+from dem_bridge.backends.survey import Survey
+from dem_bridge.backends.tabled import (
+    in_kernel,
+    measured,
+    predicted_energy_error,
+    predicted_error,
+    survey_of,
+    tables_for,
+)
 from dem_bridge.backends.twin import EXACT
 from dem_bridge.backends.twin_bars import Twins, twins_of, with_bars
 from dem_bridge.compiled import started
@@ -70,22 +77,32 @@ class LammpsGranular:
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve. The bars come from twins, never from LAMMPS itself."""
         began = time.perf_counter(), time.process_time()
-        look = survey(scene)
+        look = survey_of(scene)
         written = self.written(scene, resolution, sampling, look)
+        # the twins run beside the engine: they need nothing of it
+        bars = started(self._twins, scene, written, look) if resolution.bars else None
+        run = self.run_written(scene, written, time_limit=resolution.time_limit, began=began)
+        return run if bars is None else with_bars(run, bars())
+
+    def run_written(
+        self, scene: Scene, written: Written, *, time_limit: float, began: tuple[float, float] | None = None
+    ) -> Trajectory:
+        """What LAMMPS makes of a deck of the scene, without bars; ``began``: wall and CPU time (s) at the start."""
+        began = began or (time.perf_counter(), time.process_time())
         deck, plan = written.deck, written.deck.schedule
         with workspace(dump_size(deck)) as folder:
             for file, text in deck.files.items():
                 (folder / file).write_text(text, encoding="utf-8")
             # the dump grows evenly with the steps: its size tells how far the run is
             watch = dump_progress(folder / deck.dump_file, deck) if progress.wanted() else None
-            # the twins run beside the engine: they need nothing of it
-            bars = started(self._twins, scene, written, look) if resolution.bars else None
-            report = run_deck(
-                folder, deck.input_file, time_limit=resolution.time_limit, watch=watch, engine=self.engine
-            )
+            report = run_deck(folder, deck.input_file, time_limit=time_limit, watch=watch, engine=self.engine)
             said = folder / "log.lammps"
             energies = potential_energy(said.read_text(encoding="utf-8") if said.is_file() else "")
-            steps, values = read_binary_dump(folder / deck.dump_file, columns=len(DUMP_COLUMNS))
+            dumps = [
+                read_binary_dump(folder / file, columns=len(DUMP_COLUMNS))
+                for file in (deck.dump_file, *deck.more_dumps)
+            ]
+        steps, values = dumps[0] if len(dumps) == 1 else (np.concatenate(part) for part in zip(*dumps, strict=True))
         checked_values(deck, steps, values)
         dense = dense_of(scene, deck, steps, values)
         settings = {"dt": plan.step, "samples": plan.samples, "gauge_radius": deck.gauge_radius}
@@ -97,6 +114,7 @@ class LammpsGranular:
             "engine_memory": report.memory,
             "deck_hash": deck.content_hash,
             "atom_types": deck.types,
+            "pair_style": report.pair_style,
         }
         if written.tables is not None:
             told["table"] = {
@@ -109,8 +127,7 @@ class LammpsGranular:
             }
         # the engine's own share of the processor, and not only ours
         cost = replace(run.cost, cpu=run.cost.cpu + report.cpu)
-        run = replace(run, cost=cost, provenance={**run.provenance, **told})
-        return run if bars is None else with_bars(run, bars())
+        return replace(run, cost=cost, provenance={**run.provenance, **told})
 
     def _twins(self, scene: Scene, written: Written, look: Survey) -> Twins | None:
         deck, tables = written.deck, EXACT
@@ -121,7 +138,7 @@ class LammpsGranular:
 
     def deck(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Deck:
         """The deck that :meth:`run` runs."""
-        return self.written(scene, resolution, sampling, survey(scene)).deck
+        return self.written(scene, resolution, sampling, survey_of(scene)).deck
 
     def written(self, scene: Scene, resolution: Resolution, sampling: Sampling, look: Survey) -> Written:
         """As :meth:`deck`. Raises UnsupportedScene or UsageError where there can be none."""

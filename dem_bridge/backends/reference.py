@@ -1,8 +1,8 @@
 """The reference: Taylor series through located openings and closings, compiled; see :mod:`.taylor`.
 
 Against quadruple-precision solutions it is good to 1e-13 of v0 on the paper's chains. Where the series do not fit (an
-exponent n whose 2(n-1) is no whole number up to 8, damping, drag) it answers through :mod:`.scipy_dop853` and says so
-in ``provenance``.
+exponent n whose 2(n-1) is no whole number up to 8, a law that is a function, damping, drag) it answers through
+:mod:`.scipy_dop853` and says so in ``provenance``.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ def _unfelt(scene: Scene, speed: float, depth: NDArray[np.float64]) -> NDArray[n
 
 
 def _series_fit(scene: Scene) -> bool:
-    if scene.dissipates:
+    if scene.dissipates or scene.law is not None:
         return False
     folds = 2.0 * (scene.contacts.exponent - 1.0)
     return bool(np.all((folds == np.round(folds)) & (folds >= 2.0) & (folds <= 8.0)))

@@ -22,9 +22,11 @@ def natural_scales(scene: Scene) -> tuple[float, NDArray[np.float64]]:
     fall = abs(scene.gravity) * scene.duration
     initial = np.maximum(-c.gap, 0.0)
     held = scene.precompression > 0.0
-    stored = 0.0 if held else float(np.sum(c.stiffness * initial**c.exponent / c.exponent))
+    stored = 0.0 if held else float(np.sum(c.energy(initial, np.arange(scene.n_contact))))
     energy = 0.5 * float(np.sum(mass * (v**2 + fall**2))) + stored
     speed = max(float(np.max(np.abs(v))) + fall, math.sqrt(2.0 * stored / float(np.sum(mass))))
+    if scene.law is not None:
+        return speed, c.reach[c.law]
     depth = (c.exponent * energy / c.stiffness) ** (1.0 / c.exponent)
     return speed, depth + initial if held else depth
 

@@ -131,6 +131,8 @@ class Integration:
 
     def _force(self, overlap: Floats) -> Floats:
         pressed = np.maximum(overlap, 0.0)
+        if self.contacts.laws:
+            return self.contacts.force(pressed, np.arange(self.k))
         if self.hertz:
             return self.contacts.stiffness * pressed * np.sqrt(pressed)
         return np.asarray(self.contacts.stiffness * pressed ** (self.contacts.exponent - 1.0))

@@ -102,6 +102,7 @@ def peaks_and_crossings(
         **seen,
         exponent=c.exponent,
         resting=resting_acceleration(scene),
+        laws=c if scene.law is not None else None,
         # bodies that fly in touch overlap by the last digit of their way: that is no collision
         resolution=4.0 * math.ulp(max(dense.farthest, float(np.max(np.abs(dense.displacement))))),
     )

@@ -10,18 +10,57 @@ from collections.abc import Mapping
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution
 from dem_bridge.backends.steps import Dense, radius_of
-from dem_bridge.backends.survey import Survey
-from dem_bridge.backends.twin import Tables
-from dem_bridge.dense import Schedule
+from dem_bridge.backends.survey import Survey, survey
+from dem_bridge.backends.twin import Tables, solve_dense
+from dem_bridge.dense import Schedule, schedule
 from dem_bridge.lmp.coefficients import laws, line_order, pairs
 from dem_bridge.lmp.encoding import body_types
 from dem_bridge.lmp.interpolation import Style, interpolated, interpolation_error
 from dem_bridge.lmp.pairing import MARGIN, TableSet, table_set
 from dem_bridge.lmp.table import LINES
 from dem_bridge.scene import Scene
+
+#: fraction of 1/omega that is the step of a coarse run
+_STEP = 0.1
+
+
+def survey_of(scene: Scene) -> Survey:
+    """:func:`~dem_bridge.backends.survey.survey` of a scene whose contacts may have laws of their own.
+
+    There the coarse run is one of the twin. It steps by the stiffest contact that the energy at hand could make;
+    the frequency is that of the overlaps it finds.
+    """
+    c = scene.contacts
+    top = _frequency(scene, c.reach[c.law]) if scene.law is not None else 0.0
+    if top == 0.0:
+        return survey(scene)
+    plan = schedule(duration=scene.duration, samples=1, dt=_STEP / top, frequency=top, bodies=scene.n_body)
+    _, dense = solve_dense(scene, plan, 0.0)
+    peak = np.max(dense.overlap, axis=0, initial=0.0)
+    return Survey(
+        peak_overlap=peak,
+        frequency=_frequency(scene, peak),
+        max_acceleration=float(np.max(np.abs(dense.acceleration))),
+        lowest=float(np.min(dense.displacement)),
+        highest=float(np.max(dense.displacement)),
+        steps=plan.steps,
+    )
+
+
+def _frequency(scene: Scene, deepest: NDArray[np.float64]) -> float:
+    """Highest angular frequency, or rate, of contacts (rad/s) with overlaps up to ``deepest`` (m), ``(n_contact,)``."""
+    c, inverse_mass = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    mobility = inverse_mass[c.left] + inverse_mass[c.right]
+    touched = np.flatnonzero(deepest > 0.0)
+    # 256 chords: a law can be steepest anywhere
+    overlap = np.linspace(0.0, deepest[touched], 257)
+    slope = np.max(np.diff(c.force(overlap, touched), axis=0) / np.diff(overlap, axis=0), axis=0)
+    damped = np.max(c.damping[touched] * mobility[touched], initial=scene.drag)
+    return max(float(np.max(np.sqrt(slope * mobility[touched]), initial=0.0)), float(damped))
 
 
 def tables_for(scene: Scene, resolution: Resolution, look: Survey) -> TableSet:
@@ -108,16 +147,17 @@ def measured(
     worst = rounding = pull = 0.0
     stored = np.zeros(len(elastic))
     for law, table in tables.tables.items():
-        mine, force_of, n = order[found.where == law], found.law(law).force, float(found.exponent[law])
+        mine, force_of = order[found.where == law], found.law(law).force
         foreseen = float(table.distance[-1] - table.distance[0]) / MARGIN
         largest = float(force_of(np.array(foreseen)))
         closed = np.maximum(dense.overlap[:, mine], 0.0)
         stored += np.sum(found.law(law).energy(closed), axis=1)
         away = np.abs(elastic[:, mine] - force_of(closed))
         worst = max(worst, float(np.max(away, initial=0.0)) / largest)
-        # r^2 has four roundings of half an ulp from distance to cell, which move a force of slope (n - 1) F / overlap;
-        # the spline in a cell, and the law, have at most eight of the force
-        place = 2.0 * (n - 1.0) * float(table.distance[-1]) / foreseen
+        # r^2 has four roundings of half an ulp from distance to cell, which move a force by its slope; the spline in a
+        # cell, and the law, have at most eight of the force
+        slope = float(np.max(np.abs(np.diff(table.force) / np.diff(table.distance))))
+        place = 2.0 * slope * float(table.distance[-1]) / largest
         rounding = max(rounding, float(np.max(summed[:, mine], initial=0.0)) / largest + place + 8.0)
         pull = max(pull, -float(np.min(dense.force[:, mine], initial=0.0)) if found.damping[law] > 0.0 else 0.0)
     rows = {step: row for row, step in enumerate(plan.dense_steps.tolist())}

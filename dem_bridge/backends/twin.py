@@ -1,19 +1,21 @@
 """The kernel of the twin: velocity-Verlet in overlap variables, or in absolute positions, on given steps.
 
 Forces that depend on velocities are evaluated as LAMMPS does, with the velocity of the half step: such runs are of
-first order. Given :class:`Tables` it finds forces as LAMMPS' ``pair_style table`` does, with the same errors.
+first order. Given :class:`Tables` it finds forces as LAMMPS' ``pair_style table`` does, with the same errors; laws that
+are functions it has as :mod:`.curves`.
 """
 
 from __future__ import annotations
 
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Identity
+from dem_bridge.backends.curves import CELLS, curve_force, curves_of
 from dem_bridge.backends.steps import Dense, read_off
 from dem_bridge.compiled import interruptible
 from dem_bridge.dense import Schedule
@@ -42,20 +44,33 @@ class Tables(NamedTuple):
 EXACT = Tables(0.0, np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 0)), np.zeros((0, 0)))
 
 
-def solve_plan(scene: Scene, plan: Schedule, radius: float = 0.0, tables: Tables = EXACT) -> Trajectory:
-    """One twin run on the given steps, without bars.
+def solve_plan(
+    scene: Scene,
+    plan: Schedule,
+    radius: float | NDArray[np.float64] = 0.0,
+    tables: Tables = EXACT,
+    cells: int = CELLS,
+) -> Trajectory:
+    """One twin run on the given steps, without bars. ``cells``: of laws that are functions.
 
-    ``radius`` (m) above 0: as a code does that keeps absolute positions of bodies of this radius and subtracts them.
-    Nothing but round-off differs, so the difference to the run with 0 is the round-off of such a code.
+    ``radius`` (m) above 0: as a code does that keeps absolute positions of bodies of this radius, or of these
+    ``(n_contact + 1,)`` along the line of bodies, walls included, and subtracts them. Nothing but round-off differs, so
+    the difference to the run with 0 is the round-off of such a code.
     """
-    return solve_dense(scene, plan, radius, tables)[0]
+    return solve_dense(scene, plan, radius, tables, cells)[0]
 
 
-def solve_dense(scene: Scene, plan: Schedule, radius: float, tables: Tables = EXACT) -> tuple[Trajectory, Dense]:
+def solve_dense(
+    scene: Scene,
+    plan: Schedule,
+    radius: float | NDArray[np.float64],
+    tables: Tables = EXACT,
+    cells: int = CELLS,
+) -> tuple[Trajectory, Dense]:
     """As :func:`solve_plan`, with all that was looked at between the samples."""
     began = time.perf_counter(), time.process_time()
     settings: dict[str, float] = {"dt": plan.step, "samples": plan.samples}
-    if radius > 0.0:
+    if not isinstance(radius, np.ndarray) and radius > 0.0:
         settings["gauge_radius"] = radius
     if len(tables.law):
         settings["table_points"] = tables.value.shape[1]
@@ -79,20 +94,39 @@ def solve_dense(scene: Scene, plan: Schedule, radius: float, tables: Tables = EX
         plan.dense_steps,
         *_frame(scene, radius),
         tables,
+        curves_of(scene, cells),
     )
     dense = Dense(velocity=v, displacement=x, acceleration=a, overlap=overlap, force=force)
     return read_off(TWIN, scene, plan, dense, settings, began=began, evaluations=plan.steps + 1), dense
 
 
-def _frame(scene: Scene, radius: float) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """Diameter, start positions of the bodies and position of the wall of each contact, m."""
+def _frame(
+    scene: Scene, radius: float | NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Distance at touch of each contact, start positions of the bodies and position of the wall of each contact, m."""
     c, links = scene.contacts, len(scene.stiffness)
-    start = 2.0 * radius * np.arange(scene.n_body) + np.concatenate([[0.0], np.cumsum(c.gap[:links])])
-    wall = np.zeros(scene.n_contact)
-    for k in range(links, scene.n_contact):
-        reach = 2.0 * radius + c.gap[k]
-        wall[k] = start[0] - reach if c.left[k] == scene.n_body else start[-1] + reach
-    return 2.0 * radius, start, wall
+    first = int(scene.wall_left is not None)
+
+    def along(values: NDArray[Any]) -> NDArray[Any]:
+        """From the order of the contacts to that of the line: the left wall's first."""
+        return np.concatenate([values[links : links + first], values[:links], values[links + first :]])
+
+    if isinstance(radius, np.ndarray):
+        reach = radius[:-1] + radius[1:]
+        line = np.concatenate([[0.0], np.cumsum(reach + along(c.gap))])
+        line -= line[first]
+        reach = np.concatenate([reach[first : first + links], reach[:first], reach[first + links :]])
+    else:
+        reach = np.full(scene.n_contact, 2.0 * radius)
+        gaps = np.concatenate([[0.0], np.cumsum(along(c.gap), dtype=np.longdouble)])
+        gaps -= gaps[first]
+        line = 2.0 * radius * (np.arange(scene.n_contact + 1) - first)
+        # all on the grid of the farthest, so that bodies in touch are so to the last digit
+        grid = np.spacing(np.max(np.abs(line + gaps)).astype(float))
+        line = line + (np.rint(gaps / grid) * grid).astype(float)
+    start = line[first : first + scene.n_body]
+    wall = np.where(c.left == scene.n_body, line[0], line[-1])
+    return reach, start, wall
 
 
 @njit(cache=True, nogil=True)
@@ -112,10 +146,11 @@ def integrate(  # type: ignore[no-untyped-def]
     load,
     dt,
     dense_steps,
-    diameter,
+    reach,
     start,
     wall,
     tables,
+    curves,
 ):
     """Velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap and force
     ``(n_dense, n_contact)`` at ``dense_steps``. The first ``links`` contacts are those of the chain; ``load (n_body,)``
@@ -125,8 +160,9 @@ def integrate(  # type: ignore[no-untyped-def]
     dt -> dt/2, so such runs repeat bit for bit.
     """
     n_body, n_contact, n_dense = mass.shape[0], left.shape[0], dense_steps.shape[0]
-    tabled = tables.law.shape[0] > 0
+    tabled, curved = tables.law.shape[0] > 0, curves.law.shape[0] > 0
     hertz, damped = np.all(exponent == 2.5), np.any(damping > 0.0)
+    positional = np.any(reach > 0.0)
     v = np.zeros(n_body + 1)
     v[:n_body] = velocity
     x = np.zeros(n_body + 1)
@@ -150,7 +186,7 @@ def integrate(  # type: ignore[no-untyped-def]
                 for i in range(n_body):
                     v[i] += kick[i] * net[i]
                     x[i] += dt * v[i]
-                if diameter == 0.0:
+                if not positional:
                     for k in range(links):
                         overlap[k] += dt * (v[k] - v[k + 1])
                     for k in range(links, n_contact):
@@ -159,21 +195,25 @@ def integrate(  # type: ignore[no-untyped-def]
                     for i in range(n_body):
                         position[i] += dt * v[i]
                         x[i] = position[i] - start[i]
-                    for k in range(links):
-                        overlap[k] = diameter - (position[k + 1] - position[k])
-                    for k in range(links, n_contact):
-                        if left[k] == n_body:
-                            overlap[k] = diameter - (position[right[k]] - wall[k])
-                        else:
-                            overlap[k] = diameter - (wall[k] - position[left[k]])
+            if positional:
+                # at the start too: there gaps are as rounded positions have them
+                for k in range(links):
+                    overlap[k] = reach[k] - (position[k + 1] - position[k])
+                for k in range(links, n_contact):
+                    if left[k] == n_body:
+                        overlap[k] = reach[k] - (position[right[k]] - wall[k])
+                    else:
+                        overlap[k] = reach[k] - (wall[k] - position[left[k]])
             if tabled:
                 for k in range(n_contact):
                     row_of = tables.law[k]
                     closed = max(overlap[k], 0.0)
-                    if row_of < 0:
-                        force[k] = stiffness[k] * closed ** (exponent[k] - 1.0)
-                    elif closed == 0.0:
+                    if closed == 0.0:
                         force[k] = 0.0
+                    elif row_of < 0 and curved:
+                        force[k] = curve_force(k, closed, curves)
+                    elif row_of < 0:
+                        force[k] = stiffness[k] * closed ** (exponent[k] - 1.0)
                     else:
                         r = tables.diameter - closed
                         frame = tables.frame[row_of]
@@ -181,6 +221,9 @@ def integrate(  # type: ignore[no-untyped-def]
                         squared = max(r * r, frame[0])
                         value, second = tables.value[row_of], tables.second[row_of]
                         force[k] = r * pair_force(squared, frame[0], frame[1], frame[2], frame[3], value, second)
+            elif curved:
+                for k in range(n_contact):
+                    force[k] = curve_force(k, overlap[k], curves) if overlap[k] > 0.0 else 0.0
             elif hertz:
                 for k in range(n_contact):
                     closed = max(overlap[k], 0.0)

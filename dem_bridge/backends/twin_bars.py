@@ -3,13 +3,15 @@
 *Time step.* The twin at the run's step, at twice and at a third of it. A second-order error is a third of the first
 difference and nine eighths of the second (of first order, where forces depend on velocities: all of the first, one and
 a half times the second); three times the error is taken, so that the bar holds where the order is not
-clean, and the larger of the two, because one of them can be small by chance.
+clean, and the larger of the two, because one of them can be small by chance. Damped contacts get other ratios of steps,
+and weights that follow from them.
 
 *Round-off.* A code that keeps absolute positions rounds them at every step and subtracts them for every overlap. The
 twin can do the same; its difference to the twin in overlap variables is that round-off, with the scene's conditioning
 in it. On the paper's chains it predicts LAMMPS' to 1 %; three times it is taken, because it is one realisation.
 
-*Tables.* The twin with LAMMPS' tables beside the twin with the laws themselves, at the same step.
+*Tables.* The twin with LAMMPS' tables beside the twin with the laws themselves, at the same step; where a law is a
+function, the twin's own interpolation of it beside one with half as many cells.
 
 *Sampling.* Peaks and crossings from every second dense sample beside those from all, see :mod:`dem_bridge.dense`.
 
@@ -28,6 +30,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.bars import Answer, apart, not_below_the_median
 from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.curves import CELLS
 from dem_bridge.backends.steps import fixed_step_plan, order_on, peaks_and_crossings
 from dem_bridge.backends.survey import Survey
 from dem_bridge.backends.twin import EXACT, Tables, solve_dense, solve_plan
@@ -41,6 +44,9 @@ REALISATIONS = 3.0
 STEP_SAFETY = 3.0
 #: the twin has LAMMPS' tables to the last digit: what differs is how far each run is from the other laws
 TABLE_SAFETY = 2.0
+#: the golden ratio and 1 over its square, for damped contacts: a dashpot's force begins with the step after touch, and
+#: steps with a common multiple may all have it late by the same
+INCOMMENSURATE = (1.618, 0.382)
 #: of what every second dense sample changes: by order 7/2 (a neighbour that opens between them) a tenth is lost
 THINNING = 0.5
 
@@ -63,6 +69,8 @@ def twins_of(
     """
     # one step per sample leaves no coarser step that falls on the samples
     ratios = (2.0, 1.0 / 3.0) if plan.per_sample > 1 else (0.5, 1.0 / 3.0)
+    if scene.damped and plan.per_sample > 2:
+        ratios = INCOMMENSURATE
     if plan.steps > min(ratios) * MOST_STEPS:
         return None
     others = {}
@@ -78,6 +86,7 @@ def twins_of(
         others=others,
         positional=positional,
         tabled=solve_plan(scene, plan, tables=tables) if len(tables.law) else None,
+        halved=solve_plan(scene, plan, cells=CELLS // 2) if scene.law is not None else None,
         thinned=thinned,
         rivals=rivals(dense.force),
         summed=summed,
@@ -98,6 +107,8 @@ class Twins:
     """As ``own``, in absolute positions."""
     tabled: Answer | None = None
     """As ``own``, with tables; None: the code has the laws themselves."""
+    halved: Answer | None = None
+    """As ``own``, with laws that are functions from half as many cells; None: there are none."""
     thinned: tuple[NDArray[np.float64], NDArray[np.float64]]
     """Peak forces and crossing times of ``positional`` from every second dense sample."""
     rivals: NDArray[np.float64]
@@ -139,9 +150,11 @@ def with_bars(run: Trajectory, twins: Twins | None) -> Trajectory:
     sums = largest if twins.summed is None else 4.0 * largest + twins.summed
     bars["peak_force"] += np.finfo(float).eps * sums
     interpolated = 0.0
-    if twins.tabled is not None:
-        found = apart(own, twins.tabled)
-        interpolated = float(found["velocity"]) / speed if speed > 0.0 else 0.0
+    for other in (twins.tabled, twins.halved):
+        if other is None:
+            continue
+        found = apart(own, other)
+        interpolated += float(found["velocity"]) / speed if speed > 0.0 else 0.0
         for name in QUANTITIES:
             bars[name] = bars[name] + TABLE_SAFETY * found[name]
     thin_peak, thin_crossing = twins.thinned

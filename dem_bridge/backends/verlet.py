@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from dem_bridge.backends.base import Availability, Resolution, Sampling
 from dem_bridge.backends.steps import fixed_step_plan, radius_of
-from dem_bridge.backends.survey import survey
-from dem_bridge.backends.tabled import in_kernel, tables_for
+from dem_bridge.backends.tabled import in_kernel, survey_of, tables_for
 from dem_bridge.backends.twin import EXACT, TWIN, solve_plan
 from dem_bridge.backends.twin_bars import twins_of, with_bars
 from dem_bridge.scene import Scene
@@ -34,7 +33,7 @@ class Verlet:
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve; with ``gauge_radius`` in absolute positions, as LAMMPS. The bars come from three more runs."""
-        look = survey(scene)
+        look = survey_of(scene)
         plan = fixed_step_plan(scene, resolution, sampling, look)
         tables = EXACT
         if resolution.tables:

@@ -26,6 +26,8 @@ NOTHING = "hertz 0 0 tangential linear_nohistory 0 0 damping velocity"
 
 def refusal(scene: Scene) -> str | None:
     """Why ``pair_style granular`` cannot express the scene's contacts; None if it can."""
+    if scene.law is not None:
+        return "contact 0 has a law of its own; pair_style granular has n = 2.5 and 2 only: take backend='lammps-table'"
     wrong = [k for k, n in enumerate(scene.contacts.exponent.tolist()) if n not in MODELS]
     if not wrong:
         return None
@@ -39,6 +41,8 @@ def refusal(scene: Scene) -> str | None:
 def table_refusal(scene: Scene) -> str | None:
     """Why tables, with ``granular`` for what is damped, cannot express the scene's contacts; None if they can."""
     c = scene.contacts
+    if scene.law is not None:
+        return None
     for k, n in enumerate(c.exponent.tolist()):
         if not 2.0 <= n <= 5.0:
             return f"contact {k} has exponent n = {n!r}; allowed in a table: 2 to 5"
@@ -73,6 +77,8 @@ class Laws:
     viscoelastic: bool
     clipped: bool
     """Whether anything is damped: net forces never pull."""
+    functions: tuple[ContactLaw, ...] | None
+    """Where laws are no powers, what they are."""
     where: NDArray[np.int64]
     """Law of each contact along the line of atoms, ``(n_contact,)``."""
 
@@ -87,8 +93,14 @@ class Laws:
         # a zero as ever: the decks of undamped scenes do not know that there is damping
         return f"{MODELS[n]} {value!r} {eta if eta else 0!r} tangential linear_nohistory 0 0 {damping}"
 
+    def left_to_granular(self, law: int) -> bool:
+        """Whether a law is one that ``granular`` has, and damped: only there a net force can be clipped."""
+        return self.functions is None and self.damping[law] > 0.0 and self.exponent[law] in MODELS
+
     def law(self, law: int) -> ContactLaw:
         """Elastic force and energy as functions of overlap."""
+        if self.functions is not None:
+            return self.functions[law]
         return power_law(float(self.stiffness[law]), float(self.exponent[law]))
 
     def dashpot(self, law: int) -> str:
@@ -108,7 +120,7 @@ def laws(scene: Scene) -> Laws:
             mass[np.where(end == scene.n_body, other, end)] for end, other in ((c.left, c.right), (c.right, c.left))
         )
         eta = np.where(c.damping_power > 0.0, eta * (left + right) / (left * right), eta)
-    rows = np.stack([c.stiffness, c.exponent, eta], axis=1)[order]
+    rows = np.stack([c.stiffness, c.exponent, eta, c.law], axis=1)[order]
     _, first, where = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     by_place = np.argsort(first)
     rank = np.empty_like(by_place)
@@ -120,6 +132,7 @@ def laws(scene: Scene) -> Laws:
         damping=chosen[:, 2],
         viscoelastic=viscoelastic,
         clipped=scene.damped,
+        functions=tuple(c.laws[nth] for nth in chosen[:, 3].astype(int)) if scene.law is not None else None,
         where=rank[where.ravel()],
     )
 

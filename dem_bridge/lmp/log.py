@@ -96,6 +96,16 @@ def potential_energy(text: str) -> dict[int, float]:
     return {int(step): float(energy) for step, energy in found}
 
 
+def pair_style(text: str) -> str:
+    """The pair style that a log's neighbour lists serve, with its suffix if it has one; '' where there is none.
+
+    >>> pair_style("  (1) pair gran/hertz/history/omp, perpetual")
+    'gran/hertz/history/omp'
+    """
+    found = re.findall(r"^ *\(\d+\) pair (\S+?)(?:,|$)", text, flags=re.MULTILINE)
+    return found[-1] if found else ""
+
+
 def _words(text: str, heading: str) -> frozenset[str]:
     """What stands between a heading and the next."""
     found = re.search(rf"^{heading}\s*\n(.*?)(?=^\*|^List of|\Z)", text, flags=re.MULTILINE | re.DOTALL)

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.lmp.coefficients import MODELS, NOTHING, Laws
+from dem_bridge.lmp.coefficients import NOTHING, Laws
 from dem_bridge.lmp.interpolation import Style
 from dem_bridge.lmp.table import LINES, ContactTable, contact_table, points_for, zero_table
 from dem_bridge.version import FORM_DATE
@@ -71,11 +71,11 @@ def table_set(
     """
     deepest = np.zeros(len(laws.stiffness))
     np.maximum.at(deepest, laws.where, peak_overlap)
-    reach = np.maximum(MARGIN * deepest, _UNTOUCHED * (float(np.max(deepest)) or radius))
+    reach = np.maximum(MARGIN * deepest, _UNTOUCHED * (float(np.max(deepest, initial=0.0)) or radius))
     points = points or points_for(pairs + 1)
     tables = {}
     for law in range(len(laws.stiffness)):
-        if laws.damping[law] > 0.0 and laws.exponent[law] in MODELS:
+        if laws.left_to_granular(law):
             continue
         tables[law] = contact_table(
             laws.law(law),

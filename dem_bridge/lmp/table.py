@@ -204,7 +204,7 @@ def _check_energy(law: ContactLaw, overlap: Floats, energy: Floats) -> None:
         raise UsageError(
             f"contact law: from overlap {float(overlap[k + 1])!r} m to {float(overlap[k])!r} m the energy rises by"
             f" {float(rise[k])!r} J and the force does {float(best[k])!r} J of work; allowed: force = -d energy/dr;"
-            " law_of(force, ...) finds the energy"
+            " law_of(force, ...) finds the energy, and needs the overlaps where the slope of the force jumps as kinks"
         )
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.physics import contact
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
@@ -22,13 +21,14 @@ def momentum(scene: Scene, trajectory: Trajectory) -> Floats:
 
 
 def energy_parts(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats, Floats]:
-    """Energies, J, ``(n_t,)`` each: kinetic, stored in contacts (``beta overlap^n / n``), potential
-    (``-(m g + load) x``)."""
+    """Energies, J, ``(n_t,)`` each: kinetic, stored in contacts (``beta overlap^n / n``, or what the
+    law says), potential (``-(m g + load) x``)."""
     mass, c = np.array(scene.mass), scene.contacts
     kinetic = 0.5 * trajectory.velocity**2 @ mass
     # a wall is one more column at rest
     x = np.concatenate([trajectory.displacement, np.zeros((len(trajectory.time), 1))], axis=1)
-    stored = contact.energy(x[:, c.left] - x[:, c.right] - c.gap, c.stiffness, c.exponent).sum(axis=1)
+    overlap = np.maximum(x[:, c.left] - x[:, c.right] - c.gap, 0.0)
+    stored = c.energy(overlap, np.arange(scene.n_contact)).sum(axis=1)
     potential = -scene.gravity * trajectory.displacement @ mass - trajectory.displacement @ scene.load
     return np.asarray(kinetic), np.asarray(stored), np.asarray(potential)
 

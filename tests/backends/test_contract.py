@@ -195,7 +195,10 @@ def test_walls_stand_behind_the_contacts_of_the_chain_left_before_right(name: st
     # forces are those of the displacements: LAMMPS' come as sums of net forces (5 roundings), overlaps of 1e-5 m
     # from displacements of 1e-4 m lose a digit, the power 3/2 half as much again
     scale = float(np.max(run.contact_force))
-    assert run.contact_force == pytest.approx(c.stiffness * overlap**1.5, abs=1e4 * EPS * scale)
+    # a table errs by what it says itself, of the largest force of its contact
+    table = run.provenance.get("table", {}).get("predicted_error", 0.0)
+    assert table < 1e-8
+    assert run.contact_force == pytest.approx(c.stiffness * overlap**1.5, abs=(1e4 * EPS + table) * scale)
     assert np.count_nonzero(run.contact_force[:, 3]) > 0, "the left wall is never hit"
     assert np.count_nonzero(run.contact_force[:, 4]) > 0, "the right wall is never hit"
 
@@ -270,9 +273,8 @@ def test_two_contacts_that_close_at_once_are_no_obstacle(name: str, solved: Solv
 
 
 def test_an_unknown_backend_is_refused_with_the_names_that_exist() -> None:
-    with pytest.raises(
-        UsageError, match=r"backend = 'lamps'; allowed: lammps-granular, verlet, reference, scipy, ase, ode45, bca"
-    ):
+    names = "lammps-granular, lammps-table, verlet, reference, scipy, ase, ode45, bca"
+    with pytest.raises(UsageError, match=f"backend = 'lamps'; allowed: {names}"):
         backend("lamps")
 
 

@@ -172,9 +172,19 @@ def test_a_backend_that_runs_no_lammps_refuses_to_be_told_which(given: dict[str,
 
 @pytest.mark.parametrize("name", ENGINE_BACKENDS)
 def test_availability_is_that_of_the_engine_asked_for(name: str, binary: Binary) -> None:
-    without = HELP.replace("granular        table", "table")
+    # each has its own style, and of the other it needs nothing
+    style, package = {
+        "lammps-granular": ("granular", "; install one with the GRANULAR package"),
+        "lammps-table": ("table", ""),
+    }[name]
+    [other] = {"granular", "table"} - {style}
+    without = HELP.replace("granular        table", other)
+    assert without != HELP
     found = backend(name, Engine(lmp=binary("exit 0", without))).availability()
-    assert found.reason == "LAMMPS 20230802 has no pair_style granular; install one with the GRANULAR package"
+    assert found.reason == f"LAMMPS 20230802 has no pair_style {style}{package}"
+    probe.cache_clear()
+    only = backend(name, Engine(lmp=binary("exit 0", HELP.replace("granular        table", style)))).availability()
+    assert only.available
 
 
 def test_a_file_that_is_no_lammps_is_found_out(binary: Binary) -> None:

@@ -1,0 +1,80 @@
+"""Contact laws that are functions, for compiled kernels: cubic splines over the square root of the overlap.
+
+There ``F ~ overlap^(n-1)`` is a polynomial for n = 2, 2.5, 3, ... and smooth to order 2(n-1) at least for any other n,
+and at touch nothing is lost. A law with kinks has a spline of its own from each kink on.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from dem_bridge.scene import Contacts, Scene
+
+#: cells of a law; half as many tell what that costs
+CELLS = 16_384
+
+
+class Curves(NamedTuple):
+    """The laws of a scene, each up to the overlaps that the energy at hand can make; beyond, the force stays."""
+
+    law: NDArray[np.int64]
+    """Row below for each contact; empty: all are powers."""
+    start: NDArray[np.float64]
+    """``(n_law, n_piece)``, m: overlap at which a piece begins, inf for one that is not there."""
+    per_root: NDArray[np.float64]
+    """``(n_law, n_piece)``: cells per square root of the overlap beyond the start, m^(-1/2)."""
+    coefficient: NDArray[np.float64]
+    """``(n_law, n_piece, n_cell, 4)``, N, highest power first."""
+
+
+#: contacts are powers
+POWERS = Curves(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0, 0, 4)))
+
+
+def curves_of(scene: Scene, cells: int = CELLS) -> Curves:
+    """The laws of a scene that are functions, with so many ``cells`` each."""
+    return POWERS if scene.law is None else _curves(scene.contacts, cells)
+
+
+@lru_cache(maxsize=4)  # a run and the runs for its bars ask for the same
+def _curves(c: Contacts, cells: int) -> Curves:
+    starts = [
+        [0.0, *sorted({kink for kink in law.kinks if 0.0 < kink < reach})]
+        for law, reach in zip(c.laws, c.reach.tolist(), strict=True)
+    ]
+    pieces = max(map(len, starts), default=1)
+    each = max(cells // pieces, 8)
+    start, per_root = np.full((len(starts), pieces), np.inf), np.zeros((len(starts), pieces))
+    coefficient = np.zeros((len(starts), pieces, each, 4))
+    grid = np.linspace(0.0, 1.0, each + 1)
+    for row, (law, reach, begins) in enumerate(zip(c.laws, c.reach.tolist(), starts, strict=True)):
+        for piece, (low, high) in enumerate(zip(begins, [*begins[1:], reach], strict=True)):
+            overlap = np.minimum(low + (high - low) * grid**2, high)
+            start[row, piece], per_root[row, piece] = low, each / np.sqrt(high - low)
+            spline = CubicSpline(np.arange(each + 1.0), law.force(overlap))
+            coefficient[row, piece] = spline.c.T
+    return Curves(c.law, start, per_root, coefficient)
+
+
+@njit(cache=True)  # type: ignore[misc,unused-ignore]
+def curve_force(contact, overlap, curves):  # type: ignore[no-untyped-def]
+    """Force, N, of a contact at an overlap > 0; scalar, for kernels."""
+    row = curves.law[contact]
+    start = curves.start[row]
+    piece = 0
+    while piece + 1 < len(start) and overlap > start[piece + 1]:
+        piece += 1
+    coefficient = curves.coefficient[row, piece]
+    place = np.sqrt(overlap - start[piece]) * curves.per_root[row, piece]
+    if not place < len(coefficient):  # deeper than anything can get, or no number
+        place = 1.0 * len(coefficient)
+    cell = min(int(place), len(coefficient) - 1)
+    b = place - cell
+    c = coefficient[cell]
+    return ((c[0] * b + c[1]) * b + c[2]) * b + c[3]
