@@ -6,10 +6,11 @@ themselves is the error of the tables, apart from that of the time step.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution
 from dem_bridge.backends.steps import Dense, radius_of
@@ -21,7 +22,6 @@ from dem_bridge.lmp.encoding import body_types
 from dem_bridge.lmp.interpolation import Style, interpolated, interpolation_error
 from dem_bridge.lmp.pairing import MARGIN, TableSet, table_set
 from dem_bridge.lmp.table import LINES
-from dem_bridge.physics.contact import Floats
 from dem_bridge.scene import Scene
 
 #: fraction of 1/omega that is the step of a coarse run
@@ -51,20 +51,16 @@ def survey_of(scene: Scene) -> Survey:
     )
 
 
-def _frequency(scene: Scene, deepest: Floats) -> float:
+def _frequency(scene: Scene, deepest: NDArray[np.float64]) -> float:
     """Highest angular frequency, or rate, of contacts (rad/s) with overlaps up to ``deepest`` (m), ``(n_contact,)``."""
     c, inverse_mass = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
     mobility = inverse_mass[c.left] + inverse_mass[c.right]
     touched = np.flatnonzero(deepest > 0.0)
-    slope = _steepest(lambda overlap: c.force(overlap, touched), deepest[touched])
+    # 256 chords: a law can be steepest anywhere
+    overlap = np.linspace(0.0, deepest[touched], 257)
+    slope = np.max(np.diff(c.force(overlap, touched), axis=0) / np.diff(overlap, axis=0), axis=0)
     damped = np.max(c.damping[touched] * mobility[touched], initial=scene.drag)
     return max(float(np.max(np.sqrt(slope * mobility[touched]), initial=0.0)), float(damped))
-
-
-def _steepest(force: Callable[[Floats], Floats], deepest: Floats) -> Floats:
-    """Largest slope of a force, N/m, on overlaps up to ``deepest`` (m): a law can be steepest anywhere."""
-    overlap = np.linspace(0.0, deepest, 257)
-    return np.asarray(np.max(np.diff(force(overlap), axis=0) / np.diff(overlap, axis=0), axis=0))
 
 
 def tables_for(scene: Scene, resolution: Resolution, look: Survey) -> TableSet:
@@ -154,16 +150,14 @@ def measured(
         mine, force_of = order[found.where == law], found.law(law).force
         foreseen = float(table.distance[-1] - table.distance[0]) / MARGIN
         largest = float(force_of(np.array(foreseen)))
-        steep = float(found.exponent[law]) - 1.0
-        if found.functions is not None:
-            steep = float(_steepest(force_of, np.array(foreseen))) * foreseen / largest
         closed = np.maximum(dense.overlap[:, mine], 0.0)
         stored += np.sum(found.law(law).energy(closed), axis=1)
         away = np.abs(elastic[:, mine] - force_of(closed))
         worst = max(worst, float(np.max(away, initial=0.0)) / largest)
-        # r^2 has four roundings of half an ulp from distance to cell, which move a force by its slope;
-        # the spline in a cell, and the law, have at most eight of the force
-        place = 2.0 * steep * float(table.distance[-1]) / foreseen
+        # r^2 has four roundings of half an ulp from distance to cell, which move a force by its slope; the spline in a
+        # cell, and the law, have at most eight of the force
+        slope = float(np.max(np.abs(np.diff(table.force) / np.diff(table.distance))))
+        place = 2.0 * slope * float(table.distance[-1]) / largest
         rounding = max(rounding, float(np.max(summed[:, mine], initial=0.0)) / largest + place + 8.0)
         pull = max(pull, -float(np.min(dense.force[:, mine], initial=0.0)) if found.damping[law] > 0.0 else 0.0)
     rows = {step: row for row, step in enumerate(plan.dense_steps.tolist())}

@@ -85,16 +85,6 @@ def loop_time(text: str) -> float:
     return sum(float(found) for found in re.findall(r"^Loop time of (\S+) on", text, re.MULTILINE))
 
 
-def pair_style(text: str) -> str:
-    """The pair style that a log's neighbour lists serve, with its suffix if it has one; '' where there is none.
-
-    >>> pair_style("  (1) pair gran/hertz/history/omp, perpetual")
-    'gran/hertz/history/omp'
-    """
-    found = re.findall(r"^ *\(\d+\) pair (\S+?)(?:,|$)", text, flags=re.MULTILINE)
-    return found[-1] if found else ""
-
-
 def potential_energy(text: str) -> dict[int, float]:
     """Step -> potential energy (J) in the columns step, time, pe, ke, etotal of a log.
 
@@ -104,6 +94,16 @@ def potential_energy(text: str) -> dict[int, float]:
     number = r"[-+]?\d\S*"
     found = re.findall(rf"^ *(\d+) +{number} +({number}) +{number} +{number} *$", text, flags=re.MULTILINE)
     return {int(step): float(energy) for step, energy in found}
+
+
+def pair_style(text: str) -> str:
+    """The pair style that a log's neighbour lists serve, with its suffix if it has one; '' where there is none.
+
+    >>> pair_style("  (1) pair gran/hertz/history/omp, perpetual")
+    'gran/hertz/history/omp'
+    """
+    found = re.findall(r"^ *\(\d+\) pair (\S+?)(?:,|$)", text, flags=re.MULTILINE)
+    return found[-1] if found else ""
 
 
 def _words(text: str, heading: str) -> frozenset[str]:

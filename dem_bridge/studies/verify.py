@@ -22,7 +22,7 @@ import numpy as np
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.survey import survey
+from dem_bridge.backends.tabled import survey_of
 from dem_bridge.campaign import Case, Progress, Result, run_cases
 from dem_bridge.compare import difference
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
@@ -138,7 +138,7 @@ def cases_of(scene: Scene, accuracy: float, engine: Engine | None = None) -> lis
     # beside the twin, step by step on the way to what LAMMPS does: its tables, if any, then positions
     beside = replace(main, tables=judged == TABLE, bars=False)
     runs += [(TWIN, beside)] if beside.tables else []
-    runs.append((TWIN, replace(beside, gauge_radius=survey(scene).gauge_radius)))
+    runs.append((TWIN, replace(beside, gauge_radius=survey_of(scene).gauge_radius)))
     return [
         Case(
             scene=scene,
