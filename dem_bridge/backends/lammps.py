@@ -27,7 +27,6 @@ from dem_bridge.backends.tabled import (
     survey_of,
     tables_for,
 )
-from dem_bridge.backends.twin import EXACT
 from dem_bridge.backends.twin_bars import Twins, round_off_floor, twins_of, with_bars
 from dem_bridge.compiled import started
 from dem_bridge.dense import Schedule
@@ -130,7 +129,7 @@ class LammpsGranular:
         return replace(run, cost=cost, provenance={**run.provenance, **told})
 
     def _twins(self, scene: Scene, written: Written, look: Survey) -> Twins | None:
-        deck, tables = written.deck, EXACT
+        deck, tables = written.deck, None
         if written.tables is not None:
             tables = in_kernel(scene, written.tables, deck.gauge_radius)
         weights = float(np.sum(np.abs(deck.weight)))

@@ -19,9 +19,9 @@ from dem_bridge.backends.twin import Tables, solve_dense
 from dem_bridge.dense import Schedule, schedule
 from dem_bridge.lmp.coefficients import laws, line_order, pairs
 from dem_bridge.lmp.encoding import body_types
-from dem_bridge.lmp.interpolation import Style, interpolated, interpolation_error
+from dem_bridge.lmp.interpolation import interpolated, interpolation_error
 from dem_bridge.lmp.pairing import MARGIN, TableSet, table_set
-from dem_bridge.lmp.table import LINES
+from dem_bridge.lmp.table import LINES, Style
 from dem_bridge.scene import Scene
 
 #: fraction of 1/omega that is the step of a coarse run
