@@ -26,12 +26,13 @@ _HOME = {
     "load_trajectory": "trajectory",
     "shipped_scenes": "scene_file",
     "solve": "api",
+    "study_styles": "api",
     "verify": "api",
     "write_deck": "api",
 }
 
 if TYPE_CHECKING:
-    from dem_bridge.api import available, solve, verify, write_deck
+    from dem_bridge.api import available, solve, study_styles, verify, write_deck
     from dem_bridge.physics.law import ContactLaw, law_of
     from dem_bridge.scene import Damping, Scene, Wall
     from dem_bridge.scene_file import load_scene, shipped_scenes
@@ -50,6 +51,7 @@ __all__ = [
     "load_trajectory",
     "shipped_scenes",
     "solve",
+    "study_styles",
     "verify",
     "write_deck",
 ]

@@ -18,6 +18,7 @@ from dem_bridge.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dem_bridge.campaign import Progress
+    from dem_bridge.studies.styles import StylesStudy
     from dem_bridge.studies.verify import Verification
 
 _RESOLUTION = tuple(field.name for field in fields(Resolution))
@@ -104,6 +105,36 @@ def verify(
         from dem_bridge.report.page import write_report
 
         write_report(found, Path(folder))
+    return found
+
+
+def study_styles(
+    scene: Scene | str | Path,
+    *,
+    dt: float | None = None,
+    folder: str | Path | None = None,
+    tell: Progress | None = None,
+    lmp: str | Path | None = None,
+    python: str | Path | None = None,
+) -> StylesStudy:
+    """Run a scene through every way that the LAMMPS at hand has, each beside the twin at the same step.
+
+    ``dt`` (s): None for the default step. ``folder``: where ``styles.csv``, ``styles.json`` and ``styles.png`` are
+    written (None: nowhere). ``tell`` is called with (done, total, label). ``lmp`` and ``python`` as in :func:`solve`.
+    The answer has ``rows``, one for each way, and ``exit_code``. Raises UnsupportedScene where ``pair_style granular``
+    cannot express the scene, BackendUnavailable where there is no LAMMPS; a way that breaks is a BROKEN row.
+    """
+    from dem_bridge.studies.styles import study_styles as study
+
+    if not isinstance(scene, Scene):
+        scene = load_scene(scene)
+    if folder is not None:
+        check_folder(Path(folder))
+    found = study(scene, dt=dt, engine=Engine.chosen(lmp=lmp, python=python), tell=tell)
+    if folder is not None:
+        from dem_bridge.report.styles import write_styles
+
+        write_styles(found, Path(folder))
     return found
 
 

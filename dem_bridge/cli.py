@@ -8,19 +8,18 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 import dem_bridge
+from dem_bridge import cli_terminal as terminal
 from dem_bridge.errors import DemBridgeError, UnsupportedScene
 from dem_bridge.files import check_file, write_whole
 
 if TYPE_CHECKING:
-    from dem_bridge.studies.verify import Verification
     from dem_bridge.trajectory import Trajectory
 
 #: named again here so that --help needs no backend; a test holds the two together
@@ -175,7 +174,7 @@ def run(
     asked: dict[str, Any] = {"dt": dt, "accuracy": accuracy, "rtol": rtol, "atol": atol, "samples": samples}
     asked |= {"geometry": geometry, "types": types, "lmp": lmp, "lmp_args": lmp_args, "python": python, "ranks": ranks}
     settings = {key: value for key, value in asked.items() if value is not None}
-    with _fraction(f"{scene} by {backend}"):
+    with terminal.fraction(f"{scene} by {backend}"):
         result = dem_bridge.solve(scene, backend=backend, **settings)
     _warn(result)
     if output is not None:
@@ -241,7 +240,7 @@ def verify(
             check_file(file)
     asked = {"accuracy": accuracy, "lmp": lmp, "lmp_args": lmp_args, "python": python, "ranks": ranks}
     settings: dict[str, Any] = {key: value for key, value in asked.items() if value is not None}
-    with _bar() as tell:
+    with terminal.bar() as tell:
         found = dem_bridge.verify(list(scenes) or None, folder=folder, jobs=jobs, tell=tell, **settings)
     if json_file is not None:
         write_whole(json_file.parent, {json_file.name: (folder / "verdicts.json").read_text(encoding="utf-8")})
@@ -252,7 +251,7 @@ def verify(
     for study in found.studies:
         if (of_lammps := study.run(study.engine)) is not None:
             _warn(of_lammps)
-    _print_verdicts(found)
+    terminal.print_verdicts(found)
     click.echo(f"report: {folder / 'index.html'}")
     sys.exit(found.exit_code)
 
@@ -272,6 +271,33 @@ def doctor(as_json: bool, lmp: str | None, lmp_args: str | None, python: str | N
         for finding in found:
             click.echo(str(finding))
     sys.exit(0 if all(finding.fine or not finding.needed for finding in found) else 3)
+
+
+@main.group()
+def study() -> None:
+    """Questions that take many runs of one scene."""
+
+
+@study.command()
+@_scene
+@_step
+@click.option("--lmp", metavar="PATH", help="A LAMMPS binary (default: $DEM_BRIDGE_LMP, or the Python module).")
+@click.option("--python", metavar="PATH", help="Another environment's Python, for its lammps module.")
+@click.option("-o", "folder", type=click.Path(path_type=Path), metavar="DIR", help="Keep styles.csv, .json and .png.")
+@click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
+def styles(
+    scene: str, dt: float | None, lmp: str | None, python: str | None, folder: Path | None, as_json: bool
+) -> None:
+    """Run SCENE through every way LAMMPS has, each beside the twin: styles, walls, suffixes, ranks, a restart."""
+    with terminal.bar() as tell:
+        found = dem_bridge.study_styles(scene, dt=dt, folder=folder, tell=tell, lmp=lmp, python=python)
+    if as_json:
+        click.echo(json.dumps(found.as_json(), indent=1, allow_nan=False))
+    else:
+        terminal.print_styles(found)
+        if folder is not None:
+            click.echo(f"written: {folder / 'styles.png'} and, beside it, styles.csv and styles.json")
+    sys.exit(found.exit_code)
 
 
 def _warn(run: Trajectory) -> None:
@@ -309,64 +335,6 @@ def _summary(run: Trajectory) -> dict[str, Any]:
         "cpu_s": round(run.cost.cpu, 4),
         "versions": run.provenance["versions"],
     }
-
-
-def _print_verdicts(found: Verification) -> None:
-    """The verdict table; colours on a terminal that wants them (NO_COLOR is heard), plain text elsewhere."""
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console(width=None if sys.stdout.isatty() else 140, highlight=False)
-    colours = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
-    table = Table(box=None, pad_edge=False)
-    for column in ("scene", "quantity", "compared", "difference", "bar", "tolerance", "outcome"):
-        table.add_column(column, justify="right" if column in ("difference", "bar", "tolerance") else "left")
-    for v in found.verdicts:
-        colour = colours.get(v.outcome.value, "yellow")
-        numbers = [f"{x:.2g}" if x == x else "-" for x in (v.difference, v.reference_uncertainty, v.tolerance)]
-        table.add_row(
-            v.scene, v.quantity, f"{v.backend} - {v.reference}", *numbers, f"[{colour}]{v.outcome.value}[/{colour}]"
-        )
-    console.print(table)
-    for v in found.verdicts:
-        if v.outcome.value not in ("PASS", "MODEL_DIFFERENCE"):
-            console.print(f"{v.outcome.value}: {v.sentence}", markup=False)
-
-
-@contextmanager
-def _bar() -> Iterator[Callable[[float, int, str], None] | None]:
-    """A progress bar with ETA on a terminal; None in a pipe."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
-    columns = (
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeElapsedColumn(),
-        TextColumn("ETA"),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}"),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
-        task = bars.add_task("", total=1.0)
-        yield lambda done, total, label: bars.update(task, completed=done / total, description=label)
-
-
-@contextmanager
-def _fraction(label: str) -> Iterator[None]:
-    """Show how far one run is, as :func:`_bar`."""
-    from dem_bridge import progress
-
-    with _bar() as tell:
-        if tell is None:
-            yield
-            return
-        tell(0.0, 1, label)
-        with progress.listening(lambda part: tell(part, 1, label)):
-            yield
 
 
 if __name__ == "__main__":

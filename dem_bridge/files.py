@@ -27,14 +27,17 @@ def check_folder(folder: Path) -> None:
         raise UsageError(f"{folder}: the folder cannot be written (no permission); name another")
 
 
-def write_whole(folder: Path, texts: Mapping[str, str]) -> None:
-    """Write all ``texts`` (name -> content) into ``folder``, or none of them; UsageError where that fails."""
+def write_whole(folder: Path, texts: Mapping[str, str | bytes]) -> None:
+    """Write all ``texts`` (name -> content, bytes for a picture) into ``folder``, or none; UsageError if that fails."""
     check_folder(folder)
     parts = {name: folder / f"{name}.{os.getpid()}.part" for name in texts}
     try:
         for name, text in texts.items():
             check_file(folder / name)
-            parts[name].write_text(text, encoding="utf-8")
+            if isinstance(text, bytes):
+                parts[name].write_bytes(text)
+            else:
+                parts[name].write_text(text, encoding="utf-8")
         for name, part in parts.items():
             part.replace(folder / name)
     except OSError as error:

@@ -71,18 +71,28 @@ class LammpsGranular:
         began = time.perf_counter(), time.process_time()
         look = survey_of(scene)
         written = self.written(scene, resolution, sampling, look)
+        # the twins run beside the engine: they need nothing of it
+        bars = started(self._twins, scene, written, look) if resolution.bars else None
+        run = self.run_written(scene, written, time_limit=resolution.time_limit, began=began)
+        return run if bars is None else with_bars(run, bars())
+
+    def run_written(
+        self, scene: Scene, written: Written, *, time_limit: float, began: tuple[float, float] | None = None
+    ) -> Trajectory:
+        """What LAMMPS makes of a deck of the scene, without bars; ``began``: wall and CPU time (s) at the start."""
+        began = began or (time.perf_counter(), time.process_time())
         deck, plan = written.deck, written.deck.schedule
         with workspace(dump_size(deck)) as folder:
             for file, text in deck.files.items():
                 (folder / file).write_text(text, encoding="utf-8")
             # the dump grows evenly with the steps: its size tells how far the run is
             watch = dump_progress(folder / deck.dump_file, deck) if progress.wanted() else None
-            # the twins run beside the engine: they need nothing of it
-            bars = started(self._twins, scene, written, look) if resolution.bars else None
-            report = run_deck(
-                folder, deck.input_file, time_limit=resolution.time_limit, watch=watch, engine=self.engine
-            )
-            steps, values = read_binary_dump(folder / deck.dump_file, columns=len(DUMP_COLUMNS))
+            report = run_deck(folder, deck.input_file, time_limit=time_limit, watch=watch, engine=self.engine)
+            dumps = [
+                read_binary_dump(folder / file, columns=len(DUMP_COLUMNS))
+                for file in (deck.dump_file, *deck.more_dumps)
+            ]
+        steps, values = dumps[0] if len(dumps) == 1 else (np.concatenate(part) for part in zip(*dumps, strict=True))
         checked_values(deck, steps, values)
         dense = dense_of(scene, deck, steps, values)
         settings = {"dt": plan.step, "samples": plan.samples, "gauge_radius": deck.gauge_radius}
@@ -94,6 +104,7 @@ class LammpsGranular:
             "engine_memory": report.memory,
             "deck_hash": deck.content_hash,
             "atom_types": deck.types,
+            "pair_style": report.pair_style,
         }
         if written.tables is not None:
             told["table"] = {
@@ -105,8 +116,7 @@ class LammpsGranular:
             }
         # the engine's own share of the processor, and not only ours
         cost = replace(run.cost, cpu=run.cost.cpu + report.cpu)
-        run = replace(run, cost=cost, provenance={**run.provenance, **told})
-        return run if bars is None else with_bars(run, bars())
+        return replace(run, cost=cost, provenance={**run.provenance, **told})
 
     def _twins(self, scene: Scene, written: Written, look: Survey) -> Twins | None:
         deck, tables = written.deck, EXACT

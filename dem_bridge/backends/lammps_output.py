@@ -58,7 +58,7 @@ def dense_of(scene: Scene, deck: Deck, steps: NDArray[np.int64], values: NDArray
         displacement=at_rest_beside(position - deck.line),
         # a frozen wall has net force but no acceleration
         acceleration=at_rest_beside(net * deck.mobility),
-        overlap=(2.0 * deck.gauge_radius - np.diff(position, axis=1))[:, columns],
+        overlap=(deck.reach - np.diff(position, axis=1))[:, columns],
         force=np.cumsum(outer - net, axis=1)[:, columns],
         farthest=float(np.max(np.abs(position))),
     )
@@ -67,17 +67,21 @@ def dense_of(scene: Scene, deck: Deck, steps: NDArray[np.int64], values: NDArray
 def check_gauge(position: NDArray[np.float64], deck: Deck, steps: NDArray[np.int64]) -> None:
     """RunBroken where bodies that are not neighbours touch, or an overlap exceeds the gauge radius, so that they may
     have touched between two looks."""
-    diameter = 2.0 * deck.gauge_radius
-    deepest = diameter - float(np.min(np.diff(position, axis=1), initial=math.inf))
-    found = f"an overlap of {deepest:.6g} m exceeds the gauge radius {deck.gauge_radius:.6g} m"
-    across = position[:, 2:] - position[:, :-2]
-    if np.min(across, initial=math.inf) < diameter:
+    if position.shape[1] < 2:
+        return
+    radii = deck.radii
+    smaller = np.minimum(radii[:-1], radii[1:])
+    beyond = np.max(deck.reach - smaller - np.diff(position, axis=1), axis=0)
+    worst = int(np.argmax(beyond))
+    found = f"an overlap of {beyond[worst] + smaller[worst]:.6g} m exceeds the gauge radius {smaller[worst]:.6g} m"
+    across = position[:, 2:] - position[:, :-2] - (radii[2:] + radii[:-2])
+    if np.min(across, initial=math.inf) < 0.0:
         row, atom = np.unravel_index(np.argmin(across), across.shape)
         raise RunBroken(
             f"{found}, and atoms {atom + 1} and {atom + 3}, which are not neighbours, overlap by"
-            f" {diameter - float(across[row, atom]):.6g} m at step {steps[row]}; give a larger gauge_radius"
+            f" {-float(across[row, atom]):.6g} m at step {steps[row]}; give a larger gauge_radius"
         )
-    if deepest > deck.gauge_radius:
+    if beyond[worst] > 0.0:
         raise RunBroken(f"{found}: bodies that are not neighbours may have touched; give a larger gauge_radius")
 
 

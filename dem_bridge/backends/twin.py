@@ -8,7 +8,7 @@ are functions it has as :mod:`.curves`.
 from __future__ import annotations
 
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -45,23 +45,32 @@ EXACT = Tables(0.0, np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 
 
 
 def solve_plan(
-    scene: Scene, plan: Schedule, radius: float = 0.0, tables: Tables = EXACT, cells: int = CELLS
+    scene: Scene,
+    plan: Schedule,
+    radius: float | NDArray[np.float64] = 0.0,
+    tables: Tables = EXACT,
+    cells: int = CELLS,
 ) -> Trajectory:
     """One twin run on the given steps, without bars. ``cells``: of laws that are functions.
 
-    ``radius`` (m) above 0: as a code does that keeps absolute positions of bodies of this radius and subtracts them.
-    Nothing but round-off differs, so the difference to the run with 0 is the round-off of such a code.
+    ``radius`` (m) above 0: as a code does that keeps absolute positions of bodies of this radius, or of these
+    ``(n_contact + 1,)`` along the line of bodies, walls included, and subtracts them. Nothing but round-off differs, so
+    the difference to the run with 0 is the round-off of such a code.
     """
     return solve_dense(scene, plan, radius, tables, cells)[0]
 
 
 def solve_dense(
-    scene: Scene, plan: Schedule, radius: float, tables: Tables = EXACT, cells: int = CELLS
+    scene: Scene,
+    plan: Schedule,
+    radius: float | NDArray[np.float64],
+    tables: Tables = EXACT,
+    cells: int = CELLS,
 ) -> tuple[Trajectory, Dense]:
     """As :func:`solve_plan`, with all that was looked at between the samples."""
     began = time.perf_counter(), time.process_time()
     settings: dict[str, float] = {"dt": plan.step, "samples": plan.samples}
-    if radius > 0.0:
+    if not isinstance(radius, np.ndarray) and radius > 0.0:
         settings["gauge_radius"] = radius
     if len(tables.law):
         settings["table_points"] = tables.value.shape[1]
@@ -91,19 +100,33 @@ def solve_dense(
     return read_off(TWIN, scene, plan, dense, settings, began=began, evaluations=plan.steps + 1), dense
 
 
-def _frame(scene: Scene, radius: float) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """Diameter, start positions of the bodies and position of the wall of each contact, m."""
+def _frame(
+    scene: Scene, radius: float | NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Distance at touch of each contact, start positions of the bodies and position of the wall of each contact, m."""
     c, links = scene.contacts, len(scene.stiffness)
-    # a position is rounded once, whatever the gaps before it
-    gaps = np.concatenate([[0.0], np.cumsum(c.gap[:links], dtype=np.longdouble)])
-    start = (2.0 * radius * np.arange(scene.n_body) + gaps).astype(float)
-    wall = np.zeros(scene.n_contact)
-    for k in range(links, scene.n_contact):
-        if c.left[k] == scene.n_body:
-            wall[k] = -(2.0 * radius + c.gap[k])
-        else:
-            wall[k] = float(2.0 * radius * scene.n_body + (gaps[-1] + c.gap[k]))
-    return 2.0 * radius, start, wall
+    first = int(scene.wall_left is not None)
+
+    def along(values: NDArray[Any]) -> NDArray[Any]:
+        """From the order of the contacts to that of the line: the left wall's first."""
+        return np.concatenate([values[links : links + first], values[:links], values[links + first :]])
+
+    if isinstance(radius, np.ndarray):
+        reach = radius[:-1] + radius[1:]
+        line = np.concatenate([[0.0], np.cumsum(reach + along(c.gap))])
+        line -= line[first]
+        reach = np.concatenate([reach[first : first + links], reach[:first], reach[first + links :]])
+    else:
+        reach = np.full(scene.n_contact, 2.0 * radius)
+        gaps = np.concatenate([[0.0], np.cumsum(along(c.gap), dtype=np.longdouble)])
+        gaps -= gaps[first]
+        line = 2.0 * radius * (np.arange(scene.n_contact + 1) - first)
+        # all on the grid of the farthest, so that bodies in touch are so to the last digit
+        grid = np.spacing(np.max(np.abs(line + gaps)).astype(float))
+        line = line + (np.rint(gaps / grid) * grid).astype(float)
+    start = line[first : first + scene.n_body]
+    wall = np.where(c.left == scene.n_body, line[0], line[-1])
+    return reach, start, wall
 
 
 @njit(cache=True, nogil=True)
@@ -123,7 +146,7 @@ def integrate(  # type: ignore[no-untyped-def]
     load,
     dt,
     dense_steps,
-    diameter,
+    reach,
     start,
     wall,
     tables,
@@ -139,6 +162,7 @@ def integrate(  # type: ignore[no-untyped-def]
     n_body, n_contact, n_dense = mass.shape[0], left.shape[0], dense_steps.shape[0]
     tabled, curved = tables.law.shape[0] > 0, curves.law.shape[0] > 0
     hertz, damped = np.all(exponent == 2.5), np.any(damping > 0.0)
+    positional = np.any(reach > 0.0)
     v = np.zeros(n_body + 1)
     v[:n_body] = velocity
     x = np.zeros(n_body + 1)
@@ -162,7 +186,7 @@ def integrate(  # type: ignore[no-untyped-def]
                 for i in range(n_body):
                     v[i] += kick[i] * net[i]
                     x[i] += dt * v[i]
-                if diameter == 0.0:
+                if not positional:
                     for k in range(links):
                         overlap[k] += dt * (v[k] - v[k + 1])
                     for k in range(links, n_contact):
@@ -171,15 +195,15 @@ def integrate(  # type: ignore[no-untyped-def]
                     for i in range(n_body):
                         position[i] += dt * v[i]
                         x[i] = position[i] - start[i]
-            if diameter > 0.0:
+            if positional:
                 # at the start too: there gaps are as rounded positions have them
                 for k in range(links):
-                    overlap[k] = diameter - (position[k + 1] - position[k])
+                    overlap[k] = reach[k] - (position[k + 1] - position[k])
                 for k in range(links, n_contact):
                     if left[k] == n_body:
-                        overlap[k] = diameter - (position[right[k]] - wall[k])
+                        overlap[k] = reach[k] - (position[right[k]] - wall[k])
                     else:
-                        overlap[k] = diameter - (wall[k] - position[left[k]])
+                        overlap[k] = reach[k] - (wall[k] - position[left[k]])
             if tabled:
                 for k in range(n_contact):
                     row_of = tables.law[k]

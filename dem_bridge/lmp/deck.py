@@ -52,6 +52,21 @@ class Deck:
     """Atom id of body 0."""
     types: int
     schedule: Schedule
+    encoded_radii: Floats | None = None
+    """Of each atom, m, where they carry the stiffness; None: all have the gauge radius."""
+
+    more_dumps: tuple[str, ...] = ()
+    """Files that go on where the first dump ends."""
+
+    @property
+    def radii(self) -> Floats:
+        """Of each atom, m."""
+        return np.full(len(self.line), self.gauge_radius) if self.encoded_radii is None else self.encoded_radii
+
+    @property
+    def reach(self) -> Floats:
+        """Distance of the centres of neighbouring atoms at which they touch, m, ``(n_contact,)``."""
+        return self.radii[:-1] + self.radii[1:]
 
     @property
     def input_file(self) -> str:
@@ -158,20 +173,20 @@ def _deck(
 
 
 def positions(scene: Scene, radius: float) -> Floats:
-    """Centres along x of bodies of ``radius`` (m), with the walls' in their places; body 0 at 0. Each rounded once."""
-    links, gap = len(scene.stiffness), scene.contacts.gap
-    gaps, beside = gap[:links], gap[links:].tolist()
-    line = 2.0 * radius * np.arange(scene.n_body + 1)
-    if np.any(gap):
-        # sums in two doubles, so that nothing is lost on the way
-        high, low, sums = 0.0, 0.0, [(0.0, 0.0)]
-        for one in [*gaps.tolist(), beside[-1] if scene.wall_right is not None else 0.0]:
-            total = math.fsum((high, low, one))
-            high, low = total, math.fsum((high, low, one, -total))
-            sums.append((high, low))
-        line = np.array([math.fsum((x, *parts)) for x, parts in zip(line.tolist(), sums, strict=True)])
-    left = [-(2.0 * radius + beside[0])] if scene.wall_left is not None else []
-    return np.concatenate([left, line if scene.wall_right is not None else line[:-1]])
+    """Centres along x of bodies of ``radius`` (m), with the walls' in their places; body 0 at 0."""
+    first = int(scene.wall_left is not None)
+    # sums in two doubles, so that nothing is lost on the way
+    high, low, sums = 0.0, 0.0, [(0.0, 0.0)]
+    for one in scene.contacts.gap[line_order(scene)].tolist():
+        total = math.fsum((high, low, one))
+        high, low = total, math.fsum((high, low, one, -total))
+        sums.append((high, low))
+    origin = sums[first]
+    gaps = [math.fsum((*here, -origin[0], -origin[1])) for here in sums]
+    line = 2.0 * radius * (np.arange(len(gaps)) - first)
+    # a common grid, that of the farthest: bodies in touch are so to the last digit where the radius is a power of two
+    grid = math.ulp(max(abs(x + gap) for x, gap in zip(line.tolist(), gaps, strict=True)))
+    return np.asarray(line + np.array([round(gap / grid) * grid for gap in gaps]))
 
 
 def _header(scene: Scene, what: str) -> str:

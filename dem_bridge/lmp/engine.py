@@ -100,12 +100,17 @@ class Engine:
         return [found, "-n", str(self.ranks)]
 
     def environment(self) -> dict[str, str]:
-        """Of the child: one thread, unless its own arguments or, for a binary of one's own, the caller ask for more."""
+        """Of the child: one thread, unless its own arguments or, for a binary of one's own, the caller ask for more.
+
+        Threads that wait for each other sleep, unless the caller says otherwise: where they spin, two of them took a
+        hundred times as long on two busy cores.
+        """
         one = {"OMP_NUM_THREADS": "1"}
         # MPICH's launcher starts ranks by fork, not through ssh to the own machine; others do not know the variable
         own = {**one, **os.environ} if self.lmp else {**os.environ, **one}
         # the caller may be a rank of something else: its MPI is not the child's
-        return {"HYDRA_LAUNCHER": "fork", **{k: v for k, v in own.items() if not k.startswith(_OF_A_RANK)}}
+        gentle = {"HYDRA_LAUNCHER": "fork", "OMP_WAIT_POLICY": "passive"}
+        return {**gentle, **{k: v for k, v in own.items() if not k.startswith(_OF_A_RANK)}}
 
     def note(self, bodies: int) -> str:
         """What a user should know of these ranks for so many bodies; '' where there is nothing to say.

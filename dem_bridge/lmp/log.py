@@ -85,6 +85,16 @@ def loop_time(text: str) -> float:
     return sum(float(found) for found in re.findall(r"^Loop time of (\S+) on", text, re.MULTILINE))
 
 
+def pair_style(text: str) -> str:
+    """The pair style that a log's neighbour lists serve, with its suffix if it has one; '' where there is none.
+
+    >>> pair_style("  (1) pair gran/hertz/history/omp, perpetual")
+    'gran/hertz/history/omp'
+    """
+    found = re.findall(r"^ *\(\d+\) pair (\S+?)(?:,|$)", text, flags=re.MULTILINE)
+    return found[-1] if found else ""
+
+
 def _words(text: str, heading: str) -> frozenset[str]:
     """What stands between a heading and the next."""
     found = re.search(rf"^{heading}\s*\n(.*?)(?=^\*|^List of|\Z)", text, flags=re.MULTILINE | re.DOTALL)

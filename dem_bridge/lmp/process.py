@@ -57,6 +57,8 @@ class EngineReport:
     """Of the time steps alone."""
     memory: int = 0
     """Bytes: the most that one process had."""
+    pair_style: str = ""
+    """What the engine called its pair style, with the suffix that it took; '' where its log does not say."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,6 +155,7 @@ def _by_module(
         ranks=engine.ranks,
         loop=log.loop_time(_read(folder / "log.lammps")),
         memory=said["memory"],
+        pair_style=log.pair_style(_read(folder / "log.lammps")),
     )
 
 
@@ -177,6 +180,7 @@ def _by_binary(
         ranks=engine.ranks,
         loop=log.loop_time(text),
         memory=ended.memory,
+        pair_style=log.pair_style(text),
     )
 
 

@@ -1,0 +1,121 @@
+"""What the command line shows on a terminal: tables and progress. Plain text where there is none."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from dem_bridge.studies.styles import StylesStudy
+    from dem_bridge.studies.verify import Verification
+
+_COLOURS = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
+
+
+def _console() -> Console:
+    """Colours on a terminal that wants them (NO_COLOR is heard), plain text elsewhere."""
+    from rich.console import Console
+
+    return Console(width=None if sys.stdout.isatty() else 140, highlight=False)
+
+
+def _coloured(outcome: str) -> str:
+    colour = _COLOURS.get(outcome, "yellow")
+    return f"[{colour}]{outcome}[/{colour}]"
+
+
+def print_styles(found: StylesStudy) -> None:
+    """The matrix of ways and quantities; "=" marks what is bit for bit the first way. Then what is to be known."""
+    from rich.table import Table
+
+    console = _console()
+    console.print(
+        f"{found.scene.name}, dt = {found.dt:.4g} s, LAMMPS {found.lammps}: differences to the twin at the same step,"
+        " relative; the tolerance is of velocity",
+        markup=False,
+    )
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("way")
+    names = ("velocity", "displacement", "peak_force", "crossing_time")
+    for column in (
+        "velocity",
+        "displace-\nment",
+        "peak\nforce",
+        "crossing\ntime",
+        "toler-\nance",
+        "bit-\nwise",
+        "wall\ns",
+    ):
+        table.add_column(column, justify="right")
+    table.add_column("outcome")
+    for row in found.rows:
+        numbers = [f"{row.differences[name].value:.1e}" if row.differences else "-" for name in names]
+        numbers.append(f"{row.tolerances['velocity']:.1e}" if row.tolerances else "-")
+        bits = {None: "-", True: "=", False: "no"}[row.bitwise]
+        wall = f"{row.wall:.3f}" if row.differences else "-"
+        table.add_row(row.way, *numbers, bits, wall, _coloured(row.outcome.value))
+    console.print(table)
+    for row in found.rows:
+        for kind, text in (
+            ("note" if row.differences else row.outcome.value, row.reason),
+            (row.outcome.value, row.beyond),
+        ):
+            if text:
+                console.print(f"{kind}: {row.way}: {text}", markup=False)
+
+
+def print_verdicts(found: Verification) -> None:
+    """The verdict table, and what does not pass in words."""
+    from rich.table import Table
+
+    console = _console()
+    table = Table(box=None, pad_edge=False)
+    for column in ("scene", "quantity", "compared", "difference", "bar", "tolerance", "outcome"):
+        table.add_column(column, justify="right" if column in ("difference", "bar", "tolerance") else "left")
+    for v in found.verdicts:
+        numbers = [f"{x:.2g}" if x == x else "-" for x in (v.difference, v.reference_uncertainty, v.tolerance)]
+        table.add_row(v.scene, v.quantity, f"{v.backend} - {v.reference}", *numbers, _coloured(v.outcome.value))
+    console.print(table)
+    for v in found.verdicts:
+        if v.outcome.value not in ("PASS", "MODEL_DIFFERENCE"):
+            console.print(f"{v.outcome.value}: {v.sentence}", markup=False)
+
+
+@contextmanager
+def bar() -> Iterator[Callable[[float, int, str], None] | None]:
+    """A progress bar with ETA on a terminal; None in a pipe."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = (
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("ETA"),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        task = bars.add_task("", total=1.0)
+        yield lambda done, total, label: bars.update(task, completed=done / total, description=label)
+
+
+@contextmanager
+def fraction(label: str) -> Iterator[None]:
+    """Show how far one run is, as :func:`bar`."""
+    from dem_bridge import progress
+
+    with bar() as tell:
+        if tell is None:
+            yield
+            return
+        tell(0.0, 1, label)
+        with progress.listening(lambda part: tell(part, 1, label)):
+            yield

