@@ -33,7 +33,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.curves import CELLS
 from dem_bridge.backends.steps import fixed_step_plan, order_on, peaks_and_crossings
 from dem_bridge.backends.survey import Survey
-from dem_bridge.backends.twin import EXACT, Tables, solve_dense, solve_plan
+from dem_bridge.backends.twin import Tables, solve_dense, solve_plan
 from dem_bridge.dense import CROSSING_ERROR, MOST_STEPS, PEAK_ERROR, Schedule, rivals
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale
@@ -59,13 +59,14 @@ def twins_of(
     radius: float,
     summed: float | None = None,
     own: Trajectory | None = None,
-    tables: Tables = EXACT,
+    tables: Tables | None = None,
 ) -> Twins | None:
     """The twins that a run on the steps of ``plan`` gets its bars from; None where no finer run can be had.
 
     ``radius`` (m): of the bodies, for a code that keeps positions. ``summed`` (N): of a code whose contact forces are
     running sums of net forces, all that is summed beside them; None: it knows its contact forces. ``own``: the twin on
-    these steps in overlap variables, if it is there already. ``tables``: of a code that has not the laws themselves.
+    these steps in overlap variables, if it is there already. ``tables``: of a code that has not the laws themselves
+    (None: it has).
     """
     # one step per sample leaves no coarser step that falls on the samples
     ratios = (2.0, 1.0 / 3.0) if plan.per_sample > 1 else (0.5, 1.0 / 3.0)
@@ -85,12 +86,19 @@ def twins_of(
         own=own or solve_plan(scene, plan),
         others=others,
         positional=positional,
-        tabled=solve_plan(scene, plan, tables=tables) if len(tables.law) else None,
+        tabled=None if tables is None else solve_plan(scene, plan, tables=tables),
         halved=solve_plan(scene, plan, cells=CELLS // 2) if scene.law is not None else None,
         thinned=thinned,
         rivals=rivals(dense.force),
         summed=summed,
     )
+
+
+def round_off_floor(scene: Scene, plan: Schedule, radius: float) -> float:
+    """What a code loses that keeps positions of bodies of ``radius`` (m): of velocities, over the largest of them."""
+    own, positional = solve_plan(scene, plan), solve_plan(scene, plan, radius)
+    speed = float(np.max(np.abs(own.velocity)))
+    return float(apart(own, positional)["velocity"]) / speed if speed > 0.0 else 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

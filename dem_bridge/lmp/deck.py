@@ -100,6 +100,14 @@ class _Line:
     walls: tuple[bool, bool]
     length: float
     """m: how much of the line is ever in use."""
+    floor: float | None
+    """Round-off to expect, of the largest velocity; None: the radius is a gauge."""
+
+    @property
+    def binsize(self) -> float:
+        """Of the neighbour bins, m; 0: LAMMPS' own. They follow the radius: a far flight would need millions."""
+        most = 20 * len(self.types) + 1000
+        return self.length / most if self.length > 1.5 * self.radius * most else 0.0
 
     @property
     def masses(self) -> list[tuple[int, int]]:
@@ -113,30 +121,51 @@ class _Line:
 
 
 def granular_deck(
-    scene: Scene, *, radius: float, schedule: Schedule, travel: float = 0.0, types: str = "euler"
+    scene: Scene,
+    *,
+    radius: float,
+    schedule: Schedule,
+    travel: float = 0.0,
+    types: str = "euler",
+    floor: float | None = None,
 ) -> Deck:
     """The deck of a scene for ``pair_style granular``.
 
-    ``radius`` in m; ``travel`` (m): how far bodies get, roughly; ``types``: "euler", as few as can be, or "per-body".
+    ``radius`` in m; ``travel`` (m): how far bodies get, roughly; ``types``: "euler", as few as can be, or "per-body";
+    ``floor``: where the radius is the scene's own, the round-off that it costs, relative to the largest velocity.
     Raises ValueError where :func:`~dem_bridge.lmp.coefficients.refusal` has a reason.
     """
     reason = refusal(scene)
     if reason:
         raise ValueError(reason)
     found = laws(scene)
-    return _deck(scene, found, granular(found, radius), radius, schedule, travel, types)
+    return _deck(scene, found, granular(found, radius), radius, schedule, travel, types, floor)
 
 
 def table_deck(
-    scene: Scene, tables: TableSet, *, radius: float, schedule: Schedule, travel: float = 0.0, types: str = "euler"
+    scene: Scene,
+    tables: TableSet,
+    *,
+    radius: float,
+    schedule: Schedule,
+    travel: float = 0.0,
+    types: str = "euler",
+    floor: float | None = None,
 ) -> Deck:
     """The deck of a scene for ``pair_style table``, with the tables made for it; otherwise as :func:`granular_deck`."""
     found = laws(scene)
-    return _deck(scene, found, tabled(found, radius, tables, scene.name), radius, schedule, travel, types)
+    return _deck(scene, found, tabled(found, radius, tables, scene.name), radius, schedule, travel, types, floor)
 
 
 def _deck(
-    scene: Scene, found: Laws, pairing: Pairing, radius: float, schedule: Schedule, travel: float, types: str
+    scene: Scene,
+    found: Laws,
+    pairing: Pairing,
+    radius: float,
+    schedule: Schedule,
+    travel: float,
+    types: str,
+    floor: float | None,
 ) -> Deck:
     walls = (scene.wall_left is not None, scene.wall_right is not None)
     place = positions(scene, radius)
@@ -154,6 +183,7 @@ def _deck(
         velocity=np.pad(np.array(scene.velocity), around),
         walls=walls,
         length=float(place[-1] - place[0]) + travel,
+        floor=floor,
     )
     files = {f"in.{scene.name}": "\n".join(_input(line)) + "\n", f"data.{scene.name}": "\n".join(_data(line)) + "\n"}
     files |= pairing.files
@@ -198,9 +228,7 @@ def _header(scene: Scene, what: str) -> str:
 
 def _input(line: _Line) -> Iterator[str]:
     scene, radius, plan = line.scene, line.radius, line.schedule
-    # LAMMPS' own bins follow the radius: bodies that fly far would need millions of them
-    most_bins = 20 * len(line.types) + 1000
-    binsize = f" binsize {line.length / most_bins!r}" if line.length > 1.5 * radius * most_bins else ""
+    binsize = f" binsize {line.binsize!r}" if line.binsize else ""
     kinds = int(np.max(line.types))
     alone = len(line.laws.stiffness) == scene.n_contact
     own = "each contact has its own pair" if alone else "contacts with the same law may share a pair"
@@ -208,7 +236,14 @@ def _input(line: _Line) -> Iterator[str]:
     if scene.description:
         yield f"# {scene.description}"
     yield f"# {scene.n_body} bodies, {scene.n_contact} contacts, {kinds} atom types: {own}"
-    yield f"# gauge radius R = {radius!r} m; {line.pairing.note}"
+    if line.floor is None:
+        yield f"# gauge radius R = {radius!r} m; {line.pairing.note}"
+    else:
+        far = float(np.max(np.abs(line.place)))
+        known = f"overlaps, differences of positions up to {far:.3g} m, are known to {math.ulp(far):.1e} m"
+        yield f"# radius R = {radius!r} m, half the spacing of the bodies; {line.pairing.note}"
+        yield f"# {known}: expect round-off of {line.floor:.0e} of the"
+        yield "# largest velocity, more with a finer step; with a gauge radius there is less, and motion is the same"
     yield ""
     yield "# run it in this folder; a finer step needs dt, per_sample and steps together: half, twice and twice"
     yield f"variable dt          index {plan.step!r}  # s"
@@ -246,7 +281,8 @@ def _input(line: _Line) -> Iterator[str]:
         "",
         "thermo_style    custom step time pe ke etotal",
         "thermo_modify   format float %.17g lost error",
-        f"thermo          {max(1, plan.steps // 10)}",
+        # at samples, where energies can be compared with those of the dump
+        f"thermo          {max(1, plan.samples // 10) * plan.per_sample}",
         "# dumps fall on ceil(j * per_sample / dense), j = 0, 1, 2, ...; every dense-th one is a sample",
         'variable next   equal "ceil((floor(step*v_dense/v_per_sample) + 1)*v_per_sample/v_dense)"',
         f"dump            motion all custom 1 ${{dump}} {' '.join(DUMP_COLUMNS)}",
@@ -308,14 +344,16 @@ def _coefficients(line: _Line) -> Iterator[str]:
 
 
 def _data(line: _Line) -> Iterator[str]:
-    margin = 2.0 * line.radius
+    # as thin as bodies are: there are bins across the line, too; but LAMMPS refuses bins much larger than the box
+    margin = max(2.0 * line.radius, line.binsize)
+    across = 0.5 * margin
     yield _header(line.scene, "LAMMPS data")
     yield ""
     yield f"{len(line.types)} atoms"
     yield f"{int(np.max(line.types))} atom types"
     yield f"{float(np.min(line.place)) - margin!r} {float(np.max(line.place)) + margin!r} xlo xhi"
-    yield f"{-4.0 * margin!r} {4.0 * margin!r} ylo yhi"
-    yield f"{-4.0 * margin!r} {4.0 * margin!r} zlo zhi"
+    yield f"{-across!r} {across!r} ylo yhi"
+    yield f"{-across!r} {across!r} zlo zhi"
     yield ""
     yield "Atoms # sphere  (id type diameter density x y z; the masses are set in the deck)"
     yield ""

@@ -11,8 +11,7 @@ import pytest
 
 from dem_bridge.backends import lammps
 from dem_bridge.campaign import Case, Result, run_case
-from dem_bridge.lmp.deck import Deck, granular_deck
-from dem_bridge.scene import Scene
+from dem_bridge.lmp.deck import Deck, granular_deck, table_deck
 
 #: a deck -> the files that are run in its place
 Change = Callable[[Deck], dict[str, str]]
@@ -45,10 +44,14 @@ def times(factor: float) -> Callable[[re.Match[str]], str]:
 def run_with(change: Change, case: Case, *, gauge_radius: float | None = None) -> Result:
     """LAMMPS on the changed deck; ``gauge_radius`` in m, None: that of the case."""
 
-    def planted(scene: Scene, **how: Any) -> Deck:
-        deck = granular_deck(scene, **how)
-        return replace(deck, files=change(deck))
+    def planted(sound: Callable[..., Deck]) -> Callable[..., Deck]:
+        def deck(*of: Any, **how: Any) -> Deck:
+            made = sound(*of, **how)
+            return replace(made, files=change(made))
+
+        return deck
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lammps, "granular_deck", planted)
+        patch.setattr(lammps, "granular_deck", planted(granular_deck))
+        patch.setattr(lammps, "table_deck", planted(table_deck))
         return run_case(replace(case, resolution=replace(case.resolution, gauge_radius=gauge_radius)))

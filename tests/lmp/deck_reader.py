@@ -1,4 +1,4 @@
-"""A reader of granular LAMMPS decks, written from LAMMPS' manual and from nothing of this project.
+"""A reader of LAMMPS decks, ``granular`` or ``table`` or both, written from LAMMPS' manual and nothing of this project.
 
 It does what LAMMPS does with ``in.NAME`` and the data file that it reads: strips comments, substitutes variables, lets
 later ``pair_coeff`` and ``set`` lines override earlier ones, and knows a frozen atom by the absence of an integrator.
@@ -55,11 +55,26 @@ class Coefficients:
 
 
 @dataclass
+class Table:
+    """One section of a table file: distance (m), energy (J) and force (N) of each line."""
+
+    file: str
+    keyword: str
+    header: str
+    distance: list[float]
+    energy: list[float]
+    force: list[float]
+    slopes: tuple[float, float]
+    """``FPRIME``: dF/dr at the first and the last line, N/m."""
+
+
+@dataclass
 class ReadDeck:
     """What LAMMPS would simulate."""
 
     atoms: list[Atom]
     coefficients: dict[tuple[int, int], Coefficients]
+    """Of ``granular``."""
     settings: dict[str, str]
     dt: float
     steps: int
@@ -69,6 +84,9 @@ class ReadDeck:
     """Atom -> constant force along x, N."""
     drag: float = 0.0
     """1/s: what moves loses mass * velocity * drag."""
+    tables: dict[tuple[int, int], Table] = field(default_factory=dict)
+    table_style: tuple[str, int] = ("", 0)
+    """How LAMMPS interpolates, and on how many points; "": no tables."""
 
     @property
     def bodies(self) -> list[Atom]:
@@ -147,6 +165,9 @@ def read_deck(folder: Path, name: str) -> ReadDeck:
     coefficients: dict[tuple[int, int], Coefficients] = {}
     groups: dict[str, set[int]] = {}
     loads: dict[int, float] = {}
+    tables: dict[tuple[int, int], Table] = {}
+    styles: list[str] = []
+    table_style = ("", 0)
     files: dict[str, dict[int, float]] = {}
     types, dt, steps, gravity, drag = 0, math.nan, 0, 0.0, 0.0
     for line in (folder / f"in.{name}").read_text().splitlines():
@@ -175,9 +196,29 @@ def read_deck(folder: Path, name: str) -> ReadDeck:
                 else:
                     assert rest[0] in ("group", "atom"), line
         elif command == "pair_style":
-            assert rest == ["granular"], line
+            assert not styles, "a second pair_style forgets all coefficients"
+            if rest[0] == "hybrid/overlay":
+                rest = rest[1:]
+                assert len(rest) == 4, line
+            while rest:
+                styles.append(rest[0])
+                if rest[0] == "table":
+                    table_style = (rest[1], int(rest[2]))
+                    rest = rest[3:]
+                else:
+                    assert rest[0] == "granular", line
+                    rest = rest[1:]
         elif command == "pair_coeff":
-            _pair_coeff(rest, types, coefficients)
+            # of several styles each line names its own; in an overlay one pair may have a line of each
+            style, rest = (rest[2], rest[:2] + rest[3:]) if len(styles) > 1 else (styles[0], rest)
+            assert style in styles, line
+            if style == "granular":
+                _pair_coeff(rest, types, coefficients)
+            else:
+                # the cutoff, where none is named, is the last line
+                assert len(rest) == 4, line
+                found = _read_table(folder / rest[2], rest[3])
+                tables |= dict.fromkeys(_pairs(rest, types), found)
         elif command == "group":
             if rest[1] == "id":
                 groups[rest[0]] = {int(word) for word in rest[2:]}
@@ -214,7 +255,7 @@ def read_deck(folder: Path, name: str) -> ReadDeck:
     assert all(atom.place[1:] == (0.0, 0.0) for atom in atoms)
     assert all(atom.velocity[1:] == (0.0, 0.0) and atom.spin == (0.0, 0.0, 0.0) for atom in atoms)
     atoms.sort(key=lambda atom: atom.place[0])
-    return ReadDeck(atoms, coefficients, settings, dt, steps, gravity, types, loads, drag)
+    return ReadDeck(atoms, coefficients, settings, dt, steps, gravity, types, loads, drag, tables, table_style)
 
 
 def _read_data(file: Path) -> tuple[list[Atom], int]:
@@ -253,6 +294,28 @@ def _read_atomfile(file: Path) -> dict[int, float]:
     return {int(number): float(value) for number, value in rows}
 
 
+def _read_table(file: Path, keyword: str) -> Table:
+    """The section ``keyword``: its name, ``N n FPRIME low high``, a blank line, n lines ``index r energy force``."""
+    lines = file.read_text().splitlines()
+    at = next(i for i, line in enumerate(lines) if line.split() == [keyword])
+    parameters = lines[at + 1].split()
+    assert (parameters[0], parameters[2]) == ("N", "FPRIME"), parameters
+    assert lines[at + 2] == ""
+    count = int(parameters[1])
+    rows = [line.split() for line in lines[at + 3 : at + 3 + count]]
+    assert [int(row[0]) for row in rows] == list(range(1, count + 1))
+    distance, energy, force = ([float(row[column]) for row in rows] for column in (1, 2, 3))
+    assert lines[at + 3 + count :] == [], "a second section"
+    return Table(file.name, keyword, lines[0], distance, energy, force, (float(parameters[3]), float(parameters[4])))
+
+
+def _pairs(words: list[str], types: int) -> list[tuple[int, int]]:
+    """All pairs I <= J that ``pair_coeff I J`` names."""
+    found = [(i, j) for i in _numbers(words[0], types) for j in _numbers(words[1], types) if i <= j]
+    assert found, f"LAMMPS rejects this line, I > J: {words}"
+    return found
+
+
 def _numbers(word: str, most: int) -> range:
     """LAMMPS' ``*``, ``n``, ``n*``, ``*m`` and ``n*m``."""
     if "*" not in word:
@@ -268,13 +331,8 @@ def _pair_coeff(words: list[str], types: int, coefficients: dict[tuple[int, int]
     assert words[5:7] == ["tangential", "linear_nohistory"], words
     assert words[9] == "damping", words
     assert words[11:] in ([], ["limit_damping"]), words
-    count = 0
-    for i in _numbers(words[0], types):
-        for j in _numbers(words[1], types):
-            if i <= j:
-                tangential = (float(words[7]), float(words[8]))
-                coefficients[i, j] = Coefficients(
-                    words[2], float(words[3]), float(words[4]), words[10], tangential, len(words) > 11
-                )
-                count += 1
-    assert count, f"LAMMPS rejects this line, I > J: {words}"
+    tangential = (float(words[7]), float(words[8]))
+    for pair in _pairs(words, types):
+        coefficients[pair] = Coefficients(
+            words[2], float(words[3]), float(words[4]), words[10], tangential, len(words) > 11
+        )

@@ -15,6 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dem_bridge as db
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.lammps import LammpsTable
 from dem_bridge.backends.survey import gauge_radius
 from dem_bridge.dense import schedule
 from dem_bridge.errors import SceneError
@@ -276,17 +278,25 @@ def test_later_pair_coeffs_override_earlier_ones_in_the_reader_as_in_lammps(tmp_
 # committed decks
 
 
+#: folder of lammps_inputs -> the scene, and how its deck is written
+COMMITTED: dict[str, tuple[str, dict[str, Any]]] = {
+    **{name: (name, {}) for name in db.shipped_scenes()},
+    **{f"{name}-physical": (name, {"geometry": "physical", "types": "per-body"}) for name in db.shipped_scenes()},
+}
+
+
 def _owners() -> dict[str, set[str]]:
     """Folder of lammps_inputs -> files it must have."""
-    return {name: {f"in.{name}", f"data.{name}"} for name in db.shipped_scenes()}
+    return {folder: {f"in.{name}", f"data.{name}"} for folder, (name, _) in COMMITTED.items()}
 
 
-@pytest.mark.parametrize("name", db.shipped_scenes())
-def test_the_committed_deck_is_byte_for_byte_what_is_written_now(name: str, tmp_path: Path) -> None:
-    written = db.write_deck(name, tmp_path)
-    assert {file.name for file in written} == _owners()[name]
+@pytest.mark.parametrize("folder", COMMITTED)
+def test_the_committed_deck_is_byte_for_byte_what_is_written_now(folder: str, tmp_path: Path) -> None:
+    name, how = COMMITTED[folder]
+    written = db.write_deck(name, tmp_path, **how)
+    assert {file.name for file in written} == _owners()[folder]
     for file in written:
-        assert file.read_bytes() == (INPUTS / name / file.name).read_bytes(), f"{name}/{file.name} has changed"
+        assert file.read_bytes() == (INPUTS / folder / file.name).read_bytes(), f"{folder}/{file.name} has changed"
 
 
 def test_every_file_in_lammps_inputs_has_a_scene_that_owns_it() -> None:
@@ -295,12 +305,30 @@ def test_every_file_in_lammps_inputs_has_a_scene_that_owns_it() -> None:
     assert found == owned
 
 
-@pytest.mark.parametrize("name", db.shipped_scenes())
-def test_the_committed_deck_is_the_shipped_scene(name: str) -> None:
-    read = read_deck(INPUTS / name, name)
+@pytest.mark.parametrize("folder", COMMITTED)
+def test_the_committed_deck_is_the_shipped_scene(folder: str) -> None:
+    name, how = COMMITTED[folder]
+    read = read_deck(INPUTS / folder, name)
     scene = db.load_scene(name)
     _assert_says(read, scene, 1e-8)
-    assert read.types == 9
+    assert scene.spacing == 0.018
+    assert read.types == (41 if how else 9)
+    assert {atom.diameter for atom in read.atoms} == ({0.018} if how else {2.0**-14})
+
+
+@pytest.mark.parametrize("name", db.shipped_scenes())
+def test_a_deck_of_the_scenes_own_radius_says_what_round_off_to_expect(name: str) -> None:
+    text = (INPUTS / f"{name}-physical" / f"in.{name}").read_text()
+    [said] = re.findall(r"^# .*expect round-off of (\S+) of the$", text, re.MULTILINE)
+    runs = [
+        db.solve(name, backend="verlet", dt=1e-8, gauge_radius=radius, bars=False).velocity for radius in (0.009, None)
+    ]
+    # one digit is said
+    assert float(said) == pytest.approx(np.max(np.abs(runs[0] - runs[1])) / np.max(np.abs(runs[1])), rel=0.5)
+    assert "known to 1.1e-16 m" in text
+    assert math.ulp(0.72) == pytest.approx(1.1e-16, rel=0.01)
+    assert "radius R = 0.009 m" in text
+    assert "round-off" not in (INPUTS / name / f"in.{name}").read_text()
 
 
 def test_a_description_of_two_lines_is_refused_before_it_becomes_a_command() -> None:
@@ -387,3 +415,120 @@ def test_more_runs_of_masses_than_are_set_one_by_one_are_read_from_a_file(monkey
     assert set(deck.files) == {"in.many", "data.many", "masses.many"}
     assert " atom " not in re.findall(r"^set .*$", deck.files["in.many"], re.MULTILINE)[0]
     _assert_says(_read(deck), scene, 1e-7)
+
+
+# tables
+
+
+def _tabled(scene: Scene, **settings: Any) -> Deck:
+    return LammpsTable().deck(scene, Resolution(**{"dt": 1e-7, **settings}), Sampling(count=scene.samples))
+
+
+def _assert_tables_say(read: ReadDeck, scene: Scene) -> None:
+    """Force and energy at all lines are those of the scene's contacts, and bodies that are apart have none."""
+    c = scene.contacts
+    columns = (_along_the_line(scene, column.tolist()) for column in (c.stiffness, c.exponent, c.damping))
+    for pair, beta, n, damping in zip(read.pairs, *columns, strict=True):
+        if damping and n in (2.0, 2.5):
+            # left to granular, which clips; the table of its pair is that of no contact
+            assert not any(read.tables[pair].force)
+            continue
+        table = read.tables[pair]
+        diameter = read.atoms[0].diameter
+        r = np.array(table.distance)
+        overlap = diameter - r  # exact: r is more than half of the diameter (Sterbenz)
+        assert np.all(np.diff(r) > 0.0)
+        assert r[-1] == diameter, "the cutoff is where bodies touch"
+        # powers of numpy and of libm are good to a unit in the last place
+        np.testing.assert_allclose(table.force, beta * overlap ** (n - 1.0), rtol=4.0 * EPS)
+        np.testing.assert_allclose(table.energy, beta * overlap**n / n, rtol=4.0 * EPS)
+        # the file's own numbers: the mean force between two lines is between the forces at them, for it only rises;
+        # energies are rounded to half an ulp each
+        mean = -np.diff(table.energy) / np.diff(r)
+        noise = 4.0 * EPS * np.array(table.energy[:-1]) / np.diff(r)
+        force = np.array(table.force)
+        assert np.all(mean <= force[:-1] + noise)
+        assert np.all(mean >= force[1:] - noise)
+        # and the slope at its deepest line is that of the law
+        assert table.slopes[0] == pytest.approx(-(n - 1.0) * force[0] / overlap[0], rel=1e-3)
+
+
+@examples(25)
+@given(
+    scene=scenes(bodies=(1, 8), walls=True, gravity=True, exponents=(2.0, 5.0))
+    | damped_scenes(bodies=(1, 8), exponents=EITHER)
+)
+def test_the_tables_of_a_random_scene_are_its_contacts(scene: Scene) -> None:
+    deck = _tabled(scene)
+    read = _read(deck)
+    assert read.table_style == ("spline", 10_000)
+    assert read.masses == list(scene.mass)
+    assert read.velocities == list(scene.velocity)
+    assert read.gravity == scene.gravity
+    assert read.gaps == pytest.approx(
+        _along_the_line(scene, scene.contacts.gap.tolist()), abs=math.ulp(float(np.max(np.abs(deck.line))))
+    )
+    _assert_tables_say(read, scene)
+    for name, text in deck.files.items():
+        if name.endswith(".table"):
+            assert re.match(r"# DATE: \d{4}-\d\d-\d\d UNITS: si CONTRIBUTOR: dem_bridge \S+\n\n", text), name
+            assert len(text.splitlines()) <= 1000
+
+
+@pytest.mark.parametrize("geometry", ["gauge", "physical"])
+@pytest.mark.parametrize("name", db.shipped_scenes())
+def test_forty_different_contacts_are_41_tables(name: str, geometry: str) -> None:
+    scene = db.load_scene(name)
+    deck = _tabled(scene, geometry=geometry)
+    files = {file for file in deck.files if file.endswith(".table")}
+    assert len(files) == 41
+    read = _read(deck)
+    assert {table.file for table in read.tables.values()} == files
+    _assert_tables_say(read, scene)
+    # pairs of types that have no contact have no force, not even where bodies overlap
+    others = [table for pair, table in read.tables.items() if pair not in read.pairs]
+    assert others
+    assert not any(any(table.force) or any(table.energy) for table in others)
+
+
+def test_contacts_with_one_law_share_a_file_and_others_do_not() -> None:
+    scene = Scene(
+        name="shared", duration=1e-4, mass=(1e-2,) * 6, stiffness=(4e9, 5e9, 4e9, 4e9, 4e9), velocity=(1.0, *[0.0] * 5),
+        exponent=(2.5, 2.5, 2.5, 2.5, 2.6), wall_right=Wall(stiffness=5e9),
+    )  # fmt: skip
+    deck = _tabled(scene)
+    assert sum(file.endswith(".table") for file in deck.files) == 4
+    read = _read(deck)
+    files = [read.tables[pair].file for pair in read.pairs]
+    assert files[0] == files[2] == files[3]
+    assert files[1] == files[5]
+    assert len(set(files)) == 3
+    _assert_tables_say(read, scene)
+
+
+def test_a_table_reaches_a_tenth_beyond_the_overlap_that_was_foreseen() -> None:
+    read = _read(_tabled(PAIR))
+    [table] = [read.tables[pair] for pair in read.pairs]
+    deepest = float((db.solve(PAIR, backend="scipy", bars=False).peak_force[0] / 4e9) ** (2.0 / 3.0))
+    # the coarse run is good to a per cent
+    assert table.distance[-1] - table.distance[0] == pytest.approx(1.1 * deepest, rel=0.01)
+
+
+def test_lines_points_and_style_of_tables_can_be_set() -> None:
+    deck = _tabled(PAIR, table_lines=40, table_points=777, table_style="linear")
+    read = _read(deck)
+    assert read.table_style == ("linear", 777)
+    assert {len(read.tables[pair].force) for pair in read.pairs} == {40}
+
+
+def test_a_damped_contact_has_granulars_law_where_that_has_it_and_a_table_with_a_dashpot_beside_it_elsewhere() -> None:
+    scene = replace(
+        PAIR, mass=(8.1e-3, 1e-2, 1e-2, 1e-2), stiffness=(4e9, 1e12, 4e9), exponent=(2.5, 3.0, 2.7), gap=0.0,
+        velocity=(0.8, 0.0, 0.0, 0.0), damping=Damping(law="dashpot", coefficient=(3.0, 2.0, 0.0)),
+    )  # fmt: skip
+    read = _read(_tabled(scene))
+    hertz, beside, dry = (read.coefficients[pair] for pair in read.pairs)
+    assert (hertz.stiffness > 0.0, hertz.eta, hertz.clipped) == (True, 3.0, True)
+    assert (beside.stiffness, beside.eta, beside.clipped) == (0.0, 2.0, False)
+    assert (dry.stiffness, dry.eta) == (0.0, 0.0)
+    _assert_tables_say(read, scene)
