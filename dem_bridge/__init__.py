@@ -15,11 +15,13 @@ from dem_bridge.version import __version__
 
 #: public name -> module; imported on first use, so that ``--help`` and ``import dem_bridge`` cost nothing
 _HOME = {
+    "ContactLaw": "physics.law",
     "Damping": "scene",
     "Scene": "scene",
     "Wall": "scene",
     "Trajectory": "trajectory",
     "available": "api",
+    "law_of": "physics.law",
     "load_scene": "scene_file",
     "load_trajectory": "trajectory",
     "shipped_scenes": "scene_file",
@@ -31,17 +33,20 @@ _HOME = {
 
 if TYPE_CHECKING:
     from dem_bridge.api import available, solve, study_styles, verify, write_deck
+    from dem_bridge.physics.law import ContactLaw, law_of
     from dem_bridge.scene import Damping, Scene, Wall
     from dem_bridge.scene_file import load_scene, shipped_scenes
     from dem_bridge.trajectory import Trajectory, load_trajectory
 
 __all__ = [
+    "ContactLaw",
     "Damping",
     "Scene",
     "Trajectory",
     "Wall",
     "__version__",
     "available",
+    "law_of",
     "load_scene",
     "load_trajectory",
     "shipped_scenes",

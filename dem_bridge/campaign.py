@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import pickle
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from functools import partial
 
 from dem_bridge import progress
 from dem_bridge.backends.base import Resolution, Sampling, backend
-from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene
+from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
@@ -74,6 +75,14 @@ def run_cases(cases: Sequence[Case], *, jobs: int = 1, tell: Progress | None = N
                 results.append(run_case(case))
         say(len(cases), "")
         return tuple(results)
+    for case in cases:
+        try:
+            pickle.dumps(case.scene)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise UsageError(
+                f"jobs = {jobs}: the law of {case.scene.name} cannot go to another process ({error});"
+                " allowed: laws that are functions of a module, or jobs = 1"
+            ) from None
     # spawn: compiled code and engines do not survive a fork of a process with threads
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(max_workers=jobs, mp_context=context)

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.polynomial import polynomial as poly
 from numpy.typing import NDArray
 
+from dem_bridge.contacts import Contacts
 from dem_bridge.errors import UsageError
-from dem_bridge.scene import Contacts
 
 Floats = NDArray[np.float64]
 

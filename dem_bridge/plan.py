@@ -57,6 +57,11 @@ def _what_no_step_changes(run: Trajectory, radius: float, resolution: Resolution
     """The larger of round-off and tables, with what would make it smaller."""
     parts, dt = run.provenance["velocity_bar"], run.provenance["settings"]["dt"]
     if parts["table"] > parts["round_off"]:
+        if run.contact_force.min(initial=0.0) < 0.0:
+            return (
+                f"contacts whose damping stands beside a table pull, which is {parts['table']:.2g} of the velocities"
+                " (take n = 2 or 2.5 in damped contacts, or backend='scipy')"
+            )
         return f"tables miss {parts['table']:.2g} of the velocities (take more table_points, or lammps-granular)"
     remedy = " (take geometry='gauge')" if resolution.geometry == "physical" else ""
     floor = run.provenance["round_off_floor"]

@@ -9,19 +9,19 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.checked import LARGEST, SMALLEST, checked_number, checked_numbers
+from dem_bridge.contacts import Contacts
 from dem_bridge.errors import SceneError
 from dem_bridge.physics.law import ContactLaw, Law, completed, reach_of, stored
 from dem_bridge.physics.statics import static_forces, static_overlap
 
-#: magnitudes between which products and powers of inputs stay within double precision
-SMALLEST, LARGEST = 1e-40, 1e40
 #: how a contact may lose energy, and the unit of the law's coefficient
 DAMPING_LAWS = {"dashpot": "N s/m", "kuwabara-kono": "s"}
 #: laws of contacts are good for this much more than the energy at hand: time steps make some
@@ -53,58 +53,6 @@ class Damping:
 
     law: str
     coefficient: tuple[float, ...] | float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Contacts:
-    """Every contact of a scene as arrays ``(n_contact,)``: the chain's in order, then wall_left, wall_right.
-
-    ``overlap_k = x[left_k] - x[right_k] - gap_k``; the index ``n_body`` stands for a wall, with x = v = 0. In a
-    precompressed chain ``gap`` is minus the static overlap. The damping force is
-    ``damping overlap^damping_power overlap'``, whatever its law. ``laws``: the distinct laws that are no powers, good
-    for overlaps up to ``reach (n_law,)`` (m), which the energy at hand cannot exceed; contact k has
-    ``laws[law[k]]``. Without them ``laws`` and ``reach`` are empty and ``law`` is -1.
-    """
-
-    left: NDArray[np.int64]
-    right: NDArray[np.int64]
-    stiffness: NDArray[np.float64]
-    exponent: NDArray[np.float64]
-    gap: NDArray[np.float64]
-    damping: NDArray[np.float64]
-    damping_power: NDArray[np.float64]
-    laws: tuple[ContactLaw, ...]
-    law: NDArray[np.int64]
-    reach: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        for one in fields(self):
-            if one.name != "laws":
-                getattr(self, one.name).flags.writeable = False
-
-    def force(self, overlap: NDArray[np.float64], which: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Elastic force, N, of the contacts ``which`` at overlaps >= 0, ``(..., n_which)`` both."""
-        if not self.laws:
-            return np.asarray(self.stiffness[which] * overlap ** (self.exponent[which] - 1.0))
-        return self._by_law([one.force for one in self.laws], overlap, which)
-
-    def energy(self, overlap: NDArray[np.float64], which: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Stored energy, J; as :meth:`force`."""
-        if not self.laws:
-            return np.asarray(self.stiffness[which] * overlap ** self.exponent[which] / self.exponent[which])
-        return self._by_law([one.energy for one in self.laws], overlap, which)
-
-    def _by_law(
-        self,
-        functions: Sequence[Callable[[NDArray[np.float64]], NDArray[np.float64]]],
-        overlap: NDArray[np.float64],
-        which: NDArray[np.int64],
-    ) -> NDArray[np.float64]:
-        out = np.empty(overlap.shape)
-        for law in np.unique(self.law[which]).tolist():
-            own = self.law[which] == law
-            out[..., own] = functions[law](overlap[..., own])
-        return out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,16 +120,16 @@ class Scene:
             raise SceneError("name", found=self.name, allowed="1 to 100 of A-Z a-z 0-9 . _ -, a letter or digit first")
         if not isinstance(self.description, str) or not self.description.isprintable():
             raise SceneError("description", found=self.description, allowed="one line of printable text")
-        bodies = len(_numbers("mass", self.mass, "a number > 0 (kg)", positive=True))
+        bodies = len(checked_numbers("mass", self.mass, "a number > 0 (kg)", positive=True))
         if bodies < 1:
             raise SceneError("mass", problem="is empty", allowed="at least one body")
         links = bodies - 1
         n_above_1 = "n > 1, one number or one per contact (2.5 for Hertz)"
-        exponents = _numbers("exponent", self.exponent, n_above_1, count=links, per="contact", above=1.0)
+        exponents = checked_numbers("exponent", self.exponent, n_above_1, count=links, per="contact", above=1.0)
         checked: dict[str, object] = {
-            "mass": _numbers("mass", self.mass, "a number > 0 (kg)", positive=True),
-            "velocity": _numbers("velocity", self.velocity, "a finite number (m/s)", count=bodies, per="body"),
-            "stiffness": _numbers(
+            "mass": checked_numbers("mass", self.mass, "a number > 0 (kg)", positive=True),
+            "velocity": checked_numbers("velocity", self.velocity, "a finite number (m/s)", count=bodies, per="body"),
+            "stiffness": checked_numbers(
                 "stiffness",
                 self.stiffness,
                 "a number > 0 (N/m^(n-1))",
@@ -190,14 +138,14 @@ class Scene:
                 positive=True,
             ),
             "exponent": exponents,
-            "gap": _numbers("gap", self.gap, "a finite number (m)", count=links, per="contact"),
-            "duration": _number("duration", self.duration, "a number > 0 (s)", above=0.0),
-            "gravity": _number("gravity", self.gravity, "a finite number (m/s^2)"),
-            "precompression": _number("precompression", self.precompression, "a number >= 0 (N)", at_least=0.0),
-            "drag": _number("drag", self.drag, "a number >= 0 (1/s)", at_least=0.0),
+            "gap": checked_numbers("gap", self.gap, "a finite number (m)", count=links, per="contact"),
+            "duration": checked_number("duration", self.duration, "a number > 0 (s)", above=0.0),
+            "gravity": checked_number("gravity", self.gravity, "a finite number (m/s^2)"),
+            "precompression": checked_number("precompression", self.precompression, "a number >= 0 (N)", at_least=0.0),
+            "drag": checked_number("drag", self.drag, "a number >= 0 (1/s)", at_least=0.0),
         }
         if self.spacing is not None:
-            checked["spacing"] = _number("spacing", self.spacing, "a number > 0 (m)", above=0.0)
+            checked["spacing"] = checked_number("spacing", self.spacing, "a number > 0 (m)", above=0.0)
         for side in ("wall_left", "wall_right"):
             wall: Wall | None = getattr(self, side)
             if wall is not None:
@@ -207,17 +155,17 @@ class Scene:
                 if exponent is None:
                     exponent = exponents[0] if links else 2.5
                 checked[side] = Wall(
-                    stiffness=_number(f"{side}.stiffness", wall.stiffness, "a number > 0", above=0.0),
-                    gap=_number(f"{side}.gap", wall.gap, "a finite number (m)"),
-                    exponent=_number(f"{side}.exponent", exponent, "n > 1 (2.5 for Hertz)", above=1.0),
+                    stiffness=checked_number(f"{side}.stiffness", wall.stiffness, "a number > 0", above=0.0),
+                    gap=checked_number(f"{side}.gap", wall.gap, "a finite number (m)"),
+                    exponent=checked_number(f"{side}.exponent", exponent, "n > 1 (2.5 for Hertz)", above=1.0),
                 )
         if isinstance(self.samples, bool) or not isinstance(self.samples, int) or self.samples < 1:
             raise SceneError("samples", found=self.samples, allowed="a whole number >= 1")
         for key, value in checked.items():
             object.__setattr__(self, key, value)
         object.__setattr__(self, "damping", self._checked_damping())
-        object.__setattr__(self, "_static_overlap", self._checked_statics())
         object.__setattr__(self, "law", self._checked_law())
+        object.__setattr__(self, "_static_overlap", self._checked_statics())
         object.__setattr__(self, "_reach", self._checked_reach())
         self.__dict__.pop("contacts", None)  # looked at before the static overlaps and laws were known
         object.__setattr__(self, "content_hash", self._hash())
@@ -232,7 +180,7 @@ class Scene:
             raise SceneError("damping.law", found=given.law, allowed=" or ".join(DAMPING_LAWS))
         allowed = f"a number >= 0 ({DAMPING_LAWS[given.law]})"
         key, per = "damping.coefficient", "contact, walls included"
-        coefficient = _numbers(key, given.coefficient, allowed, count=self.n_contact, per=per, at_least=0.0)
+        coefficient = checked_numbers(key, given.coefficient, allowed, count=self.n_contact, per=per, at_least=0.0)
         if given.law == "kuwabara-kono":
             for k, (gamma, n) in enumerate(zip(coefficient, self._all_exponents, strict=True)):
                 if gamma > 0.0 and n < 2.0:
@@ -453,46 +401,3 @@ class Scene:
         for law, reach in zip(self.contacts.laws, self._reach, strict=True):
             force = law.force(reach * 2.0 ** (-np.arange(61) / 3.0))
             yield reach, law.kinks, [f"{value:.12g}" for value in force.tolist()]
-
-
-def _number(
-    key: str, value: object, allowed: str, *, above: float | None = None, at_least: float | None = None
-) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise SceneError(key, found=value, allowed=allowed)
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    too_small = (above is not None and not number > above) or (at_least is not None and not number >= at_least)
-    if not math.isfinite(number) or too_small:
-        raise SceneError(key, found=number, allowed=allowed)
-    # speeds and gaps may be next to nothing, as ahead of a wave front; masses and stiffnesses may not
-    if abs(number) > LARGEST or (above is not None and number < SMALLEST):
-        raise SceneError(key, found=number, allowed=f"{allowed} of magnitude {SMALLEST:g} to {LARGEST:g}")
-    return number
-
-
-def _numbers(
-    key: str,
-    values: Sequence[float] | float,
-    allowed: str,
-    *,
-    count: int | None = None,
-    per: str = "",
-    positive: bool = False,
-    above: float | None = None,
-    at_least: float | None = None,
-) -> tuple[float, ...]:
-    """Checked floats; a single number stands for ``count`` equal ones."""
-    above = 0.0 if positive else above
-    if isinstance(values, int | float | np.number):
-        if count is None:
-            raise SceneError(key, found=values, allowed=f"a list; each entry {allowed}")
-        return (_number(key, values, allowed, above=above, at_least=at_least),) * count
-    if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray) or np.ndim(values) == 0:
-        raise SceneError(key, found=values, allowed=f"a list; each entry {allowed}")
-    if count is not None and len(values) != count:
-        raise SceneError(key, problem=f"has {len(values)} entries", allowed=f"{count}, one per {per}")
-    limits = {"above": above, "at_least": at_least}
-    return tuple(_number(f"{key}[{i}]", value, allowed, **limits) for i, value in enumerate(values))

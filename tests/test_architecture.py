@@ -23,8 +23,8 @@ ROOT = PACKAGE.parent
 #: layer -> modules and packages in it; a package's modules may import each other
 LAYERS = {
     1: ("errors", "accuracy", "progress", "version"),
-    2: ("physics", "files", "compiled"),
-    3: ("scene",),
+    2: ("physics", "files", "compiled", "checked"),
+    3: ("scene", "contacts"),
     4: ("lmp", "scene_file", "trajectory", "dense"),
     5: ("backends", "observables"),
     6: ("compare", "campaign"),
@@ -38,6 +38,7 @@ LAYERS = {
 #: imports within a layer, each with its reason
 SIDEWAYS = {
     ("cli", "cli_terminal"): "what a terminal shows is apart from what is asked",
+    ("scene", "contacts"): "a scene gives its contacts as arrays",
     ("lmp", "dense"): "a deck dumps at the steps of a Schedule",
     ("accuracy", "errors"): "an accuracy that is none is a UsageError",
 }

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 
 from dem_bridge.errors import SceneError
+from dem_bridge.physics.law import ContactLaw, power_law
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file import load_scene
 from tests.strategies import ANY, scenes
@@ -316,3 +317,108 @@ def test_a_name_that_cannot_be_a_file_name_in_a_deck_is_refused(name: str) -> No
 
 def test_a_scene_can_start_from_the_state_ahead_of_a_wave_front() -> None:
     assert _scene(velocity=(0.8, 1e-20, 1e-60)).n_body == 3
+
+
+# laws that are functions
+
+
+def _linear(overlap: np.ndarray) -> np.ndarray:
+    return np.asarray(5e6 * overlap)
+
+
+HERTZ = power_law(4e9, 2.5)
+
+
+def test_one_law_stands_for_all_contacts_walls_included_and_a_list_has_one_each() -> None:
+    walled = {"wall_left": Wall(stiffness=1e9)}
+    one = _scene(law=_linear, **walled)
+    assert (one.law, one.contacts.law.tolist(), len(one.contacts.laws)) == ((_linear,) * 3, [0, 0, 0], 1)
+    several = _scene(law=[HERTZ, _linear, HERTZ], **walled)
+    assert (several.law, several.contacts.law.tolist()) == ((HERTZ, _linear, HERTZ), [0, 1, 0])
+    assert replace(several) == several
+    assert replace(several).content_hash == several.content_hash
+    force = several.contacts.force(np.full((2, 3), 1e-6), np.array([1, 0, 2]))
+    assert force == pytest.approx(np.array([[5.0, 4.0, 4.0]] * 2), rel=1e-15)
+
+
+def test_without_laws_contacts_are_powers() -> None:
+    c = _scene().contacts
+    assert (c.laws, c.law.tolist(), c.reach.tolist()) == ((), [-1, -1], [])
+    overlap = np.array([1e-6, 2e-6])
+    np.testing.assert_array_equal(c.force(overlap, np.arange(2)), c.stiffness * overlap**1.5)
+    np.testing.assert_array_equal(c.energy(overlap[:1], np.array([1])), c.stiffness[1:] * overlap[:1] ** 2.5 / 2.5)
+
+
+@given(scene=scenes(walls=True, gravity=True))
+def test_a_law_reaches_as_deep_as_the_energy_at_hand_can_press(scene: Scene) -> None:
+    linear = replace(scene, law=_linear)
+    mass, speed = sum(scene.mass), np.array(scene.velocity)
+    pressed = np.maximum(-linear.contacts.gap, 0.0)
+    energy = 0.5 * float(np.sum(np.array(scene.mass) * speed**2)) + float(np.sum(0.5 * 5e6 * pressed**2))
+    # nothing falls faster than all of it in one body: sqrt(2 energy / mass) grows by g t
+    energy = 0.5 * mass * (math.sqrt(2.0 * energy / mass) + abs(scene.gravity) * scene.duration) ** 2
+    if energy > 0.0 and linear.n_contact:
+        deepest = math.sqrt(2.0 * energy / 5e6)
+        # 5 % of energy and an eighth of the overlap are left over at most
+        assert deepest < linear.contacts.reach[0] < 1.16 * deepest
+
+
+def test_a_law_is_known_by_its_values() -> None:
+    known = _scene(law=_linear).content_hash
+    assert _scene(law=lambda overlap: 5e6 * overlap).content_hash == known
+    # summed otherwise it differs in its last digit, as from library to library
+    assert _scene(law=lambda overlap: 5e6 * (overlap / 3.0) + overlap * (1e7 / 3.0)).content_hash == known
+    others = [
+        _scene(),
+        _scene(law=lambda overlap: 5e6 * (1.0 + 1e-9) * overlap),
+        # only far from the largest overlap
+        _scene(law=lambda overlap: 5e6 * overlap + 1e-3 * np.minimum(overlap / 1e-9, 1.0)),
+        _scene(law=ContactLaw(_linear, lambda overlap: 2.5e6 * overlap**2, kinks=(1e-6,))),
+        _scene(law=(_linear, lambda overlap: 6e6 * overlap)),
+        _scene(law=(lambda overlap: 6e6 * overlap, _linear)),
+    ]
+    assert len({known, *(scene.content_hash for scene in others)}) == 1 + len(others)
+
+
+@pytest.mark.parametrize(
+    ("law", "parts"),
+    [
+        ("hertz", "law = 'hertz'"),
+        (5.0, "law = 5.0"),
+        ((_linear,), "law has 1 entries; allowed: 2, one per contact, walls included"),
+        ((_linear, 5.0), "law[1] = 5.0; allowed: a ContactLaw, or its force (N)"),
+        (lambda overlap: -overlap, "law[0] = -"),
+        (lambda overlap: 1.0 + overlap, "law[0] = 1.0 N at overlap 0"),
+        (lambda overlap: np.where(overlap < 3e-6, 1e6 * overlap, np.nan), "law[0] = nan N at overlap 3e-06 m"),
+        ((_linear, lambda overlap: np.inf * overlap), "law[1] = nan N at overlap 0"),
+        (lambda overlap: 1e6 * math.sqrt(overlap), "law[0] raises TypeError on an array of overlaps"),
+        (lambda overlap: 1e6, "law[0] gives an array of shape ()"),
+        (lambda overlap: 1e7 * overlap * np.exp(-overlap / 1e-6), "law[0] falls from "),
+        (lambda overlap: 0.0 * overlap, "law[0] stores 0 J at an overlap of "),
+        (ContactLaw(HERTZ.force, power_law(4e9 * (1.0 + 1e-5), 2.5).energy), "law[0] has an energy of "),
+        (ContactLaw(HERTZ.force, lambda overlap: np.nan * overlap), "law[0] has an energy of nan J"),
+        (ContactLaw(HERTZ.force, lambda overlap: HERTZ.energy(overlap) + 1e-6), "law[0] has an energy of 1e-06 J"),
+    ],
+)
+def test_what_is_no_law_is_refused_in_one_line(law: Any, parts: str) -> None:
+    message = _message(law=law)
+    assert message.startswith(f"scene: {parts}")
+    assert "allowed: " in message
+
+
+def test_laws_are_refused_beside_physics_that_is_known_for_powers_only() -> None:
+    found = _message(law=_linear, precompression=10.0)
+    assert found == (
+        "scene: precompression = 10.0, and contacts have laws of their own;"
+        " allowed: 0: static overlaps are known for powers only"
+    )
+    found = _message(law=_linear, damping=Damping(law="kuwabara-kono", coefficient=1e-6))
+    assert found == (
+        "scene: damping.law = 'kuwabara-kono', and contacts have laws of their own;"
+        " allowed: dashpot: the other is known for powers only"
+    )
+
+
+def test_a_law_with_a_wall_behind_some_overlap_ends_before_it() -> None:
+    scene = _scene(law=lambda overlap: 1e8 * overlap / (1.0 - overlap / 1e-5))
+    assert 5e-6 < scene.contacts.reach[0] < 1e-5

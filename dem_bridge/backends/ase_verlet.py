@@ -49,7 +49,7 @@ class AseVerlet:
 
     def refusal(self, scene: Scene) -> str | None:
         if scene.law is not None:
-            return "contact 0 has a law of its own; take backend='verlet'"
+            return "its contacts have a law of their own; take backend='verlet'"
         return "this calculator has neither damping nor drag; take backend='scipy'" if scene.dissipates else None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:

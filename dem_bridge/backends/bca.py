@@ -42,7 +42,7 @@ class BinaryCollisions:
             "there is precompression": scene.precompression > 0.0,
             "there is damping": scene.damped,
             "there is drag": scene.drag > 0.0,
-            "contact 0 has a law of its own": scene.law is not None,
+            "contacts have a law of their own": scene.law is not None,
             "there is no contact": scene.n_contact == 0,
         }
         reasons = [text for text, wrong in problems.items() if wrong]

@@ -14,7 +14,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from dem_bridge.scene import Contacts, Scene
+from dem_bridge.contacts import Contacts
+from dem_bridge.scene import Scene
 
 #: cells of a law; half as many tell what that costs
 CELLS = 16_384

@@ -19,8 +19,14 @@ from dem_bridge.backends.lammps_output import (
 )
 from dem_bridge.backends.steps import fixed_step_plan, radius_of, read_off
 from dem_bridge.backends.survey import Survey
-from dem_bridge.backends.tabled import in_kernel, measured, predicted_error, survey_of, tables_for
-from dem_bridge.backends.twin import EXACT
+from dem_bridge.backends.tabled import (
+    in_kernel,
+    measured,
+    predicted_energy_error,
+    predicted_error,
+    survey_of,
+    tables_for,
+)
 from dem_bridge.backends.twin_bars import Twins, round_off_floor, twins_of, with_bars
 from dem_bridge.compiled import started
 from dem_bridge.dense import Schedule
@@ -28,6 +34,7 @@ from dem_bridge.errors import BackendUnavailable, UnsupportedScene, UsageError
 from dem_bridge.lmp.coefficients import refusal, table_refusal
 from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, granular_deck, table_deck
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.lmp.log import potential_energy
 from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.pairing import TableSet
 from dem_bridge.lmp.process import require, run_deck, workspace
@@ -88,6 +95,8 @@ class LammpsGranular:
             # the dump grows evenly with the steps: its size tells how far the run is
             watch = dump_progress(folder / deck.dump_file, deck) if progress.wanted() else None
             report = run_deck(folder, deck.input_file, time_limit=time_limit, watch=watch, engine=self.engine)
+            said = folder / "log.lammps"
+            energies = potential_energy(said.read_text(encoding="utf-8") if said.is_file() else "")
             dumps = [
                 read_binary_dump(folder / file, columns=len(DUMP_COLUMNS))
                 for file in (deck.dump_file, *deck.more_dumps)
@@ -112,14 +121,15 @@ class LammpsGranular:
                 "points": written.tables.points,
                 "files": len(written.tables.tables),
                 "predicted_error": predicted_error(scene, written.tables),
-                **measured(scene, written.tables, dense, plan),
+                "predicted_energy_error": predicted_energy_error(written.tables),
+                **measured(scene, written.tables, dense, plan, energies),
             }
         # the engine's own share of the processor, and not only ours
         cost = replace(run.cost, cpu=run.cost.cpu + report.cpu)
         return replace(run, cost=cost, provenance={**run.provenance, **told})
 
     def _twins(self, scene: Scene, written: Written, look: Survey) -> Twins | None:
-        deck, tables = written.deck, EXACT
+        deck, tables = written.deck, None
         if written.tables is not None:
             tables = in_kernel(scene, written.tables, deck.gauge_radius)
         weights = float(np.sum(np.abs(deck.weight)))
@@ -145,10 +155,13 @@ class LammpsGranular:
 
 
 class LammpsTable(LammpsGranular):
-    """LAMMPS with ``pair_style table``: n from 2 to 5, any in each contact; the rest as ``lammps-granular``.
+    """LAMMPS with ``pair_style table``: n from 2 to 5 or any law given as a function, another in each
+    contact; the rest as ``lammps-granular``.
 
     A damped contact is left to ``granular`` where that has its law (n = 5/2 and 2). Elsewhere the damping stands
-    beside the table and may pull, which LAMMPS cannot clip; the twin does the same, so the bars know it.
+    beside the table and may pull, as no contact of the scene does: LAMMPS clips no sum of two pair styles. The twin
+    with tables does the same, so the bars know it (part ``table``); ``provenance["table"]["pull"]`` is the largest
+    tension, N.
     """
 
     name = "lammps-table"

@@ -53,7 +53,7 @@ class Ode45:
 
     def refusal(self, scene: Scene) -> str | None:
         if scene.law is not None:
-            return "contact 0 has a law of its own; take backend='scipy'"
+            return "its contacts have a law of their own; take backend='scipy'"
         return "it has neither damping nor drag; take backend='scipy'" if scene.dissipates else None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:

@@ -29,8 +29,8 @@ BAR_SAFETY = 3.0
 
 
 class ScipyDop853:
-    """DOP853 in overlap variables with located contact events. Any masses, exponents, gaps, walls; precompression,
-    gravity, damping, drag."""
+    """DOP853 in overlap variables with located contact events. Any masses, exponents, laws, gaps, walls;
+    precompression, gravity, damping, drag."""
 
     name = "scipy"
     equations = "hertz"

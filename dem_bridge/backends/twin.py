@@ -19,7 +19,7 @@ from dem_bridge.backends.curves import CELLS, curve_force, curves_of
 from dem_bridge.backends.steps import Dense, read_off
 from dem_bridge.compiled import interruptible
 from dem_bridge.dense import Schedule
-from dem_bridge.lmp.interpolation import pair_force
+from dem_bridge.lmp.cell import pair_force
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
@@ -35,7 +35,7 @@ class Tables(NamedTuple):
     law: NDArray[np.int64]
     """Row below for each contact; -1: the law itself. Empty: all have the law itself."""
     frame: NDArray[np.float64]
-    """``(n_law, 4)``: the numbers that :func:`~dem_bridge.lmp.interpolation.pair_force` takes."""
+    """``(n_law, 4)``: the numbers that :func:`~dem_bridge.lmp.cell.pair_force` takes."""
     value: NDArray[np.float64]
     second: NDArray[np.float64]
 

@@ -59,13 +59,14 @@ def twins_of(
     radius: float,
     summed: float | None = None,
     own: Trajectory | None = None,
-    tables: Tables = EXACT,
+    tables: Tables | None = None,
 ) -> Twins | None:
     """The twins that a run on the steps of ``plan`` gets its bars from; None where no finer run can be had.
 
     ``radius`` (m): of the bodies, for a code that keeps positions. ``summed`` (N): of a code whose contact forces are
     running sums of net forces, all that is summed beside them; None: it knows its contact forces. ``own``: the twin on
-    these steps in overlap variables, if it is there already. ``tables``: of a code that has not the laws themselves.
+    these steps in overlap variables, if it is there already. ``tables``: of a code that has not the laws themselves
+    (None: it has).
     """
     # one step per sample leaves no coarser step that falls on the samples
     ratios = (2.0, 1.0 / 3.0) if plan.per_sample > 1 else (0.5, 1.0 / 3.0)
@@ -77,7 +78,7 @@ def twins_of(
     for ratio in ratios:
         other = fixed_step_plan(scene, Resolution(dt=ratio * plan.step), Sampling(count=plan.samples), look)
         others[other.step / plan.step] = solve_plan(scene, other)
-    positional, dense = solve_dense(scene, plan, radius, tables)
+    positional, dense = solve_dense(scene, plan, radius, tables or EXACT)
     thinned = peaks_and_crossings(scene, plan, dense, every=2)
     return Twins(
         plan=plan,
@@ -85,7 +86,7 @@ def twins_of(
         own=own or solve_plan(scene, plan),
         others=others,
         positional=positional,
-        tabled=solve_plan(scene, plan, tables=tables) if len(tables.law) else None,
+        tabled=None if tables is None else solve_plan(scene, plan, tables=tables),
         halved=solve_plan(scene, plan, cells=CELLS // 2) if scene.law is not None else None,
         thinned=thinned,
         rivals=rivals(dense.force),

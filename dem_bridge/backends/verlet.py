@@ -18,8 +18,8 @@ from dem_bridge.trajectory import Trajectory
 
 
 class Verlet:
-    """Velocity-Verlet in overlap variables (numba). Any masses, exponents, gaps, walls; precompression, gravity,
-    damping, drag."""
+    """Velocity-Verlet in overlap variables (numba). Any masses, exponents, laws, gaps, walls; precompression,
+    gravity, damping, drag."""
 
     name = TWIN.name
     equations = TWIN.equations
@@ -35,10 +35,10 @@ class Verlet:
         """Solve; with ``gauge_radius`` in absolute positions, as LAMMPS. The bars come from three more runs."""
         look = survey_of(scene)
         plan = fixed_step_plan(scene, resolution, sampling, look)
-        tables = EXACT
+        tables = None
         if resolution.tables:
             tables = in_kernel(scene, tables_for(scene, resolution, look), radius_of(scene, resolution, look))
-        run = solve_plan(scene, plan, resolution.gauge_radius or 0.0, tables)
+        run = solve_plan(scene, plan, resolution.gauge_radius or 0.0, tables or EXACT)
         if not resolution.bars:
             return run
         own = run if resolution.gauge_radius is None and not resolution.tables else None

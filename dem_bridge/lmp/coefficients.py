@@ -27,7 +27,7 @@ NOTHING = "hertz 0 0 tangential linear_nohistory 0 0 damping velocity"
 def refusal(scene: Scene) -> str | None:
     """Why ``pair_style granular`` cannot express the scene's contacts; None if it can."""
     if scene.law is not None:
-        return "contact 0 has a law of its own; pair_style granular has n = 2.5 and 2 only: take backend='lammps-table'"
+        return "its contacts have a law of their own; pair_style granular has powers only: take backend='lammps-table'"
     wrong = [k for k, n in enumerate(scene.contacts.exponent.tolist()) if n not in MODELS]
     if not wrong:
         return None

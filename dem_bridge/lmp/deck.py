@@ -281,7 +281,8 @@ def _input(line: _Line) -> Iterator[str]:
         "",
         "thermo_style    custom step time pe ke etotal",
         "thermo_modify   format float %.17g lost error",
-        f"thermo          {max(1, plan.steps // 10)}",
+        # at samples, where energies can be compared with those of the dump
+        f"thermo          {max(1, plan.samples // 10) * plan.per_sample}",
         "# dumps fall on ceil(j * per_sample / dense), j = 0, 1, 2, ...; every dense-th one is a sample",
         'variable next   equal "ceil((floor(step*v_dense/v_per_sample) + 1)*v_per_sample/v_dense)"',
         f"dump            motion all custom 1 ${{dump}} {' '.join(DUMP_COLUMNS)}",

@@ -12,33 +12,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numba import njit
 
 from dem_bridge.errors import UsageError
-from dem_bridge.lmp.table import ContactTable, finds_all_cells
+from dem_bridge.lmp.cell import pair_force
+from dem_bridge.lmp.table import STYLES, ContactTable, Style, finds_all_cells
 from dem_bridge.physics.contact import Floats
 from dem_bridge.physics.law import ContactLaw
-
-Style = Literal["linear", "spline"]
-STYLES: tuple[Style, ...] = ("linear", "spline")
-
-
-@njit(cache=True)  # type: ignore[misc,unused-ignore]
-def pair_force(rsq, inner_squared, spacing, inverse_spacing, sixth, value, second):  # type: ignore[no-untyped-def]
-    """Force over distance, N/m, at squared distance ``rsq`` (m^2) between inner and cutoff; scalar, for kernels.
-
-    ``second`` is empty for style linear. The caller looks at the cutoff (no force from ``rsq >= cut_squared`` on) and
-    at ``rsq < inner_squared``, where LAMMPS stops.
-    """
-    i = int((rsq - inner_squared) * inverse_spacing)
-    b = (rsq - (inner_squared + i * spacing)) * inverse_spacing
-    if len(second) == 0:
-        return value[i] + b * (value[i + 1] - value[i])
-    a = 1.0 - b
-    return a * value[i] + b * value[i + 1] + ((a * a * a - a) * second[i] + (b * b * b - b) * second[i + 1]) * sixth
 
 
 @njit(cache=True)  # type: ignore[misc,unused-ignore]
@@ -112,7 +94,7 @@ class Interpolation:
 
     @property
     def arguments(self) -> tuple[float, float, float, float, Floats, Floats]:
-        """What :func:`pair_force` takes after ``rsq``."""
+        """What :func:`~dem_bridge.lmp.cell.pair_force` takes after ``rsq``."""
         return self.inner_squared, self.spacing, self.inverse_spacing, self.sixth, self.value, self.second
 
     def force(self, distance: Floats) -> Floats:

@@ -85,6 +85,17 @@ def loop_time(text: str) -> float:
     return sum(float(found) for found in re.findall(r"^Loop time of (\S+) on", text, re.MULTILINE))
 
 
+def potential_energy(text: str) -> dict[int, float]:
+    """Step -> potential energy (J) in the columns step, time, pe, ke, etotal of a log.
+
+    >>> potential_energy("      1000  2e-05 0.0014 0.0011 0.0025")
+    {1000: 0.0014}
+    """
+    number = r"[-+]?\d\S*"
+    found = re.findall(rf"^ *(\d+) +{number} +({number}) +{number} +{number} *$", text, flags=re.MULTILINE)
+    return {int(step): float(energy) for step, energy in found}
+
+
 def pair_style(text: str) -> str:
     """The pair style that a log's neighbour lists serve, with its suffix if it has one; '' where there is none.
 

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.lmp.coefficients import NOTHING, Laws
-from dem_bridge.lmp.interpolation import Style
-from dem_bridge.lmp.table import LINES, ContactTable, contact_table, points_for, zero_table
+from dem_bridge.lmp.table import LINES, ContactTable, Style, contact_table, points_for, zero_table
 from dem_bridge.version import FORM_DATE
 
 #: range of a table over the largest overlap that a coarse run found

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
+from typing import Literal
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -20,6 +21,9 @@ from dem_bridge.physics.contact import Floats
 from dem_bridge.physics.law import ContactLaw, clustered
 from dem_bridge.version import __version__
 
+#: how LAMMPS interpolates between the points of its internal table
+Style = Literal["linear", "spline"]
+STYLES: tuple[Style, ...] = ("linear", "spline")
 #: lines of a file: its own share of the error is 3e-11 at n = 2.5 and 1.5e-9 at n = 5, whatever the points
 LINES = 250
 #: points of LAMMPS' internal table where memory allows: relative error of force 8e-9 at n = 2.5

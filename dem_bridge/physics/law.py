@@ -104,6 +104,8 @@ def completed(law: Law, *, reach: float) -> ContactLaw:
 
     def shaped(function: Callable[[Floats], Floats], overlap: Floats) -> Floats:
         overlap = np.asarray(overlap, dtype=float)
+        if overlap.ndim == 1:
+            return np.asarray(function(overlap), dtype=float)
         return np.asarray(function(overlap.ravel()), dtype=float).reshape(overlap.shape)
 
     if isinstance(law, ContactLaw):
@@ -117,13 +119,13 @@ def stored(law: Law, overlap: float) -> float:
 
 
 def reach_of(law: Law, energy: float, *, near: float) -> float:
-    """Overlap (m) at which the law stores ``energy`` (J), or up to a sixteenth more. ``near`` (m): where to begin.
+    """Overlap (m) at which the law stores ``energy`` (J), or up to an eighth more. ``near`` (m): where to begin.
 
     It has few digits, so it does not depend on the last of a force. Raises ValueError, with a text that goes on from
     the law's name, where the law is none up to there, or never stores so much.
 
     >>> reach = reach_of(lambda overlap: 1e6 * overlap, 5e-5, near=1e-6)
-    >>> bool(1e-5 <= reach <= 1.0625e-5)
+    >>> bool(1e-5 <= reach <= 1.125e-5)
     True
     """
     high = 2.0 ** math.ceil(math.log2(near))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator
 from numpy.typing import NDArray
 
 from dem_bridge.backends.base import ENGINE_BACKENDS
@@ -83,7 +83,8 @@ def spacetime_maps(studies: Sequence[SceneStudy]) -> Figure | None:
 
 def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
     """Residence time and wave speed along each chain (the paper's figure 3) by reference, LAMMPS and BCA."""
-    shown = [study for study in studies if study.scene.n_body > 2 and study.run(REFERENCE) is not None]
+    # one residence time is no line along a chain
+    shown = [study for study in studies if study.scene.n_body > 3 and study.run(REFERENCE) is not None]
     if not shown:
         return None
     with_speed = all(study.scene.spacing is not None for study in shown)
@@ -168,6 +169,7 @@ def error_budget(study: SceneStudy) -> Figure | None:
             )
         ax.axvline(budget.allowed, color=VERMILION, linestyle=":", linewidth=1.2)
         ax.set(xscale="log", xlim=(low, high), title=budget.quantity.replace("_", " "))
+        ax.xaxis.set_major_locator(LogLocator(numticks=5))
         ax.grid(axis="x", alpha=0.25)
     axes[0].invert_yaxis()  # shared by all
     figure.supxlabel(f"{study.scene.name}: difference / scale of the quantity", fontsize=10)
@@ -225,12 +227,14 @@ def _front_has_passed(run: Trajectory) -> float:
 
 
 def _common_scale(row: NDArray[np.object_], unit: str) -> None:
-    """One scale from 0 for all panels of a row. Body 1, next to the striker, may be far above the chain: it is then
+    """One scale from 0 for all panels of a row. Body 1, next to the striker, may be above twice the chain: it is then
     named in its panel instead of squeezing the rest."""
     lines = [np.asarray(line.get_ydata()) for ax in row for line in ax.get_lines()]
     top = 1.1 * max((float(np.nanmax(y[1:], initial=0.0)) for y in lines), default=0.0)
     if not top > 0.0:
         return  # the front gets nowhere: nothing to scale
+    near = [float(y[0]) for y in lines if y[0] <= 2.0 * top]
+    top = max(top, 1.1 * max(near, default=0.0))
     for ax in row:
         ax.set_ylim(0.0, top)
         first = max((float(line.get_ydata()[0]) for line in ax.get_lines()), default=0.0)

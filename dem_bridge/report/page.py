@@ -18,10 +18,12 @@ from matplotlib.figure import Figure
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.files import write_whole
+from dem_bridge.lmp.coefficients import MODELS
 from dem_bridge.report import figures
 from dem_bridge.studies.checks import POSITIONAL, REFERENCE, SECOND, THEORY, TWIN
 from dem_bridge.studies.independence import ANSWERS_THROUGH, matrix
 from dem_bridge.studies.verify import SceneStudy, Verification
+from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome, Verdict
 from dem_bridge.version import __version__
 
@@ -37,16 +39,13 @@ NAMES = {
 #: panels side by side on a page
 _BESIDE = 2
 
-#: what a reader must not believe that this page shows
-NOT_VERIFIED = (
+#: what a reader must not believe that any page shows
+_NEVER_VERIFIED = (
     "The physics of the model. Code is verified against code and theory here; nothing is compared with a measurement.",
     "The contact stiffness: it is taken as the scene gives it. Where that is by the paper's eq. 3.1 with its"
     " approximate axis ratio, as in the shipped scenes, the exact Hertz solution is softer by 15 % at 2 degrees, and"
     " the contact ellipse is then longer than the cylinder is high, where Hertz' theory ends.",
     "Cylinders that bend, rotation, friction, more dimensions: none is in such scenes.",
-    "Damping and drag by a second method: scipy alone is their reference.",
-    "LAMMPS beyond pair_style granular (hertz and hooke, with velocity or viscoelastic damping or none) with fix nve,"
-    " gravity, addforce and langevin at zero temperature on one rank: other styles, builds, ranks.",
     "Error bars of the reference: they come from runs of another order with every input moved by its last digit. They"
     " are tested against quadruple-precision solutions of four scenes and extended precision in 300 random ones, and"
     " are no proof.",
@@ -132,14 +131,60 @@ def render(found: Verification, record: dict[str, Any]) -> str:
         pairs=[found.studies[i : i + _BESIDE] for i in range(0, len(found.studies), _BESIDE)],
         figures=figures,
         judged=lambda study: [v for v in study.verdicts if v.outcome is not Outcome.MODEL_DIFFERENCE],
+        with_theory=lambda pair: any(study.run(THEORY) is not None for study in pair),
         models=lambda study: [v for v in study.verdicts if v.outcome is Outcome.MODEL_DIFFERENCE],
         deck_hashes=_deck_hashes,
-        not_verified=NOT_VERIFIED,
+        not_verified=not_verified(found),
         names=NAMES,
         backends=tuple(BACKENDS),
         shares=matrix(),
         answers_through=ANSWERS_THROUGH,
     )
+
+
+def not_verified(found: Verification) -> list[str]:
+    """What a reader must not believe that this page shows, by what its scenes have."""
+    lines = list(_NEVER_VERIFIED)
+    runs = [(study, study.run(study.engine)) for study in found.studies]
+    there = [(study, run) for study, run in runs if run is not None]
+    words = {word: None for study, run in there for word in _used(study, run)}  # each once, in order
+    ranks = max((int(run.provenance.get("lammps", {}).get("ranks", 1)) for _, run in there), default=1)
+    if words:
+        lines.append(
+            f"LAMMPS beyond {', '.join(words)}, on {ranks} rank{'s' * (ranks > 1)}. Other styles,"
+            " builds and numbers of ranks are not verified here."
+        )
+    alone = [
+        study.scene.name
+        for study in found.studies
+        if (truth := study.run(REFERENCE)) is not None and truth.provenance.get("answered_by") == SECOND
+    ]
+    if alone:
+        lines.append(
+            f"The reference of {', '.join(alone)} by a second method: {SECOND} alone answers where there is damping or"
+            " drag, or an exponent that the other method has not."
+        )
+    return lines
+
+
+def _used(study: SceneStudy, run: Trajectory) -> list[str]:
+    """What of LAMMPS a run had, in LAMMPS' words."""
+    scene, c = study.scene, study.scene.contacts
+    table, damped = run.provenance.get("table"), c.damping > 0.0
+    # beside a table granular has the contacts that are damped, and of some the damping alone
+    own = MODELS.items() if not table else [(n, word) for n, word in MODELS.items() if n in c.exponent[damped]]
+    granular = [" and ".join(word for n, word in own if n in c.exponent)]
+    if damped.any():
+        granular.append(f"damping {'viscoelastic' if (c.damping_power[damped] > 0.0).any() else 'velocity'}")
+    parts = {
+        f"pair_style table {table['style'] if table else ''}": table,
+        f"pair_style granular ({' with '.join(filter(None, granular))})": not table or damped.any(),
+        "fix nve": True,
+        "fix gravity": scene.gravity != 0.0,
+        "fix addforce": scene.load.any(),
+        "fix langevin at zero temperature": scene.drag > 0.0,
+    }
+    return [words for words, there in parts.items() if there]
 
 
 def _deck_hashes(study: SceneStudy) -> list[str]:
@@ -166,11 +211,15 @@ def _answer(study: SceneStudy) -> str:
         return f"{study.scene.name}: {' '.join([*trouble, *missing]) or 'no verdict on LAMMPS'}"
     run = study.run(study.engine)
     assert run is not None
+    parts = study.budgets[0].parts
+    cause, agreed = "the time step", f"to {same.difference:.1e}" if same.difference > 0.0 else "bit for bit"
+    if "table" in run.provenance:
+        cause += f" ({parts['time step']:.1e}) and the tables ({parts['table']:.1e})"
     text = (
         f"{study.scene.name}: at dt = {run.provenance['settings']['dt']:.3g} s LAMMPS' velocities are wrong by"
-        f" {error.difference:.1e} of the largest ({error.scale:.3g} m/s), the time step; from the same algorithm"
+        f" {error.difference:.1e} of the largest ({error.scale:.3g} m/s), {cause}; from the same algorithm"
         f" in another code they differ by {twin.difference:.1e}, which is round-off: a twin that keeps"
-        f" positions, as LAMMPS does, has the same to {same.difference:.1e}."
+        f" positions, as LAMMPS does, has the same {agreed}."
     )
     worst, end = one("arrival", THEORY, REFERENCE), one("arrival_at_end", THEORY, REFERENCE)
     if worst is not None and end is not None:

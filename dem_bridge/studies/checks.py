@@ -2,7 +2,7 @@
 
 ===================  ===========================================================================
 implementation       LAMMPS against the twin: the round-off that twins predict, and nothing more
-table                forces that LAMMPS takes from tables against their laws: what was predicted, and nothing more
+table                forces and energies that LAMMPS takes from tables against the laws: no more than was predicted
 explained            LAMMPS against the twin in positions: what its error budget leaves over
 two_methods          the two references against each other
 accuracy             a run against the reference
@@ -78,29 +78,37 @@ def implementation(scene: Scene, engine: Trajectory, twin: Trajectory) -> Verdic
     )
 
 
-def table(scene: Scene, engine: Trajectory) -> Verdict:
-    """Forces of a run beside the laws that its tables stand for; the run's own bar is what was predicted."""
-    told = engine.provenance["table"]
-    found, predicted = float(told["measured_error"]), float(told["predicted_error"])
-    tolerance = TABLE_TOLERANCE * predicted + float(told["round_off"])
-    return Verdict(
-        scene=scene.name,
-        quantity="table",
-        backend=engine_for(scene),
-        reference="its laws",
-        outcome=judge(found, 0.0, tolerance),
-        sentence=(
-            f"forces that {engine_for(scene)} takes from tables miss their laws by {found:.2e} of each contact's"
-            f" largest force; {predicted:.2e} was predicted, and the tolerance is {tolerance:.1e}."
-        ),
-        difference=found,
-        scale=1.0,
-        scale_name="each contact's largest force foreseen",
-        uncertainty=predicted,
-        reference_uncertainty=0.0,
-        tolerance=tolerance,
-        meaning="interpolation",
-    )
+def table(scene: Scene, engine: Trajectory) -> list[Verdict]:
+    """Forces and energies of a run beside the laws that its tables stand for; its own bars are what was predicted."""
+    told, name = engine.provenance["table"], engine_for(scene)
+    found = [("table", "forces", "each contact's largest force", "error", TABLE_TOLERANCE)]
+    if "measured_energy_error" in told:  # a contact was closed when LAMMPS printed its energies
+        found.append(("table_energy", "potential energies", "the largest energy in contacts", "energy_error", 1.0))
+    verdicts = []
+    for quantity, what, scale, key, factor in found:
+        measured, predicted = told[f"measured_{key}"], told[f"predicted_{key}"]
+        tolerance = factor * predicted + told["round_off"]
+        verdicts.append(
+            Verdict(
+                scene=scene.name,
+                quantity=quantity,
+                backend=name,
+                reference="contact laws",
+                outcome=judge(measured, 0.0, tolerance),
+                sentence=(
+                    f"{what} that {name} takes from tables differ from the contact laws by {measured:.2e} of {scale};"
+                    f" {predicted:.2e} was predicted, and the tolerance is {tolerance:.1e}."
+                ),
+                difference=measured,
+                scale=1.0,
+                scale_name=scale,
+                uncertainty=predicted,
+                reference_uncertainty=0.0,
+                tolerance=tolerance,
+                meaning="interpolation",
+            )
+        )
+    return verdicts
 
 
 def explained(scene: Scene, quantity: str, engine: Trajectory, positional: Trajectory, *, allowed: float) -> Verdict:

@@ -22,11 +22,12 @@ from dem_bridge.backends.base import BACKENDS
 LANGUAGE = frozenset(
     f"dem_bridge.{name}"
     for name in (
-        "backends.base", "compiled", "errors", "progress", "scene", "trajectory",
+        "backends.base", "compiled", "contacts", "errors", "progress", "scene", "trajectory",
     )
 )  # fmt: skip
-#: modules that make bars: what is reached through them alone does not touch the values of a run
-BARS = frozenset({"dem_bridge.backends.bars", "dem_bridge.backends.twin_bars"})
+#: modules that make bars: what is reached through them alone does not touch the values of a run. ``tabled`` gives the
+#: twin the tables of a deck for the bars of LAMMPS, and for its own values only where it is asked to (``tables=True``)
+BARS = frozenset(f"dem_bridge.backends.{name}" for name in ("bars", "tabled", "twin_bars"))
 #: a backend that answers through another where its own method does not fit, and says so in the run's provenance
 ANSWERS_THROUGH: Mapping[str, str] = MappingProxyType({"reference": "scipy"})
 

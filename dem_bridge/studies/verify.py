@@ -22,7 +22,7 @@ import numpy as np
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.survey import survey
+from dem_bridge.backends.tabled import survey_of
 from dem_bridge.campaign import Case, Progress, Result, run_cases
 from dem_bridge.compare import difference
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
@@ -138,7 +138,7 @@ def cases_of(scene: Scene, accuracy: float, engine: Engine | None = None) -> lis
     # beside the twin, step by step on the way to what LAMMPS does: its tables, if any, then positions
     beside = replace(main, tables=judged == TABLE, bars=False)
     runs += [(TWIN, beside)] if beside.tables else []
-    runs.append((TWIN, replace(beside, gauge_radius=survey(scene).gauge_radius)))
+    runs.append((TWIN, replace(beside, gauge_radius=survey_of(scene).gauge_radius)))
     return [
         Case(
             scene=scene,
@@ -178,7 +178,7 @@ def study_of(scene: Scene, results: tuple[Result, ...], accuracy: float) -> Scen
     *tables, positional = (r.trajectory for r in results if _is_beside(r))
     tabled = tables[0] if tables else None
     if engine is not None and "table" in engine.provenance:
-        verdicts.append(checks.table(scene, engine))
+        verdicts += checks.table(scene, engine)
     if engine is not None and twin is not None:
         verdicts.append(checks.implementation(scene, engine, tabled or twin))
         if positional is not None and truth is not None:

@@ -207,7 +207,7 @@ def test_overlaps_beyond_the_gauge_are_a_broken_run_with_the_numbers(
 ) -> None:
     # a coarse run that sees too little: only the check after the run is left
     look = survey(PAIR)
-    monkeypatch.setattr(lammps, "survey", lambda _: replace(look, peak_overlap=0.1 * look.peak_overlap))
+    monkeypatch.setattr(lammps, "survey_of", lambda _: replace(look, peak_overlap=0.1 * look.peak_overlap))
     exact = float((db.solve(PAIR, backend="scipy", bars=False).peak_force[0] / 4e9) ** (2.0 / 3.0))
     with pytest.raises(RunBroken, match="give a larger gauge_radius") as caught:
         db.solve(PAIR, backend=ENGINE, dt=1e-7, gauge_radius=share * exact, bars=False)
@@ -225,7 +225,7 @@ def test_bodies_that_touch_across_another_are_a_broken_run_with_the_numbers(monk
     # the coarse run is told of a tenth: a radius that is too small is not refused, and LAMMPS lets body 0 touch body 2
     look = survey(SQUEEZED)
     radius = 0.8 * float(np.max(look.peak_overlap))
-    monkeypatch.setattr(lammps, "survey", lambda _: replace(look, peak_overlap=0.1 * look.peak_overlap))
+    monkeypatch.setattr(lammps, "survey_of", lambda _: replace(look, peak_overlap=0.1 * look.peak_overlap))
     with pytest.raises(RunBroken, match="atoms 1 and 3, which are not neighbours, overlap by") as caught:
         db.solve(SQUEEZED, backend=ENGINE, dt=1e-7, gauge_radius=radius, bars=False)
     assert f"exceeds the gauge radius {radius:.6g} m" in str(caught.value)

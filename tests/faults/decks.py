@@ -44,14 +44,14 @@ def times(factor: float) -> Callable[[re.Match[str]], str]:
 def run_with(change: Change, case: Case, *, gauge_radius: float | None = None) -> Result:
     """LAMMPS on the changed deck; ``gauge_radius`` in m, None: that of the case."""
 
-    def planted(honest: Callable[..., Deck]) -> Callable[..., Deck]:
-        def write(*what: Any, **how: Any) -> Deck:
-            deck = honest(*what, **how)
-            return replace(deck, files=change(deck))
+    def planted(sound: Callable[..., Deck]) -> Callable[..., Deck]:
+        def deck(*of: Any, **how: Any) -> Deck:
+            made = sound(*of, **how)
+            return replace(made, files=change(made))
 
-        return write
+        return deck
 
     with pytest.MonkeyPatch.context() as patch:
-        for name, honest in (("granular_deck", granular_deck), ("table_deck", table_deck)):
-            patch.setattr(lammps, name, planted(honest))
+        patch.setattr(lammps, "granular_deck", planted(granular_deck))
+        patch.setattr(lammps, "table_deck", planted(table_deck))
         return run_case(replace(case, resolution=replace(case.resolution, gauge_radius=gauge_radius)))

@@ -12,10 +12,10 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.lmp.interpolation import STYLES, Interpolation, Style, interpolated, interpolation_error
+from dem_bridge.lmp.interpolation import Interpolation, interpolated, interpolation_error
 from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.process import run_deck
-from dem_bridge.lmp.table import ContactTable, contact_table, finds_all_cells, zero_table
+from dem_bridge.lmp.table import STYLES, ContactTable, Style, contact_table, finds_all_cells, zero_table
 from dem_bridge.physics.contact import Floats
 from dem_bridge.physics.law import ContactLaw, law_of, power_law
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dem_bridge.physics import contact
-from dem_bridge.physics.law import clustered, law_of, power_law
+from dem_bridge.physics.law import clustered, law_of, power_law, reach_of
 
 REACH = 1e-5
 
@@ -65,3 +65,27 @@ def test_places_ascend_from_touch_to_reach_and_hold_the_kinks() -> None:
     assert np.all(np.diff(places) > 0.0)
     assert len(places) <= 301
     assert {2e-6, 7e-6} <= set(places.tolist())
+
+
+@given(exponent=st.floats(2.0, 5.0), share=st.floats(-12.0, 0.0))
+def test_energy_by_quadrature_has_its_digits_far_below_the_reach_too(exponent: float, share: float) -> None:
+    exact = power_law(1e9, exponent)
+    overlap = np.array([REACH * 10.0**share])
+    # on panels from a half to the whole of an overlap ten Gauss points err by 6^-20 of any power; round-off of 260 sums
+    assert law_of(exact.force, reach=REACH).energy(overlap) == pytest.approx(exact.energy(overlap), rel=1e-13)
+
+
+@given(exponent=st.floats(2.0, 5.0), energy=st.floats(1e-12, 1e3), near=st.floats(1e-12, 1.0))
+def test_the_reach_of_an_energy_is_at_most_a_sixteenth_too_long_wherever_one_begins(
+    exponent: float, energy: float, near: float
+) -> None:
+    law = power_law(1e9, exponent)
+    exact = (exponent * energy / 1e9) ** (1.0 / exponent)
+    # a sixteenth of the next power of two above, which is half of that at least
+    assert exact * (1.0 - 1e-12) <= reach_of(law, energy, near=near) <= exact * 1.125
+    assert reach_of(law.force, energy, near=near) == pytest.approx(reach_of(law, energy, near=near), rel=0.07)
+
+
+def test_the_reach_has_few_digits() -> None:
+    reach = reach_of(power_law(1e9, 2.5), 1e-3, near=1e-5)
+    assert (math.frexp(reach)[0] * 32.0).is_integer()

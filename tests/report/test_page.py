@@ -6,18 +6,21 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 
 import dem_bridge as db
-from dem_bridge.campaign import Result
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.campaign import Case, Result
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.report.junit import junit
-from dem_bridge.report.page import NOT_VERIFIED, SCHEMA, as_json, headline, number, write_report
-from dem_bridge.scene import Scene
+from dem_bridge.report.page import SCHEMA, as_json, headline, not_verified, number, write_report
+from dem_bridge.scene import Damping, Scene
 from dem_bridge.studies.checks import TWIN, engine_for
-from dem_bridge.studies.verify import Verification, cases_of, study_of
+from dem_bridge.studies.verify import SceneStudy, Verification, cases_of, study_of
+from tests.fakes import free_flight
 
 PAIR = Scene(
     name="three",
@@ -69,8 +72,44 @@ def test_the_page_shows_every_verdict_and_what_is_not_verified(found: Verificati
     for verdict in found.verdicts:
         if verdict.backend != "bca":
             assert number(verdict.difference) in text
-    for line in NOT_VERIFIED:
+    for line in not_verified(found):
         assert line.split(".")[0] in text
+
+
+@pytest.mark.parametrize(
+    ("changes", "provenance", "words"),
+    [
+        ({}, {}, "pair_style granular (hertz), fix nve, on 1 rank."),
+        ({"exponent": (2.0, 2.5), "gravity": 9.8}, {}, "granular (hooke and hertz), fix nve, fix gravity, on 1 rank."),
+        (
+            {"damping": Damping(law="kuwabara-kono", coefficient=1e-6), "drag": 1.0},
+            {"lammps": {"ranks": 2}},
+            "(hertz with damping viscoelastic), fix nve, fix langevin at zero temperature, on 2 ranks.",
+        ),
+        ({"exponent": 3.0}, {"table": {"style": "spline"}}, "pair_style table spline, fix nve, on 1 rank."),
+        (
+            {"exponent": 3.0, "damping": Damping(law="dashpot", coefficient=1.0)},
+            {"table": {"style": "linear"}},
+            "pair_style table linear, pair_style granular (damping velocity), fix nve, on 1 rank.",
+        ),
+    ],
+    ids=str,
+)
+def test_what_is_not_verified_goes_by_what_was_run(
+    changes: dict[str, Any], provenance: dict[str, Any], words: str
+) -> None:
+    scene = replace(PAIR, **changes)
+    run = free_flight(bodies=3, contacts=2)
+    case = Case(scene=scene, backend=engine_for(scene), resolution=Resolution(), sampling=Sampling(count=2))
+    truth = replace(case, backend="reference")
+    results = (
+        Result(case=case, trajectory=replace(run, provenance=provenance)),
+        Result(case=truth, trajectory=replace(run, provenance={"answered_by": "scipy"} if changes else {})),
+    )
+    study = SceneStudy(scene=scene, results=results, verdicts=(), ladder={})
+    lines = not_verified(Verification(studies=(study,), accuracy=1e-3, wall=1.0))
+    assert [line for line in lines if words in line], lines
+    assert any("by a second method" in line for line in lines) == bool(changes)
 
 
 def test_the_json_has_the_keys_of_the_contract(found: Verification, tmp_path: Path) -> None:

@@ -12,10 +12,14 @@ from dem_bridge.studies.independence import matrix, shared
 JUDGED = {
     # steps must be the same, and peaks be read off alike, so that both drop out of the difference; neither solves
     ("lammps-granular", "verlet"): {"dense", "scales", "steps", "survey"},
+    # the twin takes LAMMPS' tables where it is asked to: then their lines are common to both and drop out, and what
+    # LAMMPS makes of them is written a second time (cell, interpolation). Not asked, it knows nothing of tables
+    ("lammps-table", "verlet"): {"dense", "scales", "steps", "survey"},
     ("ase", "verlet"): {"dense", "scales", "steps", "survey"},
     # scales say what is too little to count as a collision
     ("verlet", "reference"): {"scales"},
     ("lammps-granular", "reference"): {"scales"},
+    ("lammps-table", "reference"): {"scales"},
     ("ase", "reference"): {"scales"},
     ("ode45", "reference"): {"scales"},
     ("bca", "reference"): set(),
@@ -30,9 +34,19 @@ def test_a_judge_shares_no_solver_with_what_it_judges(pair: tuple[str, str]) -> 
 
 def test_only_fixed_step_codes_take_their_bars_from_the_twin() -> None:
     for pair, found in matrix().items():
-        fixed = {"lammps-granular", "verlet", "ase"} >= set(pair)
+        fixed = {"lammps-granular", "lammps-table", "verlet", "ase"} >= set(pair)
         assert ("twin" in found.bars) == fixed, pair
         assert "twin" not in found.values
+
+
+def test_a_twin_with_tables_has_the_lines_of_the_deck_and_lammps_has_nothing_of_its_interpolation() -> None:
+    lent = {"pairing", "table", "law", "contact", "coefficients", "encoding", "tabled", "version"}
+    emulated = {"cell", "interpolation", "twin"}
+    found = shared("lammps-table", "verlet")
+    assert set(found.bars) == lent | emulated | {"bars", "curves", "twin_bars"}
+    # what LAMMPS reads is written without the emulation
+    reached = independence._short(independence._reached("lammps-table", without=independence.BARS))
+    assert not emulated & set(reached)
 
 
 def test_the_matrix_has_every_pair_once() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -244,6 +245,62 @@ def test_a_scene_that_lammps_cannot_express_is_not_run_with_the_reason() -> None
     [refused] = [v for v in found.verdicts if v.outcome is Outcome.NOT_RUN and v.backend == TABLE]
     assert "exponent n = 5.5; allowed in a table: 2 to 5" in refused.sentence
     assert found.exit_code == 0
+
+
+#: no pair_style granular has n = 3, and a wall of another exponent takes a second table
+STEEP = replace(
+    SHORT, name="steep", exponent=3.0, stiffness=(4e13, 7e13, 5e13), wall_right=Wall(stiffness=3e9, exponent=2.2)
+)
+
+
+@pytest.mark.parametrize(
+    ("changes", "engine"),
+    [
+        ({}, "lammps-granular"),
+        ({"exponent": (2.0, 2.5, 2.0)}, "lammps-granular"),
+        ({"exponent": (2.0, 2.5, 3.0)}, "lammps-table"),
+        ({"wall_left": Wall(stiffness=1e9, exponent=2.2)}, "lammps-table"),
+        ({"exponent": 6.0}, "lammps-table"),
+    ],
+    ids=str,
+)
+def test_tables_are_verified_where_granular_has_not_the_laws(changes: dict[str, Any], engine: str) -> None:
+    assert engine_for(replace(SHORT, **changes)) == engine
+
+
+@pytest.mark.lammps
+def test_a_table_is_verified_and_is_part_of_the_budget(tmp_path: Path) -> None:
+    found = db.verify(STEEP, accuracy=ACCURACY, folder=tmp_path)
+    assert found.exit_code == 0, [v.sentence for v in found.verdicts]
+    [study] = found.studies
+    for quantity in ("table", "table_energy"):
+        assert _outcome(found.verdicts, quantity, TABLE, "contact laws") is Outcome.PASS
+    for one in study.budgets:
+        assert 0.0 < one.parts["table"] < one.parts["time step"]
+        # the twin with the same tables in positions is the same algorithm, bit for bit
+        assert one.unexplained == 0.0
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    for words in (
+        "LAMMPS takes forces from tables here",
+        "pair_style table spline, fix nve, on 1 rank",
+        "and the tables (",
+    ):
+        assert words in page
+
+
+@pytest.mark.lammps
+def test_a_contact_that_pulls_in_lammps_alone_fails_with_the_reason() -> None:
+    scene = replace(STEEP, name="pulling", wall_right=None, damping=Damping(law="dashpot", coefficient=40.0))
+    found = db.verify(scene, accuracy=1e-3)
+    [verdict] = [v for v in found.verdicts if (v.quantity, v.backend, v.reference) == ("velocity", TABLE, REFERENCE)]
+    assert verdict.outcome is Outcome.FAIL
+    assert re.search(r"contacts that pull, with up to [\d.]+ N: their damping stands beside a table", verdict.sentence)
+    # all the rest is sound, and says that it is the table; no order can be told of an error that no step changes
+    failed = {(v.backend, v.reference) for v in found.verdicts if v.outcome is Outcome.FAIL}
+    assert failed == {(TABLE, REFERENCE)}
+    velocity = found.studies[0].budgets[0]
+    assert velocity.parts["table"] > 0.5 * velocity.found > velocity.parts["time step"]
+    assert not velocity.is_finding
 
 
 def test_a_scene_that_the_twin_cannot_do_is_not_run_with_the_reason_and_the_others_are(
