@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import select
 import shutil
 import signal
@@ -56,7 +57,7 @@ class EngineReport:
     loop: float = 0.0
     """Of the time steps alone."""
     memory: int = 0
-    """Bytes: the most that one process had."""
+    """Bytes: the most that one process had; 0: not known."""
     pair_style: str = ""
     """What the engine called its pair style, with the suffix that it took; '' where its log does not say."""
 
@@ -154,7 +155,7 @@ def _by_module(
         build=tuple(said.get("lines", ())),
         ranks=engine.ranks,
         loop=log.loop_time(_read(folder / "log.lammps")),
-        memory=said["memory"],
+        memory=max(int(one.get("memory", 0)) for one in (said, *others)),
         pair_style=log.pair_style(_read(folder / "log.lammps")),
     )
 
@@ -222,7 +223,7 @@ def _worker(
     # the answer first, the exit code second: an engine may crash after it has answered
     said = _answer(folder / _ANSWER)
     if said["stage"] == "done" and (ended.code == 0 or engine.ranks == 1):
-        return said | {"memory": ended.memory}
+        return said
     ranks = [said, *(_answer(path) for path in sorted(folder.glob(f"{_ANSWER}.*")))]
     error = next((str(one["error"]) for one in ranks if one["error"]), "")
     if not error:
@@ -296,7 +297,8 @@ def _wait(child: subprocess.Popen[bytes], began: float, time_limit: float, watch
         code=child.returncode,
         wall=time.perf_counter() - began,
         cpu=used.ru_utime + used.ru_stime,
-        memory=1024 * used.ru_maxrss,
+        # a child takes over what its parent had at the fork: below that nothing is known of it
+        memory=1024 * used.ru_maxrss if used.ru_maxrss > resource.getrusage(resource.RUSAGE_SELF).ru_maxrss else 0,
     )
 
 

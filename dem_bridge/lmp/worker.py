@@ -66,6 +66,15 @@ def loaded_mpi() -> tuple[str, str]:
     return paths[0], " ".join(text.value.decode(errors="replace").split("\n")[0].split())
 
 
+def peak_memory() -> int:
+    """Bytes that this process had at most; 0 where it cannot be told. ``getrusage`` would count its parent's, too."""
+    try:
+        with open("/proc/self/status") as file:
+            return next((1024 * int(line.split()[1]) for line in file if line.startswith("VmHWM:")), 0)
+    except OSError:
+        return 0
+
+
 def die_with_parent() -> None:
     """Have the kernel end this process when its parent ends, however that ends (Linux: PR_SET_PDEATHSIG)."""
     if sys.platform == "linux":
@@ -105,6 +114,7 @@ def main() -> int:
             wall, cpu = time.perf_counter(), time.process_time()
             engine.file(words[0])
             content["wall"], content["cpu"] = time.perf_counter() - wall, time.process_time() - cpu
+            content["memory"] = peak_memory()
         else:
             content["styles"] = {style: bool(engine.has_style(*style.split())) for style in words}
         engine.close()

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import dem_bridge as db
@@ -267,3 +268,16 @@ def test_what_the_deck_prints_does_not_reach_the_callers_output(
     (folder / "in.any").write_text('print "hello"\n')
     run_deck(folder, "in.any", time_limit=60.0)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.lammps
+def test_memory_is_that_of_the_engine_and_not_of_its_caller(tmp_path: Path) -> None:
+    # resident pages, which a child would take over in its rusage
+    ballast = np.ones(60_000_000)
+    (tmp_path / "in.empty").write_text("units si\n")
+    for engine in (Engine(), Engine(lmp=Path(sys.executable).with_name("lmp"))):
+        memory = run_deck(tmp_path, "in.empty", time_limit=60.0, engine=engine).memory
+        assert memory < ballast.nbytes
+        if engine.lmp is None:
+            # an interpreter and LAMMPS' own library
+            assert memory > 2e7
