@@ -102,7 +102,6 @@ def test_a_bad_scene_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
         ("verify", "decelerating-40", "--accuracy", "2"),
         ("run", "decelerating-40", "--backend", "lammps-table", "--geometry", "9mm"),
         ("run", "decelerating-40", "--backend", "lammps-table", "--types", "one"),
-        ("run", "decelerating-40", "--backend", "lammps-table", "--geometry", "physical", "--accuracy", "1e-9"),
         ("deck", "decelerating-40", "--style", "lepton", "-o", "deck"),
         ("deck", "decelerating-40", "--style", "table", "--geometry", "", "-o", "deck"),
     ],
