@@ -29,10 +29,9 @@ from dem_bridge.backends.tabled import (
 )
 from dem_bridge.backends.twin_bars import Twins, round_off_floor, twins_of, with_bars
 from dem_bridge.compiled import started
-from dem_bridge.dense import Schedule
 from dem_bridge.errors import BackendUnavailable, UnsupportedScene, UsageError
 from dem_bridge.lmp.coefficients import refusal, table_refusal
-from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, granular_deck, table_deck
+from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, deck_of
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.log import potential_energy
 from dem_bridge.lmp.output import read_binary_dump
@@ -148,10 +147,22 @@ class LammpsGranular:
         radius = radius_of(scene, resolution, look)
         if radius < deepest:
             raise UsageError(f"gauge_radius = {radius:g} m; allowed: more than the largest overlap, {deepest:.3g} m")
-        return self._write(scene, resolution, look, fixed_step_plan(scene, resolution, sampling, look))
+        plan = fixed_step_plan(scene, resolution, sampling, look)
+        own = resolution.geometry == "physical" and resolution.gauge_radius is None
+        tables = self._tables(scene, resolution, look)
+        deck = deck_of(
+            scene,
+            radius=radius,
+            schedule=plan,
+            tables=tables,
+            travel=look.highest - look.lowest,
+            types=resolution.types,
+            floor=round_off_floor(scene, plan, radius) if own else None,
+        )
+        return Written(deck=deck, tables=tables)
 
-    def _write(self, scene: Scene, resolution: Resolution, look: Survey, plan: Schedule) -> Written:
-        return Written(deck=granular_deck(scene, **_form(scene, resolution, look, plan)))
+    def _tables(self, scene: Scene, resolution: Resolution, look: Survey) -> TableSet | None:
+        return None
 
 
 class LammpsTable(LammpsGranular):
@@ -170,19 +181,5 @@ class LammpsTable(LammpsGranular):
     def refusal(self, scene: Scene) -> str | None:
         return table_refusal(scene)
 
-    def _write(self, scene: Scene, resolution: Resolution, look: Survey, plan: Schedule) -> Written:
-        tables = tables_for(scene, resolution, look)
-        return Written(deck=table_deck(scene, tables, **_form(scene, resolution, look, plan)), tables=tables)
-
-
-def _form(scene: Scene, resolution: Resolution, look: Survey, plan: Schedule) -> dict[str, Any]:
-    """What all decks are told beside the scene."""
-    radius = radius_of(scene, resolution, look)
-    own = resolution.geometry == "physical" and resolution.gauge_radius is None
-    return {
-        "radius": radius,
-        "schedule": plan,
-        "travel": look.highest - look.lowest,
-        "types": resolution.types,
-        "floor": round_off_floor(scene, plan, radius) if own else None,
-    }
+    def _tables(self, scene: Scene, resolution: Resolution, look: Survey) -> TableSet | None:
+        return tables_for(scene, resolution, look)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.dense import Schedule
-from dem_bridge.lmp.coefficients import Laws, laws, line_order, pairs, refusal
+from dem_bridge.lmp.coefficients import Laws, laws, line_order, pairs, refusal, table_refusal
 from dem_bridge.lmp.encoding import Types, body_types
 from dem_bridge.lmp.pairing import Pairing, TableSet, granular, tabled
 from dem_bridge.scene import Scene
@@ -120,53 +120,27 @@ class _Line:
         return list(zip(first.tolist(), last.tolist(), strict=True))
 
 
-def granular_deck(
+def deck_of(
     scene: Scene,
     *,
     radius: float,
     schedule: Schedule,
+    tables: TableSet | None = None,
     travel: float = 0.0,
     types: str = "euler",
     floor: float | None = None,
 ) -> Deck:
-    """The deck of a scene for ``pair_style granular``.
+    """The deck of a scene: for ``pair_style table`` with the ``tables`` made for it, else for ``pair_style granular``.
 
     ``radius`` in m; ``travel`` (m): how far bodies get, roughly; ``types``: "euler", as few as can be, or "per-body";
     ``floor``: where the radius is the scene's own, the round-off that it costs, relative to the largest velocity.
-    Raises ValueError where :func:`~dem_bridge.lmp.coefficients.refusal` has a reason.
+    Raises ValueError where the style cannot express the scene.
     """
-    reason = refusal(scene)
+    reason = refusal(scene) if tables is None else table_refusal(scene)
     if reason:
         raise ValueError(reason)
     found = laws(scene)
-    return _deck(scene, found, granular(found, radius), radius, schedule, travel, types, floor)
-
-
-def table_deck(
-    scene: Scene,
-    tables: TableSet,
-    *,
-    radius: float,
-    schedule: Schedule,
-    travel: float = 0.0,
-    types: str = "euler",
-    floor: float | None = None,
-) -> Deck:
-    """The deck of a scene for ``pair_style table``, with the tables made for it; otherwise as :func:`granular_deck`."""
-    found = laws(scene)
-    return _deck(scene, found, tabled(found, radius, tables, scene.name), radius, schedule, travel, types, floor)
-
-
-def _deck(
-    scene: Scene,
-    found: Laws,
-    pairing: Pairing,
-    radius: float,
-    schedule: Schedule,
-    travel: float,
-    types: str,
-    floor: float | None,
-) -> Deck:
+    pairing = granular(found, radius) if tables is None else tabled(found, radius, tables, scene.name)
     walls = (scene.wall_left is not None, scene.wall_right is not None)
     place = positions(scene, radius)
     around = (int(walls[0]), int(walls[1]))

@@ -11,7 +11,7 @@ import pytest
 
 from dem_bridge.backends import lammps
 from dem_bridge.campaign import Case, Result, run_case
-from dem_bridge.lmp.deck import Deck, granular_deck, table_deck
+from dem_bridge.lmp.deck import Deck, deck_of
 
 #: a deck -> the files that are run in its place
 Change = Callable[[Deck], dict[str, str]]
@@ -52,6 +52,5 @@ def run_with(change: Change, case: Case, *, gauge_radius: float | None = None) -
         return deck
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lammps, "granular_deck", planted(granular_deck))
-        patch.setattr(lammps, "table_deck", planted(table_deck))
+        patch.setattr(lammps, "deck_of", planted(deck_of))
         return run_case(replace(case, resolution=replace(case.resolution, gauge_radius=gauge_radius)))

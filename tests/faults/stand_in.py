@@ -19,7 +19,7 @@ import pytest
 
 from dem_bridge.backends import lammps
 from dem_bridge.campaign import Case, Result, run_case
-from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, granular_deck
+from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, deck_of
 from dem_bridge.lmp.process import EngineReport
 from dem_bridge.scene import Scene
 from tests.faults.judging import BENCH, Results
@@ -79,7 +79,7 @@ def run_in_place_of_lammps(code: Callable[[], Code], case: Case) -> Result:
     wanted: list[tuple[Scene, Deck]] = []
 
     def deck(scene: Scene, **how: Any) -> Deck:
-        wanted.append((scene, granular_deck(scene, **how)))
+        wanted.append((scene, deck_of(scene, **how)))
         return wanted[-1][1]
 
     def engine(folder: Path, input_file: str, **how: Any) -> EngineReport:
@@ -89,7 +89,7 @@ def run_in_place_of_lammps(code: Callable[[], Code], case: Case) -> Result:
         return code().frames(*wanted[-1])
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lammps, "granular_deck", deck)
+        patch.setattr(lammps, "deck_of", deck)
         patch.setattr(lammps, "run_deck", engine)
         patch.setattr(lammps, "read_binary_dump", dump)
         return run_case(case)

@@ -22,7 +22,7 @@ from dem_bridge.dense import schedule
 from dem_bridge.errors import SceneError
 from dem_bridge.lmp import deck as deck_module
 from dem_bridge.lmp.coefficients import refusal
-from dem_bridge.lmp.deck import Deck, granular_deck
+from dem_bridge.lmp.deck import Deck, deck_of
 from dem_bridge.scene import Damping, Scene, Wall
 from tests.lmp.deck_reader import ReadDeck, read_deck
 from tests.strategies import damped_scenes, examples, log_uniform, scenes
@@ -39,7 +39,7 @@ PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), 
 
 def _deck(scene: Scene, radius: float = RADIUS, dt: float = 1e-7) -> Deck:
     plan = schedule(duration=scene.duration, samples=scene.samples, dt=dt, frequency=2e5, bodies=scene.n_body)
-    return granular_deck(scene, radius=radius, schedule=plan)
+    return deck_of(scene, radius=radius, schedule=plan)
 
 
 def _read(deck: Deck) -> ReadDeck:
@@ -142,7 +142,7 @@ def test_types_may_be_as_few_as_can_be_or_one_a_body(how: str) -> None:
         name="two-laws", duration=1e-4, mass=(1e-2,) * 9, stiffness=(4e9, 5e9, 5e9, 4e9) * 2, velocity=(1.0, *[0.0] * 8)
     )
     plan = schedule(duration=1e-4, samples=scene.samples, dt=1e-7, frequency=2e5, bodies=9)
-    read = _read(granular_deck(scene, radius=RADIUS, schedule=plan, types=how))
+    read = _read(deck_of(scene, radius=RADIUS, schedule=plan, types=how))
     _assert_says(read, scene, 1e-7)
     assert read.types == {"euler": 2, "per-body": 9}[how]
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from dem_bridge.dense import schedule
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.lmp.deck import Deck, granular_deck
+from dem_bridge.lmp.deck import Deck, deck_of
 from dem_bridge.lmp.radii import MARGIN, encoded_radii
 from dem_bridge.lmp.variants import flat_walls, hertz_history, newton_off, with_restart
 from dem_bridge.scene import Damping, Scene, Wall
@@ -34,7 +34,7 @@ OVERLAP = np.full(SCENE.n_contact, 1e-5)
 
 def _deck(scene: Scene, dt: float = 1e-7) -> Deck:
     plan = schedule(duration=scene.duration, samples=scene.samples, dt=dt, frequency=2e5, bodies=scene.n_body)
-    return granular_deck(scene, radius=RADIUS, schedule=plan)
+    return deck_of(scene, radius=RADIUS, schedule=plan)
 
 
 def _changes(old: Deck, new: Deck) -> list[str]:
