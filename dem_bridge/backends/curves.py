@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from dem_bridge.contacts import Contacts
 from dem_bridge.scene import Scene
@@ -45,6 +44,8 @@ def curves_of(scene: Scene, cells: int = CELLS) -> Curves:
 
 @lru_cache(maxsize=4)  # a run and the runs for its bars ask for the same
 def _curves(c: Contacts, cells: int) -> Curves:
+    from scipy.interpolate import CubicSpline  # brings half of scipy, and powers need none of it
+
     starts = [
         [0.0, *sorted({kink for kink in law.kinks if 0.0 < kink < reach})]
         for law, reach in zip(c.laws, c.reach.tolist(), strict=True)

@@ -14,7 +14,6 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from dem_bridge.errors import UsageError
 from dem_bridge.physics.contact import Floats
@@ -221,6 +220,8 @@ def _slope(distance: Floats, force: Floats) -> float:
 @cache
 def _cardinal(cells: int) -> tuple[Floats, Floats, Floats]:
     """Places in a grid of unit cells; spline there through (0 ... 1 ... 0) each, and with unit slope at the start."""
+    from scipy.interpolate import CubicSpline  # brings half of scipy, and runs without tables need none of it
+
     place = np.concatenate([np.arange(1, 64) / 64.0, np.arange(64, 64 * min(cells // 2, 8) + 1, 4) / 64.0])
     grid = np.arange(cells + 1.0)
     through = CubicSpline(grid, np.eye(cells + 1), bc_type=((1, np.zeros(cells + 1)), "not-a-knot"))

@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import elliprd, elliprf
 
 Floats = NDArray[np.float64]
 
@@ -71,6 +70,8 @@ def cylinder_stiffness_paper(angle: float, *, radius: float, young: float, poiss
     >>> f"{cylinder_stiffness_paper(2.0, **quartz):.12g}", f"{cylinder_stiffness_paper(90.0, **quartz):.13g}"
     ('72729932838.4', '4689197642.511')
     """
+    from scipy.special import elliprd, elliprf  # a fifth of a second, which scenes with stiffnesses do not need
+
     ratio = axis_ratio_paper(angle)
     squared = ratio * ratio
     integral_k = elliprf(0.0, squared, 1.0)
