@@ -340,12 +340,12 @@ def _summary(run: Trajectory) -> dict[str, Any]:
 
 def command() -> None:
     """:func:`main` as a program: once all is said it ends at once, for the interpreter's own farewell takes 0.3 s."""
-    code: object = 1
+    code: str | int | None = 1
     try:
         main()
     except SystemExit as end:
         code = end.code
-    if "multiprocessing.process" in sys.modules or not isinstance(code, int | None):
+    if "multiprocessing.process" in sys.modules or isinstance(code, str):
         sys.exit(code)  # what else is running is waited for
     sys.stdout.flush()
     sys.stderr.flush()
