@@ -151,8 +151,10 @@ time.sleep(600)
 
 
 @pytest.fixture
-def rank_fails(tmp_path: Path) -> Iterator[Callable[[str], Engine]]:
+def rank_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], Engine]]:
     """A LAMMPS whose second rank fails while the first hangs."""
+    # beside it there is no mpiexec: that of this environment is to be found
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
 
     def make(end: str) -> Engine:
         script = tmp_path / "lmp_ranks"
