@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dem_bridge.accuracy import checked_accuracy
-from dem_bridge.backends.base import BACKENDS, Availability, Backend, Resolution, Sampling, backend
+from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Availability, Backend, Resolution, Sampling, backend
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.files import check_folder, write_whole
 from dem_bridge.lmp.engine import Engine
@@ -144,10 +144,10 @@ def write_deck(
     """Write the LAMMPS deck of a scene into ``folder`` (made if need be) and return the files; it runs by
     ``lmp -in in.NAME`` there. ``style``: "granular" or "table"; settings as in :func:`solve`. All files appear or none.
     """
-    from dem_bridge.backends.lammps import LammpsGranular, LammpsTable
+    from dem_bridge.backends.lammps import LammpsGranular
     from dem_bridge.plan import resolution_for
 
-    styles = {"granular": LammpsGranular, "table": LammpsTable}
+    styles = [name.removeprefix("lammps-") for name in ENGINE_BACKENDS]
     if style not in styles:
         raise UsageError(f"style = {style!r}; allowed: {' or '.join(styles)}")
     for key in _ENGINE:
@@ -155,10 +155,11 @@ def write_deck(
             raise UsageError(f"{key} = {settings[key]!r} says which LAMMPS runs; a deck is only written: leave it out")
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
-    _, resolution, sampling, accuracy = _settings(scene, f"lammps-{style}", settings)
+    chosen, resolution, sampling, accuracy = _settings(scene, f"lammps-{style}", settings)
+    assert isinstance(chosen, LammpsGranular)
     if accuracy is not None:
         resolution = resolution_for(scene, accuracy, replace(resolution, tables=style == "table"), sampling)
-    deck = styles[style]().deck(scene, resolution, sampling)
+    deck = chosen.deck(scene, resolution, sampling)
     folder = Path(folder)
     write_whole(folder, deck.files)
     return tuple(folder / name for name in deck.files)

@@ -75,12 +75,12 @@ def run_cases(cases: Sequence[Case], *, jobs: int = 1, tell: Progress | None = N
                 results.append(run_case(case))
         say(len(cases), "")
         return tuple(results)
-    for case in cases:
+    for scene in {id(case.scene): case.scene for case in cases}.values():
         try:
-            pickle.dumps(case.scene)
+            pickle.dumps(scene.law)
         except (pickle.PicklingError, AttributeError, TypeError) as error:
             raise UsageError(
-                f"jobs = {jobs}: the law of {case.scene.name} cannot go to another process ({error});"
+                f"jobs = {jobs}: the law of {scene.name} cannot go to another process ({error});"
                 " allowed: laws that are functions of a module, or jobs = 1"
             ) from None
     # spawn: compiled code and engines do not survive a fork of a process with threads

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.physics import contact
 from dem_bridge.physics.law import ContactLaw
 
 
@@ -41,13 +42,13 @@ class Contacts:
     def force(self, overlap: NDArray[np.float64], which: NDArray[np.int64]) -> NDArray[np.float64]:
         """Elastic force, N, of the contacts ``which`` at overlaps >= 0, ``(..., n_which)`` both."""
         if not self.laws:
-            return np.asarray(self.stiffness[which] * overlap ** (self.exponent[which] - 1.0))
+            return contact.force(overlap, self.stiffness[which], self.exponent[which])
         return self._by_law([one.force for one in self.laws], overlap, which)
 
     def energy(self, overlap: NDArray[np.float64], which: NDArray[np.int64]) -> NDArray[np.float64]:
         """Stored energy, J; as :meth:`force`."""
         if not self.laws:
-            return np.asarray(self.stiffness[which] * overlap ** self.exponent[which] / self.exponent[which])
+            return contact.energy(overlap, self.stiffness[which], self.exponent[which])
         return self._by_law([one.energy for one in self.laws], overlap, which)
 
     def _by_law(

@@ -33,7 +33,6 @@ from dem_bridge.errors import BackendUnavailable, UnsupportedScene, UsageError
 from dem_bridge.lmp.coefficients import refusal, table_refusal
 from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, deck_of
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.lmp.log import potential_energy
 from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.pairing import TableSet
 from dem_bridge.lmp.process import require, run_deck, workspace
@@ -94,8 +93,6 @@ class LammpsGranular:
             # the dump grows evenly with the steps: its size tells how far the run is
             watch = dump_progress(folder / deck.dump_file, deck) if progress.wanted() else None
             report = run_deck(folder, deck.input_file, time_limit=time_limit, watch=watch, engine=self.engine)
-            said = folder / "log.lammps"
-            energies = potential_energy(said.read_text(encoding="utf-8") if said.is_file() else "")
             dumps = [
                 read_binary_dump(folder / file, columns=len(DUMP_COLUMNS))
                 for file in (deck.dump_file, *deck.more_dumps)
@@ -121,7 +118,7 @@ class LammpsGranular:
                 "files": len(written.tables.tables),
                 "predicted_error": predicted_error(scene, written.tables),
                 "predicted_energy_error": predicted_energy_error(written.tables),
-                **measured(scene, written.tables, dense, plan, energies),
+                **measured(scene, written.tables, dense, plan, report.potential_energy),
             }
         # the engine's own share of the processor, and not only ours
         cost = replace(run.cost, cpu=run.cost.cpu + report.cpu)

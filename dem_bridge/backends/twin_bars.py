@@ -94,6 +94,11 @@ def twins_of(
     )
 
 
+def last_digit(plan: Schedule) -> float:
+    """What no run is better than, relative: a random walk of its last digit."""
+    return float(np.finfo(float).eps) * math.sqrt(plan.steps)
+
+
 def round_off_floor(scene: Scene, plan: Schedule, radius: float) -> float:
     """What a code loses that keeps positions of bodies of ``radius`` (m): of velocities, over the largest of them."""
     own, positional = solve_plan(scene, plan), solve_plan(scene, plan, radius)
@@ -138,8 +143,7 @@ def with_bars(run: Trajectory, twins: Twins | None) -> Trajectory:
     plan, own = twins.plan, twins.own
     step, rounding = twins.of_step(), apart(twins.tabled or own, twins.positional)
     speed = float(np.max(np.abs(own.velocity)))
-    # no run is better than a random walk of its last digit
-    digit = np.finfo(float).eps * math.sqrt(plan.steps)
+    digit = last_digit(plan)
     bars: dict[str, NDArray[np.float64] | float] = {}
     for name in QUANTITIES:
         size = np.nan_to_num(np.abs(getattr(own, name)))

@@ -35,12 +35,11 @@ class Verlet:
         """Solve; with ``gauge_radius`` in absolute positions, as LAMMPS. The bars come from three more runs."""
         look = survey_of(scene)
         plan = fixed_step_plan(scene, resolution, sampling, look)
-        tables = None
+        radius, tables = radius_of(scene, resolution, look), None
         if resolution.tables:
-            tables = in_kernel(scene, tables_for(scene, resolution, look), radius_of(scene, resolution, look))
+            tables = in_kernel(scene, tables_for(scene, resolution, look), radius)
         run = solve_plan(scene, plan, resolution.gauge_radius or 0.0, tables or EXACT)
         if not resolution.bars:
             return run
         own = run if resolution.gauge_radius is None and not resolution.tables else None
-        radius = radius_of(scene, resolution, look)
         return with_bars(run, twins_of(scene, plan, look, radius=radius, own=own, tables=tables))

@@ -15,9 +15,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
@@ -60,6 +60,8 @@ class EngineReport:
     """Bytes: the most that one process had; 0: not known."""
     pair_style: str = ""
     """What the engine called its pair style, with the suffix that it took; '' where its log does not say."""
+    potential_energy: Mapping[int, float] = field(default_factory=dict)
+    """J, by step, where its log says it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,9 +156,8 @@ def _by_module(
         cpu=said["cpu"] + sum(float(other.get("cpu", 0.0)) for other in others),
         build=tuple(said.get("lines", ())),
         ranks=engine.ranks,
-        loop=log.loop_time(_read(folder / "log.lammps")),
         memory=max(int(one.get("memory", 0)) for one in (said, *others)),
-        pair_style=log.pair_style(_read(folder / "log.lammps")),
+        **_of_the_steps(_read(folder / "log.lammps")),
     )
 
 
@@ -179,10 +180,18 @@ def _by_binary(
         cpu=ended.cpu,
         build=found.lines,
         ranks=engine.ranks,
-        loop=log.loop_time(text),
         memory=ended.memory,
-        pair_style=log.pair_style(text),
+        **_of_the_steps(text),
     )
+
+
+def _of_the_steps(text: str) -> dict[str, Any]:
+    """Fields of an EngineReport from a log."""
+    return {
+        "loop": log.loop_time(text),
+        "pair_style": log.pair_style(text),
+        "potential_energy": log.potential_energy(text),
+    }
 
 
 def _ask_module(engine: Engine, folder: Path) -> Build:

@@ -25,7 +25,7 @@ from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.survey import Survey, survey
 from dem_bridge.backends.tabled import in_kernel, tables_for
 from dem_bridge.backends.twin import solve_plan
-from dem_bridge.backends.twin_bars import REALISATIONS
+from dem_bridge.backends.twin_bars import REALISATIONS, last_digit
 from dem_bridge.campaign import Progress
 from dem_bridge.compare import Difference, difference
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene
@@ -295,7 +295,7 @@ def _row(way: Way, base: Base) -> tuple[Trajectory, Row]:
     run = LammpsGranular(engine).run_written(base.scene, Written(deck=deck), time_limit=base.resolution.time_limit)
     differences = {name: difference(name, run, base.own) for name in COLUMNS}
     tolerances = tolerances_of(base, deck, way.beside(base))
-    outcomes = {judge(differences[name].value, _last_digit(deck), tolerances[name]) for name in COLUMNS}
+    outcomes = {judge(differences[name].value, last_digit(deck.schedule), tolerances[name]) for name in COLUMNS}
     notes = [str(run.provenance["lammps"].get("note", ""))]
     style = str(run.provenance["pair_style"])
     if way.suffix and not style.endswith(f"/{way.suffix}"):
@@ -314,7 +314,7 @@ def tolerances_of(base: Base, deck: Deck, beside: Mapping[str, float]) -> dict[s
     """What a deck's run may differ by from the twin, relative, by quantity: the round-off of a code that keeps
     positions of bodies with its radii, and what is allowed ``beside``."""
     plan, own, floor = deck.schedule, base.own, base.floor(deck)
-    eps, digit = float(np.finfo(float).eps), _last_digit(deck)
+    eps, digit = float(np.finfo(float).eps), last_digit(plan)
     # forces are running sums of net forces, and small ones are measured against a thousandth of the largest
     largest = float(np.max(own.peak_force, initial=0.0))
     sums = 4.0 * largest + float(np.sum(np.abs(deck.weight)))
@@ -326,11 +326,6 @@ def tolerances_of(base: Base, deck: Deck, beside: Mapping[str, float]) -> dict[s
     return {
         name: REALISATIONS * (floor[name] + digit) + more.get(name, 0.0) + beside.get(name, 0.0) for name in COLUMNS
     }
-
-
-def _last_digit(deck: Deck) -> float:
-    """No run is known better than to a random walk of its last digit."""
-    return float(np.finfo(float).eps) * math.sqrt(deck.schedule.steps)
 
 
 def _same_bits(run: Trajectory, other: Trajectory) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +23,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome
 from tests.conftest import Solve
+from tests.lmp.processes import gone
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
 #: the wheel's own console script: a binary like any other
@@ -254,21 +254,10 @@ def test_a_binary_that_cannot_be_executed_says_so(tmp_path: Path, folder: Path) 
     assert "Exec format error" in str(_broken(script, folder))
 
 
-def _runs(pid: str) -> bool:
-    """Whether a process is neither gone nor dead and not yet buried."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-
-
 def test_a_binary_that_hangs_is_stopped_with_all_it_started(binary: Binary, folder: Path) -> None:
     script = binary("sleep 600 &\necho $$ $! > pids\nwait")
     assert "time limit of 2 s and was stopped" in str(_broken(script, folder, time_limit=2.0))
-    end = time.monotonic() + 10.0  # what is killed takes a moment to be gone
-    while any(_runs(pid) for pid in (folder / "pids").read_text().split()):
-        assert time.monotonic() < end
-        time.sleep(0.02)
+    assert gone(map(int, (folder / "pids").read_text().split()))
 
 
 def test_a_binary_that_ends_well_without_a_dump_is_broken(binary: Binary) -> None:

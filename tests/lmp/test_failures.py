@@ -25,6 +25,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.studies.checks import accuracy
 from dem_bridge.verdict import Outcome
 from tests.conftest import Solve
+from tests.lmp.processes import gone
 
 pytestmark = pytest.mark.lammps
 
@@ -53,23 +54,6 @@ def _broken(folder: Path, engine: Engine, time_limit: float = 60.0) -> RunBroken
         run_deck(folder, "in.pair", time_limit=time_limit, engine=engine)
     assert "\n" not in str(caught.value)
     return caught.value
-
-
-def _gone(pids: list[int], within: float = 10.0) -> bool:
-    """Whether processes end, or are dead already and only not yet buried."""
-    end = time.monotonic() + within
-    while time.monotonic() < end:
-        if not any(_alive(pid) for pid in pids):
-            return True
-        time.sleep(0.02)
-    return False
-
-
-def _alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
 
 
 def test_a_crash_after_a_failed_pair_coeff_ends_the_child_alone(
@@ -184,7 +168,7 @@ def test_a_rank_that_fails_takes_the_one_that_waits_with_it(
         assert "LAMMPS ended" in str(_broken(deck, rank_fails(end)))
     found = _pids(deck)
     assert len(found) == 2
-    assert _gone(found)
+    assert gone(found)
 
 
 @pytest.mark.parametrize("engine", [Engine(ranks=2), Engine(lmp=WHEEL, ranks=2)], ids=["module", "binary"])
@@ -208,11 +192,11 @@ def test_ranks_end_with_the_caller_however_he_ends(deck: Path, rank_fails: Calla
             time.sleep(0.05)
         found = _pids(deck)
         assert len(found) == 2
-        assert not _gone(found, within=0.1)
+        assert not gone(found, within=0.1)
     finally:
         os.kill(caller.pid, signal.SIGKILL)
         caller.wait()
-    assert _gone(found)
+    assert gone(found)
 
 
 # no room

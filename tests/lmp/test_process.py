@@ -19,6 +19,7 @@ from dem_bridge.lmp import process, worker
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import probe, require, run_deck
 from dem_bridge.scene import Scene
+from tests.lmp.processes import gone
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
 
@@ -111,25 +112,13 @@ def test_an_answer_that_is_no_json_is_a_broken_run(plant: Plant, folder: Path) -
     assert "exit code 0" in str(_broken(folder))
 
 
-def _gone(pid: int) -> bool:
-    """Whether the process has ended; an orphan that nobody has buried yet has."""
-    for _ in range(100):
-        try:
-            if Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z":
-                return True
-        except FileNotFoundError:
-            return True
-        time.sleep(0.05)
-    return False
-
-
 def test_a_child_that_hangs_is_stopped_with_all_that_it_started(plant: Plant, folder: Path) -> None:
     helper = "import subprocess\nhelper = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(600)'])\n"
     plant(RUNNING + helper + "open('pids', 'w').write(f'{os.getpid()} {helper.pid}')\ntime.sleep(600)")
     # long enough for the child to start its helper
     assert "time limit of 2 s and was stopped" in str(_broken(folder, time_limit=2.0))
     pids = [int(word) for word in (folder / "pids").read_text().split()]
-    assert all(_gone(pid) for pid in pids)
+    assert gone(pids)
 
 
 def test_a_watched_child_that_hangs_is_stopped_too(plant: Plant, folder: Path) -> None:
@@ -149,7 +138,7 @@ def test_an_interrupt_of_the_caller_ends_the_child(plant: Plant, folder: Path, m
 
     with pytest.raises(KeyboardInterrupt):
         run_deck(folder, "in.any", time_limit=60.0, watch=interrupted)
-    assert _gone(int((folder / "pids").read_text()))
+    assert gone([int((folder / "pids").read_text())])
 
 
 def test_a_missing_module_makes_the_engine_unavailable_with_advice(plant: Plant) -> None:
