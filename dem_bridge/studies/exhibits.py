@@ -1,0 +1,182 @@
+"""What a study shows, as plain data: claims, tables and figures. Nothing is computed or drawn here.
+
+A figure is its numbers: ``report`` draws them, and writes the same numbers as CSV beside the picture.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.verdict import Outcome, plain
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClaimValue:
+    """One number that speaks for or against a claim, and who says so."""
+
+    name: str
+    """What it is, such as "largest residence time"."""
+    backend: str
+    """Of :data:`~dem_bridge.backends.base.BACKENDS`, or "paper" for what is printed there."""
+    value: float
+    uncertainty: float = float("nan")
+    """Its error bar in the same unit; nan: none can be given."""
+    unit: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        return {key: plain(getattr(self, key)) for key in ("name", "backend", "value", "uncertainty", "unit")}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim:
+    """A statement of the paper with what was found.
+
+    ``outcome``: PASS where it holds, FAIL where it does not, UNDECIDED where bars straddle what it asks,
+    MODEL_DIFFERENCE where it is about a theory and a number is all that can be said, NOT_RUN with the reason.
+    """
+
+    id: str
+    where: str
+    """Section and figure of the paper."""
+    statement: str
+    outcome: Outcome
+    sentence: str
+    """What was found, with the number that decides."""
+    values: tuple[ClaimValue, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        parts = {key: getattr(self, key) for key in ("id", "where", "statement", "outcome", "sentence")}
+        return parts | {"values": [value.as_json() for value in self.values]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """Rows of texts and numbers; numbers stay numbers, so that a page can sort and round them."""
+
+    id: str
+    """Also the stem of its CSV file."""
+    title: str
+    caption: str
+    columns: tuple[str, ...]
+    """Names with units in brackets: "arrival (ms)"."""
+    rows: tuple[tuple[str | float, ...], ...]
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(f"table {self.id}: {len(row)} cells in a row of {len(self.columns)} columns: {row}")
+
+    def as_csv(self) -> str:
+        """With a header; numbers in full precision."""
+        return _csv(self.columns, self.rows)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Series:
+    """One line or set of marks of a panel: ``x`` and ``y`` ``(n,)``; ``bar`` ``(n,)`` where it has one."""
+
+    label: str
+    style: str
+    """Who it is from: a backend's name, "fit" or "guide"; the drawing follows from it."""
+    x: Floats
+    y: Floats
+    bar: Floats | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Map:
+    """Values over two axes: ``values (n_y, n_x)``."""
+
+    label: str
+    """Of the colour scale, with unit."""
+    x: Floats
+    y: Floats
+    values: Floats
+    diverging: bool = False
+    """Whether zero is the middle of the scale."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Panel:
+    """One pair of axes."""
+
+    title: str
+    x_label: str
+    y_label: str
+    series: tuple[Series, ...] = ()
+    map: Map | None = None
+    log: bool = False
+    """Both axes logarithmic."""
+    notes: tuple[str, ...] = ()
+    """Short lines to stand in the panel."""
+    shares_scale_with: tuple[int, ...] = ()
+    """Places of panels of the same figure with the same colour scale, or without map the same y axis."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Exhibit:
+    """A figure as numbers, such as "figure-2"."""
+
+    id: str
+    title: str
+    caption: str
+    panels: tuple[Panel, ...]
+    columns: int = 2
+    """Panels side by side."""
+
+    def as_csv(self) -> str:
+        """All panels, long form: panel, series, x, y, value, bar. Numbers in full precision; empty where there is none.
+
+        >>> line = Series(label="law", style="guide", x=np.array([1.0]), y=np.array([0.1]))
+        >>> panel = Panel(title="a", x_label="i", y_label="V (m/s)", series=(line,))
+        >>> print(Exhibit(id="figure-3", title="", caption="", panels=(panel,)).as_csv(), end="")
+        panel,series,x,y,value,bar
+        a,law,1.0,0.1,,
+        """
+        rows: list[tuple[str | float, ...]] = []
+        for panel in self.panels:
+            if panel.map is not None:
+                one = panel.map
+                rows += [
+                    (panel.title, one.label, float(x), float(y), float(one.values[j, i]), "")
+                    for j, y in enumerate(one.y)
+                    for i, x in enumerate(one.x)
+                ]
+            for line in panel.series:
+                bars = [""] * len(line.x) if line.bar is None else line.bar.tolist()
+                rows += [
+                    (panel.title, line.label, x, y, "", bar)
+                    for x, y, bar in zip(line.x.tolist(), line.y.tolist(), bars, strict=True)
+                ]
+        return _csv(("panel", "series", "x", "y", "value", "bar"), rows)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Paper:
+    """What was found for the paper as a whole: what its report has beside the verdicts."""
+
+    answer: tuple[str, ...]
+    """Page one: the answer in five sentences."""
+    not_verified: tuple[str, ...]
+    claims: tuple[Claim, ...]
+    tables: tuple[Table, ...]
+    """In the order of the page; "budget" first: the whole budget, model and parameters included."""
+    exhibits: tuple[Exhibit, ...]
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+
+def _csv(columns: tuple[str, ...], rows: Any) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(rows)
+    return text.getvalue()
