@@ -127,12 +127,13 @@ def _hopeless(scene: Scene, error: RunBroken | UnsupportedScene | UsageError) ->
     return SceneStudy(scene=scene, results=(), verdicts=(verdict,), ladder={})
 
 
-def cases_of(scene: Scene, accuracy: float, engine: Engine | None = None) -> list[Case]:
-    """The runs that a verdict on one scene needs; the main run of each backend first. ``engine``: which LAMMPS."""
+def cases_of(scene: Scene, accuracy: float, engine: Engine | None = None, *, ladder: bool = True) -> list[Case]:
+    """The runs that a verdict on one scene needs; the main run of each backend first. ``engine``: which LAMMPS;
+    ``ladder``: with the longer steps from which the order of convergence is told."""
     sampling, judged = Sampling(count=scene.samples), engine_for(scene)
     main = _main_resolution(scene, accuracy, sampling, tables=judged == TABLE)
     assert main.dt is not None
-    coarse = [replace(main, dt=factor * main.dt, bars=False) for factor in LADDER]
+    coarse = [replace(main, dt=factor * main.dt, bars=False) for factor in LADDER if ladder]
     runs = [(name, Resolution()) for name in (REFERENCE, SECOND, THEORY)]
     runs += [(name, settings) for name in (TWIN, judged) for settings in (main, *coarse)]
     # beside the twin, step by step on the way to what LAMMPS does: its tables, if any, then positions
@@ -205,7 +206,8 @@ def study_of(scene: Scene, results: tuple[Result, ...], accuracy: float) -> Scen
                 # what tables miss falls with no step: of errors below it no order can be told
                 bar = truth.uncertainty["velocity"] + float(np.max(np.abs(tabled.velocity - twin.velocity)))
                 known = replace(truth, uncertainty={**truth.uncertainty, "velocity": bar})
-            verdicts.append(checks.order(scene, name, ladder[name], known))
+            if len(ladder[name][0]) > 1:
+                verdicts.append(checks.order(scene, name, ladder[name], known))
         if theory is not None:
             verdicts += checks.model(scene, theory, truth)
     if engine is not None:
