@@ -28,11 +28,18 @@ def check_folder(folder: Path) -> None:
 
 
 def write_whole(folder: Path, texts: Mapping[str, str | bytes]) -> None:
-    """Write all ``texts`` (name -> content, bytes for a picture) into ``folder``, or none; UsageError if that fails."""
+    """Write all ``texts`` (name -> content, bytes for a picture) into ``folder``, or none; UsageError if that fails.
+
+    A name may have folders in it, "figures/one.csv": they are made, and go again with what could not be written.
+    """
     check_folder(folder)
     parts = {name: folder / f"{name}.{os.getpid()}.part" for name in texts}
+    made: list[Path] = []
     try:
         for name, text in texts.items():
+            for missing in _missing(folder, (folder / name).parent):
+                missing.mkdir()
+                made.append(missing)
             check_file(folder / name)
             if isinstance(text, bytes):
                 parts[name].write_bytes(text)
@@ -44,4 +51,13 @@ def write_whole(folder: Path, texts: Mapping[str, str | bytes]) -> None:
         raise UsageError(f"{folder}: cannot be written ({error.strerror}); name another folder") from error
     finally:
         for part in parts.values():
-            part.unlink(missing_ok=True)
+            if part.parent.is_dir():
+                part.unlink(missing_ok=True)
+        for one in reversed(made):
+            if not any(one.iterdir()):
+                one.rmdir()
+
+
+def _missing(folder: Path, inner: Path) -> list[Path]:
+    """Folders on the way from ``folder`` to ``inner`` that are not there, outermost first."""
+    return [one for one in (*reversed(inner.parents), inner) if folder in one.parents and not one.exists()]

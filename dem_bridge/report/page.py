@@ -1,4 +1,7 @@
-"""The report: one self-contained HTML page with the verdicts as JSON beside it. Both files appear, or neither."""
+"""The report: one self-contained HTML page, beside it the verdicts as JSON and what is drawn and tabled as CSV.
+
+All files appear, or none.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +18,14 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
+from PIL import Image
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.files import write_whole
 from dem_bridge.lmp.coefficients import MODELS
 from dem_bridge.report import figures
 from dem_bridge.studies.checks import POSITIONAL, REFERENCE, SECOND, THEORY, TWIN
+from dem_bridge.studies.exhibits import Claim, Exhibit, Paper, Table
 from dem_bridge.studies.independence import ANSWERS_THROUGH, matrix
 from dem_bridge.studies.verify import SceneStudy, Verification
 from dem_bridge.trajectory import Trajectory
@@ -38,6 +43,26 @@ NAMES = {
 }
 #: panels side by side on a page
 _BESIDE = 2
+_DPI = 120
+
+#: the worst first: how outcomes sort
+SEVERITY = (
+    Outcome.BROKEN,
+    Outcome.FAIL,
+    Outcome.UNDECIDED,
+    Outcome.NOT_RUN,
+    Outcome.MODEL_DIFFERENCE,
+    Outcome.PASS,
+)
+#: what outcomes are called where a claim has them
+CLAIMED = {
+    Outcome.PASS: "holds",
+    Outcome.FAIL: "does not hold",
+    Outcome.UNDECIDED: "undecided",
+    Outcome.MODEL_DIFFERENCE: "a number",
+    Outcome.NOT_RUN: "not run",
+    Outcome.BROKEN: "run broke",
+}
 
 #: what a reader must not believe that any page shows
 _NEVER_VERIFIED = (
@@ -53,14 +78,22 @@ _NEVER_VERIFIED = (
 
 
 def write_report(found: Verification, folder: Path) -> tuple[Path, Path]:
-    """Write ``index.html`` and ``verdicts.json`` into ``folder`` (made if need be) and return their paths."""
+    """Write :func:`report_files` into ``folder`` (made if need be); the paths of the page and of the verdicts."""
+    write_whole(folder, report_files(found))
+    return folder / "index.html", folder / "verdicts.json"
+
+
+def report_files(found: Verification) -> dict[str, str]:
+    """``index.html`` and ``verdicts.json``; with a paper ``figures/ID.csv`` and ``tables/ID.csv``. Name -> text."""
     record = as_json(found)
-    texts = {
+    files = {
         "index.html": render(found, record),
         "verdicts.json": json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n",
     }
-    write_whole(folder, texts)
-    return folder / "index.html", folder / "verdicts.json"
+    if found.paper is not None:
+        files |= {f"figures/{one.id}.csv": one.as_csv() for one in found.paper.exhibits}
+        files |= {f"tables/{one.id}.csv": one.as_csv() for one in found.paper.tables}
+    return files
 
 
 def as_json(found: Verification) -> dict[str, Any]:
@@ -68,7 +101,7 @@ def as_json(found: Verification) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "verdicts": [verdict.as_json() for verdict in found.verdicts],
-        "claims": [],
+        "claims": [claim.as_json() for claim in (found.paper.claims if found.paper else ())],
         "budgets": [
             budget.as_json() | {"scene": study.scene.name} for study in found.studies for budget in study.budgets
         ],
@@ -109,6 +142,7 @@ def provenance(found: Verification) -> dict[str, Any]:
         "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
         "wall": round(found.wall, 2),
         "runs": runs,
+        **({"paper": dict(found.paper.provenance)} if found.paper else {}),
     }
 
 
@@ -121,11 +155,26 @@ def render(found: Verification, record: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "picture": picture}
+    environment.filters |= {
+        "by_outcome": _by_outcome,
+        "claimed": lambda outcome: CLAIMED[outcome],
+        "drawn": _drawn,
+        "number": number,
+        "numeric": _numeric,
+        "picture": picture,
+        "sortable": sortable,
+    }
     counts = Counter(verdict.outcome for verdict in found.verdicts)
+    paper, names = found.paper, ", ".join(study.scene.name for study in found.studies)
+    tables = paper.tables if paper else ()
     return environment.get_template("page.html.j2").render(
         found=found,
         record=record,
+        paper=paper,
+        title="Chaunsali, Kim & Yang (2018), claim by claim" if paper else f"Verification of {names}",
+        budget=next((one for one in tables if one.id == "budget"), None),
+        tables=[one for one in tables if one.id != "budget"],
+        contents=_contents(paper),
         headline=headline(found),
         counts=[(outcome, counts[outcome]) for outcome in Outcome if counts[outcome]],
         pairs=[found.studies[i : i + _BESIDE] for i in range(0, len(found.studies), _BESIDE)],
@@ -134,12 +183,47 @@ def render(found: Verification, record: dict[str, Any]) -> str:
         with_theory=lambda pair: any(study.run(THEORY) is not None for study in pair),
         models=lambda study: [v for v in study.verdicts if v.outcome is Outcome.MODEL_DIFFERENCE],
         deck_hashes=_deck_hashes,
-        not_verified=not_verified(found),
+        not_verified=list(dict.fromkeys([*(paper.not_verified if paper else ()), *not_verified(found)])),
         names=NAMES,
         backends=tuple(BACKENDS),
         shares=matrix(),
         answers_through=ANSWERS_THROUGH,
     )
+
+
+def _contents(paper: Paper | None) -> list[tuple[str, str]]:
+    """(id, name) of the parts of the page."""
+    first = [("answer", "Answer")]
+    if paper is None:
+        last = [("not-verified", "Not verified")]
+    else:
+        first += [("not-verified", "Not verified")]
+        first += [("budget", "Whole budget")] * any(one.id == "budget" for one in paper.tables)
+        first += [("claims", "Claims")]
+        first += [("figures", "Figures")] * bool(paper.exhibits)
+        first += [("tables", "Tables")] * any(one.id != "budget" for one in paper.tables)
+        last = []
+    runs = [("verdicts", "Verdicts"), ("budgets", "Error budgets"), ("pictures", "Pictures")]
+    return [*first, *runs, ("shares", "Who shares what"), *last, ("provenance", "Provenance")]
+
+
+def _by_outcome(paper: Paper) -> list[tuple[Outcome, list[Claim]]]:
+    """Claims by what became of them: those that hold first, then by severity."""
+    order = (Outcome.PASS, *SEVERITY[:-1])
+    found = {outcome: [claim for claim in paper.claims if claim.outcome is outcome] for outcome in order}
+    return [(outcome, claims) for outcome, claims in found.items() if claims]
+
+
+def _numeric(table: Table, column: int) -> bool:
+    """Whether a column has numbers alone."""
+    return bool(table.rows) and not any(isinstance(row[column], str) for row in table.rows)
+
+
+def _drawn(exhibit: Exhibit) -> Figure:
+    from dem_bridge.report.exhibits import drawn  # type: ignore[import-not-found]
+
+    figure: Figure = drawn(exhibit)
+    return figure
 
 
 def not_verified(found: Verification) -> list[str]:
@@ -232,21 +316,47 @@ def _answer(study: SceneStudy) -> str:
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """A number as a person reads it; a dash where there is none.
+    """A number as a person reads it; a dash where there is none. Whole numbers have all their digits.
 
-    >>> number(1.6e-9), number(None), number(float("inf")), number(0.0)
-    ('1.6e-09', '–', '∞', '0')
+    >>> number(1.6e-9), number(None), number(float("inf")), number(0.0), number(300000)
+    ('1.6e-09', '–', '∞', '0', '300000')
     """
     if value is None or value != value:
         return "–"
     if value in (float("inf"), float("-inf")):
-        return "∞"
+        return "∞" if value > 0 else "−∞"
+    if isinstance(value, int):
+        return str(value)
     return "0" if value == 0 else f"{value:.{digits}g}"
+
+
+def sortable(value: float | str | None) -> str:
+    """What a cell is sorted by: a number in full, an outcome by its severity, else the text; '' where there is none.
+
+    >>> sortable(0.1), sortable(float("inf")), sortable(None), sortable("FAIL"), sortable("verlet")
+    ('0.1', 'Infinity', '', '1', 'verlet')
+    """
+    if value is None or value != value:
+        return ""
+    if isinstance(value, str):
+        return str(SEVERITY.index(Outcome(value))) if value in set(Outcome) else value
+    return repr(float(value)).replace("inf", "Infinity")
 
 
 def picture(figure: Figure) -> str:
     """A figure as a data URI, so that the page is one file."""
-    buffer = io.BytesIO()
-    # no date in the file: the same numbers give the same bytes
-    figure.savefig(buffer, format="png", dpi=150, metadata={"Software": None})
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format="png", dpi=_DPI)
+    return "data:image/png;base64," + base64.b64encode(packed(drawn.getvalue())).decode("ascii")
+
+
+def packed(png: bytes) -> bytes:
+    """A picture in a third of its bytes: 256 colours of its own, chosen so that a thin line keeps its colour.
+
+    Without date or software: the same picture gives the same bytes.
+    """
+    small = io.BytesIO()
+    colours = Image.open(io.BytesIO(png)).convert("RGB")
+    indexed = colours.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    indexed.save(small, format="png", optimize=True)
+    return small.getvalue()

@@ -32,6 +32,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.studies import checks
 from dem_bridge.studies.budget import Budget, allowance, budgets
 from dem_bridge.studies.checks import REFERENCE, SECOND, TABLE, THEORY, TWIN, engine_for
+from dem_bridge.studies.exhibits import Paper
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome, Verdict, exit_code
 
@@ -71,6 +72,8 @@ class Verification:
     accuracy: float
     wall: float
     """s, for all of it."""
+    paper: Paper | None = None
+    """What was found for the paper as a whole, where that was asked."""
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:

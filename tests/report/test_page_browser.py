@@ -1,0 +1,116 @@
+"""The page in a browser: nothing is cut, tables sort, and on paper there are no folds. Needs Chromium."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dem_bridge.report import page as page_module
+from dem_bridge.report.page import write_report
+from dem_bridge.studies.verify import Verification
+from tests.report.fake_paper import fake_drawn, fake_paper
+
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium")]
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    found = Verification(studies=(), accuracy=1e-3, wall=0.0, paper=fake_paper())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page_module, "_drawn", fake_drawn)
+        yield write_report(found, tmp_path_factory.mktemp("page"))[0]
+
+
+def _browse(*words: str) -> str:
+    assert BROWSER is not None
+    quiet = ("--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync")
+    given = (BROWSER, "--headless", "--no-sandbox", "--disable-gpu", *quiet, *words)
+    return subprocess.run(given, capture_output=True, text=True, check=True, timeout=120).stdout
+
+
+def _asked(page: Path, folder: Path, script: str, *words: str, hash: str = "") -> Any:
+    """What a script finds on the page once it is shown."""
+    text = page.read_text(encoding="utf-8").replace(
+        "</body>",
+        f"<pre id=told></pre><script>told.textContent = JSON.stringify((() => {{{script}}})())</script></body>",
+    )
+    (folder / "asked.html").write_text(text, encoding="utf-8")
+    address = (folder / "asked.html").as_uri() + hash
+    shown = _browse(f"--user-data-dir={folder / 'profile'}", *words, "--dump-dom", address)
+    return json.loads(unescape(re.findall(r'<pre id="told">(.*?)</pre>', shown, re.DOTALL)[0]))
+
+
+#: what is wider than the window, but for what may be scrolled; texts that leave their cell
+_CUT = """
+for (const one of document.querySelectorAll("details")) one.open = true;
+const cut = [];
+for (const one of document.querySelectorAll("body *:not(.scroll *)"))
+  if (one.getBoundingClientRect().right > innerWidth + 1) cut.push(one.outerHTML.slice(0, 80));
+for (const one of document.querySelectorAll("td, th"))
+  if (one.scrollWidth > one.clientWidth + 1) cut.push(one.outerHTML.slice(0, 80));
+if (document.documentElement.scrollWidth > innerWidth) cut.push("page");
+return cut;
+"""
+
+
+@pytest.mark.parametrize("width", [1280, 800])
+def test_nothing_is_cut_nor_wider_than_the_window(page: Path, tmp_path: Path, width: int) -> None:
+    assert _asked(page, tmp_path, _CUT, f"--window-size={width},900") == []
+
+
+def test_headings_sort_by_click_and_by_key_numbers_by_value_and_outcomes_by_severity(
+    page: Path, tmp_path: Path
+) -> None:
+    script = """
+const rows = (table) => table.tBodies.length > 1 ? [...table.tBodies].map((one) => one.rows[0]) : table.tBodies[0].rows;
+const column = (table, at) => [...rows(table)].map((row) => row.cells[at].textContent);
+const button = (table, at) => table.tHead.rows[0].cells[at].querySelector("[role=button]");
+const claims = document.querySelector("table.claims"), budget = document.querySelector("table.sorts");
+button(claims, 3).click();
+const severity = column(claims, 3), together = [...claims.tBodies].every((one) => one.rows.length === 2);
+const press = (key) => button(budget, 3).dispatchEvent(new KeyboardEvent("keydown", { key }));
+press("Enter");
+const up = column(budget, 3);
+press(" ");
+button(budget, 2).click();
+return [severity, together, up, column(budget, 2), button(budget, 2).tabIndex,
+        [...budget.tHead.rows[0].cells].map((one) => one.getAttribute("aria-sort"))];
+"""
+    severity, together, up, holes, tab, aria = _asked(page, tmp_path, script)
+    assert list(dict.fromkeys(severity)) == ["does not hold", "undecided", "not run", "a number", "holds"]
+    assert together
+    assert up == ["2.2e-11", "1.5e-06", "0.0036", "0.008", "0.021", "0.031", "0.068"]
+    assert holes == ["0.02", "0.05", "0.178", "–", "–", "–", "–"]
+    assert tab == 0
+    assert aria == [None, None, "ascending", None, None, None]
+
+
+def test_a_link_into_a_fold_opens_it(page: Path, tmp_path: Path) -> None:
+    script = 'return ["table-scatter", "table-validity"].map((id) => document.getElementById(id).open);'
+    assert _asked(page, tmp_path, script, hash="#table-scatter") == [True, False]
+
+
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="no pdftotext")
+def test_on_paper_folds_are_open_headings_repeat_and_columns_stay_on_the_sheet(page: Path, tmp_path: Path) -> None:
+    pdf = tmp_path / "page.pdf"
+    _browse(f"--user-data-dir={tmp_path / 'profile'}", "--no-pdf-header-footer", f"--print-to-pdf={pdf}", page.as_uri())
+    text = subprocess.run(["pdftotext", "-layout", pdf, "-"], capture_output=True, text=True, check=True).stdout
+    for words in ("200 seeded chains", "exponent of the peak force against the stiffness", "Every run, its settings"):
+        assert words in text
+    sheets = text.split("\f")
+    assert sum("arrival (ms)" in sheet for sheet in sheets) >= 3  # 200 rows, about 65 a sheet
+    boxes = subprocess.run(["pdftotext", "-bbox", pdf, "-"], capture_output=True, text=True, check=True).stdout
+    wide = float(re.findall(r'<page width="([\d.]+)"', boxes)[0])
+    assert wide == pytest.approx(595.3, abs=1.0)  # A4 portrait
+    # what is too wide makes Chromium shrink all sheets: then the title, 15 pt, would be lower than its letters
+    low, high = re.findall(r'yMin="([\d.]+)" xMax="[\d.]+" yMax="([\d.]+)">Chaunsali', boxes)[0]
+    assert float(high) - float(low) > 15.0
