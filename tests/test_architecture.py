@@ -27,7 +27,7 @@ LAYERS = {
     3: ("scene", "contacts"),
     4: ("lmp", "scene_file", "trajectory", "dense"),
     5: ("backends", "observables"),
-    6: ("compare", "campaign"),
+    6: ("compare", "campaign", "store"),
     7: ("verdict", "plan", "extrapolate", "doctor"),
     8: ("studies",),
     9: ("report",),
@@ -40,6 +40,7 @@ SIDEWAYS = {
     ("cli", "cli_terminal"): "what a terminal shows is apart from what is asked",
     ("scene", "contacts"): "a scene gives its contacts as arrays",
     ("lmp", "dense"): "a deck dumps at the steps of a Schedule",
+    ("campaign", "store"): "what was run before is not run again",
     ("accuracy", "errors"): "an accuracy that is none is a UsageError",
 }
 
