@@ -73,20 +73,26 @@ def verify(
     *,
     accuracy: float | None = None,
     folder: str | Path | None = None,
-    jobs: int = 1,
+    jobs: int | None = None,
     tell: Progress | None = None,
     lmp: str | Path | None = None,
     lmp_args: str | None = None,
     python: str | Path | None = None,
     ranks: int | None = None,
+    store: bool | str | Path = True,
+    fresh: bool = False,
 ) -> Verification:
     """Verify scenes (None: the paper's of 40 cylinders) through LAMMPS, its twin, the reference and binary collisions.
 
     ``accuracy``: wanted of velocities, relative to the largest (None: 5e-6); the time step follows from it. ``folder``:
-    where ``index.html`` and ``verdicts.json`` are written (None: nowhere). ``jobs``: runs at a time. ``tell`` is called
-    with (done, total, label). ``lmp``, ``lmp_args``, ``python``, ``ranks``: which LAMMPS, as in :func:`solve`. The
-    answer has ``verdicts`` and ``exit_code``. Raises SceneError or UsageError; a run that breaks is a BROKEN verdict.
+    where ``index.html`` and ``verdicts.json`` are written (None: nowhere). ``jobs``: runs at a time (None: as many as
+    there are cores). ``tell`` is called with (done, total, label). ``lmp``, ``lmp_args``, ``python``, ``ranks``: which
+    LAMMPS, as in :func:`solve`. ``store``: where runs are kept, so that none is made twice: True for the user's cache,
+    or the folder that ``DEM_BRIDGE_STORE`` names (nowhere where that is empty); a folder; or False. ``fresh``: make all
+    runs anew, and keep them. The answer has ``verdicts``, ``exit_code`` and ``notes``. Raises SceneError or UsageError;
+    a run that breaks is a BROKEN verdict.
     """
+    from dem_bridge.store import Store
     from dem_bridge.studies.verify import DEFAULT_ACCURACY, verify_scenes
 
     if scenes is None:
@@ -100,7 +106,8 @@ def verify(
     if folder is not None:
         check_folder(Path(folder))
     engine = Engine.chosen(lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
-    found = verify_scenes(chosen, accuracy=accuracy, jobs=jobs, tell=tell, engine=engine)
+    kept = Store.opened(store, fresh=fresh)
+    found = verify_scenes(chosen, accuracy=accuracy, jobs=jobs, tell=tell, engine=engine, store=kept)
     if folder is not None:
         from dem_bridge.report.page import write_report
 

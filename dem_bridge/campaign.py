@@ -1,20 +1,38 @@
-"""Many cases on an executor: what is to be run in, trajectories or the reasons why not out, in the same order."""
+"""Many cases on all cores: what is to be run in, trajectories or the reasons why not out, in the same order.
+
+What the store has is not run, and what is the same is run once.
+"""
 
 from __future__ import annotations
 
 import multiprocessing
+import os
 import pickle
-from collections.abc import Callable, Sequence
+import signal
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import partial
+from types import ModuleType
 
 from dem_bridge import progress
 from dem_bridge.backends.base import Resolution, Sampling, backend
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
+from dem_bridge.store import Store, run_key
 from dem_bridge.trajectory import Trajectory
+
+#: s of one core for a body and step, roughly, and for bodies to a power where steps are not known beforehand
+_PER_STEP = {"lammps-granular": 6e-8, "lammps-table": 6e-8, "verlet": 4e-9, "ase": 1e-6}
+_PER_BODIES = {"reference": (2e-4, 2.0), "scipy": (0.06, 1.35)}
+#: error bars of a fixed step take so many more runs
+_BARS = 5
+#: s that a worker needs until it can begin: what takes less in all is run here
+_START = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +50,22 @@ class Case:
     def label(self) -> str:
         dt = self.resolution.dt
         return f"{self.scene.name}: {self.backend}" + (f" at dt = {dt:.3g} s" if dt else "")
+
+    @property
+    def key(self) -> str | None:
+        """In the store; None: it has no place there."""
+        return run_key(self.scene, self.backend, self.resolution, self.sampling, self.engine)
+
+    @property
+    def expected(self) -> float:
+        """A guess at its wall time, s: good for the order of runs and the time that is left, and for nothing else."""
+        bodies, dt = self.scene.n_body, self.resolution.dt
+        if self.backend in _PER_BODIES:
+            factor, power = _PER_BODIES[self.backend]
+            return factor * float(bodies**power)
+        steps = self.scene.duration / dt if dt else 1e5
+        runs = 1 + _BARS * (self.backend == "verlet" and self.resolution.bars)
+        return 0.05 + runs * _PER_STEP.get(self.backend, 0.0) * bodies * steps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,45 +93,143 @@ def run_case(case: Case) -> Result:
         return Result(case=case, failure=error)
 
 
-def run_cases(cases: Sequence[Case], *, jobs: int = 1, tell: Progress | None = None) -> tuple[Result, ...]:
-    """Run all cases, ``jobs`` at a time; results in the order of the cases."""
+def run_cases(
+    cases: Sequence[Case], *, jobs: int | None = 1, tell: Progress | None = None, store: Store | None = None
+) -> tuple[Result, ...]:
+    """Run all cases, ``jobs`` at a time; results in the order of the cases.
 
-    def say(done: float, label: str) -> None:
+    ``jobs``: None for as many as there are cores, where what is to be run is worth the start of other processes.
+    ``store``: where trajectories are looked for, and kept as they come. ``tell`` is called with (done, total, label),
+    where done goes with the time that runs are expected to take. UsageError for a law that cannot go to the processes
+    asked for; RunBroken where one of these dies.
+    """
+    if jobs is not None and jobs > 1:
+        for case in cases:
+            if reason := _stays(case.scene):
+                raise UsageError(
+                    f"jobs = {jobs}: the law of {case.scene.name} cannot go to another process ({reason});"
+                    " allowed: laws that are functions of a module, or jobs = 1"
+                )
+    keys = [case.key for case in cases]
+    # what has no key is like nothing else
+    same = [key or str(nth) for nth, key in enumerate(keys)]
+    found: dict[str, Result] = {}
+    left: dict[str, Case] = {}
+    for case, key, one in zip(cases, keys, same, strict=True):
+        if one in found or one in left:
+            continue
+        run = store.load(key, case.scene) if store is not None and key is not None else None
+        if run is None:
+            left[one] = case
+        else:
+            found[one] = Result(case=case, trajectory=run)
+    whole = sum(case.expected for case in left.values())
+
+    def say(label: str, part: float = 0.0) -> None:
         if tell is not None:
-            tell(done, len(cases), label)
+            tell(len(cases) * (1.0 - (sum(case.expected for case in left.values()) - part) / whole), len(cases), label)
 
-    results: list[Result] = []
-    if jobs <= 1:
-        for done, case in enumerate(cases):
-            label = case.label
-            say(done, label)
-            with progress.listening(partial(_within, say, done, label)):
-                results.append(run_case(case))
-        say(len(cases), "")
-        return tuple(results)
-    for scene in {id(case.scene): case.scene for case in cases}.values():
-        try:
-            pickle.dumps(scene.law)
-        except (pickle.PicklingError, AttributeError, TypeError) as error:
-            raise UsageError(
-                f"jobs = {jobs}: the law of {scene.name} cannot go to another process ({error});"
-                " allowed: laws that are functions of a module, or jobs = 1"
-            ) from None
-    # spawn: compiled code and engines do not survive a fork of a process with threads
-    context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(max_workers=jobs, mp_context=context)
+    def keep(one: str, result: Result) -> None:
+        found[one], case = result, left.pop(one)
+        # the key again, for an engine may have become another meanwhile
+        if store is not None and result.trajectory is not None and (key := case.key) == one:
+            store.save(key, result.trajectory)
+        say(case.label)
+
+    _run_all(left.copy(), jobs, keep, say)
+    if tell is not None:
+        tell(len(cases), len(cases), "")
+    return tuple(_as_of(case, found[one]) for case, one in zip(cases, same, strict=True))
+
+
+def _run_all(
+    cases: dict[str, Case], jobs: int | None, keep: Callable[[str, Result], None], say: Callable[[str, float], None]
+) -> None:
+    # the longest first: then all cores end at about the same time
+    names = sorted(cases, key=lambda one: -cases[one].expected)
+    away = {one: cases[one] for one in names if jobs is not None or not _stays(cases[one].scene, of_main=True)}
+    workers = _workers(jobs, away.values())
+    if workers > 1:
+        _run_away(away, workers, keep)
+    for one in names:
+        if workers > 1 and one in away:
+            continue
+        label = cases[one].label
+        say(label, 0.0)
+        with progress.listening(partial(_within, say, label, cases[one].expected)):
+            result = run_case(cases[one])
+        keep(one, result)
+
+
+def _run_away(cases: dict[str, Case], workers: int, keep: Callable[[str, Result], None]) -> None:
+    """In processes of their own."""
+    others, ended = set(multiprocessing.active_children()), False
+    # spawn: compiled code and engines do not survive a fork of a process with threads. Ctrl-C is for this process alone
+    executor = ProcessPoolExecutor(
+        max_workers=workers,
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=signal.signal,
+        initargs=(signal.SIGINT, signal.SIG_IGN),
+    )
     try:
-        futures = [executor.submit(run_case, case) for case in cases]
-        for done, future in enumerate(as_completed(futures), start=1):
-            say(done, future.result().case.label)
-        return tuple(future.result() for future in futures)
-    except KeyboardInterrupt:
-        for worker in multiprocessing.active_children():
-            worker.terminate()
-        raise
+        with _bare_main(any(_stays(case.scene, of_main=True) for case in cases.values())):
+            futures = {executor.submit(run_case, case): one for one, case in cases.items()}
+        for future in as_completed(futures):
+            keep(futures[future], future.result())
+        ended = True
+    except BrokenProcessPool as error:
+        raise RunBroken(
+            f"one of {workers} processes died ({error}); where memory is short, or it cannot begin, take jobs = 1"
+        ) from error
     finally:
+        if not ended:
+            for worker in set(multiprocessing.active_children()) - others:
+                worker.terminate()
         executor.shutdown(wait=False, cancel_futures=True)
 
 
-def _within(say: Callable[[float, str], None], done: int, label: str, part: float) -> None:
-    say(done + part, label)
+@contextmanager
+def _bare_main(needed: bool) -> Iterator[None]:
+    """Unless it is needed, processes get nothing of the program that asks: one that runs as a whole when it is
+    imported, without ``if __name__ == "__main__"``, would ask again in each."""
+    main = sys.modules["__main__"]
+    if not needed:
+        sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
+
+
+def _workers(jobs: int | None, cases: Iterable[Case]) -> int:
+    """How many processes pay."""
+    cases = list(cases)
+    if jobs is not None:
+        return min(jobs, len(cases))
+    ranks = max((case.engine.ranks for case in cases if case.engine is not None), default=1)
+    cores = min(len(os.sched_getaffinity(0)) // ranks, len(cases))
+    work = sum(case.expected for case in cases)
+    return cores if cores > 1 and work - work / cores > _START else 1
+
+
+def _stays(scene: Scene, *, of_main: bool = False) -> str:
+    """Why a scene cannot go to another process, '' where it can; ``of_main``: nor what only the main program has."""
+    if scene.law is None:
+        return ""
+    try:
+        packed = pickle.dumps(scene.law)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        return str(error)
+    return "it is of the main program" if of_main and b"__main__" in packed else ""
+
+
+def _as_of(case: Case, result: Result) -> Result:
+    """A result for a case that was run under another name."""
+    run, name = result.trajectory, case.scene.name
+    if run is not None and result.case.scene.name != name:
+        run = replace(run, provenance={**run.provenance, "scene": name})
+    return replace(result, case=case, trajectory=run)
+
+
+def _within(say: Callable[[str, float], None], label: str, expected: float, part: float) -> None:
+    say(label, part * expected)

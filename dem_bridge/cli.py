@@ -207,7 +207,10 @@ def deck(scene: str, style: str, dt: float | None, geometry: str | None, types: 
 @click.argument("scenes", nargs=-1, metavar="[SCENE]...", shell_complete=_scene_names)
 @_accuracy
 @_engine
-@click.option("-j", "jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Runs at a time.")
+@click.option(
+    "-j", "jobs", type=click.IntRange(min=1), metavar="N", help="Runs at a time.  [default: as many as cores]"
+)
+@click.option("--fresh", is_flag=True, help="Make all runs anew, those that are stored from before too.")
 @click.option(
     "-o",
     "folder",
@@ -228,7 +231,8 @@ def verify(
     lmp_args: str | None,
     python: str | None,
     ranks: int | None,
-    jobs: int,
+    jobs: int | None,
+    fresh: bool,
     folder: Path,
     json_file: Path | None,
     junit_file: Path | None,
@@ -240,13 +244,15 @@ def verify(
     asked = {"accuracy": accuracy, "lmp": lmp, "lmp_args": lmp_args, "python": python, "ranks": ranks}
     settings: dict[str, Any] = {key: value for key, value in asked.items() if value is not None}
     with terminal.bar() as tell:
-        found = dem_bridge.verify(list(scenes) or None, folder=folder, jobs=jobs, tell=tell, **settings)
+        found = dem_bridge.verify(list(scenes) or None, folder=folder, jobs=jobs, tell=tell, fresh=fresh, **settings)
     if json_file is not None:
         write_whole(json_file.parent, {json_file.name: (folder / "verdicts.json").read_text(encoding="utf-8")})
     if junit_file is not None:
         from dem_bridge.report.junit import junit
 
         write_whole(junit_file.parent, {junit_file.name: junit(found.verdicts)})
+    for note in found.notes:
+        _complain(f"warning: {note}")
     for study in found.studies:
         if (of_lammps := study.run(study.engine)) is not None:
             _warn(of_lammps)

@@ -27,7 +27,7 @@ LAYERS = {
     3: ("scene", "contacts", "geometry"),
     4: ("lmp", "scene_file", "scene_forms", "scene_physical", "trajectory", "dense"),
     5: ("backends", "observables"),
-    6: ("compare", "campaign"),
+    6: ("compare", "campaign", "store"),
     7: ("verdict", "plan", "extrapolate", "doctor"),
     8: ("studies",),
     9: ("report",),
@@ -44,6 +44,7 @@ SIDEWAYS = {
     ("scene_file", "scene_physical"): "... and made a Scene of",
     ("scene_physical", "scene_forms"): "bodies are given as tables",
     ("lmp", "dense"): "a deck dumps at the steps of a Schedule",
+    ("campaign", "store"): "what was run before is not run again",
     ("accuracy", "errors"): "an accuracy that is none is a UsageError",
 }
 

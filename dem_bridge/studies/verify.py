@@ -29,6 +29,7 @@ from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.plan import resolution_for
 from dem_bridge.scene import Scene
+from dem_bridge.store import Store, study_key
 from dem_bridge.studies import checks
 from dem_bridge.studies.budget import Budget, allowance, budgets
 from dem_bridge.studies.checks import REFERENCE, SECOND, TABLE, THEORY, TWIN, engine_for
@@ -74,6 +75,8 @@ class Verification:
     """s, for all of it."""
     paper: Paper | None = None
     """What was found for the paper as a whole, where that was asked."""
+    notes: tuple[str, ...] = ()
+    """What a user should know of how it was made, a line each."""
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -88,35 +91,37 @@ def verify_scenes(
     scenes: Sequence[Scene],
     *,
     accuracy: float = DEFAULT_ACCURACY,
-    jobs: int = 1,
+    jobs: int | None = 1,
     tell: Progress | None = None,
     engine: Engine | None = None,
+    store: Store | None = None,
 ) -> Verification:
     """Run and judge scenes; see :func:`dem_bridge.api.verify` for the arguments."""
     began = time.perf_counter()
     names = [scene.name for scene in scenes]
     if len(set(names)) < len(names):
         raise UsageError(f"two scenes have the same name among {', '.join(names)}; give each its own")
-    if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
-        raise UsageError(f"jobs = {jobs!r}; allowed: a whole number >= 1")
+    if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1):
+        raise UsageError(f"jobs = {jobs!r}; allowed: a whole number >= 1, or None for all cores")
     checked_accuracy(accuracy)
     cases: list[Case] = []
-    hopeless: dict[str, SceneStudy] = {}
+    lost: dict[str, SceneStudy] = {}
     for scene in scenes:
         try:
-            cases += cases_of(scene, accuracy, engine)
+            cases += cases_of(scene, accuracy, engine, store)
         except (RunBroken, UnsupportedScene, UsageError) as error:  # this scene's, not the others'
-            hopeless[scene.name] = _hopeless(scene, error)
-    results = run_cases(cases, jobs=jobs, tell=tell)
+            lost[scene.name] = hopeless(scene, error)
+    results = run_cases(cases, jobs=jobs, tell=tell, store=store)
     studies = tuple(
-        hopeless.get(scene.name)
+        lost.get(scene.name)
         or study_of(scene, tuple(r for r in results if r.case.scene.name == scene.name), accuracy)
         for scene in scenes
     )
-    return Verification(studies=studies, accuracy=accuracy, wall=time.perf_counter() - began)
+    notes = (store.trouble,) if store is not None and store.trouble else ()
+    return Verification(studies=studies, accuracy=accuracy, wall=time.perf_counter() - began, notes=notes)
 
 
-def _hopeless(scene: Scene, error: RunBroken | UnsupportedScene | UsageError) -> SceneStudy:
+def hopeless(scene: Scene, error: RunBroken | UnsupportedScene | UsageError) -> SceneStudy:
     """A scene for which not even the runs could be chosen."""
     outcomes = {RunBroken: Outcome.BROKEN, UnsupportedScene: Outcome.NOT_RUN, UsageError: Outcome.UNDECIDED}
     verdict = Verdict(
@@ -130,11 +135,20 @@ def _hopeless(scene: Scene, error: RunBroken | UnsupportedScene | UsageError) ->
     return SceneStudy(scene=scene, results=(), verdicts=(verdict,), ladder={})
 
 
-def cases_of(scene: Scene, accuracy: float, engine: Engine | None = None, *, ladder: bool = True) -> list[Case]:
+def cases_of(
+    scene: Scene, accuracy: float, engine: Engine | None = None, store: Store | None = None, *, ladder: bool = True
+) -> list[Case]:
     """The runs that a verdict on one scene needs; the main run of each backend first. ``engine``: which LAMMPS;
     ``ladder``: with the longer steps from which the order of convergence is told."""
     sampling, judged = Sampling(count=scene.samples), engine_for(scene)
-    main = _main_resolution(scene, accuracy, sampling, tables=judged == TABLE)
+    key = study_key("main step", [scene], accuracy=accuracy, tables=judged == TABLE) if store is not None else None
+    known = store.load_arrays(key) if store is not None and key is not None else None
+    if known is not None:
+        main = Resolution(dt=float(known["dt"]))
+    else:
+        main = _main_resolution(scene, accuracy, sampling, tables=judged == TABLE)
+        if store is not None and key is not None:
+            store.save_arrays(key, {"dt": np.array(main.dt)})
     assert main.dt is not None
     coarse = [replace(main, dt=factor * main.dt, bars=False) for factor in LADDER if ladder]
     runs = [(name, Resolution()) for name in (REFERENCE, SECOND, THEORY)]

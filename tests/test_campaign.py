@@ -1,0 +1,323 @@
+"""Campaigns: order, what is run and what is not, other processes, and what is left where one ends early."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import dem_bridge as db
+from dem_bridge import campaign
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.verlet import Verlet
+from dem_bridge.campaign import Case, Result, run_cases
+from dem_bridge.cli import main
+from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.report.page import provenance
+from dem_bridge.scene import Scene
+from dem_bridge.store import Store
+from dem_bridge.studies.verify import Verification, verify_scenes
+from dem_bridge.trajectory import Trajectory
+from tests.fakes import free_flight
+
+SCENE = Scene(
+    name="three",
+    duration=1e-4,
+    mass=(8.1e-3, 1e-2, 1e-2),
+    stiffness=(4e9, 5e9),
+    velocity=(0.8, 0.0, 0.0),
+    samples=4,
+)
+
+
+def _case(dt: float = 1e-6, scene: Scene = SCENE, backend: str = "verlet", **settings: Any) -> Case:
+    return Case(
+        scene=scene, backend=backend, resolution=Resolution(dt=dt, bars=False, **settings), sampling=Sampling(count=4)
+    )
+
+
+class Fake:
+    """A backend that counts its runs; ``fails``: the steps at which it raises, with what."""
+
+    order = None
+
+    def __init__(self) -> None:
+        self.runs: list[tuple[str, float | None]] = []
+        self.fails: dict[float | None, BaseException] = {}
+
+    def refusal(self, scene: Scene) -> str | None:
+        return "it has gravity" if scene.gravity else None
+
+    def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
+        self.runs.append((scene.name, resolution.dt))
+        if resolution.dt in self.fails:
+            raise self.fails[resolution.dt]
+        told = {"backend": "verlet", "scene": scene.name, "settings": {"dt": resolution.dt}}
+        return free_flight(provenance=told)
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch) -> Fake:
+    found = Fake()
+    monkeypatch.setattr(campaign, "backend", lambda name, engine: found)
+    return found
+
+
+def _steps(results: tuple[Result, ...]) -> list[float | None]:
+    return [result.trajectory.provenance["settings"]["dt"] if result.trajectory else None for result in results]
+
+
+def test_results_stand_in_the_order_of_the_cases_whatever_runs_first(fake: Fake) -> None:
+    steps = [1e-6, 1e-7, 4e-6, 1e-8]
+    results = run_cases([_case(dt) for dt in steps])
+    assert _steps(results) == steps
+    assert [result.case.resolution.dt for result in results] == steps
+    # the longest first
+    assert [dt for _, dt in fake.runs] == sorted(steps)
+
+
+def test_what_is_stored_is_not_run_again_and_says_when_it_was(fake: Fake, tmp_path: Path) -> None:
+    cases = [_case(1e-6), _case(1e-7)]
+    first = run_cases(cases[:1], store=Store(tmp_path))
+    assert first[0].trajectory is not None
+    assert "stored" not in first[0].trajectory.provenance
+    second = run_cases(cases, store=Store(tmp_path))
+    assert [dt for _, dt in fake.runs] == [1e-6, 1e-7]
+    assert _steps(second) == [1e-6, 1e-7]
+    assert ["stored" in result.trajectory.provenance for result in second if result.trajectory] == [True, False]
+    assert run_cases(cases, store=Store(tmp_path))[1].trajectory is not None
+    assert len(fake.runs) == 2
+
+
+def test_a_stored_run_keeps_what_it_cost(tmp_path: Path) -> None:
+    [made], [kept] = (run_cases([_case()], store=Store(tmp_path)) for _ in range(2))
+    assert made.trajectory is not None
+    assert kept.trajectory is not None
+    assert kept.trajectory.cost == made.trajectory.cost
+    assert kept.trajectory.cost.wall > 0.0
+
+
+def test_a_damaged_entry_is_run_again(fake: Fake, tmp_path: Path) -> None:
+    run_cases([_case()], store=Store(tmp_path))
+    [file] = tmp_path.iterdir()
+    file.write_bytes(file.read_bytes()[:-1])
+    store = Store(tmp_path)
+    run_cases([_case()], store=store)
+    assert len(fake.runs) == 2
+    assert "is damaged" in store.trouble
+    run_cases([_case()], store=Store(tmp_path))
+    assert len(fake.runs) == 2
+
+
+def test_identical_cases_run_once_under_whatever_names(fake: Fake) -> None:
+    other = replace(SCENE, name="other")
+    results = run_cases([_case(), _case(scene=other), _case(), _case(1e-7)])
+    assert len(fake.runs) == 2
+    assert [result.case.scene.name for result in results] == ["three", "other", "three", "three"]
+    told = [result.trajectory.provenance["scene"] for result in results if result.trajectory]
+    assert told == ["three", "other", "three", "three"]
+
+
+def test_another_scene_of_the_same_name_is_run(fake: Fake, tmp_path: Path) -> None:
+    other = replace(SCENE, velocity=(0.9, 0.0, 0.0))
+    for scene in (SCENE, other):
+        run_cases([_case(scene=scene)], store=Store(tmp_path))
+    assert len(fake.runs) == 2
+
+
+def test_laws_that_are_functions_are_never_stored_nor_taken_for_each_other(fake: Fake, tmp_path: Path) -> None:
+    scene = replace(SCENE, law=lambda overlap: 4e9 * overlap**1.5)
+    for jobs in (1, None):
+        run_cases([_case(scene=scene), _case(scene=scene)], jobs=jobs, store=Store(tmp_path))
+    assert len(fake.runs) == 4
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_failures_are_results_and_are_never_stored(fake: Fake, tmp_path: Path) -> None:
+    fake.fails[1e-7] = RunBroken("LAMMPS: ERROR: Lost atoms", log="last words")
+    heavy = replace(SCENE, gravity=9.81)
+    for _ in range(2):
+        fine, broken, refused = run_cases([_case(), _case(1e-7), _case(scene=heavy)], store=Store(tmp_path))
+        assert fine.trajectory is not None
+        assert isinstance(broken.failure, RunBroken)
+        assert str(refused.failure) == "it has gravity"
+    assert [dt for _, dt in fake.runs] == [1e-7, 1e-6, 1e-7]
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt(), UsageError("dt = 1e-06; too coarse")], ids=repr)
+def test_what_was_finished_before_the_end_is_stored(end: BaseException, fake: Fake, tmp_path: Path) -> None:
+    cases = [_case(dt) for dt in (1e-8, 1e-7, 1e-6)]
+    fake.fails[1e-6] = end
+    with pytest.raises(type(end)):
+        run_cases(cases, store=Store(tmp_path))
+    fake.fails.clear()
+    run_cases(cases, store=Store(tmp_path))
+    assert [dt for _, dt in fake.runs] == [1e-8, 1e-7, 1e-6, 1e-6]
+
+
+def test_a_run_is_not_stored_if_its_key_has_changed_meanwhile(
+    fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # a LAMMPS that was built anew while it ran
+    keys = iter(["1" * 64, "2" * 64])
+    monkeypatch.setattr(campaign, "run_key", lambda *_: next(keys))
+    [result] = run_cases([_case()], store=Store(tmp_path))
+    assert result.trajectory is not None
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_progress_goes_up_to_the_number_of_cases_with_the_time_that_runs_take(fake: Fake, tmp_path: Path) -> None:
+    cases, told = [_case(1e-10), _case(1e-6), _case(1e-6, backend="bca")], list[tuple[float, int, str]]()
+
+    def tell(*news: Any) -> None:
+        told.append(news)
+
+    run_cases(cases, tell=tell, store=Store(tmp_path))
+    done = [news[0] for news in told]
+    assert done == sorted(done)
+    assert (done[0], told[-1]) == (0.0, (3, 3, ""))
+    # of the time expected the first has 0.062 s in 0.162 s
+    after_first = done[2]
+    assert after_first == pytest.approx(3 * cases[0].expected / sum(case.expected for case in cases))
+    assert {news[1] for news in told} == {3}
+    told.clear()
+    run_cases(cases, tell=tell, store=Store(tmp_path))
+    assert told == [(3, 3, "")]
+
+
+# other processes
+
+
+def test_the_cores_are_used_where_it_pays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)))
+    chain = Scene(name="chain", duration=1e-3, mass=(1e-2,) * 40, stiffness=(4e9,) * 39, velocity=(0.8,) * 40)
+    long = _case(backend="scipy", scene=chain)
+    short = _case(backend="bca")
+    assert campaign._workers(None, []) == 1
+    assert campaign._workers(None, [short] * 10) == 1
+    assert campaign._workers(None, [long]) == 1
+    assert campaign._workers(None, [long] * 3) == 3  # no more than there is to do
+    assert campaign._workers(None, [long] * 30) == 8
+    assert campaign._workers(None, [replace(long, engine=Engine(ranks=3))] * 30) == 2
+    assert campaign._workers(5, [short] * 3) == 3
+    assert campaign._workers(1, [long] * 30) == 1
+
+
+def test_two_processes_give_what_one_gives_bit_for_bit_and_it_is_stored(tmp_path: Path) -> None:
+    cases = [_case(dt) for dt in (1e-6, 1e-7, 2e-7)]
+    here, store = run_cases(cases), Store(tmp_path)
+    away = run_cases(cases, jobs=2, store=store)
+    for one, other in zip(here, away, strict=True):
+        assert one.trajectory is not None
+        assert other.trajectory is not None
+        np.testing.assert_array_equal(one.trajectory.velocity, other.trajectory.velocity)
+    assert len(list(tmp_path.iterdir())) == 3
+    assert store.trouble == ""
+
+
+def test_no_process_is_started_where_all_is_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cases = [_case(1e-6), _case(1e-7)]
+    run_cases(cases, store=Store(tmp_path))
+    monkeypatch.setattr(campaign, "ProcessPoolExecutor", None)
+    assert None not in _steps(run_cases(cases, jobs=2, store=Store(tmp_path)))
+
+
+PROGRAM = """
+from pathlib import Path
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.campaign import Case, run_cases
+from dem_bridge.scene import Scene
+scene = Scene(name="pair", duration=1e-5, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
+cases = [
+    Case(scene=scene, backend="bca", resolution=Resolution(dt=dt), sampling=Sampling(count=4)) for dt in (1e-7, 1e-6)
+]
+results = run_cases(cases, jobs=2)
+print(sum(result.trajectory is not None for result in results))
+"""
+
+
+def test_a_program_without_a_guard_is_not_run_again_by_each_process(tmp_path: Path) -> None:
+    file = tmp_path / "program.py"
+    file.write_text(PROGRAM)
+    done = subprocess.run([sys.executable, str(file)], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("2\n", "")
+
+
+class Deadly:
+    """A law that ends the process it arrives in."""
+
+    def __call__(self, overlap: Any) -> Any:
+        return 4e9 * overlap**1.5
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[int]]:
+        return os._exit, (1,)
+
+
+def test_a_process_that_dies_is_one_line() -> None:
+    cases = [_case(dt, scene=replace(SCENE, law=Deadly())) for dt in (1e-6, 1e-7)]
+    with pytest.raises(RunBroken, match=r"one of 2 processes died .* take jobs = 1") as caught:
+        run_cases(cases, jobs=2)
+    assert "\n" not in str(caught.value)
+
+
+# verification
+
+
+@pytest.mark.lammps
+def test_a_second_verification_runs_nothing_and_says_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = replace(SCENE, name="short", duration=1.5e-4, samples=50, spacing=18e-3)
+    first = verify_scenes([scene], accuracy=1e-4, store=Store(tmp_path))
+    monkeypatch.setattr(campaign, "backend", None)
+    monkeypatch.setattr(Verlet, "run", None)  # the step is not looked for either
+    second = verify_scenes([scene], accuracy=1e-4, store=Store(tmp_path))
+    assert [verdict.as_json() for verdict in second.verdicts] == [verdict.as_json() for verdict in first.verdicts]
+    assert second.notes == ()
+
+
+@pytest.mark.lammps
+def test_verify_stores_and_makes_anew_what_is_asked_fresh(tmp_path: Path) -> None:
+    scene = replace(SCENE, name="pair", mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), exponent=2.5, gap=0)
+
+    def stored(**how: Any) -> set[bool]:
+        found = db.verify(scene, accuracy=1e-3, **how)
+        assert found.notes == ()
+        return {run["stored"] is not None for run in provenance(found)["runs"]}
+
+    assert [stored(store=tmp_path) for _ in range(2)] == [{False}, {True}]
+    assert stored(store=tmp_path, fresh=True) == {False}
+
+
+def test_a_store_that_cannot_be_is_a_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(Verlet, "refusal", lambda _, scene: "it can do nothing")  # and nothing is run
+    found = verify_scenes([SCENE], accuracy=1e-3, store=Store(tmp_path / "file" / "store"))
+    [note] = found.notes
+    assert note.startswith("store: nothing is stored: ")
+
+
+def test_the_command_line_uses_all_cores_and_the_store_unless_told_otherwise_and_warns(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked: list[dict[str, Any]] = []
+
+    def verify(scenes: Any, **how: Any) -> Verification:
+        asked.append(how)
+        return Verification(studies=(), accuracy=1e-6, wall=0.0, notes=("store: nothing is stored: why",))
+
+    monkeypatch.setattr(db, "verify", verify)
+    for words, jobs, fresh in ((), None, False), (("-j", "3", "--fresh"), 3, True):
+        done = CliRunner().invoke(main, ["verify", "-o", str(tmp_path), *words])
+        assert done.exit_code == 0
+        assert done.stderr == "dem-bridge: warning: store: nothing is stored: why\n"
+        assert (asked[-1]["jobs"], asked[-1]["fresh"]) == (jobs, fresh)
+        assert "store" not in asked[-1]
