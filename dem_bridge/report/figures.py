@@ -6,36 +6,26 @@ printed in grey keeps its meaning.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator
+from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
 from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.backends.steps import order_on
 from dem_bridge.observables.front import arrival_by_crossing, residence_by_crossing, wave_speed_by_crossing
+from dem_bridge.report.exhibits import BLACK, BLUE, GREEN, STYLES, VERMILION, drawn
+from dem_bridge.scene import Scene
 from dem_bridge.studies.checks import REFERENCE, THEORY, TWIN
+from dem_bridge.studies.exhibits import Exhibit, Map, Panel, Series
 from dem_bridge.studies.styles import COLUMNS, StylesStudy
 from dem_bridge.studies.verify import SceneStudy
 from dem_bridge.trajectory import Trajectory
 
-BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
-_LAMMPS = {
-    "color": BLUE,
-    "linestyle": "none",
-    "marker": "o",
-    "markersize": 4.5,
-    "markerfacecolor": "none",
-    "label": "LAMMPS",
-}
-_STYLE = {
-    **dict.fromkeys(ENGINE_BACKENDS, _LAMMPS),
-    REFERENCE: {"color": BLACK, "linestyle": "-", "linewidth": 1.4, "label": "reference"},
-    THEORY: {"color": VERMILION, "linestyle": "--", "linewidth": 1.4, "label": "BCA"},
-}
+_LABELS = {**dict.fromkeys(ENGINE_BACKENDS, "LAMMPS"), REFERENCE: "reference", THEORY: "BCA"}
 
 
 def spacetime_maps(studies: Sequence[SceneStudy]) -> Figure | None:
@@ -45,40 +35,26 @@ def spacetime_maps(studies: Sequence[SceneStudy]) -> Figure | None:
     shown = [(study, run) for study, run in runs if run is not None and study.scene.n_body > 2]
     if not shown:
         return None
-    figure, axes = _panels(1, len(shown), width=5.2, height=4.6, sharey=False)
     ends = [_front_has_passed(run) for _, run in shown]
     if max(ends) < 2.0 * min(ends):
         ends = [max(ends)] * len(ends)  # chains that compare share their axis
-    windows = [int(np.searchsorted(run.time, end, side="right")) for (_, run), end in zip(shown, ends, strict=True)]
-    # the striker, and the last body once it flies off, are far above the rest and would take the whole scale
-    inside = [run.velocity[:rows, 1:-1] for (_, run), rows in zip(shown, windows, strict=True)]
-    low = min(float(np.min(v, initial=0.0)) for v in inside)
-    high = max(float(np.max(v, initial=1e-300)) for v in inside)
-    image = None
-    for ax, (study, run), rows, end in zip(axes, shown, windows, ends, strict=True):
-        bodies = np.arange(1, run.velocity.shape[1])
-        image = ax.pcolormesh(
-            bodies,
-            1e3 * run.time[:rows],
-            run.velocity[:rows, 1:],
-            cmap="cividis",
-            vmin=low,
-            vmax=high,
-            shading="nearest",
-            rasterized=True,
-        )
+    panels = []
+    for (study, run), end in zip(shown, ends, strict=True):
+        rows = int(np.searchsorted(run.time, end, side="right"))
+        bodies = np.arange(1.0, study.scene.n_body)
         theory = study.run(THEORY)
-        if theory is not None:
-            arrival = 1e3 * arrival_by_crossing(study.scene, theory)
-            ax.plot(bodies, arrival, color="white", linewidth=3.0)
-            ax.plot(bodies, arrival, label="front by BCA", **_line(THEORY))
-            ax.legend(loc="upper left", framealpha=1.0)
-        ax.set(title=f"{study.scene.name} ({_who(study)})", xlabel="cylinder", ylim=(0.0, 1e3 * end))
-        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes[0].set_ylabel("time (ms)")
-    assert image is not None
-    figure.colorbar(image, ax=list(axes), label="velocity (m/s)", fraction=0.04, pad=0.02, extend="max")
-    return figure
+        front = () if theory is None else (arrival_by_crossing(study.scene, theory),)
+        panels.append(
+            Panel(
+                title=f"{study.scene.name} ({_who(study)})",
+                x_label="cylinder",
+                y_label="time (ms)",
+                map=Map(label="velocity (m/s)", x=bodies, y=1e3 * run.time[:rows], values=run.velocity[:rows, 1:]),
+                series=tuple(Series(label="front by BCA", style=THEORY, x=bodies, y=1e3 * one) for one in front),
+                shares_scale_with=tuple(range(len(shown))),
+            )
+        )
+    return _drawn(panels)
 
 
 def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
@@ -87,31 +63,28 @@ def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
     shown = [study for study in studies if study.scene.n_body > 3 and study.run(REFERENCE) is not None]
     if not shown:
         return None
-    with_speed = all(study.scene.spacing is not None for study in shown)
-    rows = 2 if with_speed else 1
-    figure, axes = _panels(rows, len(shown), width=5.0, height=3.0)
-    grid = axes.reshape(rows, len(shown))
-    for column, study in enumerate(shown):
-        body = np.arange(1, study.scene.n_body - 1)
-        for name in (REFERENCE, THEORY, study.engine):
-            run = study.run(name)
-            if run is None:
-                continue
-            grid[0, column].plot(body, 1e6 * residence_by_crossing(study.scene, run), **_STYLE[name])
-            if with_speed:
-                grid[1, column].plot(body, wave_speed_by_crossing(study.scene, run), **_STYLE[name])
-        grid[0, column].set_title(study.scene.name)
-        grid[-1, column].set_xlabel("cylinder")
-    grid[0, 0].set_ylabel("residence time (µs)")
-    grid[0, 0].legend()
-    if with_speed:
-        grid[1, 0].set_ylabel("wave speed (m/s)")
-    for row, unit in zip(grid, ("µs", "m/s"), strict=False):
-        _common_scale(row, unit)
-        for ax in row:
-            ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-            ax.grid(alpha=0.25)
-    return figure
+    rows: dict[str, Callable[[Scene, Trajectory], NDArray[np.float64]]] = {"residence time (µs)": _microseconds}
+    if all(study.scene.spacing is not None for study in shown):
+        rows["wave speed (m/s)"] = wave_speed_by_crossing
+    panels = []
+    for row, (label, value) in enumerate(rows.items()):
+        for study in shown:
+            body = np.arange(1.0, study.scene.n_body - 1)
+            runs = [(name, study.run(name)) for name in (REFERENCE, THEORY, study.engine)]
+            panels.append(
+                Panel(
+                    title=study.scene.name,
+                    x_label="cylinder",
+                    y_label=label,
+                    series=tuple(
+                        Series(label=_LABELS[name], style=name, x=body, y=value(study.scene, run))
+                        for name, run in runs
+                        if run is not None
+                    ),
+                    shares_scale_with=tuple(range(row * len(shown), (row + 1) * len(shown))),
+                )
+            )
+    return _drawn(panels, columns=len(shown))
 
 
 def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
@@ -122,7 +95,7 @@ def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
     figure, axes = _panels(1, len(shown), width=5.0, height=3.6)
     for ax, study in zip(axes, shown, strict=True):
         for name, style in (
-            (study.engine, {**_LAMMPS, "label": "LAMMPS - reference"}),
+            (study.engine, {**STYLES[study.engine], "label": "LAMMPS - reference"}),
             (TWIN, {"color": GREEN, "linestyle": "none", "marker": "x", "label": "twin - reference"}),
         ):
             if name in study.ladder:
@@ -226,28 +199,12 @@ def _front_has_passed(run: Trajectory) -> float:
     return min(1.15 * last, float(run.time[-1])) if np.isfinite(last) else float(run.time[-1])
 
 
-def _common_scale(row: NDArray[np.object_], unit: str) -> None:
-    """One scale from 0 for all panels of a row. Body 1, next to the striker, may be above twice the chain: it is then
-    named in its panel instead of squeezing the rest."""
-    lines = [np.asarray(line.get_ydata()) for ax in row for line in ax.get_lines()]
-    top = 1.1 * max((float(np.nanmax(y[1:], initial=0.0)) for y in lines), default=0.0)
-    if not top > 0.0:
-        return  # the front gets nowhere: nothing to scale
-    near = [float(y[0]) for y in lines if y[0] <= 2.0 * top]
-    top = max(top, 1.1 * max(near, default=0.0))
-    for ax in row:
-        ax.set_ylim(0.0, top)
-        first = max((float(line.get_ydata()[0]) for line in ax.get_lines()), default=0.0)
-        if first > top:
-            note = ax.annotate(
-                f"cylinder 1: {first:.4g} {unit}, off scale",
-                xy=(1.0, 0.985 * top),
-                xytext=(0.15, 0.92),
-                textcoords="axes fraction",
-                va="center",
-                arrowprops={"arrowstyle": "->"},
-            )
-            note.set_in_layout(False)  # a note gives way to the axes, not they to it
+def _microseconds(scene: Scene, run: Trajectory) -> NDArray[np.float64]:
+    return 1e6 * residence_by_crossing(scene, run)
+
+
+def _drawn(panels: Sequence[Panel], columns: int | None = None) -> Figure:
+    return drawn(Exhibit(id="", title="", caption="", panels=tuple(panels), columns=columns or len(panels)))
 
 
 def _panels(
@@ -256,10 +213,6 @@ def _panels(
     figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
     axes = figure.subplots(rows, columns, sharey="row" if sharey else False, squeeze=False)
     return figure, axes.ravel()
-
-
-def _line(name: str) -> dict[str, object]:
-    return {key: value for key, value in _STYLE[name].items() if key != "label"}
 
 
 def _who(study: SceneStudy) -> str:

@@ -1,0 +1,248 @@
+"""Any Exhibit is drawn from its data alone: shared scales are the same, nothing overlaps, CSV gives all back."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from dem_bridge.backends.base import ENGINE_BACKENDS
+from dem_bridge.report.exhibits import STYLES, colour_limits, csv_texts, drawn, png
+from dem_bridge.studies.exhibits import Exhibit, Map, Panel, Series
+
+X = np.arange(1.0, 41.0)
+LONG = "circles stand for the engine and crosses for another code, in words that fill more than one line of a panel"
+
+
+def _map(scale: float, **changes: bool) -> Map:
+    """A front of that height, and a last body that is ten times as fast."""
+    time = np.linspace(0.0, 1.0, 60)
+    values = scale * np.exp(-(((time[:, None] - X / 50.0) / 0.05) ** 2))
+    values[:, -1] *= 10.0
+    return Map(label="velocity (m/s)", x=X, y=time, values=values, **changes)
+
+
+def _line(style: str, y: np.ndarray, **more: np.ndarray) -> Series:
+    return Series(label=style, style=style, x=X[: len(y)], y=y, **more)
+
+
+def _panel(title: str, **parts: object) -> Panel:
+    return Panel(title=title, x_label="cylinder", y_label="residence time (µs)", **parts)  # type: ignore[arg-type]
+
+
+def _exhibit(*panels: Panel, columns: int = 2) -> Exhibit:
+    return Exhibit(id="figure-9", title="nine", caption="", panels=panels, columns=columns)
+
+
+EVERY_STYLE = tuple(_line(style, 3.0 + np.sin(X / 9.0) + 0.1 * at) for at, style in enumerate(STYLES))
+FULL = _exhibit(
+    _panel("(a) falls", map=_map(0.4), series=(_line("bca", X / 50.0),), notes=(LONG,), shares_scale_with=(1,)),
+    _panel("(c) rises", map=_map(0.6), series=(_line("adiabatic", X / 50.0),), notes=("short",)),
+    _panel("(b) a title of many words, which has no room on one line of its panel", series=EVERY_STYLE, notes=(LONG,)),
+    _panel("(d) steep", series=(_line("reference", X**2.5), _line("guide", X**2)), log=True, notes=("n = 5/2",)),
+)
+
+
+def _axes(figure: Figure) -> list[Axes]:
+    """Those of panels, without colour bars."""
+    return [ax for ax in figure.axes if ax.get_label() != "<colorbar>"]
+
+
+def _norm(ax: Axes) -> Any:
+    return ax.collections[0].get_clim()
+
+
+def test_each_panel_has_its_names_and_everything_in_it() -> None:
+    axes = _axes(drawn(FULL))
+    assert [ax.get_title(loc="left").split()[0] for ax in axes] == ["(a)", "(c)", "(b)", "(d)"]
+    for ax, panel in zip(axes, FULL.panels, strict=True):
+        assert (ax.get_xlabel(), ax.get_ylabel()) == (panel.x_label, panel.y_label)
+        assert len(ax.collections) == (panel.map is not None)
+        for line, series in zip(ax.get_lines(), panel.series, strict=True):
+            np.testing.assert_array_equal(np.asarray(line.get_xydata()).T, [series.x, series.y])
+
+
+def test_maps_that_share_have_one_scale_and_one_bar_and_others_their_own() -> None:
+    shared, alone = (
+        drawn(FULL),
+        drawn(replace(FULL, panels=tuple(replace(p, shares_scale_with=()) for p in FULL.panels))),
+    )
+    one, other = (_norm(ax) for ax in _axes(shared)[:2])
+    assert one == other
+    assert len(shared.axes) - len(_axes(shared)) == 1
+    one, other = (_norm(ax) for ax in _axes(alone)[:2])
+    assert one != other
+    assert len(alone.axes) - len(_axes(alone)) == 2
+
+
+def test_the_scale_is_that_of_the_fronts_and_not_of_the_body_that_flies_off() -> None:
+    low, high, extend = colour_limits([_map(0.4)])
+    assert extend == "max"
+    assert high == pytest.approx(0.4, rel=0.01)  # the front's height, between samples
+    assert abs(low) < 0.001
+    low, high, _ = colour_limits([_map(0.4, diverging=True)])
+    assert low == -high
+
+
+@given(arrays(float, (7, 5), elements=st.floats(-1e6, 1e6)), st.booleans())
+def test_a_scale_is_never_empty_and_says_where_values_leave_it(values: np.ndarray, diverging: bool) -> None:
+    one = Map(label="", x=np.arange(5.0), y=np.arange(7.0), values=values, diverging=diverging)
+    low, high, extend = colour_limits([one])
+    assert low < high
+    step = (high - low) / 256.0  # a colour
+    assert (extend in ("max", "both")) == bool((values > high + step).any())
+    assert (extend in ("min", "both")) == bool((values < low - step).any())
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_panels_of_lines_that_share_have_one_axis_that_shows_all(log: bool) -> None:
+    low, high = (_panel(f"({at})", series=(_line("reference", at * X),), log=log) for at in (1.0, 7.0))
+    axes = _axes(drawn(_exhibit(low, replace(high, shares_scale_with=(0,)))))
+    assert axes[0].get_ylim() == axes[1].get_ylim()
+    bottom, top = axes[0].get_ylim()
+    assert bottom <= 1.0
+    assert top >= 7.0 * X[-1]
+    assert (bottom == 0.0) is not log
+
+
+def test_a_first_point_far_above_is_named_and_squeezes_nothing() -> None:
+    near, far = (np.concatenate([[first], np.full(39, 10.0)]) for first in (15.0, 300.0))
+    axes = _axes(drawn(_exhibit(*(_panel(at, series=(_line("reference", y),)) for at, y in (("n", near), ("f", far))))))
+    texts = [[one.get_text() for one in ax.texts if "off scale" in one.get_text()] for ax in axes]
+    assert texts == [[], ["cylinder 1: 300 µs, off scale"]]
+    assert [15.0 < ax.get_ylim()[1] < 20.0 for ax in axes] == [True, False]
+    assert 10.0 < axes[1].get_ylim()[1] < 15.0
+
+
+def test_no_two_styles_are_told_apart_by_colour_alone() -> None:
+    engines = {name: STYLES[name] for name in ENGINE_BACKENDS}
+    assert all(style == STYLES[ENGINE_BACKENDS[0]] for style in engines.values())
+    rest = [STYLES[name] for name in STYLES if name not in ENGINE_BACKENDS[1:]]
+    forms = [(str(style["linestyle"]), style.get("marker")) for style in rest]
+    assert len(set(forms)) == len(forms)
+
+
+def test_the_colours_of_maps_rise_in_lightness_so_that_grey_keeps_their_order() -> None:
+    figure = drawn(FULL)
+    image = _axes(figure)[0].collections[0]
+    low, high = _norm(_axes(figure)[0])
+    colours = np.asarray(image.to_rgba(np.linspace(low, high, 64)))
+    grey = colours[:, :3] @ [0.2126, 0.7152, 0.0722]
+    assert np.all(np.diff(grey) > 0.0)
+    assert grey[-1] - grey[0] > 0.6
+
+
+def _beyond(ax: Axes) -> list[Text]:
+    """Labels of ticks outside the limits: they exist and are not drawn."""
+    found = []
+    for axis in (ax.xaxis, ax.yaxis):
+        low, high = sorted(axis.get_view_interval())
+        ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
+        found += [label for tick in ticks if not low <= tick.get_loc() <= high for label in (tick.label1, tick.label2)]
+    return found
+
+
+@pytest.mark.parametrize(("columns", "power"), [(1, 2.5), (2, 2.5), (3, 2.5), (2, 0.6), (2, 1.2), (2, 0.01)])
+def test_no_text_overlaps_another_or_leaves_the_page(columns: int, power: float) -> None:
+    steep = _panel("(d) steep", series=(_line("reference", X**power), _line("guide", 2.0 * X**power)), log=True)
+    figure = drawn(replace(FULL, columns=columns, panels=(*FULL.panels[:3], steep)))
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    texts = {one for one in figure.findobj(Text) if isinstance(one, Text) and one.get_visible() and one.get_text()}
+    texts -= {label for ax in figure.axes for label in _beyond(ax)}
+    shown = [(one.get_text(), one.get_window_extent(canvas.get_renderer())) for one in texts]
+    assert len(shown) > 30
+    for name, box in shown:
+        assert box.x0 >= 0.0, name
+        assert box.y0 >= 0.0, name
+        assert box.x1 <= figure.bbox.x1, name
+        assert box.y1 <= figure.bbox.y1, name
+    for (name, box), (other, place) in combinations(shown, 2):
+        # a pixel: boxes are a little larger than their letters
+        assert not box.padded(-1.0).overlaps(place.padded(-1.0)), (name, other)
+
+
+NOTHING = np.full(40, np.nan)
+
+
+@pytest.mark.parametrize(
+    "panel",
+    [
+        _panel("empty"),
+        _panel("unknown", series=(_line("bca", NOTHING),)),
+        _panel("unknown", series=(_line("bca", NOTHING),), log=True),
+        _panel("a point", series=(_line("reference", np.array([2.0])),)),
+        _panel("two points", series=(_line("lammps-granular", np.array([2.0, -1.0])), _line("new", np.ones(2)))),
+        _panel("rest", map=replace(_map(1.0), values=np.zeros((60, 40)))),
+        _panel("unknown", map=replace(_map(1.0), values=np.full((60, 40), np.nan))),
+        _panel("one body", map=Map(label="v (m/s)", x=X[:1], y=X, values=np.ones((40, 1)))),
+        _panel("bars", series=(_line("ode45", X, bar=np.where(X > 3, np.inf, 0.5)),)),
+    ],
+    ids=lambda panel: panel.title,
+)
+def test_a_single_panel_with_little_in_it_is_drawn(panel: Panel) -> None:
+    picture = png(_exhibit(panel), dpi=40)
+    assert picture.startswith(b"\x89PNG")
+    assert all(text.count("\n") >= 1 for text in csv_texts(_exhibit(panel)).values())
+
+
+def test_an_exhibit_without_panels_is_an_empty_page() -> None:
+    assert drawn(_exhibit()).axes == []
+
+
+def test_a_panel_that_shares_with_none_that_is_there_is_refused() -> None:
+    with pytest.raises(ValueError, match="panel 0 shares its scale with 4; the figure has 1 panels"):
+        drawn(_exhibit(_panel("a", shares_scale_with=(4,))))
+
+
+def test_marks_that_are_left_out_are_spoken_of() -> None:
+    def said(count: int) -> str:
+        many = Series(label="LAMMPS", style="lammps-granular", x=np.arange(float(count)), y=np.ones(count))
+        return drawn(_exhibit(_panel("a", series=(many,)))).legends[0].get_title().get_text()
+
+    assert said(40) == ""
+    assert "the CSV has all" in said(400)
+
+
+def test_the_same_numbers_give_the_same_bytes() -> None:
+    one = _exhibit(FULL.panels[1])
+    assert png(one, dpi=40) == png(one, dpi=40)
+
+
+def test_csv_gives_back_every_number() -> None:
+    texts = csv_texts(FULL)
+    assert set(texts) == {"figure-9.csv", "figure-9-a.csv", "figure-9-c.csv"}
+    for panel, letter in ((FULL.panels[0], "a"), (FULL.panels[1], "c")):
+        head, *rows = csv.reader(io.StringIO(texts[f"figure-9-{letter}.csv"]))
+        assert panel.map is not None
+        assert head[0] == "velocity (m/s): residence time (µs) by cylinder"
+        np.testing.assert_array_equal(np.array(head[1:], dtype=float), panel.map.x)
+        np.testing.assert_array_equal(np.array(rows, dtype=float)[:, 0], panel.map.y)
+        np.testing.assert_array_equal(np.array(rows, dtype=float)[:, 1:], panel.map.values)
+    lines = list(csv.DictReader(io.StringIO(texts["figure-9.csv"])))
+    for panel in FULL.panels:
+        for series in panel.series:
+            mine = [row for row in lines if (row["panel"], row["series"]) == (panel.title, series.label)]
+            assert [(float(row["x"]), float(row["y"])) for row in mine] == list(zip(series.x, series.y, strict=True))
+
+
+def test_two_maps_never_share_a_file() -> None:
+    panels = (_panel("(a) one", map=_map(1.0)), _panel("(a) other", map=_map(1.0)))
+    with pytest.raises(ValueError, match=r"two maps would be written to figure-9-a\.csv"):
+        csv_texts(_exhibit(*panels))
+    assert set(csv_texts(_exhibit(*(replace(p, title="no letter") for p in panels)))) == {
+        "figure-9-1.csv",
+        "figure-9-2.csv",
+    }
