@@ -30,6 +30,7 @@ from dem_bridge.verdict import Verdict, plain
 SCHEMA = "dem-bridge/bundle/1"
 #: what names a folder as a bundle, and lists its files
 _MARK, _SUMS = "bundle.json", "SHA256SUMS"
+_NAME = "dem-bridge"
 _PACKAGE = Path(dem_bridge.__file__).parent
 
 _REPLAY = """\
@@ -83,7 +84,7 @@ def bundle_files(
     """Name -> content of every file; see :func:`write_bundle`. UsageError where the versions in use are not known."""
     engine = engine or Engine.chosen()
     scenes, functions = _scenes(found)
-    pins = pinned("dem-bridge")
+    pins = pinned(_NAME)
     told = {
         "schema": SCHEMA,
         "verify": [*(scenes if words is None else words), *_options(found, engine)],
@@ -215,11 +216,14 @@ def _cell(value: object) -> str | float:
     return "" if value is None else value if isinstance(value, str | float) else str(value)
 
 
-def _source() -> Iterator[tuple[str, bytes]]:
-    """The package itself: what was run, and not what its version number says."""
+def _source() -> Iterator[tuple[str, str | bytes]]:
+    """The package itself: what was run, and not what its version number says. With its metadata, by which an
+    environment knows it."""
     for file in sorted(_PACKAGE.rglob("*")):
         if file.is_file() and "__pycache__" not in file.parts:
             yield f"source/dem_bridge/{file.relative_to(_PACKAGE).as_posix()}", file.read_bytes()
+    metadata = f"Metadata-Version: 2.1\nName: {_NAME}\nVersion: {dem_bridge.__version__}\n"
+    yield f"source/dem_bridge-{dem_bridge.__version__}.dist-info/METADATA", metadata
 
 
 def _sums(files: Mapping[str, str | bytes]) -> str:
@@ -243,7 +247,7 @@ def _readme(found: Verification, functions: Sequence[str], pins: Mapping[str, st
         own = "\nLAMMPS was the author's own: name yours by `sh replay.sh --lmp PATH`, or the one pinned here runs.\n"
     if functions:
         own += (
-            f"\nNot replayed: {', '.join(functions)}, whose contact laws are functions, which no scene file can hold.\n"
+            f"\nNot replayed, for their contact laws are functions, which no file can hold: {', '.join(functions)}.\n"
         )
     return f"""\
 # Verification of {names}
