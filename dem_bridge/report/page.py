@@ -221,7 +221,7 @@ def _numeric(table: Table, column: int) -> bool:
 
 
 def _drawn(exhibit: Exhibit) -> Figure:
-    from dem_bridge.report.exhibits import drawn  # type: ignore[import-not-found]
+    from dem_bridge.report.exhibits import drawn
 
     figure: Figure = drawn(exhibit)
     return figure

@@ -113,8 +113,7 @@ def verify_scenes(
             lost[scene.name] = hopeless(scene, error)
     results = run_cases(cases, jobs=jobs, tell=tell, store=store)
     studies = tuple(
-        lost.get(scene.name)
-        or study_of(scene, tuple(r for r in results if r.case.scene.name == scene.name), accuracy)
+        lost.get(scene.name) or study_of(scene, tuple(r for r in results if r.case.scene.name == scene.name), accuracy)
         for scene in scenes
     )
     notes = (store.trouble,) if store is not None and store.trouble else ()
