@@ -73,6 +73,7 @@ def verify(
     *,
     accuracy: float | None = None,
     folder: str | Path | None = None,
+    bundle: str | Path | None = None,
     jobs: int | None = None,
     tell: Progress | None = None,
     lmp: str | Path | None = None,
@@ -85,12 +86,13 @@ def verify(
     """Verify scenes (None: the paper's of 40 cylinders) through LAMMPS, its twin, the reference and binary collisions.
 
     ``accuracy``: wanted of velocities, relative to the largest (None: 5e-6); the time step follows from it. ``folder``:
-    where ``index.html`` and ``verdicts.json`` are written (None: nowhere). ``jobs``: runs at a time (None: as many as
-    there are cores). ``tell`` is called with (done, total, label). ``lmp``, ``lmp_args``, ``python``, ``ranks``: which
-    LAMMPS, as in :func:`solve`. ``store``: where runs are kept, so that none is made twice: True for the user's cache,
-    or the folder that ``DEM_BRIDGE_STORE`` names (nowhere where that is empty); a folder; or False. ``fresh``: make all
-    runs anew, and keep them. The answer has ``verdicts``, ``exit_code`` and ``notes``. Raises SceneError or UsageError;
-    a run that breaks is a BROKEN verdict.
+    where ``index.html`` and ``verdicts.json`` are written (None: nowhere). ``bundle``: where all that a reviewer needs
+    to run it again is written (None: nowhere). ``jobs``: runs at a time (None: as many as there are cores). ``tell`` is
+    called with (done, total, label). ``lmp``, ``lmp_args``, ``python``, ``ranks``: which LAMMPS, as in :func:`solve`.
+    ``store``: where runs are kept, so that none is made twice: True for the user's cache, or the folder that
+    ``DEM_BRIDGE_STORE`` names (nowhere where that is empty); a folder; or False. ``fresh``: make all runs anew, and
+    keep them. The answer has ``verdicts``, ``exit_code`` and ``notes``. Raises SceneError or UsageError; a run that
+    breaks is a BROKEN verdict.
     """
     from dem_bridge.store import Store
     from dem_bridge.studies.verify import DEFAULT_ACCURACY, verify_scenes
@@ -105,14 +107,40 @@ def verify(
     accuracy = checked_accuracy(DEFAULT_ACCURACY if accuracy is None else accuracy)
     if folder is not None:
         check_folder(Path(folder))
+    if bundle is not None:
+        from dem_bridge.report.bundle import check_bundle
+
+        check_bundle(Path(bundle))
     engine = Engine.chosen(lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
     kept = Store.opened(store, fresh=fresh)
     found = verify_scenes(chosen, accuracy=accuracy, jobs=jobs, tell=tell, engine=engine, store=kept)
-    if folder is not None:
-        from dem_bridge.report.page import write_report
-
-        write_report(found, Path(folder))
+    write_found(found, folder=folder, bundle=bundle, engine=engine)
     return found
+
+
+def write_found(
+    found: Verification,
+    *,
+    folder: str | Path | None = None,
+    bundle: str | Path | None = None,
+    engine: Engine | None = None,
+    words: Sequence[str] | None = None,
+) -> None:
+    """Write the report and the bundle of a verification, each where it is wanted; see :func:`verify`.
+
+    ``words``: what ``dem-bridge verify`` is told when the bundle is run again (None: the scenes' files).
+    """
+    if folder is None and bundle is None:
+        return
+    from dem_bridge.report.page import report_files
+
+    report = report_files(found)
+    if folder is not None:
+        write_whole(Path(folder), report)
+    if bundle is not None:
+        from dem_bridge.report.bundle import write_bundle
+
+        write_bundle(found, Path(bundle), report=report, engine=engine, words=words)
 
 
 def study_styles(

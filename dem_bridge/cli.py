@@ -220,6 +220,9 @@ def deck(scene: str, style: str, dt: float | None, geometry: str | None, types: 
     metavar="DIR",
     help="Where index.html and verdicts.json go.",
 )
+@click.option(
+    "--bundle", type=click.Path(path_type=Path), metavar="DIR", help="All that a reviewer needs to run it again, too."
+)
 @click.option("--json", "json_file", type=click.Path(path_type=Path), metavar="FILE", help="Verdicts as JSON too.")
 @click.option(
     "--junit", "junit_file", type=click.Path(path_type=Path), metavar="FILE", help="Verdicts as JUnit XML too."
@@ -234,6 +237,7 @@ def verify(
     jobs: int | None,
     fresh: bool,
     folder: Path,
+    bundle: Path | None,
     json_file: Path | None,
     junit_file: Path | None,
 ) -> None:
@@ -244,7 +248,9 @@ def verify(
     asked = {"accuracy": accuracy, "lmp": lmp, "lmp_args": lmp_args, "python": python, "ranks": ranks}
     settings: dict[str, Any] = {key: value for key, value in asked.items() if value is not None}
     with terminal.bar() as tell:
-        found = dem_bridge.verify(list(scenes) or None, folder=folder, jobs=jobs, tell=tell, fresh=fresh, **settings)
+        found = dem_bridge.verify(
+            list(scenes) or None, folder=folder, bundle=bundle, jobs=jobs, tell=tell, fresh=fresh, **settings
+        )
     if json_file is not None:
         write_whole(json_file.parent, {json_file.name: (folder / "verdicts.json").read_text(encoding="utf-8")})
     if junit_file is not None:
@@ -258,6 +264,8 @@ def verify(
             _warn(of_lammps)
     terminal.print_verdicts(found)
     click.echo(f"report: {folder / 'index.html'}")
+    if bundle is not None:
+        click.echo(f"bundle: {bundle}; again by: sh {bundle / 'replay.sh'}")
     sys.exit(found.exit_code)
 
 

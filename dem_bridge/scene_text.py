@@ -15,6 +15,8 @@ _ON_A_LINE = 6
 def scene_toml(scene: Scene) -> str:
     """The scene as TOML in raw form; UnsupportedScene where a contact's law is a function, which no file can hold.
 
+    Without its geometry, on which the motion does not depend and which raw form has not.
+
     >>> from dem_bridge.scene_file import load_scene, parse_scene
     >>> chain = load_scene("decelerating-40")
     >>> parse_scene(scene_toml(chain)) == chain

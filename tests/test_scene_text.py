@@ -43,7 +43,7 @@ def _same(scene: Scene) -> None:
 def test_every_part_of_a_scene_is_written() -> None:
     """A part added to Scene later, and forgotten in the text, is at its default here."""
     default = Scene(name="bare", duration=1.0, mass=(1.0,), stiffness=(), velocity=(0.0,))
-    parts = [f.name for f in fields(Scene) if f.init and f.name not in ("law", "gap")]
+    parts = [f.name for f in fields(Scene) if f.init and f.compare and f.name not in ("law", "gap")]
     assert [name for name in parts if getattr(WHOLE, name) == getattr(default, name)] == []
     _same(WHOLE)
     _same(replace(WHOLE, precompression=0.0, gap=(1e-6, -2e-7)))

@@ -24,8 +24,9 @@ from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.files import write_whole
 from dem_bridge.lmp.coefficients import MODELS
 from dem_bridge.report import figures
+from dem_bridge.report.exhibits import csv_texts, drawn
 from dem_bridge.studies.checks import POSITIONAL, REFERENCE, SECOND, THEORY, TWIN
-from dem_bridge.studies.exhibits import Claim, Exhibit, Paper, Table
+from dem_bridge.studies.exhibits import Claim, Paper, Table
 from dem_bridge.studies.independence import ANSWERS_THROUGH, matrix
 from dem_bridge.studies.verify import SceneStudy, Verification
 from dem_bridge.trajectory import Trajectory
@@ -84,14 +85,15 @@ def write_report(found: Verification, folder: Path) -> tuple[Path, Path]:
 
 
 def report_files(found: Verification) -> dict[str, str]:
-    """``index.html`` and ``verdicts.json``; with a paper ``figures/ID.csv`` and ``tables/ID.csv``. Name -> text."""
+    """Name -> text: ``index.html``, ``verdicts.json``; with a paper ``figures/*.csv`` and ``tables/*.csv``."""
     record = as_json(found)
     files = {
         "index.html": render(found, record),
         "verdicts.json": json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n",
     }
     if found.paper is not None:
-        files |= {f"figures/{one.id}.csv": one.as_csv() for one in found.paper.exhibits}
+        for one in found.paper.exhibits:
+            files |= {f"figures/{name}": text for name, text in csv_texts(one).items()}
         files |= {f"tables/{one.id}.csv": one.as_csv() for one in found.paper.tables}
     return files
 
@@ -158,8 +160,9 @@ def render(found: Verification, record: dict[str, Any]) -> str:
     )
     environment.filters |= {
         "by_outcome": _by_outcome,
+        "files": csv_texts,
         "claimed": lambda outcome: CLAIMED[outcome],
-        "drawn": _drawn,
+        "drawn": drawn,
         "number": number,
         "numeric": _numeric,
         "picture": picture,
@@ -218,13 +221,6 @@ def _by_outcome(paper: Paper) -> list[tuple[Outcome, list[Claim]]]:
 def _numeric(table: Table, column: int) -> bool:
     """Whether a column has numbers alone."""
     return bool(table.rows) and not any(isinstance(row[column], str) for row in table.rows)
-
-
-def _drawn(exhibit: Exhibit) -> Figure:
-    from dem_bridge.report.exhibits import drawn
-
-    figure: Figure = drawn(exhibit)
-    return figure
 
 
 def not_verified(found: Verification) -> list[str]:

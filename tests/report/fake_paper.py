@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from dem_bridge.studies.exhibits import Claim, ClaimValue, Exhibit, Map, Panel, Paper, Series, Table
 from dem_bridge.verdict import Outcome
@@ -46,20 +45,6 @@ def fake_paper() -> Paper:
         exhibits=tuple(_exhibit(i) for i in range(2, 7)),
         provenance={"paper study": "fake", "store": "3 of 40 runs new"},
     )
-
-
-def fake_drawn(exhibit: Exhibit) -> Figure:
-    """Stands in for the drawing: panels side by side."""
-    figure = Figure(figsize=(5.2 * exhibit.columns, 3.6), layout="constrained")
-    axes = figure.subplots(1, len(exhibit.panels), squeeze=False).ravel()
-    for ax, panel in zip(axes, exhibit.panels, strict=True):
-        if panel.map is not None:
-            image = ax.pcolormesh(panel.map.x, panel.map.y, panel.map.values, cmap="cividis", rasterized=True)
-            figure.colorbar(image, ax=ax, label=panel.map.label)
-        for line in panel.series:
-            ax.plot(line.x, line.y, label=line.label)
-        ax.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
-    return figure
 
 
 def _claim(i: int) -> Claim:
@@ -169,7 +154,7 @@ def _exhibit(i: int) -> Exhibit:
         title=f"Figure {i}: velocity and its power law",
         caption="Left: by the reference. Right: the same along the front, with the fit of the paper. " * 2,
         panels=(
-            Panel(title="a", x_label="cylinder", y_label="time (ms)", map=wave),
-            Panel(title="b", x_label="cylinder", y_label="velocity (m/s)", series=(line, fit)),
+            Panel(title="(a) slow", x_label="cylinder", y_label="time (ms)", map=wave),
+            Panel(title="(b) along the front", x_label="cylinder", y_label="velocity (m/s)", series=(line, fit)),
         ),
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 from html import escape, unescape
 from pathlib import Path
@@ -20,7 +19,7 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Case, Result
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.report import page as page_module
+from dem_bridge.report.exhibits import csv_texts, drawn
 from dem_bridge.report.junit import junit
 from dem_bridge.report.page import SCHEMA, as_json, headline, not_verified, number, packed, sortable, write_report
 from dem_bridge.scene import Damping, Scene
@@ -28,7 +27,7 @@ from dem_bridge.studies.checks import TWIN, engine_for
 from dem_bridge.studies.verify import SceneStudy, Verification, cases_of, study_of
 from dem_bridge.verdict import Outcome
 from tests.fakes import free_flight
-from tests.report.fake_paper import fake_drawn, fake_paper
+from tests.report.fake_paper import fake_paper
 
 PAIR = Scene(
     name="three",
@@ -63,11 +62,9 @@ def found() -> Verification:
 
 
 @pytest.fixture(scope="module")
-def whole(found: Verification, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def whole(found: Verification, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a report with a paper."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(page_module, "_drawn", fake_drawn)
-        yield write_report(replace(found, paper=fake_paper()), tmp_path_factory.mktemp("whole"))[0].parent
+    return write_report(replace(found, paper=fake_paper()), tmp_path_factory.mktemp("whole"))[0].parent
 
 
 def test_the_page_is_one_file_that_loads_nothing(found: Verification, tmp_path: Path) -> None:
@@ -221,11 +218,14 @@ def test_every_claim_has_its_anchor_its_words_and_its_values(whole: Path) -> Non
 
 def test_what_is_drawn_and_tabled_lies_beside_the_page_in_full_precision(whole: Path) -> None:
     paper, text = fake_paper(), _text(whole)
-    for folder, things in (("figures", paper.exhibits), ("tables", paper.tables)):
-        assert {path.name for path in (whole / folder).iterdir()} == {f"{one.id}.csv" for one in things}
-        for one in things:
-            assert (whole / folder / f"{one.id}.csv").read_text(encoding="utf-8") == one.as_csv()
-            assert text.count(f'href="{folder}/{one.id}.csv"') == 1
+    wanted: dict[str, str] = {}
+    for exhibit in paper.exhibits:
+        wanted |= {f"figures/{name}": content for name, content in csv_texts(exhibit).items()}
+    wanted |= {f"tables/{table.id}.csv": table.as_csv() for table in paper.tables}
+    assert {str(path.relative_to(whole)) for path in whole.rglob("*.csv")} == set(wanted)
+    for name, content in wanted.items():
+        assert (whole / name).read_text(encoding="utf-8") == content
+        assert text.count(f'href="{name}"') == 1
 
 
 def test_claims_stand_in_the_json_without_nan(whole: Path) -> None:
@@ -259,7 +259,7 @@ def test_outcomes_sort_by_severity_and_numbers_by_value() -> None:
 def test_fewer_bytes_take_no_colour_from_a_picture() -> None:
     """Of 1235 colours 256 are left; the rest move by 4 of 255, where the usual choice moves thin lines by 41."""
     full = io.BytesIO()
-    fake_drawn(fake_paper().exhibits[0]).savefig(full, format="png", dpi=120)
+    drawn(fake_paper().exhibits[0]).savefig(full, format="png", dpi=120)
     small = packed(full.getvalue())
     before, after = (np.asarray(Image.open(io.BytesIO(one)).convert("RGB"), float) for one in (full.getvalue(), small))
     assert np.max(np.abs(before - after)) <= 12.0

@@ -6,28 +6,24 @@ import json
 import re
 import shutil
 import subprocess
-from collections.abc import Iterator
 from html import unescape
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from dem_bridge.report import page as page_module
 from dem_bridge.report.page import write_report
 from dem_bridge.studies.verify import Verification
-from tests.report.fake_paper import fake_drawn, fake_paper
+from tests.report.fake_paper import fake_paper
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium")]
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     found = Verification(studies=(), accuracy=1e-3, wall=0.0, paper=fake_paper())
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(page_module, "_drawn", fake_drawn)
-        yield write_report(found, tmp_path_factory.mktemp("page"))[0]
+    return write_report(found, tmp_path_factory.mktemp("page"))[0]
 
 
 def _browse(*words: str) -> str:
