@@ -13,7 +13,7 @@ from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.files import check_folder, write_whole
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene, shipped_scenes
+from dem_bridge.scene_file import MAIN_SCENES, load_scene
 from dem_bridge.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def verify(
     python: str | Path | None = None,
     ranks: int | None = None,
 ) -> Verification:
-    """Verify scenes (None: all shipped ones) through LAMMPS, its twin, the reference and binary collisions.
+    """Verify scenes (None: the paper's of 40 cylinders) through LAMMPS, its twin, the reference and binary collisions.
 
     ``accuracy``: wanted of velocities, relative to the largest (None: 5e-6); the time step follows from it. ``folder``:
     where ``index.html`` and ``verdicts.json`` are written (None: nowhere). ``jobs``: runs at a time. ``tell`` is called
@@ -90,11 +90,11 @@ def verify(
     from dem_bridge.studies.verify import DEFAULT_ACCURACY, verify_scenes
 
     if scenes is None:
-        scenes = shipped_scenes()
+        scenes = MAIN_SCENES
     elif isinstance(scenes, Scene | str | Path):
         scenes = [scenes]
     if len(scenes) == 0:
-        raise UsageError("scenes = []; allowed: one or more scenes, or None for all shipped ones")
+        raise UsageError("scenes = []; allowed: one or more scenes, or None for the paper's two")
     chosen = [s if isinstance(s, Scene) else load_scene(s) for s in scenes]
     accuracy = checked_accuracy(DEFAULT_ACCURACY if accuracy is None else accuracy)
     if folder is not None:

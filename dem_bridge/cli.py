@@ -135,9 +135,7 @@ def scenes(as_json: bool) -> None:
             )
         )
         return
-    width = max(len(s.name) for s in found)
-    for s in found:
-        click.echo(f"{s.name:{width}}  {s.n_body:4} bodies  {1e3 * s.duration:6.3g} ms  {s.description}")
+    terminal.print_scenes(found)
 
 
 @main.command()
@@ -235,7 +233,7 @@ def verify(
     json_file: Path | None,
     junit_file: Path | None,
 ) -> None:
-    """Verify scenes (default: all shipped ones) and write the report."""
+    """Verify scenes (default: the paper's two of 40 cylinders) and write the report."""
     for file in (json_file, junit_file):
         if file is not None:
             check_file(file)

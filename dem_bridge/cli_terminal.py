@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -10,6 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from dem_bridge.scene import Scene
     from dem_bridge.studies.styles import StylesStudy
     from dem_bridge.studies.verify import Verification
 
@@ -26,6 +29,16 @@ def _console() -> Console:
 def _coloured(outcome: str) -> str:
     colour = _COLOURS.get(outcome, "yellow")
     return f"[{colour}]{outcome}[/{colour}]"
+
+
+def print_scenes(found: list[Scene]) -> None:
+    """A line each; on a terminal what happens in it is wrapped to what is left of the width."""
+    name = max(len(scene.name) for scene in found)
+    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+    print(f"{'scene':{name}}  bodies   ms  what happens")
+    for scene in found:
+        head = f"{scene.name:{name}}  {scene.n_body:6} {1e3 * scene.duration:4.3g}  "
+        print(textwrap.fill(scene.description, columns, initial_indent=head, subsequent_indent=" " * len(head)))
 
 
 def print_styles(found: StylesStudy) -> None:

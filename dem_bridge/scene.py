@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dem_bridge.checked import LARGEST, SMALLEST, checked_number, checked_numbers
 from dem_bridge.contacts import Contacts
 from dem_bridge.errors import SceneError
+from dem_bridge.geometry import Geometry
 from dem_bridge.physics.law import ContactLaw, Law, completed, reach_of, stored
 from dem_bridge.physics.statics import static_forces, static_overlap
 
@@ -108,8 +109,10 @@ class Scene:
     samples: int = 500
     spacing: float | None = None
     description: str = ""
+    geometry: Geometry | None = field(default=None, compare=False, repr=False)
+    """What the bodies are, where that is known; the motion does not depend on it."""
     content_hash: str = field(init=False, compare=False)
-    """sha256 over all that decides the motion and its samples, without name and description."""
+    """sha256 over all that decides the motion and its samples, without name, description and geometry."""
     _static_overlap: tuple[float, ...] = field(init=False, default=(), compare=False, repr=False)
     """Of every contact, m; empty without precompression."""
     _reach: tuple[float, ...] = field(init=False, default=(), compare=False, repr=False)
@@ -161,6 +164,12 @@ class Scene:
                 )
         if isinstance(self.samples, bool) or not isinstance(self.samples, int) or self.samples < 1:
             raise SceneError("samples", found=self.samples, allowed="a whole number >= 1")
+        if self.geometry is not None:
+            if not isinstance(self.geometry, Geometry):
+                raise SceneError("geometry", found=self.geometry, allowed="a Geometry or None")
+            if len(self.geometry.bodies) != bodies:
+                problem = f"has {len(self.geometry.bodies)} bodies"
+                raise SceneError("geometry", problem=problem, allowed=f"{bodies}, one per mass, or None")
         for key, value in checked.items():
             object.__setattr__(self, key, value)
         object.__setattr__(self, "damping", self._checked_damping())

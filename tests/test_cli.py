@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 
+import dem_bridge as db
+from dem_bridge.cli_terminal import print_scenes
+
 PROGRAM = str(Path(sys.executable).with_name("dem-bridge"))
 
 CHAIN = """\
@@ -58,9 +61,22 @@ def test_the_backends_named_by_the_command_line_are_those_that_exist() -> None:
 def test_scenes_lists_every_shipped_scene(tmp_path: Path) -> None:
     done = _run("scenes", cwd=tmp_path)
     assert done.returncode == 0
-    assert [line.split()[0] for line in done.stdout.splitlines()] == ["accelerating-40", "decelerating-40"]
-    found = json.loads(_run("scenes", "--json", cwd=tmp_path).stdout)
-    assert found[1]["contacts"] == 40
+    lines = done.stdout.splitlines()
+    assert tuple(line.split()[0] for line in lines) == ("scene", *db.shipped_scenes())
+    assert max(map(len, lines)) <= 124
+    found = {scene["name"]: scene for scene in json.loads(_run("scenes", "--json", cwd=tmp_path).stdout)}
+    assert found["decelerating-40"]["contacts"] == 40
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_scenes_fit_a_terminal(width: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    print_scenes([db.load_scene(name) for name in db.shipped_scenes()])
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= width
+    assert len(lines) > len(db.shipped_scenes()) + 1  # some are wrapped, under what happens in them
+    assert {line[:45].strip() for line in lines if line.startswith(" ")} == {""}
 
 
 def test_run_prints_json_on_stdout_and_nothing_on_stderr_in_a_pipe(tmp_path: Path) -> None:

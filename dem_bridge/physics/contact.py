@@ -37,6 +37,12 @@ def energy(overlap: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike) -> Flo
     return np.asarray(stiffness * closed ** np.asarray(exponent, dtype=float) / exponent)
 
 
+def check_angle(angle: float) -> None:
+    """Raises ValueError where ``angle`` (degrees) is none between the axes of crossed cylinders."""
+    if not 0.0 < angle <= 90.0:
+        raise ValueError(f"contact angle = {angle!r} degrees; allowed: 0 < angle <= 90")
+
+
 def axis_ratio_paper(angle: float) -> float:
     """Axis ratio b/a of the contact ellipse of two equal cylinders, in the paper's approximation.
 
@@ -47,8 +53,7 @@ def axis_ratio_paper(angle: float) -> float:
     >>> axis_ratio_paper(90.0), round(axis_ratio_paper(2.0), 7)
     (1.0, 0.0045279)
     """
-    if not 0.0 < angle <= 90.0:
-        raise ValueError(f"contact angle = {angle!r} degrees; allowed: 0 < angle <= 90")
+    check_angle(angle)
     # at 90 degrees tan(pi/4) is 1 only up to an ulp
     return 1.0 if angle == 90.0 else math.tan(math.radians(angle) / 2.0) ** (4.0 / 3.0)
 

@@ -27,7 +27,8 @@ Floats = NDArray[np.float64]
 Ratios = Sequence[tuple[float, Mapping[str, float]]]
 
 THEORIES = ("bca", "adiabatic")
-SOLVERS = ("reference", *ENGINE_BACKENDS, "ode45")
+#: those with a velocity and a force at every time; binary collisions have steps
+IN_TIME = ("reference", "adiabatic", *ENGINE_BACKENDS, "ode45")
 EVERY = ("reference", *THEORIES, *ENGINE_BACKENDS, "ode45")
 LABELS = {**dict.fromkeys(ENGINE_BACKENDS, "LAMMPS"), "bca": "BCA", "adiabatic": "adiabatic theory"}
 #: of a map: rows (or columns) at most, and its rounding as part of the largest value
@@ -204,7 +205,7 @@ def velocity_in_the_middle(title: str, chain: ChainRuns, *, shares: tuple[int, .
         y_label="velocity (m/s)",
         series=tuple(
             _series(name, 1e3 * run.time[near], run.velocity[near, chain.middle])
-            for name, run in chain.named(*SOLVERS)
+            for name, run in chain.named(*IN_TIME)
             for near in [_while_there(chain, run)]
         ),
         notes=(f"cylinder {chain.middle}",),
@@ -221,7 +222,7 @@ def force_in_the_middle(title: str, chain: ChainRuns, *, shares: tuple[int, ...]
         y_label="contact force (N)",
         series=tuple(
             _series(name, 1e3 * run.time[near], run.contact_force[near, contact])
-            for name, run in chain.named(*SOLVERS)
+            for name, run in chain.named(*IN_TIME)
             for near in [_while_there(chain, run)]
         ),
         notes=(f"between cylinders {contact} and {contact + 1}",),

@@ -23,6 +23,7 @@ from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.process import EngineReport, run_deck
 from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene_file import MAIN_SCENES
 from dem_bridge.trajectory import Trajectory
 from tests.backends.test_verlet import LADDER
 from tests.conftest import Solve
@@ -343,7 +344,7 @@ def test_an_exponent_that_lammps_does_not_have_is_refused_before_anything_runs(m
 
 @pytest.mark.lammps
 @pytest.mark.parametrize("kind", ["", "-physical"])
-@pytest.mark.parametrize("name", db.shipped_scenes())
+@pytest.mark.parametrize("name", MAIN_SCENES)
 def test_a_committed_deck_runs_by_the_lmp_program_alone(name: str, kind: str, tmp_path: Path) -> None:
     folder = tmp_path / name
     shutil.copytree(INPUTS / f"{name}{kind}", folder)

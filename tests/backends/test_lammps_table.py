@@ -16,6 +16,7 @@ import dem_bridge as db
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp import pairing
 from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene_file import MAIN_SCENES
 from dem_bridge.trajectory import Trajectory
 from tests.conftest import Solve
 from tests.faults.judging import FREE
@@ -81,7 +82,7 @@ def _assert_equal(run: Trajectory, twin: Trajectory, contacts: int) -> None:
 
 
 @pytest.mark.parametrize("settings", [{}, {"table_style": "linear"}])
-@pytest.mark.parametrize("name", db.shipped_scenes())
+@pytest.mark.parametrize("name", MAIN_SCENES)
 def test_lammps_is_its_twin_bit_for_bit_on_the_shipped_chains(
     name: str, settings: dict[str, Any], solved: Solve
 ) -> None:
@@ -90,7 +91,7 @@ def test_lammps_is_its_twin_bit_for_bit_on_the_shipped_chains(
     _assert_equal(run, _twin(run, scene, **settings), 40)
 
 
-@pytest.mark.parametrize("name", db.shipped_scenes())
+@pytest.mark.parametrize("name", MAIN_SCENES)
 def test_types_and_radius_leave_lammps_its_twin_bit_for_bit(name: str, solved: Solve) -> None:
     scene = db.load_scene(name)
     euler = solved(scene, ENGINE, dt=1e-7)
@@ -199,7 +200,7 @@ def test_a_scene_without_a_spacing_has_no_physical_geometry() -> None:
 
 
 @pytest.mark.parametrize("dt", [1e-7, 2e-8])
-@pytest.mark.parametrize("name", db.shipped_scenes())
+@pytest.mark.parametrize("name", MAIN_SCENES)
 def test_the_round_off_of_9_mm_is_that_predicted_within_a_factor_3(name: str, dt: float, solved: Solve) -> None:
     scene = db.load_scene(name)
     run = solved(scene, ENGINE, dt=dt, geometry="physical")
@@ -223,7 +224,7 @@ def test_an_accuracy_below_the_floor_of_9_mm_is_refused_with_the_floor() -> None
 
 
 @pytest.mark.parametrize("style", ["spline", "linear"])
-@pytest.mark.parametrize("name", db.shipped_scenes())
+@pytest.mark.parametrize("name", MAIN_SCENES)
 def test_the_error_of_interpolation_is_that_predicted_within_a_factor_2(name: str, style: str, solved: Solve) -> None:
     told = solved(db.load_scene(name), ENGINE, dt=1e-7, **({} if style == "spline" else {"table_style": style}))
     told = told.provenance["table"]

@@ -24,6 +24,7 @@ from dem_bridge.lmp import deck as deck_module
 from dem_bridge.lmp.coefficients import refusal
 from dem_bridge.lmp.deck import Deck, deck_of
 from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene_file import MAIN_SCENES
 from tests.lmp.deck_reader import ReadDeck, read_deck
 from tests.strategies import damped_scenes, examples, log_uniform, scenes
 from tests.truth import Truth
@@ -280,8 +281,8 @@ def test_later_pair_coeffs_override_earlier_ones_in_the_reader_as_in_lammps(tmp_
 
 #: folder of lammps_inputs -> the scene, and how its deck is written
 COMMITTED: dict[str, tuple[str, dict[str, Any]]] = {
-    **{name: (name, {}) for name in db.shipped_scenes()},
-    **{f"{name}-physical": (name, {"geometry": "physical", "types": "per-body"}) for name in db.shipped_scenes()},
+    **{name: (name, {}) for name in MAIN_SCENES},
+    **{f"{name}-physical": (name, {"geometry": "physical", "types": "per-body"}) for name in MAIN_SCENES},
 }
 
 
@@ -316,7 +317,7 @@ def test_the_committed_deck_is_the_shipped_scene(folder: str) -> None:
     assert {atom.diameter for atom in read.atoms} == ({0.018} if how else {2.0**-14})
 
 
-@pytest.mark.parametrize("name", db.shipped_scenes())
+@pytest.mark.parametrize("name", MAIN_SCENES)
 def test_a_deck_of_the_scenes_own_radius_says_what_round_off_to_expect(name: str) -> None:
     text = (INPUTS / f"{name}-physical" / f"in.{name}").read_text()
     [said] = re.findall(r"^# .*expect round-off of (\S+) of the$", text, re.MULTILINE)
@@ -476,7 +477,7 @@ def test_the_tables_of_a_random_scene_are_its_contacts(scene: Scene) -> None:
 
 
 @pytest.mark.parametrize("geometry", ["gauge", "physical"])
-@pytest.mark.parametrize("name", db.shipped_scenes())
+@pytest.mark.parametrize("name", MAIN_SCENES)
 def test_forty_different_contacts_are_41_tables(name: str, geometry: str) -> None:
     scene = db.load_scene(name)
     deck = _tabled(scene, geometry=geometry)
