@@ -16,8 +16,8 @@ from dem_bridge.errors import UsageError
 from dem_bridge.report.exhibits import csv_texts, drawn, png
 from dem_bridge.scene import Scene
 from dem_bridge.studies.exhibits import Exhibit, Panel, Series
-from dem_bridge.studies.paper_figures import ChainRuns, figure_2, figure_3, figure_4, figure_5, figure_6
-from dem_bridge.studies.paper_panels import MAP_ROWS, window
+from dem_bridge.studies.paper.figures import ChainRuns, figure_2, figure_3, figure_4, figure_5, figure_6
+from dem_bridge.studies.paper.panels import MAP_ROWS, window
 from dem_bridge.trajectory import Trajectory
 from tests.conftest import Solve
 from tests.fakes import NO_BARS, NO_COST

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dem_bridge.errors import UsageError
-from dem_bridge.studies import paper_panels as panel
 from dem_bridge.studies.exhibits import Exhibit
-from dem_bridge.studies.paper_panels import GUIDE, MAP_DIGITS, MAP_ROWS, ChainRuns, Ratios
+from dem_bridge.studies.paper import panels as panel
+from dem_bridge.studies.paper.panels import GUIDE, MAP_DIGITS, MAP_ROWS, ChainRuns, Ratios
 
 DECELERATING, ACCELERATING = "2° to 90°, decelerating", "90° to 2°, accelerating"
 GRADIENTS = (
