@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from dem_bridge.trajectory import Trajectory
 
 #: named again here so that --help needs no backend; a test holds the two together
-BACKENDS = ("lammps-granular", "lammps-table", "verlet", "reference", "scipy", "ase", "ode45", "bca")
+BACKENDS = ("lammps-granular", "lammps-table", "verlet", "reference", "scipy", "ase", "ode45", "bca", "adiabatic")
 
 
 class _Group(click.Group):

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, TypedDict
 
 from dem_bridge.checked import checked_number
 from dem_bridge.errors import SceneError
@@ -20,6 +20,13 @@ LAWS = ("paper", "exact")
 SHAPES = ("sphere", "cylinder")
 #: what an angle between two axes may be, degrees
 ANGLE = "a number > 0 and <= 90 (degrees)"
+
+
+class Elastic(TypedDict):
+    """What contact laws ask of a material."""
+
+    young: float
+    poisson: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +50,11 @@ class Material:
         if not -1.0 < ratio <= 0.5:
             raise SceneError("material.poissons_ratio", found=ratio, allowed="-1 < nu <= 0.5")
         object.__setattr__(self, "poissons_ratio", ratio)
+
+    @property
+    def elastic(self) -> Elastic:
+        """As :mod:`dem_bridge.physics.hertz` takes it."""
+        return {"young": self.youngs_modulus, "poisson": self.poissons_ratio}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,8 +156,7 @@ class Geometry:
         def crossing(body: Body, stiffness: float | None) -> float | None:
             if stiffness is None:
                 return None
-            of = {"young": body.material.youngs_modulus, "poisson": body.material.poissons_ratio}
-            return angle_of_stiffness(stiffness, law=self.law, radius=body.radius, **of)
+            return angle_of_stiffness(stiffness, law=self.law, radius=body.radius, **body.material.elastic)
 
         return tuple(map(crossing, self.bodies, self.stiffness))
 

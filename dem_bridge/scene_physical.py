@@ -14,7 +14,7 @@ from functools import cache, partial
 from itertools import accumulate, repeat
 from operator import mul
 from statistics import NormalDist
-from typing import Literal, NamedTuple, TypedDict
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -97,7 +97,7 @@ def from_cylinders(file: CylinderScene) -> Scene:
     def under_a_sphere(radius: float) -> float:
         from dem_bridge.physics.hertz import sphere_on_cylinder
 
-        return sphere_on_cylinder(radius=radius, radius2=cylinders.radius, **_elastic(material)).stiffness
+        return sphere_on_cylinder(radius=radius, radius2=cylinders.radius, **material.elastic).stiffness
 
     made = partial(Body, shape="cylinder", radius=cylinders.radius, material=material)
     chain = _Chain(
@@ -122,7 +122,7 @@ def from_spheres(file: SphereScene) -> Scene:
         raise SceneError("spheres.ratio", problem=problem, allowed=f"{SMALLEST:g} to {LARGEST:g} m")
 
     def touching(radius: float, radius2: float) -> float:
-        return sphere_on_sphere(radius=radius, radius2=radius2, **_elastic(material)).stiffness
+        return sphere_on_sphere(radius=radius, radius2=radius2, **material.elastic).stiffness
 
     chain = _Chain(
         bodies=tuple(Body(shape="sphere", radius=radius, material=material) for radius in radii),
@@ -139,7 +139,7 @@ def _crossed(
     """Angles (None: those that the stiffness has) and stiffness of equal cylinders, ``(links,)`` both."""
     from dem_bridge.physics.hertz import angle_of_stiffness, crossed_cylinders
 
-    law, elastic = contacts.law, _elastic(material)
+    law, elastic = contacts.law, material.elastic
 
     @cache
     def stiffness_at(angle: float) -> float:
@@ -292,14 +292,3 @@ def _geometry(first: Body, chain: _Chain) -> Geometry:
 
 def _material(file: PhysicalScene) -> Material:
     return Material(**file.material.model_dump())
-
-
-class _Elastic(TypedDict):
-    """As the formulas of contacts take a material."""
-
-    young: float
-    poisson: float
-
-
-def _elastic(material: Material) -> _Elastic:
-    return {"young": material.youngs_modulus, "poisson": material.poissons_ratio}

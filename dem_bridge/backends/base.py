@@ -164,6 +164,7 @@ BACKENDS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "ase": ("dem_bridge.backends.ase_verlet", "AseVerlet"),
         "ode45": ("dem_bridge.backends.ode45", "Ode45"),
         "bca": ("dem_bridge.backends.bca", "BinaryCollisions"),
+        "adiabatic": ("dem_bridge.backends.adiabatic", "AdiabaticWaves"),
     }
 )
 

@@ -32,20 +32,7 @@ class BinaryCollisions:
 
     def refusal(self, scene: Scene) -> str | None:
         """The theory knows one pulse: body 0 alone moves, towards a chain at rest, touching, free and weightless."""
-        problems = {
-            "more than one body moves at the start": any(v != 0.0 for v in scene.velocity[1:]),
-            "body 0 does not move towards the chain": not scene.velocity[0] > 0.0,
-            "there are gaps or initial overlaps": any(g != 0.0 for g in scene.contacts.gap)
-            and scene.precompression == 0.0,
-            "there is a wall": scene.wall_left is not None or scene.wall_right is not None,
-            "there is gravity": scene.gravity != 0.0,
-            "there is precompression": scene.precompression > 0.0,
-            "there is damping": scene.damped,
-            "there is drag": scene.drag > 0.0,
-            "contacts have a law of their own": scene.law is not None,
-            "there is no contact": scene.n_contact == 0,
-        }
-        reasons = [text for text, wrong in problems.items() if wrong]
+        reasons = no_single_pulse(scene)
         return f"binary collisions describe a single pulse, but {'; '.join(reasons)}" if reasons else None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
@@ -90,3 +77,20 @@ class BinaryCollisions:
             ),
             provenance=birth_certificate(self, scene, {"samples": sampling.count}),
         )
+
+
+def no_single_pulse(scene: Scene) -> list[str]:
+    """Why a scene is not one pulse into a chain at rest, touching, free and weightless; nothing where it is."""
+    problems = {
+        "more than one body moves at the start": any(v != 0.0 for v in scene.velocity[1:]),
+        "body 0 does not move towards the chain": not scene.velocity[0] > 0.0,
+        "there are gaps or initial overlaps": any(g != 0.0 for g in scene.contacts.gap) and scene.precompression == 0.0,
+        "there is a wall": scene.wall_left is not None or scene.wall_right is not None,
+        "there is gravity": scene.gravity != 0.0,
+        "there is precompression": scene.precompression > 0.0,
+        "there is damping": scene.damped,
+        "there is drag": scene.drag > 0.0,
+        "contacts have a law of their own": scene.law is not None,
+        "there is no contact": scene.n_contact == 0,
+    }
+    return [text for text, wrong in problems.items() if wrong]

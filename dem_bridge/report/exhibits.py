@@ -36,7 +36,7 @@ COLOURS = "cividis"
 WIDTH = 11.0
 _HEIGHT = {"map": 3.7, "series": 3.0}
 #: marks along a line; more would run together
-_MARKS, _MARKS_ON_LINE = 45, 9
+_MARKS, _MARKS_ON_LINE = 24, 9
 
 _CIRCLES = {"color": BLUE, "linestyle": "none", "marker": "o", "markersize": 4.5, "markerfacecolor": "none"}
 #: style of a Series -> how matplotlib draws it; no two are alike in grey
@@ -50,11 +50,16 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
     "guide": {"color": GREY, "linestyle": (0, (9, 3)), "linewidth": 1.2},
 }
 _OTHER: Mapping[str, Any] = {"color": GREY, "linestyle": "-", "linewidth": 1.2}
-#: on a map a line is thin: it must not hide the front that it stands beside
-_ON_MAP: Mapping[str, Any] = {
-    "linewidth": 1.4,
-    "marker": "",
-    "path_effects": [withStroke(linewidth=3.0, foreground="white")],
+#: on a map a line is thin, for it must not hide the front that it stands beside, and black or white, for colours and
+#: greys are the map's; its edge is of the other, so that it is seen on either
+_ON_MAP: Mapping[str, Mapping[str, Any]] = {
+    name: {
+        "color": ink,
+        "linestyle": dash,
+        "linewidth": 1.3,
+        "path_effects": [withStroke(linewidth=2.9, foreground="black" if ink == "white" else "white")],
+    }
+    for name, ink, dash in (("bca", "black", "--"), ("adiabatic", "white", "-."), ("", "white", "-"))
 }
 
 
@@ -218,7 +223,7 @@ def _draw_series(ax: Axes, line: Series, *, on_map: bool) -> None:
     style = dict(STYLES.get(line.style, _OTHER))
     n = len(line.x)
     if on_map:
-        style |= {**_ON_MAP, "linestyle": "-" if style["linestyle"] == "none" else style["linestyle"]}
+        style = dict(_ON_MAP.get(line.style, _ON_MAP[""]))
     elif style["linestyle"] == "none":
         every = max(1, -(-n // _MARKS))
         # two sets of marks that agree stand beside each other, not on top
@@ -259,7 +264,9 @@ def _dress(ax: Axes, panel: Panel, columns: int) -> None:
             axis.set_minor_formatter(NullFormatter())
     else:
         whole = bool(xs) and all(np.array_equal(x, np.round(x)) for x in xs)
-        ax.xaxis.set_major_locator(MaxNLocator(nbins=8 if whole else 6, integer=whole, steps=[1, 2, 5, 10]))
+        ax.xaxis.set_major_locator(
+            MaxNLocator(nbins=8 if whole else 6, integer=whole, steps=[1, 2, 5, 10] if whole else [1, 2, 2.5, 5, 10])
+        )
     if panel.map is None:
         ax.grid(alpha=0.25, which="both")
 

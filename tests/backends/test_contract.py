@@ -57,7 +57,7 @@ hertz = pytest.mark.parametrize("name", [_with_engine(n) for n in BACKENDS if ba
 def test_a_backend_says_who_it_is(name: str) -> None:
     found = backend(name)
     assert found.name == name
-    assert found.equations in ("hertz", "binary collisions")
+    assert found.equations in ("hertz", "binary collisions", "adiabatic solitary wave")
     assert found.order is None or found.order >= 1
 
 
@@ -273,7 +273,7 @@ def test_two_contacts_that_close_at_once_are_no_obstacle(name: str, solved: Solv
 
 
 def test_an_unknown_backend_is_refused_with_the_names_that_exist() -> None:
-    names = "lammps-granular, lammps-table, verlet, reference, scipy, ase, ode45, bca"
+    names = "lammps-granular, lammps-table, verlet, reference, scipy, ase, ode45, bca, adiabatic"
     with pytest.raises(UsageError, match=f"backend = 'lamps'; allowed: {names}"):
         backend("lamps")
 

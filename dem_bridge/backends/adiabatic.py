@@ -1,0 +1,125 @@
+"""The adiabatic solitary wave (:mod:`dem_bridge.physics.adiabatic`) as a backend: times, velocities and forces.
+
+Other equations than Hertz's chain: one pulse, locally the exact wave of a uniform chain. The striker's share and the
+first contacts' forces and times are those of a striker on a uniform chain of the second contact's kind; from body 1 on
+the pulse follows the gradients. Contact forces have the local wave's shape, with the peak and impulse that the theory
+gives, and velocities and displacements follow from them by Newton's law, so momentum is kept. What comes behind the
+leading pulse is not there, the reflection at the far end neither: once the pulse is within its width of the end, the
+last bodies are wrong. Nothing can be said about the error from within (bars inf).
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PPoly
+
+from dem_bridge.backends.bars import UNKNOWN
+from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
+from dem_bridge.backends.bca import no_single_pulse
+from dem_bridge.physics.adiabatic import adiabatic_wave, checked_exponent, launched
+from dem_bridge.physics.solitary import wave_shape
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Cost, Trajectory
+
+Floats = NDArray[np.float64]
+#: points of a force profile from its centre to its end
+PROFILE = 512
+
+
+class AdiabaticWaves:
+    """The leading pulse by its energy; single-pulse chains only."""
+
+    name = "adiabatic"
+    equations = "adiabatic solitary wave"
+    order: int | None = None
+
+    def availability(self) -> Availability:
+        return Availability(True)
+
+    def refusal(self, scene: Scene) -> str | None:
+        """The theory knows one pulse: body 0 alone moves, towards a chain at rest, touching, free and weightless."""
+        reasons = no_single_pulse(scene)
+        if scene.n_contact == 1:
+            reasons.append("there is one contact, and no chain behind it")
+        try:
+            for n in {*scene.contacts.exponent.tolist()}:
+                checked_exponent(n)
+        except ValueError as error:
+            reasons.append(str(error))
+        return f"the adiabatic wave is a single pulse, but {'; '.join(reasons)}" if reasons else None
+
+    def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
+        wall, cpu = time.perf_counter(), time.process_time()
+        times, c, mass = sampling.times(scene.duration), scene.contacts, np.array(scene.mass)
+        beta, n, striker = c.stiffness, c.exponent, scene.velocity[0]
+        launch = launched(
+            masses=(scene.mass[0], scene.mass[1]),
+            stiffnesses=(float(beta[0]), float(beta[1])),
+            exponents=(float(n[0]), float(n[1])),
+            velocity=striker,
+        )
+        # the struck end is the launch's: for the wave the chain begins as it goes on
+        wave = adiabatic_wave(
+            mass=mass[np.maximum(np.arange(scene.n_body), 1)],
+            stiffness=beta[(behind := np.maximum(np.arange(scene.n_contact), 1))],
+            exponent=n[behind],
+            energy=launch.energy,
+            at=1,
+        )
+        first = min(scene.n_contact, len(launch.late))
+        peak_force = wave.peak_force.copy()
+        peak_force[:first] *= launch.force_ratio[:first]
+        peak_time = launch.start + 0.5 / launch.speed + np.cumsum([0.0, 1.0 / launch.speed, *wave.transit[2:-1]])
+        peak_time[:first] += launch.late[:first]
+        force, impulse, travel = (
+            np.array(one).T
+            for one in zip(
+                *(_pulse(*one, times) for one in zip(n, peak_force, wave.momentum, peak_time, strict=True)), strict=True
+            )
+        )
+        force[0] = 0.0  # at the start bodies only touch
+        start = np.array(scene.velocity)
+        return Trajectory(
+            time=times,
+            displacement=start * times[:, None] - np.diff(travel, prepend=0.0, append=0.0) / mass,
+            velocity=start - np.diff(impulse, prepend=0.0, append=0.0) / mass,
+            contact_force=force,
+            peak_force=peak_force,
+            crossing_time=np.where(peak_time <= scene.duration, peak_time, np.nan),
+            uncertainty=UNKNOWN,
+            cost=Cost(
+                wall=time.perf_counter() - wall,
+                cpu=time.process_time() - cpu,
+                steps=0,
+                force_evaluations=0,
+            ),
+            provenance=birth_certificate(self, scene, {"samples": sampling.count}),
+        )
+
+
+def _pulse(n: float, peak: float, momentum: float, at: float, times: Floats) -> tuple[Floats, Floats, Floats]:
+    """Force of a contact, N, and its first and second integral over time from ``times[0]``: impulse (N s) and N s^2."""
+    force, impulse, travel = _profile(n)
+    end = force.x[-1]
+    rate = peak * float(impulse(end)) / momentum  # grains per second, so that the whole impulse is the momentum
+    x = rate * (times - at)
+    inside = np.clip(x, -end, end)
+    f = np.where(np.abs(x) < end, force(inside), 0.0)
+    g, h = impulse(inside), travel(inside) + impulse(end) * np.maximum(x - end, 0.0)
+    return peak * f, peak / rate * (g - g[0]), peak / rate**2 * (h - h[0] - g[0] * (x - x[0]))
+
+
+@functools.lru_cache(maxsize=256)
+def _profile(n: float) -> tuple[PPoly, PPoly, PPoly]:
+    """The wave's force over its peak against grains from its centre, and its integrals from far ahead."""
+    from scipy.interpolate import CubicSpline
+
+    shape = wave_shape(n)
+    x = np.linspace(-shape.half_length, shape.half_length, 2 * PROFILE + 1)
+    overlap = np.maximum(shape.series(shape.overlap, x), 0.0) / shape.peaks[0]
+    force = CubicSpline(x, overlap ** (n - 1.0), bc_type="clamped")
+    return force, force.antiderivative(), force.antiderivative(2)

@@ -1,0 +1,285 @@
+"""Laws fitted along the chain: wave speed (fig. 3c, d), peak force against stiffness (fig. 5c, d), peak velocity.
+
+Least squares of what is no scatter but a slow departure from a power: a standard error then says how well a line fits
+the points that it was given, not how well its slope is known. So a slope also comes with its ``spread``, the range of
+the slopes over other windows, and with ``bar``, what the bars of the run can change in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import curve_fit
+from scipy.stats import t as student
+
+from dem_bridge.errors import UsageError
+from dem_bridge.observables.front import (
+    PeakVelocity,
+    peak_velocity_of_front,
+    residence_bar,
+    wave_speed_by_crossing,
+)
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
+
+__all__ = [
+    "ForceFit",
+    "PeakVelocity",
+    "Slope",
+    "SpeedFit",
+    "VelocitySlope",
+    "force_exponent",
+    "inner_bodies",
+    "inner_contacts",
+    "log_velocity_slope",
+    "peak_velocity_of_front",
+    "speed_power_law",
+    "straight_line",
+]
+
+Floats = NDArray[np.float64]
+
+#: shares of the chain at the struck end, where the pulse forms, and at the far end, that a default window leaves out
+FORMING, ENDING = 0.1, 0.05
+#: sizes of the windows of a spread, in parts of the whole window; each at its start, middle and end
+PARTS = (0.9, 0.8, 0.7, 0.6, 0.5)
+
+
+def inner_bodies(scene: Scene) -> tuple[int, int]:
+    """First and last body with a residence time of the chain's own: 3 to n_body - 3, both included.
+
+    Bodies 1 and 2 have that of the striker's contact, which is another (in the paper's decelerating chain 18 times
+    softer: body 1 seems three times as fast as body 3), the last one with a residence time hands on to a free end.
+    """
+    return 3, scene.n_body - 3
+
+
+def inner_contacts(scene: Scene) -> tuple[int, int]:
+    """First and last contact between the ends, both included: without the first tenth, where the pulse still forms and
+    secondary pulses leave it, and the last twentieth, where it feels that the chain ends.
+
+    >>> import dem_bridge as db
+    >>> inner_contacts(db.load_scene("decelerating-40"))
+    (4, 37)
+    """
+    links = scene.n_body - 1
+    return int(np.ceil(FORMING * links)), int(np.floor((1.0 - ENDING) * links)) - 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SpeedFit:
+    """V_i = (b1 + b2 i)^(1/n), V in m/s. Made by :func:`speed_power_law`."""
+
+    b1: float
+    """(m/s)^n."""
+    b2: float
+    """(m/s)^n per body."""
+    covariance: Floats
+    """Of (b1, b2), ``(2, 2)``, from the residuals."""
+    residual: float
+    """Root mean square of V / fit - 1."""
+    exponent: float
+    """n: that of the scene, not fitted."""
+    first: int
+    last: int
+    """Bodies fitted, both included."""
+    bar: tuple[float, float]
+    """Largest changes of b1 and b2 by the bars of the run's crossing times."""
+
+    def speed(self, body: NDArray[np.int64] | int) -> Floats:
+        """m/s, at bodies of any shape."""
+        return np.asarray((self.b1 + self.b2 * np.asarray(body)) ** (1.0 / self.exponent))
+
+
+def speed_power_law(
+    scene: Scene, trajectory: Trajectory, *, first: int | None = None, last: int | None = None
+) -> SpeedFit:
+    """Power law of the wave speed along a chain whose stiffness is linear in i (paper, section 4a, fig. 3c, d).
+
+    Least squares in V, the wave speed by crossing, over bodies ``first`` to ``last``, both included (None: those of
+    :func:`inner_bodies`). The exponent 1/n is that of the scene's contacts, as in the paper. Raises UsageError for a
+    scene without spacing, with exponents that differ or contacts with laws, or a window of fewer than 3 bodies.
+
+    >>> import dem_bridge as db
+    >>> scene = db.load_scene("decelerating-40")
+    >>> fit = speed_power_law(scene, db.solve(scene, backend="reference", bars=False))
+    >>> fit.first, fit.last, f"{fit.speed(3):.0f} to {fit.speed(38):.0f} m/s, rms {fit.residual:.1%}"
+    (3, 38, '1817 to 717 m/s, rms 0.7%')
+    """
+    n = _one_exponent(scene)
+    low, high = inner_bodies(scene)
+    low, high = low if first is None else first, high if last is None else last
+    _check_window("bodies", low, high, 1, scene.n_body - 2, least=3)
+    body = np.arange(low, high + 1)
+    pick = slice(low - 1, high)
+    speed = wave_speed_by_crossing(scene, trajectory)[pick]
+    _check_finite("the wave speed", speed, body)
+    scale, middle = float(np.mean(speed)), float(np.mean(body))
+    x = (body - middle) / len(body)
+
+    def law(x: Floats, a: float, b: float) -> Floats:
+        return np.asarray(np.maximum(a + b * x, 1e-12) ** (1.0 / n))
+
+    def slope(x: Floats, a: float, b: float) -> Floats:
+        return np.asarray(np.stack([np.ones_like(x), x], axis=1) * (law(x, a, b) ** (1.0 - n) / n)[:, None])
+
+    # V^n is linear in i: where the least squares in V start from
+    rise, level = np.polyfit(x, (speed / scale) ** n, 1)
+    tight = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14}
+    (a, b), spread = curve_fit(law, x, speed / scale, p0=(level, rise), jac=slope, **tight)
+    # (a, b) -> (b1, b2)
+    unit = scale**n
+    turn = unit * np.array([[1.0, -middle / len(body)], [0.0, 1.0 / len(body)]])
+    b1, b2 = turn @ (a, b)
+    # how each speed moves both, to first order
+    moved = np.abs(turn @ np.linalg.pinv(slope(x, a, b)))
+    relative = (residence_bar(scene, trajectory) / np.diff(trajectory.crossing_time[: scene.n_body - 1]))[pick]
+    bars = moved @ (relative * speed / scale)
+    return SpeedFit(
+        b1=float(b1),
+        b2=float(b2),
+        covariance=turn @ spread @ turn.T,
+        residual=float(np.sqrt(np.mean((speed / scale / law(x, a, b) - 1.0) ** 2))),
+        exponent=n,
+        first=low,
+        last=high,
+        bar=(float(bars[0]), float(bars[1])),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Slope:
+    """A straight line through points along the chain, and how far its slope can be trusted."""
+
+    slope: float
+    stderr: float
+    """Standard error of the slope, as if the residuals were scatter."""
+    interval: tuple[float, float]
+    """95 % of Student's t with that standard error."""
+    spread: tuple[float, float]
+    """Least and largest slope over ``windows``."""
+    bar: float
+    """Largest change of the slope by the run's bars."""
+    first: int
+    last: int
+    """Contacts or bodies fitted, both included."""
+    windows: tuple[tuple[int, int], ...] = field(repr=False)
+    """Other windows: 0.9 to 0.5 of the whole one, at its start, in its middle and at its end; and the whole."""
+    slopes: Floats = field(repr=False)
+    """Slope in each of them."""
+
+
+Fitted = TypeVar("Fitted", bound=Slope)
+
+
+class ForceFit(Slope):
+    """ln(peak force) against ln(stiffness). Made by :func:`force_exponent`."""
+
+
+class VelocitySlope(Slope):
+    """ln(peak velocity) per body. Made by :func:`log_velocity_slope`."""
+
+
+def force_exponent(scene: Scene, trajectory: Trajectory, *, window: tuple[int, int] | None = None) -> ForceFit:
+    """Exponent of the peak contact force in the stiffness, F_max ~ beta^slope (paper, section 4c, fig. 5c, d: 1/n).
+
+    ``window``: first and last contact, both included (None: :func:`inner_contacts`). The paper's chains of 200 give
+    0.3950 (decelerating; spread 0.3934 to 0.3974) and 0.4053 (accelerating; 0.4027 to 0.4073); in those of 40 the pulse
+    is still forming. Raises UsageError for a window of
+    fewer than 4 contacts, or where their stiffnesses are all the same.
+
+    >>> import dem_bridge as db
+    >>> scene = db.load_scene("accelerating-40")
+    >>> fit = force_exponent(scene, db.solve(scene, backend="reference", bars=False))
+    >>> f"{fit.slope:.3f} +- {fit.stderr:.3f}, spread {fit.spread[0]:.3f} to {fit.spread[1]:.3f}", fit.first, fit.last
+    ('0.435 +- 0.001, spread 0.419 to 0.439', 4, 37)
+    """
+    first, last = inner_contacts(scene) if window is None else window
+    links = scene.n_body - 1
+    _check_window("contacts", first, last, 0, links - 1, least=4)
+    pick = slice(first, last + 1)
+    stiffness, force = scene.contacts.stiffness[pick], trajectory.peak_force[pick]
+    _check_finite("the peak force", force, np.arange(first, last + 1))
+    if np.ptp(np.log(stiffness)) < 1e-6:
+        raise UsageError(f"{scene.name} has one stiffness in contacts {first}..{last}; an exponent needs a gradient")
+    bar = np.asarray(trajectory.uncertainty["peak_force"])[pick] / force
+    return straight_line(ForceFit, np.log(stiffness), np.log(force), bar, first)
+
+
+def log_velocity_slope(scene: Scene, trajectory: Trajectory, first: int, last: int) -> VelocitySlope:
+    """Slope of ln(peak velocity in the leading pulse) per body, over bodies ``first`` to ``last``, both included.
+
+    In chains of spheres whose radius changes by a constant factor the binary collision approximation gives a constant
+    slope (Wu 2002, *Physica A* 315, 194; Doney & Sen 2005, *Phys. Rev. E* 72, 041304). Peak velocities by
+    :func:`~dem_bridge.observables.front.peak_velocity_of_front`; take 4 samples or more per residence time. Raises
+    UsageError for fewer than 3 bodies.
+
+    >>> import dem_bridge as db
+    >>> scene = db.load_scene("accelerating-40")
+    >>> found = log_velocity_slope(scene, db.solve(scene, backend="bca"), 10, 30)
+    >>> abs(found.slope) < 1e-12  # binary collisions of equal bodies hand all on
+    True
+    """
+    _check_window("bodies", first, last, 0, scene.n_body - 1, least=3)
+    peak, pick = peak_velocity_of_front(scene, trajectory), slice(first, last + 1)
+    body, velocity = np.arange(first, last + 1), peak.velocity[pick]
+    _check_finite("the peak velocity", velocity, body)
+    return straight_line(VelocitySlope, body.astype(float), np.log(velocity), peak.bar[pick] / velocity, first)
+
+
+def straight_line(kind: type[Fitted], x: Floats, y: Floats, bar: Floats, first: int) -> Fitted:
+    """The slope of y against x, point j of which is contact or body ``first + j``."""
+    slope, stderr, weight = _least_squares(x, y)
+    reach = float(student.ppf(0.975, len(x) - 2)) * stderr
+    windows = [(0, len(x))]
+    for part in PARTS:
+        size = round(part * len(x))
+        rest = len(x) - size
+        windows += [(start, start + size) for start in (0, rest // 2, rest)]
+    windows = sorted({(a, b) for a, b in windows if b - a >= 3 and np.ptp(x[a:b]) > 0.0})
+    slopes = np.array([_least_squares(x[a:b], y[a:b])[0] for a, b in windows])
+    return kind(
+        slope=slope,
+        stderr=stderr,
+        interval=(slope - reach, slope + reach),
+        spread=(float(np.min(slopes)), float(np.max(slopes))),
+        bar=float(np.abs(weight[weight != 0.0]) @ bar[weight != 0.0]),  # the middle may be as unknown as it likes
+        first=first,
+        last=first + len(x) - 1,
+        windows=tuple((first + a, first + b - 1) for a, b in windows),
+        slopes=slopes,
+    )
+
+
+def _least_squares(x: Floats, y: Floats) -> tuple[float, float, Floats]:
+    """Slope, its standard error, and the weight of each y in it."""
+    away = x - np.mean(x)
+    weight = away / np.sum(away**2)
+    slope = float(weight @ y)
+    residual = y - np.mean(y) - slope * away
+    return slope, float(np.sqrt(np.sum(residual**2) / (len(x) - 2) / np.sum(away**2))), weight
+
+
+def _one_exponent(scene: Scene) -> float:
+    exponents = set(scene.contacts.exponent[: scene.n_body - 1].tolist())
+    if len(exponents) != 1 or scene.law is not None:
+        raise UsageError(f"{scene.name} has no one exponent for all its contacts; the power law V_i needs one")
+    return float(exponents.pop())
+
+
+def _check_window(what: str, first: int, last: int, lowest: int, highest: int, *, least: int) -> None:
+    if not (lowest <= first and last <= highest and last - first + 1 >= least):
+        raise UsageError(
+            f"{what} {first}..{last}; allowed: {least} or more of {lowest}..{highest}, first and last included"
+        )
+
+
+def _check_finite(what: str, values: Floats, number: NDArray[np.int64]) -> None:
+    bad = number[~(np.isfinite(values) & (values > 0.0))]
+    if len(bad):
+        raise UsageError(
+            f"{what} at {bad[0]} is not known: the pulse never came; take a longer run, or a narrower window"
+        )

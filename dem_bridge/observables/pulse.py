@@ -1,0 +1,349 @@
+"""The pulse as a whole: its width, energy and momentum, what follows it and what runs back.
+
+The leading pulse is looked at when each contact k of the chain is at its first maximal compression (its
+``crossing_time``). It begins ahead of all that moves and ends at the first contact behind k where the force is least:
+zero, or smaller than in the contact behind it; before two pulses have parted there may be no such contact between them,
+and both count. States between samples are those of :mod:`.interpolate`. All of it is
+meant for a chain struck at rest: gravity and precompression, whose forces and energies are no pulse's, are refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import find_peaks
+
+from dem_bridge.errors import UsageError
+from dem_bridge.observables.fits import inner_bodies
+from dem_bridge.observables.front import (
+    grain_speed_by_crossing,
+    peak_velocity_of_front,
+    residence_bar,
+    wave_speed_by_crossing,
+)
+from dem_bridge.observables.interpolate import bisected, hermite, require_forces, state_at
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+
+#: a maximum of a body's velocity counts as a further pulse from this share of the first on
+SECONDARY = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PulseWidth:
+    """Width of the leading pulse in bodies, ``(n_contact of the chain,)`` all. Made by :func:`pulse_width_by_force`."""
+
+    width: Floats
+    """Bodies; nan where one side of the pulse is beyond an end of the chain."""
+    rise: Floats
+    """s: when the force of the contact reaches half its first peak."""
+    fall: Floats
+    """s: when it is back at half."""
+
+
+def pulse_width_by_force(scene: Scene, trajectory: Trajectory) -> PulseWidth:
+    """Full width of the leading pulse at half force, in bodies, as each contact of the chain has its peak.
+
+    The front edge is where contacts have just reached half their own first peak, the rear edge where they are back at
+    it; both run along the chain, and between contacts their places are those of a cubic spline through (time, contact).
+    In a solitary wave that is the full width of the force profile at half its peak, 1.412 bodies for n = 5/2
+    (``SolitaryWave.width`` of :mod:`dem_bridge.physics.solitary`), and ``fall - rise`` is its duration. A struck
+    uniform chain gives it to 3e-6 with 2 samples per residence time and to 1e-7 with 4, where what is left is the
+    spline's. Forces are the elastic ones.
+
+    >>> import dem_bridge as db
+    >>> scene = db.load_scene("accelerating-40")
+    >>> found = pulse_width_by_force(scene, db.solve(scene, backend="reference", samples=1500, bars=False))
+    >>> f"{found.width[10]:.3f} to {found.width[35]:.3f} bodies"
+    '1.576 to 1.449 bodies'
+    """
+    _struck_at_rest(scene, trajectory, "the width of a pulse")
+    c, links, time = scene.contacts, scene.n_body - 1, trajectory.time
+    of_chain = np.arange(links)
+    crossing = trajectory.crossing_time[:links]
+    came = np.isfinite(crossing)
+    peak_time = np.where(came, crossing, 0.0)
+    left, right = c.left[:links], c.right[:links]
+    x, v = trajectory.displacement, trajectory.velocity
+    overlap, closing = x[:, left] - x[:, right] - c.gap[:links], v[:, left] - v[:, right]
+
+    def force(when: Floats) -> Floats:
+        return c.force(np.maximum(hermite(trajectory, overlap, closing, when), 0.0), of_chain)
+
+    half = 0.5 * force(peak_time)
+    sampled = c.force(np.maximum(overlap, 0.0), of_chain)
+    low = sampled < half
+    number = np.arange(len(time))[:, None]
+    before = np.max(np.where(low & (time[:, None] < peak_time), number, -1), axis=0)
+    after = np.min(np.where(low & (time[:, None] > peak_time), number, len(time)), axis=0)
+
+    def edge(row: NDArray[np.int64], known: NDArray[np.bool_], other: int) -> Floats:
+        """Between the sample ``row``, below half, and the one nearer to the peak, or the peak."""
+        inside = np.clip(row, 0, len(time) - 1)
+        outer, inner = time[inside], time[np.clip(row + other, 0, len(time) - 1)]
+        inner = np.minimum(inner, peak_time) if other > 0 else np.maximum(inner, peak_time)
+        found = bisected(lambda when: force(when) - half, outer, inner)
+        return np.where(known & came, found, np.nan)
+
+    rise, fall = edge(before, before >= 0, 1), edge(after, after < len(time), -1)
+    return PulseWidth(width=_place(rise, crossing) - _place(fall, crossing), rise=rise, fall=fall)
+
+
+def _place(passing: Floats, when: Floats) -> Floats:
+    """Which contact, fractions included, an edge that is at contact k at ``passing[k]`` is at; nan where not known.
+
+    An edge that is at a contact before it is at the one behind, as in a pulse that still forms, starts anew there.
+    """
+    found = np.full(len(when), np.nan)
+    ahead = np.concatenate([[False], np.diff(passing) > 0.0, [False]])  # nan is not ahead
+    for first, last in zip(*(np.flatnonzero(np.diff(ahead.astype(int)) == turn) for turn in (1, -1)), strict=True):
+        if last - first >= 3:
+            run = np.arange(first, last + 1)
+            place = CubicSpline(passing[run], run, extrapolate=False)(when)
+            found = np.where(np.isnan(place), found, place)
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LeadingPulse:
+    """What the leading pulse carries as contact k = 0.. of the chain has its peak, ``(n_contact of the chain,)`` all.
+
+    Made by :func:`leading_pulse`. nan, and ``rear`` -1, where the pulse never came.
+    """
+
+    time: Floats
+    """s: the crossing time of the contact."""
+    rear: NDArray[np.int64]
+    """First body of the pulse; 0: all that moves is one pulse still."""
+    kinetic: Floats
+    """J."""
+    energy: Floats
+    """J: kinetic, and stored in its contacts."""
+    momentum: Floats
+    """kg m/s."""
+    energy_share: Floats
+    """Of the energy of the whole chain at the same time."""
+    momentum_share: Floats
+    """Of the momentum of the whole chain at the same time; above 1 where what follows runs back."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reflected:
+    """What is behind the leading pulse, ``(n_contact of the chain,)`` all. Made by :func:`reflected`."""
+
+    time: Floats
+    """s: the crossing time of the contact."""
+    energy: Floats
+    """J: kinetic and stored."""
+    momentum: Floats
+    """kg m/s; < 0: on the whole it runs back."""
+    backward_energy: Floats
+    """J: kinetic, of the bodies that run back."""
+    backward_momentum: Floats
+    """kg m/s, <= 0: of the bodies that run back."""
+    striker_velocity: Floats
+    """m/s."""
+
+
+def leading_pulse(scene: Scene, trajectory: Trajectory) -> LeadingPulse:
+    """Energy and momentum in the leading pulse along the chain, and their shares in those of the chain.
+
+    In a solitary wave: energy 1.0693229458 m v_max^2 and momentum 1.6699712493 m v_max for n = 5/2. Energies stored in
+    contacts are rebuilt from their laws. Raises UsageError for gravity, precompression, or runs without contact forces.
+
+    >>> import dem_bridge as db
+    >>> scene = db.load_scene("decelerating-40")
+    >>> found = leading_pulse(scene, db.solve(scene, backend="reference", samples=1500, bars=False))
+    >>> f"{found.energy_share[30]:.3f} of the energy, {found.momentum_share[30]:.3f} of the momentum"
+    '0.598 of the energy, 0.963 of the momentum'
+    """
+    return _split(scene, trajectory)[0]
+
+
+def reflected(scene: Scene, trajectory: Trajectory) -> Reflected:
+    """Energy and momentum behind the leading pulse, and the part of both that runs back, along the chain.
+
+    Raises UsageError as :func:`leading_pulse` does.
+
+    >>> import dem_bridge as db
+    >>> scene = db.load_scene("accelerating-40")
+    >>> found = reflected(scene, db.solve(scene, backend="reference", samples=1500, bars=False))
+    >>> f"{1e3 * found.backward_momentum[35]:.3f} g m/s, {1e6 * found.backward_energy[35]:.1f} uJ"
+    '-3.575 g m/s, 113.9 uJ'
+    """
+    return _split(scene, trajectory)[1]
+
+
+def front_kinetic_energy(scene: Scene, trajectory: Trajectory) -> Floats:
+    """Kinetic energy of the leading pulse as each contact of the chain has its peak, J, ``(n_contact of the chain,)``.
+
+    That of :func:`leading_pulse`. While a solitary wave goes from body to body its mean is n/(n + 2) of the energy.
+    """
+    return leading_pulse(scene, trajectory).kinetic
+
+
+def _split(scene: Scene, trajectory: Trajectory) -> tuple[LeadingPulse, Reflected]:
+    _struck_at_rest(scene, trajectory, "a leading pulse")
+    links, mass = scene.n_body - 1, np.array(scene.mass)
+    time = trajectory.crossing_time[:links]
+    overlap, v = state_at(scene, trajectory, time)
+    every = np.arange(scene.n_contact)
+    stored = scene.contacts.energy(np.nan_to_num(overlap), every)
+    force = scene.contacts.force(np.nan_to_num(overlap), every)[:, :links]
+    kinetic, momentum = 0.5 * mass * v**2, mass * v
+    rear = np.array([_rear(force[k], k) if np.isfinite(time[k]) else -1 for k in range(links)])
+    leads = np.arange(scene.n_body) >= rear[:, None]
+    # contact j, before body j + 1, is in the pulse if body j is; a wall's is not
+    in_pulse = np.zeros((links, scene.n_contact), dtype=bool)
+    in_pulse[:, :links] = leads[:, :links]
+    backward = ~leads & (v < 0.0)
+
+    def total(values: Floats, which: NDArray[np.bool_] | None = None) -> Floats:
+        found = np.sum(values if which is None else np.where(which, values, 0.0), axis=1)
+        return np.where(np.isfinite(time), found, np.nan)
+
+    energy = total(kinetic, leads) + total(stored, in_pulse)
+    whole = total(kinetic) + total(stored)
+    carried, all_momentum = total(momentum, leads), total(momentum)
+    pulse = LeadingPulse(
+        time=time,
+        rear=rear,
+        kinetic=total(kinetic, leads),
+        energy=energy,
+        momentum=carried,
+        energy_share=energy / whole,
+        momentum_share=carried / all_momentum,
+    )
+    behind = Reflected(
+        time=time,
+        energy=whole - energy,
+        momentum=all_momentum - carried,
+        backward_energy=total(kinetic, backward),
+        backward_momentum=total(momentum, backward),
+        striker_velocity=v[:, 0],
+    )
+    return pulse, behind
+
+
+def _rear(force: Floats, k: int) -> int:
+    """First body of the pulse whose peak is in contact k: that behind the contact with the least force."""
+    for j in range(k - 1, -1, -1):
+        if force[j] == 0.0 or (j > 0 and force[j - 1] > force[j]):
+            return j + 1
+    return 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SecondaryFronts:
+    """Further pulses at a body, in order of time, ``(n_pulse,)``. Made by :func:`secondary_fronts`."""
+
+    body: int
+    first: float
+    """m/s: peak velocity in the leading pulse."""
+    velocity: Floats
+    """m/s: of each further pulse."""
+    lag: Floats
+    """s: behind the leading pulse, from peak to peak."""
+
+    @property
+    def count(self) -> int:
+        return len(self.velocity)
+
+    @property
+    def amplitude(self) -> Floats:
+        """Peak velocities over the first."""
+        return self.velocity / self.first
+
+
+def secondary_fronts(
+    scene: Scene, trajectory: Trajectory, body: int, *, share: float = SECONDARY, until: float | None = None
+) -> SecondaryFronts:
+    """Pulses that follow the leading one (paper, section 4a): later maxima of the velocity of ``body``.
+
+    A maximum counts if it is at least ``share`` of the leading peak, and rises by as much above the dips beside it,
+    after the body has handed on the leading pulse and before ``until``, s (None: the end of the run). Peaks are largest
+    samples, good to (omega h)^2/8. Raises UsageError for a body that the pulse never reached.
+
+    >>> import dem_bridge as db
+    >>> counts = {}
+    >>> for name in ("decelerating-40", "accelerating-40"):
+    ...     run = db.solve(name, backend="reference", samples=1500, bars=False)
+    ...     counts[name] = secondary_fronts(db.load_scene(name), run, 10).count
+    >>> counts
+    {'decelerating-40': 2, 'accelerating-40': 0}
+    """
+    if not 0 <= body < scene.n_body:
+        raise UsageError(f"body {body}; allowed: 0 to {scene.n_body - 1}")
+    if not 0.0 < share < 1.0:
+        raise UsageError(f"share = {share!r}; allowed: a number between 0 and 1")
+    peak = peak_velocity_of_front(scene, trajectory)
+    first, start = float(peak.velocity[body]), float(peak.time[body])
+    if not first > 0.0:
+        raise UsageError(f"the pulse never came to body {body}; take a longer run, or a nearer body")
+    handed = trajectory.crossing_time[body] if body < scene.n_body - 1 else trajectory.time[-1]
+    v, time = trajectory.velocity[:, body], trajectory.time
+    rows, _ = find_peaks(v, height=share * first, prominence=share * first)
+    rows = rows[(time[rows] > handed) & (time[rows] <= (time[-1] if until is None else until))]
+    return SecondaryFronts(body=body, first=first, velocity=v[rows], lag=time[rows] - start)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedRatio:
+    """V_out / V_in. Made by :func:`speed_ratio`."""
+
+    ratio: float
+    bar: float
+    """From the run's bars of crossing times."""
+    speed_in: float
+    speed_out: float
+    """m/s, or bodies per second where the scene has no spacing."""
+    first: int
+    last: int
+    """The bodies of V_in and V_out."""
+
+
+def speed_ratio(
+    scene: Scene, trajectory: Trajectory, *, first: int | None = None, last: int | None = None
+) -> SpeedRatio:
+    """Wave speed at the output over that at the input (paper, appendix A, fig. 6c, f), by crossing.
+
+    At bodies ``first`` and ``last`` (None: 3 and n_body - 3, see :func:`~dem_bridge.observables.fits.inner_bodies`; the
+    paper does not name its own). Raises UsageError where the pulse never came to one of them.
+
+    >>> import dem_bridge as db
+    >>> scene = db.load_scene("decelerating-40")
+    >>> found = speed_ratio(scene, db.solve(scene, backend="reference", bars=False))
+    >>> f"{found.ratio:.3f} from body {found.first} to {found.last}"
+    '0.394 from body 3 to 38'
+    """
+    low, high = inner_bodies(scene)
+    low, high = low if first is None else first, high if last is None else last
+    for body in (low, high):
+        if not 1 <= body <= scene.n_body - 2:
+            raise UsageError(f"body {body} has no residence time; allowed: 1 to {scene.n_body - 2}")
+    by_crossing = grain_speed_by_crossing if scene.spacing is None else wave_speed_by_crossing
+    speed = by_crossing(scene, trajectory)[[low - 1, high - 1]]
+    if not np.all(np.isfinite(speed)):
+        raise UsageError(f"the pulse did not pass bodies {low} and {high}; take a longer run, or other bodies")
+    relative = (residence_bar(scene, trajectory) * grain_speed_by_crossing(scene, trajectory))[[low - 1, high - 1]]
+    ratio = float(speed[1] / speed[0])
+    return SpeedRatio(
+        ratio=ratio,
+        bar=ratio * float(np.sum(relative)),
+        speed_in=float(speed[0]),
+        speed_out=float(speed[1]),
+        first=low,
+        last=high,
+    )
+
+
+def _struck_at_rest(scene: Scene, trajectory: Trajectory, what: str) -> None:
+    if scene.gravity != 0.0 or scene.precompression > 0.0:
+        pressed = "gravity" if scene.gravity != 0.0 else "precompression"
+        raise UsageError(f"{scene.name} has {pressed}; {what} is told from what is at rest in a chain without it only")
+    require_forces(trajectory, what)

@@ -1,0 +1,193 @@
+"""Section 4b and figure 4: frequencies cascade along the chain, wavenumbers do not; sections 1 and 4b on what else is kept.
+
+The claims are about the longer chains of 200 cylinders, struck by a cylinder through a contact like the first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from dem_bridge.observables.pulse import pulse_width_by_force, secondary_fronts
+from dem_bridge.observables.spectrum import cascade, frequency_spectrum, wavenumber_spectrum
+from dem_bridge.scene import Scene
+from dem_bridge.studies.exhibits import Claim
+from dem_bridge.studies.paper.claims import by, claim, decided, heard, percent, together
+from dem_bridge.studies.paper.claims_wave import KEPT, kept
+from dem_bridge.studies.paper.measures import Measure
+from dem_bridge.studies.paper.runs import LONG, Runs
+from dem_bridge.trajectory import Trajectory
+
+#: ratio of a centroid at the end to that at the start that counts as a cascade
+CASCADES = 1.2
+TAPERED = ("tapered-forward", "tapered-backward")
+
+
+def spectra(runs: Runs) -> Iterator[Claim]:
+    """Claims on spectra, width and energy, in the paper's order."""
+    yield _single(runs)
+    yield _frequencies_fall(runs)
+    yield _frequencies_rise(runs)
+    yield _wavenumbers(runs)
+    yield _width(runs)
+    yield _kinetic(runs)
+    yield _tapered(runs)
+
+
+def _single(runs: Runs) -> Claim:
+    values = [
+        heard(
+            runs,
+            name,
+            Measure(
+                name=f"further pulses at cylinder 50, {name}",
+                of=lambda s, r: float(secondary_fronts(s, r, 50).count),
+                made_of=(),
+            ),
+        )
+        for name in LONG
+    ]
+    return claim(
+        "single-front-200",
+        "section 4b",
+        "With a striker as heavy as a cylinder and beta_0 = beta_1 there are no multiple waves.",
+        together(*(decided(found, high=0.0) for found in values)),
+        f"Further maxima of more than 5 % of the first at cylinder 50: {' and '.join(f'{by(v).value:.0f}' for v in values)}.",
+        *values,
+    )
+
+
+def _of_frequency(scene: Scene, run: Trajectory) -> float:
+    return cascade(frequency_spectrum(scene, run)).ratio
+
+
+def _of_wavenumber(scene: Scene, run: Trajectory) -> float:
+    return cascade(wavenumber_spectrum(scene, run)).ratio
+
+
+def _centroid(name: str) -> Measure:
+    return Measure(name=f"frequency centroid, end over start, {name}", of=_of_frequency, made_of=("velocity",))
+
+
+def _parseval(runs: Runs, name: str) -> str:
+    truth = runs.truth(name)
+    if truth is None:
+        return ""
+    found = frequency_spectrum(runs.scenes[name], truth)
+    return f" (Parseval's sum to {found.parseval:.0e})"
+
+
+def _frequencies_fall(runs: Runs) -> Claim:
+    found = heard(runs, LONG[0], _centroid(LONG[0]))
+    return claim(
+        "frequencies-cascade",
+        "section 4b, figure 4b",
+        "Where the stiffness falls, spectral energy shifts to lower frequencies along the chain.",
+        decided(found, high=1.0 / CASCADES),
+        f"The centroid of the velocity's spectrum falls to {by(found).value:.3f} of its value{_parseval(runs, LONG[0])}."
+        f" Held below 1/{CASCADES:g}.",
+        found,
+    )
+
+
+def _width_of_spectrum(scene: Scene, run: Trajectory) -> float:
+    width = frequency_spectrum(scene, run).width
+    tenth = max(len(width) // 10, 1)
+    return float(np.exp(np.mean(np.log(width[-tenth:])) - np.mean(np.log(width[:tenth]))))
+
+
+def _frequencies_rise(runs: Runs) -> Claim:
+    centroid = heard(runs, LONG[1], _centroid(LONG[1]))
+    name = f"width of the spectrum, end over start, {LONG[1]}"
+    width = heard(runs, LONG[1], Measure(name=name, of=_width_of_spectrum, made_of=("velocity",)))
+    return claim(
+        "frequencies-spread",
+        "section 4b, figure 4e",
+        "Where the stiffness rises, the energy spreads to a broader spectrum of frequencies.",
+        decided(width, low=CASCADES),
+        f"The spectrum gets {by(width).value:.3f} times as wide and its centroid {by(centroid).value:.3f} times as high:"
+        f" it is scaled up as a whole more than it spreads. Held above {CASCADES:g} for the width.",
+        width,
+        centroid,
+    )
+
+
+def _wavenumbers(runs: Runs) -> Claim:
+    values = [
+        heard(
+            runs,
+            name,
+            Measure(name=f"wavenumber centroid, end over start, {name}", of=_of_wavenumber, made_of=("velocity",)),
+        )
+        for name in LONG
+    ]
+    return claim(
+        "wavenumbers-do-not",
+        "section 4b, figures 4c and 4f",
+        "There is no such cascading of wavenumbers: the wave front is localised in space.",
+        together(*(decided(found, low=1.0 / CASCADES, high=CASCADES) for found in values)),
+        f"The centroid of the spectrum along the chain changes to {' and '.join(f'{by(v).value:.3f}' for v in values)} of"
+        f" its value. Held within {CASCADES:g}, either way.",
+        *values,
+    )
+
+
+def _width_kept(scene: Scene, run: Trajectory) -> float:
+    width, links = pulse_width_by_force(scene, run).width, scene.n_body - 1
+    early, late = (float(np.nanmean(width[round(at * links) : round((at + 0.1) * links)])) for at in (0.15, 0.8))
+    return late / early
+
+
+def _width(runs: Runs) -> Claim:
+    values = [
+        heard(
+            runs,
+            name,
+            Measure(name=f"width of the pulse, end over start, {name}", of=_width_kept, made_of=("velocity",)),
+        )
+        for name in LONG
+    ]
+    return claim(
+        "width-kept",
+        "sections 4b and 5",
+        "The wave front keeps its spatial width.",
+        together(*(decided(found, low=KEPT, high=1.0 / KEPT) for found in values)),
+        f"Its width at half force, in cylinders, changes to {' and '.join(f'{by(v).value:.4f}' for v in values)} of its"
+        f" value from the second tenth of the chain to the ninth. Held within {percent(1.0 - KEPT)}.",
+        *values,
+    )
+
+
+def _kinetic(runs: Runs) -> Claim:
+    values = [
+        heard(runs, name, Measure(name=f"kinetic energy kept, {name}", of=kept("kinetic"), made_of=("velocity",)))
+        for name in LONG
+    ]
+    return claim(
+        "kinetic-energy-kept",
+        "section 4b",
+        "The wave front keeps its kinetic energy, unlike in a tapered chain.",
+        together(*(decided(found, low=KEPT, high=1.0 / KEPT) for found in values)),
+        "From a quarter of the chain to nine tenths the leading pulse keeps "
+        f"{' and '.join(percent(by(v).value, 3) for v in values)} of it. Held above {percent(KEPT)}.",
+        *values,
+    )
+
+
+def _tapered(runs: Runs) -> Claim:
+    values = [
+        heard(runs, name, Measure(name=f"kinetic energy kept, {name}", of=kept("kinetic"), made_of=("velocity",)))
+        for name in TAPERED
+        if name in runs.scenes
+    ]
+    words = ", ".join(percent(by(v).value, 3) for v in values)
+    return claim(
+        "tapered",
+        "sections 1 and 4b, on Sen et al. 2001",
+        "In a tapered chain of spheres the kinetic energy of the wave front changes along the chain.",
+        together(*(decided(found, high=KEPT) for found in values)) if values else decided(()),
+        f"From a quarter of the chain to nine tenths it keeps {words} of it (radii falling, and rising, by 2 % a sphere):"
+        f" velocities and masses change, their product hardly. Held below {percent(KEPT)}.",
+        *values,
+    )

@@ -1,0 +1,263 @@
+"""What each parameter and each piece of physics changes: the whole budget of a prediction, numerics included.
+
+Every variant is the paper's chain with one thing changed, solved by the reference; its effect is the relative change of
+four observables of the first passage. Errors of numerics and of theories stand in the same table, so that a reader
+sees which digit is worth having.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dem_bridge.geometry import Geometry
+from dem_bridge.observables.front import residence_by_crossing
+from dem_bridge.physics.hertz import crossed_cylinders, sphere_on_cylinder
+from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.studies.exhibits import Table
+from dem_bridge.trajectory import Trajectory
+
+GRAVITY = 9.81
+#: holds the chain together before the impact and does nothing else: N
+BARELY = 1e-6
+#: each takes about 0.6 % of the energy of one collision (c tau / mu with tau = 30 us, mu = 5 g): N s/m, and s
+DASHPOT, VISCOELASTIC = 1.0, 1e-8
+#: overlap at which contacts with another exponent have the same force as Hertz', m
+ANCHOR = 5e-6
+#: kinds of terms, in the order of the table's legend
+NUMERICS, THEORY, PARAMETER, PHYSICS = "numerics", "theory", "parameter", "model"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """The paper's chain with one thing changed."""
+
+    id: str
+    kind: str
+    what: str
+    """What is taken in place of what."""
+    change: Callable[[Scene], Scene]
+
+    def of(self, scene: Scene) -> Scene:
+        changed = self.change(scene)
+        return replace(changed, name=f"{scene.name}.{self.id}")
+
+
+def quartz_sphere(scene: Scene) -> float:
+    """Mass of a sphere of the cylinders' material and radius, kg: what the paper's striker should weigh."""
+    body = _geometry(scene).bodies[-1]
+    return float(f"{4.0 / 3.0 * math.pi * body.radius**3 * body.material.density:.12g}")
+
+
+def exact_stiffness(scene: Scene) -> tuple[float, ...]:
+    """Stiffness of each contact by the exact Hertz law at the angles that the paper's law asks for, N/m^1.5."""
+    geometry = _geometry(scene)
+    body = geometry.bodies[-1]
+    elastic = body.material.elastic
+    # the paper's striker has the radius of the cylinders
+    striker = sphere_on_cylinder(radius=body.radius, radius2=body.radius, **elastic).stiffness
+    between = [
+        crossed_cylinders(angle=angle, radius=body.radius, law="exact", **elastic).stiffness
+        for angle in geometry.angle[1:]
+        if angle is not None
+    ]
+    return tuple(float(f"{beta:.12g}") for beta in (striker, *between))
+
+
+def _geometry(scene: Scene) -> Geometry:
+    if scene.geometry is None:
+        raise ValueError(f"{scene.name} has no geometry; a scene in physical form has")
+    return scene.geometry
+
+
+def _with_exponent(scene: Scene, exponent: tuple[float, ...]) -> Scene:
+    """Another exponent in each contact, with Hertz' force at the anchor."""
+    old = np.array(scene.exponent)
+    beta = np.array(scene.stiffness) * ANCHOR ** (old - np.array(exponent))
+    return replace(scene, exponent=exponent, stiffness=tuple(float(f"{b:.12g}") for b in beta))
+
+
+def _printed_end(scene: Scene) -> Scene:
+    """The gradient ends at the printed 4.68e9 in place of eq. 3.1's 4.6892e9."""
+    beta = np.array(scene.stiffness[1:])
+    soft, hard = float(beta.min()), float(beta.max())
+    graded = hard - (hard - beta) * (hard - 4.68e9) / (hard - soft)
+    return replace(scene, stiffness=(scene.stiffness[0], *(float(f"{b:.12g}") for b in graded)))
+
+
+def _weighing(scene: Scene) -> Scene:
+    """Stacked on a base under gravity, in equilibrium before the impact."""
+    base = Wall(stiffness=scene.stiffness[-1])
+    return replace(scene, gravity=GRAVITY, wall_right=base, precompression=BARELY)
+
+
+def _angles_soften(scene: Scene) -> Scene:
+    """n from 2.5 at 90 degrees to 2.2 at the smallest angle, linear in the angle: the paper's own suspicion."""
+    angle = np.array([90.0 if a is None else a for a in _geometry(scene).angle])
+    low = float(angle.min())
+    return _with_exponent(scene, tuple(float(f"{n:.6g}") for n in 2.2 + 0.3 * (angle - low) / (90.0 - low)))
+
+
+VARIANTS = (
+    Variant(
+        id="exact-stiffness",
+        kind=PHYSICS,
+        what="stiffness by the exact Hertz law at the same angles, in place of eq. 3.1's approximation",
+        change=lambda s: replace(s, stiffness=(s.stiffness[0], *exact_stiffness(s)[1:])),
+    ),
+    Variant(
+        id="striker-mass",
+        kind=PARAMETER,
+        what="striker as heavy as a quartz sphere of r = 9 mm, in place of 8.1 g",
+        change=lambda s: replace(s, mass=(quartz_sphere(s), *s.mass[1:])),
+    ),
+    Variant(
+        id="striker-stiffness",
+        kind=PARAMETER,
+        what="beta_0 by the exact law (3.98253e9), in place of the printed 3.98e9",
+        change=lambda s: replace(s, stiffness=(exact_stiffness(s)[0], *s.stiffness[1:])),
+    ),
+    Variant(
+        id="printed-90-degrees",
+        kind=PARAMETER,
+        what="beta(90 degrees) as printed, 4.68e9, in place of eq. 3.1's 4.6892e9",
+        change=_printed_end,
+    ),
+    Variant(
+        id="speed-1-percent",
+        kind=PARAMETER,
+        what="striker 1 % faster: what a drop height off by 2 % does",
+        change=lambda s: replace(s, velocity=(1.01 * s.velocity[0], *s.velocity[1:])),
+    ),
+    Variant(
+        id="gravity",
+        kind=PHYSICS,
+        what="the chain's own weight on a base, static compression solved for, in place of none",
+        change=_weighing,
+    ),
+    Variant(
+        id="base",
+        kind=PHYSICS,
+        what="a rigid base behind the last cylinder, in place of a free end",
+        change=lambda s: replace(s, wall_right=Wall(stiffness=s.stiffness[-1])),
+    ),
+    Variant(
+        id="dashpot",
+        kind=PHYSICS,
+        what="a dashpot of 1 N s/m in every contact, in place of none",
+        change=lambda s: replace(s, damping=Damping(law="dashpot", coefficient=DASHPOT)),
+    ),
+    Variant(
+        id="kuwabara-kono",
+        kind=PHYSICS,
+        what="viscoelastic contacts (Kuwabara-Kono, gamma = 1e-8 s), in place of elastic ones",
+        change=lambda s: replace(s, damping=Damping(law="kuwabara-kono", coefficient=VISCOELASTIC)),
+    ),
+    Variant(
+        id="drag",
+        kind=PHYSICS,
+        what="drag of 10 1/s on every cylinder (guides), in place of none",
+        change=lambda s: replace(s, drag=10.0),
+    ),
+    Variant(
+        id="exponent",
+        kind=PHYSICS,
+        what="n falling from 2.5 at 90 degrees to 2.2 at 2 degrees, same force at 5 um, in place of 2.5",
+        change=_angles_soften,
+    ),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effect:
+    """Relative changes of the four observables."""
+
+    id: str
+    kind: str
+    what: str
+    scene: str
+    changes: Mapping[str, float]
+
+    @property
+    def largest(self) -> float:
+        return max((abs(change) for change in self.changes.values() if math.isfinite(change)), default=math.nan)
+
+
+def observables(scene: Scene, run: Trajectory) -> dict[str, float]:
+    """What effects are measured on: four numbers of the first passage."""
+    middle = scene.n_body // 2
+    residence = residence_by_crossing(scene, run)
+    return {
+        "arrival at the last cylinder": float(run.crossing_time[scene.n_body - 2]),
+        "speed at the middle": 1.0 / float(residence[middle - 1]),
+        "force at the middle": float(run.peak_force[middle]),
+        "largest force": float(np.max(run.peak_force[: scene.n_body - 1])),
+    }
+
+
+OBSERVABLES = ("arrival at the last cylinder", "speed at the middle", "force at the middle", "largest force")
+
+
+def effect(variant: Variant, scene: Scene, base: Trajectory, changed: Trajectory) -> Effect:
+    """Of one variant on one chain."""
+    return Effect(
+        id=variant.id,
+        kind=variant.kind,
+        what=variant.what,
+        scene=scene.name,
+        changes=_relative(observables(scene, base), observables(variant.of(scene), changed)),
+    )
+
+
+def of_numerics(scene: Scene, what: str, id: str, kind: str, run: Trajectory, truth: Trajectory) -> Effect:
+    """Errors of a code or a theory on the same four observables."""
+    changes = _relative(observables(scene, truth), observables(scene, run))
+    return Effect(id=id, kind=kind, what=what, scene=scene.name, changes=changes)
+
+
+def own_bar(scene: Scene, truth: Trajectory) -> Effect:
+    """The reference's own bars on the four observables, relative."""
+    middle, last = scene.n_body // 2, scene.n_body - 2
+    time, force = truth.uncertainty["crossing_time"], truth.uncertainty["peak_force"]
+    residence = float(residence_by_crossing(scene, truth)[middle - 1])
+    largest = int(np.argmax(truth.peak_force[: scene.n_body - 1]))
+    values = (
+        time[last] / truth.crossing_time[last],
+        (time[middle] + time[middle - 1]) / residence,
+        force[middle] / truth.peak_force[middle],
+        force[largest] / truth.peak_force[largest],
+    )
+    return Effect(
+        id="reference-bar",
+        kind=NUMERICS,
+        what="error bar of the reference itself",
+        scene=scene.name,
+        changes=dict(zip(OBSERVABLES, map(float, values), strict=True)),
+    )
+
+
+def _relative(old: Mapping[str, float], new: Mapping[str, float]) -> dict[str, float]:
+    return {name: new[name] / old[name] - 1.0 for name in OBSERVABLES}
+
+
+def budget_table(effects: list[Effect]) -> Table:
+    """All terms of both chains, the largest first."""
+
+    def rows() -> Iterator[tuple[str | float, ...]]:
+        for one in sorted(effects, key=lambda e: -np.nan_to_num(e.largest)):
+            yield (one.what, one.kind, one.scene, *(100.0 * one.changes[name] for name in OBSERVABLES))
+
+    return Table(
+        id="budget",
+        title="The whole budget",
+        caption=(
+            "Each term alone, as change of the paper's chain in per cent, the largest first. A parameter is a number"
+            " that the paper prints and that does not follow from its other numbers; a model term is physics that the"
+            " equations have in another form, or not at all."
+        ),
+        columns=("term", "kind", "chain", *(f"{name} (%)" for name in OBSERVABLES)),
+        rows=tuple(rows()),
+    )

@@ -1,0 +1,97 @@
+"""Numbers of one run with error bars that follow from those of the run.
+
+A measure is a function of a scene and a trajectory. Its bar is how far it can move within the bars of what it is made
+of: crossing times and peak forces move one at a time and their moves add up (to first order no error does more);
+velocities, whose bar is one for all samples, move by random signs, three times over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.compare import SAMPLED
+from dem_bridge.errors import DemBridgeError
+from dem_bridge.scene import Scene
+from dem_bridge.studies.exhibits import ClaimValue
+from dem_bridge.trajectory import Trajectory
+from dem_bridge.verdict import Outcome
+
+#: backends whose errors can be told; of the others (theories) a number has no bar
+THEORIES = ("bca", "adiabatic")
+#: random moves of all velocities by their bar
+MOVES = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measure:
+    """What is measured: ``of(scene, trajectory)`` in ``unit``, made of the named parts of a trajectory."""
+
+    name: str
+    of: Callable[[Scene, Trajectory], float]
+    unit: str = ""
+    made_of: tuple[str, ...] = ("crossing_time",)
+    """"crossing_time", "peak_force", "velocity"."""
+
+
+def measured(measure: Measure, scene: Scene, run: Trajectory, backend: str) -> ClaimValue:
+    """The number with its bar; nan for what the run cannot say, no bar where the run has none."""
+    try:
+        value = float(measure.of(scene, run))
+    except (DemBridgeError, ValueError):  # such as too few contacts that were reached
+        value = float("nan")
+    bar = float("nan")
+    if backend not in THEORIES and np.isfinite(value):
+        bar = _bar(measure, scene, run, value)
+    return ClaimValue(name=measure.name, backend=backend, value=value, uncertainty=bar, unit=measure.unit)
+
+
+def _bar(measure: Measure, scene: Scene, run: Trajectory, value: float) -> float:
+    total = 0.0
+    for part in ("crossing_time", "peak_force"):
+        if part in measure.made_of:
+            total += sum(_moves(measure, scene, run, part, value))
+    if "velocity" in measure.made_of:
+        size, chance = run.uncertainty["velocity"], np.random.default_rng(1)
+        moved = [
+            measure.of(scene, replace(run, velocity=run.velocity + size * _signs(chance, run.velocity.shape)))
+            for _ in range(MOVES)
+        ]
+        total += float(np.max(np.abs(np.array(moved) - value)))
+    return total
+
+
+def _moves(measure: Measure, scene: Scene, run: Trajectory, part: str, value: float) -> list[float]:
+    bars, values = run.uncertainty[part], getattr(run, part)
+    if "velocity" not in measure.made_of:  # samples that do not matter need not be copied for every move
+        run = replace(run, **{name: getattr(run, name)[:1] for name in ("time", *SAMPLED)})
+    found = []
+    for k in np.flatnonzero(np.isfinite(values)):
+        shifted = values.copy()
+        shifted[k] += bars[k]
+        found.append(abs(float(measure.of(scene, replace(run, **{part: shifted}))) - value))
+    return found
+
+
+def _signs(chance: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    return np.asarray(chance.choice((-1.0, 1.0), size=shape))
+
+
+def inside(found: ClaimValue, low: float, high: float) -> Outcome:
+    """PASS where the value with its whole bar is between ``low`` and ``high``, FAIL where it is outside with all of it.
+
+    >>> one = ClaimValue(name="ratio", backend="reference", value=0.4, uncertainty=0.01)
+    >>> [inside(one, *range_).value for range_ in ((0.3, 0.5), (0.5, 1.0), (0.395, 1.0))]
+    ['PASS', 'FAIL', 'UNDECIDED']
+    """
+    bar = found.uncertainty if np.isfinite(found.uncertainty) else 0.0
+    if not np.isfinite(found.value):
+        return Outcome.UNDECIDED
+    if low <= found.value - bar and found.value + bar <= high:
+        return Outcome.PASS
+    if found.value + bar < low or found.value - bar > high:
+        return Outcome.FAIL
+    return Outcome.UNDECIDED

@@ -1,0 +1,132 @@
+"""Which scenes go through which backends, and what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from dem_bridge.backends.base import Resolution, Sampling, backend
+from dem_bridge.campaign import Case, Result
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.scene import Scene
+from dem_bridge.scene_file import load_scene, shipped_scenes
+from dem_bridge.studies.checks import REFERENCE, engine_for
+from dem_bridge.studies.paper.effects import VARIANTS
+from dem_bridge.trajectory import Trajectory
+
+#: the paper's own chains: verified in full, with a ladder of time steps
+DECELERATING, ACCELERATING = "decelerating-40", "accelerating-40"
+MAIN = (DECELERATING, ACCELERATING)
+LONG = ("decelerating-200", "accelerating-200")
+#: of all other scenes, where nothing is read off to more digits
+OTHER_ACCURACY = 1e-4
+#: beside those that every verification has: another's integrator, the paper's method, the better theory
+BESIDE = {"ase": Resolution(dt=1e-7, bars=False), "ode45": Resolution(), "adiabatic": Resolution()}
+#: what codes are asked for in the claims table, in its columns' order
+JUDGES = (REFERENCE, "lammps", "ode45", "bca", "adiabatic")
+#: mass gradients of figure 6, and the step of LAMMPS on them
+GRADIENTS = tuple(round(0.0025 * i, 4) for i in range(-8, 9))
+COARSE = Resolution(dt=1e-7)
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """All runs of the study: the main run of each backend on each scene, by their names."""
+
+    scenes: Mapping[str, Scene]
+    results: Mapping[tuple[str, str], Result]
+
+    @classmethod
+    def of(cls, results: Iterable[Result]) -> Runs:
+        found: dict[tuple[str, str], Result] = {}
+        for result in results:
+            # the first of each is the main one
+            found.setdefault((result.case.scene.name, result.case.backend), result)
+        return cls({result.case.scene.name: result.case.scene for result in found.values()}, found)
+
+    def run(self, scene: str, name: str) -> Trajectory | None:
+        """By a backend, or "lammps": the one that is verified on that scene."""
+        if name == "lammps":
+            name = engine_for(self.scenes[scene])
+        result = self.results.get((scene, name))
+        return None if result is None else result.trajectory
+
+    def truth(self, scene: str) -> Trajectory | None:
+        return self.run(scene, REFERENCE)
+
+    def judges(self, scene: str) -> Iterator[tuple[str, Trajectory]]:
+        """Runs of a scene by those whom the claims ask."""
+        for name in JUDGES:
+            if scene in self.scenes and (run := self.run(scene, name)) is not None:
+                yield name, run
+
+    def has(self, scene: str) -> bool:
+        """Whether there is a truth on it."""
+        return scene in self.scenes and self.truth(scene) is not None
+
+    def by_backend(self, scene: str) -> dict[str, Trajectory]:
+        """All runs of one scene."""
+        return {
+            name: result.trajectory
+            for (of, name), result in self.results.items()
+            if of == scene and result.trajectory is not None
+        }
+
+
+def scenes_of_paper(names: Sequence[str] | None = None) -> list[Scene]:
+    """The shipped scenes, the paper's two first; ``names``: of these alone."""
+    known = shipped_scenes() if names is None else names
+    return [load_scene(name) for name in sorted(known, key=lambda name: (name not in MAIN, name))]
+
+
+def beside(scene: Scene) -> Iterator[Case]:
+    """A scene through the backends that judge nothing."""
+    sampling = Sampling(count=scene.samples)
+    for name, resolution in BESIDE.items():
+        if backend(name).refusal(scene) is None:
+            yield Case(scene=scene, backend=name, resolution=resolution, sampling=sampling)
+
+
+def quick(scenes: Sequence[Scene], names: Sequence[str] = (REFERENCE,), *, samples: int = 1) -> list[Case]:
+    """Scenes of which only peak forces and crossing times are wanted, without bars."""
+    return [
+        Case(scene=scene, backend=name, resolution=replace(COARSE, bars=False), sampling=Sampling(count=samples))
+        for scene in scenes
+        for name in names
+    ]
+
+
+def variants() -> list[Case]:
+    """The paper's chains with one thing changed."""
+    return quick([variant.of(load_scene(name)) for name in MAIN for variant in VARIANTS])
+
+
+def with_mass_gradient(scene: Scene, gamma: float) -> Scene:
+    """Masses m_i = m (1 + gamma i) for i = 1, 2, ... (appendix A); the striker stays as it is."""
+    masses = (float(f"{scene.mass[1] * (1.0 + gamma * i):.12g}") for i in range(1, scene.n_body))
+    return replace(scene, name=f"{scene.name}.gamma{gamma:g}", mass=(scene.mass[0], *masses), geometry=None)
+
+
+def mass_gradients(engine: Engine | None = None) -> list[Case]:
+    """Both chains under every mass gradient of figure 6, LAMMPS at every second one."""
+    cases = []
+    for name in MAIN:
+        scenes = [with_mass_gradient(load_scene(name), gamma) for gamma in GRADIENTS]
+        cases += quick(scenes, (REFERENCE, "ode45", "bca", "adiabatic"))
+        cases += [replace(case, engine=engine) for case in quick(scenes[::2], ("lammps-granular",))]
+    return cases
+
+
+#: what the paper changes for figure 4 so that one wave remains (section 4b), both together and each alone
+MATCHED: Mapping[str, Callable[[Scene], Scene]] = {
+    "matched": lambda s: replace(s, mass=(s.mass[1], *s.mass[1:]), stiffness=(s.stiffness[1], *s.stiffness[1:])),
+    "matched-mass": lambda s: replace(s, mass=(s.mass[1], *s.mass[1:])),
+    "matched-stiffness": lambda s: replace(s, stiffness=(s.stiffness[1], *s.stiffness[1:])),
+}
+
+
+def matched() -> list[Case]:
+    """The decelerating chain struck through a stiffer contact, by a heavier striker, and both."""
+    scene = load_scene(DECELERATING)
+    scenes = [replace(change(scene), name=f"{scene.name}.{key}") for key, change in MATCHED.items()]
+    return quick(scenes, samples=scene.samples)

@@ -1,0 +1,208 @@
+"""All of the paper's study, in order: what is run, what is judged, what is shown."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from dem_bridge.backends.base import BACKENDS
+from dem_bridge.campaign import Case, Progress, Result, run_cases
+from dem_bridge.compare import difference
+from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.scene import Scene
+from dem_bridge.scene_file import load_scene
+from dem_bridge.store import Store
+from dem_bridge.studies import scatter
+from dem_bridge.studies.checks import REFERENCE, SECOND
+from dem_bridge.studies.exhibits import Exhibit, Paper, Table
+from dem_bridge.studies.paper import figures
+from dem_bridge.studies.paper.claims_force import forces, ratios
+from dem_bridge.studies.paper.claims_numbers import numbers
+from dem_bridge.studies.paper.claims_spectrum import spectra
+from dem_bridge.studies.paper.claims_wave import waves
+from dem_bridge.studies.paper.effects import (
+    NUMERICS,
+    THEORY,
+    VARIANTS,
+    Effect,
+    budget_table,
+    effect,
+    of_numerics,
+    own_bar,
+)
+from dem_bridge.studies.paper.runs import (
+    ACCELERATING,
+    DECELERATING,
+    LONG,
+    MAIN,
+    OTHER_ACCURACY,
+    Runs,
+    beside,
+    mass_gradients,
+    matched,
+    scenes_of_paper,
+    variants,
+)
+from dem_bridge.studies.paper.summary import NOT_VERIFIED, answer
+from dem_bridge.studies.paper.theories import theories_table
+from dem_bridge.studies.paper.validity import contacts_table, scenes_table
+from dem_bridge.studies.scatter import ScatterStudy
+from dem_bridge.studies.verify import DEFAULT_ACCURACY, SceneStudy, Verification, cases_of, hopeless, study_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extent:
+    """How much of it. Smaller ones are for tests."""
+
+    scenes: tuple[str, ...] | None = None
+    """Shipped scenes; None: all."""
+    chains: int = 150
+    """Scattered chains of each of the two main ones."""
+    spread: float = 1.0
+    """Standard deviation of their angles, degrees; the paper names none."""
+
+
+#: errors of codes and theories that stand in the budget: backend -> what it is, kind
+TERMS = {
+    "lammps": ("LAMMPS at the time step of this report", NUMERICS),
+    SECOND: ("the second reference", NUMERICS),
+    "ode45": ("ode45 at MATLAB's default tolerances, the paper's method", NUMERICS),
+    "bca": ("binary collisions in place of the equations of motion", THEORY),
+    "adiabatic": ("the adiabatic wave in place of the equations of motion", THEORY),
+}
+
+
+def verify_paper(
+    *,
+    accuracy: float = DEFAULT_ACCURACY,
+    jobs: int | None = None,
+    tell: Progress | None = None,
+    engine: Engine | None = None,
+    store: Store | None = None,
+    extent: Extent | None = None,
+) -> Verification:
+    """Run and judge all shipped scenes and the paper's claims; see :func:`dem_bridge.api.verify` for the arguments."""
+    began, extent = time.perf_counter(), extent or Extent()
+    scenes = scenes_of_paper(extent.scenes)
+    cases: list[Case] = []
+    lost: dict[str, SceneStudy] = {}
+    for scene in scenes:
+        full = scene.name in MAIN
+        wanted = accuracy if full else max(accuracy, OTHER_ACCURACY)
+        try:
+            cases += cases_of(scene, wanted, engine, store, ladder=full)
+            cases += beside(scene)
+        except (RunBroken, UnsupportedScene, UsageError) as error:  # this scene's, not the others'
+            lost[scene.name] = hopeless(scene, error)
+    main = [load_scene(name) for name in MAIN]
+    sets = [scatter.cases_of(scene, spread=extent.spread, count=extent.chains) for scene in main]
+    parts = [cases, variants(), mass_gradients(engine), matched(), *sets]
+    results = run_cases([case for part in parts for case in part], jobs=jobs, tell=tell, store=store)
+    ends = [sum(map(len, parts[: i + 1])) for i in range(len(parts))]
+    of_scenes, of_variants, of_gradients, of_matched, *of_sets = (
+        results[end - len(part) : end] for end, part in zip(ends, parts, strict=True)
+    )
+    runs = Runs.of((*of_scenes, *of_variants, *of_gradients, *of_matched))
+    scattered = [scatter.study_of(scene, part, spread=extent.spread) for scene, part in zip(main, of_sets, strict=True)]
+    studies = tuple(
+        lost.get(scene.name)
+        or study_of(scene, _of(of_scenes, scene), accuracy if scene.name in MAIN else max(accuracy, OTHER_ACCURACY))
+        for scene in scenes
+    )
+    notes = (store.trouble,) if store is not None and store.trouble else ()
+    return Verification(
+        studies=studies,
+        accuracy=accuracy,
+        wall=time.perf_counter() - began,
+        notes=notes,
+        paper=paper_of(runs, studies, scattered),
+    )
+
+
+def paper_of(runs: Runs, studies: Sequence[SceneStudy], scattered: list[ScatterStudy]) -> Paper:
+    """What the runs say of the paper; nothing is run here."""
+    claims = (*numbers(runs), *waves(runs, scattered), *spectra(runs), *forces(runs))
+    names = [study.scene.name for study in studies]
+    effects = list(_effects(runs))
+    contacts = [contacts_table(runs, name) for name in MAIN]
+    return Paper(
+        answer=answer(claims, effects, studies),
+        not_verified=NOT_VERIFIED,
+        claims=claims,
+        tables=(
+            budget_table(effects),
+            theories_table(runs, names),
+            coverage_table(runs, names),
+            scenes_table(runs, names),
+            *(table for table in contacts if table is not None),
+            scatter.table(scattered),
+        ),
+        exhibits=tuple(_exhibits(runs, scattered)),
+    )
+
+
+def _of(results: Sequence[Result], scene: Scene) -> tuple[Result, ...]:
+    return tuple(result for result in results if result.case.scene.name == scene.name)
+
+
+def _effects(runs: Runs) -> Iterator[Effect]:
+    """All terms of the budget of both chains."""
+    for name in MAIN:
+        truth = runs.truth(name)
+        if truth is None:
+            continue
+        scene = runs.scenes[name]
+        yield own_bar(scene, truth)
+        for backend, (what, kind) in TERMS.items():
+            run = runs.run(name, backend)
+            if run is not None:
+                yield of_numerics(scene, what, backend, kind, run, truth)
+        for variant in VARIANTS:
+            run = runs.truth(f"{name}.{variant.id}")
+            if run is not None:
+                yield effect(variant, scene, truth, run)
+
+
+def coverage_table(runs: Runs, names: Sequence[str]) -> Table:
+    """Every scene through every backend: the largest velocity error against the reference; empty where it refuses."""
+    others = [name for name in BACKENDS if name != REFERENCE]
+    rows: list[tuple[str | float, ...]] = []
+    for name in names:
+        truth, row = runs.truth(name), []
+        for other in others:
+            run = runs.run(name, other)
+            fits = run is not None and truth is not None
+            row.append(difference("velocity", run, truth).value if fits else "")  # type: ignore[arg-type]
+        rows.append((name, *row))
+    return Table(
+        id="coverage",
+        title="Every scene through every backend",
+        caption=(
+            "Largest difference of velocity to the reference over all samples and bodies, relative to the largest"
+            " velocity; empty where a backend refuses the scene. LAMMPS and its twin at the step of their accuracy"
+            f" ({DEFAULT_ACCURACY:g} on the two chains of 40, {OTHER_ACCURACY:g} on the others), ase at 1e-7 s, ode45 at"
+            " MATLAB's defaults. Theories (bca, adiabatic) have other equations, and steps where the chain has waves."
+        ),
+        columns=("scene", *others),
+        rows=tuple(rows),
+    )
+
+
+def _exhibits(runs: Runs, scattered: Sequence[ScatterStudy]) -> Iterator[Exhibit]:
+    """The paper's figures, as far as their scenes have run; then what the scatter of angles does."""
+
+    def chain(name: str) -> figures.ChainRuns:
+        return figures.ChainRuns(runs.scenes[name], runs.by_backend(name))
+
+    if all(runs.has(name) for name in MAIN):
+        yield figures.figure_2(chain(DECELERATING), chain(ACCELERATING))
+        yield figures.figure_3(chain(DECELERATING), chain(ACCELERATING))
+    if all(runs.has(name) for name in LONG):
+        yield figures.figure_4(*map(chain, LONG))
+        yield figures.figure_5(*map(chain, LONG))
+    maps = [f"{name}-{way}" for name in MAIN for way in ("lighter", "heavier")]
+    if all(runs.has(name) for name in maps):
+        yield figures.figure_6([chain(name) for name in maps], *(ratios(runs, name) for name in MAIN))
+    yield from (scatter.exhibit(one) for one in scattered)

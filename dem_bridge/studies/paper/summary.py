@@ -1,0 +1,116 @@
+"""Page one: the answer in five sentences, and what it does not answer."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+from dem_bridge.studies.checks import POSITIONAL, REFERENCE, SECOND
+from dem_bridge.studies.exhibits import Claim
+from dem_bridge.studies.paper.claims import by, percent
+from dem_bridge.studies.paper.effects import NUMERICS, THEORY, Effect
+from dem_bridge.studies.paper.runs import MAIN
+from dem_bridge.studies.verify import SceneStudy
+from dem_bridge.verdict import Outcome
+
+#: beside what no page of this kind shows
+NOT_VERIFIED = (
+    "The experiments of the paper (figures 2b, 2d, the measured points of figure 3): there are no data of them here, so"
+    " nothing is validated. What they are said to show is put to simulations only.",
+    "Contacts at small angles: below about 3 degrees the contact ellipse is longer than a cylinder is high, and neither"
+    " stiffness law holds. The table of contacts says which.",
+    "Dissipation, exponents other than 5/2 and the scatter of angles have no values in the paper: those taken here are"
+    " stated, and their effects scale with them.",
+)
+
+
+def answer(claims: Sequence[Claim], effects: Sequence[Effect], studies: Sequence[SceneStudy]) -> tuple[str, ...]:
+    """Five sentences, each with its number."""
+    return (
+        _codes(studies),
+        _count(claims),
+        _theory(claims),
+        _where_not(claims),
+        _largest(effects),
+    )
+
+
+def _codes(studies: Sequence[SceneStudy]) -> str:
+    def worst(backend_is_engine: bool, reference: str, names: Sequence[str] = MAIN) -> float:
+        found = [
+            v.difference
+            for study in studies
+            if study.scene.name in names
+            for v in study.verdicts
+            if v.quantity == "velocity"
+            and v.reference == reference
+            and (v.backend == study.engine if backend_is_engine else v.backend == SECOND)
+            and math.isfinite(v.difference)
+        ]
+        return max(found, default=math.nan)
+
+    error, same, two = worst(True, REFERENCE), worst(True, POSITIONAL), worst(False, REFERENCE)
+    everywhere = worst(False, REFERENCE, [study.scene.name for study in studies])
+    return (
+        f"The codes are right: LAMMPS solves the paper's two chains to {error:.1e} of the largest velocity, all of it the"
+        f" time step, for the same algorithm in another code has the same to {same:.1e}; the two references, which share"
+        f" no method, agree to {two:.1e} there and to {everywhere:.1e} on all {len(studies)} scenes."
+    )
+
+
+def _count(claims: Sequence[Claim]) -> str:
+    counts = Counter(one.outcome for one in claims)
+    parts = (
+        (Outcome.PASS, "hold"),
+        (Outcome.FAIL, "do not"),
+        (Outcome.MODEL_DIFFERENCE, "are statements about an approximation, for which a number is given"),
+        (Outcome.UNDECIDED, "cannot be decided"),
+        (Outcome.NOT_RUN, "were not run"),
+    )
+    words = [f"{counts[outcome]} {text}" for outcome, text in parts if counts[outcome]]
+    return f"Of {len(claims)} claims of the paper, {', '.join(words)}."
+
+
+def _theory(claims: Sequence[Claim]) -> str:
+    known = {one.id: one for one in claims}
+    slow, fast = known.get("decelerates"), known.get("accelerates")
+    if slow is None or fast is None:
+        return "Neither chain has run."
+    velocity = known["velocity-by-bca"]
+    low, high = (by(one.values).value for one in (slow, fast))
+    real = by(velocity.values).value
+    said = by(velocity.values, "bca").value
+    ends = [v for v in known["arrival-by-bca"].values if v.backend in (REFERENCE, "bca")]
+    away = [
+        abs(theory.value / truth.value - 1.0)
+        for truth, theory in zip(ends[::2], ends[1::2], strict=True)
+        if truth.value > 0.0
+    ]
+    return (
+        f"The approach holds in what it is for: the wave slows down to {low:.2f} and speeds up to {high:.2f} of its"
+        f" speed, and binary collisions say when it arrives to {percent(max(away, default=math.nan))}; what they say of"
+        f" velocities ({said:.2f} where cylinders reach {real:.2f} m/s) and of forces does not hold."
+    )
+
+
+def _where_not(claims: Sequence[Claim]) -> str:
+    failed = [one.id.replace("-", " ") for one in claims if one.outcome is Outcome.FAIL]
+    if not failed:
+        return "No claim was found not to hold."
+    return f"What does not hold: {', '.join(failed)}; the claims table says by how much, the budget what it matters."
+
+
+def _largest(effects: Sequence[Effect]) -> str:
+    def of(kinds: tuple[str, ...]) -> Effect | None:
+        fitting = [one for one in effects if one.kind in kinds and math.isfinite(one.largest)]
+        return max(fitting, key=lambda one: one.largest, default=None)
+
+    model, numerics = of(("model", "parameter", THEORY)), of((NUMERICS,))
+    if model is None or numerics is None:
+        return "There is no budget without runs."
+    name = max(model.changes, key=lambda key: abs(model.changes[key]) if math.isfinite(model.changes[key]) else 0.0)
+    return (
+        f"The largest term of the whole budget is none of numerics: {model.what} changes the {name} of {model.scene} by"
+        f" {percent(model.changes[name])}, and the largest error of numerics ({numerics.what}) is {numerics.largest:.1e}."
+    )

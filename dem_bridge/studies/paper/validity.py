@@ -1,0 +1,172 @@
+"""Where the model itself holds: every contact of a chain beside what Hertz' law and lumped masses assume.
+
+Forces are the peak forces of the run, times those of the collision of two bodies at that force; ellipses and pressures
+follow from the exact Hertz law, whatever law the chain's stiffness is by.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dem_bridge.geometry import Body
+from dem_bridge.physics.contact import cylinder_stiffness_paper
+from dem_bridge.physics.exact import two_body_collision
+from dem_bridge.physics.hertz import HertzContact, crossed_cylinders, sphere_on_cylinder, sphere_on_sphere
+from dem_bridge.physics.validity import (
+    edge_tension,
+    ellipse_on_body,
+    no_cracking,
+    no_crushing,
+    quasi_static,
+    weightless,
+)
+from dem_bridge.scene import Scene
+from dem_bridge.studies.exhibits import Table
+from dem_bridge.studies.paper.effects import GRAVITY
+from dem_bridge.studies.paper.runs import Runs
+from dem_bridge.trajectory import Trajectory
+
+COLUMNS = (
+    "contact",
+    "angle (degrees)",
+    "stiffness by eq. 3.1 (N/m^1.5)",
+    "exact (N/m^1.5)",
+    "too stiff by (%)",
+    "peak force (N)",
+    "semi-major axis (mm)",
+    "over half-height",
+    "peak pressure (GPa)",
+    "over compressive strength",
+    "edge tension over tensile strength",
+    "contact time over sound's",
+    "static over peak force",
+)
+#: columns that are judged, with the assumption they stand for
+JUDGED = {
+    7: "the ellipse ends on the body",
+    9: "the contact is not crushed",
+    10: "no crack opens",
+    11: "the body acts as one mass",
+    12: "weight does not matter",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactValidity:
+    """One contact: the numbers of :data:`COLUMNS`, and which assumptions hold."""
+
+    numbers: tuple[float, ...]
+    holds: tuple[bool, ...]
+    """In the order of :data:`JUDGED`."""
+
+
+def contact_validity(scene: Scene, run: Trajectory, k: int) -> ContactValidity:
+    """Contact k of a scene with a geometry, at its peak force in the run."""
+    geometry = scene.geometry
+    assert geometry is not None  # asked for by `validity_tables`
+    one, other, angle = geometry.bodies[k], geometry.bodies[k + 1], geometry.angle[k]
+    contact = _hertz(one, other, angle)
+    material, force = other.material, float(run.peak_force[k])
+    by_paper = contact.stiffness
+    if angle is not None:
+        by_paper = cylinder_stiffness_paper(angle, radius=other.radius, **material.elastic)
+    major, _ = contact.semi_axes(force)
+    pressure = contact.peak_pressure(force)
+    half = min(0.5 * body.height if body.height is not None else body.radius for body in (one, other))
+    # what collision of these two bodies would have this force, and how long it would last
+    reduced = scene.mass[k] * scene.mass[k + 1] / (scene.mass[k] + scene.mass[k + 1])
+    overlap = contact.overlap(force)
+    closing = (2.0 * contact.stiffness * overlap**2.5 / (2.5 * reduced)) ** 0.5
+    time = two_body_collision(
+        masses=(scene.mass[k], scene.mass[k + 1]), velocities=(closing, 0.0), stiffness=contact.stiffness, exponent=2.5
+    ).contact_time
+    weight = GRAVITY * sum(scene.mass[: k + 1])
+    tension = edge_tension(pressure, poisson=material.poissons_ratio, axis_ratio=contact.axis_ratio)
+    judged = (
+        ellipse_on_body(major, half_height=half),
+        no_crushing(pressure),
+        no_cracking(tension),
+        quasi_static(time, size=2.0 * other.radius, young=material.youngs_modulus, density=material.density),
+        weightless(weight, force),
+    )
+    on_body, crushing, cracking, statics, weighing = (found.ratio for found in judged)
+    return ContactValidity(
+        numbers=(
+            float(k),
+            float("nan") if angle is None else angle,
+            by_paper,
+            contact.stiffness,
+            100.0 * (by_paper / contact.stiffness - 1.0),
+            force,
+            1e3 * major,
+            on_body,
+            1e-9 * pressure,
+            crushing,
+            cracking,
+            statics,
+            weighing,
+        ),
+        holds=tuple(found.holds for found in judged),
+    )
+
+
+def _hertz(one: Body, other: Body, angle: float | None) -> HertzContact:
+    elastic = other.material.elastic
+    if angle is not None:
+        return crossed_cylinders(angle=angle, radius=one.radius, radius2=other.radius, law="exact", **elastic)
+    if one.shape == other.shape:
+        return sphere_on_sphere(radius=one.radius, radius2=other.radius, **elastic)
+    sphere, cylinder = (one, other) if one.shape == "sphere" else (other, one)
+    return sphere_on_cylinder(radius=sphere.radius, radius2=cylinder.radius, **elastic)
+
+
+def _known(runs: Runs, names: Iterable[str]) -> Iterable[tuple[Scene, list[ContactValidity]]]:
+    for name in names:
+        scene, truth = runs.scenes[name], runs.truth(name)
+        if scene.geometry is not None and truth is not None and set(scene.contacts.exponent.tolist()) == {2.5}:
+            links = scene.n_body - 1
+            reached = [k for k in range(links) if truth.peak_force[k] > 0.0]
+            yield scene, [contact_validity(scene, truth, k) for k in reached]
+
+
+def contacts_table(runs: Runs, name: str) -> Table | None:
+    """Every contact of one chain; None where it has no geometry or no run."""
+    for scene, found in _known(runs, [name]):
+        return Table(
+            id=f"contacts-{scene.name}",
+            title=f"Every contact of {scene.name} and what is assumed of it",
+            caption=(
+                "Ellipse, pressure and tension by the exact Hertz law at the peak force of the run. Ratios above 1 break"
+                " an assumption, but for the contact's time over that of sound across a body, which should be 10 or"
+                " more, and the static force (weight above the contact), which should be below 0.1 of the peak. Strengths"
+                " are handbook values of fused quartz: 1.1 GPa in compression, 48 MPa in tension."
+            ),
+            columns=COLUMNS,
+            rows=tuple(one.numbers for one in found),
+        )
+    return None
+
+
+def scenes_table(runs: Runs, names: Iterable[str]) -> Table:
+    """One line a scene: its worst contact for each assumption, and in how many it fails."""
+    rows = []
+    for scene, found in _known(runs, names):
+        row: list[str | float] = [scene.name]
+        for place, (column, _) in enumerate(JUDGED.items()):
+            values = [one.numbers[column] for one in found]
+            failing = sum(not one.holds[place] for one in found)
+            worst = min(values) if column == 11 else max(values)
+            row += [worst, f"{failing} of {len(found)}"]
+        row.append(float(np.max([one.numbers[4] for one in found])))
+        rows.append(tuple(row))
+    columns = [f"{COLUMNS[c]}, {'least' if c == 11 else 'largest'}" for c in JUDGED]
+    return Table(
+        id="validity",
+        title="Validity of the model, scene by scene",
+        caption=f"Worst contact, and in how many an assumption fails: {'; '.join(JUDGED.values())}.",
+        columns=("scene", *(text for c in columns for text in (c, "fails in")), "eq. 3.1 too stiff by, largest (%)"),
+        rows=tuple(rows),
+    )

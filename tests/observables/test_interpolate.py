@@ -1,0 +1,133 @@
+"""Between samples: polynomials that are exact where they must be, and accelerations that are those of the motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import dem_bridge as db
+from dem_bridge.errors import UsageError
+from dem_bridge.observables.interpolate import acceleration, bisected, hermite, require_forces, spacing, state_at
+from dem_bridge.scene import Scene, Wall
+from tests.fakes import free_flight
+from tests.observables.waves import travelling_wave
+from tests.strategies import examples
+
+EPS = float(np.finfo(float).eps)
+
+
+@examples(30)
+@given(
+    coefficients=st.lists(st.floats(-1.0, 1.0), min_size=12, max_size=12),
+    at=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=5),
+)
+def test_six_samples_carry_a_polynomial_of_degree_eleven(coefficients: list[float], at: list[float]) -> None:
+    run = free_flight(samples=5)
+    p = np.polynomial.Polynomial(coefficients)
+    value, slope = p(run.time)[:, None], p.deriv()(run.time)[:, None]
+    when = np.array(at)[:, None]
+    # the basis is largest at the ends of the six samples, where its powers cancel to 1e-3 of themselves
+    size = 1e4 * EPS * float(np.sum(np.abs(coefficients)) + 1e-300)
+    assert hermite(run, value, slope, when) == pytest.approx(p(when), abs=size)
+    assert hermite(run, value, slope, when, derivative=1) == pytest.approx(p.deriv()(when), abs=300 * size)
+
+
+def test_its_error_falls_with_the_twelfth_power_of_the_spacing() -> None:
+    errors = []
+    for samples in (10, 20):
+        run = free_flight(samples=samples)
+        phase = 12.0 * run.time[:, None]
+        when = (run.time[4] + np.linspace(0.0, 1.0, 11) * run.time[1])[:, None]
+        found = hermite(run, np.sin(phase), 12.0 * np.cos(phase), when)
+        errors.append(float(np.max(np.abs(found - np.sin(12.0 * when)))))
+    # the product of all distances squared, 12.36 h^12 in the middle, over 12!: 2.6e-8 (omega h)^12
+    assert 1e-3 * 2.6e-8 * 1.2**12 < errors[0] < 2.6e-8 * 1.2**12
+    assert 1e-3 * 2.6e-8 * 0.6**12 < errors[1] < 2.6e-8 * 0.6**12
+
+
+def test_one_time_per_column_and_times_for_all_are_the_same() -> None:
+    scene, run, _ = travelling_wave(bodies=12)
+    a = acceleration(scene, run)
+    when = np.linspace(0.2, 0.8, scene.n_body) * scene.duration
+    each = hermite(run, run.velocity, a, when)
+    every = hermite(run, run.velocity, a, when[:, None])
+    assert each.tolist() == np.diagonal(every).tolist()
+    assert np.isnan(hermite(run, run.velocity, a, np.where(when > when[3], np.nan, when))[4:]).all()
+
+
+def test_at_samples_nothing_is_changed() -> None:
+    scene, run, _ = travelling_wave(bodies=12)
+    found = hermite(run, run.velocity, acceleration(scene, run), run.time[:, None])
+    assert found == pytest.approx(run.velocity, abs=100 * EPS * 0.5)
+
+
+def test_the_acceleration_is_the_slope_of_the_velocity_in_all_that_a_scene_has() -> None:
+    scene = Scene(
+        name="all",
+        duration=2e-4,
+        mass=(0.01, 0.02, 0.03),
+        stiffness=(1e9, 2e9),
+        velocity=(0.5, 0.0, -0.2),
+        wall_left=Wall(stiffness=1e9),
+        wall_right=Wall(stiffness=3e9),
+        gravity=300.0,
+        precompression=5.0,
+        drag=900.0,
+        samples=2000,
+    )
+    run = db.solve(scene, backend="scipy", bars=False)
+    a, h = acceleration(scene, run), run.time[1]
+    slope = (run.velocity[2:] - run.velocity[:-2]) / (2.0 * h)
+    # (omega h)^2 / 6 with omega h = 2e5 * 1e-7, and first order where a contact opens: (omega h) of a small force
+    assert np.max(np.abs(slope - a[1:-1])) < 2e-3 * np.max(np.abs(a))
+    for other in (replace(scene, gravity=0.0), replace(scene, drag=0.0)):
+        wrong = acceleration(other, run)
+        assert np.max(np.abs(slope - wrong[1:-1])) > 5e-3 * np.max(np.abs(a))
+
+
+def test_a_load_in_place_of_a_wall_belongs_to_the_acceleration() -> None:
+    scene = Scene(name="pressed", duration=1e-4, mass=(0.01,) * 4, stiffness=(1e9,) * 3, velocity=(0.0,) * 4,
+                  precompression=20.0, samples=20)  # fmt: skip
+    run = db.solve(scene, backend="reference", bars=False)
+    assert np.max(np.abs(acceleration(scene, run))) < 1e-9 * 20.0 / 0.01
+
+
+def test_the_state_between_samples_is_that_of_the_wave() -> None:
+    scene, run, wave = travelling_wave()
+    when = run.crossing_time[10:30] + 0.3 / wave.speed
+    overlap, v = state_at(scene, run, when)
+    place = 10.3 + np.arange(20)[:, None]
+    # omega h = 2.2 / 8: 2.6e-8 of that to the 12th is 5e-15; displacements, the sums of 40 overlaps, are rounded
+    assert overlap == pytest.approx(wave.overlap(place - np.arange(39)), abs=1e-12 * wave.peak_overlap)
+    assert v == pytest.approx(wave.velocity(place - np.arange(40) + 0.5), abs=1e-12 * wave.peak_velocity)
+
+
+def test_walls_are_bodies_at_rest_in_the_state() -> None:
+    scene = Scene(name="walled", duration=1.0, mass=(1.0,) * 3, stiffness=(1.0,) * 2, velocity=(0.0,) * 3,
+                  wall_left=Wall(stiffness=1.0, gap=-1.0), wall_right=Wall(stiffness=1.0, gap=1.0))  # fmt: skip
+    run = free_flight(contacts=4, samples=10)  # displacements t, 2 t, 3 t
+    overlap, _ = state_at(scene, run, np.array([0.55]))
+    assert overlap[0] == pytest.approx([0.0, 0.0, 1.0 - 0.55, 3 * 0.55 - 1.0], abs=100 * EPS)
+
+
+def test_bisection_finds_each_root_from_either_side() -> None:
+    root = np.array([0.1, 0.7, 0.5])
+    sign = np.array([1.0, -1.0, 1.0])
+    found = bisected(lambda x: sign * (x - root), np.zeros(3), np.ones(3))
+    assert found == pytest.approx(root, abs=EPS)
+
+
+def test_uneven_samples_are_refused() -> None:
+    run = replace(free_flight(), time=np.array([0.0, 0.1, 0.3, 0.6, 1.0]))
+    with pytest.raises(UsageError, match="not evenly spaced"):
+        spacing(run)
+
+
+def test_a_run_without_contact_forces_is_refused_by_the_name_of_its_backend() -> None:
+    run = db.solve("decelerating-40", backend="bca")
+    with pytest.raises(UsageError, match="width: backend 'bca' gives no contact forces"):
+        require_forces(run, "width")

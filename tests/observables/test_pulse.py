@@ -1,0 +1,242 @@
+"""The pulse: of an exact solitary wave, whose every number is known, and of the paper's chains."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import dem_bridge as db
+from dem_bridge.errors import UsageError
+from dem_bridge.observables.conserved import energy, momentum
+from dem_bridge.observables.pulse import (
+    front_kinetic_energy,
+    leading_pulse,
+    pulse_width_by_force,
+    reflected,
+    secondary_fronts,
+    speed_ratio,
+)
+from dem_bridge.scene import Scene, Wall
+from tests.conftest import Solve
+from tests.fakes import NO_BARS, free_flight
+from tests.observables.waves import long_chain, travelling_wave, uniform_chain
+from tests.strategies import examples, log_uniform
+
+#: contacts whose pulse is whole, of travelling_wave's 40 bodies
+INNER = slice(6, 33)
+
+
+@examples(15)
+@given(
+    m=log_uniform(1e-4, 1.0), beta=log_uniform(1e6, 1e12), v=log_uniform(1e-3, 10.0), n=st.floats(2.2, 3.5),
+    per_residence=st.floats(8.0, 16.0),
+)  # fmt: skip
+def test_a_solitary_wave_of_any_size_has_its_width_energy_and_momentum(
+    m: float, beta: float, v: float, n: float, per_residence: float
+) -> None:
+    scene, run, wave = travelling_wave(mass=m, stiffness=beta, peak_velocity=v, exponent=n, per_residence=per_residence)
+    found = pulse_width_by_force(scene, run)
+    # sampled 8 times per residence: 1e-12 for n = 5/2, more where the wave is shorter
+    assert found.width[INNER] == pytest.approx(wave.width, rel=1e-8)
+    assert (found.fall - found.rise)[INNER] == pytest.approx(wave.width / wave.speed, rel=1e-8)
+    assert 0.5 * (found.fall + found.rise)[INNER] == pytest.approx(run.crossing_time[INNER], rel=1e-8)
+    pulse = leading_pulse(scene, run)
+    assert pulse.energy[INNER] == pytest.approx(wave.energy, rel=1e-8)
+    assert pulse.momentum[INNER] == pytest.approx(wave.momentum, rel=1e-8)
+    assert pulse.energy_share[INNER] == pytest.approx(1.0, rel=1e-8)
+    assert pulse.momentum_share[INNER] == pytest.approx(1.0, rel=1e-8)
+    behind = reflected(scene, run)
+    assert behind.energy[INNER] == pytest.approx(0.0, abs=1e-8 * wave.energy)
+    assert behind.backward_momentum[INNER] == pytest.approx(0.0, abs=1e-8 * wave.momentum)
+
+
+def test_the_kinetic_energy_of_a_wave_is_that_of_its_bodies_at_the_time() -> None:
+    scene, run, wave = travelling_wave()
+    bodies = np.arange(-20.0, 20.0) + 0.5  # as a contact has its peak
+    expected = 0.5 * 0.01 * float(np.sum(wave.velocity(bodies) ** 2))
+    assert front_kinetic_energy(scene, run)[INNER] == pytest.approx(expected, rel=1e-12)
+    # its mean over a passage is n/(n + 2) of the energy; at this moment, when contacts hold most, it is less
+    assert 0.95 * 5.0 / 9.0 < expected / wave.energy < 5.0 / 9.0
+
+
+@pytest.mark.parametrize(("per_residence", "bound"), [(2.0, 3e-5), (4.0, 1e-8)])
+def test_the_width_is_as_good_as_its_samples(per_residence: float, bound: float) -> None:
+    scene, run, wave = travelling_wave(per_residence=per_residence + 0.137)
+    error = np.abs(pulse_width_by_force(scene, run).width[INNER] / wave.width - 1.0)
+    assert bound * 1e-4 < np.max(error) < bound
+
+
+def test_beyond_the_ends_there_is_no_width() -> None:
+    scene, run, _ = travelling_wave()
+    width = pulse_width_by_force(scene, run).width
+    assert np.isnan(width).tolist() == [True] + [False] * 37 + [True]
+
+
+def test_a_pulse_that_never_came_has_neither_width_nor_energy() -> None:
+    scene, run, _ = travelling_wave()
+    crossing = run.crossing_time.copy()
+    crossing[30:] = np.nan
+    short = replace(run, crossing_time=crossing)
+    found, pulse = pulse_width_by_force(scene, short), leading_pulse(scene, short)
+    assert np.isfinite(found.width[5:29]).all()
+    assert np.isnan(found.rise[30:]).all()
+    assert np.isnan(pulse.energy[30:]).all()
+    assert pulse.rear[30:].tolist() == [-1] * 9
+    assert np.isfinite(pulse.energy[5:30]).all()
+
+
+def _rebound() -> tuple[Scene, float]:
+    """Body 0 hits a heavier one and runs back: what runs back is known."""
+    scene = Scene(name="rebound", duration=3e-4, mass=(0.01, 0.03, 0.001), stiffness=(4e9, 4e7),
+                  velocity=(0.8, 0.0, 0.0), samples=1000)  # fmt: skip
+    return scene, 0.8 * (0.01 - 0.03) / (0.01 + 0.03)
+
+
+def test_what_runs_back_is_the_striker_where_a_heavier_body_is_struck(solved: Solve) -> None:
+    scene, exit_velocity = _rebound()
+    run = solved(scene, "reference", bars=False)
+    behind, pulse = reflected(scene, run), leading_pulse(scene, run)
+    # contact 1 is so soft and body 2 so light that they take 2 % of the collision
+    assert behind.striker_velocity[1] == pytest.approx(exit_velocity, rel=0.03)
+    assert behind.backward_momentum[1] == pytest.approx(0.01 * behind.striker_velocity[1], rel=1e-12)
+    assert behind.backward_energy[1] == pytest.approx(0.005 * behind.striker_velocity[1] ** 2, rel=1e-12)
+    assert pulse.rear.tolist() == [0, 1]
+    assert pulse.momentum[1] + behind.momentum[1] == pytest.approx(0.01 * 0.8, rel=1e-11)
+    assert pulse.momentum_share[1] == pytest.approx(pulse.momentum[1] / 0.008, rel=1e-11)
+
+
+def test_pulse_and_what_is_behind_it_are_all_there_is(solved: Solve) -> None:
+    for name in ("decelerating-40", "accelerating-40"):
+        scene = db.load_scene(name)
+        run = solved(scene, "reference", samples=2000, bars=False)
+        pulse, behind = leading_pulse(scene, run), reflected(scene, run)
+        # 7 samples per residence time where it is shortest; 3e-7 found, next to a contact that opens between samples
+        assert pulse.energy + behind.energy == pytest.approx(energy(scene, run)[0], rel=1e-6)
+        # hermite polynomials are linear: what is conserved at samples is conserved between them
+        assert pulse.momentum + behind.momentum == pytest.approx(momentum(scene, run)[0], rel=1e-13)
+        assert np.all(behind.backward_momentum <= 0.0)
+        assert np.all(behind.backward_momentum <= behind.momentum + 1e-12)
+        assert np.all(np.diff(pulse.rear[10:]) >= 0)  # before, two pulses may still be one
+
+
+def test_a_wall_behind_the_striker_is_behind_the_pulse() -> None:
+    scene, run, wave = travelling_wave()
+    walled = replace(scene, wall_left=Wall(stiffness=4e9, gap=-4e-5))
+    column = np.zeros((len(run.time), 1))
+    # body 0 has moved away from the wall by less than its overlap: some is left
+    assert run.displacement[-1, 0] < 4e-5
+    run = replace(run, contact_force=np.hstack([run.contact_force, column]), peak_force=np.append(run.peak_force, 0.0),
+                  crossing_time=np.append(run.crossing_time, np.nan),
+                  uncertainty=NO_BARS)  # fmt: skip
+    assert leading_pulse(walled, run).energy[INNER] == pytest.approx(wave.energy, rel=1e-11)
+    stored = 4e9 * (4e-5 - run.displacement[-1, 0]) ** 2.5 / 2.5
+    assert reflected(walled, run).energy[INNER] == pytest.approx(stored, rel=1e-6)
+
+
+def test_the_paper_chains_keep_kinetic_energy_and_width_of_the_front(solved: Solve) -> None:
+    # section 4b: graded stiffness alone preserves the spatial width and the kinetic energy of the wave front
+    for direction, drift in (("decelerating", 0.05), ("accelerating", 0.05)):
+        scene = long_chain(direction)
+        run = solved(scene, "reference", bars=False)
+        kinetic, width = front_kinetic_energy(scene, run)[20:190], pulse_width_by_force(scene, run).width[20:190]
+        assert np.ptp(kinetic) < 0.005 * np.mean(kinetic)
+        assert np.ptp(width) < drift * np.mean(width)
+
+
+def test_a_struck_uniform_chain_has_the_width_and_energy_of_its_wave(solved: Solve) -> None:
+    from dem_bridge.physics.solitary import solitary_wave
+
+    scene = uniform_chain()
+    run = solved(scene, "reference")
+    wave = solitary_wave(mass=scene.mass[0], stiffness=2e10, exponent=2.5, peak_force=float(run.peak_force[60]))
+    pulse = leading_pulse(scene, run)
+    far = slice(50, 90)
+    assert pulse.energy[far] == pytest.approx(wave.energy, rel=1e-9)
+    assert pulse.momentum[far] == pytest.approx(wave.momentum, rel=1e-9)
+    # the spline through the edges feels the start of the chain still
+    assert pulse_width_by_force(scene, run).width[far] == pytest.approx(wave.width, rel=1e-6)
+
+
+def test_further_pulses_are_counted_with_lag_and_amplitude() -> None:
+    scene = Scene(name="pulses", duration=1.0, mass=(1.0,) * 3, stiffness=(1.0,) * 2, velocity=(0.0,) * 3)
+    time = np.linspace(0.0, 1.0, 2001)
+
+    def bump(at: float, height: float) -> np.ndarray:
+        return np.asarray(height * np.exp(-0.5 * ((time - at) / 0.01) ** 2))
+
+    body = bump(0.2, 1.0) + bump(0.4, 0.5) + bump(0.6, 0.03) + bump(0.8, 0.2) - bump(0.7, 0.4)
+    run = free_flight(samples=2000, velocity=np.stack([0 * body, body, 0 * body], axis=1), crossing_time=[0.15, 0.25])
+    found = secondary_fronts(scene, run, 1)
+    assert found.count == 2
+    assert found.first == pytest.approx(1.0, abs=1e-6)
+    assert found.lag == pytest.approx([0.2, 0.6], abs=1e-3)
+    assert found.amplitude == pytest.approx([0.5, 0.2], abs=2e-3)
+    assert secondary_fronts(scene, run, 1, share=0.02).count == 3
+    assert secondary_fronts(scene, run, 1, share=0.3).count == 1
+    assert secondary_fronts(scene, run, 1, until=0.5).count == 1
+
+
+def test_ripples_on_a_pulse_are_no_pulses_of_their_own() -> None:
+    scene = Scene(name="ripples", duration=1.0, mass=(1.0,) * 3, stiffness=(1.0,) * 2, velocity=(0.0,) * 3)
+    time = np.linspace(0.0, 1.0, 2001)
+    body = np.exp(-0.5 * ((time - 0.2) / 0.02) ** 2) + 0.4 * np.exp(-0.5 * ((time - 0.6) / 0.1) ** 2)
+    body += 0.01 * np.sin(400.0 * time)
+    run = free_flight(samples=2000, velocity=np.stack([0 * body, body, 0 * body], axis=1), crossing_time=[0.15, 0.25])
+    assert secondary_fronts(scene, run, 1).count == 1
+
+
+def test_only_the_decelerating_chain_of_the_paper_has_further_fronts(solved: Solve) -> None:
+    # section 4a, for the mismatch of the first two contacts
+    for name, counts in (("decelerating-40", [1, 2, 2, 2, 1]), ("accelerating-40", [0] * 5)):
+        scene = db.load_scene(name)
+        run = solved(scene, "reference", samples=2000, bars=False)
+        assert [secondary_fronts(scene, run, body).count for body in (5, 10, 20, 30, 38)] == counts
+
+
+def test_the_speed_ratio_is_that_of_two_stated_bodies() -> None:
+    scene, run, _ = travelling_wave(uncertainty=NO_BARS | {"crossing_time": 1e-9})
+    residence = np.geomspace(1e-5, 4e-5, 38)
+    graded = replace(run, crossing_time=np.concatenate([[0.0], np.cumsum(residence)]))
+    found = speed_ratio(scene, graded)
+    assert (found.first, found.last) == (3, 37)
+    assert found.speed_in == pytest.approx(18e-3 / residence[2], rel=1e-12)
+    assert found.ratio == pytest.approx(residence[2] / residence[36], rel=1e-12)
+    assert found.bar / found.ratio == pytest.approx(2e-9 / residence[2] + 2e-9 / residence[36], rel=1e-9)
+    whole = speed_ratio(replace(scene, spacing=None), graded, first=1, last=38)
+    assert whole.ratio == pytest.approx(0.25, rel=1e-10)
+    assert whole.speed_in == pytest.approx(1e5, rel=1e-12)
+
+
+def test_the_papers_chains_slow_down_and_speed_up(solved: Solve) -> None:
+    for name, ratio in (("decelerating-40", 0.3945), ("accelerating-40", 2.3527)):
+        scene = db.load_scene(name)
+        found = speed_ratio(scene, solved(scene, "reference", samples=2000, bars=False))
+        assert found.ratio == pytest.approx(ratio, abs=5e-5)
+
+
+def test_what_has_no_pulse_is_refused_with_the_reason(solved: Solve) -> None:
+    scene, run, _ = travelling_wave()
+    for function in (pulse_width_by_force, leading_pulse, reflected, front_kinetic_energy):
+        with pytest.raises(UsageError, match="wave has gravity"):
+            function(replace(scene, gravity=9.81), run)
+        with pytest.raises(UsageError, match="wave has precompression"):
+            function(replace(scene, precompression=1.0), run)
+        slow = db.load_scene("decelerating-40")
+        with pytest.raises(UsageError, match="'bca' gives no contact forces"):
+            function(slow, solved(slow, "bca"))
+    with pytest.raises(UsageError, match="body 40; allowed: 0 to 39"):
+        secondary_fronts(scene, run, 40)
+    with pytest.raises(UsageError, match=r"share = 1\.0"):
+        secondary_fronts(scene, run, 5, share=1.0)
+    never = replace(run, crossing_time=np.full(39, math.nan))
+    with pytest.raises(UsageError, match="never came to body 5"):
+        secondary_fronts(scene, never, 5)
+    with pytest.raises(UsageError, match="did not pass bodies 3 and 37"):
+        speed_ratio(scene, never)
+    with pytest.raises(UsageError, match="body 39 has no residence time; allowed: 1 to 38"):
+        speed_ratio(scene, run, last=39)
