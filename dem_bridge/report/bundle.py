@@ -62,8 +62,8 @@ def write_bundle(
     """Write the bundle of a verification into ``folder``: all of it, or nothing.
 
     ``report``: its files where they are made already. ``engine``: which LAMMPS was asked for. ``words``: what
-    ``dem-bridge verify`` is told when it is run again (None: the scenes' files). What an earlier bundle there had and
-    this one has not goes. UsageError where there are other things in the folder.
+    ``dem-bridge verify`` is told when it is run again (None: "paper" where it was that, else the scenes' files). What
+    an earlier bundle there had and this one has not goes. UsageError where there are other things in the folder.
     """
     check_bundle(folder)
     before = _files_of(folder) if folder.exists() else []
@@ -84,11 +84,13 @@ def bundle_files(
     """Name -> content of every file; see :func:`write_bundle`. UsageError where the versions in use are not known."""
     engine = engine or Engine.chosen()
     scenes, functions = _scenes(found)
+    if words is None:
+        words = ("paper",) if found.paper else tuple(scenes)
     pins = pinned(_NAME)
     told = {
         "schema": SCHEMA,
-        "verify": [*(scenes if words is None else words), *_options(found, engine)],
-        "not_replayed": functions if words is None else [],
+        "verify": [*words, *_options(found, engine)],
+        "not_replayed": functions,
         "python": platform.python_version(),
     }
     files: dict[str, str | bytes] = {
@@ -100,7 +102,7 @@ def bundle_files(
         **scenes,
         **dict(_decks(found)),
         **dict(_sheets(found)),
-        **{f"report/{name}": text for name, text in (report or report_files(found)).items()},
+        **{f"report/{name}": text for name, text in (report_files(found) if report is None else report).items()},
         **dict(_source()),
     }
     return files | {_SUMS: _sums(files)}

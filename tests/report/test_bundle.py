@@ -172,11 +172,16 @@ def test_scenes_whose_laws_are_functions_are_named_in_one_line(tmp_path: Path) -
     assert told["verify"] == ["scenes/small.toml", "--accuracy", "0.001"]
 
 
+def test_what_was_asked_for_the_paper_is_replayed_as_such() -> None:
+    files = bundle_files(replace(NOTHING, paper=fake_paper()), report={})
+    assert json.loads(files["bundle.json"])["verify"] == ["paper", "--accuracy", "0.001"]
+
+
 def test_the_replay_is_told_how_lammps_was_run_and_no_path_of_this_machine() -> None:
     engine = Engine(ranks=2, lmp_args=("-sf", "omp"), python=Path(sys.executable))
-    files = bundle_files(NOTHING, report={}, engine=engine, words=("paper",))
+    files = bundle_files(NOTHING, report={}, engine=engine, words=("one",))
     assert json.loads(files["bundle.json"])["verify"] == [
-        "paper", "--accuracy", "0.001", "--ranks", "2", "--lmp-args=-sf omp"
+        "one", "--accuracy", "0.001", "--ranks", "2", "--lmp-args=-sf omp"
     ]  # fmt: skip
     assert "sh replay.sh --lmp PATH" in str(files["README.md"])
     assert str(sys.executable) not in "".join(str(files[name]) for name in ("README.md", "bundle.json", "replay.sh"))
