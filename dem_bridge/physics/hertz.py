@@ -30,6 +30,20 @@ SMALLEST_ANGLE = 1e-6
 _ROUNDED = 5e-12
 
 
+def not_negative(name: str, value: float, unit: str) -> float:
+    """``value`` as a finite float >= 0; ValueError, in one line, where it is none."""
+    if number(name, value, unit) < 0.0:
+        raise ValueError(f"{name} = {value!r}; allowed: a number >= 0 ({unit})")
+    return float(value)
+
+
+def poisson_ratio(name: str, value: float) -> float:
+    """``value`` as a float above -1 and up to 0.5; ValueError, in one line, where it is none."""
+    if not -1.0 < number(name, value) <= 0.5:
+        raise ValueError(f"{name} = {value!r}; allowed: a number above -1 and up to 0.5")
+    return float(value)
+
+
 @dataclass(frozen=True)
 class HertzContact:
     """Two bodies on a contact ellipse: ``F = stiffness overlap^1.5``. Made by :func:`hertz_contact` and its kin."""
@@ -45,21 +59,21 @@ class HertzContact:
 
     def force(self, overlap: float) -> float:
         """N, at an overlap >= 0 in m."""
-        return self.stiffness * math.pow(_not_negative("overlap", overlap, "m"), 1.5)
+        return self.stiffness * math.pow(not_negative("overlap", overlap, "m"), 1.5)
 
     def overlap(self, force: float) -> float:
         """m, under a force >= 0 in N."""
-        return math.cbrt(_not_negative("force", force, "N") / self.stiffness) ** 2
+        return math.cbrt(not_negative("force", force, "N") / self.stiffness) ** 2
 
     def semi_axes(self, force: float) -> tuple[float, float]:
         """Semi-axes a >= b of the contact ellipse under a force (N), m: ``a = 3 F K/(2 pi E* overlap)``."""
-        major = self._major_of_one_newton() * math.cbrt(_not_negative("force", force, "N"))
+        major = self._major_of_one_newton() * math.cbrt(not_negative("force", force, "N"))
         return major, self.axis_ratio * major
 
     def peak_pressure(self, force: float) -> float:
         """Largest pressure under a force (N), Pa: ``3 F/(2 pi a b)``, in the middle of the ellipse."""
         area = math.pi * self.axis_ratio * self._major_of_one_newton() ** 2
-        return 1.5 * math.cbrt(_not_negative("force", force, "N")) / area
+        return 1.5 * math.cbrt(not_negative("force", force, "N")) / area
 
     def _major_of_one_newton(self) -> float:
         integral_k = sum(_integrals(self.axis_ratio))
@@ -69,9 +83,7 @@ class HertzContact:
 def compliance(young_name: str, young: float, poisson_name: str, poisson: float) -> float:
     """``(1 - nu^2)/Y`` of one body, 1/Pa; 0 for a rigid one (Y = inf). The names are for the ValueError's line."""
     young = above(0.0, young_name, young, "Pa", infinite="a rigid body")
-    if not -1.0 < number(poisson_name, poisson) <= 0.5:
-        raise ValueError(f"{poisson_name} = {poisson!r}; allowed: a number above -1 and up to 0.5")
-    return (1.0 - poisson**2) / young
+    return (1.0 - poisson_ratio(poisson_name, poisson) ** 2) / young
 
 
 def contact_modulus(
@@ -364,12 +376,6 @@ def _sphere(name: str, radius: float | None, otherwise: float = math.nan) -> tup
 
 def _cylinder(name: str, radius: float | None, otherwise: float = math.nan) -> tuple[float, float]:
     return 1.0 / above(0.0, name, otherwise if radius is None else radius, "m"), 0.0
-
-
-def _not_negative(name: str, value: float, unit: str) -> float:
-    if number(name, value, unit) < 0.0:
-        raise ValueError(f"{name} = {value!r}; allowed: a number >= 0 ({unit})")
-    return float(value)
 
 
 def _check_law(law: str) -> None:

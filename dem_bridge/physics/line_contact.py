@@ -55,8 +55,8 @@ class LineContact:
         force = np.asarray(force, dtype=float)
         with np.errstate(divide="ignore", invalid="ignore"):
             overlap = force / self.scale * np.log(self.force_scale / force)
-        sound = (force >= 0.0) & (force <= self.force_scale / math.e)
-        return np.where(sound, np.where(force == 0.0, 0.0, overlap), math.nan)
+        overlap = np.where(force <= self.force_scale / math.e, overlap, math.nan)
+        return np.where(force == 0.0, 0.0, overlap)
 
     def force(self, overlap: ArrayLike) -> Floats:
         """N, at an overlap from 0 to :attr:`reach`, m."""

@@ -97,7 +97,9 @@ def test_two_cylinders_of_the_paper_at_2_degrees_are_beyond_a_point_contact() ->
     )
     major, minor = contact.semi_axes(hit.peak_force)
     assert major == pytest.approx(11e-3, abs=0.5e-3)
-    assert not ellipse_on_body(major, half_height=9e-3).holds
+    beyond = ellipse_on_body(major, half_height=9e-3)
+    assert not beyond.holds
+    assert beyond.sentence.endswith("would reach beyond the body")
     assert not half_space(major, radius=9e-3).holds
     assert half_space(minor, radius=9e-3).holds
     pressure = contact.peak_pressure(hit.peak_force)
@@ -106,6 +108,7 @@ def test_two_cylinders_of_the_paper_at_2_degrees_are_beyond_a_point_contact() ->
     waves = quasi_static(hit.contact_time, size=18e-3, young=72e9, density=2200.0)
     assert waves.ratio == pytest.approx(6.37, abs=5e-3)
     assert not waves.holds
+    assert waves.sentence.endswith("rings while it is in contact")
 
 
 def test_the_striker_of_the_paper_makes_a_point_contact() -> None:
@@ -166,9 +169,8 @@ def test_it_agrees_with_the_textbook_where_that_does_not_cancel() -> None:
     for ratio in (0.1, 0.4, 0.7):
         e = math.sqrt(1.0 - ratio**2)
         at_major = ratio / e**2 * (math.atanh(e) / e - 1.0)
-        at_minor = ratio / e**2 * (1.0 - ratio / e * math.atan(e / ratio))
         # differences of about e^2/3 = 0.17 of their terms at 0.7
-        assert edge_tension(1.0, poisson=0.0, axis_ratio=ratio) == pytest.approx(max(at_major, at_minor), rel=1e-14)
+        assert edge_tension(1.0, poisson=0.0, axis_ratio=ratio) == pytest.approx(at_major, rel=1e-14)
 
 
 def test_wrong_numbers_are_named() -> None:
