@@ -182,6 +182,16 @@ def test_in_a_uniform_chain_every_body_moves_as_the_exact_wave_once_it_has_forme
     assert np.max(pulse) == pytest.approx(exact.peak_force, rel=1e-3)  # 26 samples a transit
 
 
+def test_the_struck_end_is_the_launchs_from_the_first_contact_on() -> None:
+    scene = _struck("struck", np.array([0.008, *[0.01] * 50]), np.array([1e9, *[4e9] * 49]), 0.8, 1.4e-3, 1)
+    run, truth = _run(scene, "adiabatic"), _run(scene, "reference")
+    # formed to 1e-6 of the force, integrated to 1e-9; tops by parabolas through 40 samples a unit, (1/40)^2 / 6 of it
+    assert run.peak_force[:40] == pytest.approx(truth.peak_force[:40], rel=1e-5)
+    assert run.crossing_time[:40] == pytest.approx(truth.crossing_time[:40], abs=1e-4 / 3.5e4)
+    assert 1.0 / np.diff(truth.crossing_time[20:40]) == pytest.approx(3.5e4, rel=0.1), "the transit meant above"
+    assert truth.peak_force[0] < 0.9 * truth.peak_force[30], "the first contacts are unlike the others"
+
+
 def test_newtons_law_holds_for_what_is_shown(solved: Solve) -> None:
     run = solved(replace(CHAIN, samples=4000), "adiabatic")
     h, mass = run.time[1], np.array(CHAIN.mass)
