@@ -18,6 +18,7 @@ from dem_bridge.observables.conserved import momentum
 from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.physics import adiabatic
 from dem_bridge.physics.adiabatic import adiabatic_wave
+from dem_bridge.physics.launch import launched
 from dem_bridge.physics.solitary import solitary_wave
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.trajectory import Trajectory
@@ -170,7 +171,7 @@ def test_peak_velocity_along_tapered_chains(scene: Scene, slope: float) -> None:
 def test_in_a_uniform_chain_every_body_moves_as_the_exact_wave_once_it_has_formed() -> None:
     scene = _struck("uniform", np.full(61, 0.01), np.full(60, 4e9), 0.8, 1.6e-3, 1500)
     run = _run(scene, "adiabatic")
-    launch = adiabatic.launched(masses=(0.01, 0.01), stiffnesses=(4e9, 4e9), exponents=(2.5, 2.5), velocity=0.8)
+    launch = launched(masses=(0.01, 0.01), stiffnesses=(4e9, 4e9), exponents=(2.5, 2.5), velocity=0.8)
     peak = math.sqrt(launch.energy / 1.0693229458 / 0.01)
     exact = solitary_wave(mass=0.01, stiffness=4e9, exponent=2.5, peak_velocity=peak)
     for i in range(30, 50):
@@ -221,9 +222,7 @@ def test_exponents_may_vary_along_the_chain() -> None:
     # wave and overlap change by 1 % a body: first order moves the force by 0.5 to 0.9 %, second by a fifth of that
     assert run.peak_force[inner] == pytest.approx(truth.peak_force[inner], rel=2e-3)
     assert run.crossing_time[inner] == pytest.approx(truth.crossing_time[inner], rel=2e-4)
-    launch = adiabatic.launched(
-        masses=(0.01, 0.01), stiffnesses=(beta[0], beta[1]), exponents=(n[0], n[1]), velocity=0.8
-    )
+    launch = launched(masses=(0.01, 0.01), stiffnesses=(beta[0], beta[1]), exponents=(n[0], n[1]), velocity=0.8)
     plain = adiabatic_wave(mass=scene.mass, stiffness=beta, exponent=n, energy=launch.energy, at=1, order=0)
     assert np.min(np.abs(plain.peak_force / truth.peak_force - 1.0)[inner]) > 3e-3
 
