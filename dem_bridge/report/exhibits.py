@@ -38,14 +38,15 @@ _HEIGHT = {"map": 3.7, "series": 3.0}
 #: marks along a line; more would run together
 _MARKS, _MARKS_ON_LINE = 24, 9
 
-_CIRCLES = {"color": BLUE, "linestyle": "none", "marker": "o", "markersize": 4.5, "markerfacecolor": "none"}
-#: style of a Series -> how matplotlib draws it; no two are alike in grey
+_HOLLOW = {"markerfacecolor": "none", "markeredgewidth": 1.1}
+_CIRCLES = {"color": BLUE, "linestyle": "none", "marker": "o", "markersize": 4.5, **_HOLLOW}
+#: style of a Series -> how matplotlib draws it; no two are alike in grey, and marks at one place stand in each other
 STYLES: Mapping[str, Mapping[str, Any]] = {
     **dict.fromkeys(ENGINE_BACKENDS, _CIRCLES),
     "reference": {"color": BLACK, "linestyle": "-", "linewidth": 1.4},
-    "bca": {"color": VERMILION, "linestyle": "--", "linewidth": 1.5, "marker": "s", "markersize": 4.5},
-    "adiabatic": {"color": PURPLE, "linestyle": "-.", "linewidth": 1.7, "marker": "^", "markersize": 5.5},
-    "ode45": {"color": GREEN, "linestyle": "none", "marker": "x", "markersize": 5.0},
+    "bca": {"color": VERMILION, "linestyle": "--", "linewidth": 1.5, "marker": "s", "markersize": 7.0, **_HOLLOW},
+    "adiabatic": {"color": PURPLE, "linestyle": "-.", "linewidth": 1.7, "marker": "^", "markersize": 10.0, **_HOLLOW},
+    "ode45": {"color": GREEN, "linestyle": "none", "marker": "x", "markersize": 4.5},
     "fit": {"color": ORANGE, "linestyle": ":", "linewidth": 2.4, "zorder": 4},
     "guide": {"color": GREY, "linestyle": (0, (9, 3)), "linewidth": 1.2},
 }
@@ -56,8 +57,8 @@ _ON_MAP: Mapping[str, Mapping[str, Any]] = {
     name: {
         "color": ink,
         "linestyle": dash,
-        "linewidth": 1.3,
-        "path_effects": [withStroke(linewidth=2.9, foreground="black" if ink == "white" else "white")],
+        "linewidth": 1.1,
+        "path_effects": [withStroke(linewidth=2.4, foreground="black" if ink == "white" else "white")],
     }
     for name, ink, dash in (("bca", "black", "--"), ("adiabatic", "white", "-."), ("", "white", "-"))
 }
