@@ -35,6 +35,8 @@ COLOURS = "cividis"
 #: inches; at 100 pixels to the inch the width of a page
 WIDTH = 11.0
 _HEIGHT = {"map": 3.7, "series": 3.0}
+#: of a title to the inch
+_LETTERS = 8.4
 #: marks along a line; more would run together
 _MARKS, _MARKS_ON_LINE = 24, 9
 
@@ -73,7 +75,9 @@ def drawn(exhibit: Exhibit) -> Figure:
     panels, columns = exhibit.panels, max(1, min(exhibit.columns, len(exhibit.panels)))
     rows = [list(range(at, min(at + columns, len(panels)))) for at in range(0, len(panels), columns)]
     heights = [max(_height(panels[at]) for at in row) for row in rows]
-    figure = Figure(figsize=(WIDTH, sum(heights) + 0.5), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08))
+    page = WIDTH if columns > 1 else 0.6 * WIDTH
+    layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08)
+    figure = Figure(figsize=(page, sum(heights) + 0.5), layout=layout)
     if not rows:
         return figure
     grid = figure.add_gridspec(len(rows), columns, height_ratios=heights)
@@ -85,7 +89,7 @@ def drawn(exhibit: Exhibit) -> Figure:
             images[at] = _draw_map(ax, panel.map, limits[at][:2])
         for line in panel.series:
             _draw_series(ax, line, on_map=panel.map is not None)
-        _dress(ax, panel, columns)
+        _dress(ax, panel, page / columns)
     for group in _groups(panels):
         lines = [at for at in group if panels[at].map is None]
         scale_together([axes[at] for at in lines], [panels[at] for at in lines])
@@ -241,9 +245,9 @@ def _draw_series(ax: Axes, line: Series, *, on_map: bool) -> None:
         ax.errorbar(line.x, line.y, yerr=bar, fmt="none", ecolor=style["color"], elinewidth=1.0)
 
 
-def _dress(ax: Axes, panel: Panel, columns: int) -> None:
+def _dress(ax: Axes, panel: Panel, inches: float) -> None:
     """Names, notes and ticks."""
-    width = 92 // columns
+    width = int(_LETTERS * inches)
     head = textwrap.fill(panel.title, width)
     notes = "\n".join(textwrap.fill(note, int(1.35 * width)) for note in panel.notes)
     ax.set_title(
@@ -294,10 +298,10 @@ def _legend(figure: Figure, axes: Iterable[Axes]) -> None:
         list(entries.values()),
         list(entries),
         loc="outside upper center",
-        ncols=max(1, min(len(entries), 110 // (widest + 7))),
+        ncols=max(1, min(len(entries), int(10.0 * figure.get_figwidth()) // (widest + 7))),
         frameon=False,
         handlelength=3.4,
-        title="circles and crosses: some of the points; the CSV has all" if thinned else None,
+        title="circles and crosses: not all points are marked" if thinned else None,
         title_fontsize=9,
     )
 

@@ -221,7 +221,7 @@ def test_marks_that_are_left_out_are_spoken_of() -> None:
         return drawn(_exhibit(_panel("a", series=(many,)))).legends[0].get_title().get_text()
 
     assert said(20) == ""
-    assert "the CSV has all" in said(400)
+    assert "not all points" in said(400)
 
 
 def test_the_same_numbers_give_the_same_bytes() -> None:
