@@ -141,7 +141,8 @@ def write_found(
 ) -> None:
     """Write the report and the bundle of a verification, each where it is wanted; see :func:`verify`.
 
-    ``words``: what ``dem-bridge verify`` is told when the bundle is run again (None: the scenes' files).
+    ``words``: what ``dem-bridge verify`` is told when the bundle is run again (None: "paper" where it was that, else
+    the scenes' files).
     """
     if folder is None and bundle is None:
         return

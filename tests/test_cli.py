@@ -194,6 +194,26 @@ def test_verify_writes_page_json_and_junit_and_ends_with_0(tmp_path: Path) -> No
     assert (tmp_path / "report" / "index.html").exists()
 
 
+def test_a_bundle_is_not_written_into_a_folder_with_other_things(tmp_path: Path) -> None:
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "thesis.tex").write_text("years of work")
+    done = _run("verify", "decelerating-40", "-o", "report", "--bundle", "thesis", cwd=tmp_path)
+    assert done.returncode == 2
+    _one_line(done, "thesis", "is there and no bundle", "allowed: a new or empty folder")
+    assert [path.name for path in (tmp_path / "thesis").iterdir()] == ["thesis.tex"]
+    assert not list((tmp_path / "report").iterdir())
+
+
+@pytest.mark.lammps
+def test_verify_writes_a_bundle_and_names_the_command_that_runs_it_again(tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text(CHAIN)
+    done = _run("verify", "small.toml", "--accuracy", "1e-4", "-o", "report", "--bundle", "bundle", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "bundle: bundle; again by: sh bundle/replay.sh" in done.stdout
+    same = (tmp_path / "report/verdicts.json").read_text() == (tmp_path / "bundle/report/verdicts.json").read_text()
+    assert same
+
+
 def test_tab_completion_offers_the_shipped_scenes(tmp_path: Path) -> None:
     asked = {"_DEM_BRIDGE_COMPLETE": "bash_complete", "COMP_WORDS": "dem-bridge run dec", "COMP_CWORD": "2"}
     done = subprocess.run(

@@ -30,6 +30,7 @@ from dem_bridge.verdict import Verdict, plain
 SCHEMA = "dem-bridge/bundle/1"
 #: what names a folder as a bundle, and lists its files
 _MARK, _SUMS = "bundle.json", "SHA256SUMS"
+_NAME = "dem-bridge"
 _PACKAGE = Path(dem_bridge.__file__).parent
 
 _REPLAY = """\
@@ -61,8 +62,8 @@ def write_bundle(
     """Write the bundle of a verification into ``folder``: all of it, or nothing.
 
     ``report``: its files where they are made already. ``engine``: which LAMMPS was asked for. ``words``: what
-    ``dem-bridge verify`` is told when it is run again (None: the scenes' files). What an earlier bundle there had and
-    this one has not goes. UsageError where there are other things in the folder.
+    ``dem-bridge verify`` is told when it is run again (None: "paper" where it was that, else the scenes' files). What
+    an earlier bundle there had and this one has not goes. UsageError where there are other things in the folder.
     """
     check_bundle(folder)
     before = _files_of(folder) if folder.exists() else []
@@ -83,11 +84,13 @@ def bundle_files(
     """Name -> content of every file; see :func:`write_bundle`. UsageError where the versions in use are not known."""
     engine = engine or Engine.chosen()
     scenes, functions = _scenes(found)
-    pins = pinned("dem-bridge")
+    if words is None:
+        words = ("paper",) if found.paper else tuple(scenes)
+    pins = pinned(_NAME)
     told = {
         "schema": SCHEMA,
-        "verify": [*(scenes if words is None else words), *_options(found, engine)],
-        "not_replayed": functions if words is None else [],
+        "verify": [*words, *_options(found, engine)],
+        "not_replayed": functions,
         "python": platform.python_version(),
     }
     files: dict[str, str | bytes] = {
@@ -99,7 +102,7 @@ def bundle_files(
         **scenes,
         **dict(_decks(found)),
         **dict(_sheets(found)),
-        **{f"report/{name}": text for name, text in (report or report_files(found)).items()},
+        **{f"report/{name}": text for name, text in (report_files(found) if report is None else report).items()},
         **dict(_source()),
     }
     return files | {_SUMS: _sums(files)}
@@ -215,11 +218,14 @@ def _cell(value: object) -> str | float:
     return "" if value is None else value if isinstance(value, str | float) else str(value)
 
 
-def _source() -> Iterator[tuple[str, bytes]]:
-    """The package itself: what was run, and not what its version number says."""
+def _source() -> Iterator[tuple[str, str | bytes]]:
+    """The package itself: what was run, and not what its version number says. With its metadata, by which an
+    environment knows it."""
     for file in sorted(_PACKAGE.rglob("*")):
         if file.is_file() and "__pycache__" not in file.parts:
             yield f"source/dem_bridge/{file.relative_to(_PACKAGE).as_posix()}", file.read_bytes()
+    metadata = f"Metadata-Version: 2.1\nName: {_NAME}\nVersion: {dem_bridge.__version__}\n"
+    yield f"source/dem_bridge-{dem_bridge.__version__}.dist-info/METADATA", metadata
 
 
 def _sums(files: Mapping[str, str | bytes]) -> str:
@@ -243,7 +249,7 @@ def _readme(found: Verification, functions: Sequence[str], pins: Mapping[str, st
         own = "\nLAMMPS was the author's own: name yours by `sh replay.sh --lmp PATH`, or the one pinned here runs.\n"
     if functions:
         own += (
-            f"\nNot replayed: {', '.join(functions)}, whose contact laws are functions, which no scene file can hold.\n"
+            f"\nNot replayed, for their contact laws are functions, which no file can hold: {', '.join(functions)}.\n"
         )
     return f"""\
 # Verification of {names}

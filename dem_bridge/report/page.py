@@ -219,8 +219,9 @@ def _by_outcome(paper: Paper) -> list[tuple[Outcome, list[Claim]]]:
 
 
 def _numeric(table: Table, column: int) -> bool:
-    """Whether a column has numbers alone."""
-    return bool(table.rows) and not any(isinstance(row[column], str) for row in table.rows)
+    """Whether a column has numbers, and beside them at most empty cells."""
+    cells = {row[column] for row in table.rows} - {""}
+    return bool(cells) and not any(isinstance(cell, str) for cell in cells)
 
 
 def not_verified(found: Verification) -> list[str]:

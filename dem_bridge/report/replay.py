@@ -33,7 +33,9 @@ def main(words: list[str]) -> int:
     (here / "again" / "verdicts.json").unlink(missing_ok=True)
     command = [sys.executable, "-m", "dem_bridge.cli", "verify", *bundle["verify"], *words, "-o", "again"]
     # with an empty store: what is kept from the first time would prove nothing
-    ended = subprocess.run(command, cwd=here, env={**os.environ, "PYTHONPATH": "source", "DEM_BRIDGE_STORE": ""})
+    ended = subprocess.run(
+        command, cwd=here, env={**os.environ, "PYTHONPATH": str(here / "source"), "DEM_BRIDGE_STORE": ""}
+    )
     if not (here / "again" / "verdicts.json").is_file():
         print(f"replay: dem-bridge verify ended with {ended.returncode} and wrote no verdicts", file=sys.stderr)
         return 2

@@ -94,7 +94,10 @@ def _tables() -> tuple[Table, ...]:
         (k, "cylinder on cylinder" if k else "sphere on cylinder", *(10.0 ** rng.uniform(-9, 9, 12)).tolist())
         for k in range(40)
     ]
-    gammas = [(round(g, 3), float(rng.normal()), float(rng.normal()), "PASS") for g in np.linspace(-0.02, 0.02, 9)]
+    gammas = [
+        (round(g, 3), float(rng.normal()), float(rng.normal()) if g else "", "PASS")
+        for g in np.linspace(-0.02, 0.02, 9)
+    ]
     words = [
         (f"m{i}", "A finding about an inconsistency in print, in a sentence that is long. " * (1 + i % 3), "FAIL")
         for i in range(12)

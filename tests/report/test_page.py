@@ -256,6 +256,12 @@ def test_outcomes_sort_by_severity_and_numbers_by_value() -> None:
     assert sortable(float("nan")) == ""
 
 
+def test_a_heading_stands_to_the_right_where_its_column_has_numbers(whole: Path) -> None:
+    text = _text(whole).split('id="table-gradients"')[1].split("</thead>")[0]
+    assert text.count("<th class=n>") == 3  # one of them with an empty cell among its numbers
+    assert "<th>outcome</th>" in text
+
+
 def test_fewer_bytes_take_no_colour_from_a_picture() -> None:
     """Of 1235 colours 256 are left; the rest move by 4 of 255, where the usual choice moves thin lines by 41."""
     full = io.BytesIO()
