@@ -15,7 +15,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@touch $(STAMP)
 
 verify: $(STAMP)
-	$(BIN)/dem-bridge verify -o reports/latest
+	$(BIN)/dem-bridge verify paper -o reports/latest
 
 test: $(STAMP)
 	$(BIN)/python -m pytest

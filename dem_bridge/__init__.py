@@ -15,8 +15,11 @@ from dem_bridge.version import __version__
 
 #: public name -> module; imported on first use, so that ``--help`` and ``import dem_bridge`` cost nothing
 _HOME = {
+    "Body": "geometry",
     "ContactLaw": "physics.law",
     "Damping": "scene",
+    "Geometry": "geometry",
+    "Material": "geometry",
     "Scene": "scene",
     "Wall": "scene",
     "Trajectory": "trajectory",
@@ -26,21 +29,26 @@ _HOME = {
     "load_trajectory": "trajectory",
     "shipped_scenes": "scene_file",
     "solve": "api",
+    "study_scatter": "api",
     "study_styles": "api",
     "verify": "api",
     "write_deck": "api",
 }
 
 if TYPE_CHECKING:
-    from dem_bridge.api import available, solve, study_styles, verify, write_deck
+    from dem_bridge.api import available, solve, study_scatter, study_styles, verify, write_deck
+    from dem_bridge.geometry import Body, Geometry, Material
     from dem_bridge.physics.law import ContactLaw, law_of
     from dem_bridge.scene import Damping, Scene, Wall
     from dem_bridge.scene_file import load_scene, shipped_scenes
     from dem_bridge.trajectory import Trajectory, load_trajectory
 
 __all__ = [
+    "Body",
     "ContactLaw",
     "Damping",
+    "Geometry",
+    "Material",
     "Scene",
     "Trajectory",
     "Wall",
@@ -51,6 +59,7 @@ __all__ = [
     "load_trajectory",
     "shipped_scenes",
     "solve",
+    "study_scatter",
     "study_styles",
     "verify",
     "write_deck",

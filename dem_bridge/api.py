@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Availability, Backend, Resolution, Sampling, backend
@@ -13,17 +13,20 @@ from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.files import check_folder, write_whole
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
-from dem_bridge.scene_file import MAIN_SCENES, load_scene
+from dem_bridge.scene_file import load_scene
 from dem_bridge.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dem_bridge.campaign import Progress
+    from dem_bridge.studies.scatter import ScatterStudy
     from dem_bridge.studies.styles import StylesStudy
     from dem_bridge.studies.verify import Verification
 
 _RESOLUTION = tuple(field.name for field in fields(Resolution))
 #: settings of solve that are no field of a Resolution
 _OTHER = ("samples", "accuracy", "order")
+#: what verify calls all shipped scenes and the claims that are read from them
+PAPER = "paper"
 #: settings that say which LAMMPS
 _ENGINE = ("lmp", "lmp_args", "python", "ranks")
 
@@ -83,7 +86,8 @@ def verify(
     store: bool | str | Path = True,
     fresh: bool = False,
 ) -> Verification:
-    """Verify scenes (None: the paper's of 40 cylinders) through LAMMPS, its twin, the reference and binary collisions.
+    """Verify scenes through LAMMPS, its twin, the reference and binary collisions; "paper" (or None): the whole paper,
+    all shipped scenes through every backend that fits, its claims and its figures.
 
     ``accuracy``: wanted of velocities, relative to the largest (None: 5e-6); the time step follows from it. ``folder``:
     where ``index.html`` and ``verdicts.json`` are written (None: nowhere). ``bundle``: where all that a reviewer needs
@@ -98,12 +102,15 @@ def verify(
     from dem_bridge.studies.verify import DEFAULT_ACCURACY, verify_scenes
 
     if scenes is None:
-        scenes = MAIN_SCENES
+        scenes = [PAPER]
     elif isinstance(scenes, Scene | str | Path):
         scenes = [scenes]
     if len(scenes) == 0:
-        raise UsageError("scenes = []; allowed: one or more scenes, or None for the paper's two")
-    chosen = [s if isinstance(s, Scene) else load_scene(s) for s in scenes]
+        raise UsageError(f"scenes = []; allowed: one or more scenes, or {PAPER!r} (or None) for the whole paper")
+    whole = any(isinstance(s, str) and s == PAPER for s in scenes)
+    if whole and len(scenes) > 1:
+        raise UsageError(f"{PAPER!r} is all shipped scenes together, and others are named beside it; give it alone")
+    chosen = [] if whole else [s if isinstance(s, Scene) else load_scene(s) for s in scenes]
     accuracy = checked_accuracy(DEFAULT_ACCURACY if accuracy is None else accuracy)
     if folder is not None:
         check_folder(Path(folder))
@@ -113,7 +120,13 @@ def verify(
         check_bundle(Path(bundle))
     engine = Engine.chosen(lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
     kept = Store.opened(store, fresh=fresh)
-    found = verify_scenes(chosen, accuracy=accuracy, jobs=jobs, tell=tell, engine=engine, store=kept)
+    settings: dict[str, Any] = {"accuracy": accuracy, "jobs": jobs, "tell": tell, "engine": engine, "store": kept}
+    if whole:
+        from dem_bridge.studies.paper.study import verify_paper
+
+        found = verify_paper(**settings)
+    else:
+        found = verify_scenes(chosen, **settings)
     write_found(found, folder=folder, bundle=bundle, engine=engine)
     return found
 
@@ -171,6 +184,39 @@ def study_styles(
         from dem_bridge.report.styles import write_styles
 
         write_styles(found, Path(folder))
+    return found
+
+
+def study_scatter(
+    scene: Scene | str | Path,
+    *,
+    spread: float = 1.0,
+    count: int = 200,
+    seed: int = 0,
+    folder: str | Path | None = None,
+    jobs: int | None = None,
+    tell: Progress | None = None,
+    store: bool | str | Path = True,
+) -> ScatterStudy:
+    """Run a seeded set of chains whose contact angles scatter, each through the reference.
+
+    ``spread``: standard deviation of each angle, degrees; ``count`` chains with the seeds from ``seed`` on. ``folder``:
+    where ``scatter.json``, and the spread of speed and force along the chain as ``scatter.csv`` and ``scatter.png``,
+    are written (None: nowhere). ``jobs``, ``tell`` and ``store`` as in :func:`verify`. Raises UnsupportedScene where
+    the scene has no angles, UsageError for another setting.
+    """
+    from dem_bridge.store import Store
+    from dem_bridge.studies.scatter import study_scatter as study
+
+    if not isinstance(scene, Scene):
+        scene = load_scene(scene)
+    if folder is not None:
+        check_folder(Path(folder))
+    found = study(scene, spread=spread, count=count, seed=seed, jobs=jobs, tell=tell, store=Store.opened(store))
+    if folder is not None:
+        from dem_bridge.report.scatter import write_scatter
+
+        write_scatter(found, Path(folder))
     return found
 
 

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dem_bridge.scene import Scene
+    from dem_bridge.studies.exhibits import Paper
+    from dem_bridge.studies.scatter import ScatterStudy
     from dem_bridge.studies.styles import StylesStudy
     from dem_bridge.studies.verify import Verification
 
@@ -81,8 +83,43 @@ def print_styles(found: StylesStudy) -> None:
                 console.print(f"{kind}: {row.way}: {text}", markup=False)
 
 
+def print_scatter(found: ScatterStudy) -> None:
+    """What a set of chains differs by from the one that was wanted, in words."""
+    told = found.as_json()
+    speed, force = (sorted(told[key]) for key in ("speed_spread", "force_spread"))
+    for line in (
+        f"{found.scene.name}: {told['chains']} chains, angles off by {found.spread:g} degrees (standard deviation)",
+        f"arrival at the last body: {100 * told['arrival_shift_mean']:+.2f} % on average,"
+        f" standard deviation {100 * told['arrival_shift_deviation']:.2f} %",
+        f"wave speed at a body:     standard deviation {100 * speed[len(speed) // 2]:.2f} % (median),"
+        f" {100 * speed[-1]:.2f} % (largest)",
+        f"peak force of a contact:  standard deviation {100 * force[len(force) // 2]:.2f} % (median),"
+        f" {100 * force[-1]:.2f} % (largest)",
+    ):
+        _console().print(line, markup=False)
+
+
+def print_claims(paper: Paper) -> None:
+    """Every claim of the paper with its outcome, and the answer."""
+    from rich.table import Table
+
+    console = _console()
+    table = Table(box=None, pad_edge=False)
+    for column in ("claim", "where", "outcome", "found"):
+        table.add_column(column, overflow="fold")
+    for one in paper.claims:
+        table.add_row(one.id, one.where, _coloured(one.outcome.value), one.sentence)
+    console.print(table)
+    for sentence in paper.answer:
+        console.print(f"* {sentence}", markup=False)
+
+
 def print_verdicts(found: Verification) -> None:
-    """The verdict table, and what does not pass in words."""
+    """The verdict table, and what does not pass in words. Of the whole paper: its claims, and how many verdicts pass."""
+    if found.paper is not None:
+        print_claims(found.paper)
+        _print_counts(found)
+        return
     from rich.table import Table
 
     console = _console()
@@ -95,6 +132,19 @@ def print_verdicts(found: Verification) -> None:
     console.print(table)
     for v in found.verdicts:
         if v.outcome.value not in ("PASS", "MODEL_DIFFERENCE"):
+            console.print(f"{v.outcome.value}: {v.sentence}", markup=False)
+
+
+def _print_counts(found: Verification) -> None:
+    """How many verdicts have each outcome, and those that do not pass in words."""
+    from collections import Counter
+
+    console = _console()
+    counts = Counter(v.outcome.value for v in found.verdicts)
+    text = ", ".join(f"{count} {_coloured(outcome)}" for outcome, count in counts.items())
+    console.print(f"verdicts on {len(found.studies)} scenes: {text}")
+    for v in found.verdicts:
+        if v.outcome.value not in ("PASS", "MODEL_DIFFERENCE", "NOT_RUN"):
             console.print(f"{v.outcome.value}: {v.sentence}", markup=False)
 
 

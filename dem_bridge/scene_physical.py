@@ -61,7 +61,7 @@ def scattered(angles: Sequence[float], *, scatter: float, seed: int) -> tuple[fl
     uniform, normal = random.Random(seed), NormalDist()
 
     def moved(angle: float) -> float:
-        away = abs(angle + scatter * normal.inv_cdf(uniform.random())) % 180.0
+        away = (angle + scatter * normal.inv_cdf(uniform.random())) % 180.0
         return float(f"{min(away, 180.0 - away):.9g}")
 
     return tuple(map(moved, angles))

@@ -20,7 +20,8 @@ from scipy.interpolate import PPoly
 from dem_bridge.backends.bars import UNKNOWN
 from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
 from dem_bridge.backends.bca import no_single_pulse
-from dem_bridge.physics.adiabatic import adiabatic_wave, checked_exponent, launched
+from dem_bridge.physics.adiabatic import adiabatic_wave, checked_exponent
+from dem_bridge.physics.launch import launched
 from dem_bridge.physics.solitary import wave_shape
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Cost, Trajectory

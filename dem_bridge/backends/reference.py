@@ -55,7 +55,7 @@ class Reference:
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve; the bars come from runs of another order with every input moved by its last digit, up or down."""
-        if not _series_fit(scene):
+        if not series_fit(scene):
             answer = ScipyDop853().run(scene, resolution, sampling)
             provenance = {**answer.provenance, "backend": self.name, "answered_by": ScipyDop853.name}
             return replace(answer, provenance=provenance)
@@ -129,7 +129,7 @@ def _unfelt(scene: Scene, speed: float, depth: NDArray[np.float64]) -> NDArray[n
     return np.asarray(TOUCH * depth * felt ** (1.0 / (c.exponent - 1.0)))
 
 
-def _series_fit(scene: Scene) -> bool:
+def series_fit(scene: Scene) -> bool:
     if scene.dissipates or scene.law is not None:
         return False
     folds = 2.0 * (scene.contacts.exponent - 1.0)

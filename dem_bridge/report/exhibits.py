@@ -35,17 +35,20 @@ COLOURS = "cividis"
 #: inches; at 100 pixels to the inch the width of a page
 WIDTH = 11.0
 _HEIGHT = {"map": 3.7, "series": 3.0}
+#: of a title to the inch
+_LETTERS = 8.4
 #: marks along a line; more would run together
 _MARKS, _MARKS_ON_LINE = 24, 9
 
-_CIRCLES = {"color": BLUE, "linestyle": "none", "marker": "o", "markersize": 4.5, "markerfacecolor": "none"}
-#: style of a Series -> how matplotlib draws it; no two are alike in grey
+_HOLLOW = {"markerfacecolor": "none", "markeredgewidth": 1.1}
+_CIRCLES = {"color": BLUE, "linestyle": "none", "marker": "o", "markersize": 4.5, **_HOLLOW}
+#: style of a Series -> how matplotlib draws it; no two are alike in grey, and marks at one place stand in each other
 STYLES: Mapping[str, Mapping[str, Any]] = {
     **dict.fromkeys(ENGINE_BACKENDS, _CIRCLES),
     "reference": {"color": BLACK, "linestyle": "-", "linewidth": 1.4},
-    "bca": {"color": VERMILION, "linestyle": "--", "linewidth": 1.5, "marker": "s", "markersize": 4.5},
-    "adiabatic": {"color": PURPLE, "linestyle": "-.", "linewidth": 1.7, "marker": "^", "markersize": 5.5},
-    "ode45": {"color": GREEN, "linestyle": "none", "marker": "x", "markersize": 5.0},
+    "bca": {"color": VERMILION, "linestyle": "--", "linewidth": 1.5, "marker": "s", "markersize": 7.0, **_HOLLOW},
+    "adiabatic": {"color": PURPLE, "linestyle": "-.", "linewidth": 1.7, "marker": "^", "markersize": 10.0, **_HOLLOW},
+    "ode45": {"color": GREEN, "linestyle": "none", "marker": "x", "markersize": 4.5},
     "fit": {"color": ORANGE, "linestyle": ":", "linewidth": 2.4, "zorder": 4},
     "guide": {"color": GREY, "linestyle": (0, (9, 3)), "linewidth": 1.2},
 }
@@ -56,8 +59,8 @@ _ON_MAP: Mapping[str, Mapping[str, Any]] = {
     name: {
         "color": ink,
         "linestyle": dash,
-        "linewidth": 1.3,
-        "path_effects": [withStroke(linewidth=2.9, foreground="black" if ink == "white" else "white")],
+        "linewidth": 1.1,
+        "path_effects": [withStroke(linewidth=2.4, foreground="black" if ink == "white" else "white")],
     }
     for name, ink, dash in (("bca", "black", "--"), ("adiabatic", "white", "-."), ("", "white", "-"))
 }
@@ -72,7 +75,9 @@ def drawn(exhibit: Exhibit) -> Figure:
     panels, columns = exhibit.panels, max(1, min(exhibit.columns, len(exhibit.panels)))
     rows = [list(range(at, min(at + columns, len(panels)))) for at in range(0, len(panels), columns)]
     heights = [max(_height(panels[at]) for at in row) for row in rows]
-    figure = Figure(figsize=(WIDTH, sum(heights) + 0.5), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08))
+    page = WIDTH if columns > 1 else 0.6 * WIDTH
+    layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08)
+    figure = Figure(figsize=(page, sum(heights) + 0.5), layout=layout)
     if not rows:
         return figure
     grid = figure.add_gridspec(len(rows), columns, height_ratios=heights)
@@ -84,7 +89,7 @@ def drawn(exhibit: Exhibit) -> Figure:
             images[at] = _draw_map(ax, panel.map, limits[at][:2])
         for line in panel.series:
             _draw_series(ax, line, on_map=panel.map is not None)
-        _dress(ax, panel, columns)
+        _dress(ax, panel, page / columns)
     for group in _groups(panels):
         lines = [at for at in group if panels[at].map is None]
         scale_together([axes[at] for at in lines], [panels[at] for at in lines])
@@ -240,9 +245,9 @@ def _draw_series(ax: Axes, line: Series, *, on_map: bool) -> None:
         ax.errorbar(line.x, line.y, yerr=bar, fmt="none", ecolor=style["color"], elinewidth=1.0)
 
 
-def _dress(ax: Axes, panel: Panel, columns: int) -> None:
+def _dress(ax: Axes, panel: Panel, inches: float) -> None:
     """Names, notes and ticks."""
-    width = 92 // columns
+    width = int(_LETTERS * inches)
     head = textwrap.fill(panel.title, width)
     notes = "\n".join(textwrap.fill(note, int(1.35 * width)) for note in panel.notes)
     ax.set_title(
@@ -293,10 +298,10 @@ def _legend(figure: Figure, axes: Iterable[Axes]) -> None:
         list(entries.values()),
         list(entries),
         loc="outside upper center",
-        ncols=max(1, min(len(entries), 110 // (widest + 7))),
+        ncols=max(1, min(len(entries), int(10.0 * figure.get_figwidth()) // (widest + 7))),
         frameon=False,
         handlelength=3.4,
-        title="circles and crosses: some of the points; the CSV has all" if thinned else None,
+        title="circles and crosses: not all points are marked" if thinned else None,
         title_fontsize=9,
     )
 

@@ -18,6 +18,7 @@ from dem_bridge.observables.conserved import momentum
 from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.physics import adiabatic
 from dem_bridge.physics.adiabatic import adiabatic_wave
+from dem_bridge.physics.launch import launched
 from dem_bridge.physics.solitary import solitary_wave
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.trajectory import Trajectory
@@ -170,7 +171,7 @@ def test_peak_velocity_along_tapered_chains(scene: Scene, slope: float) -> None:
 def test_in_a_uniform_chain_every_body_moves_as_the_exact_wave_once_it_has_formed() -> None:
     scene = _struck("uniform", np.full(61, 0.01), np.full(60, 4e9), 0.8, 1.6e-3, 1500)
     run = _run(scene, "adiabatic")
-    launch = adiabatic.launched(masses=(0.01, 0.01), stiffnesses=(4e9, 4e9), exponents=(2.5, 2.5), velocity=0.8)
+    launch = launched(masses=(0.01, 0.01), stiffnesses=(4e9, 4e9), exponents=(2.5, 2.5), velocity=0.8)
     peak = math.sqrt(launch.energy / 1.0693229458 / 0.01)
     exact = solitary_wave(mass=0.01, stiffness=4e9, exponent=2.5, peak_velocity=peak)
     for i in range(30, 50):
@@ -180,6 +181,16 @@ def test_in_a_uniform_chain_every_body_moves_as_the_exact_wave_once_it_has_forme
         assert run.displacement[-1, i] == pytest.approx(exact.shift, rel=1e-4)
     pulse = np.nan_to_num(run.contact_force[:, 40])
     assert np.max(pulse) == pytest.approx(exact.peak_force, rel=1e-3)  # 26 samples a transit
+
+
+def test_the_struck_end_is_the_launchs_from_the_first_contact_on() -> None:
+    scene = _struck("struck", np.array([0.008, *[0.01] * 50]), np.array([1e9, *[4e9] * 49]), 0.8, 1.4e-3, 1)
+    run, truth = _run(scene, "adiabatic"), _run(scene, "reference")
+    # formed to 1e-6 of the force, integrated to 1e-9; tops by parabolas through 40 samples a unit, (1/40)^2 / 6 of it
+    assert run.peak_force[:40] == pytest.approx(truth.peak_force[:40], rel=1e-5)
+    assert run.crossing_time[:40] == pytest.approx(truth.crossing_time[:40], abs=1e-4 / 3.5e4)
+    assert 1.0 / np.diff(truth.crossing_time[20:40]) == pytest.approx(3.5e4, rel=0.1), "the transit meant above"
+    assert truth.peak_force[0] < 0.9 * truth.peak_force[30], "the first contacts are unlike the others"
 
 
 def test_newtons_law_holds_for_what_is_shown(solved: Solve) -> None:
@@ -211,9 +222,7 @@ def test_exponents_may_vary_along_the_chain() -> None:
     # wave and overlap change by 1 % a body: first order moves the force by 0.5 to 0.9 %, second by a fifth of that
     assert run.peak_force[inner] == pytest.approx(truth.peak_force[inner], rel=2e-3)
     assert run.crossing_time[inner] == pytest.approx(truth.crossing_time[inner], rel=2e-4)
-    launch = adiabatic.launched(
-        masses=(0.01, 0.01), stiffnesses=(beta[0], beta[1]), exponents=(n[0], n[1]), velocity=0.8
-    )
+    launch = launched(masses=(0.01, 0.01), stiffnesses=(beta[0], beta[1]), exponents=(n[0], n[1]), velocity=0.8)
     plain = adiabatic_wave(mass=scene.mass, stiffness=beta, exponent=n, energy=launch.energy, at=1, order=0)
     assert np.min(np.abs(plain.peak_force / truth.peak_force - 1.0)[inner]) > 3e-3
 

@@ -117,6 +117,14 @@ def test_panels_of_lines_that_share_have_one_axis_that_shows_all(log: bool) -> N
     assert (bottom == 0.0) is not log
 
 
+def test_zero_is_on_every_linear_axis() -> None:
+    for sign in (1.0, -1.0):
+        bottom, top = _axes(drawn(_exhibit(_panel("a", series=(_line("reference", sign * (100.0 + X)),)))))[
+            0
+        ].get_ylim()
+        assert bottom <= 0.0 <= top
+
+
 def test_a_first_point_far_above_is_named_and_squeezes_nothing() -> None:
     near, far = (np.concatenate([[first], np.full(39, 10.0)]) for first in (15.0, 300.0))
     axes = _axes(drawn(_exhibit(*(_panel(at, series=(_line("reference", y),)) for at, y in (("n", near), ("f", far))))))
@@ -213,7 +221,7 @@ def test_marks_that_are_left_out_are_spoken_of() -> None:
         return drawn(_exhibit(_panel("a", series=(many,)))).legends[0].get_title().get_text()
 
     assert said(20) == ""
-    assert "the CSV has all" in said(400)
+    assert "not all points" in said(400)
 
 
 def test_the_same_numbers_give_the_same_bytes() -> None:

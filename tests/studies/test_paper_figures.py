@@ -293,4 +293,9 @@ def test_quiet_maps_stay_quiet(made_up: ChainRuns) -> None:
     found = figure_2(*[ChainRuns(made_up.scene, {"reference": rest})] * 2).panels[0].map
     assert found is not None
     assert not found.values.any()
+    # what rounds to nothing has no sign
+    recoil = replace(made_up.reference, velocity=np.where(made_up.reference.velocity > 1e-7, 0.5, -1e-9))
+    found = figure_2(*[ChainRuns(made_up.scene, {"reference": recoil})] * 2).panels[0].map
+    assert found is not None
+    assert set(found.values.ravel().tolist()) == {0.0, 0.5}
     assert not np.signbit(found.values).any()

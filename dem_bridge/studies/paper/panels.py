@@ -116,10 +116,10 @@ def velocity_map(
 
 def residence_times(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
     """Residence time along the chain by all runs."""
-    series = []
+    series, bodies = [], np.arange(1.0, chain.scene.n_body - 1)
     for name, run in chain.named(*EVERY):
         times = residence_by_crossing(chain.scene, run)
-        series.append(_series(name, _bodies(times), 1e6 * times, 1e6 * residence_bar(chain.scene, run)))
+        series.append(_series(name, bodies, 1e6 * times, 1e6 * residence_bar(chain.scene, run)))
     return Panel(
         title=title,
         x_label="cylinder",
@@ -131,11 +131,11 @@ def residence_times(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) ->
 
 def wave_speeds(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
     """Wave speed along the chain by all runs, and the power law fitted to the reference."""
-    series = []
+    series, bodies = [], np.arange(1.0, chain.scene.n_body - 1)
     for name, run in chain.named(*EVERY):
         speed = wave_speed_by_crossing(chain.scene, run)
         relative = residence_bar(chain.scene, run) / residence_by_crossing(chain.scene, run)
-        series.append(_series(name, _bodies(speed), speed, relative * speed))
+        series.append(_series(name, bodies, speed, relative * speed))
     fit = speed_power_law(chain.scene, chain.reference)
     i = np.arange(fit.first, fit.last + 1)
     series.append(Series(label="fit V = (b1 + b2 i)^(1/n)", style="fit", x=i.astype(float), y=fit.speed(i)))
@@ -199,35 +199,16 @@ def wavenumbers(titles: Sequence[str], chains: Sequence[ChainRuns], *, place: in
 
 def velocity_in_the_middle(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
     """Velocity of the middle cylinder while the impulse is there."""
-    return Panel(
-        title=title,
-        x_label="time (ms)",
-        y_label="velocity (m/s)",
-        series=tuple(
-            _series(name, 1e3 * run.time[near], run.velocity[near, chain.middle])
-            for name, run in chain.named(*IN_TIME)
-            for near in [_while_there(chain, run)]
-        ),
-        notes=(f"cylinder {chain.middle}",),
-        shares_scale_with=shares,
-    )
+    runs = {name: run.velocity[:, chain.middle] for name, run in chain.named(*IN_TIME)}
+    return _in_time(title, chain, "velocity (m/s)", runs, note=f"cylinder {chain.middle}", shares=shares)
 
 
 def force_in_the_middle(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
     """Force on the middle cylinder by the one before it, while the impulse is there."""
     contact = chain.middle - 1
-    return Panel(
-        title=title,
-        x_label="time (ms)",
-        y_label="contact force (N)",
-        series=tuple(
-            _series(name, 1e3 * run.time[near], run.contact_force[near, contact])
-            for name, run in chain.named(*IN_TIME)
-            for near in [_while_there(chain, run)]
-        ),
-        notes=(f"between cylinders {contact} and {contact + 1}",),
-        shares_scale_with=shares,
-    )
+    runs = {name: run.contact_force[:, contact] for name, run in chain.named(*IN_TIME)}
+    note = f"between cylinders {contact} and {contact + 1}"
+    return _in_time(title, chain, "contact force (N)", runs, note=note, shares=shares)
 
 
 def peak_forces(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
@@ -292,6 +273,18 @@ def _series(name: str, x: Floats, y: Floats, bar: Floats | None = None) -> Serie
     return Series(label=LABELS.get(name, name), style=name, x=x, y=y, bar=known)
 
 
+def _in_time(
+    title: str, chain: ChainRuns, label: str, runs: Mapping[str, Floats], *, note: str, shares: tuple[int, ...]
+) -> Panel:
+    series = []
+    for name, values in runs.items():
+        time, near = chain.runs[name].time, _while_there(chain, chain.runs[name])
+        series.append(_series(name, 1e3 * time[near], values[near]))
+    return Panel(
+        title=title, x_label="time (ms)", y_label=label, series=tuple(series), notes=(note,), shares_scale_with=shares
+    )
+
+
 def _spectrum(
     title: str,
     chain: ChainRuns,
@@ -312,10 +305,6 @@ def _spectrum(
         notes=(note,),
         shares_scale_with=shares,
     )
-
-
-def _bodies(along: Floats) -> Floats:
-    return np.arange(1.0, len(along) + 1)
 
 
 def _step(count: int) -> int:
