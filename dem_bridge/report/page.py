@@ -5,10 +5,7 @@ All files appear, or none.
 
 from __future__ import annotations
 
-import base64
-import io
 import json
-import math
 import os
 import platform
 from collections import Counter
@@ -18,16 +15,15 @@ from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from matplotlib.figure import Figure
-from PIL import Image
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.files import write_whole
 from dem_bridge.lmp.coefficients import MODELS
 from dem_bridge.report import figures
+from dem_bridge.report.cells import CLAIMED, by_backend, by_outcome, digits_of, number, numeric, picture, sortable
 from dem_bridge.report.exhibits import csv_texts, drawn
 from dem_bridge.studies.checks import POSITIONAL, REFERENCE, SECOND, THEORY, TWIN
-from dem_bridge.studies.exhibits import Claim, Paper, Table
+from dem_bridge.studies.exhibits import Paper
 from dem_bridge.studies.independence import ANSWERS_THROUGH, matrix
 from dem_bridge.studies.verify import SceneStudy, Verification
 from dem_bridge.trajectory import Trajectory
@@ -45,27 +41,6 @@ NAMES = {
 }
 #: panels side by side on a page
 _BESIDE = 2
-_DPI = 120
-
-#: the worst first: how outcomes sort
-SEVERITY = (
-    Outcome.BROKEN,
-    Outcome.FAIL,
-    Outcome.UNDECIDED,
-    Outcome.NOT_RUN,
-    Outcome.MODEL_DIFFERENCE,
-    Outcome.PASS,
-)
-#: what outcomes are called where a claim has them
-CLAIMED = {
-    Outcome.PASS: "holds",
-    Outcome.FAIL: "does not hold",
-    Outcome.UNDECIDED: "undecided",
-    Outcome.MODEL_DIFFERENCE: "a number",
-    Outcome.NOT_RUN: "not run",
-    Outcome.BROKEN: "run broke",
-}
-
 #: what a reader must not believe that any page shows
 _NEVER_VERIFIED = (
     "The physics of the model. Code is verified against code and theory here; nothing is compared with a measurement.",
@@ -160,13 +135,14 @@ def render(found: Verification, record: dict[str, Any]) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {
-        "by_outcome": _by_outcome,
-        "files": csv_texts,
+        "by_backend": by_backend,
+        "by_outcome": by_outcome,
         "claimed": lambda outcome: CLAIMED[outcome],
         "digits": lambda claimed: digits_of(claimed.value, claimed.uncertainty),
         "drawn": drawn,
+        "files": csv_texts,
         "number": number,
-        "numeric": _numeric,
+        "numeric": numeric,
         "picture": picture,
         "sortable": sortable,
     }
@@ -218,19 +194,6 @@ def _contents(paper: Paper | None) -> list[tuple[str, str]]:
 def _in_full(study: SceneStudy) -> bool:
     """Whether a scene of a paper has its steps in a ladder: the others lend their numbers, and no pictures."""
     return any(len(steps) > 1 for steps, _ in study.ladder.values())
-
-
-def _by_outcome(paper: Paper) -> list[tuple[Outcome, list[Claim]]]:
-    """Claims by what became of them: those that hold first, then by severity."""
-    order = (Outcome.PASS, *SEVERITY[:-1])
-    found = {outcome: [claim for claim in paper.claims if claim.outcome is outcome] for outcome in order}
-    return [(outcome, claims) for outcome, claims in found.items() if claims]
-
-
-def _numeric(table: Table, column: int) -> bool:
-    """Whether a column has numbers, and beside them at most empty cells."""
-    cells = {row[column] for row in table.rows} - {""}
-    return bool(cells) and not any(isinstance(cell, str) for cell in cells)
 
 
 def not_verified(found: Verification) -> list[str]:
@@ -320,61 +283,3 @@ def _answer(study: SceneStudy) -> str:
         )
     # what else was asked and has no answer takes nothing from this one
     return " ".join([text, *missing])
-
-
-def number(value: float | None, digits: int = 2) -> str:
-    """A number as a person reads it; a dash where there is none. Whole numbers have all their digits.
-
-    >>> number(1.6e-9), number(None), number(float("inf")), number(0.0), number(300000)
-    ('1.6e-09', '–', '∞', '0', '300000')
-    """
-    if value is None or value != value:
-        return "–"
-    if value in (float("inf"), float("-inf")):
-        return "∞" if value > 0 else "−∞"
-    if isinstance(value, int):
-        return str(value)
-    return "0" if value == 0 else f"{value:.{digits}g}"
-
-
-def digits_of(value: float, uncertainty: float) -> int:
-    """Digits that a number deserves: one more than its error bar leaves, 6 where there is none.
-
-    >>> digits_of(0.907470078412, 3e-13), digits_of(41.2, 0.3), digits_of(41.2, float("nan")), digits_of(0.0, 0.1)
-    (14, 4, 6, 6)
-    """
-    if not (0.0 < uncertainty < math.inf and value):
-        return 6
-    return min(max(math.ceil(math.log10(abs(value) / uncertainty)) + 1, 4), 16)
-
-
-def sortable(value: float | str | None) -> str:
-    """What a cell is sorted by: a number in full, an outcome by its severity, else the text; '' where there is none.
-
-    >>> sortable(0.1), sortable(float("inf")), sortable(None), sortable("FAIL"), sortable("verlet")
-    ('0.1', 'Infinity', '', '1', 'verlet')
-    """
-    if value is None or value != value:
-        return ""
-    if isinstance(value, str):
-        return str(SEVERITY.index(Outcome(value))) if value in set(Outcome) else value
-    return repr(float(value)).replace("inf", "Infinity")
-
-
-def picture(figure: Figure) -> str:
-    """A figure as a data URI, so that the page is one file."""
-    drawn = io.BytesIO()
-    figure.savefig(drawn, format="png", dpi=_DPI)
-    return "data:image/png;base64," + base64.b64encode(packed(drawn.getvalue())).decode("ascii")
-
-
-def packed(png: bytes) -> bytes:
-    """A picture in a third of its bytes: 256 colours of its own, chosen so that a thin line keeps its colour.
-
-    Without date or software: the same picture gives the same bytes.
-    """
-    small = io.BytesIO()
-    colours = Image.open(io.BytesIO(png)).convert("RGB")
-    indexed = colours.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    indexed.save(small, format="png", optimize=True)
-    return small.getvalue()

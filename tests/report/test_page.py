@@ -19,9 +19,10 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Case, Result
 from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.report.cells import digits_of, number, packed, sortable
 from dem_bridge.report.exhibits import csv_texts, drawn
 from dem_bridge.report.junit import junit
-from dem_bridge.report.page import SCHEMA, as_json, headline, not_verified, number, packed, sortable, write_report
+from dem_bridge.report.page import SCHEMA, as_json, headline, not_verified, write_report
 from dem_bridge.scene import Damping, Scene
 from dem_bridge.studies.checks import TWIN, engine_for
 from dem_bridge.studies.verify import SceneStudy, Verification, cases_of, study_of
@@ -211,9 +212,13 @@ def test_every_claim_has_its_anchor_its_words_and_its_values(whole: Path) -> Non
         for part in (claim.where, claim.statement, claim.sentence):
             assert _escaped(part) in body
         assert f'">{words[claim.outcome]}</td>' in body
-        assert body.count("<tr>") == 2 + bool(claim.values) + len(claim.values)
+        assert body.count("<tr>") == 2 + 2 * bool(claim.values)  # one quantity, by six codes
         for value in claim.values:
-            assert f'data-value="{value.value!r}">{number(value.value, 6)}<' in body
+            assert f'<th class="n">{value.backend}</th>' in body
+            bar = (
+                "" if value.uncertainty != value.uncertainty else f'<br><span class="faint">± {value.uncertainty:.2g}<'
+            )
+            assert f'<td class="n">{number(value.value, digits_of(value.value, value.uncertainty))}{bar}' in body
 
 
 def test_what_is_drawn_and_tabled_lies_beside_the_page_in_full_precision(whole: Path) -> None:

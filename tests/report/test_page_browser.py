@@ -100,7 +100,7 @@ def test_on_paper_folds_are_open_headings_repeat_and_columns_stay_on_the_sheet(p
     pdf = tmp_path / "page.pdf"
     _browse(f"--user-data-dir={tmp_path / 'profile'}", "--no-pdf-header-footer", f"--print-to-pdf={pdf}", page.as_uri())
     text = subprocess.run(["pdftotext", "-layout", pdf, "-"], capture_output=True, text=True, check=True).stdout
-    for words in ("200 seeded chains", "exponent of the peak force against the stiffness", "Every run, its settings"):
+    for words in ("200 seeded chains", "largest residence time (s)", "Every run, its settings"):
         assert words in text
     sheets = text.split("\f")
     assert sum("arrival (ms)" in sheet for sheet in sheets) >= 3  # 200 rows, about 65 a sheet
