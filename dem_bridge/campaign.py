@@ -104,10 +104,10 @@ def run_cases(
     asked for; RunBroken where one of these dies.
     """
     if jobs is not None and jobs > 1:
-        for case in cases:
-            if reason := _stays(case.scene):
+        for scene in {id(case.scene): case.scene for case in cases}.values():
+            if reason := _stays(scene):
                 raise UsageError(
-                    f"jobs = {jobs}: the law of {case.scene.name} cannot go to another process ({reason});"
+                    f"jobs = {jobs}: the law of {scene.name} cannot go to another process ({reason});"
                     " allowed: laws that are functions of a module, or jobs = 1"
                 )
     keys = [case.key for case in cases]

@@ -300,9 +300,9 @@ def _changed_since_start(package: Path = Path(__file__).parent) -> bool:
 
 @cache
 def _started() -> float:
-    """When this process began, s since the epoch."""
+    """When this process began, s since the epoch: the end of that tick, before which nothing of ours is imported."""
     ticks = int(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19])
-    return time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + ticks / os.sysconf("SC_CLK_TCK")
+    return time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + (ticks + 1) / os.sysconf("SC_CLK_TCK")
 
 
 @cache
