@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import math
 import os
 import platform
 from collections import Counter
@@ -162,6 +163,7 @@ def render(found: Verification, record: dict[str, Any]) -> str:
         "by_outcome": _by_outcome,
         "files": csv_texts,
         "claimed": lambda outcome: CLAIMED[outcome],
+        "digits": lambda claimed: digits_of(claimed.value, claimed.uncertainty),
         "drawn": drawn,
         "number": number,
         "numeric": _numeric,
@@ -171,6 +173,7 @@ def render(found: Verification, record: dict[str, Any]) -> str:
     counts = Counter(verdict.outcome for verdict in found.verdicts)
     paper, names = found.paper, ", ".join(study.scene.name for study in found.studies)
     tables = paper.tables if paper else ()
+    drawn_too = [study for study in found.studies if paper is None or _in_full(study)]
     return environment.get_template("page.html.j2").render(
         found=found,
         record=record,
@@ -181,7 +184,8 @@ def render(found: Verification, record: dict[str, Any]) -> str:
         contents=_contents(paper),
         headline=headline(found),
         counts=[(outcome, counts[outcome]) for outcome in Outcome if counts[outcome]],
-        pairs=[found.studies[i : i + _BESIDE] for i in range(0, len(found.studies), _BESIDE)],
+        pairs=[drawn_too[i : i + _BESIDE] for i in range(0, len(drawn_too), _BESIDE)],
+        drawn_too=drawn_too,
         figures=figures,
         judged=lambda study: [v for v in study.verdicts if v.outcome is not Outcome.MODEL_DIFFERENCE],
         with_theory=lambda pair: any(study.run(THEORY) is not None for study in pair),
@@ -209,6 +213,11 @@ def _contents(paper: Paper | None) -> list[tuple[str, str]]:
         last = []
     runs = [("verdicts", "Verdicts"), ("budgets", "Error budgets"), ("pictures", "Pictures")]
     return [*first, *runs, ("shares", "Who shares what"), *last, ("provenance", "Provenance")]
+
+
+def _in_full(study: SceneStudy) -> bool:
+    """Whether a scene of a paper has its steps in a ladder: the others lend their numbers, and no pictures."""
+    return any(len(steps) > 1 for steps, _ in study.ladder.values())
 
 
 def _by_outcome(paper: Paper) -> list[tuple[Outcome, list[Claim]]]:
@@ -326,6 +335,17 @@ def number(value: float | None, digits: int = 2) -> str:
     if isinstance(value, int):
         return str(value)
     return "0" if value == 0 else f"{value:.{digits}g}"
+
+
+def digits_of(value: float, uncertainty: float) -> int:
+    """Digits that a number deserves: one more than its error bar leaves, 6 where there is none.
+
+    >>> digits_of(0.907470078412, 3e-13), digits_of(41.2, 0.3), digits_of(41.2, float("nan")), digits_of(0.0, 0.1)
+    (14, 4, 6, 6)
+    """
+    if not (0.0 < uncertainty < math.inf and value):
+        return 6
+    return min(max(math.ceil(math.log10(abs(value) / uncertainty)) + 1, 4), 16)
 
 
 def sortable(value: float | str | None) -> str:
