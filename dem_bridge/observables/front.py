@@ -122,7 +122,8 @@ def peak_velocity_of_front(scene: Scene, trajectory: Trajectory) -> PeakVelocity
             higher = moved[1] > peak[turning]
             which = turning[higher]
             when[which], peak[which], sampling[which] = (one[higher] for one in moved)
-    missing = np.isnan(came)
+    # a pulse that fell between two samples of binary collisions is not known
+    missing = np.isnan(came) | ~(peak > 0.0)
     sampling[np.any(np.isnan(a), axis=0)] = np.nan
     for one in (peak, when, sampling):
         one[missing] = np.nan

@@ -68,16 +68,14 @@ def pulse_width_by_force(scene: Scene, trajectory: Trajectory) -> PulseWidth:
     crossing = trajectory.crossing_time[:links]
     came = np.isfinite(crossing)
     peak_time = np.where(came, crossing, 0.0)
-    left, right = c.left[:links], c.right[:links]
     x, v = trajectory.displacement, trajectory.velocity
-    overlap, closing = x[:, left] - x[:, right] - c.gap[:links], v[:, left] - v[:, right]
+    overlap, closing = x[:, :-1] - x[:, 1:] - c.gap[:links], v[:, :-1] - v[:, 1:]
 
     def force(when: Floats) -> Floats:
         return c.force(np.maximum(hermite(trajectory, overlap, closing, when), 0.0), of_chain)
 
     half = 0.5 * force(peak_time)
-    sampled = c.force(np.maximum(overlap, 0.0), of_chain)
-    low = sampled < half
+    low = c.force(np.maximum(overlap, 0.0), of_chain) < half
     number = np.arange(len(time))[:, None]
     before = np.max(np.where(low & (time[:, None] < peak_time), number, -1), axis=0)
     after = np.min(np.where(low & (time[:, None] > peak_time), number, len(time)), axis=0)
@@ -129,7 +127,7 @@ class LeadingPulse:
     energy_share: Floats
     """Of the energy of the whole chain at the same time."""
     momentum_share: Floats
-    """Of the momentum of the whole chain at the same time; above 1 where what follows runs back."""
+    """Of the momentum of the whole chain at the same time; above 1 where what follows runs back. nan: there is none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -204,8 +202,11 @@ def _split(scene: Scene, trajectory: Trajectory) -> tuple[LeadingPulse, Reflecte
     backward = ~leads & (v < 0.0)
 
     def total(values: Floats, which: NDArray[np.bool_] | None = None) -> Floats:
-        found = np.sum(values if which is None else np.where(which, values, 0.0), axis=1)
-        return np.where(np.isfinite(time), found, np.nan)
+        counted = values if which is None else np.where(which, values, 0.0)
+        return np.where(np.isfinite(time), np.sum(counted, axis=1), np.nan)
+
+    def share(part: Floats, all_of_it: Floats) -> Floats:
+        return np.asarray(np.divide(part, all_of_it, out=np.full(links, np.nan), where=all_of_it != 0.0))
 
     energy = total(kinetic, leads) + total(stored, in_pulse)
     whole = total(kinetic) + total(stored)
@@ -216,8 +217,8 @@ def _split(scene: Scene, trajectory: Trajectory) -> tuple[LeadingPulse, Reflecte
         kinetic=total(kinetic, leads),
         energy=energy,
         momentum=carried,
-        energy_share=energy / whole,
-        momentum_share=carried / all_momentum,
+        energy_share=share(energy, whole),
+        momentum_share=share(carried, all_momentum),
     )
     behind = Reflected(
         time=time,

@@ -165,9 +165,8 @@ def _spectrum(v: Floats, step: float, *, window: Window, position: Floats, time:
 
 
 def _passage(scene: Scene, trajectory: Trajectory) -> int:
-    """Samples until the pulse is at the last body; all, where it never comes there."""
-    end = trajectory.crossing_time[scene.n_body - 2]
-    return len(trajectory.time) if np.isnan(end) else int(np.searchsorted(trajectory.time, end, side="right"))
+    """Samples until the pulse is at the last body; all, where it never comes there: nan is sorted last."""
+    return int(np.searchsorted(trajectory.time, trajectory.crossing_time[scene.n_body - 2], side="right"))
 
 
 def _check_bodies(scene: Scene, bodies: NDArray[np.int64]) -> None:

@@ -90,6 +90,28 @@ def test_a_pulse_that_never_came_has_neither_width_nor_energy() -> None:
     assert np.isfinite(pulse.energy[5:30]).all()
 
 
+def test_the_contact_with_the_least_force_is_behind_the_pulse() -> None:
+    scene = Scene(name="pressed", duration=1.0, mass=(1.0,) * 5, stiffness=(2.5,) * 4, velocity=(0.0,) * 5)
+    overlap = np.array([4.0, 1.0, 5.0, 7.0])
+    place = np.concatenate([np.cumsum(overlap[::-1])[::-1], [0.0]])
+    speed = np.array([-3.0, 2.0, -1.0, 2.0, 3.0])
+    run = free_flight(bodies=5, contacts=4, samples=10, displacement=place + np.zeros((11, 1)), peak_force=np.ones(4),
+                      velocity=np.zeros((11, 5)), crossing_time=[0.2, 0.4, 0.6, 0.8])  # fmt: skip
+    pulse, behind = leading_pulse(scene, run), reflected(scene, run)
+    # seen from contact 1 what is behind it rises; from 2 and 3 on it is least in contact 1, whose energy stays behind
+    assert pulse.rear.tolist() == [0, 0, 2, 2]
+    assert pulse.energy[2:] == pytest.approx(5.0**2.5 + 7.0**2.5, rel=1e-12)
+    assert behind.energy[2:] == pytest.approx(4.0**2.5 + 1.0, rel=1e-12)
+    assert pulse.energy[:2] == pytest.approx(float(np.sum(overlap**2.5)), rel=1e-12)
+    # a moment at which all move: momenta go with the bodies
+    moving = replace(run, displacement=place + speed * (run.time[:, None] - 0.6), velocity=speed + np.zeros((11, 1)),
+                     contact_force=np.zeros((11, 4)))  # fmt: skip
+    pulse, behind = leading_pulse(scene, moving), reflected(scene, moving)
+    assert (pulse.momentum[2], behind.momentum[2]) == pytest.approx((4.0, -1.0), rel=1e-12)
+    assert (pulse.kinetic[2], behind.backward_energy[2]) == pytest.approx((7.0, 4.5), rel=1e-12)
+    assert (pulse.momentum_share[2], behind.backward_momentum[2]) == pytest.approx((4.0 / 3.0, -3.0), rel=1e-12)
+
+
 def _rebound() -> tuple[Scene, float]:
     """Body 0 hits a heavier one and runs back: what runs back is known."""
     scene = Scene(name="rebound", duration=3e-4, mass=(0.01, 0.03, 0.001), stiffness=(4e9, 4e7),

@@ -89,6 +89,19 @@ def test_a_line_is_where_its_frequency_is() -> None:
     assert spectrum.centroid == pytest.approx(0.25, abs=1e-10)
 
 
+def test_a_window_is_applied_once_and_as_it_is_told() -> None:
+    # a tone of a whole number of periods: nothing leaks without a window, a Hann window gives both neighbours a quarter
+    scene, run = _even(samples=1000)
+    tone = np.cos(2.0 * np.pi * 50.0 / 1.001 * run.time[:, None]) * np.ones(BODIES)
+    run = replace(run, velocity=tone, crossing_time=np.linspace(0.1, 1.0, BODIES - 1))
+    for window, beside in (("boxcar", 0.0), ("hann", 0.25)):
+        spectrum = frequency_spectrum(scene, run, window=window)
+        assert spectrum.density[48:53, 0] / spectrum.density[50, 0] == pytest.approx(
+            [0.0, beside, 1.0, beside, 0.0], abs=1e-12
+        )
+        assert spectrum.window == window
+
+
 def test_the_moments_of_a_gaussian_pulse_along_the_chain() -> None:
     bodies, sigma = 201, 3.0
     scene, run = _gaussians(np.full(bodies, sigma * 0.004), 0.1 + 0.004 * np.arange(bodies), samples=1000)

@@ -11,8 +11,10 @@ from dem_bridge.observables.fits import speed_power_law
 from dem_bridge.observables.front import peak_velocity_of_front, residence_by_crossing
 from dem_bridge.observables.pulse import leading_pulse, secondary_fronts, speed_ratio
 from dem_bridge.scene import Scene
+from dem_bridge.studies.checks import REFERENCE
 from dem_bridge.studies.exhibits import Claim, ClaimValue
 from dem_bridge.studies.paper.claims import by, claim, decided, heard, percent, together
+from dem_bridge.studies.paper.effects import ANCHORS, AS_IS
 from dem_bridge.studies.paper.measures import Measure
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, LONG, MAIN, MATCHED, Runs
 from dem_bridge.studies.paper.theories import FIRST, LAST, deviations
@@ -23,6 +25,8 @@ from dem_bridge.verdict import Outcome
 Floats = NDArray[np.float64]
 #: a front counts as unscattered while it keeps this share of what it carries
 KEPT = 0.9
+#: a variation of velocities from here on is large
+LARGE = 1.5
 #: "agrees well" is taken as this, of arrival or residence times
 WELL = 0.05
 
@@ -116,9 +120,9 @@ def _amplitude(runs: Runs) -> Claim:
         "amplitude",
         "section 4a",
         "The velocity amplitude of the cylinders does not show a large variation along the chain.",
-        together(*(decided(found, high=1.1) for found in values)),
+        together(*(decided(found, high=LARGE) for found in values)),
         f"Between cylinders {FIRST} and N-{LAST} the largest peak velocity is {' and '.join(words)} times the smallest."
-        " Held below 1.1.",
+        f" Held below {LARGE:g}, where the stiffness changes by a factor of 15.5.",
         *values,
     )
 
@@ -144,7 +148,7 @@ def _arrival(runs: Runs) -> Claim:
         own = by(found, "ode45").value / by(found).value - 1.0
         worst = deviations(scene, theory, truth)["arrival"]
         words.append(
-            f"{name}: {percent(away)} late at the last cylinder and {percent(float(np.max(np.abs(worst))))} at the worst"
+            f"{name}: {percent(abs(away))} too {'late' if away > 0.0 else 'early'} at the last cylinder and {percent(float(np.max(np.abs(worst))))} at the worst"
             f" from {FIRST} on; ode45, which it was compared with, is itself off by {own:.1e}"
         )
         outcomes.append(Outcome.PASS if abs(away) < WELL else Outcome.FAIL)
@@ -288,31 +292,33 @@ def _slower(runs: Runs) -> Iterator[Claim]:
     """What the paper suspects of slowing its measured waves: the sign, and the size for what is stated."""
     suspects = {
         "dissipation": (("dashpot", "kuwabara-kono", "drag"), "Dissipation makes the wave slower than predicted."),
-        "exponent": (("exponent",), "An exponent n that changes with the contact angle makes the wave slower."),
+        "exponent": (tuple(ANCHORS), "An exponent n that changes with the contact angle makes the wave slower."),
     }
     for key, (ids, statement) in suspects.items():
-        values, words, outcomes = [], [], []
+        values, words, slower = [], [], []
         for name in MAIN:
-            truth = runs.truth(name)
+            base = runs.truth(f"{name}.{AS_IS}")
             for id in ids:
                 run = runs.truth(f"{name}.{id}")
-                if truth is None or run is None:
+                if base is None or run is None:
                     continue
-                speed = (
-                    residence_by_crossing(runs.scenes[name], truth)[19]
-                    / residence_by_crossing(runs.scenes[name], run)[19]
-                )
-                values.append(
-                    ClaimValue(name=f"speed at cylinder 20, {id}, {name}", backend="reference", value=float(speed))
-                )
+                scene = runs.scenes[name]
+                speed = float(residence_by_crossing(scene, base)[19] / residence_by_crossing(scene, run)[19])
+                values.append(ClaimValue(name=f"speed at cylinder 20, {id}, {name}", backend=REFERENCE, value=speed))
                 words.append(f"{id} {100.0 * (speed - 1.0):+.2f} % in {name}")
-                outcomes.append(Outcome.PASS if speed < 1.0 else Outcome.FAIL)
+                slower.append(speed < 1.0)
+        # where the sign hangs on what the paper does not say, so does the claim
+        outcome = {frozenset([True]): Outcome.PASS, frozenset([False]): Outcome.FAIL, frozenset(): Outcome.NOT_RUN}
         yield claim(
             f"slower-by-{key}",
             "section 4a",
             statement,
-            together(*outcomes) if outcomes else Outcome.NOT_RUN,
-            f"Speed at cylinder 20: {', '.join(words)}. Held to the sign; the sizes are those of the values taken in the"
-            " budget, for the paper names none.",
+            outcome.get(frozenset(slower), Outcome.UNDECIDED),
+            f"Speed at cylinder 20: {', '.join(words)}. Held to the sign; sizes are those of the values taken in the"
+            f" budget, for the paper names none{WHY_UNDECIDED if len(set(slower)) > 1 else ''}.",
             *values,
         )
+
+
+#: of a claim whose sign changes with a value that is not given
+WHY_UNDECIDED = ", and the sign changes with the overlap at which contacts of other exponents are as strong as Hertz'"

@@ -23,6 +23,7 @@ from dem_bridge.studies.paper.claims_numbers import numbers
 from dem_bridge.studies.paper.claims_spectrum import spectra
 from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.effects import (
+    AS_IS,
     NUMERICS,
     THEORY,
     VARIANTS,
@@ -159,10 +160,11 @@ def _effects(runs: Runs) -> Iterator[Effect]:
             run = runs.run(name, backend)
             if run is not None:
                 yield of_numerics(scene, what, backend, kind, run, truth)
+        base = runs.truth(f"{name}.{AS_IS}")
         for variant in VARIANTS:
             run = runs.truth(f"{name}.{variant.id}")
-            if run is not None:
-                yield effect(variant, scene, truth, run)
+            if run is not None and base is not None and variant.id != AS_IS:
+                yield effect(variant, scene, base, run)
 
 
 def coverage_table(runs: Runs, names: Sequence[str]) -> Table:
