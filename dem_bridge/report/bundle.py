@@ -21,7 +21,7 @@ from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.files import write_whole
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.report.page import report_files
+from dem_bridge.report.page import report_files, title
 from dem_bridge.scene_text import scene_toml
 from dem_bridge.studies.exhibits import Table
 from dem_bridge.studies.verify import SceneStudy, Verification
@@ -238,7 +238,6 @@ def _sums(files: Mapping[str, str | bytes]) -> str:
 
 
 def _readme(found: Verification, functions: Sequence[str], pins: Mapping[str, str], engine: Engine) -> str:
-    names = ", ".join(study.scene.name for study in found.studies)
     runs = [run for study in found.studies if (run := study.run(study.engine)) is not None]
     lammps = next((run.provenance["lammps"] for run in runs if "lammps" in run.provenance), None)
     versions = [f"dem_bridge {dem_bridge.__version__} (in source/)", f"Python {platform.python_version()}"]
@@ -252,7 +251,7 @@ def _readme(found: Verification, functions: Sequence[str], pins: Mapping[str, st
             f"\nNot replayed, for their contact laws are functions, which no file can hold: {', '.join(functions)}.\n"
         )
     return f"""\
-# Verification of {names}
+# {title(found)}
 
 Run it again, in an environment of its own with the same versions, and compare verdict by verdict:
 

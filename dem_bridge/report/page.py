@@ -20,7 +20,17 @@ from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.files import write_whole
 from dem_bridge.lmp.coefficients import MODELS
 from dem_bridge.report import figures
-from dem_bridge.report.cells import CLAIMED, by_backend, by_outcome, digits_of, number, numeric, picture, sortable
+from dem_bridge.report.cells import (
+    CLAIMED,
+    SEVERITY,
+    by_backend,
+    by_outcome,
+    digits_of,
+    number,
+    numeric,
+    picture,
+    sortable,
+)
 from dem_bridge.report.exhibits import csv_texts, drawn
 from dem_bridge.studies.checks import POSITIONAL, REFERENCE, SECOND, THEORY, TWIN
 from dem_bridge.studies.exhibits import Paper
@@ -147,18 +157,19 @@ def render(found: Verification, record: dict[str, Any]) -> str:
         "sortable": sortable,
     }
     counts = Counter(verdict.outcome for verdict in found.verdicts)
-    paper, names = found.paper, ", ".join(study.scene.name for study in found.studies)
+    paper = found.paper
     tables = paper.tables if paper else ()
     drawn_too = [study for study in found.studies if paper is None or _in_full(study)]
     return environment.get_template("page.html.j2").render(
         found=found,
         record=record,
         paper=paper,
-        title="Chaunsali, Kim & Yang (2018), claim by claim" if paper else f"Verification of {names}",
+        title=title(found),
         budget=next((one for one in tables if one.id == "budget"), None),
         tables=[one for one in tables if one.id != "budget"],
         contents=_contents(paper),
         headline=headline(found),
+        troubles=[verdict for verdict in found.verdicts if verdict.outcome in SEVERITY[:3]],
         counts=[(outcome, counts[outcome]) for outcome in Outcome if counts[outcome]],
         pairs=[drawn_too[i : i + _BESIDE] for i in range(0, len(drawn_too), _BESIDE)],
         drawn_too=drawn_too,
@@ -173,6 +184,13 @@ def render(found: Verification, record: dict[str, Any]) -> str:
         shares=matrix(),
         answers_through=ANSWERS_THROUGH,
     )
+
+
+def title(found: Verification) -> str:
+    """What was verified."""
+    if found.paper is not None:
+        return "Chaunsali, Kim & Yang (2018), claim by claim"
+    return f"Verification of {', '.join(study.scene.name for study in found.studies)}"
 
 
 def _contents(paper: Paper | None) -> list[tuple[str, str]]:

@@ -202,6 +202,13 @@ def _escaped(text: str) -> str:
     return escape(text).replace("&#x27;", "&#39;")
 
 
+def test_runs_that_do_not_pass_stand_on_page_one_of_a_paper(found: Verification, tmp_path: Path, whole: Path) -> None:
+    assert "these are no pass" not in _text(whole)
+    broken = replace(_verification(PAIR, broken=True), paper=fake_paper())
+    first = write_report(broken, tmp_path)[0].read_text(encoding="utf-8").split('id="not-verified"')[0]
+    assert re.search('<span class="outcome BROKEN">BROKEN</span> three: [^<]*ERROR: Lost atoms', first)
+
+
 def test_every_claim_has_its_anchor_its_words_and_its_values(whole: Path) -> None:
     text = _text(whole)
     words = {"PASS": "holds", "FAIL": "does not hold", "UNDECIDED": "undecided", "MODEL_DIFFERENCE": "a number"}
