@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.polynomial import Polynomial
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
@@ -73,15 +74,19 @@ def hermite(
     place = (known - trajectory.time[first]) / h - 0.5 * (nodes - 1)
     columns = np.arange(value.shape[1])
     found = np.zeros(np.broadcast_shapes(known.shape, columns.shape))
-    for node, (of_value, of_slope) in enumerate(_basis(nodes, derivative)):
+    of_value, of_slope = polyval(place, _basis(nodes, derivative))
+    for node in range(nodes):
         rows = first + node
-        found += of_value(place) * value[rows, columns] + of_slope(place) * h * slope[rows, columns]
+        found += of_value[node] * value[rows, columns] + of_slope[node] * h * slope[rows, columns]
     return np.asarray(np.where(np.isfinite(when), found / h**derivative, np.nan))
 
 
 @functools.lru_cache
-def _basis(nodes: int, derivative: int) -> list[tuple[Polynomial, Polynomial]]:
-    """What value and slope of each sample contribute at a place between them, in spacings from the middle of all."""
+def _basis(nodes: int, derivative: int) -> Floats:
+    """What value and slope of each sample contribute at a place between them, in spacings from the middle of all.
+
+    Coefficients of polynomials, the lowest first, ``(degree + 1, 2, nodes)``.
+    """
     places = np.arange(nodes) - 0.5 * (nodes - 1)
     found = []
     for j, own in enumerate(places):
@@ -89,8 +94,8 @@ def _basis(nodes: int, derivative: int) -> list[tuple[Polynomial, Polynomial]]:
         lagrange = Polynomial.fromroots(others) / np.prod(own - others)
         away = Polynomial([-own, 1.0])
         of_value = (1.0 - 2.0 * float(np.sum(1.0 / (own - others))) * away) * lagrange**2
-        found.append((of_value.deriv(derivative), (away * lagrange**2).deriv(derivative)))
-    return found
+        found.append([of_value.deriv(derivative).coef, (away * lagrange**2).deriv(derivative).coef])
+    return np.asarray(found).transpose(2, 1, 0)
 
 
 def state_at(scene: Scene, trajectory: Trajectory, when: Floats) -> tuple[Floats, Floats]:

@@ -136,10 +136,10 @@ def hopeless(scene: Scene, error: RunBroken | UnsupportedScene | UsageError) -> 
 
 
 def cases_of(
-    scene: Scene, accuracy: float, engine: Engine | None = None, store: Store | None = None, *, ladder: bool = True
+    scene: Scene, accuracy: float, engine: Engine | None = None, store: Store | None = None, *, full: bool = True
 ) -> list[Case]:
     """The runs that a verdict on one scene needs; the main run of each backend first. ``engine``: which LAMMPS;
-    ``ladder``: with the longer steps from which the order of convergence is told."""
+    ``full``: with the longer steps from which the order of convergence is told, and with scipy's own error bars."""
     sampling, judged = Sampling(count=scene.samples), engine_for(scene)
     key = study_key("main step", [scene], accuracy=accuracy, tables=judged == TABLE) if store is not None else None
     known = store.load_arrays(key) if store is not None and key is not None else None
@@ -150,10 +150,10 @@ def cases_of(
         if store is not None and key is not None:
             store.save_arrays(key, {"dt": np.array(main.dt)})
     assert main.dt is not None
-    coarse = [replace(main, dt=factor * main.dt, bars=False) for factor in LADDER if ladder]
+    coarse = [replace(main, dt=factor * main.dt, bars=False) for factor in LADDER if full]
     # where the series do not fit the reference is scipy's own answer
     references = (REFERENCE, SECOND) if series_fit(scene) else (REFERENCE,)
-    runs = [(name, Resolution()) for name in (*references, THEORY)]
+    runs = [(name, Resolution(bars=full or name != SECOND)) for name in (*references, THEORY)]
     runs += [(name, settings) for name in (TWIN, judged) for settings in (main, *coarse)]
     # beside the twin, step by step on the way to what LAMMPS does: its tables, if any, then positions
     beside = replace(main, tables=judged == TABLE, bars=False)

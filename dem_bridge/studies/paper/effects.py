@@ -34,7 +34,7 @@ NUMERICS, THEORY, PARAMETER, PHYSICS, SUPPOSED = "numerics", "theory", "paramete
 #: the chain itself, beside which its variants are set
 AS_IS = "as-is"
 #: of the arrival at the end by binary collisions: what comes back from there is no first passage
-PASSAGE = 1.1
+PASSAGE = 1.3
 
 
 @dataclass(frozen=True, kw_only=True)

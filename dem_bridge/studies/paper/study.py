@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 from dem_bridge.backends.base import BACKENDS
@@ -87,16 +89,22 @@ def verify_paper(
     """Run and judge all shipped scenes and the paper's claims; see :func:`dem_bridge.api.verify` for the arguments."""
     began, extent = time.perf_counter(), extent or Extent()
     scenes = scenes_of_paper(extent.scenes)
-    cases: list[Case] = []
     lost: dict[str, SceneStudy] = {}
-    for scene in scenes:
+
+    def planned(scene: Scene) -> list[Case]:
         full = scene.name in MAIN
         wanted = accuracy if full else max(accuracy, OTHER_ACCURACY)
         try:
-            cases += cases_of(scene, wanted, engine, store, ladder=full)
-            cases += beside(scene)
+            return [*cases_of(scene, wanted, engine, store, full=full), *beside(scene)]
         except (RunBroken, UnsupportedScene, UsageError) as error:  # this scene's, not the others'
             lost[scene.name] = hopeless(scene, error)
+            return []
+
+    if tell is not None:
+        tell(0.0, 1, "choosing time steps")
+    # what chooses them is mostly compiled, and leaves the interpreter to others
+    with ThreadPoolExecutor(max_workers=jobs or len(os.sched_getaffinity(0))) as threads:
+        cases = [case for found in threads.map(planned, scenes) for case in found]
     main = [load_scene(name) for name in MAIN]
     sets = [scatter.cases_of(scene, spread=extent.spread, count=extent.chains) for scene in main]
     parts = [cases, variants(), mass_gradients(engine), matched(), *sets]
@@ -105,6 +113,8 @@ def verify_paper(
     of_scenes, of_variants, of_gradients, of_matched, *of_sets = (
         results[end - len(part) : end] for end, part in zip(ends, parts, strict=True)
     )
+    if tell is not None:
+        tell(1.0, 1, "reading claims")
     runs = Runs.of((*of_scenes, *of_variants, *of_gradients, *of_matched))
     scattered = [scatter.study_of(scene, part, spread=extent.spread) for scene, part in zip(main, of_sets, strict=True)]
     studies = tuple(
