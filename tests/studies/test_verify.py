@@ -43,7 +43,7 @@ def results() -> tuple[Result, ...]:
     for case in cases_of(SHORT, ACCURACY):
         backend = TWIN if case.backend == ENGINE else case.backend
         settings = case.resolution
-        run = db.solve(SHORT, backend=backend, dt=settings.dt, bars=settings.bars)
+        run = db.solve(SHORT, backend=backend, dt=settings.dt, bars=settings.bars, gauge_radius=settings.gauge_radius)
         found.append(Result(case=case, trajectory=run))
     return tuple(found)
 
