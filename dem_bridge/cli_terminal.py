@@ -115,7 +115,8 @@ def print_claims(paper: Paper) -> None:
 
 
 def print_verdicts(found: Verification) -> None:
-    """The verdict table, and what does not pass in words. Of the whole paper: its claims, and how many verdicts pass."""
+    """The verdict table, and what does not pass in words. Of the whole paper: its claims, and how many verdicts"
+    " pass."""
     if found.paper is not None:
         print_claims(found.paper)
         _print_counts(found)

@@ -9,6 +9,7 @@ import math
 from matplotlib.figure import Figure
 from PIL import Image
 
+from dem_bridge.report.exhibits import settled
 from dem_bridge.studies.exhibits import Claim, ClaimValue, Paper, Table
 from dem_bridge.verdict import Outcome
 
@@ -111,7 +112,7 @@ def sortable(value: float | str | None) -> str:
 def picture(figure: Figure) -> str:
     """A figure as a data URI, so that the page is one file."""
     drawn = io.BytesIO()
-    figure.savefig(drawn, format="png", dpi=_DPI)
+    settled(figure).savefig(drawn, format="png", dpi=_DPI)
     return "data:image/png;base64," + base64.b64encode(packed(drawn.getvalue())).decode("ascii")
 
 

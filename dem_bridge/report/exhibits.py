@@ -109,8 +109,17 @@ def drawn(exhibit: Exhibit) -> Figure:
 def png(exhibit: Exhibit, *, dpi: int = 130) -> bytes:
     """The picture as a file; the same numbers give the same bytes."""
     buffer = io.BytesIO()
-    drawn(exhibit).savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    settled(drawn(exhibit)).savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()
+
+
+def settled(figure: Figure) -> Figure:
+    """The figure with its layout made once: while an engine for it is there, saving draws everything twice."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine("none")
+    return figure
 
 
 def csv_texts(exhibit: Exhibit) -> dict[str, str]:
@@ -334,4 +343,4 @@ def _matrix(panel: Panel, one: Map) -> str:
     return text.getvalue()
 
 
-__all__ = ["STYLES", "colour_limits", "csv_texts", "drawn", "png", "scale_together"]
+__all__ = ["STYLES", "colour_limits", "csv_texts", "drawn", "png", "scale_together", "settled"]

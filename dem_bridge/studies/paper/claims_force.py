@@ -43,7 +43,9 @@ def forces(runs: Runs) -> Iterator[Claim]:
 def _exponents(runs: Runs) -> Iterator[Claim]:
     for name, panel in zip(LONG, "cd", strict=True):
         measure = Measure(
-            name=f"force exponent, {name}", of=lambda s, r: force_exponent(s, r).slope, made_of=("peak_force",)
+            name=f"force exponent, {name}",
+            of=lambda s, r: force_exponent(s, r).slope,
+            bar=lambda s, r: force_exponent(s, r).bar,
         )
         found = heard(runs, name, measure)
         truth = runs.truth(name)
@@ -61,7 +63,8 @@ def _exponents(runs: Runs) -> Iterator[Claim]:
             "The largest contact force goes as the stiffness to the power 1/n = 2/5.",
             decided(found, low=0.4 * (1.0 - REMARKABLE), high=0.4 * (1.0 + REMARKABLE)),
             f"The exponent is {by(found).value:.4f}{text}: near 2/5 and not 2/5. Binary collisions give"
-            f" {by(found, 'bca').value:.4f}, the adiabatic wave {theory:.4f}, which leaves {by(found).value - theory:+.4f}."
+            f" {by(found, 'bca').value:.4f}, the adiabatic wave {theory:.4f}, which leaves"
+            f" {by(found).value - theory:+.4f}."
             f" Held to {percent(REMARKABLE)}.",
             printed("exponent", 0.4, ""),
             found,
@@ -207,7 +210,8 @@ def _solitary(runs: Runs) -> Claim:
         "section 1, on Nesterenko 2001",
         "A homogeneous chain without compression carries a solitary wave.",
         together(*outcomes) if outcomes else Outcome.NOT_RUN,
-        f"The exact wave of the discrete chain has the speed {truth:.12f} (beta/m)^(2/5) v^(1/5); from cylinder {SETTLED} on"
+        f"The exact wave of the discrete chain has the speed {truth:.12f} (beta/m)^(2/5) v^(1/5); from cylinder"
+        f" {SETTLED} on"
         f" {' and '.join(words)}.",
         exact("exact wave of the discrete chain", truth, ""),
         values,
@@ -222,7 +226,7 @@ def _tapered_slopes(runs: Runs) -> Claim:
         slope = Measure(
             name=f"d ln(peak velocity) per sphere, {name}",
             of=lambda s, r: log_velocity_slope(s, r, 15, 35).slope,
-            made_of=("velocity",),
+            bar=lambda s, r: log_velocity_slope(s, r, 15, 35).bar,
         )
         found = heard(runs, name, slope)
         values.append(found)

@@ -80,7 +80,8 @@ def _approximation() -> Claim:
     return claim(
         "axis-ratio",
         "section 3, below eq. 3.1",
-        "The axis ratio of the contact ellipse is about [(1 + cos a)/(1 - cos a)]^(-2/3), good enough for the stiffness.",
+        "The axis ratio of the contact ellipse is about [(1 + cos a)/(1 - cos a)]^(-2/3), good enough for the"
+        " stiffness.",
         Outcome.MODEL_DIFFERENCE,
         "With it eq. 3.1 is stiffer than Hertz' exact solution by "
         + ", ".join(f"{percent(ratio - 1.0)} at {angle:g} degrees" for angle, ratio in ratios.items())
@@ -112,7 +113,8 @@ def _weight(runs: Runs) -> Claim:
         "section 3",
         "The largest compressive load due to gravity is about 1.6 N, at the bottom of the chain.",
         _agrees(weight, beside),
-        f"{scene.n_body - 1} cylinders of {1e3 * scene.mass[1]:.2f} g weigh {weight:.2f} N, {weight / 1.6:.1f} times as much.",
+        f"{scene.n_body - 1} cylinders of {1e3 * scene.mass[1]:.2f} g weigh {weight:.2f} N, {weight / 1.6:.1f} times"
+        " as much.",
         beside,
         exact("m g times 40", weight, "N"),
     )
@@ -148,7 +150,8 @@ def _gravity(runs: Runs) -> Iterator[Claim]:
         "section 3",
         "The load of gravity is about two orders of magnitude below the contact forces.",
         together(*outcomes) if outcomes else Outcome.NOT_RUN,
-        f"The smallest peak force is {' and '.join(words)} (3.95 N, not 1.6 N). Held to what rounds to two orders: 10^1.5.",
+        f"The smallest peak force is {' and '.join(words)} (3.95 N, not 1.6 N). Held to what rounds to two orders:"
+        " 10^1.5.",
         *values,
     )
     small = all(abs(one.value - 1.0) < NEGLIGIBLE for one in changed)

@@ -1,4 +1,4 @@
-"""Section 4b and figure 4: frequencies cascade along the chain, wavenumbers do not; sections 1 and 4b on what else is kept.
+"""Section 4b and figure 4: frequencies cascade along the chain, wavenumbers do not, and what else a front keeps.
 
 The claims are about the longer chains of 200 cylinders, struck by a cylinder through a contact like the first.
 """
@@ -53,7 +53,8 @@ def _single(runs: Runs) -> Claim:
         "section 4b",
         "With a striker as heavy as a cylinder and beta_0 = beta_1 there are no multiple waves.",
         together(*(decided(found, high=0.0) for found in values)),
-        f"Further maxima of more than 5 % of the first at cylinder 50: {' and '.join(f'{by(v).value:.0f}' for v in values)}.",
+        f"Further maxima of more than 5 % of the first at cylinder 50:"
+        f" {' and '.join(f'{by(v).value:.0f}' for v in values)}.",
         *values,
     )
 
@@ -85,7 +86,8 @@ def _frequencies_fall(runs: Runs) -> Claim:
         "section 4b, figure 4b",
         "Where the stiffness falls, spectral energy shifts to lower frequencies along the chain.",
         decided(found, high=1.0 / CASCADES),
-        f"The centroid of the velocity's spectrum falls to {by(found).value:.3f} of its value{_parseval(runs, LONG[0])}."
+        f"The centroid of the velocity's spectrum falls to {by(found).value:.3f} of its"
+        f" value{_parseval(runs, LONG[0])}."
         f" Held below 1/{CASCADES:g}.",
         found,
     )
@@ -106,7 +108,8 @@ def _frequencies_rise(runs: Runs) -> Claim:
         "section 4b, figure 4e",
         "Where the stiffness rises, the energy spreads to a broader spectrum of frequencies.",
         decided(width, low=CASCADES),
-        f"The spectrum gets {by(width).value:.3f} times as wide and its centroid {by(centroid).value:.3f} times as high:"
+        f"The spectrum gets {by(width).value:.3f} times as wide and its centroid {by(centroid).value:.3f} times as"
+        " high:"
         f" it is scaled up as a whole more than it spreads. Held above {CASCADES:g} for the width.",
         width,
         centroid,
@@ -127,7 +130,8 @@ def _wavenumbers(runs: Runs) -> Claim:
         "section 4b, figures 4c and 4f",
         "There is no such cascading of wavenumbers: the wave front is localised in space.",
         together(*(decided(found, low=1.0 / CASCADES, high=CASCADES) for found in values)),
-        f"The centroid of the spectrum along the chain changes to {' and '.join(f'{by(v).value:.3f}' for v in values)} of"
+        f"The centroid of the spectrum along the chain changes to {' and '.join(f'{by(v).value:.3f}' for v in values)}"
+        " of"
         f" its value. Held within {CASCADES:g}, either way.",
         *values,
     )
@@ -187,7 +191,8 @@ def _tapered(runs: Runs) -> Claim:
         "sections 1 and 4b, on Sen et al. 2001",
         "In a tapered chain of spheres the kinetic energy of the wave front changes along the chain.",
         together(*(decided(found, high=KEPT) for found in values)) if values else decided(()),
-        f"From a quarter of the chain to nine tenths it keeps {words} of it (radii falling, and rising, by 2 % a sphere):"
+        f"From a quarter of the chain to nine tenths it keeps {words} of it (radii falling, and rising, by 2 % a"
+        " sphere):"
         f" velocities and masses change, their product hardly. Held below {percent(KEPT)}.",
         *values,
     )

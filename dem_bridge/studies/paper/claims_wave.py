@@ -47,7 +47,11 @@ def waves(runs: Runs, scattered: list[ScatterStudy]) -> Iterator[Claim]:
 
 
 def _ratio(name: str) -> Measure:
-    return Measure(name=f"V_out/V_in, {name}", of=lambda s, run: speed_ratio(s, run).ratio)
+    return Measure(
+        name=f"V_out/V_in, {name}",
+        of=lambda s, run: speed_ratio(s, run).ratio,
+        bar=lambda s, run: speed_ratio(s, run).bar,
+    )
 
 
 def _slows(runs: Runs) -> Claim:
@@ -148,7 +152,8 @@ def _arrival(runs: Runs) -> Claim:
         own = by(found, "ode45").value / by(found).value - 1.0
         worst = deviations(scene, theory, truth)["arrival"]
         words.append(
-            f"{name}: {percent(abs(away))} too {'late' if away > 0.0 else 'early'} at the last cylinder and {percent(float(np.max(np.abs(worst))))} at the worst"
+            f"{name}: {percent(abs(away))} too {'late' if away > 0.0 else 'early'} at the last cylinder and"
+            f" {percent(float(np.max(np.abs(worst))))} at the worst"
             f" from {FIRST} on; ode45, which it was compared with, is itself off by {own:.1e}"
         )
         outcomes.append(Outcome.PASS if abs(away) < WELL else Outcome.FAIL)
@@ -236,7 +241,8 @@ def _residence(runs: Runs) -> Claim:
         first = float(residence_by_crossing(scene, theory)[0] / residence_by_crossing(scene, truth)[0])
         worst = float(np.max(np.abs(of_theory)))
         words.append(
-            f"{name}: BCA within {percent(worst)} from cylinder {FIRST} on (its first residence time is {first:.2g} times"
+            f"{name}: BCA within {percent(worst)} from cylinder {FIRST} on (its first residence time is {first:.2g}"
+            " times"
             f" the reference's), ode45 within {percent(float(np.max(np.abs(of_code))))}"
         )
         outcomes.append(Outcome.PASS if worst < WELL else Outcome.FAIL)
@@ -275,7 +281,8 @@ def _scatter(scattered: list[ScatterStudy]) -> Claim:
         values.append(ClaimValue(name=f"deviation of the speed, {one.scene.name}", backend="reference", value=typical))
         words.append(
             f"{one.scene.name}: the speed at a cylinder scatters by {percent(typical)}, the arrival at the end by"
-            f" {percent(deviation)} (and comes {percent(abs(shift))} {'later' if shift > 0.0 else 'earlier'} on average)"
+            f" {percent(deviation)} (and comes {percent(abs(shift))} {'later' if shift > 0.0 else 'earlier'} on"
+            " average)"
         )
     return claim(
         "scatter",

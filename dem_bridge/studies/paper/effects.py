@@ -188,7 +188,10 @@ VARIANTS = (
         Variant(
             id=id,
             kind=SUPPOSED,
-            what=f"n falling from 2.5 at 90 degrees to 2.2 at 2 degrees, same force at {1e6 * anchor:g} um, in place of 2.5",
+            what=(
+                f"n falling from 2.5 at 90 degrees to 2.2 at 2 degrees, same force at {1e6 * anchor:g} um, in place"
+                f" of 2.5"
+            ),
             change=partial(_angles_soften, anchor=anchor),
         )
         for id, anchor in ANCHORS.items()
@@ -281,8 +284,10 @@ def budget_table(effects: list[Effect]) -> Table:
         caption=(
             "Each term alone, as change of the paper's chain in per cent, the largest first. A parameter is a number"
             " that the paper prints and that does not follow from its other numbers; a model term is physics that the"
-            " equations have in another form, or not at all; of a supposed term the paper gives no number, so the effect"
-            " is that of the value taken here. First passage of the wave; forces of theories and codes: of the whole run."
+            " equations have in another form, or not at all; of a supposed term the paper gives no number, so the"
+            " effect"
+            " is that of the value taken here. First passage of the wave; forces of theories and codes: of the whole"
+            " run."
         ),
         columns=("term", "kind", "chain", *(f"{name} (%)" for name in OBSERVABLES)),
         rows=tuple(rows()),

@@ -35,6 +35,8 @@ class Measure:
     unit: str = ""
     made_of: tuple[str, ...] = ("crossing_time",)
     """"crossing_time", "peak_force", "velocity"."""
+    bar: Callable[[Scene, Trajectory], float] | None = None
+    """Its own error bar, for a measure that knows it better."""
 
 
 def measured(measure: Measure, scene: Scene, run: Trajectory, backend: str) -> ClaimValue:
@@ -50,6 +52,8 @@ def measured(measure: Measure, scene: Scene, run: Trajectory, backend: str) -> C
 
 
 def _bar(measure: Measure, scene: Scene, run: Trajectory, value: float) -> float:
+    if measure.bar is not None:
+        return float(measure.bar(scene, run))
     total = 0.0
     for part in ("crossing_time", "peak_force"):
         if part in measure.made_of:

@@ -194,7 +194,8 @@ def coverage_table(runs: Runs, names: Sequence[str]) -> Table:
         caption=(
             "Largest difference of velocity to the reference over all samples and bodies, relative to the largest"
             " velocity; empty where a backend refuses the scene. LAMMPS and its twin at the step of their accuracy"
-            f" ({DEFAULT_ACCURACY:g} on the two chains of 40, {OTHER_ACCURACY:g} on the others), ase at 1e-7 s, ode45 at"
+            f" ({DEFAULT_ACCURACY:g} on the two chains of 40, {OTHER_ACCURACY:g} on the others), ase at 1e-7 s, ode45"
+            " at"
             " MATLAB's defaults. Theories (bca, adiabatic) have other equations, and steps where the chain has waves."
         ),
         columns=("scene", *others),

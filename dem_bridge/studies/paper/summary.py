@@ -53,8 +53,10 @@ def _codes(studies: Sequence[SceneStudy]) -> str:
     error, same, two = worst(True, REFERENCE), worst(True, POSITIONAL), worst(False, REFERENCE)
     everywhere = worst(False, REFERENCE, [study.scene.name for study in studies])
     return (
-        f"The codes are right: LAMMPS solves the paper's two chains to {error:.1e} of the largest velocity, all of it the"
-        f" time step, for the same algorithm in another code has the same to {same:.1e}; the two references, which share"
+        f"The codes are right: LAMMPS solves the paper's two chains to {error:.1e} of the largest velocity, all of it"
+        " the"
+        f" time step, for the same algorithm in another code has the same to {same:.1e}; the two references, which"
+        " share"
         f" no method, agree to {two:.1e} there and to {everywhere:.1e} on all {len(studies)} scenes."
     )
 
@@ -111,8 +113,10 @@ def _largest(effects: Sequence[Effect]) -> str:
     if model is None or law is None or numerics is None or theory is None:
         return "There is no budget without runs."
     return (
-        f"The largest term of the whole budget is the theory's ({_named(theory)}); of the model and its parameters it is"
-        f" this: {_named(model)}; the stiffness law, off by 17.8 % at 2 degrees, changes up to {percent(law.largest)}, and"
+        f"The largest term of the whole budget is the theory's ({_named(theory)}); of the model and its parameters it"
+        " is"
+        f" this: {_named(model)}; the stiffness law, off by 17.8 % at 2 degrees, changes up to {percent(law.largest)},"
+        " and"
         f" the numerics of LAMMPS {numerics.largest:.1e}."
     )
 

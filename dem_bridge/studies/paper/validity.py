@@ -139,9 +139,11 @@ def contacts_table(runs: Runs, name: str) -> Table | None:
             id=f"contacts-{scene.name}",
             title=f"Every contact of {scene.name} and what is assumed of it",
             caption=(
-                "Ellipse, pressure and tension by the exact Hertz law at the peak force of the run. Ratios above 1 break"
+                "Ellipse, pressure and tension by the exact Hertz law at the peak force of the run. Ratios above 1"
+                " break"
                 " an assumption, but for the contact's time over that of sound across a body, which should be 10 or"
-                " more, and the static force (weight above the contact), which should be below 0.1 of the peak. Strengths"
+                " more, and the static force (weight above the contact), which should be below 0.1 of the peak."
+                " Strengths"
                 " are handbook values of fused quartz: 1.1 GPa in compression, 48 MPa in tension."
             ),
             columns=COLUMNS,
