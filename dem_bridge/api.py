@@ -18,6 +18,7 @@ from dem_bridge.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dem_bridge.campaign import Progress
+    from dem_bridge.store import Store
     from dem_bridge.studies.scatter import ScatterStudy
     from dem_bridge.studies.styles import StylesStudy
     from dem_bridge.studies.verify import Verification
@@ -127,7 +128,7 @@ def verify(
         found = verify_paper(**settings)
     else:
         found = verify_scenes(chosen, **settings)
-    write_found(found, folder=folder, bundle=bundle, engine=engine)
+    write_found(found, folder=folder, bundle=bundle, engine=engine, store=kept)
     return found
 
 
@@ -138,17 +139,18 @@ def write_found(
     bundle: str | Path | None = None,
     engine: Engine | None = None,
     words: Sequence[str] | None = None,
+    store: Store | None = None,
 ) -> None:
     """Write the report and the bundle of a verification, each where it is wanted; see :func:`verify`.
 
     ``words``: what ``dem-bridge verify`` is told when the bundle is run again (None: "paper" where it was that, else
-    the scenes' files).
+    the scenes' files). ``store``: where pictures are kept.
     """
     if folder is None and bundle is None:
         return
     from dem_bridge.report.page import report_files
 
-    report = report_files(found)
+    report = report_files(found, store)
     if folder is not None:
         write_whole(Path(folder), report)
     if bundle is not None:

@@ -61,7 +61,7 @@ _CPU = ("vendor_id", "cpu family", "model", "model name", "flags", "CPU implemen
 _SUFFIX = ".run"
 #: s, after which what a killed process left half written goes
 _LEFT_BEHIND = 86_400.0
-Floats = NDArray[np.float64]
+Array = NDArray[Any]
 
 
 def run_key(
@@ -174,19 +174,19 @@ class Store:
         arrays |= {f"{name}_bar": bar for name, bar in run.uncertainty.items()}
         self._write(key, arrays, {"cost": asdict(run.cost), "provenance": dict(run.provenance)})
 
-    def load_arrays(self, key: str) -> dict[str, Floats] | None:
+    def load_arrays(self, key: str) -> dict[str, Array] | None:
         """What :meth:`save_arrays` kept, None if there is nothing."""
         found = self._read(key)
         return None if found is None else found[0]
 
-    def save_arrays(self, key: str, arrays: Mapping[str, Floats]) -> None:
-        """Keep named arrays of float64."""
+    def save_arrays(self, key: str, arrays: Mapping[str, Array]) -> None:
+        """Keep named arrays, of any kind of number."""
         self._write(key, arrays, {})
 
     def _path(self, key: str) -> Path:
         return self.folder / f"{key}{_SUFFIX}"
 
-    def _read(self, key: str) -> tuple[dict[str, Floats], dict[str, Any]] | None:
+    def _read(self, key: str) -> tuple[dict[str, Array], dict[str, Any]] | None:
         if self.fresh or self._outdated():
             return None
         path = self._path(key)
@@ -206,7 +206,7 @@ class Store:
             os.utime(path)
         return found
 
-    def _write(self, key: str, arrays: Mapping[str, Floats], told: Mapping[str, Any]) -> None:
+    def _write(self, key: str, arrays: Mapping[str, Array], told: Mapping[str, Any]) -> None:
         if not self._writes or self._outdated():
             return
         made = datetime.now(UTC).isoformat(timespec="seconds")
@@ -255,7 +255,7 @@ class Store:
         self.trouble = self.trouble or f"store: {' '.join(text.split())}"
 
 
-def _packed(told: Mapping[str, Any], arrays: Mapping[str, Floats]) -> bytes:
+def _packed(told: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
     body = io.BytesIO()
     body.write(json.dumps({**told, "arrays": list(arrays)}).encode() + b"\n")
     for array in arrays.values():
@@ -264,7 +264,7 @@ def _packed(told: Mapping[str, Any], arrays: Mapping[str, Floats]) -> bytes:
     return b"\n".join([hashlib.sha256(content).hexdigest().encode(), content])
 
 
-def _unpacked(key: str, whole: bytes) -> tuple[dict[str, Floats], dict[str, Any]]:
+def _unpacked(key: str, whole: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
     """Arrays and what is told of them; ValueError unless all is as it was written, and under that key."""
     checksum, _, content = whole.partition(b"\n")
     if checksum != hashlib.sha256(content).hexdigest().encode():

@@ -5,15 +5,19 @@ All files appear, or none.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import pickle
 import platform
 from collections import Counter
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
@@ -32,8 +36,9 @@ from dem_bridge.report.cells import (
     sortable,
 )
 from dem_bridge.report.exhibits import csv_texts, drawn
+from dem_bridge.store import Store, code_hash, study_key
 from dem_bridge.studies.checks import POSITIONAL, REFERENCE, SECOND, THEORY, TWIN
-from dem_bridge.studies.exhibits import Paper
+from dem_bridge.studies.exhibits import Exhibit, Paper
 from dem_bridge.studies.independence import ANSWERS_THROUGH, matrix
 from dem_bridge.studies.verify import SceneStudy, Verification
 from dem_bridge.trajectory import Trajectory
@@ -70,11 +75,14 @@ def write_report(found: Verification, folder: Path) -> tuple[Path, Path]:
     return folder / "index.html", folder / "verdicts.json"
 
 
-def report_files(found: Verification) -> dict[str, str]:
-    """Name -> text: ``index.html``, ``verdicts.json``; with a paper ``figures/*.csv`` and ``tables/*.csv``."""
+def report_files(found: Verification, store: Store | None = None) -> dict[str, str]:
+    """Name -> text: ``index.html``, ``verdicts.json``; with a paper ``figures/*.csv`` and ``tables/*.csv``.
+
+    ``store``: where pictures are kept, so that none is drawn twice.
+    """
     record = as_json(found)
     files = {
-        "index.html": render(found, record),
+        "index.html": render(found, record, store),
         "verdicts.json": json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n",
     }
     if found.paper is not None:
@@ -135,7 +143,7 @@ def provenance(found: Verification) -> dict[str, Any]:
     }
 
 
-def render(found: Verification, record: dict[str, Any]) -> str:
+def render(found: Verification, record: dict[str, Any], store: Store | None = None) -> str:
     """The page as text."""
     environment = Environment(
         loader=PackageLoader("dem_bridge.report", "templates"),
@@ -149,7 +157,7 @@ def render(found: Verification, record: dict[str, Any]) -> str:
         "by_outcome": by_outcome,
         "claimed": lambda outcome: CLAIMED[outcome],
         "digits": lambda claimed: digits_of(claimed.value, claimed.uncertainty),
-        "drawn": drawn,
+        "shown": partial(_shown, store=store),
         "files": csv_texts,
         "number": number,
         "numeric": numeric,
@@ -212,6 +220,20 @@ def _contents(paper: Paper | None) -> list[tuple[str, str]]:
 def _in_full(study: SceneStudy) -> bool:
     """Whether a scene of a paper has its steps in a ladder: the others lend their numbers, and no pictures."""
     return any(len(steps) > 1 for steps, _ in study.ladder.values())
+
+
+def _shown(exhibit: Exhibit, store: Store | None) -> str:
+    """The picture of an exhibit, which takes half a second to be drawn."""
+    # the same numbers, drawn by the same code
+    content = hashlib.sha256(pickle.dumps(exhibit)).hexdigest()
+    key = study_key("picture", [], content=content, code=code_hash(), matplotlib=version("matplotlib"))
+    known = store.load_arrays(key) if store is not None and key is not None else None
+    if known is not None:
+        return known["picture"].tobytes().decode("ascii")
+    uri = picture(drawn(exhibit))
+    if store is not None and key is not None:
+        store.save_arrays(key, {"picture": np.frombuffer(uri.encode("ascii"), dtype=np.uint8)})
+    return uri
 
 
 def not_verified(found: Verification) -> list[str]:
