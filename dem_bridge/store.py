@@ -259,7 +259,7 @@ def _packed(told: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
     body = io.BytesIO()
     body.write(json.dumps({**told, "arrays": list(arrays)}).encode() + b"\n")
     for array in arrays.values():
-        np.save(body, np.asarray(array, dtype=np.float64), allow_pickle=False)
+        np.save(body, np.asarray(array), allow_pickle=False)
     content = body.getbuffer()
     return b"\n".join([hashlib.sha256(content).hexdigest().encode(), content])
 
