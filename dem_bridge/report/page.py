@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import pickle
 import platform
 from collections import Counter
 from datetime import UTC, datetime
@@ -225,7 +224,7 @@ def _in_full(study: SceneStudy) -> bool:
 def _shown(exhibit: Exhibit, store: Store | None) -> str:
     """The picture of an exhibit, which takes half a second to be drawn."""
     # the same numbers, drawn by the same code
-    content = hashlib.sha256(pickle.dumps(exhibit)).hexdigest()
+    content = hashlib.sha256(exhibit.content()).hexdigest()
     key = study_key("picture", [], content=content, code=code_hash(), matplotlib=version("matplotlib"))
     known = store.load_arrays(key) if store is not None and key is not None else None
     if known is not None:

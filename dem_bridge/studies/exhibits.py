@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -133,6 +133,10 @@ class Exhibit:
     columns: int = 2
     """Panels side by side."""
 
+    def content(self) -> bytes:
+        """All that the picture is made of: exhibits with the same content look the same."""
+        return b"".join(_bytes(self))
+
     def as_csv(self) -> str:
         """All panels, long form: panel, series, x, y, value, bar. Numbers in full precision; empty where there is none.
 
@@ -172,6 +176,22 @@ class Paper:
     """In the order of the page; "budget" first: the whole budget, model and parameters included."""
     exhibits: tuple[Exhibit, ...]
     provenance: Mapping[str, Any] = field(default_factory=dict)
+
+
+def _bytes(part: Any) -> Iterator[bytes]:
+    """Of arrays their shapes and numbers, of all else how Python writes it."""
+    if isinstance(part, np.ndarray):
+        yield f"{part.shape}{part.dtype}".encode() + part.tobytes()
+    elif is_dataclass(part):
+        for one in fields(part):
+            yield f"\n{one.name}=".encode()
+            yield from _bytes(getattr(part, one.name))
+    elif isinstance(part, tuple):
+        yield f"({len(part)}".encode()
+        for one in part:
+            yield from _bytes(one)
+    else:
+        yield f"{part!r};".encode()
 
 
 def _csv(columns: tuple[str, ...], rows: Any) -> str:
