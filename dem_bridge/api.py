@@ -192,7 +192,7 @@ def study_styles(
 def study_scatter(
     scene: Scene | str | Path,
     *,
-    spread: float = 1.0,
+    spread: float = 0.5,
     count: int = 200,
     seed: int = 0,
     folder: str | Path | None = None,

@@ -293,7 +293,7 @@ def study() -> None:
 
 @study.command()
 @_scene
-@click.option("--spread", type=float, metavar="DEG", help="Standard deviation of each angle, degrees.  [default: 1]")
+@click.option("--spread", type=float, metavar="DEG", help="Standard deviation of each angle, degrees.  [default: 0.5]")
 @click.option("--count", type=int, metavar="N", help="Chains.  [default: 200]")
 @click.option("--seed", type=int, metavar="N", help="Of the first chain; the next have the next.  [default: 0]")
 @click.option(

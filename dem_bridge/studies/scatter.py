@@ -140,7 +140,7 @@ def study_of(scene: Scene, results: Sequence[Result], *, spread: float, seed: in
 def study_scatter(
     scene: Scene,
     *,
-    spread: float = 1.0,
+    spread: float = 0.5,
     count: int = 200,
     seed: int = 0,
     jobs: int | None = None,
@@ -168,7 +168,7 @@ def exhibit(found: ScatterStudy) -> Exhibit:
 
     return Exhibit(
         id=f"scatter-{found.scene.name}",
-        title=f"Angles that scatter by {found.spread:g} degrees: {found.scene.name}",
+        title=f"Contact angles off by {found.spread:g}° (standard deviation): {found.scene.name}",
         caption=f"{len(found.arrival)} chains with seeds from {found.seed} on, by the reference.",
         panels=(panel("wave speed", "wave speed", speed, 1), panel("peak force", "peak force", force, 0)),
     )

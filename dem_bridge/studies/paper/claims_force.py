@@ -106,11 +106,18 @@ def _with_gradient(runs: Runs, chain: str) -> dict[str, Floats]:
     return found
 
 
+#: under which name a figure knows LAMMPS
+_BACKENDS = {"lammps": "lammps-granular"}
+
+
 def ratios(runs: Runs, chain: str) -> list[tuple[float, dict[str, float]]]:
     """What figure 6c, f shows: gamma with V_out/V_in by each backend that has run there."""
     found = _with_gradient(runs, chain)
     return [
-        (gamma, {name: float(values[i]) for name, values in found.items() if np.isfinite(values[i])})
+        (
+            gamma,
+            {_BACKENDS.get(name, name): float(values[i]) for name, values in found.items() if np.isfinite(values[i])},
+        )
         for i, gamma in enumerate(GRADIENTS)
     ]
 

@@ -289,7 +289,7 @@ def _scatter(scattered: list[ScatterStudy]) -> Claim:
         "section 4a",
         "The scattering in the measured maps is due to variations in the setting of the contact angles.",
         Outcome.MODEL_DIFFERENCE if scattered else Outcome.NOT_RUN,
-        f"Not to be decided without the data. Angles off by {scattered[0].spread if scattered else 0:g} degree"
+        f"Not to be decided without the data. Angles off by {scattered[0].spread if scattered else 0:g} degrees"
         f" (standard deviation, {len(scattered[0].arrival) if scattered else 0} chains each): {'; '.join(words)}.",
         *values,
     )
