@@ -112,12 +112,9 @@ _BACKENDS = {"lammps": "lammps-granular"}
 
 def ratios(runs: Runs, chain: str) -> list[tuple[float, dict[str, float]]]:
     """What figure 6c, f shows: gamma with V_out/V_in by each backend that has run there."""
-    found = _with_gradient(runs, chain)
+    found = {_BACKENDS.get(name, name): values for name, values in _with_gradient(runs, chain).items()}
     return [
-        (
-            gamma,
-            {_BACKENDS.get(name, name): float(values[i]) for name, values in found.items() if np.isfinite(values[i])},
-        )
+        (gamma, {name: float(values[i]) for name, values in found.items() if np.isfinite(values[i])})
         for i, gamma in enumerate(GRADIENTS)
     ]
 
