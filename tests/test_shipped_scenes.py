@@ -17,8 +17,8 @@ from tests.conftest import Solve
 
 #: backends that refuse
 NONE: set[str] = set()
-NO_PULSE = {"bca"}
-LOSSY = {"bca", "ase", "ode45"}
+NO_PULSE = {"bca", "adiabatic"}
+LOSSY = {*NO_PULSE, "ase", "ode45"}
 NO_HERTZ = {"lammps-granular"}
 
 #: name -> content hash, backends that refuse. A changed hash is a changed scene: on purpose, and said in the change log

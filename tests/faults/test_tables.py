@@ -13,7 +13,7 @@ from dem_bridge.lmp import coefficients
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.physics.law import ContactLaw, power_law
 from dem_bridge.scene import Wall
-from dem_bridge.studies.checks import REFERENCE, TABLE
+from dem_bridge.studies.checks import POSITIONAL, REFERENCE, TABLE
 from dem_bridge.verdict import Outcome
 from tests.faults.decks import Change, run_with, substituted
 from tests.faults.judging import ENERGY, FREE, IMPLEMENTATION, ORDER, USER, Bench, Fault, minus, replaced
@@ -116,7 +116,10 @@ FAULTS: dict[str, Fault[Change]] = {
     # a fortieth of the largest overlap
     "a cutoff 300 nm before touch": Fault(plant=cut_before_touch(3e-7), shows=TABLES | IMPLEMENTATION | USER | ENERGY),
     # as good as was foreseen, and yet not what the deck says: LAMMPS minus its twin alone
-    "slopes at the ends left out": Fault(plant=without_slopes, shows=IMPLEMENTATION),
+    # (displacements may part by a last digit a step, and these do by less)
+    "slopes at the ends left out": Fault(
+        plant=without_slopes, shows=IMPLEMENTATION - minus(POSITIONAL, "displacement")
+    ),
     "a fifth of the points": Fault(plant=substituted("table spline 10000", "table spline 2000"), shows=IMPLEMENTATION),
     "linear in place of spline": Fault(plant=substituted("table spline", "table linear"), shows=IMPLEMENTATION),
 }

@@ -52,7 +52,8 @@ def _verification(scene: Scene, broken: bool = False) -> Verification:
             results.append(Result(case=case, failure=RunBroken("LAMMPS: ERROR: Lost atoms")))
             continue
         name = TWIN if case.backend == engine_for(scene) else case.backend
-        run = db.solve(scene, backend=name, dt=case.resolution.dt, bars=case.resolution.bars)
+        how = case.resolution
+        run = db.solve(scene, backend=name, dt=how.dt, bars=how.bars, gauge_radius=how.gauge_radius)
         results.append(Result(case=case, trajectory=run))
     return Verification(studies=(study_of(scene, tuple(results), 1e-3),), accuracy=1e-3, wall=1.0)
 
