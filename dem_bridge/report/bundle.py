@@ -15,7 +15,6 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-import dem_bridge
 from dem_bridge.backends.base import BACKENDS, backend
 from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
@@ -26,12 +25,13 @@ from dem_bridge.scene_text import scene_toml
 from dem_bridge.studies.exhibits import Table
 from dem_bridge.studies.verify import SceneStudy, Verification
 from dem_bridge.verdict import Verdict, plain
+from dem_bridge.version import __version__
 
 SCHEMA = "dem-bridge/bundle/1"
 #: what names a folder as a bundle, and lists its files
 _MARK, _SUMS = "bundle.json", "SHA256SUMS"
 _NAME = "dem-bridge"
-_PACKAGE = Path(dem_bridge.__file__).parent
+_PACKAGE = Path(__file__).parents[1]
 
 _REPLAY = """\
 #!/bin/sh
@@ -224,8 +224,8 @@ def _source() -> Iterator[tuple[str, str | bytes]]:
     for file in sorted(_PACKAGE.rglob("*")):
         if file.is_file() and "__pycache__" not in file.parts:
             yield f"source/dem_bridge/{file.relative_to(_PACKAGE).as_posix()}", file.read_bytes()
-    metadata = f"Metadata-Version: 2.1\nName: {_NAME}\nVersion: {dem_bridge.__version__}\n"
-    yield f"source/dem_bridge-{dem_bridge.__version__}.dist-info/METADATA", metadata
+    metadata = f"Metadata-Version: 2.1\nName: {_NAME}\nVersion: {__version__}\n"
+    yield f"source/dem_bridge-{__version__}.dist-info/METADATA", metadata
 
 
 def _sums(files: Mapping[str, str | bytes]) -> str:
@@ -240,7 +240,7 @@ def _sums(files: Mapping[str, str | bytes]) -> str:
 def _readme(found: Verification, functions: Sequence[str], pins: Mapping[str, str], engine: Engine) -> str:
     runs = [run for study in found.studies if (run := study.run(study.engine)) is not None]
     lammps = next((run.provenance["lammps"] for run in runs if "lammps" in run.provenance), None)
-    versions = [f"dem_bridge {dem_bridge.__version__} (in source/)", f"Python {platform.python_version()}"]
+    versions = [f"dem_bridge {__version__} (in source/)", f"Python {platform.python_version()}"]
     if lammps:
         versions.append(f"LAMMPS {lammps['version']} ({lammps['run_by']})")
     own = ""
