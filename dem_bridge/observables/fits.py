@@ -80,7 +80,7 @@ class SpeedFit:
     covariance: Floats
     """Of (b1, b2), ``(2, 2)``, from the residuals."""
     residual: float
-    """Root mean square of V / fit - 1."""
+    """Root mean square of fit / V - 1."""
     exponent: float
     """n: that of the scene, not fitted."""
     first: int
@@ -142,7 +142,7 @@ def speed_power_law(
         b1=float(b1),
         b2=float(b2),
         covariance=turn @ spread @ turn.T,
-        residual=float(np.sqrt(np.mean((speed / scale / law(x, a, b) - 1.0) ** 2))),
+        residual=float(np.sqrt(np.mean((law(x, a, b) * scale / speed - 1.0) ** 2))),
         exponent=n,
         first=low,
         last=high,

@@ -1,4 +1,4 @@
-"""What the report of the whole paper takes: the first time, and again when nothing has changed. `make bench` runs it."""
+"""What the report of the whole paper takes: the first time, and again when nothing has changed. See `make bench`."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@
 | ``claims_*`` | what the paper says beside what was found |
 | ``effects`` | what each parameter and each piece of physics changes: the whole budget |
 | ``theories`` | how far binary collisions and the adiabatic wave carry |
+| ``pulses`` | the pulse and the fits of every scene |
 | ``validity`` | where point contact and lumped mass hold |
 | ``figures`` | figures 2 to 6 as numbers |
 | ``study`` | all of it, in order |

@@ -35,6 +35,7 @@ from dem_bridge.studies.paper.effects import (
     of_numerics,
     own_bar,
 )
+from dem_bridge.studies.paper.pulses import fits_table, pulses_table
 from dem_bridge.studies.paper.runs import (
     ACCELERATING,
     DECELERATING,
@@ -145,6 +146,8 @@ def paper_of(runs: Runs, studies: Sequence[SceneStudy], scattered: list[ScatterS
         tables=(
             budget_table(effects),
             theories_table(runs, names),
+            pulses_table(runs, names),
+            fits_table(runs, names),
             coverage_table(runs, names),
             scenes_table(runs, names),
             *(table for table in contacts if table is not None),
