@@ -39,7 +39,7 @@ class ScatterStudy:
     """Standard deviation of each angle, degrees."""
     seed: int
     arrival: Floats
-    """``(n_chain, n_body - 1)``, s, by crossing; nan rows where a chain broke."""
+    """``(n_chain, n_body - 1)``, s, by crossing, of the chains that did not break."""
     residence: Floats
     """``(n_chain, n_body - 2)``, s."""
     peak_force: Floats
@@ -105,10 +105,13 @@ def scattered(scene: Scene, *, spread: float, seed: int) -> Scene:
 
 def cases_of(scene: Scene, *, spread: float, count: int, seed: int = 0) -> list[Case]:
     """The wanted chain, then ``count`` scattered ones, with seeds from ``seed`` on."""
-    if not (np.isfinite(spread) and 0.0 < spread <= 45.0):
+    if isinstance(spread, bool) or not isinstance(spread, int | float) or not 0.0 < spread <= 45.0:
         raise UsageError(f"spread = {spread!r}; allowed: a number of degrees > 0, up to 45")
     if isinstance(count, bool) or not isinstance(count, int) or not 2 <= count <= 100_000:
         raise UsageError(f"count = {count!r}; allowed: a whole number of chains from 2 to 100000")
+    # a seed and its negative are the same to random.Random
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise UsageError(f"seed = {seed!r}; allowed: a whole number >= 0")
     chains = [scene, *(scattered(scene, spread=spread, seed=seed + i) for i in range(count))]
     # crossing times and peak forces are those of the run, not of its samples
     one = Sampling(count=1)
@@ -122,6 +125,11 @@ def study_of(scene: Scene, results: Sequence[Result], *, spread: float, seed: in
     if wanted is None or not chains:
         raise UnsupportedScene(f"{scene.name}: the reference has no run ({results[0].failure})")
     links = scene.n_body - 1
+    if not np.all(np.isfinite(wanted.crossing_time[:links])):
+        raise UnsupportedScene(
+            f"{scene.name}: the wave does not reach the last body within {scene.duration:g} s, so that there is no"
+            " arrival to compare; allowed: a longer duration"
+        )
     return ScatterStudy(
         scene=scene,
         spread=spread,

@@ -102,8 +102,7 @@ def verify_scenes(
     names = [scene.name for scene in scenes]
     if len(set(names)) < len(names):
         raise UsageError(f"two scenes have the same name among {', '.join(names)}; give each its own")
-    if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1):
-        raise UsageError(f"jobs = {jobs!r}; allowed: a whole number >= 1, or None for all cores")
+    check_jobs(jobs)
     checked_accuracy(accuracy)
     cases: list[Case] = []
     lost: dict[str, SceneStudy] = {}
@@ -119,6 +118,12 @@ def verify_scenes(
     )
     notes = (store.trouble,) if store is not None and store.trouble else ()
     return Verification(studies=studies, accuracy=accuracy, wall=time.perf_counter() - began, notes=notes)
+
+
+def check_jobs(jobs: object) -> None:
+    """Whether so many runs can be made at a time; UsageError, in one line, if not."""
+    if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1):
+        raise UsageError(f"jobs = {jobs!r}; allowed: a whole number >= 1, or None for all cores")
 
 
 def hopeless(scene: Scene, error: RunBroken | UnsupportedScene | UsageError) -> SceneStudy:

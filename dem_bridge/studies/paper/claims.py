@@ -35,10 +35,11 @@ def heard(runs: Runs, scene: str, measure: Measure) -> tuple[ClaimValue, ...]:
     return tuple(measured(measure, runs.scenes[scene], run, name) for name, run in runs.judges(scene))
 
 
-def by(values: Iterable[ClaimValue], backend: str = REFERENCE) -> ClaimValue:
-    """The value of one backend; nan where it said nothing."""
-    nothing = ClaimValue(name="", backend=backend, value=math.nan)
-    return next((one for one in values if one.backend == backend), nothing)
+def by(values: Iterable[ClaimValue], *backends: str) -> ClaimValue:
+    """The value of the first of ``backends`` that said something (none named: of those who decide); else nan."""
+    asked, said = backends or DECIDE, {one.backend: one for one in reversed(list(values))}
+    nothing = ClaimValue(name="", backend=asked[0], value=math.nan)
+    return next((said[name] for name in asked if name in said), nothing)
 
 
 def decided(values: Sequence[ClaimValue], low: float = -math.inf, high: float = math.inf) -> Outcome:
@@ -63,7 +64,7 @@ def claim(id: str, where: str, statement: str, outcome: Outcome, sentence: str, 
     for one in values:
         flat += [one] if isinstance(one, ClaimValue) else list(one)
     if outcome is Outcome.NOT_RUN:
-        sentence = "Neither the reference nor LAMMPS has a run of the scenes that this is read from."
+        sentence = "Runs that this is read from are missing."
     return Claim(id=id, where=where, statement=statement, outcome=outcome, sentence=sentence, values=tuple(flat))
 
 

@@ -158,10 +158,9 @@ def _mass_gradient_by_bca(runs: Runs) -> Claim:
     words, outcomes = [], []
     for chain in (DECELERATING, ACCELERATING):
         found = _with_gradient(runs, chain)
-        away = np.nanmax(np.abs(found["bca"] / found["reference"] - 1.0))
-        better = np.nanmax(np.abs(found["adiabatic"] / found["reference"] - 1.0))
-        words.append(f"{chain}: V_out/V_in within {percent(float(away))} (adiabatic wave: {percent(float(better))})")
-        outcomes.append(Outcome.PASS if away < 0.05 else Outcome.FAIL)
+        away, better = (_largest(found[name] / found["reference"] - 1.0) for name in THEORIES)
+        words.append(f"{chain}: V_out/V_in within {percent(away)} (adiabatic wave: {percent(better)})")
+        outcomes.append(Outcome.NOT_RUN if np.isnan(away) else Outcome.PASS if away < 0.05 else Outcome.FAIL)
     arrivals = []
     for name in runs.scenes:
         theory, truth = runs.run(name, "bca"), runs.truth(name)
@@ -179,14 +178,18 @@ def _mass_gradient_by_bca(runs: Runs) -> Claim:
     )
 
 
+def _largest(values: Floats) -> float:
+    """Magnitude, of what is known; nan where nothing is."""
+    known = np.abs(values[np.isfinite(values)])
+    return float(known.max()) if known.size else float("nan")
+
+
 def _latest(scene: Scene, theory: Trajectory, truth: Trajectory) -> float:
     last = scene.n_body - 2
     return float(theory.crossing_time[last] / truth.crossing_time[last] - 1.0)
 
 
 def _solitary(runs: Runs) -> Claim:
-    if not runs.has(UNIFORM):
-        return claim("solitary", "", "", Outcome.NOT_RUN, "")
     truth = solitary_wave(mass=1.0, stiffness=1.0, exponent=2.5, peak_velocity=1.0).speed
     values, outcomes, words = [], [], []
     for name, run in runs.judges(UNIFORM):

@@ -40,14 +40,19 @@ class Measure:
 
 
 def measured(measure: Measure, scene: Scene, run: Trajectory, backend: str) -> ClaimValue:
-    """The number with its bar; nan for what the run cannot say, no bar where the run has none."""
+    """The number with its bar; nan for what the run cannot say. The bar is nan for a theory, inf where nothing can be
+    said of the error."""
     try:
         value = float(measure.of(scene, run))
     except (DemBridgeError, ValueError):  # such as too few contacts that were reached
         value = float("nan")
     bar = float("nan")
     if backend not in THEORIES and np.isfinite(value):
-        bar = _bar(measure, scene, run, value)
+        try:
+            bar = _bar(measure, scene, run, value)
+        except (DemBridgeError, ValueError):  # its bars carry the run to where nothing can be measured
+            bar = float("inf")
+        bar = bar if np.isfinite(bar) else float("inf")
     return ClaimValue(name=measure.name, backend=backend, value=value, uncertainty=bar, unit=measure.unit)
 
 
@@ -60,6 +65,8 @@ def _bar(measure: Measure, scene: Scene, run: Trajectory, value: float) -> float
             total += sum(_moves(measure, scene, run, part, value))
     if "velocity" in measure.made_of:
         size, chance = run.uncertainty["velocity"], np.random.default_rng(1)
+        if not np.isfinite(size):
+            return float("inf")
         moved = [
             measure.of(scene, replace(run, velocity=run.velocity + size * _signs(chance, run.velocity.shape)))
             for _ in range(MOVES)
@@ -70,13 +77,19 @@ def _bar(measure: Measure, scene: Scene, run: Trajectory, value: float) -> float
 
 def _moves(measure: Measure, scene: Scene, run: Trajectory, part: str, value: float) -> list[float]:
     bars, values = run.uncertainty[part], getattr(run, part)
+    if not np.all(np.isfinite(bars[np.isfinite(values)])):
+        return [float("inf")]
     if "velocity" not in measure.made_of:  # samples that do not matter need not be copied for every move
         run = replace(run, **{name: getattr(run, name)[:1] for name in ("time", *SAMPLED)})
     found = []
     for k in np.flatnonzero(np.isfinite(values)):
-        shifted = values.copy()
-        shifted[k] += bars[k]
-        found.append(abs(float(measure.of(scene, replace(run, **{part: shifted}))) - value))
+        # a least or a largest value may move one way only
+        moved = []
+        for away in (bars[k], -bars[k]):
+            shifted = values.copy()
+            shifted[k] += away
+            moved.append(abs(float(measure.of(scene, replace(run, **{part: shifted}))) - value))
+        found.append(max(moved))
     return found
 
 
@@ -87,11 +100,13 @@ def _signs(chance: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.fl
 def inside(found: ClaimValue, low: float, high: float) -> Outcome:
     """PASS where the value with its whole bar is between ``low`` and ``high``, FAIL where it is outside with all of it.
 
+    A bar of nan is none (of a formula, or a theory); one of inf leaves all open.
+
     >>> one = ClaimValue(name="ratio", backend="reference", value=0.4, uncertainty=0.01)
     >>> [inside(one, *range_).value for range_ in ((0.3, 0.5), (0.5, 1.0), (0.395, 1.0))]
     ['PASS', 'FAIL', 'UNDECIDED']
     """
-    bar = found.uncertainty if np.isfinite(found.uncertainty) else 0.0
+    bar = 0.0 if np.isnan(found.uncertainty) else found.uncertainty
     if not np.isfinite(found.value):
         return Outcome.UNDECIDED
     if low <= found.value - bar and found.value + bar <= high:

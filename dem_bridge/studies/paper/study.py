@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
+from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import BACKENDS
 from dem_bridge.campaign import Case, Progress, Result, run_cases
 from dem_bridge.compare import difference
@@ -53,7 +54,15 @@ from dem_bridge.studies.paper.summary import NOT_VERIFIED, answer
 from dem_bridge.studies.paper.theories import theories_table
 from dem_bridge.studies.paper.validity import contacts_table, scenes_table
 from dem_bridge.studies.scatter import ScatterStudy
-from dem_bridge.studies.verify import DEFAULT_ACCURACY, SceneStudy, Verification, cases_of, hopeless, study_of
+from dem_bridge.studies.verify import (
+    DEFAULT_ACCURACY,
+    SceneStudy,
+    Verification,
+    cases_of,
+    check_jobs,
+    hopeless,
+    study_of,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +98,8 @@ def verify_paper(
 ) -> Verification:
     """Run and judge all shipped scenes and the paper's claims; see :func:`dem_bridge.api.verify` for the arguments."""
     began, extent = time.perf_counter(), extent or Extent()
+    check_jobs(jobs)
+    checked_accuracy(accuracy)
     scenes = scenes_of_paper(extent.scenes)
     lost: dict[str, SceneStudy] = {}
 

@@ -52,6 +52,14 @@ def _codes(studies: Sequence[SceneStudy]) -> str:
 
     error, same, two = worst(True, REFERENCE), worst(True, POSITIONAL), worst(False, REFERENCE)
     everywhere = worst(False, REFERENCE, [study.scene.name for study in studies])
+    if math.isnan(error):
+        return f"LAMMPS has not run the paper's two chains; the two references agree to {everywhere:.1e} on what has."
+    wrong = Counter(v.outcome for study in studies for v in study.verdicts)
+    if wrong[Outcome.FAIL] or wrong[Outcome.BROKEN]:
+        return (
+            f"The codes are not shown to be right: of {wrong.total()} verdicts {wrong[Outcome.FAIL]} fail and"
+            f" {wrong[Outcome.BROKEN]} could not be told, for runs broke; the table of verdicts says which."
+        )
     return (
         f"The codes are right: LAMMPS solves the paper's two chains to {error:.1e} of the largest velocity, all of it"
         " the"
@@ -77,8 +85,8 @@ def _count(claims: Sequence[Claim]) -> str:
 def _theory(claims: Sequence[Claim]) -> str:
     known = {one.id: one for one in claims}
     slow, fast = known.get("decelerates"), known.get("accelerates")
-    if slow is None or fast is None:
-        return "Neither chain has run."
+    if slow is None or fast is None or Outcome.NOT_RUN in (slow.outcome, fast.outcome):
+        return "The paper's two chains have not both run."
     velocity = known["velocity-by-bca"]
     low, high = (by(one.values).value for one in (slow, fast))
     real = by(velocity.values).value

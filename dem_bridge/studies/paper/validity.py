@@ -125,8 +125,11 @@ def _hertz(one: Body, other: Body, angle: float | None) -> HertzContact:
 
 def _known(runs: Runs, names: Iterable[str]) -> Iterable[tuple[Scene, list[ContactValidity]]]:
     for name in names:
-        scene, truth = runs.scenes[name], runs.truth(name)
-        if scene.geometry is not None and truth is not None and set(scene.contacts.exponent.tolist()) == {2.5}:
+        truth = runs.truth(name)
+        if truth is None:
+            continue
+        scene = runs.scenes[name]
+        if scene.geometry is not None and set(scene.contacts.exponent.tolist()) == {2.5}:
             links = scene.n_body - 1
             reached = [k for k in range(links) if truth.peak_force[k] > 0.0]
             yield scene, [contact_validity(scene, truth, k) for k in reached]

@@ -1,0 +1,125 @@
+"""Runs of the paper's study that are cheap, made once: what its claims are tried on.
+
+The twin stands in for LAMMPS: same algorithm, no engine. Long chains have no bars of their own (4 s): theirs are those
+that the reference gives for them, rounded up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dem_bridge as db
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.campaign import Case, Result, run_case
+from dem_bridge.scene import Scene
+from dem_bridge.studies import scatter
+from dem_bridge.studies.paper.runs import LONG, MAIN, Runs, matched, quick, variants, with_mass_gradient
+from dem_bridge.studies.scatter import ScatterStudy
+from dem_bridge.trajectory import Trajectory
+
+OTHERS = ("tapered-forward", "tapered-backward", "homogeneous-cylinders")
+THEORIES = ("bca", "adiabatic")
+#: of figure 6's gradients those that the claims name
+GRADIENTS = (-0.02, -0.01, 0.0, 0.01, 0.02)
+#: those that only scipy can do take up to 4 s each: all of the decelerating chain, two of the accelerating one
+DEAR = (
+    *(f"{MAIN[0]}.{id}" for id in ("dashpot", "kuwabara-kono", "drag", "exponent-1um", "exponent-5um")),
+    *(f"{MAIN[1]}.{id}" for id in ("kuwabara-kono", "drag")),
+)
+#: of the reference on the chains of 200, m, m/s, N, s: 3.9e-11 N, 8.4e-12 m/s
+LONG_BARS = {"velocity": 1e-11, "displacement": 1e-14, "peak_force": 1e-10, "crossing_time": 1e-16}
+
+
+def cheap_variants() -> list[Case]:
+    return [case for case in variants() if case.scene.name not in DEAR]
+
+
+def few_gradients() -> list[Case]:
+    scenes = [with_mass_gradient(db.load_scene(name), gamma) for name in MAIN for gamma in GRADIENTS]
+    return quick(scenes, ("reference", "ode45", *THEORIES))
+
+
+def _run(scene: Scene, backend: str, *, bars: bool = True, dt: float | None = None) -> Result:
+    resolution = Resolution(bars=bars, dt=dt)
+    found = run_case(Case(scene=scene, backend=backend, resolution=resolution, sampling=Sampling(count=scene.samples)))
+    assert found.trajectory is not None, found.failure
+    return found
+
+
+def _as_lammps(found: Result) -> Result:
+    return replace(found, case=replace(found.case, backend="lammps-granular"))
+
+
+def _made() -> Iterator[Result]:
+    for scene in map(db.load_scene, MAIN):
+        yield from (_run(scene, name) for name in ("reference", "ode45", *THEORIES))
+        yield _as_lammps(_run(scene, "verlet", dt=1e-7))
+    for scene in map(db.load_scene, LONG):
+        truth = _run(scene, "reference", bars=False)
+        assert truth.trajectory is not None
+        yield replace(truth, trajectory=replace(truth.trajectory, uncertainty=LONG_BARS))
+        yield from (_run(scene, name) for name in THEORIES)
+    for scene in map(db.load_scene, OTHERS):
+        yield from (_run(scene, name) for name in ("reference", *THEORIES))
+    yield from map(run_case, (*cheap_variants(), *matched(), *few_gradients()))
+
+
+@pytest.fixture(scope="package")
+def results() -> tuple[Result, ...]:
+    return tuple(_made())
+
+
+@pytest.fixture(scope="package")
+def runs(results: tuple[Result, ...]) -> Runs:
+    return Runs.of(results)
+
+
+@pytest.fixture(scope="package")
+def scattered() -> list[ScatterStudy]:
+    return [
+        scatter.study_of(scene, [run_case(case) for case in scatter.cases_of(scene, spread=1.0, count=2)], spread=1.0)
+        for scene in map(db.load_scene, MAIN)
+    ]
+
+
+def truth_of(runs: Runs, name: str) -> Trajectory:
+    found = runs.truth(name)
+    assert found is not None
+    return found
+
+
+def planted(runs: Runs, scene: str, backend: str = "reference", **changes: Any) -> Runs:
+    """The runs with something changed in one of them."""
+    old = runs.results[scene, backend]
+    assert old.trajectory is not None
+    new = replace(old, trajectory=replace(old.trajectory, **changes))
+    return Runs(runs.scenes, {**runs.results, (scene, backend): new})
+
+
+def without(runs: Runs, *backends: str) -> Runs:
+    """The runs that others than these have made."""
+    return Runs(runs.scenes, {key: result for key, result in runs.results.items() if key[1] not in backends})
+
+
+def swapped(runs: Runs) -> Runs:
+    """Every run of the decelerating chains under the name of the accelerating ones, and the other way round."""
+
+    def other(name: str) -> str:
+        ways = ("decelerating", "accelerating")
+        start, stop = ways if name.startswith(ways[0]) else ways[::-1]
+        return name.replace(start, stop, 1)
+
+    return Runs(
+        {other(name): replace(scene, name=other(name)) for name, scene in runs.scenes.items()},
+        {(other(name), backend): result for (name, backend), result in runs.results.items()},
+    )
+
+
+def bars(run: Trajectory, factor: float) -> dict[str, Any]:
+    """Bars that are so many times the largest value of each quantity."""
+    return {name: factor * float(np.nanmax(np.abs(getattr(run, name)))) for name in run.uncertainty}
