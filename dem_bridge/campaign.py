@@ -10,6 +10,7 @@ import os
 import pickle
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -164,12 +165,11 @@ def _run_all(
 def _run_away(cases: dict[str, Case], workers: int, keep: Callable[[str, Result], None]) -> None:
     """In processes of their own."""
     others, ended = set(multiprocessing.active_children()), False
-    # spawn: compiled code and engines do not survive a fork of a process with threads. Ctrl-C is for this process alone
+    # spawn: compiled code and engines do not survive a fork of a process with threads
     executor = ProcessPoolExecutor(
         max_workers=workers,
         mp_context=multiprocessing.get_context("spawn"),
-        initializer=signal.signal,
-        initargs=(signal.SIGINT, signal.SIG_IGN),
+        initializer=_begin,
     )
     try:
         with _bare_main(any(_stays(case.scene, of_main=True) for case in cases.values())):
@@ -186,6 +186,19 @@ def _run_away(cases: dict[str, Case], workers: int, keep: Callable[[str, Result]
             for worker in set(multiprocessing.active_children()) - others:
                 worker.terminate()
         executor.shutdown(wait=False, cancel_futures=True)
+
+
+def _begin() -> None:
+    """In each worker: Ctrl-C is for the program that asked, and the worker ends with that however it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    assert parent is not None  # a worker has one
+
+    def leave() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=leave, daemon=True).start()
 
 
 @contextmanager

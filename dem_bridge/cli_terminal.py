@@ -86,13 +86,13 @@ def print_styles(found: StylesStudy) -> None:
 def print_scatter(found: ScatterStudy) -> None:
     """What a set of chains differs by from the one that was wanted, in words."""
     told = found.as_json()
-    speed, force = (sorted(told[key]) for key in ("speed_spread", "force_spread"))
+    times, force = (sorted(told[key]) for key in ("residence_spread", "force_spread"))
     for line in (
         f"{found.scene.name}: {told['chains']} chains, angles off by {found.spread:g} degrees (standard deviation)",
         f"arrival at the last body: {100 * told['arrival_shift_mean']:+.2f} % on average,"
         f" standard deviation {100 * told['arrival_shift_deviation']:.2f} %",
-        f"wave speed at a body:     standard deviation {100 * speed[len(speed) // 2]:.2f} % (median),"
-        f" {100 * speed[-1]:.2f} % (largest)",
+        f"residence time at a body: standard deviation {100 * times[len(times) // 2]:.2f} % (median),"
+        f" {100 * times[-1]:.2f} % (largest)",
         f"peak force of a contact:  standard deviation {100 * force[len(force) // 2]:.2f} % (median),"
         f" {100 * force[-1]:.2f} % (largest)",
     ):

@@ -48,9 +48,13 @@ class ScatterStudy:
     """The same three of the chain as it was wanted."""
 
     @property
-    def speed_spread(self) -> Floats:
-        """Standard deviation of the wave speed at body i = 1..n_body-2, relative to the wanted, ``(n_body - 2,)``."""
-        return np.asarray(np.nanstd(self.wanted["residence"] / self.residence, axis=0))
+    def residence_spread(self) -> Floats:
+        """Standard deviation of the residence time at body i = 1..n_body-2, relative to the wanted, ``(n_body - 2,)``.
+
+        Not of the wave speed, its inverse: by crossing the wave may be at the next body first, so that times near zero
+        and below occur, and a mean of their inverses says nothing.
+        """
+        return np.asarray(np.nanstd(self.residence / self.wanted["residence"], axis=0))
 
     @property
     def arrival_shift(self) -> tuple[float, float]:
@@ -73,7 +77,7 @@ class ScatterStudy:
             "chains": len(self.arrival),
             "arrival_shift_mean": mean,
             "arrival_shift_deviation": deviation,
-            "speed_spread": self.speed_spread.tolist(),
+            "residence_spread": self.residence_spread.tolist(),
             "force_spread": self.force_spread.tolist(),
         }
 
@@ -161,8 +165,8 @@ def study_scatter(
 
 
 def exhibit(found: ScatterStudy) -> Exhibit:
-    """Wave speed and peak force along the chain with the middle 90 % of the set."""
-    speed = found.wanted["residence"] / found.residence
+    """Residence time and peak force along the chain with the middle 90 % of the set."""
+    residence = found.residence / found.wanted["residence"]
     force = found.peak_force[:, : found.scene.n_body - 1] / found.wanted["peak_force"][: found.scene.n_body - 1]
 
     def panel(title: str, what: str, ratio: Floats, first: int) -> Panel:
@@ -170,15 +174,14 @@ def exhibit(found: ScatterStudy) -> Exhibit:
         low, middle, high = np.nanpercentile(ratio, [5.0, 50.0, 95.0], axis=0)
         parts = (("95 % below", high, "guide"), ("median", middle, "reference"), ("5 % below", low, "guide"))
         series = tuple(Series(label=label, style=style, x=x, y=y) for label, y, style in parts)
-        return Panel(
-            title=title, x_label="cylinder" if first else "contact", y_label=f"{what} (of the wanted)", series=series
-        )
+        return Panel(title=title, x_label="cylinder" if first else "contact", y_label=f"{what} / wanted", series=series)
 
     return Exhibit(
         id=f"scatter-{found.scene.name}",
-        title=f"Contact angles off by {found.spread:g}° (standard deviation): {found.scene.name}",
-        caption=f"{len(found.arrival)} chains with seeds from {found.seed} on, by the reference.",
-        panels=(panel("wave speed", "wave speed", speed, 1), panel("peak force", "peak force", force, 0)),
+        title=f"Angles that scatter by {found.spread:g}°: {found.scene.name}",
+        caption=f"{len(found.arrival)} chains with seeds from {found.seed} on, by the reference; each over the chain"
+        " with the angles wanted. A residence time below zero: the next contact is at its peak first.",
+        panels=(panel("residence time", "residence time", residence, 1), panel("peak force", "peak force", force, 0)),
     )
 
 
@@ -194,7 +197,7 @@ def table(studies: Sequence[ScatterStudy]) -> Table:
             "chains",
             "arrival at the end: mean shift (%)",
             "its deviation (%)",
-            "wave speed, median deviation along the chain (%)",
+            "residence time, median deviation along the chain (%)",
             "largest (%)",
             "peak force, median deviation (%)",
         ),
@@ -205,8 +208,8 @@ def table(studies: Sequence[ScatterStudy]) -> Table:
                 float(len(one.arrival)),
                 100.0 * one.arrival_shift[0],
                 100.0 * one.arrival_shift[1],
-                100.0 * float(np.nanmedian(one.speed_spread)),
-                100.0 * float(np.nanmax(one.speed_spread)),
+                100.0 * float(np.nanmedian(one.residence_spread)),
+                100.0 * float(np.nanmax(one.residence_spread)),
                 100.0 * float(np.nanmedian(one.force_spread)),
             )
             for one in studies
