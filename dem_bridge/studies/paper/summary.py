@@ -140,7 +140,8 @@ def _largest(effects: Sequence[Effect]) -> str:
     return (
         f"The largest term of the whole budget is {_named(whole)}; of the model and its parameters it is"
         f" {_named(model)}, while the stiffness law, 17.8 % too stiff at 2 degrees, changes up to"
-        f" {percent(law.largest)}; of what the paper only suspects, with values that are ours, it is {_named(supposed)}; {said}."
+        f" {percent(law.largest)}; of what the paper only suspects, with values that are ours, it is"
+        f" {_named(supposed)}; {said}."
     )
 
 
