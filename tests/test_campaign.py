@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -268,6 +270,52 @@ def test_a_process_that_dies_is_one_line() -> None:
     with pytest.raises(RunBroken, match=r"one of 2 processes died .* take jobs = 1") as caught:
         run_cases(cases, jobs=2)
     assert "\n" not in str(caught.value)
+
+
+LONG_PROGRAM = """
+import multiprocessing, sys, threading
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.campaign import Case, run_cases
+from dem_bridge.scene import Scene
+def tell_who():
+    while len(workers := multiprocessing.active_children()) < 2:
+        pass
+    print(*(worker.pid for worker in workers), flush=True)
+if __name__ == "__main__":
+    scene = Scene(name="pair", duration=1.0, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
+    cases = [
+        Case(scene=scene, backend="ase", resolution=Resolution(dt=dt), sampling=Sampling(count=4))
+        for dt in (1e-8, 2e-8)
+    ]
+    threading.Thread(target=tell_who, daemon=True).start()
+    run_cases(cases, jobs=2)
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_processes_end_with_the_program_that_asked(how: signal.Signals, tmp_path: Path) -> None:
+    file = tmp_path / "program.py"
+    file.write_text(LONG_PROGRAM)
+    with subprocess.Popen(
+        [sys.executable, str(file)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as program:
+        assert program.stdout is not None
+        workers = [int(pid) for pid in program.stdout.readline().split()]
+        program.send_signal(how)
+    assert len(workers) == 2
+    # runs of minutes: were they let be, they would be there at the end of this wait
+    until = time.monotonic() + 30.0
+    while (left := [pid for pid in workers if _alive(pid)]) and time.monotonic() < until:
+        time.sleep(0.05)
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+    assert not left
+
+
+def _alive(pid: int) -> bool:
+    """A process that has ended may still wait for someone to ask for its exit code."""
+    state = subprocess.run(["ps", "-o", "stat=", "-p", str(pid)], capture_output=True, text=True).stdout
+    return bool(state.strip()) and not state.startswith("Z")
 
 
 # verification

@@ -60,7 +60,7 @@ _NEVER_VERIFIED = (
     "The physics of the model. Code is verified against code and theory here; nothing is compared with a measurement.",
     "The contact stiffness: it is taken as the scene gives it. Where that is by the paper's eq. 3.1 with its"
     " approximate axis ratio, as in the shipped scenes, the exact Hertz solution is softer by 15 % at 2 degrees, and"
-    " the contact ellipse is then longer than the cylinder is high, where Hertz' theory ends.",
+    " there the contact ellipse grows to the height of the cylinder, where Hertz' theory ends.",
     "Cylinders that bend, rotation, friction, more dimensions: none is in such scenes.",
     "Error bars of the reference: they come from runs of another order with every input moved by its last digit. They"
     " are tested against quadruple-precision solutions of four scenes and extended precision in 300 random ones, and"

@@ -285,9 +285,8 @@ def budget_table(effects: list[Effect]) -> Table:
             "Each term alone, as change of the paper's chain in per cent, the largest first. A parameter is a number"
             " that the paper prints and that does not follow from its other numbers; a model term is physics that the"
             " equations have in another form, or not at all; of a supposed term the paper gives no number, so the"
-            " effect"
-            " is that of the value taken here. First passage of the wave; forces of theories and codes: of the whole"
-            " run."
+            " effect is that of the value taken here. First passage of the wave; forces of theories and codes: of the"
+            " whole run."
         ),
         columns=("term", "kind", "chain", *(f"{name} (%)" for name in OBSERVABLES)),
         rows=tuple(rows()),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from dem_bridge.backends.base import Resolution, Sampling, backend
 from dem_bridge.campaign import Case, Result
@@ -135,3 +136,30 @@ def matched() -> list[Case]:
     scene = load_scene(DECELERATING)
     scenes = [replace(change(scene), name=f"{scene.name}.{key}") for key, change in MATCHED.items()]
     return quick(scenes, samples=scene.samples)
+
+
+#: ratio of each sphere's radius to the one before, and samples: pulses get as short as the last spheres are small
+STEEPER = {0.95: 4000, 0.9: 8000}
+
+
+def steeper_taper(scene: Scene, ratio: float) -> Scene:
+    """A tapered chain with another ratio of radii: m goes as R^3, beta as the root of R R'/(R + R').
+
+    ``scene``: one whose striker is as large as the first sphere.
+    """
+    radii = [1.0, *(ratio**i for i in range(scene.n_body - 1))]
+    return replace(
+        scene,
+        name=f"tapered-forward.{100.0 * (1.0 - ratio):.3g}-percent",
+        mass=tuple(float(f"{scene.mass[0] * r**3:.12g}") for r in radii),
+        stiffness=tuple(
+            float(f"{scene.stiffness[0] * (2.0 * r * s / (r + s)) ** 0.5:.12g}") for r, s in pairwise(radii)
+        ),
+        geometry=None,
+    )
+
+
+def steeper_tapers() -> list[Case]:
+    """Chains that taper more than the shipped ones."""
+    scene = load_scene("tapered-forward")
+    return [case for q, samples in STEEPER.items() for case in quick([steeper_taper(scene, q)], samples=samples)]

@@ -62,6 +62,16 @@ class ContactValidity:
     holds: tuple[bool, ...]
     """In the order of :data:`JUDGED`."""
 
+    @property
+    def angle(self) -> float:
+        """Degrees."""
+        return self.numbers[1]
+
+    @property
+    def over_half_height(self) -> float:
+        """Semi-major axis of the contact ellipse over half the height of the body."""
+        return self.numbers[7]
+
 
 def contact_validity(scene: Scene, run: Trajectory, k: int) -> ContactValidity:
     """Contact k of a scene with a geometry, at its peak force in the run."""
