@@ -220,3 +220,48 @@ def test_tab_completion_offers_the_shipped_scenes(tmp_path: Path) -> None:
         [PROGRAM], capture_output=True, text=True, cwd=tmp_path, env={**os.environ, **asked}, timeout=60
     )
     assert "decelerating-40" in done.stdout
+
+
+def test_study_scatter_says_in_words_what_its_json_says(tmp_path: Path) -> None:
+    words = ("study", "scatter", "accelerating-40", "--count", "3", "--spread", "0.5", "--seed", "4", "-j", "1")
+    done = _run(*words, "-o", "found", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    told = json.loads((tmp_path / "found/scatter.json").read_text())
+    assert (told["chains"], told["seed"], told["spread_degrees"]) == (3, 4, 0.5)
+    first, arrival, speed, force, written = done.stdout.splitlines()
+    assert first == "accelerating-40: 3 chains, angles off by 0.5 degrees (standard deviation)"
+    assert f"{100 * told['arrival_shift_mean']:+.2f} % on average" in arrival
+    assert f"standard deviation {100 * told['arrival_shift_deviation']:.2f} %" in arrival
+    for line, key in ((speed, "speed_spread"), (force, "force_spread")):
+        values = sorted(told[key])
+        assert f"{100 * values[len(values) // 2]:.2f} % (median), {100 * values[-1]:.2f} % (largest)" in line
+    assert written == "written: found/scatter.png and, beside it, scatter.csv and scatter.json"
+    again = _run(*words, "--json", cwd=tmp_path)
+    assert (again.returncode, again.stderr, json.loads(again.stdout)) == (0, "", told)
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        (("tapered-forward",), ("tapered-forward has no contact angles", "allowed: a scene in physical form")),
+        (("decelerating-40", "--spread", "0"), ("spread = 0.0", "allowed: a number of degrees > 0")),
+        (("decelerating-40", "--spread", "-1"), ("spread = -1.0",)),
+        (("decelerating-40", "--spread", "nan"), ("spread = nan",)),
+        (("decelerating-40", "--count", "1"), ("count = 1", "from 2 to 100000")),
+        (("decelerating-40", "--seed", "-1"), ("seed = -1", "allowed: a whole number >= 0")),
+        (("nowhere.toml",), ("nowhere.toml",)),
+    ],
+)
+def test_a_scatter_that_cannot_be_is_one_line_and_exit_code_2(
+    words: tuple[str, ...], parts: tuple[str, ...], tmp_path: Path
+) -> None:
+    done = _run("study", "scatter", *words, cwd=tmp_path)
+    assert done.returncode == 2
+    _one_line(done, *parts)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_paper_is_verified_alone(tmp_path: Path) -> None:
+    done = _run("verify", "paper", "decelerating-40", cwd=tmp_path)
+    assert done.returncode == 2
+    _one_line(done, "'paper' is all shipped scenes together", "give it alone")

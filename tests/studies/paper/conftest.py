@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,9 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Case, Result, run_case
+from dem_bridge.campaign import Case, Result, run_cases
 from dem_bridge.scene import Scene
+from dem_bridge.store import Store
 from dem_bridge.studies import scatter
 from dem_bridge.studies.paper.runs import LONG, MAIN, Runs, matched, quick, variants, with_mass_gradient
 from dem_bridge.studies.scatter import ScatterStudy
@@ -44,34 +46,46 @@ def few_gradients() -> list[Case]:
     return quick(scenes, ("reference", "ode45", *THEORIES))
 
 
-def _run(scene: Scene, backend: str, *, bars: bool = True, dt: float | None = None) -> Result:
-    resolution = Resolution(bars=bars, dt=dt)
-    found = run_case(Case(scene=scene, backend=backend, resolution=resolution, sampling=Sampling(count=scene.samples)))
-    assert found.trajectory is not None, found.failure
-    return found
+def _case(scene: Scene, backend: str, *, bars: bool = True, dt: float | None = None) -> Case:
+    return Case(
+        scene=scene,
+        backend=backend,
+        resolution=Resolution(bars=bars, dt=dt),
+        sampling=Sampling(count=scene.samples),
+    )
 
 
-def _as_lammps(found: Result) -> Result:
-    return replace(found, case=replace(found.case, backend="lammps-granular"))
-
-
-def _made() -> Iterator[Result]:
+def _cases() -> Iterator[Case]:
     for scene in map(db.load_scene, MAIN):
-        yield from (_run(scene, name) for name in ("reference", "ode45", *THEORIES))
-        yield _as_lammps(_run(scene, "verlet", dt=1e-7))
+        yield from (_case(scene, name) for name in ("reference", "ode45", *THEORIES))
+        yield _case(scene, "verlet", dt=1e-7)
     for scene in map(db.load_scene, LONG):
-        truth = _run(scene, "reference", bars=False)
-        assert truth.trajectory is not None
-        yield replace(truth, trajectory=replace(truth.trajectory, uncertainty=LONG_BARS))
-        yield from (_run(scene, name) for name in THEORIES)
+        yield _case(scene, "reference", bars=False)
+        yield from (_case(scene, name) for name in THEORIES)
     for scene in map(db.load_scene, OTHERS):
-        yield from (_run(scene, name) for name in ("reference", *THEORIES))
-    yield from map(run_case, (*cheap_variants(), *matched(), *few_gradients()))
+        yield from (_case(scene, name) for name in ("reference", *THEORIES))
+    yield from (*cheap_variants(), *matched(), *few_gradients())
+
+
+def _as_found(result: Result) -> Result:
+    case, run = result.case, result.trajectory
+    assert run is not None, result.failure
+    if case.backend == "verlet":
+        return replace(result, case=replace(case, backend="lammps-granular"))
+    if case.scene.name in LONG and case.backend == "reference":
+        return replace(result, trajectory=replace(run, uncertainty=LONG_BARS))
+    return result
 
 
 @pytest.fixture(scope="package")
-def results() -> tuple[Result, ...]:
-    return tuple(_made())
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the runs of these tests are kept, for those that make the whole study."""
+    return tmp_path_factory.mktemp("store")
+
+
+@pytest.fixture(scope="package")
+def results(store: Path) -> tuple[Result, ...]:
+    return tuple(map(_as_found, run_cases(tuple(_cases()), store=Store(store))))
 
 
 @pytest.fixture(scope="package")
@@ -80,11 +94,12 @@ def runs(results: tuple[Result, ...]) -> Runs:
 
 
 @pytest.fixture(scope="package")
-def scattered() -> list[ScatterStudy]:
-    return [
-        scatter.study_of(scene, [run_case(case) for case in scatter.cases_of(scene, spread=1.0, count=2)], spread=1.0)
-        for scene in map(db.load_scene, MAIN)
-    ]
+def scattered(store: Path) -> list[ScatterStudy]:
+    def of(scene: Scene) -> ScatterStudy:
+        return scatter.study_of(scene, run_cases(scatter.cases_of(scene, spread=1.0, count=2), store=kept), spread=1.0)
+
+    kept = Store(store)
+    return [of(db.load_scene(name)) for name in MAIN]
 
 
 def truth_of(runs: Runs, name: str) -> Trajectory:

@@ -1,0 +1,123 @@
+"""Page one: sentences that follow from what was found, whatever that is."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import replace
+
+import pytest
+
+import dem_bridge as db
+from dem_bridge.studies.checks import POSITIONAL, REFERENCE, SECOND
+from dem_bridge.studies.exhibits import Claim
+from dem_bridge.studies.paper.claims_numbers import numbers
+from dem_bridge.studies.paper.claims_wave import waves
+from dem_bridge.studies.paper.effects import OBSERVABLES, Effect
+from dem_bridge.studies.paper.runs import MAIN, Runs
+from dem_bridge.studies.paper.summary import NOT_VERIFIED, answer
+from dem_bridge.studies.verify import SceneStudy
+from dem_bridge.verdict import Outcome, Verdict
+
+
+def _verdict(scene: str, backend: str, reference: str, difference: float, **other: object) -> Verdict:
+    parts = {"outcome": Outcome.PASS, "quantity": "velocity", "sentence": ""} | other
+    return Verdict(scene=scene, backend=backend, reference=reference, difference=difference, **parts)  # type: ignore[arg-type]
+
+
+def _study(scene: str, error: float, same: float, two: float, *more: Verdict) -> SceneStudy:
+    verdicts = (
+        _verdict(scene, "lammps-granular", REFERENCE, error),
+        _verdict(scene, "lammps-granular", POSITIONAL, same),
+        _verdict(scene, SECOND, REFERENCE, two),
+        _verdict(scene, "lammps-granular", REFERENCE, 0.9, quantity="peak_force"),
+        _verdict(scene, "verlet", REFERENCE, 0.8),
+        *more,
+    )
+    return SceneStudy(scene=db.load_scene(scene), results=(), verdicts=verdicts, ladder={})
+
+
+STUDIES = [
+    _study(MAIN[0], 1.1e-6, 2e-12, 3e-12),
+    _study(MAIN[1], 1.5e-6, 1e-12, 4e-12),
+    _study("stacked-40", 7e-3, 6e-5, 5e-11),
+]
+
+
+def _effect(id: str, kind: str, what: str, *changes: float) -> Effect:
+    return Effect(id=id, kind=kind, what=what, scene=MAIN[0], changes=dict(zip(OBSERVABLES, changes, strict=True)))
+
+
+EFFECTS = [
+    _effect("lammps", "numerics", "LAMMPS", 1e-7, -2e-6, 0.0, math.nan),
+    _effect("ode45", "numerics", "ode45", 1e-3, 1e-3, 1e-3, 1e-3),
+    _effect("bca", "theory", "binary collisions", 0.02, 0.03, 0.5, -0.8),
+    _effect("exact-stiffness", "model", "exact law", 0.03, -0.04, 0.0, 0.0),
+    _effect("striker-mass", "parameter", "a lighter striker", 0.0, 0.0, -0.13, 0.1),
+    _effect("dashpot", "supposed", "a dashpot", 0.99, 0.0, 0.0, 0.0),
+]
+
+
+@pytest.fixture(scope="module")
+def claims(runs: Runs) -> tuple[Claim, ...]:
+    few = Runs.of(result for (name, _), result in runs.results.items() if name in MAIN)
+    return (*numbers(few), *waves(few, []))
+
+
+def test_the_answer_is_five_sentences_each_with_a_number(claims: tuple[Claim, ...]) -> None:
+    found = answer(claims, EFFECTS, STUDIES)
+    assert len(found) == 5
+    assert all(sentence.endswith(".") and "nan" not in sentence for sentence in found)
+    codes, count, theory, failing, largest = found
+    # of both main chains the larger; round-off against the twin in positions; both references everywhere
+    for text in ("LAMMPS solves the paper's two chains to 1.5e-06", "the same to 2.0e-12", "agree to 4.0e-12 there"):
+        assert text in codes
+    assert "to 5.0e-11 on all 3 scenes" in codes
+    outcomes = Counter(one.outcome for one in claims)
+    assert count.startswith(f"Of {len(claims)} claims of the paper, {outcomes[Outcome.PASS]} hold, ")
+    assert f"{outcomes[Outcome.FAIL]} do not" in count
+    assert f"{outcomes[Outcome.NOT_RUN]} were not run" in count
+    for text in ("slows down to 0.39", "speeds up to 2.35", "to 2.3 %", "(0.71 where cylinders reach 0.39 m/s)"):
+        assert text in theory
+    named = [one.id.replace("-", " ") for one in claims if one.outcome is Outcome.FAIL]
+    assert f": {', '.join(named)};" in failing
+    assert "binary collisions changes the largest force of decelerating-40 by -80 %" in largest
+    assert "a lighter striker changes the force at the middle of decelerating-40 by -13 %" in largest
+    assert "changes up to 4 %" in largest
+    assert "the numerics of LAMMPS 2.0e-06" in largest
+    assert "dashpot" not in largest
+
+
+@pytest.mark.parametrize("outcome", [Outcome.FAIL, Outcome.BROKEN])
+def test_codes_are_not_right_where_a_verdict_fails(outcome: Outcome, claims: tuple[Claim, ...]) -> None:
+    wrong = _verdict("stacked-40", "lammps-granular", REFERENCE, 1e-2, quantity="crossing_time", outcome=outcome)
+    studies = [*STUDIES[:2], _study("stacked-40", 1e-6, 1e-12, 1e-12, wrong)]
+    codes = answer(claims, EFFECTS, studies)[0]
+    assert codes.startswith("The codes are not shown to be right: of 16 verdicts")
+    assert f"{int(outcome is Outcome.FAIL)} fail and {int(outcome is Outcome.BROKEN)} could not" in codes
+    refused = replace(wrong, outcome=Outcome.NOT_RUN)
+    assert answer(claims, EFFECTS, [*STUDIES, _study("accelerating-200", 0, 0, 0, refused)])[0].startswith(
+        "The codes are right"
+    )
+
+
+def test_without_lammps_nothing_is_said_of_it(claims: tuple[Claim, ...]) -> None:
+    studies = [
+        replace(one, verdicts=tuple(v for v in one.verdicts if v.backend != "lammps-granular")) for one in STUDIES
+    ]
+    codes = answer(claims, EFFECTS, studies)[0]
+    assert codes.startswith("LAMMPS has not run the paper's two chains; the two references agree to 5.0e-11")
+
+
+def test_without_runs_the_answer_says_so() -> None:
+    nothing = (*numbers(Runs.of([])), *waves(Runs.of([]), []))
+    found = answer(nothing, [], [])
+    assert found[2] == "The paper's two chains have not both run."
+    assert found[4] == "There is no budget without runs."
+    holding = [one for one in nothing if one.outcome is Outcome.PASS]
+    assert answer(holding, [], [])[3] == "No claim was found not to hold."
+
+
+def test_what_is_not_verified_is_said() -> None:
+    assert any("experiment" in one for one in NOT_VERIFIED)
+    assert all(one.endswith(".") for one in NOT_VERIFIED)

@@ -1,0 +1,204 @@
+"""Scatter of the contact angles: seeded chains, and spreads that are those of numpy."""
+
+from __future__ import annotations
+
+import json
+import math
+import statistics
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dem_bridge as db
+from dem_bridge.campaign import Result, run_cases
+from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
+from dem_bridge.report.scatter import write_scatter
+from dem_bridge.scene import Scene
+from dem_bridge.studies.scatter import (
+    LEAST_ANGLE,
+    ScatterStudy,
+    cases_of,
+    exhibit,
+    scattered,
+    study_of,
+    study_scatter,
+    table,
+)
+
+SCENE = db.load_scene("decelerating-40")
+SPREAD, COUNT, SEED = 1.0, 4, 7
+
+
+@pytest.fixture(scope="module")
+def results() -> tuple[Result, ...]:
+    return run_cases(cases_of(SCENE, spread=SPREAD, count=COUNT, seed=SEED))
+
+
+@pytest.fixture(scope="module")
+def found(results: tuple[Result, ...]) -> ScatterStudy:
+    return study_of(SCENE, results, spread=SPREAD, seed=SEED)
+
+
+def _angles(scene: Scene) -> list[float]:
+    assert scene.geometry is not None
+    return [angle for angle in scene.geometry.angle if angle is not None]
+
+
+def test_a_seed_is_a_chain() -> None:
+    one, same = (scattered(SCENE, spread=1.0, seed=3) for _ in range(2))
+    assert one == same
+    assert one.content_hash == same.content_hash
+    chains = [scattered(SCENE, spread=1.0, seed=seed).stiffness for seed in range(20)]
+    assert len(set(chains)) == 20
+    assert scattered(SCENE, spread=2.0, seed=3).stiffness != one.stiffness
+
+
+def test_seeds_count_up_from_the_first() -> None:
+    cases = cases_of(SCENE, spread=1.0, count=3, seed=5)
+    assert [case.scene for case in cases] == [SCENE, *(scattered(SCENE, spread=1.0, seed=seed) for seed in (5, 6, 7))]
+    assert {case.backend for case in cases} == {"reference"}
+    assert len({case.scene.name for case in cases}) == 4
+
+
+def test_angles_are_off_by_normal_deviates_of_the_spread() -> None:
+    wanted = np.array(_angles(SCENE))
+    inner = (wanted > 10.0) & (wanted < 80.0)  # others may be reflected
+    away = np.concatenate(
+        [np.array(_angles(scattered(SCENE, spread=2.0, seed=s)))[inner] - wanted[inner] for s in range(60)]
+    )
+    # standard errors: 2/sqrt(n) of the mean, 2/sqrt(2 n) of the deviation; four of them
+    error = 2.0 / math.sqrt(len(away))
+    assert abs(float(np.mean(away))) < 4.0 * error
+    assert abs(statistics.stdev(away.tolist()) - 2.0) < 4.0 * error / math.sqrt(2.0)
+    # normal: 68.3 % within one deviation
+    share = float(np.mean(np.abs(away) < 2.0))
+    assert abs(share - 0.683) < 4.0 * math.sqrt(0.683 * 0.317 / len(away))
+
+
+@pytest.mark.parametrize("name", ["decelerating-40", "accelerating-40", "decelerating-40-exact"])
+def test_a_spread_of_nothing_gives_the_chain_that_was_wanted(name: str) -> None:
+    scene = db.load_scene(name)
+    same = scattered(scene, spread=1e-12, seed=0)
+    # angles have nine digits; at 2 degrees the stiffness goes about as their inverse
+    np.testing.assert_allclose(same.stiffness, scene.stiffness, rtol=1e-8)
+    assert same.stiffness[0] == scene.stiffness[0]
+    far, near = (
+        np.max(np.abs(np.array(scattered(scene, spread=s, seed=0).stiffness) / scene.stiffness - 1.0))
+        for s in (1e-3, 1e-5)
+    )
+    assert 50.0 < far / near < 200.0
+
+
+def test_nothing_but_angles_and_their_stiffness_changes() -> None:
+    one = scattered(SCENE, spread=3.0, seed=1)
+    assert replace(one, name=SCENE.name, stiffness=SCENE.stiffness) == SCENE
+    assert one.stiffness[0] == SCENE.stiffness[0]
+    assert sum(a != b for a, b in zip(one.stiffness, SCENE.stiffness, strict=True)) == 39
+
+
+def test_no_contact_is_a_line() -> None:
+    least = [min(_angles(scattered(SCENE, spread=45.0, seed=seed))) for seed in range(40)]
+    assert min(least) >= LEAST_ANGLE
+    assert LEAST_ANGLE in least
+    assert max(max(_angles(scattered(SCENE, spread=45.0, seed=seed))) for seed in range(40)) <= 90.0
+
+
+def test_spreads_are_those_of_numpy(found: ScatterStudy, results: tuple[Result, ...]) -> None:
+    wanted, *chains = (result.trajectory for result in results)
+    assert wanted is not None
+    arrival = [run.crossing_time[39] / wanted.crossing_time[39] for run in chains if run is not None]
+    mean, deviation = found.arrival_shift
+    assert mean == pytest.approx(sum(arrival) / COUNT - 1.0, abs=1e-12)
+    assert deviation == pytest.approx(statistics.pstdev(arrival), rel=1e-9)
+    speed = [np.diff(wanted.crossing_time[:40]) / np.diff(run.crossing_time[:40]) for run in chains if run is not None]
+    force = [run.peak_force / wanted.peak_force for run in chains if run is not None]
+    assert found.speed_spread == pytest.approx([statistics.pstdev(one) for one in np.transpose(speed).tolist()])
+    assert found.force_spread == pytest.approx([statistics.pstdev(one) for one in np.transpose(force).tolist()])
+    assert (found.arrival.shape, found.residence.shape, found.peak_force.shape) == ((4, 40), (4, 39), (4, 40))
+
+
+def test_the_table_and_the_json_say_the_same(found: ScatterStudy) -> None:
+    told = json.loads(json.dumps(found.as_json(), allow_nan=False))
+    [row] = table([found]).rows
+    assert (told["scene"], told["chains"], told["seed"], told["spread_degrees"]) == (SCENE.name, COUNT, SEED, SPREAD)
+    assert told["scene_hash"] == SCENE.content_hash
+    assert row == pytest.approx((
+        SCENE.name, SPREAD, COUNT, 100 * told["arrival_shift_mean"], 100 * told["arrival_shift_deviation"],
+        100 * float(np.median(told["speed_spread"])), 100 * max(told["speed_spread"]),
+        100 * float(np.median(told["force_spread"])),
+    ))  # fmt: skip
+
+
+def test_the_figure_has_the_middle_and_both_ends_of_the_set(found: ScatterStudy) -> None:
+    shown = exhibit(found)
+    speed, force = shown.panels
+    assert shown.id == "scatter-decelerating-40"
+    assert (speed.series[0].x.tolist(), force.series[0].x.tolist()) == (
+        list(range(1, 40)),
+        list(range(40)),
+    )
+    for panel, ratio in (
+        (speed, found.wanted["residence"] / found.residence),
+        (force, found.peak_force / found.wanted["peak_force"]),
+    ):
+        above, middle, below = (one.y for one in panel.series)
+        assert np.all(below <= middle)
+        assert np.all(middle <= above)
+        np.testing.assert_allclose(middle, np.median(ratio, axis=0))
+        assert np.all(np.min(ratio, axis=0) <= below)
+        assert np.all(above <= np.max(ratio, axis=0))
+
+
+def test_chains_that_broke_do_not_count(results: tuple[Result, ...]) -> None:
+    broken = [*results[:2], replace(results[2], trajectory=None, failure=RunBroken("it broke")), *results[3:]]
+    found = study_of(SCENE, broken, spread=SPREAD, seed=SEED)
+    assert len(found.arrival) == COUNT - 1
+    without_wanted = [replace(results[0], trajectory=None, failure=RunBroken("it broke")), *results[1:]]
+    with pytest.raises(UnsupportedScene, match=r"decelerating-40: the reference has no run \(it broke\)"):
+        study_of(SCENE, without_wanted, spread=SPREAD)
+
+
+def test_a_wave_that_does_not_arrive_is_refused_in_one_line() -> None:
+    short = replace(SCENE, name="short", duration=2e-4)
+    with pytest.raises(UnsupportedScene, match=r"^short: the wave does not reach .* allowed: a longer duration$"):
+        study_scatter(short, count=2)
+
+
+@pytest.mark.parametrize("spread", [0.0, -1.0, 45.1, math.nan, math.inf, True, "1", None])
+def test_a_spread_that_is_none_is_refused_in_one_line(spread: object) -> None:
+    with pytest.raises(UsageError, match=r"^spread = .*; allowed: a number of degrees > 0, up to 45$"):
+        cases_of(SCENE, spread=spread, count=2)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("count", [1, 0, -2, 100_001, 2.0, True, "2", None])
+def test_a_count_that_is_none_is_refused_in_one_line(count: object) -> None:
+    with pytest.raises(UsageError, match=r"^count = .*; allowed: a whole number of chains from 2 to 100000$"):
+        cases_of(SCENE, spread=1.0, count=count)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", [-1, 0.5, "a", True, None])
+def test_a_seed_that_is_none_is_refused_in_one_line(seed: object) -> None:
+    with pytest.raises(UsageError, match=r"^seed = .*; allowed: a whole number >= 0$"):
+        cases_of(SCENE, spread=1.0, count=2, seed=seed)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["tapered-forward", "homogeneous-spheres"])
+def test_a_scene_without_angles_is_refused_in_one_line(name: str) -> None:
+    with pytest.raises(UnsupportedScene, match=rf"^{name} has no contact angles that could scatter; allowed: .*"):
+        study_scatter(db.load_scene(name), count=2)
+    with pytest.raises(UnsupportedScene, match="no contact angles"):
+        scattered(replace(SCENE, geometry=None), spread=1.0, seed=0)
+
+
+def test_files_appear_whole_or_not_at_all(found: ScatterStudy, tmp_path: Path) -> None:
+    write_scatter(found, tmp_path / "new")
+    assert {file.name for file in (tmp_path / "new").iterdir()} == {"scatter.json", "scatter.csv", "scatter.png"}
+    assert json.loads((tmp_path / "new/scatter.json").read_text()) == found.as_json()
+    assert (tmp_path / "new/scatter.csv").read_text() == exhibit(found).as_csv()
+    assert (tmp_path / "new/scatter.png").read_bytes().startswith(b"\x89PNG")
+    (tmp_path / "other" / "scatter.png").mkdir(parents=True)  # a folder is in the way of the last file
+    with pytest.raises(UsageError, match=r"scatter\.png"):
+        write_scatter(found, tmp_path / "other")
+    assert [file.name for file in (tmp_path / "other").iterdir()] == ["scatter.png"]
