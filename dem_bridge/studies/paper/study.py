@@ -195,7 +195,7 @@ def _effects(runs: Runs) -> Iterator[Effect]:
                 yield effect(variant, scene, base, run)
 
 
-def coverage_table(runs: Runs, names: Sequence[str], accuracy: float) -> Table:
+def coverage_table(runs: Runs, names: Sequence[str], accuracy: float = DEFAULT_ACCURACY) -> Table:
     """Every scene through every backend: the largest velocity error against the reference; empty where it refuses."""
     others = [name for name in BACKENDS if name != REFERENCE]
     rows: list[tuple[str | float, ...]] = []

@@ -143,7 +143,7 @@ def _largest(effects: Sequence[Effect]) -> str:
     whole, model, law = of(THEORY, PHYSICS, PARAMETER, SUPPOSED), of(PHYSICS, PARAMETER), of(id="exact-stiffness")
     supposed, numerics = of(SUPPOSED), of(id="lammps")
     if whole is None or model is None or law is None or supposed is None:
-        return "The runs that make a budget are missing."
+        return "There is no budget without runs."
     said = "LAMMPS has not run" if numerics is None else f"the numerics of LAMMPS are {percent(numerics.largest)}"
     return (
         f"The largest term of the whole budget is {_named(whole)}; of the model and its parameters it is"
