@@ -232,7 +232,7 @@ def test_study_scatter_says_in_words_what_its_json_says(tmp_path: Path) -> None:
     assert first == "accelerating-40: 3 chains, angles off by 0.5 degrees (standard deviation)"
     assert f"{100 * told['arrival_shift_mean']:+.2f} % on average" in arrival
     assert f"standard deviation {100 * told['arrival_shift_deviation']:.2f} %" in arrival
-    for line, key in ((speed, "speed_spread"), (force, "force_spread")):
+    for line, key in ((speed, "residence_spread"), (force, "force_spread")):
         values = sorted(told[key])
         assert f"{100 * values[len(values) // 2]:.2f} % (median), {100 * values[-1]:.2f} % (largest)" in line
     assert written == "written: found/scatter.png and, beside it, scatter.csv and scatter.json"

@@ -112,9 +112,9 @@ def test_spreads_are_those_of_numpy(found: ScatterStudy, results: tuple[Result, 
     mean, deviation = found.arrival_shift
     assert mean == pytest.approx(sum(arrival) / COUNT - 1.0, abs=1e-12)
     assert deviation == pytest.approx(statistics.pstdev(arrival), rel=1e-9)
-    speed = [np.diff(wanted.crossing_time[:40]) / np.diff(run.crossing_time[:40]) for run in chains if run is not None]
+    times = [np.diff(run.crossing_time[:40]) / np.diff(wanted.crossing_time[:40]) for run in chains if run is not None]
     force = [run.peak_force / wanted.peak_force for run in chains if run is not None]
-    assert found.speed_spread == pytest.approx([statistics.pstdev(one) for one in np.transpose(speed).tolist()])
+    assert found.residence_spread == pytest.approx([statistics.pstdev(one) for one in np.transpose(times).tolist()])
     assert found.force_spread == pytest.approx([statistics.pstdev(one) for one in np.transpose(force).tolist()])
     assert (found.arrival.shape, found.residence.shape, found.peak_force.shape) == ((4, 40), (4, 39), (4, 40))
 
@@ -126,21 +126,21 @@ def test_the_table_and_the_json_say_the_same(found: ScatterStudy) -> None:
     assert told["scene_hash"] == SCENE.content_hash
     assert row == pytest.approx((
         SCENE.name, SPREAD, COUNT, 100 * told["arrival_shift_mean"], 100 * told["arrival_shift_deviation"],
-        100 * float(np.median(told["speed_spread"])), 100 * max(told["speed_spread"]),
+        100 * float(np.median(told["residence_spread"])), 100 * max(told["residence_spread"]),
         100 * float(np.median(told["force_spread"])),
     ))  # fmt: skip
 
 
 def test_the_figure_has_the_middle_and_both_ends_of_the_set(found: ScatterStudy) -> None:
     shown = exhibit(found)
-    speed, force = shown.panels
+    times, force = shown.panels
     assert shown.id == "scatter-decelerating-40"
-    assert (speed.series[0].x.tolist(), force.series[0].x.tolist()) == (
+    assert (times.series[0].x.tolist(), force.series[0].x.tolist()) == (
         list(range(1, 40)),
         list(range(40)),
     )
     for panel, ratio in (
-        (speed, found.wanted["residence"] / found.residence),
+        (times, found.residence / found.wanted["residence"]),
         (force, found.peak_force / found.wanted["peak_force"]),
     ):
         above, middle, below = (one.y for one in panel.series)

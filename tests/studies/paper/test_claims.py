@@ -36,6 +36,7 @@ EXPECTED = {
     "stiffness-90-degrees": FAIL,
     "axis-ratio": MODEL,
     "striker-stiffness": PASS,
+    "point-contact": FAIL,
     "weight": FAIL,
     "gravity-load": PASS,
     "gravity-neglected": FAIL,
@@ -50,7 +51,7 @@ EXPECTED = {
     "mismatch": PASS,
     "residence-by-bca": PASS,
     "speed-power-law": PASS,
-    "scatter": MODEL,
+    "scatter": UNDECIDED,
     "slower-by-dissipation": PASS,
     "slower-by-exponent": UNDECIDED,
     "single-front-200": PASS,
@@ -208,9 +209,18 @@ def test_the_sentence_carries_the_numbers_of_the_values(id: str, claims: dict[st
         assert text in claims[id].sentence, claims[id].sentence
 
 
-def test_of_all_claims_but_two_the_sentence_is_held_to_the_values(claims: dict[str, Claim]) -> None:
-    # these two say how far theories are off along the whole chain: the table of theories has their numbers
-    assert set(claims) - set(SAID) == {"residence-by-bca", "mass-gradient-by-bca"}
+def test_of_all_claims_but_three_the_sentence_is_held_to_the_values(claims: dict[str, Claim]) -> None:
+    # two say how far theories are off along the whole chain: the table of theories has their numbers; one more below
+    assert set(claims) - set(SAID) == {"residence-by-bca", "mass-gradient-by-bca", "point-contact"}
+
+
+def test_contacts_are_points_as_far_as_the_ellipse_ends_on_the_cylinder(claims: dict[str, Claim]) -> None:
+    """At 561 N and 2 degrees the semi-major axis is 10.4 mm, of 9 mm of half-height (the exact Hertz law)."""
+    found = {value.name.split(", ")[1]: value.value for value in claims["point-contact"].values}
+    assert found["accelerating-40"] == pytest.approx(10.4 / 9.0, rel=5e-3)
+    assert found["decelerating-40"] < 1.0
+    for name, longest in found.items():
+        assert f"at most {longest:.2f} in {name}" in claims["point-contact"].sentence
 
 
 def test_deviations_that_are_said_are_those_of_the_runs(runs: Runs, claims: dict[str, Claim]) -> None:
@@ -559,7 +569,7 @@ def test_a_claim_on_velocities_that_theory_meets_holds(runs: Runs) -> None:
 
 def test_scatter_is_said_with_its_chains(scattered: list[ScatterStudy], claims: dict[str, Claim]) -> None:
     sentence = claims["scatter"].sentence
-    assert "off by 1 degree (standard deviation, 2 chains each)" in sentence
+    assert "off by 1 degrees (standard deviation, 2 chains each)" in sentence
     for study in scattered:
         shift, deviation = study.arrival_shift
         way = "later" if shift > 0.0 else "earlier"
