@@ -95,7 +95,8 @@ def allowance(quantity: str, twin: Trajectory, positional: Trajectory, tabled: T
 
 
 def _allowed(quantity: str, rounding: float, twin: Trajectory, positional: Trajectory) -> float:
-    allowed = rounding + REALISATIONS * float(twin.provenance["velocity_bar"]["last_digit"])
+    # two realisations of a round-off, each as far from none as the one that is known
+    allowed = 2.0 * rounding + REALISATIONS * float(twin.provenance["velocity_bar"]["last_digit"])
     if quantity == "displacement":
         # a body that drifts adds the same increment at every step, which may fall on either side of a tie each time
         farthest = 2.0 * float(positional.provenance["settings"]["gauge_radius"]) * twin.velocity.shape[1]
