@@ -93,10 +93,12 @@ def beside(scene: Scene) -> Iterator[Case]:
             yield Case(scene=scene, backend=name, resolution=resolution, sampling=sampling)
 
 
-def quick(scenes: Sequence[Scene], names: Sequence[str] = (REFERENCE,), *, samples: int = 1) -> list[Case]:
-    """Scenes of which only peak forces and crossing times are wanted, without bars."""
+def quick(
+    scenes: Sequence[Scene], names: Sequence[str] = (REFERENCE,), *, samples: int = 1, bars: bool = False
+) -> list[Case]:
+    """Scenes of which only peak forces and crossing times are wanted, or one number."""
     return [
-        Case(scene=scene, backend=name, resolution=replace(COARSE, bars=False), sampling=Sampling(count=samples))
+        Case(scene=scene, backend=name, resolution=replace(COARSE, bars=bars), sampling=Sampling(count=samples))
         for scene in scenes
         for name in names
     ]
@@ -162,4 +164,6 @@ def steeper_taper(scene: Scene, ratio: float) -> Scene:
 def steeper_tapers() -> list[Case]:
     """Chains that taper more than the shipped ones."""
     scene = load_scene("tapered-forward")
-    return [case for q, samples in STEEPER.items() for case in quick([steeper_taper(scene, q)], samples=samples)]
+    return [
+        case for q, samples in STEEPER.items() for case in quick([steeper_taper(scene, q)], samples=samples, bars=True)
+    ]
