@@ -297,11 +297,20 @@ def test_processes_end_with_the_program_that_asked(how: signal.Signals, tmp_path
     file = tmp_path / "program.py"
     file.write_text(LONG_PROGRAM)
     with subprocess.Popen(
-        [sys.executable, str(file)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        [sys.executable, str(file)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        # where the tests run in the background Ctrl-C is ignored, and children inherit that
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as program:
         assert program.stdout is not None
         workers = [int(pid) for pid in program.stdout.readline().split()]
         program.send_signal(how)
+        try:
+            program.wait(timeout=60.0)
+        finally:
+            program.kill()
     assert len(workers) == 2
     # runs of minutes: were they let be, they would be there at the end of this wait
     until = time.monotonic() + 30.0

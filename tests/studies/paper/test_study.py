@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -97,8 +98,9 @@ def test_matched_chains_have_the_striker_of_a_cylinder_the_stiffness_of_the_next
 
 def test_runs_are_the_first_of_their_kind_and_lammps_has_one_name(runs: Runs) -> None:
     first = runs.results[MAIN[0], REFERENCE]
-    again = Runs.of([first, runs.results[MAIN[0], GRANULAR], *reversed(list(runs.results.values()))])
-    assert again.results[MAIN[0], REFERENCE] is first
+    coarser = replace(first, trajectory=truth_of(runs, MAIN[1]))
+    assert Runs.of([first, coarser]).truth(MAIN[0]) is first.trajectory
+    assert Runs.of([coarser, first]).truth(MAIN[0]) is coarser.trajectory
     assert runs.run(MAIN[0], "lammps") is runs.results[MAIN[0], GRANULAR].trajectory
     assert runs.run(MAIN[0], "ase") is None
     assert [name for name, _ in runs.judges(MAIN[0])] == ["reference", "lammps", "ode45", "bca", "adiabatic"]
