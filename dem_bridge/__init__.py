@@ -29,6 +29,7 @@ _HOME = {
     "load_trajectory": "trajectory",
     "shipped_scenes": "scene_file",
     "solve": "api",
+    "study": "api_studies",
     "study_scatter": "api",
     "study_styles": "api",
     "verify": "api",
@@ -37,6 +38,7 @@ _HOME = {
 
 if TYPE_CHECKING:
     from dem_bridge.api import available, solve, study_scatter, study_styles, verify, write_deck
+    from dem_bridge.api_studies import study
     from dem_bridge.geometry import Body, Geometry, Material
     from dem_bridge.physics.law import ContactLaw, law_of
     from dem_bridge.scene import Damping, Scene, Wall
@@ -59,6 +61,7 @@ __all__ = [
     "load_trajectory",
     "shipped_scenes",
     "solve",
+    "study",
     "study_scatter",
     "study_styles",
     "verify",

