@@ -33,7 +33,10 @@ if TYPE_CHECKING:
     from dem_bridge.trajectory import Trajectory
 
 #: named again here so that --help needs no backend; a test holds the two together
-BACKENDS = ("lammps-granular", "lammps-table", "verlet", "reference", "scipy", "ase", "ode45", "bca", "adiabatic")
+BACKENDS = (
+    "lammps-granular", "lammps-table", "verlet", "blanes-moan", "reference", "scipy", "ase", "ode45", "bca",
+    "adiabatic",
+)  # fmt: skip
 
 
 class _Group(click.Group):
