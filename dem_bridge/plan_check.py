@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,8 @@ OBSERVABLES = (*UNITS, "arrival", "residence")
 CLOSE = {"dt": 1.12, "rtol": 10.0}
 #: part of the target that is aimed at
 AIM = {"dt": 0.92, "rtol": 0.3}
+#: the least rtol that scipy is asked for
+LEAST_RTOL = 3e-14
 #: runs until a search gives up
 MOST_TRIALS = 16
 #: of clean orders, for the distance to a finer run
@@ -120,7 +122,7 @@ class Judge:
         if candidate.knob == "":
             return 0.0
         if candidate.knob != "dt":
-            return float(f"{setting:.1e}")
+            return max(LEAST_RTOL, float(f"{setting:.1e}"))
         interval = self.scene.duration / self.sampling.count
         return interval / max(1, math.ceil(interval / setting * (1.0 - 1e-12)))
 
@@ -130,8 +132,8 @@ class Judge:
         key = (candidate.name, setting)
         if key not in self._runs:
             self.tell(f"{candidate.runs} at {candidate.knob} = {setting:.3g}")
-            knob = {candidate.knob: setting} if candidate.knob else {}
-            resolution = Resolution(**knob, **candidate.given, bars=False)
+            settings = {**candidate.given, **({candidate.knob: setting} if candidate.knob else {}), "bars": False}
+            resolution = Resolution(**settings)
             self._runs[key] = backend(candidate.runs).run(self.scene, resolution, self.sampling)
         return self._runs[key]
 
@@ -144,9 +146,7 @@ class Judge:
         except RunBroken:
             return Trial(setting=setting, error=math.inf, cpu=math.nan, steps=0, evaluations=0)
         cost = run.cost
-        return Trial(
-            setting=setting, error=error, cpu=cost.cpu, steps=cost.steps, evaluations=cost.force_evaluations
-        )
+        return Trial(setting=setting, error=error, cpu=cost.cpu, steps=cost.steps, evaluations=cost.force_evaluations)
 
     def _error(self, candidate: Candidate, setting: float, run: Trajectory) -> float:
         if self.truth is not None:

@@ -70,7 +70,12 @@ COST: Mapping[str, tuple[float, float, float]] = MappingProxyType(
 )
 #: ... of what has no fixed step: of any run; of a step of the coarse run; of that and a body
 ADAPTIVE: Mapping[str, tuple[float, float, float]] = MappingProxyType(
-    {"reference": (3e-4, 4e-6, 4e-7), "scipy": (5e-3, 1e-4, 6e-6), "bca": (1e-3, 0.0, 0.0), "adiabatic": (3e-3, 0.0, 0.0)}
+    {
+        "reference": (3e-4, 4e-6, 4e-7),
+        "scipy": (5e-3, 1e-4, 6e-6),
+        "bca": (1e-3, 0.0, 0.0),
+        "adiabatic": (3e-3, 0.0, 0.0),
+    }
 )
 #: bar of the reference: 95 % of random scenes are below ``factor * phase**growth``
 REFERENCE_BAR = (3e-14, 1.3)
@@ -109,7 +114,7 @@ class Outlook:
     def error(self, law: ErrorLaw, setting: float, observable: str) -> float:
         """Relative error with ``setting``: dt (s) of a fixed step, else rtol."""
         knob = setting if law is OF_RTOL else self.look.frequency * setting
-        return OBSERVED[observable] * law.factor * self.phase**law.growth * knob**law.order
+        return float(OBSERVED[observable] * law.factor * self.phase**law.growth * knob**law.order)
 
     def setting(self, law: ErrorLaw, error: float, observable: str) -> float:
         """The setting that errs by ``error``; inf where nothing touches anything."""
@@ -133,7 +138,8 @@ class Outlook:
 
     def known_error(self, name: str) -> float:
         """Relative error of what has no setting."""
-        return REFERENCE_BAR[0] * self.phase ** REFERENCE_BAR[1] if name == "reference" else THEORY_ERROR[name]
+        factor, growth = REFERENCE_BAR
+        return float(factor * self.phase**growth) if name == "reference" else THEORY_ERROR[name]
 
     def units(self, dt: float) -> dict[str, float]:
         """``dt`` (s) as a fraction of the times that DEM users think in; those that the scene has."""
@@ -187,9 +193,7 @@ def contact_time(scene: Scene, look: Survey) -> float | None:
         both = mobility[c.left[k]] + mobility[c.right[k]]
         speed = math.sqrt(2.0 * beta * depth**n / n * both)
         if speed > 0.0:
-            hit = two_body_collision(
-                masses=(1.0 / both, math.inf), velocities=(speed, 0.0), stiffness=beta, exponent=n
-            )
+            hit = two_body_collision(masses=(1.0 / both, math.inf), velocities=(speed, 0.0), stiffness=beta, exponent=n)
             found.append(hit.contact_time)
     return min(found, default=None)
 

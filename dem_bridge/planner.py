@@ -21,6 +21,7 @@ from dem_bridge.backends.steps import order_on, radius_of
 from dem_bridge.backends.twin_bars import round_off_floor
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.plan_check import (
+    LEAST_RTOL,
     OBSERVABLES,
     Candidate,
     Judge,
@@ -50,8 +51,6 @@ YARDSTICK_BAR = 0.1
 #: other equations, which come near in times alone
 THEORIES = ("bca", "adiabatic")
 TIMES = ("arrival", "residence", "crossing_time")
-#: the least rtol that scipy is asked for
-LEAST_RTOL = 3e-14
 #: tables may miss this part of the accuracy; points of a table that are tried beside the default
 TABLE_SHARE, TABLE_POINTS = 0.3, (None, 40_000, 160_000, 640_000)
 
@@ -222,11 +221,11 @@ class Planner:
         """The cheapest as predicted, with settings that nine of ten scenes need no finer."""
         found = []
         for one in self.options:
-            if one.law is not None:
-                setting = self.outlook.setting(one.law, self.accuracy / one.law.spread, self.observable)
-                one = self._at(one.candidate, one.law, setting)
-                if one.error * one.law.spread <= self.accuracy * (1.0 + 1e-9):
-                    found.append(one)
+            if (law := one.law) is not None:
+                setting = self.outlook.setting(law, self.accuracy / law.spread, self.observable)
+                careful = self._at(one.candidate, law, setting)
+                if careful.error * law.spread <= self.accuracy * (1.0 + 1e-9):
+                    found.append(careful)
             elif one.error <= self.accuracy:
                 found.append(one)
         if not found:
@@ -348,8 +347,10 @@ class Planner:
             error, told = relative_error(self.observable, self.scene, run, truth), f"checked against {self.yardstick}"
         else:
             self._say(f"{name} with bars")
-            run = truth if truth is not None and truth.provenance["backend"] == name else None
-            run = run or backend(name).run(self.scene, Resolution(), self.sampling)
+            if truth is not None and truth.provenance["backend"] == name:
+                run = truth
+            else:
+                run = backend(name).run(self.scene, Resolution(), self.sampling)
             error, told = relative_bar(self.observable, self.scene, run), "its own error bar stands for its error"
         if not error <= self.accuracy:
             raise UsageError(f"errs by {error:.2g}" if name in THEORIES else f"its bar is {error:.2g}")
@@ -413,8 +414,8 @@ class Planner:
                 bought, by = error, one.candidate.name
         rest = f"it buys about {bought:.1g} by {by}" if bought < 1.0 else "it buys no run that says anything"
         return (
-            f"accuracy = {self.accuracy:g} of {self.observable} on {self.scene.name} costs {chosen.cost:.2g} s of CPU by"
-            f" {chosen.candidate.name}, and the budget is {budget:g} s; {rest}; ask for less, or give more"
+            f"accuracy = {self.accuracy:g} of {self.observable} on {self.scene.name} costs {chosen.cost:.2g} s of CPU"
+            f" by {chosen.candidate.name}, and the budget is {budget:g} s; {rest}; ask for less, or give more"
         )
 
     def answer(self, chosen: Option) -> Plan:
