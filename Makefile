@@ -25,6 +25,7 @@ bench: $(STAMP)
 	$(BIN)/python -m tests.bench.bench_lammps
 	$(BIN)/python -m tests.bench.bench_bars
 	$(BIN)/python -m tests.bench.bench_paper
+	$(BIN)/python -m tests.bench.bench_plan
 
 lint: $(STAMP)
 	$(BIN)/ruff format --check .

@@ -155,6 +155,8 @@ class Judge:
         wanted = setting / FINER[kind]
         there = [one for name, one in self._runs if name == candidate.name and one <= 1.05 * wanted]
         finer = max(there, default=self.snapped(candidate, wanted))
+        if not finer < setting:
+            return math.inf  # there is no finer one to see its error by
         apart = relative_error(self.observable, self.scene, run, self.run(candidate, finer))
         return apart / -math.expm1(-CAREFUL * candidate.order * math.log(setting / finer))
 
@@ -194,7 +196,7 @@ class Settled:
         return min(others, key=lambda one: abs(math.log(one.setting / at)), default=None)
 
     def foreseen(self, order: float) -> float:
-        """What the run beside it says of the best, by the order that is expected."""
+        """What the run beside it says of the best's error, by the order that is expected."""
         assert self.best is not None
         beside = self.beside
         return self.best.error if beside is None else beside.error * (self.best.setting / beside.setting) ** order
@@ -243,7 +245,9 @@ def settle(
             enough = min(room, above / best.setting, most / best.setting) <= close
             if enough and len(made) > 1:
                 break
-            setting = best.setting * min(8.0, room * aim ** (1.0 / slope) if room > close else close)
+            setting = best.setting * min(
+                8.0, max(room * aim ** (1.0 / slope), math.sqrt(room)) if room > close else close
+            )
             if above < math.inf and not best.setting * 1.02 < setting < above / 1.02:
                 setting = math.sqrt(best.setting * above)
             setting = min(setting, most)
