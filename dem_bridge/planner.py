@@ -19,7 +19,7 @@ from dem_bridge.backends.reference import series_fit
 from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
 from dem_bridge.backends.steps import radius_of
 from dem_bridge.backends.twin_bars import last_digit, round_off_floor
-from dem_bridge.errors import UsageError
+from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.plan_check import (
     LEAST_RTOL,
     Candidate,
@@ -67,13 +67,16 @@ class Plan:
     resolution: Mapping[str, Any]
     """Keywords of :func:`dem_bridge.solve`."""
     predicted_error: float
-    """Relative; where runs were made, what the others say of this one."""
+    """To be expected of the run, relative: what was found, where it was, else what the model says."""
     predicted_cost: float
-    """CPU of the run without bars, s."""
+    """CPU to be expected of the run without bars, s; likewise."""
     found_error: float | None
-    """Of a run with these settings, relative; None: there was none."""
+    """Of a run with these settings; None: there was none."""
     found_cost: float | None
-    """CPU of a run with these settings, s; None: there was none."""
+    """None: there was no run with these settings, or its twin's."""
+    model_error: float
+    """By the model alone."""
+    model_cost: float
     steps: int | None
     """None: not known beforehand."""
     force_evaluations: int | None
@@ -139,7 +142,7 @@ class Planner:
                 continue
             try:
                 found = self._tried(one)
-            except UsageError as error:
+            except (UsageError, RunBroken) as error:
                 floors[name] = str(error)
                 continue
             if best is None or found.cost < best.cost:
@@ -159,28 +162,35 @@ class Planner:
 
     def _yardstick(self) -> Trajectory | None:
         """A reference where one is cheap, and well enough known for what is asked."""
-        least = min((one.cost for one in self.options.found if one.candidate.knob), default=math.inf)
+        options, outlook = self.options.found, self.outlook
+        worth = [one.cost for one in options if one.cost <= WORTH_TRYING * options[0].cost]
+        cheap = max(CHEAP, 3.0 * min((one.cost for one in options if one.candidate.knob), default=math.inf))
         if series_fit(self.scene):
-            name, resolution, cost = "reference", Resolution(), self.outlook.cost("reference")
+            name, settings = "reference", [math.nan]
         else:
-            rtol = self.outlook.setting(OF_RTOL, 0.1 * YARDSTICK_BAR * self.accuracy / OF_RTOL.spread, self.observable)
-            rtol = min(max(rtol, LEAST_RTOL), LARGEST_RTOL)
-            name, resolution, cost = "scipy", Resolution(rtol=rtol), self.outlook.cost("scipy", rtol)
-        cost *= WITH_BARS[name]
-        self.expected = cost + 5.0 * sum(
-            o.cost for o in self.options.found if o.cost <= WORTH_TRYING * self.options.found[0].cost
-        )
-        if cost > max(CHEAP, 3.0 * least):
-            self.yardstick = f"finer runs of its own, for a reference would take {cost:.2g} s"
-            return None
-        self._say(f"yardstick: {name}")
-        run = backend(name).run(self.scene, resolution, self.sampling)
-        bar = relative_bar(self.observable, self.scene, run)
-        if not bar <= YARDSTICK_BAR * self.accuracy:
+            # the finest, or one that is as fine as it must be
+            enough = outlook.setting(OF_RTOL, 0.1 * YARDSTICK_BAR * self.accuracy / OF_RTOL.spread, self.observable)
+            name, settings = "scipy", [LEAST_RTOL, min(max(enough, LEAST_RTOL), LARGEST_RTOL)]
+        costs = [WITH_BARS[name] * outlook.cost(name, setting) for setting in settings]
+        self.expected = min(costs) + 5.0 * sum(worth)
+        for setting, cost in zip(settings, costs, strict=True):
+            if cost > cheap:
+                self.yardstick = f"finer runs of its own, for {name} would take {cost:.2g} s"
+                continue
+            self._say(f"yardstick: {name}")
+            try:
+                run = backend(name).run(
+                    self.scene, Resolution() if name == "reference" else Resolution(rtol=setting), self.sampling
+                )
+            except RunBroken as error:
+                self.yardstick = f"finer runs of its own, for {error}"
+                return None
+            bar = relative_bar(self.observable, self.scene, run)
+            if bar <= YARDSTICK_BAR * self.accuracy:
+                self.yardstick = f"{name}, whose bar is {bar:.1g}"
+                return run
             self.yardstick = f"finer runs of its own, for {name} has a bar of {bar:.2g}"
-            return None
-        self.yardstick = f"{name}, whose bar is {bar:.1g}"
-        return run
+        return None
 
     def _tried(self, one: Option) -> Option:
         """An option with what its runs found; UsageError, with the floor, where none serves."""
@@ -197,6 +207,7 @@ class Planner:
             least=self.options.least(candidate),
             most=self.options.most(candidate),
             knob=candidate.knob,
+            erratic=candidate.kind in (1, 4),
         )
         if settled.best is None:
             raise UsageError(self._floor(candidate, settled))
@@ -205,8 +216,7 @@ class Planner:
             one,
             candidate=candidate,
             setting=setting,
-            # errors are erratic in rtol: no other run says what this one errs by
-            error=settled.foreseen(candidate.order) if candidate.knob == "dt" else settled.best.error,
+            error=settled.best.error,
             cost=self.judge.cpu(candidate, setting) if own else self.outlook.cost(candidate.name, setting),
             trial=settled.best,
             told=_told(candidate, settled),
@@ -336,9 +346,15 @@ class Planner:
             backend=candidate.name,
             resolution=MappingProxyType(resolution),
             predicted_error=chosen.error,
-            predicted_cost=self.outlook.cost(candidate.name, chosen.setting),
+            predicted_cost=chosen.cost,
             found_error=None if trial is None else trial.error,
             found_cost=chosen.cost if trial is not None and own else None,
+            model_error=(
+                self.outlook.known_error(candidate.name, self.observable)
+                if chosen.law is None
+                else self.outlook.error(chosen.law, chosen.setting, self.observable)
+            ),
+            model_cost=self.outlook.cost(candidate.name, chosen.setting),
             steps=steps,
             force_evaluations=evaluations,
             units=MappingProxyType(units),
@@ -382,11 +398,10 @@ class Planner:
 
 def _told(candidate: Candidate, settled: Settled) -> str:
     """The runs that were made, and the order that they show."""
-    best, beside = settled.best, settled.beside
-    assert best is not None
-    tried = ", ".join(f"{one.error:.2g} at {one.setting:.3g}" for one in settled.trials)
+    runs = sorted(settled.trials, key=lambda one: -one.setting)
+    tried = ", ".join(f"{one.error:.2g} at {one.setting:.3g}" for one in runs)
     if candidate.knob == "rtol":
         return f"runs of {candidate.runs} err by {tried} (rtol)"
-    order = observed_order(best, beside) if beside is not None else None
-    shown = "" if order is None else f": order {order:.2f} here"
+    order = observed_order(runs)
+    shown = "" if math.isnan(order) else f": order {order:.2f} on the whole"
     return f"runs of {candidate.runs} err by {tried} s{shown}"
