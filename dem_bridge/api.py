@@ -18,7 +18,7 @@ from dem_bridge.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dem_bridge.campaign import Progress
-    from dem_bridge.planner import Plan
+    from dem_bridge.plan_answer import Plan
     from dem_bridge.store import Store
     from dem_bridge.studies.scatter import ScatterStudy
     from dem_bridge.studies.styles import StylesStudy

@@ -130,15 +130,17 @@ class Judge:
         return interval / max(1, math.ceil(interval / setting * (1.0 - 1e-12)))
 
     def run(self, candidate: Candidate, setting: float) -> Trajectory:
-        """A run at a setting, without bars; made once."""
+        """A run at a setting, without bars. Those that others are measured by are made once."""
         setting = self.snapped(candidate, setting)
         key = (candidate.name, setting)
-        if key not in self._runs:
-            self.tell(f"{candidate.runs} at {candidate.knob} = {setting:.3g}")
-            settings = {**candidate.given, **({candidate.knob: setting} if candidate.knob else {}), "bars": False}
-            resolution = Resolution(**settings)
-            self._runs[key] = backend(candidate.runs).run(self.scene, resolution, self.sampling)
-        return self._runs[key]
+        if key in self._runs:
+            return self._runs[key]
+        self.tell(f"{candidate.runs} at {candidate.knob} = {setting:.3g}" if candidate.knob else candidate.runs)
+        settings = {**candidate.given, **({candidate.knob: setting} if candidate.knob else {}), "bars": False}
+        run = backend(candidate.runs).run(self.scene, Resolution(**settings), self.sampling)
+        if self.truth is None:
+            self._runs[key] = run
+        return run
 
     def trial(self, candidate: Candidate, setting: float) -> Trial:
         """What a setting of three digits errs by; inf where its run breaks."""
@@ -163,16 +165,12 @@ class Judge:
         apart = relative_error(self.observable, self.scene, run, self.run(candidate, finer))
         return apart / -math.expm1(-CAREFUL * candidate.order * math.log(setting / finer))
 
-    def forget(self, candidate: Candidate) -> None:
-        """What was run for a candidate whose settings become others."""
-        self._runs = {key: run for key, run in self._runs.items() if key[0] != candidate.name}
-
-    def cpu(self, candidate: Candidate, setting: float) -> float:
-        """CPU of a run, s: the least of three where they are short, for the first may bring the compiler."""
-        first, setting = self.run(candidate, setting), self.snapped(candidate, setting)
-        found = [first.cost.cpu]
+    def cpu(self, candidate: Candidate, setting: float, first: float) -> float:
+        """CPU of a run that took ``first``, s: the least of three where they are short, for one may bring the compiler
+        and another be disturbed."""
+        found = [first]
         while len(found) < 3 and sum(found) < 0.5:
-            self._runs.pop((candidate.name, setting))
+            self._runs.pop((candidate.name, self.snapped(candidate, setting)), None)
             found.append(self.run(candidate, setting).cost.cpu)
         return min(found)
 

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import replace
 from types import MappingProxyType
-from typing import Any
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, backend
@@ -19,7 +18,9 @@ from dem_bridge.backends.reference import series_fit
 from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
 from dem_bridge.backends.steps import radius_of
 from dem_bridge.backends.twin_bars import last_digit, round_off_floor
-from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.errors import NotAsymptotic, RunBroken, UsageError
+from dem_bridge.extrapolate import extrapolated
+from dem_bridge.plan_answer import Plan, answer, beyond
 from dem_bridge.plan_check import (
     LEAST_RTOL,
     Candidate,
@@ -32,12 +33,18 @@ from dem_bridge.plan_check import (
     settle,
 )
 from dem_bridge.plan_options import MOST_STEPS, THEORIES, Option, Options
-from dem_bridge.plan_predict import OF_RTOL, tidy
+from dem_bridge.plan_predict import OF_RTOL
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
-#: steps of a run that only looks for round-off
-FEW_STEPS = 1_000_000
+#: at such accuracies codes that keep positions are asked for their round-off first; steps of a run for it
+ROUND_OFF_BELOW, FEW_STEPS = 1e-7, 5_000_000
+#: at such accuracies LAMMPS' runs may be extrapolated: where that costs less than this part of one run, with so much
+#: more for the finest of the three, which comes with bars
+EXTRAPOLATED_BELOW, EXTRAPOLATED_GAIN, EXTRAPOLATED_BARS = 1e-5, 0.8, 1.4
+#: weights of 4/3 and -1/3 magnify what was rounded
+EXTRAPOLATED_ROUNDING = 5.0 / 3.0
+SAMPLED = ("velocity", "displacement")
 #: what costs more than so many times the least, as predicted, is not tried: the laws of costs are that good
 WORTH_TRYING = 4.0
 #: s of CPU that a yardstick may take, whatever the runs take
@@ -50,44 +57,6 @@ YARDSTICK_BAR = 0.1
 TABLE_SHARE, TABLE_POINTS = 0.3, (None, 40_000, 160_000, 640_000)
 
 Tell = Callable[[float, int, str], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Plan:
-    """Settings for a wanted accuracy, and why each number is what it is.
-
-    ``db.solve(scene, backend=plan.backend, **plan.resolution)`` makes the run.
-    """
-
-    scene: str
-    accuracy: float
-    """Wanted, relative."""
-    observable: str
-    backend: str
-    resolution: Mapping[str, Any]
-    """Keywords of :func:`dem_bridge.solve`."""
-    predicted_error: float
-    """To be expected of the run, relative: what was found, where it was, else what the model says."""
-    predicted_cost: float
-    """CPU to be expected of the run without bars, s; likewise."""
-    found_error: float | None
-    """Of a run with these settings; None: there was none."""
-    found_cost: float | None
-    """None: there was no run with these settings, or its twin's."""
-    model_error: float
-    """By the model alone."""
-    model_cost: float
-    steps: int | None
-    """None: not known beforehand."""
-    force_evaluations: int | None
-    units: Mapping[str, float]
-    """The step taken (s) as ``dt``, and as a fraction of the times that DEM users think in; empty: no fixed step."""
-    reasons: tuple[str, ...]
-
-    def as_json(self) -> dict[str, Any]:
-        """All of it, JSON-able."""
-        told = {one.name: getattr(self, one.name) for one in fields(self)}
-        return told | {key: dict(told[key]) for key in ("resolution", "units")} | {"reasons": list(self.reasons)}
 
 
 def plan_for(
@@ -114,8 +83,8 @@ def plan_for(
     )
     chosen = planner.options.foreseen() if predict_only else planner.checked()
     if budget is not None and chosen.cost > budget:
-        raise UsageError(planner.beyond(budget, chosen))
-    return planner.answer(chosen)
+        raise UsageError(beyond(planner.options, budget, chosen))
+    return answer(planner.options, chosen, planner.left_out, planner.yardstick)
 
 
 class Planner:
@@ -197,8 +166,21 @@ class Planner:
         candidate = one.candidate
         if candidate.knob == "":
             return self._tried_as_it_is(one)
-        self._hopeless(one)
         candidate = self._completed(candidate, one.setting)
+        one = replace(one, candidate=candidate)
+        try:
+            alone = self._settled(one)
+        except UsageError:
+            # three shorter runs have less round-off than a long one
+            if together := self._extrapolated(replace(one, cost=math.inf)):
+                return together
+            raise
+        return self._extrapolated(alone) or alone
+
+    def _settled(self, one: Option) -> Option:
+        """An option with the coarsest setting that serves; UsageError, with the floor, where none does."""
+        self._hopeless(one)
+        candidate = one.candidate
         settled = settle(
             lambda setting: self.judge.trial(candidate, setting),
             one.setting,
@@ -211,22 +193,76 @@ class Planner:
         )
         if settled.best is None:
             raise UsageError(self._floor(candidate, settled))
-        setting, own = settled.best.setting, candidate.runs == candidate.name
+        best, own = settled.best, candidate.runs == candidate.name
         return replace(
             one,
-            candidate=candidate,
-            setting=setting,
-            error=settled.best.error,
-            cost=self.judge.cpu(candidate, setting) if own else self.outlook.cost(candidate.name, setting),
-            trial=settled.best,
+            setting=best.setting,
+            error=best.error,
+            cost=self.judge.cpu(candidate, best.setting, best.cpu)
+            if own
+            else self.outlook.cost(candidate.name, best.setting),
+            trial=best,
             told=_told(candidate, settled),
+        )
+
+    def _extrapolated(self, plain: Option) -> Option | None:
+        """Three runs of LAMMPS extrapolated, where they cost less than the one that serves alone; None: they do not.
+
+        On random chains they never do at 1e-4, at 1e-6 in a fifth and at 1e-7 in half of those whose order is clean.
+        """
+        candidate, truth = plain.candidate, self.judge.truth
+        wanted = candidate.name in ENGINE_BACKENDS and candidate.kind == 2 and self.observable in SAMPLED
+        if not wanted or truth is None or self.accuracy > EXTRAPOLATED_BELOW:
+            return None
+
+        def trial(setting: float) -> Trial:
+            setting = self.judge.snapped(candidate, float(f"{setting:.2e}"))
+            self._say(f"{candidate.runs} extrapolated from dt = {setting:.3g}")
+            try:
+                resolution = Resolution(**candidate.given, dt=setting, bars=False)
+                run = extrapolated(backend(candidate.runs), self.scene, resolution, self.sampling)
+                error = relative_error(self.observable, self.scene, run, truth)
+            except (NotAsymptotic, RunBroken):
+                return Trial(setting=setting, error=math.inf, cpu=math.nan, steps=0, evaluations=0)
+            cost = run.cost
+            return Trial(
+                setting=setting, error=error, cpu=cost.cpu, steps=cost.steps, evaluations=cost.force_evaluations
+            )
+
+        def cost(setting: float) -> float:
+            coarse, main, fine = (self.outlook.cost(candidate.name, part * setting) for part in (2.0, 1.0, 0.5))
+            return coarse + main + EXTRAPOLATED_BARS * fine
+
+        # the coarsest of the three has to fall on the samples, too
+        least, most = 1.75 * plain.setting, 0.5 * self.options.interval
+        if least >= most or cost(most) > plain.cost:
+            return None
+        # of order 4 against 2
+        first = min(2.0 * plain.setting * (1e-4 / self.accuracy) ** 0.25, most)
+        rounds_off = round_off_floor(self.scene, self.outlook.schedule(0.5 * first), candidate.given["gauge_radius"])
+        if EXTRAPOLATED_ROUNDING * rounds_off > self.accuracy:
+            return None
+        settled = settle(trial, first, self.accuracy, order=4.0, least=least, most=most)
+        best = settled.best
+        if best is None or cost(best.setting) > EXTRAPOLATED_GAIN * plain.cost:
+            return None
+        return replace(
+            plain,
+            candidate=replace(candidate, answer={**candidate.answer, "order": "richardson"}),
+            setting=best.setting,
+            error=best.error,
+            cost=cost(best.setting),
+            trial=best,
+            told=f"twins extrapolated from steps of 2 dt, dt and dt/2 err by {_tried(settled)} s, and three runs cost"
+            f" {cost(best.setting):.2g} s of CPU"
+            + (f", one that serves alone {plain.cost:.2g} s" if plain.cost < math.inf else "; none serves alone"),
         )
 
     def _hopeless(self, one: Option) -> None:
         """UsageError where what is asked is beyond what is to be expected by more than the model may be wrong."""
         candidate, law = one.candidate, one.law
         assert law is not None
-        if candidate.name in ENGINE_BACKENDS:
+        if candidate.name in ENGINE_BACKENDS and self.accuracy < ROUND_OFF_BELOW:
             # round-off grows with the number of steps: what a shorter run has, a longer one has, too
             dt = max(one.setting, self.scene.duration / FEW_STEPS)
             radius = radius_of(self.scene, Resolution(), self.outlook.look)
@@ -259,7 +295,7 @@ class Planner:
             error, told = relative_bar(self.observable, self.scene, run), "its own error bar stands for its error"
         if not error <= self.accuracy:
             raise UsageError(f"errs by {error:.2g}" if name in THEORIES else f"its bar is {error:.2g}")
-        cost = self.judge.cpu(candidate, 0.0)
+        cost = self.judge.cpu(candidate, 0.0, run.cost.cpu)
         trial = Trial(setting=0.0, error=error, cpu=cost, steps=run.cost.steps, evaluations=run.cost.force_evaluations)
         return replace(one, error=error, cost=cost, trial=trial, told=told)
 
@@ -275,11 +311,11 @@ class Planner:
         for points in TABLE_POINTS:
             answer = {} if points is None else {"table_points": points}
             tabled = replace(candidate, given={**given, **answer, "tables": True}, answer=answer)
-            runs = self.judge.run(tabled, setting), self.judge.run(plain, setting)
-            error = relative_error(self.observable, self.scene, *runs)
+            # named by its points: what other tables gave is not mistaken for theirs
+            beside = self.judge.run(replace(tabled, name=f"{points} points"), setting)
+            error = relative_error(self.observable, self.scene, beside, self.judge.run(plain, setting))
             if error <= TABLE_SHARE * self.accuracy:
                 return tabled
-            self.judge.forget(tabled)
         raise UsageError(f"tables of {TABLE_POINTS[-1]} points miss {error:.2g}")
 
     def _floor(self, candidate: Candidate, settled: Settled) -> str:
@@ -296,100 +332,6 @@ class Planner:
             return f"{least}, with {most}"
         return f"{least}, and finer settings do no better"
 
-    def beyond(self, budget: float, chosen: Option) -> str:
-        """What to say where the plan costs more than the budget: the accuracy that this buys."""
-        bought, by = math.inf, ""
-        for one in [*(o for o in self.options.found if o.candidate.name != chosen.candidate.name), chosen]:
-            if one.law is None:
-                error = one.error if one.cost <= budget else math.inf
-            else:
-                known, law = one.setting, one.law
-                scale = one.cost / self.outlook.cost(one.candidate.name, known)
-                low, high = known, self.options.most(one.candidate)
-                if scale * self.outlook.cost(one.candidate.name, high) > budget:
-                    continue
-                for _ in range(60):
-                    middle = math.sqrt(low * high)
-                    dear = scale * self.outlook.cost(one.candidate.name, middle) > budget
-                    low, high = (middle, high) if dear else (low, middle)
-                error = one.error * (high / known) ** law.order
-            if error < bought:
-                bought, by = error, one.candidate.name
-        rest = f"it buys about {bought:.1g} by {by}" if bought < 1.0 else "it buys no run that says anything"
-        return (
-            f"accuracy = {self.accuracy:g} of {self.observable} on {self.scene.name} costs {chosen.cost:.2g} s of CPU"
-            f" by {chosen.candidate.name}, and the budget is {budget:g} s; {rest}; ask for less, or give more"
-        )
-
-    def answer(self, chosen: Option) -> Plan:
-        """The plan, with its reasons."""
-        candidate, trial = chosen.candidate, chosen.trial
-        resolution, units = dict(candidate.answer), {}
-        steps, evaluations = (trial.steps, trial.evaluations) if trial else (None, None)
-        if candidate.knob == "dt":
-            plan = self.outlook.schedule(chosen.setting)
-            coarser = (
-                self.options.interval / (plan.per_sample - 1) if plan.per_sample > 1 else 2.0 * self.options.interval
-            )
-            resolution["dt"] = tidy(plan.step, coarser)
-            units = {"dt": plan.step, **self.outlook.units(plan.step)}
-            steps = plan.steps
-        elif candidate.knob == "rtol":
-            resolution["rtol"] = chosen.setting
-        if self.sampling.count != self.scene.samples:
-            resolution["samples"] = self.sampling.count
-        own = candidate.runs == candidate.name
-        return Plan(
-            scene=self.scene.name,
-            accuracy=self.accuracy,
-            observable=self.observable,
-            backend=candidate.name,
-            resolution=MappingProxyType(resolution),
-            predicted_error=chosen.error,
-            predicted_cost=chosen.cost,
-            found_error=None if trial is None else trial.error,
-            found_cost=chosen.cost if trial is not None and own else None,
-            model_error=(
-                self.outlook.known_error(candidate.name, self.observable)
-                if chosen.law is None
-                else self.outlook.error(chosen.law, chosen.setting, self.observable)
-            ),
-            model_cost=self.outlook.cost(candidate.name, chosen.setting),
-            steps=steps,
-            force_evaluations=evaluations,
-            units=MappingProxyType(units),
-            reasons=tuple(self._reasons(chosen)),
-        )
-
-    def _reasons(self, chosen: Option) -> Iterator[str]:
-        outlook, candidate = self.outlook, chosen.candidate
-        if candidate.knob == "dt":
-            yield (
-                f"the coarse run found contacts of up to {outlook.look.frequency:.3g} rad/s, and a phase of"
-                f" {outlook.phase:.3g} rad in the stiffest of each moment over {self.scene.duration:g} s"
-            )
-        if chosen.law is not None:
-            first = outlook.setting(chosen.law, self.accuracy, self.observable)
-            yield (
-                f"the model has {self.accuracy:g} at {candidate.knob} = {first:.2g}: errors go with its power"
-                f" {chosen.law.order:g}, and 95 % of random scenes err by no more than {chosen.law.spread:g} times that"
-            )
-        if chosen.trial is not None:
-            yield chosen.told
-            if chosen.law is not None:
-                yield f"errors are measured against {self.yardstick}"
-        elif chosen.law is not None:
-            yield f"nothing was run to check it, so the error is planned {chosen.law.spread:g} times smaller"
-        else:
-            yield f"nothing was run to check it: {candidate.name} errs by no more in 95 % of the random scenes tried"
-        if candidate.runs != candidate.name:
-            yield (
-                f"{candidate.name} was not run: the twin in positions repeats it to 1e-10, round-off included, and its"
-                " cost is that of bodies, steps and samples"
-            )
-        for reason in dict.fromkeys(self.left_out.values()):
-            yield f"{', '.join(name for name, why in self.left_out.items() if why == reason)}: {reason}"
-
     def _say(self, label: str) -> None:
         if self.tell is not None:
             spent = time.process_time() - self.began
@@ -398,10 +340,14 @@ class Planner:
 
 def _told(candidate: Candidate, settled: Settled) -> str:
     """The runs that were made, and the order that they show."""
-    runs = sorted(settled.trials, key=lambda one: -one.setting)
-    tried = ", ".join(f"{one.error:.2g} at {one.setting:.3g}" for one in runs)
     if candidate.knob == "rtol":
-        return f"runs of {candidate.runs} err by {tried} (rtol)"
-    order = observed_order(runs)
+        return f"runs of {candidate.runs} err by {_tried(settled)} (rtol)"
+    order = observed_order(settled.trials)
     shown = "" if math.isnan(order) else f": order {order:.2f} on the whole"
-    return f"runs of {candidate.runs} err by {tried} s{shown}"
+    return f"runs of {candidate.runs} err by {_tried(settled)} s{shown}"
+
+
+def _tried(settled: Settled) -> str:
+    """Errors by settings, from the coarsest on."""
+    runs = sorted(settled.trials, key=lambda one: -one.setting)
+    return ", ".join(f"{one.error:.2g} at {one.setting:.3g}" for one in runs)

@@ -17,9 +17,9 @@ from dem_bridge import plan_check, planner
 from dem_bridge.backends.base import Sampling, backend
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.physics.exact import two_body_collision
+from dem_bridge.plan_answer import Plan
 from dem_bridge.plan_check import OBSERVABLES, Trial, relative_error, settle
 from dem_bridge.plan_predict import OF_STEP, Outlook, contact_time, rayleigh_time, tidy
-from dem_bridge.planner import Plan
 from dem_bridge.scene import Damping, Scene, Wall
 from tests.conftest import Solve
 from tests.strategies import examples
@@ -323,3 +323,17 @@ def test_a_step_is_asked_for_with_three_digits() -> None:
         assert run.provenance["settings"]["dt"] == pytest.approx(found.units["dt"], rel=1e-12)
         assert run.cost.steps == found.steps
         assert run.cost.force_evaluations == found.force_evaluations
+
+
+def test_lammps_runs_are_extrapolated_where_that_costs_less(solved: Solve) -> None:
+    scene = replace(FIVE, name="five-free", gap=0.0, wall_right=None, duration=2e-4)
+    found = db.plan(scene, 1e-9, "lammps-granular")
+    assert found.resolution["order"] == "richardson"
+    # three runs of the twin, which LAMMPS repeats
+    run = db.solve(scene, backend="verlet", **found.resolution)
+    truth = solved(scene, "reference")
+    error = np.max(np.abs(run.velocity - truth.velocity)) / np.max(np.abs(truth.velocity))
+    assert error <= 1e-9
+    assert run.cost.steps == found.steps
+    alone = db.plan(scene, 1e-4, "lammps-granular")
+    assert list(alone.resolution) == ["dt"]
