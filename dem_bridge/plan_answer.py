@@ -147,5 +147,6 @@ def beyond(options: Options, budget: float, chosen: Option) -> str:
     rest = f"it buys about {bought:.1g} by {by}" if bought < 1.0 else "it buys no run that says anything"
     return (
         f"accuracy = {options.accuracy:g} of {options.observable} on {options.scene.name} costs"
-        f" {chosen.cost:.2g} s of CPU by {chosen.candidate.name}, and the budget is {budget:g} s; {rest}; ask for less, or give more"
+        f" {chosen.cost:.2g} s of CPU by {chosen.candidate.name}, and the budget is {budget:g} s; {rest};"
+        " ask for less, or give more"
     )
