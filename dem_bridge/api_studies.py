@@ -34,8 +34,9 @@ def study(
 ) -> Study:
     """Ask one of the questions that take many runs, such as "stability" or "horizon".
 
-    ``scene``: where the study is of one; some have one of their own, if none is named. ``folder``: where its page (``index.html``), tables, figures and JSON are
-    written (None: nowhere). ``jobs``, ``tell``, ``store``, ``fresh`` and which LAMMPS as in :func:`dem_bridge.verify`.
+    ``scene``: where the study is of one; some have their own, if none is named. ``folder``: where its page
+    (``index.html``), tables, figures and JSON are written (None: nowhere). ``jobs``, ``tell``, ``store``, ``fresh`` and
+    which LAMMPS as in :func:`dem_bridge.verify`.
     More settings are the study's own. The answer has ``answer`` (sentences), ``tables``, ``exhibits`` and
     ``exit_code``. Raises UsageError for an unknown study or setting, and what the study raises.
     """

@@ -116,7 +116,10 @@ def _point_contact(runs: Runs) -> Claim:
             continue
         # without the striker's
         found = [contact_validity(scene, truth, k) for k in range(1, scene.n_body - 1)]
-        longest, beyond = max(one.over_half_height for one in found), [one for one in found if not one.holds[0]]
+        longest, beyond = (
+            max(one.over_half_height for one in found),
+            [one for one in found if one.over_half_height > 1.0],
+        )
         values.append(ClaimValue(name=f"semi-major axis over half-height, {name}", backend=REFERENCE, value=longest))
         words.append(f"at most {longest:.2f} in {name}")
         if beyond:

@@ -104,11 +104,13 @@ def verify_paper(
     scenes = scenes_of_paper(extent.scenes)
     lost: dict[str, SceneStudy] = {}
 
+    def wanted(scene: Scene) -> float:
+        return accuracy if scene.name in MAIN else max(accuracy, OTHER_ACCURACY)
+
     def planned(scene: Scene) -> list[Case]:
         full = scene.name in MAIN
-        wanted = accuracy if full else max(accuracy, OTHER_ACCURACY)
         try:
-            return [*cases_of(scene, wanted, engine, store, full=full), *beside(scene)]
+            return [*cases_of(scene, wanted(scene), engine, store, full=full), *beside(scene)]
         except (RunBroken, UnsupportedScene, UsageError) as error:  # this scene's, not the others'
             lost[scene.name] = hopeless(scene, error)
             return []
@@ -130,11 +132,7 @@ def verify_paper(
         tell(1.0, 1, "reading claims")
     runs = Runs.of((*of_scenes, *of_variants, *of_gradients, *of_matched))
     scattered = [scatter.study_of(scene, part, spread=extent.spread) for scene, part in zip(main, of_sets, strict=True)]
-    studies = tuple(
-        lost.get(scene.name)
-        or study_of(scene, _of(of_scenes, scene), accuracy if scene.name in MAIN else max(accuracy, OTHER_ACCURACY))
-        for scene in scenes
-    )
+    studies = tuple(lost.get(scene.name) or study_of(scene, _of(of_scenes, scene), wanted(scene)) for scene in scenes)
     notes = (store.trouble,) if store is not None and store.trouble else ()
     return Verification(
         studies=studies,
