@@ -12,7 +12,7 @@ import click
 
 import dem_bridge
 from dem_bridge import cli_terminal as terminal
-from dem_bridge.cli_options import jobs_option, scene_argument, step_option
+from dem_bridge.cli_options import engine_options, jobs_option, scene_argument, step_option
 
 
 def _asked(command: Callable[..., None]) -> Callable[..., None]:
@@ -100,3 +100,25 @@ def styles(
         if folder is not None:
             click.echo(f"written: {folder / 'styles.png'} and, beside it, styles.csv and styles.json")
     sys.exit(found.exit_code)
+
+
+@study.command()
+@scene_argument
+@click.option("--accuracy", type=float, metavar="A", help="What models may be off, relative.  [default: 0.01]")
+@click.option(
+    "--observable",
+    "observables",
+    multiple=True,
+    metavar="O",
+    help="arrival, residence, peak_velocity, peak_force, velocity; can be repeated.  [default: all but velocity]",
+)
+@click.option("--window", metavar="W", help='"passage" of the front, or "whole" run.  [default: passage]')
+@click.option("--dashpot", type=float, metavar="C", help="Supposed in contacts without damping, N s/m.  [default: 1]")
+@click.option("--spread", type=float, metavar="DEG", help="Standard deviation of angles that scatter.  [default: 0.5]")
+@click.option("--draws", type=int, metavar="N", help="Chains with such angles.  [default: 3]")
+@click.option("--no-numerics", is_flag=True, help="Ask about the physics alone.")
+@engine_options
+@_asked
+def ladder(observables: tuple[str, ...], no_numerics: bool, **settings: Any) -> None:
+    """Say what SCENE requires: each piece of physics and each numerical choice left out, and the least model."""
+    _answer("ladder", observables=observables or None, numerics=False if no_numerics else None, **settings)

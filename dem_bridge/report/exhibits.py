@@ -51,6 +51,12 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
     "ode45": {"color": GREEN, "linestyle": "none", "marker": "x", "markersize": 4.5},
     "fit": {"color": ORANGE, "linestyle": ":", "linewidth": 2.4, "zorder": 4},
     "guide": {"color": GREY, "linestyle": (0, (9, 3)), "linewidth": 1.2},
+    # marks of several quantities in one row: by form, and filled or not
+    "mark-1": {"color": BLACK, "linestyle": "none", "marker": "*", "markersize": 9.0},
+    "mark-2": {"color": BLUE, "linestyle": "none", "marker": "s", "markersize": 8.0, **_HOLLOW},
+    "mark-3": {"color": VERMILION, "linestyle": "none", "marker": "^", "markersize": 8.5, **_HOLLOW},
+    "mark-4": {"color": GREEN, "linestyle": "none", "marker": "+", "markersize": 9.0, "markeredgewidth": 1.8},
+    "mark-5": {"color": PURPLE, "linestyle": "none", "marker": "D", "markersize": 11.0, **_HOLLOW},
 }
 _OTHER: Mapping[str, Any] = {"color": GREY, "linestyle": "-", "linewidth": 1.2}
 #: on a map a line is thin, for it must not hide the front that it stands beside, and black or white, for colours and
@@ -90,8 +96,11 @@ def drawn(exhibit: Exhibit) -> Figure:
         for line in panel.series:
             _draw_series(ax, line, on_map=panel.map is not None)
         _dress(ax, panel, page / columns)
+    rowed = [ax for ax, panel in zip(axes, panels, strict=True) if panel.rows]
+    for ax in rowed:  # one x axis for all
+        ax.set_xlim(min(one.get_xlim()[0] for one in rowed), max(one.get_xlim()[1] for one in rowed))
     for group in _groups(panels):
-        lines = [at for at in group if panels[at].map is None]
+        lines = [at for at in group if panels[at].map is None and not panels[at].rows]
         scale_together([axes[at] for at in lines], [panels[at] for at in lines])
     for row in rows:
         mapped = [at for at in row if at in images]
@@ -268,7 +277,11 @@ def _dress(ax: Axes, panel: Panel, inches: float) -> None:
         )
     ax.set(xlabel=panel.x_label, ylabel=panel.y_label)
     xs = [line.x for line in panel.series] + ([panel.map.x] if panel.map is not None else [])
-    if panel.log and all(_decades(values) is not None for values in (xs, [line.y for line in panel.series])):
+    if panel.rows:
+        ax.set(xscale="log", ylim=(len(panel.rows) - 0.5, -0.5))
+        ax.set_yticks(range(len(panel.rows)), [textwrap.shorten(name, 44, placeholder=" ...") for name in panel.rows])
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    elif panel.log and all(_decades(values) is not None for values in (xs, [line.y for line in panel.series])):
         ax.set(xscale="log", yscale="log")
         for axis, values in ((ax.xaxis, xs), (ax.yaxis, [line.y for line in panel.series])):
             decades = _decades(values) or 0.0
@@ -316,7 +329,8 @@ def _legend(figure: Figure, axes: Iterable[Axes]) -> None:
 
 
 def _height(panel: Panel) -> float:
-    return _HEIGHT["map" if panel.map is not None else "series"] + 0.17 * len(panel.notes)
+    high = 1.0 + 0.3 * len(panel.rows) if panel.rows else _HEIGHT["map" if panel.map is not None else "series"]
+    return high + 0.17 * len(panel.notes)
 
 
 def _groups(panels: Sequence[Panel]) -> list[list[int]]:

@@ -118,6 +118,8 @@ class Panel:
     """Both axes logarithmic."""
     notes: tuple[str, ...] = ()
     """Short lines to stand in the panel."""
+    rows: tuple[str, ...] = ()
+    """Names of the places 0, 1, ... on the y axis, the first on top; the x axis is then logarithmic."""
     shares_scale_with: tuple[int, ...] = ()
     """Places of panels of the same figure with the same colour scale, or without map the same y axis."""
 

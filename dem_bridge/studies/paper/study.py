@@ -20,9 +20,11 @@ from dem_bridge.store import Store
 from dem_bridge.studies import scatter
 from dem_bridge.studies.checks import REFERENCE, SECOND
 from dem_bridge.studies.exhibits import Exhibit, Paper, Table
+from dem_bridge.studies.ladder import Bench, Ladder, LeftOut, ladder_of, left_out
+from dem_bridge.studies.ladder_study import question_table
 from dem_bridge.studies.paper import figures
 from dem_bridge.studies.paper.claims_force import forces, ratios
-from dem_bridge.studies.paper.claims_numbers import numbers
+from dem_bridge.studies.paper.claims_numbers import NEGLIGIBLE, numbers
 from dem_bridge.studies.paper.claims_spectrum import spectra
 from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.effects import (
@@ -54,6 +56,7 @@ from dem_bridge.studies.paper.runs import (
 from dem_bridge.studies.paper.summary import NOT_VERIFIED, answer
 from dem_bridge.studies.paper.theories import split_table, theories_table
 from dem_bridge.studies.paper.validity import contacts_table, scenes_table
+from dem_bridge.studies.passage import JUDGED
 from dem_bridge.studies.scatter import ScatterStudy
 from dem_bridge.studies.verify import (
     DEFAULT_ACCURACY,
@@ -76,6 +79,8 @@ class Extent:
     """Scattered chains of each of the two main ones."""
     spread: float = 0.5
     """Standard deviation of their angles, degrees; the paper names none. With more, angles of 2 degrees come near 0."""
+    ladder: bool = True
+    """Whether it asks what may be left out of the two main ones."""
 
 
 #: errors of codes and theories that stand in the budget: backend -> what it is, kind
@@ -122,16 +127,22 @@ def verify_paper(
         cases = [case for found in threads.map(planned, scenes) for case in found]
     main = [load_scene(name) for name in MAIN]
     sets = [scatter.cases_of(scene, spread=extent.spread, count=extent.chains) for scene in main]
-    parts = [cases, variants(), mass_gradients(engine), [*matched(), *steeper_tapers()], *sets]
+    ladders = [ladder_of(scene, accuracy=NEGLIGIBLE, store=store) for scene in main] if extent.ladder else []
+    models = [ladder.cases() for ladder in ladders]
+    parts = [cases, variants(), mass_gradients(engine), [*matched(), *steeper_tapers()], *sets, *models]
     results = run_cases([case for part in parts for case in part], jobs=jobs, tell=tell, store=store)
     ends = [sum(map(len, parts[: i + 1])) for i in range(len(parts))]
-    of_scenes, of_variants, of_gradients, of_matched, *of_sets = (
+    of_scenes, of_variants, of_gradients, of_matched, *rest = (
         results[end - len(part) : end] for end, part in zip(ends, parts, strict=True)
     )
     if tell is not None:
         tell(1.0, 1, "reading claims")
     runs = Runs.of((*of_scenes, *of_variants, *of_gradients, *of_matched))
-    scattered = [scatter.study_of(scene, part, spread=extent.spread) for scene, part in zip(main, of_sets, strict=True)]
+    of_scatter, of_ladders = rest[: len(sets)], rest[len(sets) :]
+    scattered = [
+        scatter.study_of(scene, one, spread=extent.spread) for scene, one in zip(main, of_scatter, strict=True)
+    ]
+    asked = [(ladder, _left_out(ladder, of_it)) for ladder, of_it in zip(ladders, of_ladders, strict=True)]
     studies = tuple(lost.get(scene.name) or study_of(scene, _of(of_scenes, scene), wanted(scene)) for scene in scenes)
     notes = (store.trouble,) if store is not None and store.trouble else ()
     return Verification(
@@ -139,12 +150,16 @@ def verify_paper(
         accuracy=accuracy,
         wall=time.perf_counter() - began,
         notes=notes,
-        paper=paper_of(runs, studies, scattered, accuracy),
+        paper=paper_of(runs, studies, scattered, accuracy, asked),
     )
 
 
 def paper_of(
-    runs: Runs, studies: Sequence[SceneStudy], scattered: list[ScatterStudy], accuracy: float = DEFAULT_ACCURACY
+    runs: Runs,
+    studies: Sequence[SceneStudy],
+    scattered: list[ScatterStudy],
+    accuracy: float = DEFAULT_ACCURACY,
+    asked: Sequence[tuple[Ladder, Sequence[LeftOut]]] = (),
 ) -> Paper:
     """What the runs say of the paper; nothing is run here."""
     claims = (*numbers(runs), *waves(runs, scattered), *spectra(runs), *forces(runs))
@@ -158,6 +173,7 @@ def paper_of(
         tables=(
             budget_table(effects),
             split_table(effects),
+            *([question_table(asked, NEGLIGIBLE)] if asked else []),
             theories_table(runs, names),
             pulses_table(runs, names),
             fits_table(runs, names),
@@ -168,6 +184,15 @@ def paper_of(
         ),
         exhibits=tuple(_exhibits(runs, scattered)),
     )
+
+
+def _left_out(ladder: Ladder, results: Sequence[Result]) -> tuple[LeftOut, ...]:
+    """What may be left out of a chain; nothing where a run of it broke, which the other claims say too."""
+    if any(result.trajectory is None for result in results):
+        return ()
+    bench = Bench(ladder)
+    bench.take(results)
+    return left_out(bench, JUDGED)
 
 
 def _of(results: Sequence[Result], scene: Scene) -> tuple[Result, ...]:

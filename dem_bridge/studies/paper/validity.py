@@ -9,10 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from dem_bridge.geometry import Body
 from dem_bridge.physics.contact import cylinder_stiffness_paper
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.physics.hertz import HertzContact, crossed_cylinders, sphere_on_cylinder, sphere_on_sphere
 from dem_bridge.physics.validity import (
     Validity,
     edge_tension,
@@ -24,8 +22,8 @@ from dem_bridge.physics.validity import (
 )
 from dem_bridge.scene import Scene
 from dem_bridge.studies.exhibits import Table
-from dem_bridge.studies.paper.effects import GRAVITY
 from dem_bridge.studies.paper.runs import Runs
+from dem_bridge.studies.switches import GRAVITY, hertz_contact
 from dem_bridge.trajectory import Trajectory
 
 COLUMNS = (
@@ -99,7 +97,7 @@ def contact_validity(scene: Scene, run: Trajectory, k: int) -> ContactValidity:
     geometry = scene.geometry
     assert geometry is not None  # asked for by `validity_tables`
     one, other, angle = geometry.bodies[k], geometry.bodies[k + 1], geometry.angle[k]
-    contact = _hertz(one, other, angle)
+    contact = hertz_contact(one, other, angle)
     material, force = other.material, float(run.peak_force[k])
     by_paper = contact.stiffness
     if angle is not None:
@@ -132,16 +130,6 @@ def contact_validity(scene: Scene, run: Trajectory, k: int) -> ContactValidity:
             weightless(weight, force),
         ),
     )
-
-
-def _hertz(one: Body, other: Body, angle: float | None) -> HertzContact:
-    elastic = other.material.elastic
-    if angle is not None:
-        return crossed_cylinders(angle=angle, radius=one.radius, radius2=other.radius, law="exact", **elastic)
-    if one.shape == other.shape:
-        return sphere_on_sphere(radius=one.radius, radius2=other.radius, **elastic)
-    sphere, cylinder = (one, other) if one.shape == "sphere" else (other, one)
-    return sphere_on_cylinder(radius=sphere.radius, radius2=cylinder.radius, **elastic)
 
 
 def _known(runs: Runs, names: Iterable[str]) -> Iterable[tuple[Scene, list[ContactValidity]]]:
