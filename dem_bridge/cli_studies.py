@@ -12,7 +12,7 @@ import click
 
 import dem_bridge
 from dem_bridge import cli_terminal as terminal
-from dem_bridge.cli_options import jobs_option, scene_argument, step_option
+from dem_bridge.cli_options import engine_options, jobs_option, scene_argument, scene_names, step_option
 
 
 def _asked(command: Callable[..., None]) -> Callable[..., None]:
@@ -100,3 +100,12 @@ def styles(
         if folder is not None:
             click.echo(f"written: {folder / 'styles.png'} and, beside it, styles.csv and styles.json")
     sys.exit(found.exit_code)
+
+
+@study.command("rule-of-thumb")
+@click.argument("scene", required=False, shell_complete=scene_names)
+@engine_options
+@_asked
+def rule_of_thumb(scene: str | None, folder: Path | None, as_json: bool, **settings: Any) -> None:
+    """Judge steps of 5, 10, 20 and 40 % of the Rayleigh time, on SCENE or on every shipped one."""
+    _answer("rule-of-thumb", scene=scene, folder=folder, as_json=as_json, **settings)

@@ -15,7 +15,11 @@ from dem_bridge.errors import UsageError
 from dem_bridge.studies.exhibits import Study
 
 #: name -> (module, function)
-STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType({})
+STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "rule-of-thumb": ("dem_bridge.studies.rule_of_thumb", "study_rule_of_thumb"),
+    }
+)
 #: settings that every study has
 COMMON = ("scene", "engine", "jobs", "tell", "store")
 

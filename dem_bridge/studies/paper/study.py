@@ -17,7 +17,7 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
 from dem_bridge.store import Store
-from dem_bridge.studies import scatter
+from dem_bridge.studies import rule_of_thumb, scatter
 from dem_bridge.studies.checks import REFERENCE, SECOND
 from dem_bridge.studies.exhibits import Exhibit, Paper, Table
 from dem_bridge.studies.paper import figures
@@ -120,16 +120,20 @@ def verify_paper(
         cases = [case for found in threads.map(planned, scenes) for case in found]
     main = [load_scene(name) for name in MAIN]
     sets = [scatter.cases_of(scene, spread=extent.spread, count=extent.chains) for scene in main]
-    parts = [cases, variants(), mass_gradients(engine), [*matched(), *steeper_tapers()], *sets]
+    thumbs = [rule_of_thumb.cases_of(scene) for scene in scenes]
+    parts = [cases, variants(), mass_gradients(engine), [*matched(), *steeper_tapers()], *sets, *thumbs]
     results = run_cases([case for part in parts for case in part], jobs=jobs, tell=tell, store=store)
     ends = [sum(map(len, parts[: i + 1])) for i in range(len(parts))]
-    of_scenes, of_variants, of_gradients, of_matched, *of_sets = (
+    of_scenes, of_variants, of_gradients, of_matched, *of_others = (
         results[end - len(part) : end] for end, part in zip(ends, parts, strict=True)
     )
     if tell is not None:
         tell(1.0, 1, "reading claims")
     runs = Runs.of((*of_scenes, *of_variants, *of_gradients, *of_matched))
-    scattered = [scatter.study_of(scene, part, spread=extent.spread) for scene, part in zip(main, of_sets, strict=True)]
+    scattered = [
+        scatter.study_of(scene, part, spread=extent.spread) for scene, part in zip(main, of_others, strict=False)
+    ]
+    judged = [rule_of_thumb.judged_of(scene, part) for scene, part in zip(scenes, of_others[len(sets) :], strict=True)]
     studies = tuple(
         lost.get(scene.name)
         or study_of(scene, _of(of_scenes, scene), accuracy if scene.name in MAIN else max(accuracy, OTHER_ACCURACY))
@@ -141,14 +145,18 @@ def verify_paper(
         accuracy=accuracy,
         wall=time.perf_counter() - began,
         notes=notes,
-        paper=paper_of(runs, studies, scattered, accuracy),
+        paper=paper_of(runs, studies, scattered, accuracy, (rule_of_thumb.table(judged),)),
     )
 
 
 def paper_of(
-    runs: Runs, studies: Sequence[SceneStudy], scattered: list[ScatterStudy], accuracy: float = DEFAULT_ACCURACY
+    runs: Runs,
+    studies: Sequence[SceneStudy],
+    scattered: list[ScatterStudy],
+    accuracy: float = DEFAULT_ACCURACY,
+    more: tuple[Table, ...] = (),
 ) -> Paper:
-    """What the runs say of the paper; nothing is run here."""
+    """What the runs say of the paper; nothing is run here. ``more``: tables that stand behind the others."""
     claims = (*numbers(runs), *waves(runs, scattered), *spectra(runs), *forces(runs))
     names = [study.scene.name for study in studies]
     effects = list(_effects(runs))
@@ -167,6 +175,7 @@ def paper_of(
             scenes_table(runs, names),
             *(table for table in contacts if table is not None),
             scatter.table(scattered),
+            *more,
         ),
         exhibits=tuple(_exhibits(runs, scattered)),
     )
