@@ -109,3 +109,15 @@ def styles(
 def rule_of_thumb(scene: str | None, folder: Path | None, as_json: bool, **settings: Any) -> None:
     """Judge steps of 5, 10, 20 and 40 % of the Rayleigh time, on SCENE or on every shipped one."""
     _answer("rule-of-thumb", scene=scene, folder=folder, as_json=as_json, **settings)
+
+
+@study.command("work-precision")
+@scene_argument
+@click.option("--limit", type=float, metavar="S", help="Longest wall time of one run, s.  [default: 5]")
+@click.option("--repeats", type=int, metavar="N", help="Timed calls of each setting, at most.  [default: 3]")
+@click.option("-b", "--backend", "backends", multiple=True, metavar="NAME", help="One of them only; can be repeated.")
+@engine_options
+@_asked
+def work_precision(scene: str, folder: Path | None, as_json: bool, backends: tuple[str, ...], **settings: Any) -> None:
+    """Error of SCENE against cost, for every backend and each of its knobs, one run at a time."""
+    _answer("work-precision", scene=scene, folder=folder, as_json=as_json, backends=backends or None, **settings)

@@ -17,6 +17,7 @@ from dem_bridge.studies.exhibits import Study
 #: name -> (module, function)
 STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
+        "work-precision": ("dem_bridge.studies.work_precision", "study_work_precision"),
         "rule-of-thumb": ("dem_bridge.studies.rule_of_thumb", "study_rule_of_thumb"),
     }
 )
