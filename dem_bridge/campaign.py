@@ -143,6 +143,18 @@ def run_cases(
     return tuple(_as_of(case, found[one]) for case, one in zip(cases, same, strict=True))
 
 
+def run_groups(
+    groups: Sequence[Sequence[Case]],
+    *,
+    jobs: int | None = 1,
+    tell: Progress | None = None,
+    store: Store | None = None,
+) -> list[tuple[Result, ...]]:
+    """As :func:`run_cases`, all groups together; the results of each group."""
+    results = iter(run_cases([case for group in groups for case in group], jobs=jobs, tell=tell, store=store))
+    return [tuple(next(results) for _ in group) for group in groups]
+
+
 def _run_all(
     cases: dict[str, Case], jobs: int | None, keep: Callable[[str, Result], None], say: Callable[[str, float], None]
 ) -> None:

@@ -12,7 +12,7 @@ import click
 
 import dem_bridge
 from dem_bridge import cli_terminal as terminal
-from dem_bridge.cli_options import engine_options, jobs_option, scene_argument, step_option
+from dem_bridge.cli_options import engine_options, jobs_option, scene_argument, scene_names, step_option
 
 
 def _asked(command: Callable[..., None]) -> Callable[..., None]:
@@ -122,3 +122,24 @@ def styles(
 def ladder(observables: tuple[str, ...], no_numerics: bool, **settings: Any) -> None:
     """Say what SCENE requires: each piece of physics and each numerical choice left out, and the least model."""
     _answer("ladder", observables=observables or None, numerics=False if no_numerics else None, **settings)
+
+
+@study.command("rule-of-thumb")
+@click.argument("scene", required=False, shell_complete=scene_names)
+@engine_options
+@_asked
+def rule_of_thumb(scene: str | None, folder: Path | None, as_json: bool, **settings: Any) -> None:
+    """Judge steps of 5, 10, 20 and 40 % of the Rayleigh time, on SCENE or on every shipped one."""
+    _answer("rule-of-thumb", scene=scene, folder=folder, as_json=as_json, **settings)
+
+
+@study.command("work-precision")
+@scene_argument
+@click.option("--limit", type=float, metavar="S", help="Longest wall time of one run, s.  [default: 5]")
+@click.option("--repeats", type=int, metavar="N", help="Timed calls of each setting, at most.  [default: 3]")
+@click.option("-b", "--backend", "backends", multiple=True, metavar="NAME", help="One of them only; can be repeated.")
+@engine_options
+@_asked
+def work_precision(scene: str, folder: Path | None, as_json: bool, backends: tuple[str, ...], **settings: Any) -> None:
+    """Error of SCENE against cost, for every backend and each of its knobs, one run at a time."""
+    _answer("work-precision", scene=scene, folder=folder, as_json=as_json, backends=backends or None, **settings)

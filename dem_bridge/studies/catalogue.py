@@ -18,6 +18,8 @@ from dem_bridge.studies.exhibits import Study
 STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "ladder": ("dem_bridge.studies.ladder_study", "study_ladder"),
+        "work-precision": ("dem_bridge.studies.work_precision", "study_work_precision"),
+        "rule-of-thumb": ("dem_bridge.studies.rule_of_thumb", "study_rule_of_thumb"),
     }
 )
 #: settings that every study has

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import BACKENDS
-from dem_bridge.campaign import Case, Progress, Result, run_cases
+from dem_bridge.campaign import Case, Progress, Result, run_groups
 from dem_bridge.compare import difference
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
 from dem_bridge.store import Store
-from dem_bridge.studies import scatter
+from dem_bridge.studies import rule_of_thumb, scatter
 from dem_bridge.studies.checks import REFERENCE, SECOND
 from dem_bridge.studies.exhibits import Exhibit, Paper, Table
 from dem_bridge.studies.ladder import Bench, Ladder, LeftOut, ladder_of, left_out
@@ -129,20 +129,17 @@ def verify_paper(
     sets = [scatter.cases_of(scene, spread=extent.spread, count=extent.chains) for scene in main]
     ladders = [ladder_of(scene, accuracy=NEGLIGIBLE, store=store) for scene in main] if extent.ladder else []
     models = [ladder.cases() for ladder in ladders]
-    parts = [cases, variants(), mass_gradients(engine), [*matched(), *steeper_tapers()], *sets, *models]
-    results = run_cases([case for part in parts for case in part], jobs=jobs, tell=tell, store=store)
-    ends = [sum(map(len, parts[: i + 1])) for i in range(len(parts))]
-    of_scenes, of_variants, of_gradients, of_matched, *rest = (
-        results[end - len(part) : end] for end, part in zip(ends, parts, strict=True)
-    )
+    thumbs = [rule_of_thumb.cases_of(scene) for scene in scenes]
+    changed = [*variants(), *mass_gradients(engine), *matched(), *steeper_tapers()]
+    groups = iter(run_groups([cases, changed, *sets, *models, *thumbs], jobs=jobs, tell=tell, store=store))
+    of_scenes, of_changed = next(groups), next(groups)
+    of_sets, of_models, of_thumbs = ([next(groups) for _ in part] for part in (sets, models, thumbs))
     if tell is not None:
         tell(1.0, 1, "reading claims")
-    runs = Runs.of((*of_scenes, *of_variants, *of_gradients, *of_matched))
-    of_scatter, of_ladders = rest[: len(sets)], rest[len(sets) :]
-    scattered = [
-        scatter.study_of(scene, one, spread=extent.spread) for scene, one in zip(main, of_scatter, strict=True)
-    ]
-    asked = [(ladder, _left_out(ladder, of_it)) for ladder, of_it in zip(ladders, of_ladders, strict=True)]
+    runs = Runs.of((*of_scenes, *of_changed))
+    scattered = [scatter.study_of(scene, one, spread=extent.spread) for scene, one in zip(main, of_sets, strict=True)]
+    asked = [(ladder, _left_out(ladder, one)) for ladder, one in zip(ladders, of_models, strict=True)]
+    judged = [rule_of_thumb.judged_of(scene, one) for scene, one in zip(scenes, of_thumbs, strict=True)]
     studies = tuple(lost.get(scene.name) or study_of(scene, _of(of_scenes, scene), wanted(scene)) for scene in scenes)
     notes = (store.trouble,) if store is not None and store.trouble else ()
     return Verification(
@@ -150,7 +147,7 @@ def verify_paper(
         accuracy=accuracy,
         wall=time.perf_counter() - began,
         notes=notes,
-        paper=paper_of(runs, studies, scattered, accuracy, asked),
+        paper=paper_of(runs, studies, scattered, accuracy, asked, (rule_of_thumb.table(judged),)),
     )
 
 
@@ -160,8 +157,9 @@ def paper_of(
     scattered: list[ScatterStudy],
     accuracy: float = DEFAULT_ACCURACY,
     asked: Sequence[tuple[Ladder, Sequence[LeftOut]]] = (),
+    more: tuple[Table, ...] = (),
 ) -> Paper:
-    """What the runs say of the paper; nothing is run here."""
+    """What the runs say of the paper; nothing is run here. ``more``: tables that stand behind the others."""
     claims = (*numbers(runs), *waves(runs, scattered), *spectra(runs), *forces(runs))
     names = [study.scene.name for study in studies]
     effects = list(_effects(runs))
@@ -181,6 +179,7 @@ def paper_of(
             scenes_table(runs, names),
             *(table for table in contacts if table is not None),
             scatter.table(scattered),
+            *more,
         ),
         exhibits=tuple(_exhibits(runs, scattered)),
     )

@@ -239,6 +239,11 @@ def test_without_lammps_the_claims_are_read_from_the_reference(small: None, monk
     assert found.paper.answer[0].startswith("LAMMPS has not run the paper's two chains")
     assert (told[0], told[-1]) == ("choosing time steps", "reading claims")
     assert sorted(one.scene.name for one in found.studies) == sorted(MAIN)
+    judged = next(one for one in found.paper.tables if one.id == "rule-of-thumb")
+    column = judged.columns.index("velocity at 20 % (%)")
+    # what was found elsewhere on these two chains: 3 to 4 % of v0
+    assert all(2.9 < float(row[column]) < 3.8 for row in judged.rows)
+    assert sorted(str(row[0]) for row in judged.rows) == sorted(MAIN)
 
 
 def test_a_scene_without_a_time_step_is_a_verdict_and_claims_are_left(monkeypatch: pytest.MonkeyPatch) -> None:
