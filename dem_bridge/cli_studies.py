@@ -12,7 +12,7 @@ import click
 
 import dem_bridge
 from dem_bridge import cli_terminal as terminal
-from dem_bridge.cli_options import jobs_option, scene_argument, step_option
+from dem_bridge.cli_options import engine_options, jobs_option, scene_argument, scene_names, step_option
 
 
 def _asked(command: Callable[..., None]) -> Callable[..., None]:
@@ -100,3 +100,16 @@ def styles(
         if folder is not None:
             click.echo(f"written: {folder / 'styles.png'} and, beside it, styles.csv and styles.json")
     sys.exit(found.exit_code)
+
+
+@study.command()
+@click.argument("scene", required=False, shell_complete=scene_names)
+@click.option(
+    "--gain", type=float, metavar="X", help="Growth of the energy in motion that is called unstable.  [default: 1]"
+)
+@click.option("--points", type=int, metavar="N", help="Scenes in each family.  [default: 7]")
+@engine_options
+@_asked
+def stability(scene: str | None, folder: Path | None, as_json: bool, **settings: Any) -> None:
+    """Largest stable and largest accurate steps of velocity-Verlet, for SCENE (decelerating-40) and four families."""
+    _answer("stability", scene=scene, folder=folder, as_json=as_json, **settings)

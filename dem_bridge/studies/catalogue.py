@@ -15,7 +15,11 @@ from dem_bridge.errors import UsageError
 from dem_bridge.studies.exhibits import Study
 
 #: name -> (module, function)
-STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType({})
+STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "stability": ("dem_bridge.studies.stability", "study_stability"),
+    }
+)
 #: settings that every study has
 COMMON = ("scene", "engine", "jobs", "tell", "store")
 
