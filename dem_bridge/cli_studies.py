@@ -143,3 +143,16 @@ def rule_of_thumb(scene: str | None, folder: Path | None, as_json: bool, **setti
 def work_precision(scene: str, folder: Path | None, as_json: bool, backends: tuple[str, ...], **settings: Any) -> None:
     """Error of SCENE against cost, for every backend and each of its knobs, one run at a time."""
     _answer("work-precision", scene=scene, folder=folder, as_json=as_json, backends=backends or None, **settings)
+
+
+@study.command()
+@click.argument("scene", required=False, shell_complete=scene_names)
+@click.option(
+    "--gain", type=float, metavar="X", help="Growth of the energy in motion that is called unstable.  [default: 1]"
+)
+@click.option("--points", type=int, metavar="N", help="Scenes in each family.  [default: 7]")
+@engine_options
+@_asked
+def stability(scene: str | None, folder: Path | None, as_json: bool, **settings: Any) -> None:
+    """Largest stable and largest accurate steps of velocity-Verlet, for SCENE (decelerating-40) and four families."""
+    _answer("stability", scene=scene, folder=folder, as_json=as_json, **settings)

@@ -13,8 +13,11 @@ Adding a backend = a class, a line in ``BACKENDS``, a row in tests/backends/test
 from __future__ import annotations
 
 import importlib
+import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -195,16 +198,19 @@ def backend(name: str, engine: Engine | None = None) -> Backend:
 
 def birth_certificate(backend: Named, scene: Scene, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Provenance common to all backends: what was run, with which settings and versions. JSON-able."""
-    import platform
-    from importlib.metadata import version
-
-    packages = {name: version(name) for name in ("dem-bridge", "numpy", "scipy", "numba")}
     return {
         "backend": backend.name,
         "equations": backend.equations,
         "scene": scene.name,
         "scene_hash": scene.content_hash,
         "settings": dict(settings),
-        "versions": packages | {"python": platform.python_version()},
+        "versions": dict(_versions()),
         "machine": f"{platform.system()} {platform.machine()}",
     }
+
+
+@cache
+def _versions() -> dict[str, str]:
+    """Of what computes. Looked up once: it takes longer than a run of two bodies."""
+    packages = {name: version(name) for name in ("dem-bridge", "numpy", "scipy", "numba")}
+    return packages | {"python": platform.python_version()}

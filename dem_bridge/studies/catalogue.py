@@ -20,6 +20,7 @@ STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType(
         "ladder": ("dem_bridge.studies.ladder_study", "study_ladder"),
         "work-precision": ("dem_bridge.studies.work_precision", "study_work_precision"),
         "rule-of-thumb": ("dem_bridge.studies.rule_of_thumb", "study_rule_of_thumb"),
+        "stability": ("dem_bridge.studies.stability", "study_stability"),
     }
 )
 #: settings that every study has
