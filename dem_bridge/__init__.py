@@ -28,6 +28,7 @@ _HOME = {
     "load_scene": "scene_file",
     "load_trajectory": "trajectory",
     "minimal": "api_studies",
+    "plan": "api",
     "shipped_scenes": "scene_file",
     "solve": "api",
     "study": "api_studies",
@@ -38,7 +39,7 @@ _HOME = {
 }
 
 if TYPE_CHECKING:
-    from dem_bridge.api import available, solve, study_scatter, study_styles, verify, write_deck
+    from dem_bridge.api import available, plan, solve, study_scatter, study_styles, verify, write_deck
     from dem_bridge.api_studies import minimal, study
     from dem_bridge.geometry import Body, Geometry, Material
     from dem_bridge.physics.law import ContactLaw, law_of
@@ -61,6 +62,7 @@ __all__ = [
     "load_scene",
     "load_trajectory",
     "minimal",
+    "plan",
     "shipped_scenes",
     "solve",
     "study",

@@ -162,6 +162,7 @@ BACKENDS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "lammps-granular": ("dem_bridge.backends.lammps", "LammpsGranular"),
         "lammps-table": ("dem_bridge.backends.lammps", "LammpsTable"),
         "verlet": ("dem_bridge.backends.verlet", "Verlet"),
+        "blanes-moan": ("dem_bridge.backends.blanes_moan", "BlanesMoan"),
         "reference": ("dem_bridge.backends.reference", "Reference"),
         "scipy": ("dem_bridge.backends.scipy_dop853", "ScipyDop853"),
         "ase": ("dem_bridge.backends.ase_verlet", "AseVerlet"),

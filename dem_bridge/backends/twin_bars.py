@@ -126,6 +126,8 @@ class Twins:
     """Peak forces and crossing times of ``positional`` from every second dense sample."""
     rivals: NDArray[np.float64]
     """Largest force of each contact outside the collision that has its largest, N."""
+    thinning: float = THINNING
+    """Part of what every second dense sample changes that all of them may still miss."""
     summed: float | None = None
     """Of a code whose contact forces are running sums of net forces: all that is summed beside them, N."""
 
@@ -171,8 +173,8 @@ def with_bars(run: Trajectory, twins: Twins | None) -> Trajectory:
             bars[name] = bars[name] + TABLE_SAFETY * found[name]
     thin_peak, thin_crossing = twins.thinned
     lost = {
-        "peak_force": THINNING * np.abs(thin_peak - twins.positional.peak_force),
-        "crossing_time": THINNING * np.nan_to_num(np.abs(thin_crossing - twins.positional.crossing_time)),
+        "peak_force": twins.thinning * np.abs(thin_peak - twins.positional.peak_force),
+        "crossing_time": twins.thinning * np.nan_to_num(np.abs(thin_crossing - twins.positional.crossing_time)),
     }
     bars["peak_force"] += lost["peak_force"] + PEAK_ERROR * own.peak_force
     bars["crossing_time"] += lost["crossing_time"] + CROSSING_ERROR * plan.spacing
