@@ -18,6 +18,7 @@ from dem_bridge.studies.exhibits import Study
 STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "stability": ("dem_bridge.studies.stability", "study_stability"),
+        "horizon": ("dem_bridge.studies.horizon", "study_horizon"),
     }
 )
 #: settings that every study has
