@@ -73,6 +73,13 @@ class Growth:
     misfit: tuple[float, float]
     """Root mean square in the logarithm, of exponential and power."""
 
+    @property
+    def kind(self) -> str:
+        """ "exponential" or "power of time"; "neither" where both are off by more than a factor e."""
+        if not min(self.misfit) <= 1.0:
+            return "neither"
+        return "exponential" if self.exponential else "power of time"
+
 
 def growth_of(time: Floats, distance: Floats, share: float, *, most: float = KNOWN) -> Growth:
     """Fit ``distance (n_nudge, n_t)``, largest so far over the largest speed, of nudges of this relative ``share``.
@@ -191,10 +198,10 @@ class LongRun:
         swing = float(np.max(np.abs(self.conserved - self.total)))
         return swing / self.scale, float(np.max(np.abs(self.total - self.total[0]))) / self.scale
 
-    @property
-    def predicted_swing(self) -> float:
-        """Root mean square of the energy's distance from what is conserved, over ``scale``."""
-        return float(np.sqrt(np.mean((self.conserved - self.total) ** 2))) / self.scale
+    def predicted_swing(self, until: float) -> float:
+        """Root mean square until then (s) of the energy's distance from what is conserved, over ``scale``."""
+        away = (self.conserved - self.total)[self.time <= until]
+        return float(np.sqrt(np.mean(away**2))) / self.scale
 
 
 def long_run(scene: Scene, dt: float, steps: int, *, samples: int = 10_000, tell: Progress | None = None) -> LongRun:

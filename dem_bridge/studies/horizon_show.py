@@ -50,12 +50,12 @@ def tables(found: Found, judged: Sequence[Verdict]) -> tuple[Table, ...]:
         caption=f"{len(found.distance)} runs of the reference with masses, velocities and stiffnesses moved by"
         f" {found.nudge:g}; bars are 95 % intervals from their scatter.",
         columns=(
-            "fits better", "rate (1/s) or power", "bar", "e-folding time in contact times", "fitted from (s)", "to (s)",
+            "fits", "rate (1/s) or power", "bar", "e-folding time in contact times", "fitted from (s)", "to (s)",
             "misfit, exponential", "misfit, power", "largest distance / nudge",
         ),
         rows=(
             (
-                "exponential" if g.exponential else "power of time",
+                g.kind,
                 g.rate,
                 g.bar,
                 1.0 / (g.rate * found.contact_time) if g.exponential else math.nan,
@@ -242,13 +242,15 @@ def answer(found: Found, judged: Sequence[Verdict]) -> tuple[str, ...]:
                 f" {one.collisions:.0f} contacts closed); beyond that they are UNDECIDED."
             )
     fits = f"misfit in the logarithm {g.misfit[0]:.2g}, of a power of time {g.misfit[1]:.2g}"
-    if g.exponential:
+    if g.kind == "neither":
+        said.append(f"A nudge grows {g.factor:.1e} times, in bursts: neither an exponential nor a power fits ({fits}).")
+    elif g.exponential:
         said.append(
             f"A nudge grows {g.factor:.1e} times, exponentially ({fits}): by a factor e in {1.0 / g.rate:.2e} s, which"
             f" is {1.0 / (g.rate * found.contact_time):.2g} contact times (rate {g.rate:.4g} +- {g.bar:.2g} 1/s, from"
             f" {len(found.distance)} nudges). One digit more in a run buys {2.302585 / g.rate:.2e} s."
         )
-    elif math.isfinite(g.rate):
+    else:
         said.append(
             f"A nudge grows {g.factor:.1e} times, as time to the power {g.rate:.2f} +- {g.bar:.2g} and not"
             f" exponentially ({fits})."
@@ -263,8 +265,12 @@ def answer(found: Found, judged: Sequence[Verdict]) -> tuple[str, ...]:
             f" {swing:.1e} at most ({predicted:.1e} predicted from the step)."
         )
         if found.halved is not None:
-            ratio = found.long.predicted_swing / found.halved.predicted_swing
-            said.append(f"At half the step it swings {ratio:.2f} times less (root mean square): second order has 4.")
+            until = float(found.halved.time[-1])
+            ratio = found.long.predicted_swing(until) / found.halved.predicted_swing(until)
+            said.append(
+                f"At half the step it swings {ratio:.2f} times less (root mean square over {until:.3g} s): second order"
+                " has 4."
+            )
     beyond = [one for one in judged if one.quantity != "velocity"]
     passed = sum(one.outcome is Outcome.PASS for one in beyond)
     said.append(f"{passed} of {len(beyond)} conserved and statistical quantities pass.")

@@ -38,13 +38,14 @@ def single(found: Found, trust: Trust) -> Verdict:
     if math.isinf(trust.horizon):
         outcome = Outcome.PASS
         sentence = (
-            f"single velocities of {name} are known to {last:.1e} of the largest over all {found.scene.duration:.3g} s."
+            f"by its own bar {name} knows single velocities to {last:.1e} of the largest over all"
+            f" {found.scene.duration:.3g} s."
         )
     else:
         outcome = Outcome.UNDECIDED
         sentence = (
-            f"single velocities of {name} are known to {100 * KNOWN:g} % of the largest until"
-            f" {1e3 * trust.horizon:.3g} ms; beyond that no code can be judged by them."
+            f"by its own bar {name} knows single velocities to {100 * KNOWN:g} % of the largest until"
+            f" {1e3 * trust.horizon:.3g} ms; nothing is said of them beyond."
         )
     return Verdict(
         scene=scene, quantity="velocity", backend=name, reference="" if name == REFERENCE else REFERENCE,

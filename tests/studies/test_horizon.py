@@ -62,6 +62,11 @@ def test_growth_is_fitted_where_it_is_small_and_told_from_a_power() -> None:
     square = growth_of(time, 1e-8 * np.array([[1.0], [2.0]]) * time**2, 1e-10)
     assert not square.exponential
     assert square.rate == pytest.approx(2.0, rel=1e-9)
+    assert (found.kind, square.kind) == ("exponential", "power of time")
+    bursts = np.where(time < 0.5, 1e-9, 1e-4) * (1.0 + time)
+    assert growth_of(time, np.array([bursts, 2.0 * bursts]), 1e-10).kind == "neither"
+    # nothing grows: nothing is fitted
+    assert growth_of(time, np.zeros((2, len(time))), 1e-10).kind == "neither"
 
 
 def test_a_bar_over_time_ends_as_that_of_the_whole_run() -> None:
