@@ -243,7 +243,9 @@ def answer(found: Found, judged: Sequence[Verdict]) -> tuple[str, ...]:
             )
     fits = f"misfit in the logarithm {g.misfit[0]:.2g}, of a power of time {g.misfit[1]:.2g}"
     if g.kind == "neither":
-        said.append(f"A nudge grows {g.factor:.1e} times, in bursts: neither an exponential nor a power fits ({fits}).")
+        said.append(
+            f"A nudge grows {g.factor:.1e} times, not steadily: neither an exponential nor a power fits ({fits})."
+        )
     elif g.exponential:
         said.append(
             f"A nudge grows {g.factor:.1e} times, exponentially ({fits}): by a factor e in {1.0 / g.rate:.2e} s, which"
