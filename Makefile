@@ -25,6 +25,7 @@ bench: $(STAMP)
 	$(BIN)/python -m tests.bench.bench_lammps
 	$(BIN)/python -m tests.bench.bench_bars
 	$(BIN)/python -m tests.bench.bench_paper
+	$(BIN)/python -m tests.bench.bench_horizon
 
 lint: $(STAMP)
 	$(BIN)/ruff format --check .

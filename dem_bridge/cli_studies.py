@@ -156,3 +156,19 @@ def work_precision(scene: str, folder: Path | None, as_json: bool, backends: tup
 def stability(scene: str | None, folder: Path | None, as_json: bool, **settings: Any) -> None:
     """Largest stable and largest accurate steps of velocity-Verlet, for SCENE (decelerating-40) and four families."""
     _answer("stability", scene=scene, folder=folder, as_json=as_json, **settings)
+
+
+@study.command()
+@scene_argument
+@click.option("--duration", type=float, metavar="S", help="Of the runs that are compared, s.  [default: the scene's]")
+@step_option
+@click.option(
+    "--steps", type=int, metavar="N", help="Of the twin's long run.  [default: as many as the duration takes]"
+)
+@click.option("--nudges", type=int, metavar="N", help="Runs with inputs moved by 1e-10.  [default: 8]")
+@click.option("--seed", type=int, metavar="N", help="Of the first nudge; the next have the next.  [default: 0]")
+@engine_options
+@_asked
+def horizon(scene: str, folder: Path | None, as_json: bool, **settings: Any) -> None:
+    """How long single velocities of SCENE can be trusted, and what holds beyond: conserved quantities, statistics."""
+    _answer("horizon", scene=scene, folder=folder, as_json=as_json, **settings)

@@ -13,11 +13,9 @@ Adding a backend = a class, a line in ``BACKENDS``, a row in tests/backends/test
 from __future__ import annotations
 
 import importlib
-import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import version
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -206,12 +204,22 @@ def birth_certificate(backend: Named, scene: Scene, settings: Mapping[str, Any])
         "scene_hash": scene.content_hash,
         "settings": dict(settings),
         "versions": dict(_versions()),
-        "machine": f"{platform.system()} {platform.machine()}",
+        "machine": _machine(),
     }
 
 
 @cache
 def _versions() -> dict[str, str]:
-    """Of what computes. Looked up once: it takes longer than a run of two bodies."""
+    # read once: it is longer than a short run
+    import platform
+    from importlib.metadata import version
+
     packages = {name: version(name) for name in ("dem-bridge", "numpy", "scipy", "numba")}
     return packages | {"python": platform.python_version()}
+
+
+@cache
+def _machine() -> str:
+    import platform
+
+    return f"{platform.system()} {platform.machine()}"

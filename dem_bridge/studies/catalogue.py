@@ -21,6 +21,7 @@ STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType(
         "work-precision": ("dem_bridge.studies.work_precision", "study_work_precision"),
         "rule-of-thumb": ("dem_bridge.studies.rule_of_thumb", "study_rule_of_thumb"),
         "stability": ("dem_bridge.studies.stability", "study_stability"),
+        "horizon": ("dem_bridge.studies.horizon", "study_horizon"),
     }
 )
 #: settings that every study has

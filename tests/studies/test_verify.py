@@ -337,3 +337,29 @@ def test_only_what_a_scene_conserves_is_asked_of_its_runs(changes: dict[str, Any
 def test_cases_name_what_they_run() -> None:
     case = Case(scene=SHORT, backend=TWIN, resolution=Resolution(dt=1e-8), sampling=Sampling(count=5))
     assert case.label == "short: verlet at dt = 1e-08 s"
+
+
+def test_where_no_step_decides_velocities_what_is_conserved_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beyond a horizon: one UNDECIDED on velocities with the reason, and verdicts on momentum and energy."""
+
+    def none(*_: Any) -> None:
+        raise UsageError("accuracy = 1e-13 on short cannot be had")
+
+    asked: list[Case] = []
+
+    def run(cases: list[Case], **_: Any) -> tuple[Result, ...]:
+        asked.extend(cases)
+        return (Result(case=cases[0], trajectory=made),)
+
+    monkeypatch.setattr("dem_bridge.studies.verify.cases_of", none)
+    monkeypatch.setattr("dem_bridge.studies.verify.run_cases", run)
+    made = db.solve(SHORT, backend=TWIN, bars=False)
+    found = verify_scenes([SHORT], accuracy=1e-13)
+    assert [(case.backend, case.resolution.bars) for case in asked] == [(ENGINE, False)]
+    assert [(v.quantity, v.outcome) for v in found.verdicts] == [
+        ("velocity", Outcome.UNDECIDED), ("momentum", Outcome.PASS), ("energy", Outcome.PASS),
+    ]  # fmt: skip
+    assert found.exit_code == 4
+    # planted: a run that loses a part in 10,000 of its energy
+    made = replace(made, velocity=made.velocity * np.linspace(1.0, 1.0 - 5e-5, len(made.time))[:, None])
+    assert verify_scenes([SHORT], accuracy=1e-13).exit_code == 1
