@@ -25,6 +25,8 @@ FIXED_HALVINGS = 7
 POINTS = (100, 400, 1600, 6400)
 STYLES = ("spline", "linear")
 LINES = (16, 50, 160)
+#: knobs that are whole numbers
+WHOLE = ("table_points", "table_lines")
 #: atol of ode45 (m and m/s) beside an rtol; both fall together
 ATOL_PER_RTOL = 1e-3
 RTOL = {"scipy": (1e-4, 1e-8, 1e-12), "ode45": (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)}
@@ -54,7 +56,7 @@ class Curve:
         """Fields of a Resolution that are asked for, with ``value`` of the knob."""
         if not self.knob:
             return dict(self.fixed)
-        asked = {**self.fixed, self.knob: int(value) if self.knob in ("table_points", "table_lines") else value}
+        asked = {**self.fixed, self.knob: int(value) if self.knob in WHOLE else value}
         if self.variant == "both":
             asked["atol"] = ATOL_PER_RTOL * value
         return asked

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from textwrap import shorten
 from typing import NamedTuple
 
 from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.studies.exhibits import Study, Table
 from dem_bridge.studies.norms import OBSERVABLES
 from dem_bridge.studies.pareto import cheapest
-from dem_bridge.studies.work_curves import STYLES
+from dem_bridge.studies.work_curves import STYLES, WHOLE
 from dem_bridge.studies.work_figures import ID, cpu, evaluations, exhibits
 from dem_bridge.studies.work_files import as_csv, as_netcdf
 from dem_bridge.studies.work_runs import Measured, Point
@@ -20,7 +21,6 @@ TARGETS = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8)
 #: errors that grow by more than this factor under refinement have passed their floor
 TURNING = 1.5
 _FLOOR = "its floor"
-_UNITS = {"dt": " s", "atol": ""}
 
 
 class Group(NamedTuple):
@@ -76,9 +76,14 @@ def setting(point: Point) -> str:
     >>> setting(Point(curve=Curve(name="verlet", backend="verlet", knob="dt"), value=1e-7))
     'verlet at dt = 1e-07 s'
     """
-    if not point.curve.knob:
-        return point.curve.name
-    return f"{point.curve.name} at {point.curve.knob} = {point.value:.3g}{_UNITS.get(point.curve.knob, '')}"
+    return f"{point.curve.name} at {_turned(point)}" if point.curve.knob else point.curve.name
+
+
+def _turned(point: Point) -> str:
+    """The knob with its value; '' where there is none."""
+    knob, value = point.curve.knob, point.value
+    digits = f"{value:.0f}" if knob in WHOLE else f"{value:.3g}"
+    return f"{knob} = {digits}{' s' if knob == 'dt' else ''}" if knob else ""
 
 
 def best(found: Measured, target: float, group: Group, observable: str = "velocity") -> Point | None:
@@ -230,7 +235,7 @@ def _floors_table(found: Measured) -> Table:
         else:
             least = (min((found.bound(point, one) for point in found.of(name)), default=math.inf) for one in others)
             error, spent = found.bound(floor.best, "velocity"), 1e3 * floor.best.cpu
-            rows.append((name, setting(floor.best), error, spent, *least, floor.why))
+            rows.append((name, _turned(floor.best), error, spent, *least, floor.why))
     return Table(
         id="floors",
         title="The least error of each curve",
@@ -249,30 +254,23 @@ def _floors_table(found: Measured) -> Table:
 
 def _runs_table(found: Measured) -> Table:
     def row(point: Point) -> tuple[str | float, ...]:
-        timing = point.timing
-        times = (
-            (timing.least_cpu, timing.median_cpu, timing.least_wall, timing.median_wall) if timing else (math.nan,) * 4
-        )
         return (
             point.curve.name,
-            point.curve.knob,
-            point.value,
-            point.dt,
-            *(1e3 * seconds for seconds in times),
-            point.steps,
+            _turned(point),
+            1e3 * point.cpu,
+            1e3 * point.timing.median_wall if point.timing else math.nan,
             point.evaluations,
             *(point.error(name) for name in OBSERVABLES),
-            point.reason,
+            shorten(point.reason, 60, placeholder=" ..."),
         )
 
-    times = ("CPU, least (ms)", "CPU, median (ms)", "wall, least (ms)", "wall, median (ms)")
     return Table(
         id="runs",
         title="All settings",
-        caption="Errors are the largest, relative; other norms are in the files above.",
+        caption="Errors are the largest, relative. Other norms, timings and whole reasons are in the files above.",
         columns=(
-            *("curve", "knob", "value", "dt (s)", *times, "steps", "force evaluations"),
-            *(f"error of {name}" for name in OBSERVABLES),
+            *("curve", "setting", "CPU, least (ms)", "wall, median (ms)", "force evaluations"),
+            *OBSERVABLES,
             "reason",
         ),
         rows=tuple(map(row, found.points)),
