@@ -72,7 +72,9 @@ _DASHES: Mapping[str, Any] = {
     "richardson": (0, (4, 1.5)),
     "physical": (0, (1, 1.2)),
     "both": (0, (4, 1.5)),
+    "spline": "-",
     "linear": (0, (4, 1.5)),
+    "lines": (0, (1, 1.2)),
 }
 #: on a map a line is thin, for it must not hide the front that it stands beside, and black or white, for colours and
 #: greys are the map's; its edge is of the other, so that it is seen on either

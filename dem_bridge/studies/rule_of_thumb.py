@@ -209,9 +209,9 @@ def table(judged: Sequence[Judged]) -> Table:
         ),
         columns=(
             "scene",
-            "T_R (us)",
-            "collision (us)",
-            "2/omega (us)",
+            "T_R (µs)",
+            "collision (µs)",
+            "2/omega (µs)",
             *(f"velocity at {100 * share:g} % (%)" for share in SHARES),
             f"momentum at {100 * shown:g} %",
             f"kinetic energy at {100 * shown:g} %",
@@ -250,7 +250,7 @@ def _answer(judged: Sequence[Judged]) -> Iterator[str]:
     main = next((one for one in known if one.scene.name == "decelerating-40"), known[0])
     at = main.found[0.20]
     yield (
-        f"The trap: on {main.scene.name} (T_R = {1e6 * main.rayleigh:.2f} us) a step of 20 % errs by"
+        f"The trap: on {main.scene.name} (T_R = {1e6 * main.rayleigh:.2f} µs) a step of 20 % errs by"
         f" {100 * at.velocity:.1f} % while momentum holds to {at.momentum:.0e} and the kinetic energy at the end is off"
         f" by {at.kinetic:.0e}: neither of them shows it."
     )

@@ -17,15 +17,19 @@ from dem_bridge.trajectory import Trajectory
 #: steps are the sample interval over these powers of two, from the first that is below 1/omega of the stiffest contact
 HALVINGS = 13
 #: ... fewer for those that take long
-FINEST = {"lammps-granular": 11, "lammps-table": 11, "ase": 7}
+FINEST = {"lammps-granular": 11, "lammps-table": 11, "ase": 5}
+#: ... and for orders above 2, which are at their floor there
+FINEST_OF_HIGH_ORDER = 10
 #: ... and of tables at a fixed step, so many halvings below the first: errors of a step are then 1e-5 or less
 FIXED_HALVINGS = 7
-POINTS = (100, 400, 1600, 6400, 25600)
+POINTS = (100, 400, 1600, 6400)
 STYLES = ("spline", "linear")
-LINES = (16, 50, 160, 500)
+LINES = (16, 50, 160)
+#: knobs that are whole numbers
+WHOLE = ("table_points", "table_lines")
 #: atol of ode45 (m and m/s) beside an rtol; both fall together
 ATOL_PER_RTOL = 1e-3
-RTOL = {"scipy": (1e-4, 1e-7, 1e-10, 1e-13), "ode45": (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)}
+RTOL = {"scipy": (1e-4, 1e-8, 1e-12), "ode45": (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)}
 #: how the seconds of a run go with its knob, for predictions: adaptive steps as the tolerance to this power
 ADAPTIVE = 1.0 / 6.0
 #: s of a run of which nothing else is known
@@ -52,7 +56,7 @@ class Curve:
         """Fields of a Resolution that are asked for, with ``value`` of the knob."""
         if not self.knob:
             return dict(self.fixed)
-        asked = {**self.fixed, self.knob: int(value) if self.knob in ("table_points", "table_lines") else value}
+        asked = {**self.fixed, self.knob: int(value) if self.knob in WHOLE else value}
         if self.variant == "both":
             asked["atol"] = ATOL_PER_RTOL * value
         return asked
@@ -113,15 +117,16 @@ def _of(chosen: Backend, dt: tuple[float, ...], scene: Scene) -> list[Curve]:
     name = chosen.name
     if chosen.order is None:
         return _adaptive(name)
-    by_step = Curve(name=name, backend=name, knob="dt", values=dt[: FINEST.get(name, HALVINGS)])
+    finest = FINEST.get(name, HALVINGS if chosen.order <= 2 else FINEST_OF_HIGH_ORDER)
+    by_step = Curve(name=name, backend=name, knob="dt", values=dt[:finest])
     sparse = replace(by_step, values=by_step.values[::2])
     if name == "ase":
         return [sparse]
     if name == "lammps-table":
         return [sparse, *_tables(name, dt[FIXED_HALVINGS])]
     found = [by_step]
-    if chosen.order == 2:  # three runs of 2 dt, dt and dt/2: the two finest steps are those of the plain curve
-        values = sparse.values[:-1] or sparse.values
+    if chosen.order == 2:  # three runs of 2 dt, dt and dt/2; coarser ones have no clean order
+        values = by_step.values[2:-1:2] or by_step.values
         found.append(replace(sparse, name=f"{name} (Richardson)", values=values, variant="richardson", richardson=True))
     if name == "lammps-granular" and scene.spacing is not None:
         radius = f"R = {500.0 * scene.spacing:.3g} mm"

@@ -80,10 +80,10 @@ def test_a_scene_without_bodies_says_why_its_row_is_empty() -> None:
     assert "No scene here has a Rayleigh time: raw: no Rayleigh time" in found.answer[0]
     cells = _cells(found.tables[0])
     assert np.isnan(cells["velocity at 20 % (%)"])
-    assert np.isnan(cells["T_R (us)"])
+    assert np.isnan(cells["T_R (µs)"])
     assert cells["not there"] == "no Rayleigh time: the scene has masses and stiffnesses, and no bodies"
     # what does not need bodies is there: 2.943 d/v of the pair
-    assert cells["collision (us)"] == pytest.approx(55.7, rel=1e-2)
+    assert cells["collision (µs)"] == pytest.approx(55.7, rel=1e-2)
 
 
 def test_a_run_that_breaks_leaves_its_cell_empty_and_its_reason_in_the_row() -> None:

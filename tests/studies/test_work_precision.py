@@ -134,19 +134,17 @@ def test_progress_goes_from_nothing_to_all_and_never_back(written: tuple[Study, 
 def test_the_cheapest_meets_its_target_and_costs_what_its_row_says(written: tuple[Study, Path, list[float]]) -> None:
     found = written[0]
     cheap, runs = (next(one for one in found.tables if one.id == name) for name in ("cheapest", "runs"))
-    head = runs.columns
     by_name: dict[str, dict[str, Any]] = {}
     for row in runs.rows:
-        cells = dict(zip(head, row, strict=True))
-        knob = f" at {cells['knob']} = {float(cells['value']):.3g}" if cells["knob"] else ""
-        by_name[f"{cells['curve']}{knob}{' s' if cells['knob'] == 'dt' else ''}"] = cells
+        cells = dict(zip(runs.columns, row, strict=True))
+        by_name[f"{cells['curve']} at {cells['setting']}".removesuffix(" at ")] = cells
     for observable, target, *groups in cheap.rows:
         for name, cost in zip(groups[::2], groups[1::2], strict=True):
             if name == "-":
                 assert math.isnan(float(cost))
                 continue
             cells = by_name[str(name)]
-            assert float(cells[f"error of {observable}"]) <= float(target)
+            assert float(cells[str(observable)]) <= float(target)
             assert cells["CPU, least (ms)"] == cost
     # theories know when the wave comes and little of velocities
     assert cheap.rows[[row[:2] for row in cheap.rows].index(("velocity", 1e-8))][2] != "bca"
@@ -278,12 +276,12 @@ def test_lammps_has_its_knobs_and_errs_as_the_twin_does(monkeypatch: pytest.Monk
     found = db.study("work-precision", SCENE, backends=names, repeats=1, store=False)
     runs = next(one for one in found.tables if one.id == "runs")
     rows = [dict(zip(runs.columns, row, strict=True)) for row in runs.rows]
-    by_step = {(row["curve"], row["value"]): float(row["error of velocity"]) for row in rows}
+    by_step = {(row["curve"], row["setting"]): float(row["velocity"]) for row in rows}
     for (curve, dt), error in by_step.items():
         if curve in ("lammps-granular", "lammps-table"):
             # the same algorithm: round-off of 1e-10 and tables of 1e-6 beside errors of 1e-3
             assert error == pytest.approx(by_step["verlet", dt], rel=1e-2)
-    spline = [float(row["error of velocity"]) for row in rows if row["curve"] == "lammps-table (spline)"]
+    spline = [float(row["velocity"]) for row in rows if row["curve"] == "lammps-table (spline)"]
     assert spline[1] < 0.5 * spline[0]
     assert "lammps-granular (R = 9 mm)" in {row["curve"] for row in rows}
     assert [exhibit.id for exhibit in found.exhibits][-1] == "work-precision-tables"
