@@ -12,7 +12,7 @@ from hypothesis import given
 import dem_bridge as db
 from dem_bridge.accuracy import observed_order
 from dem_bridge.backends.base import backend
-from dem_bridge.backends.blanes_moan import DRIFTS, KICKS
+from dem_bridge.backends.blanes_moan import SRKN_6B
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.scene import Damping, Scene
 from dem_bridge.trajectory import QUANTITIES, Trajectory
@@ -23,6 +23,7 @@ from tests.strategies import ANY, examples, scenes
 from tests.truth import Truth
 
 EPS = float(np.finfo(float).eps)
+DRIFTS, KICKS = SRKN_6B
 
 #: a precompressed chain in which no contact opens: there the force is smooth
 SMOOTH = Scene(
