@@ -26,6 +26,7 @@ bench: $(STAMP)
 	$(BIN)/python -m tests.bench.bench_bars
 	$(BIN)/python -m tests.bench.bench_paper
 	$(BIN)/python -m tests.bench.bench_horizon
+	$(BIN)/python -m tests.bench.bench_plan
 
 lint: $(STAMP)
 	$(BIN)/ruff format --check .

@@ -122,7 +122,7 @@ def print_plan(found: Plan, scene: str) -> None:
     rows = {
         "wanted": f"{found.accuracy:g} of {found.observable} on {found.scene}",
         "backend": f"{found.backend}, {settings}",
-        "predicted": numbers(found.predicted_error, found.predicted_cost),
+        "predicted": f"{numbers(found.model_error, found.model_cost)} (by the model alone)",
         "found": numbers(found.found_error, found.found_cost) or "nothing was run",
     }
     if found.steps:

@@ -11,7 +11,8 @@ LAMMPS is not run for this: the twin in positions repeats it to 1e-10, round-off
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+import statistics
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,6 +32,8 @@ OBSERVABLES = (*UNITS, "arrival", "residence")
 CLOSE = {"dt": 1.12, "rtol": 10.0}
 #: part of the target that is aimed at
 AIM = {"dt": 0.92, "rtol": 0.3}
+#: where errors scatter from step to step, settings so many times coarser than the coarsest that serves are tried, too
+COARSER = (1.25, 1.55, 1.95, 2.4)
 #: the least rtol that scipy is asked for
 LEAST_RTOL = 3e-14
 #: runs until a search gives up
@@ -138,8 +141,8 @@ class Judge:
         return self._runs[key]
 
     def trial(self, candidate: Candidate, setting: float) -> Trial:
-        """What a setting errs by; inf where its run breaks."""
-        setting = self.snapped(candidate, setting)
+        """What a setting of three digits errs by; inf where its run breaks."""
+        setting = self.snapped(candidate, float(f"{setting:.2e}"))
         try:
             run = self.run(candidate, setting)
             error = self._error(candidate, setting, run)
@@ -155,6 +158,8 @@ class Judge:
         wanted = setting / FINER[kind]
         there = [one for name, one in self._runs if name == candidate.name and one <= 1.05 * wanted]
         finer = max(there, default=self.snapped(candidate, wanted))
+        if not finer < setting:
+            return math.inf  # there is no finer one to see its error by
         apart = relative_error(self.observable, self.scene, run, self.run(candidate, finer))
         return apart / -math.expm1(-CAREFUL * candidate.order * math.log(setting / finer))
 
@@ -185,26 +190,14 @@ class Settled:
         """The least error that was found."""
         return min(one.error for one in self.trials)
 
-    @property
-    def beside(self) -> Trial | None:
-        """The one nearest to the best."""
-        assert self.best is not None
-        at = self.best.setting
-        others = (one for one in self.trials if one.setting != at and 0.0 < one.error < math.inf)
-        return min(others, key=lambda one: abs(math.log(one.setting / at)), default=None)
 
-    def foreseen(self, order: float) -> float:
-        """What the run beside it says of the best, by the order that is expected."""
-        assert self.best is not None
-        beside = self.beside
-        return self.best.error if beside is None else beside.error * (self.best.setting / beside.setting) ** order
-
-
-def observed_order(one: Trial, other: Trial) -> float | None:
-    """Slope of the error in the setting, in decades; None where there is none."""
-    if one.setting == other.setting or not (0.0 < one.error < math.inf and 0.0 < other.error < math.inf):
-        return None
-    return math.log(one.error / other.error) / math.log(one.setting / other.setting)
+def observed_order(trials: Sequence[Trial]) -> float:
+    """Slope of the errors in the settings, in decades, by least squares; nan where there is none."""
+    real = [(math.log(one.setting), math.log(one.error)) for one in trials if 0.0 < one.error < math.inf]
+    settings, errors = [s for s, _ in real], [e for _, e in real]
+    if len({*settings}) < 2:
+        return math.nan
+    return statistics.linear_regression(settings, errors).slope
 
 
 def settle(
@@ -216,12 +209,14 @@ def settle(
     least: float,
     most: float,
     knob: str = "dt",
+    erratic: bool = False,
 ) -> Settled:
     """The coarsest setting from ``least`` to ``most`` whose error is at most ``target``, to within ``CLOSE[knob]``.
 
     ``trial`` makes and judges the run of a setting; the search begins at ``first`` and follows the order that the
     runs show, within a bracket as soon as there is one. At least two settings are tried. Errors need not fall with the
-    setting everywhere: the coarsest that serves of all that were tried is the answer.
+    setting everywhere: the coarsest that serves of all that were tried is the answer, and where they are ``erratic``
+    some that are coarser than that are tried besides.
     """
     made: list[Trial] = []
     close, aim = CLOSE[knob], AIM[knob]
@@ -243,7 +238,9 @@ def settle(
             enough = min(room, above / best.setting, most / best.setting) <= close
             if enough and len(made) > 1:
                 break
-            setting = best.setting * min(8.0, room * aim ** (1.0 / slope) if room > close else close)
+            setting = best.setting * min(
+                8.0, max(room * aim ** (1.0 / slope), math.sqrt(room)) if room > close else close
+            )
             if above < math.inf and not best.setting * 1.02 < setting < above / 1.02:
                 setting = math.sqrt(best.setting * above)
             setting = min(setting, most)
@@ -254,6 +251,10 @@ def settle(
             ratio = (aim * target / lowest.error) ** (1.0 / slope) if lowest.error < math.inf else 0.25
             setting = max(least, lowest.setting * min(0.9, max(0.05, ratio)))
     best = max((one for one in made if one.error <= target), key=lambda one: one.setting, default=None)
+    if erratic and best is not None:
+        coarser = {trial(min(factor * best.setting, most)) for factor in COARSER}
+        made += [one for one in coarser if not known(one.setting)]
+        best = max((one for one in made if one.error <= target), key=lambda one: one.setting)
     return Settled(best=best, trials=tuple(made))
 
 
@@ -262,8 +263,8 @@ def _slope(made: list[Trial], target: float, order: float) -> float:
     real = sorted(
         (one for one in made if 0.0 < one.error < math.inf), key=lambda one: abs(math.log(one.error / target))
     )
-    shown = observed_order(*real[:2]) if len(real) > 1 else None
-    return order if shown is None else min(1.5 * order, max(0.5 * order, shown))
+    shown = observed_order(real[:2])
+    return order if math.isnan(shown) else min(1.5 * order, max(0.5 * order, shown))
 
 
 def _stalled(made: list[Trial]) -> bool:

@@ -14,15 +14,14 @@ from types import MappingProxyType
 from typing import Any
 
 from dem_bridge.accuracy import checked_accuracy
-from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Backend, Resolution, Sampling, backend
+from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, backend
 from dem_bridge.backends.reference import series_fit
 from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
-from dem_bridge.backends.steps import order_on, radius_of
-from dem_bridge.backends.twin_bars import round_off_floor
-from dem_bridge.errors import UnsupportedScene, UsageError
+from dem_bridge.backends.steps import radius_of
+from dem_bridge.backends.twin_bars import last_digit, round_off_floor
+from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.plan_check import (
     LEAST_RTOL,
-    OBSERVABLES,
     Candidate,
     Judge,
     Settled,
@@ -32,12 +31,11 @@ from dem_bridge.plan_check import (
     relative_error,
     settle,
 )
-from dem_bridge.plan_predict import OF_RTOL, OF_STEP, ErrorLaw, Outlook, tidy
+from dem_bridge.plan_options import MOST_STEPS, THEORIES, Option, Options
+from dem_bridge.plan_predict import OF_RTOL, tidy
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
-#: fixed-step runs longer than this are not planned
-MOST_STEPS = 50_000_000
 #: steps of a run that only looks for round-off
 FEW_STEPS = 1_000_000
 #: what costs more than so many times the least, as predicted, is not tried: the laws of costs are that good
@@ -48,9 +46,6 @@ CHEAP = 1.0
 WITH_BARS = MappingProxyType({"reference": 7.0, "scipy": 3.0})
 #: part of the accuracy that the bar of the yardstick may be
 YARDSTICK_BAR = 0.1
-#: other equations, which come near in times alone
-THEORIES = ("bca", "adiabatic")
-TIMES = ("arrival", "residence", "crossing_time")
 #: tables may miss this part of the accuracy; points of a table that are tried beside the default
 TABLE_SHARE, TABLE_POINTS = 0.3, (None, 40_000, 160_000, 640_000)
 
@@ -72,13 +67,16 @@ class Plan:
     resolution: Mapping[str, Any]
     """Keywords of :func:`dem_bridge.solve`."""
     predicted_error: float
-    """Relative; where runs were made, what the others say of this one."""
+    """To be expected of the run, relative: what was found, where it was, else what the model says."""
     predicted_cost: float
-    """CPU of the run without bars, s."""
+    """CPU to be expected of the run without bars, s; likewise."""
     found_error: float | None
-    """Of a run with these settings, relative; None: there was none."""
+    """Of a run with these settings; None: there was none."""
     found_cost: float | None
-    """CPU of a run with these settings, s; None: there was none."""
+    """None: there was no run with these settings, or its twin's."""
+    model_error: float
+    """By the model alone."""
+    model_cost: float
     steps: int | None
     """None: not known beforehand."""
     force_evaluations: int | None
@@ -114,27 +112,10 @@ def plan_for(
         sampling=sampling or Sampling(count=scene.samples),
         tell=tell,
     )
-    chosen = planner.foreseen() if predict_only else planner.checked()
+    chosen = planner.options.foreseen() if predict_only else planner.checked()
     if budget is not None and chosen.cost > budget:
         raise UsageError(planner.beyond(budget, chosen))
     return planner.answer(chosen)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Option:
-    """A candidate with what is known of it: first predicted, then found."""
-
-    candidate: Candidate
-    law: ErrorLaw | None
-    """None: it has no setting that decides its error."""
-    setting: float
-    error: float
-    cost: float
-    """CPU, s."""
-    trial: Trial | None = None
-    """The run that was found to serve."""
-    told: str = ""
-    """How the error was found."""
 
 
 class Planner:
@@ -143,100 +124,10 @@ class Planner:
     def __init__(
         self, scene: Scene, accuracy: float, *, name: str | None, observable: str, sampling: Sampling, tell: Tell | None
     ) -> None:
-        if observable not in OBSERVABLES:
-            raise UsageError(f"observable = {observable!r}; allowed: {', '.join(OBSERVABLES)}")
-        self.scene, self.accuracy, self.name, self.observable = scene, accuracy, name, observable
-        self.sampling, self.tell = sampling, tell
-        self.interval = scene.duration / sampling.count
-        self.left_out: dict[str, str] = {}
-        candidates = list(self._candidates())
-        self.outlook = Outlook.of(scene, sampling)
-        self.options = sorted(map(self._predicted, candidates), key=lambda one: one.cost)
-        self.began, self.expected, self.yardstick = time.process_time(), 0.0, ""
-
-    # what there is
-
-    def _candidates(self) -> Iterator[Candidate]:
-        for name in BACKENDS if self.name is None else (self.name,):
-            chosen = backend(name)
-            if (reason := self._unwanted(name) or chosen.refusal(self.scene)) is None:
-                yield self._candidate(chosen)
-            elif self.name is None:
-                self.left_out[name] = reason
-            else:
-                raise UnsupportedScene(f"{name} cannot do {self.scene.name}: {reason}")
-
-    def _unwanted(self, name: str) -> str | None:
-        """Why a backend is not among those to choose from; None: it is."""
-        if name == "ode45":
-            return "its tolerances say little of its error; take rtol from a convergence study, or another backend"
-        if self.name is not None:
-            return None
-        if name in (*ENGINE_BACKENDS, "ase"):
-            return "the twin repeats it, and costs less"
-        if name in THEORIES and self.observable not in TIMES:
-            return f"its equations are others, and come near in times alone, not in {self.observable}"
-        if name == "reference" and not series_fit(self.scene):
-            return "its series do not fit, and it would answer through scipy at the least tolerance"
-        return None
-
-    def _candidate(self, chosen: Backend) -> Candidate:
-        name = chosen.name
-        if chosen.order is not None:
-            order = order_on(self.scene) if chosen.order == 2 else chosen.order
-            runs = "verlet" if name in (*ENGINE_BACKENDS, "ase") else name
-            return Candidate(name=name, runs=runs, knob="dt", order=OF_STEP[order].order, kind=order)
-        if name == "scipy":
-            return Candidate(name=name, runs=name, knob="rtol", order=OF_RTOL.order)
-        return Candidate(name=name, runs=name, knob="", order=0.0)
-
-    # what is to be expected
-
-    def _predicted(self, candidate: Candidate) -> Option:
-        name, knob = candidate.name, candidate.knob
-        if knob == "":
-            error = self.outlook.known_error(name)
-            return Option(candidate=candidate, law=None, setting=0.0, error=error, cost=self.outlook.cost(name))
-        law = OF_STEP[candidate.kind] if knob == "dt" else OF_RTOL
-        return self._at(candidate, law, self.outlook.setting(law, self.accuracy, self.observable))
-
-    def _at(self, candidate: Candidate, law: ErrorLaw, setting: float) -> Option:
-        """What is predicted of a setting, or of the nearest that can be."""
-        setting = min(max(setting, self._least(candidate)), self._most(candidate))
-        return Option(
-            candidate=candidate,
-            law=law,
-            setting=setting,
-            error=self.outlook.error(law, setting, self.observable),
-            cost=self.outlook.cost(candidate.name, setting),
-        )
-
-    def _least(self, candidate: Candidate) -> float:
-        return self.scene.duration / MOST_STEPS if candidate.knob == "dt" else LEAST_RTOL
-
-    def _most(self, candidate: Candidate) -> float:
-        return self.interval if candidate.knob == "dt" else LARGEST_RTOL
-
-    def foreseen(self) -> Option:
-        """The cheapest as predicted, with settings that nine of ten scenes need no finer."""
-        found = []
-        for one in self.options:
-            if (law := one.law) is not None:
-                setting = self.outlook.setting(law, self.accuracy / law.spread, self.observable)
-                careful = self._at(one.candidate, law, setting)
-                if careful.error * law.spread <= self.accuracy * (1.0 + 1e-9):
-                    found.append(careful)
-            elif one.error <= self.accuracy:
-                found.append(one)
-        if not found:
-            least = min(one.error for one in self.options)
-            raise UsageError(
-                f"accuracy = {self.accuracy:g} on {self.scene.name} is not to be expected of"
-                f" {self.name or 'any backend'}: the least error predicted is {least:.2g}; ask for less"
-            )
-        return min(found, key=lambda one: one.cost)
-
-    # what is found
+        self.options = Options(scene, accuracy, name, observable, sampling)
+        self.outlook, self.left_out = self.options.outlook, dict(self.options.left_out)
+        self.scene, self.accuracy, self.observable, self.sampling = scene, accuracy, observable, sampling
+        self.tell, self.began, self.expected, self.yardstick = tell, time.process_time(), 0.0, ""
 
     def checked(self) -> Option:
         """The cheapest of those that runs found to serve."""
@@ -244,14 +135,14 @@ class Planner:
         self.judge = Judge(self.scene, self.sampling, self.observable, truth, tell=self._say)
         best: Option | None = None
         floors: dict[str, str] = {}
-        for one in self.options:
+        for one in self.options.found:
             name = one.candidate.name
             if best is not None and one.cost > WORTH_TRYING * best.cost:
                 self.left_out[name] = f"predicted to cost {one.cost:.2g} s of CPU"
                 continue
             try:
                 found = self._tried(one)
-            except UsageError as error:
+            except (UsageError, RunBroken) as error:
                 floors[name] = str(error)
                 continue
             if best is None or found.cost < best.cost:
@@ -271,26 +162,35 @@ class Planner:
 
     def _yardstick(self) -> Trajectory | None:
         """A reference where one is cheap, and well enough known for what is asked."""
-        least = min((one.cost for one in self.options if one.candidate.knob), default=math.inf)
+        options, outlook = self.options.found, self.outlook
+        worth = [one.cost for one in options if one.cost <= WORTH_TRYING * options[0].cost]
+        cheap = max(CHEAP, 3.0 * min((one.cost for one in options if one.candidate.knob), default=math.inf))
         if series_fit(self.scene):
-            name, resolution, cost = "reference", Resolution(), self.outlook.cost("reference")
+            name, settings = "reference", [math.nan]
         else:
-            rtol = self.outlook.setting(OF_RTOL, 0.1 * YARDSTICK_BAR * self.accuracy / OF_RTOL.spread, self.observable)
-            rtol = min(max(rtol, LEAST_RTOL), LARGEST_RTOL)
-            name, resolution, cost = "scipy", Resolution(rtol=rtol), self.outlook.cost("scipy", rtol)
-        cost *= WITH_BARS[name]
-        self.expected = cost + 5.0 * sum(o.cost for o in self.options if o.cost <= WORTH_TRYING * self.options[0].cost)
-        if cost > max(CHEAP, 3.0 * least):
-            self.yardstick = f"finer runs of its own, for a reference would take {cost:.2g} s"
-            return None
-        self._say(f"yardstick: {name}")
-        run = backend(name).run(self.scene, resolution, self.sampling)
-        bar = relative_bar(self.observable, self.scene, run)
-        if not bar <= YARDSTICK_BAR * self.accuracy:
+            # the finest, or one that is as fine as it must be
+            enough = outlook.setting(OF_RTOL, 0.1 * YARDSTICK_BAR * self.accuracy / OF_RTOL.spread, self.observable)
+            name, settings = "scipy", [LEAST_RTOL, min(max(enough, LEAST_RTOL), LARGEST_RTOL)]
+        costs = [WITH_BARS[name] * outlook.cost(name, setting) for setting in settings]
+        self.expected = min(costs) + 5.0 * sum(worth)
+        for setting, cost in zip(settings, costs, strict=True):
+            if cost > cheap:
+                self.yardstick = f"finer runs of its own, for {name} would take {cost:.2g} s"
+                continue
+            self._say(f"yardstick: {name}")
+            try:
+                run = backend(name).run(
+                    self.scene, Resolution() if name == "reference" else Resolution(rtol=setting), self.sampling
+                )
+            except RunBroken as error:
+                self.yardstick = f"finer runs of its own, for {error}"
+                return None
+            bar = relative_bar(self.observable, self.scene, run)
+            if bar <= YARDSTICK_BAR * self.accuracy:
+                self.yardstick = f"{name}, whose bar is {bar:.1g}"
+                return run
             self.yardstick = f"finer runs of its own, for {name} has a bar of {bar:.2g}"
-            return None
-        self.yardstick = f"{name}, whose bar is {bar:.1g}"
-        return run
+        return None
 
     def _tried(self, one: Option) -> Option:
         """An option with what its runs found; UsageError, with the floor, where none serves."""
@@ -304,9 +204,10 @@ class Planner:
             one.setting,
             self.accuracy,
             order=candidate.order,
-            least=self._least(candidate),
-            most=self._most(candidate),
+            least=self.options.least(candidate),
+            most=self.options.most(candidate),
             knob=candidate.knob,
+            erratic=candidate.kind in (1, 4),
         )
         if settled.best is None:
             raise UsageError(self._floor(candidate, settled))
@@ -315,7 +216,7 @@ class Planner:
             one,
             candidate=candidate,
             setting=setting,
-            error=settled.foreseen(candidate.order),
+            error=settled.best.error,
             cost=self.judge.cpu(candidate, setting) if own else self.outlook.cost(candidate.name, setting),
             trial=settled.best,
             told=_told(candidate, settled),
@@ -332,7 +233,11 @@ class Planner:
             floor = round_off_floor(self.scene, self.outlook.schedule(dt), radius)
             if floor > self.accuracy:
                 raise UsageError(f"bodies of {radius:.3g} m round off {floor:.2g} of the velocities")
-        if one.error > law.spread**2 * self.accuracy:
+        if candidate.knob == "dt":
+            plan = self.outlook.schedule(one.setting)
+            if (digits := last_digit(plan)) > self.accuracy:
+                raise UsageError(f"the last digits of {plan.steps} steps add up to {digits:.1g}")
+        if one.error > law.spread * self.accuracy:
             most = f"{MOST_STEPS:.0e} steps" if candidate.knob == "dt" else f"rtol = {LEAST_RTOL:g}"
             raise UsageError(f"an error of {one.error:.1g} is predicted with {most}")
 
@@ -386,23 +291,21 @@ class Planner:
             floor = round_off_floor(self.scene, self.outlook.schedule(last.setting), radius)
             if floor > 0.3 * self.accuracy:
                 return f"bodies of {radius:.3g} m round off {floor:.2g} of the velocities, and {least}"
-        if last.setting <= self._least(candidate) * (1.0 + 1e-9):
+        if last.setting <= self.options.least(candidate) * (1.0 + 1e-9):
             most = f"{MOST_STEPS:.0e} steps" if candidate.knob == "dt" else f"rtol = {LEAST_RTOL:g}"
             return f"{least}, with {most}"
         return f"{least}, and finer settings do no better"
 
-    # the answer
-
     def beyond(self, budget: float, chosen: Option) -> str:
         """What to say where the plan costs more than the budget: the accuracy that this buys."""
         bought, by = math.inf, ""
-        for one in [*(o for o in self.options if o.candidate.name != chosen.candidate.name), chosen]:
+        for one in [*(o for o in self.options.found if o.candidate.name != chosen.candidate.name), chosen]:
             if one.law is None:
                 error = one.error if one.cost <= budget else math.inf
             else:
                 known, law = one.setting, one.law
                 scale = one.cost / self.outlook.cost(one.candidate.name, known)
-                low, high = known, self._most(one.candidate)
+                low, high = known, self.options.most(one.candidate)
                 if scale * self.outlook.cost(one.candidate.name, high) > budget:
                     continue
                 for _ in range(60):
@@ -425,7 +328,9 @@ class Planner:
         steps, evaluations = (trial.steps, trial.evaluations) if trial else (None, None)
         if candidate.knob == "dt":
             plan = self.outlook.schedule(chosen.setting)
-            coarser = self.interval / (plan.per_sample - 1) if plan.per_sample > 1 else 2.0 * self.interval
+            coarser = (
+                self.options.interval / (plan.per_sample - 1) if plan.per_sample > 1 else 2.0 * self.options.interval
+            )
             resolution["dt"] = tidy(plan.step, coarser)
             units = {"dt": plan.step, **self.outlook.units(plan.step)}
             steps = plan.steps
@@ -441,9 +346,15 @@ class Planner:
             backend=candidate.name,
             resolution=MappingProxyType(resolution),
             predicted_error=chosen.error,
-            predicted_cost=self.outlook.cost(candidate.name, chosen.setting),
+            predicted_cost=chosen.cost,
             found_error=None if trial is None else trial.error,
             found_cost=chosen.cost if trial is not None and own else None,
+            model_error=(
+                self.outlook.known_error(candidate.name, self.observable)
+                if chosen.law is None
+                else self.outlook.error(chosen.law, chosen.setting, self.observable)
+            ),
+            model_cost=self.outlook.cost(candidate.name, chosen.setting),
             steps=steps,
             force_evaluations=evaluations,
             units=MappingProxyType(units),
@@ -461,15 +372,16 @@ class Planner:
             first = outlook.setting(chosen.law, self.accuracy, self.observable)
             yield (
                 f"the model has {self.accuracy:g} at {candidate.knob} = {first:.2g}: errors go with its power"
-                f" {chosen.law.order:g}, and nine of ten random scenes lie within a factor {chosen.law.spread:g}"
+                f" {chosen.law.order:g}, and 95 % of random scenes err by no more than {chosen.law.spread:g} times that"
             )
-        if chosen.trial is None:
-            if chosen.law is not None:
-                yield f"nothing was run to check it, so the error predicted is {chosen.law.spread:g} times smaller"
-        else:
+        if chosen.trial is not None:
             yield chosen.told
             if chosen.law is not None:
                 yield f"errors are measured against {self.yardstick}"
+        elif chosen.law is not None:
+            yield f"nothing was run to check it, so the error is planned {chosen.law.spread:g} times smaller"
+        else:
+            yield f"nothing was run to check it: {candidate.name} errs by no more in 95 % of the random scenes tried"
         if candidate.runs != candidate.name:
             yield (
                 f"{candidate.name} was not run: the twin in positions repeats it to 1e-10, round-off included, and its"
@@ -486,11 +398,10 @@ class Planner:
 
 def _told(candidate: Candidate, settled: Settled) -> str:
     """The runs that were made, and the order that they show."""
-    best, beside = settled.best, settled.beside
-    assert best is not None
-    tried = ", ".join(f"{one.error:.2g} at {one.setting:.3g}" for one in settled.trials)
+    runs = sorted(settled.trials, key=lambda one: -one.setting)
+    tried = ", ".join(f"{one.error:.2g} at {one.setting:.3g}" for one in runs)
     if candidate.knob == "rtol":
         return f"runs of {candidate.runs} err by {tried} (rtol)"
-    order = observed_order(best, beside) if beside is not None else None
-    shown = "" if order is None else f": order {order:.2f} here"
+    order = observed_order(runs)
+    shown = "" if math.isnan(order) else f": order {order:.2f} on the whole"
     return f"runs of {candidate.runs} err by {tried} s{shown}"

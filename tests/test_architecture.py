@@ -28,7 +28,7 @@ LAYERS = {
     4: ("lmp", "scene_file", "scene_forms", "scene_physical", "scene_text", "timescales", "trajectory", "dense"),
     5: ("backends", "observables"),
     6: ("compare", "campaign", "store"),
-    7: ("verdict", "plan_bars", "planner", "plan_check", "plan_predict", "extrapolate", "doctor"),
+    7: ("verdict", "plan_bars", "planner", "plan_options", "plan_check", "plan_predict", "extrapolate", "doctor"),
     8: ("studies",),
     9: ("report",),
     10: ("api", "api_studies"),
@@ -52,8 +52,11 @@ SIDEWAYS = {
     ("scene_physical", "scene_forms"): "bodies are given as tables",
     ("lmp", "dense"): "a deck dumps at the steps of a Schedule",
     ("campaign", "store"): "what was run before is not run again",
-    ("planner", "plan_predict"): "a plan is predicted",
-    ("planner", "plan_check"): "... and checked by runs",
+    ("planner", "plan_options"): "a plan is one of the options",
+    ("planner", "plan_check"): "... checked by runs",
+    ("planner", "plan_predict"): "... and told in the units of its prediction",
+    ("plan_options", "plan_predict"): "options are predicted",
+    ("plan_options", "plan_check"): "... with the settings that checks look for",
     ("accuracy", "errors"): "an accuracy that is none is a UsageError",
 }
 

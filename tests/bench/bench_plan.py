@@ -1,16 +1,16 @@
 """Does the planner plan? Random scenes and three accuracies, free choice and LAMMPS' settings.
 
 ``make bench`` runs this. For each plan the run is made: its error is that against the reference, its CPU is set beside
-the cheapest setting that a grid finds: every in-house code, fixed steps a factor 1.3 apart from the coarsest to the
-second that serves beyond which all do, scipy's rtol by decades. CPU is the least of three. LAMMPS is set beside LAMMPS
-at the grid's cheapest step.
+the cheapest setting that a grid finds: every in-house code, fixed steps a factor 1.3 apart, the three coarsest that
+serve, scipy with its rtol by decades. LAMMPS is set beside LAMMPS at the coarsest step that
+serves. CPU is the least of three to fifteen runs, those of plan and grid in turn.
 """
 
 from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +22,8 @@ import dem_bridge as db
 from dem_bridge.backends.base import backend
 from dem_bridge.backends.reference import series_fit
 from dem_bridge.backends.tabled import survey_of
-from dem_bridge.errors import DemBridgeError, RunBroken, UnsupportedScene, UsageError
+from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.planner import Plan
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from tests.random_plans import planned_scene
@@ -75,7 +76,7 @@ class Bench:
 
     @property
     def bar(self) -> float:
-        return self.truth.uncertainty["velocity"] / self.scale
+        return float(self.truth.uncertainty["velocity"]) / self.scale
 
     def error(self, run: Trajectory) -> float:
         return float(np.abs(run.velocity - self.truth.velocity).max()) / self.scale
@@ -104,23 +105,23 @@ class Bench:
                 yield interval / steps
             dt = interval / steps / FACTOR
 
-    def cheapest(self, accuracy: float) -> tuple[str, float]:
-        """Of all in-house codes, with its CPU."""
-        found = []
+    def cheapest(self, accuracy: float) -> tuple[str, dict[str, float]] | None:
+        """Of all in-house codes, with its settings."""
+        found: list[tuple[float, str, dict[str, float]]] = []
         if self.bar <= accuracy and series_fit(self.scene):
-            found.append(("reference", self.cost("reference")))
+            found.append((self.cost("reference"), "reference", {}))
         for name in ("verlet", "blanes-moan"):
             if backend(name).refusal(self.scene) is None:
-                found += [(f"{name} {dt:.3g}", self.cost(name, dt=dt)) for dt in self.coarsest(name, accuracy)]
-        least = min((cost for _, cost in found), default=math.inf)
+                found += [(self.cost(name, dt=dt), name, {"dt": dt}) for dt in self.coarsest(name, accuracy)]
+        least = min((cost for cost, *_ in found), default=math.inf)
         for rtol in (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10):
             run = self.run("scipy", rtol=rtol)
             if run.cost.cpu > 2.0 * least:
                 break
             if self.error(run) <= accuracy:
-                found.append((f"scipy {rtol:g}", self.cost("scipy", rtol=rtol)))
+                found.append((self.cost("scipy", rtol=rtol), "scipy", {"rtol": rtol}))
                 break
-        return min(found, key=lambda one: one[1], default=("", math.nan))
+        return min(found, key=lambda one: one[0])[1:] if found else None
 
 
 def rows(seed: int) -> Iterator[Row]:
@@ -133,21 +134,42 @@ def rows(seed: int) -> Iterator[Row]:
 
 
 def _free(seed: int, bench: Bench, accuracy: float) -> Row:
-    best, best_cost = bench.cheapest(accuracy)
-    row = {"seed": seed, "accuracy": accuracy, "asked": "free", "best": best, "best_cost": best_cost}
+    best = bench.cheapest(accuracy)
+    row = {"seed": seed, "accuracy": accuracy, "asked": "free", "best": str(best or "")}
     try:
         plan = db.plan(bench.scene, accuracy)
     except UsageError as error:
         return Row(**row, refused=str(error))  # type: ignore[arg-type]
-    run = bench.run(plan.backend, **plan.resolution)
+    ours, theirs = _in_turn(bench, (plan.backend, plan.resolution), best)
+    return _row(row, plan, bench, ours, theirs)
+
+
+def _row(row: dict[str, object], plan: Plan, bench: Bench, ours: list[Trajectory], theirs: list[Trajectory]) -> Row:
     return Row(
         **row,  # type: ignore[arg-type]
         backend=plan.backend,
         settings=str(dict(plan.resolution)),
-        error=bench.error(run),
+        error=bench.error(ours[0]),
         predicted=plan.predicted_error,
-        cost=bench.cost(plan.backend, **plan.resolution),
+        cost=min(run.cost.cpu for run in ours),
+        best_cost=min((run.cost.cpu for run in theirs), default=math.nan),
     )
+
+
+def _in_turn(
+    bench: Bench, ours: tuple[str, Mapping[str, float]], theirs: tuple[str, Mapping[str, float]] | None
+) -> tuple[list[Trajectory], list[Trajectory]]:
+    """Runs of both, one after the other: the cheapest of a grid was found so by luck, too, and is looked at again."""
+    runs: tuple[list[Trajectory], list[Trajectory]] = ([], [])
+    spent = 0.0
+    # starting an engine takes longer than it counts
+    most = REPEATS if ours[0] == LAMMPS else 5 * REPEATS
+    while len(runs[0]) < REPEATS or (len(runs[0]) < most and spent < 0.5):
+        for found, asked in zip(runs, (ours, theirs), strict=True):
+            if asked is not None:
+                found.append(bench.run(asked[0], **asked[1]))
+        spent += runs[0][-1].cost.cpu
+    return runs
 
 
 def _of_lammps(seed: int, bench: Bench, accuracy: float) -> Row:
@@ -158,17 +180,8 @@ def _of_lammps(seed: int, bench: Bench, accuracy: float) -> Row:
         plan = db.plan(bench.scene, accuracy, LAMMPS)
     except UsageError as error:
         return Row(**row, refused=str(error))  # type: ignore[arg-type]
-    runs = [bench.run(LAMMPS, **plan.resolution) for _ in range(REPEATS)]
-    beside = [bench.run(LAMMPS, dt=best) for _ in range(REPEATS)] if best == best else []
-    return Row(
-        **row,  # type: ignore[arg-type]
-        backend=plan.backend,
-        settings=str(dict(plan.resolution)),
-        error=bench.error(runs[0]),
-        predicted=plan.predicted_error,
-        cost=min(run.cost.cpu for run in runs),
-        best_cost=min((run.cost.cpu for run in beside), default=math.nan),
-    )
+    ours, theirs = _in_turn(bench, (LAMMPS, plan.resolution), (LAMMPS, {"dt": best}) if best == best else None)
+    return _row(row, plan, bench, ours, theirs)
 
 
 def main() -> int:
