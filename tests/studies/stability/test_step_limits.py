@@ -13,8 +13,8 @@ from dem_bridge.backends.reference import Reference
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.physics.dispersion import dispersion
 from dem_bridge.scene import Scene, Wall
-from dem_bridge.studies.stability_points import Measured, chain, engine_on, measured
-from dem_bridge.studies.step_limits import (
+from dem_bridge.studies.stability.points import Measured, chain, engine_on, measured
+from dem_bridge.studies.stability.step_limits import (
     FINEST,
     GUARD,
     Limit,
@@ -70,8 +70,8 @@ def test_a_criterion_that_decides_nothing_is_caught(always: bool) -> None:
 
 
 def test_an_energy_that_is_never_looked_at_is_caught(pair: Measured, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dem_bridge.studies.step_limits.energy_gain", lambda *_: 0.0)
-    monkeypatch.setattr("dem_bridge.studies.step_limits.MOST_TRIES", 40)
+    monkeypatch.setattr("dem_bridge.studies.stability.step_limits.energy_gain", lambda *_: 0.0)
+    monkeypatch.setattr("dem_bridge.studies.stability.step_limits.MOST_TRIES", 40)
     with pytest.raises(RunBroken, match="no largest step"):
         stable(pair, lambda scene, dt: twin(at_step(PAIR, 1e-6), 1e-6))
 

@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.studies.exhibits import Study, Table
-from dem_bridge.studies.norms import OBSERVABLES
-from dem_bridge.studies.pareto import cheapest
-from dem_bridge.studies.work_curves import STYLES, WHOLE
-from dem_bridge.studies.work_figures import ID, cpu, evaluations, exhibits
-from dem_bridge.studies.work_files import as_csv, as_netcdf
-from dem_bridge.studies.work_runs import Measured, Point
+from dem_bridge.studies.work_precision.curves import STYLES, WHOLE
+from dem_bridge.studies.work_precision.figures import ID, cpu, evaluations, exhibits
+from dem_bridge.studies.work_precision.files import as_csv, as_netcdf
+from dem_bridge.studies.work_precision.norms import OBSERVABLES
+from dem_bridge.studies.work_precision.pareto import cheapest
+from dem_bridge.studies.work_precision.runs import Measured, Point
 
 TARGETS = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8)
 #: errors that grow by more than this factor under refinement have passed their floor
@@ -72,7 +72,7 @@ def shown(found: Measured, *, notes: Sequence[str] = (), interrupted: bool = Fal
 def setting(point: Point) -> str:
     """A curve's name with the value of its knob.
 
-    >>> from dem_bridge.studies.work_curves import Curve
+    >>> from dem_bridge.studies.work_precision.curves import Curve
     >>> setting(Point(curve=Curve(name="verlet", backend="verlet", knob="dt"), value=1e-7))
     'verlet at dt = 1e-07 s'
     """

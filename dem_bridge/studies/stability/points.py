@@ -22,7 +22,7 @@ from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import parse_scene
 from dem_bridge.studies.checks import GRANULAR
-from dem_bridge.studies.step_limits import (
+from dem_bridge.studies.stability.step_limits import (
     Limit,
     Stepper,
     accurate_step,

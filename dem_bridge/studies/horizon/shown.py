@@ -9,8 +9,8 @@ import numpy as np
 
 from dem_bridge.studies.checks import REFERENCE, TWIN
 from dem_bridge.studies.exhibits import Exhibit, Panel, Series, Table
-from dem_bridge.studies.horizon_runs import KNOWN, Floats, Found, LongRun, horizon_of
-from dem_bridge.studies.horizon_verdicts import independent_from
+from dem_bridge.studies.horizon.runs import KNOWN, Floats, Found, LongRun, horizon_of
+from dem_bridge.studies.horizon.verdicts import independent_from
 from dem_bridge.verdict import Outcome, Verdict
 
 #: points of a line of a long run, and least value that is drawn

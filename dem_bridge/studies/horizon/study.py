@@ -27,7 +27,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.store import Store
 from dem_bridge.studies.checks import REFERENCE, TWIN, engine_for
 from dem_bridge.studies.exhibits import Study
-from dem_bridge.studies.horizon_runs import (
+from dem_bridge.studies.horizon.runs import (
     Found,
     Trust,
     apart,
@@ -39,8 +39,8 @@ from dem_bridge.studies.horizon_runs import (
     round_off_bar,
     step_bar,
 )
-from dem_bridge.studies.horizon_show import answer, exhibits, tables
-from dem_bridge.studies.horizon_verdicts import verdicts
+from dem_bridge.studies.horizon.shown import answer, exhibits, tables
+from dem_bridge.studies.horizon.verdicts import verdicts
 from dem_bridge.timescales import contact_time_of
 from dem_bridge.trajectory import Trajectory
 

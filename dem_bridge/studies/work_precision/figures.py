@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from dem_bridge.studies.exhibits import Exhibit, Panel, Series
-from dem_bridge.studies.norms import OBSERVABLES
-from dem_bridge.studies.pareto import front
-from dem_bridge.studies.work_curves import STYLES
-from dem_bridge.studies.work_runs import REFERENCE, Measured, Point
+from dem_bridge.studies.work_precision.curves import STYLES
+from dem_bridge.studies.work_precision.norms import OBSERVABLES
+from dem_bridge.studies.work_precision.pareto import front
+from dem_bridge.studies.work_precision.runs import REFERENCE, Measured, Point
 
 ID = "work-precision"
 

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.studies.norms import NORMS, OBSERVABLES
-from dem_bridge.studies.work_runs import Measured, Point
+from dem_bridge.studies.work_precision.norms import NORMS, OBSERVABLES
+from dem_bridge.studies.work_precision.runs import Measured, Point
 
 SCHEMA = "dem-bridge/work-precision/1"
 #: columns of a setting -> (unit, what it is)

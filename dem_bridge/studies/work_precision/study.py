@@ -17,10 +17,10 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store
 from dem_bridge.studies.exhibits import Study
-from dem_bridge.studies.norms import bars_of
-from dem_bridge.studies.work_curves import curves
-from dem_bridge.studies.work_runs import REFERENCE, Measured, Point, measured
-from dem_bridge.studies.work_shown import shown
+from dem_bridge.studies.work_precision.curves import curves
+from dem_bridge.studies.work_precision.norms import bars_of
+from dem_bridge.studies.work_precision.runs import REFERENCE, Measured, Point, measured
+from dem_bridge.studies.work_precision.shown import shown
 
 #: s of wall time that one run may take
 LIMIT = 5.0

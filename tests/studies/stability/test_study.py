@@ -11,11 +11,12 @@ import pytest
 from dem_bridge.errors import BackendUnavailable, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
-from dem_bridge.studies import stability, stability_show
 from dem_bridge.studies.exhibits import Study
-from dem_bridge.studies.stability import study_stability
-from dem_bridge.studies.stability_points import chain, engine_on, families, measured, point_of, trap_of
-from dem_bridge.studies.step_limits import twin
+from dem_bridge.studies.stability import shown as stability_show
+from dem_bridge.studies.stability import study as stability
+from dem_bridge.studies.stability.points import chain, engine_on, families, measured, point_of, trap_of
+from dem_bridge.studies.stability.step_limits import twin
+from dem_bridge.studies.stability.study import study_stability
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome
 

@@ -17,9 +17,9 @@ from dem_bridge.backends.base import Backend, Sampling
 from dem_bridge.campaign import Progress
 from dem_bridge.errors import BackendUnavailable, NotAsymptotic, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.scene import Scene
-from dem_bridge.studies.norms import bars_of, errors_of
-from dem_bridge.studies.timed import Timing, timed
-from dem_bridge.studies.work_curves import Curve
+from dem_bridge.studies.work_precision.curves import Curve
+from dem_bridge.studies.work_precision.norms import bars_of, errors_of
+from dem_bridge.studies.work_precision.timed import Timing, timed
 from dem_bridge.trajectory import Trajectory
 
 REFERENCE = "reference"

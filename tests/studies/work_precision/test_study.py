@@ -22,13 +22,14 @@ from dem_bridge.backends.survey import Survey
 from dem_bridge.backends.tabled import survey_of
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene import Scene
-from dem_bridge.studies import work_curves, work_figures
 from dem_bridge.studies.exhibits import Study
-from dem_bridge.studies.norms import NORMS, OBSERVABLES, bars_of, errors_of
-from dem_bridge.studies.timed import Timing
-from dem_bridge.studies.work_curves import Curve, curves, steps
-from dem_bridge.studies.work_precision import study_work_precision
-from dem_bridge.studies.work_runs import Measured, Point, measured
+from dem_bridge.studies.work_precision import curves as work_curves
+from dem_bridge.studies.work_precision import figures as work_figures
+from dem_bridge.studies.work_precision.curves import Curve, curves, steps
+from dem_bridge.studies.work_precision.norms import NORMS, OBSERVABLES, bars_of, errors_of
+from dem_bridge.studies.work_precision.runs import Measured, Point, measured
+from dem_bridge.studies.work_precision.study import study_work_precision
+from dem_bridge.studies.work_precision.timed import Timing
 
 SCENE = Scene(
     name="four",

@@ -11,7 +11,7 @@ import dem_bridge as db
 from dem_bridge.compare import difference
 from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.scene_file import load_scene
-from dem_bridge.studies.norms import NORMS, OBSERVABLES, bars_of, errors_of
+from dem_bridge.studies.work_precision.norms import NORMS, OBSERVABLES, bars_of, errors_of
 from dem_bridge.trajectory import Trajectory
 
 CHAIN = replace(load_scene("decelerating-40"), name="short", duration=3e-4)

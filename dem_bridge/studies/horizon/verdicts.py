@@ -11,7 +11,7 @@ from dem_bridge.observables.conserved import energy, energy_parts, momentum
 from dem_bridge.observables.drift import BLOCKS
 from dem_bridge.scene import Scene
 from dem_bridge.studies.checks import REFERENCE, TWIN
-from dem_bridge.studies.horizon_runs import KNOWN, Floats, Found, Trust
+from dem_bridge.studies.horizon.runs import KNOWN, Floats, Found, Trust
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome, Verdict, judge
 

@@ -17,9 +17,11 @@ from dem_bridge.backends.twin_bars import twins_of
 from dem_bridge.backends.verlet import Verlet
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
-from dem_bridge.studies import horizon, horizon_runs, horizon_verdicts
 from dem_bridge.studies.exhibits import Study
-from dem_bridge.studies.horizon_runs import (
+from dem_bridge.studies.horizon import runs as horizon_runs
+from dem_bridge.studies.horizon import study as horizon
+from dem_bridge.studies.horizon import verdicts as horizon_verdicts
+from dem_bridge.studies.horizon.runs import (
     Found,
     LongRun,
     growth_of,

@@ -22,7 +22,7 @@ from dem_bridge.scene_file import load_scene
 from dem_bridge.store import Store
 from dem_bridge.studies.checks import GRANULAR, TWIN
 from dem_bridge.studies.exhibits import Study
-from dem_bridge.studies.stability_points import (
+from dem_bridge.studies.stability.points import (
     GAINS,
     MASS,
     PHASES,
@@ -40,8 +40,8 @@ from dem_bridge.studies.stability_points import (
     stable_at,
     trap_of,
 )
-from dem_bridge.studies.stability_show import answer, exhibits, tables
-from dem_bridge.studies.step_limits import FINEST, RATIO, twin
+from dem_bridge.studies.stability.shown import answer, exhibits, tables
+from dem_bridge.studies.stability.step_limits import FINEST, RATIO, twin
 from dem_bridge.verdict import Outcome
 
 #: a run is unstable whose energy grows for good by more than this share of what was in motion
