@@ -148,7 +148,8 @@ def ladder_of(
     [result] = run_cases([coarse], store=store)
     crossing = _trajectory(result).crossing_time[: scene.n_body - 1]
     duration, whole = scene.duration, window == "whole"
-    if not whole and len(crossing) and np.isfinite(crossing[-1]):
+    # of a chain whose last body counts the end counts, too
+    if not whole and last_counted(scene) < scene.n_body - 1 and np.isfinite(crossing[-1]):
         duration = float(f"{min(PASSAGE * crossing[-1], duration):.3g}")
     residence = np.diff(crossing)[: last_counted(scene)]
     shortest = float(np.min(residence[residence > 0.0], initial=duration))
