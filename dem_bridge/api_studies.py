@@ -99,7 +99,7 @@ def minimal(
     >>> light.name, light.wall_right, light.description.split("; ")[1]
     ('decelerating-40-on-base.least', None, 'without the base, at 1 %')
     """
-    from dem_bridge.studies.ladder import least_scene
+    from dem_bridge.studies.ladder.models import least_scene
 
     if not isinstance(scene, Scene):
         scene = load_scene(scene)

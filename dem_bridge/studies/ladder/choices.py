@@ -17,10 +17,10 @@ from dem_bridge.campaign import Result
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
-from dem_bridge.studies.ladder import Bench, Ladder, Least, Readings
-from dem_bridge.studies.passage import OBSERVABLES, Effect, Effects, decided, effects
+from dem_bridge.studies.ladder.models import Bench, Ladder, Least, Readings
+from dem_bridge.studies.ladder.passage import OBSERVABLES, Effect, Effects, decided, effects
+from dem_bridge.studies.ladder.switches import angles_soften, crossed, hertzian
 from dem_bridge.studies.scatter import scattered
-from dem_bridge.studies.switches import angles_soften, crossed, hertzian
 from dem_bridge.verdict import Outcome
 
 #: what is only suspected: drag (1/s), the overlap (m) at which softer contacts have Hertz' force

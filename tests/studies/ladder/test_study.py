@@ -20,12 +20,13 @@ from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.report.exhibits import drawn
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.store import Store
-from dem_bridge.studies import ladder_choices, ladder_study
 from dem_bridge.studies.exhibits import Study
-from dem_bridge.studies.ladder import Bench, LeftOut, judged, ladder_of, least, left_out
-from dem_bridge.studies.ladder_study import LEAST_SHOWN
-from dem_bridge.studies.passage import JUDGED, OBSERVABLES, Effect, Reading
-from dem_bridge.studies.switches import Switch
+from dem_bridge.studies.ladder import choices as ladder_choices
+from dem_bridge.studies.ladder import study as ladder_study
+from dem_bridge.studies.ladder.models import Bench, LeftOut, judged, ladder_of, least, left_out
+from dem_bridge.studies.ladder.passage import JUDGED, OBSERVABLES, Effect, Reading
+from dem_bridge.studies.ladder.study import LEAST_SHOWN
+from dem_bridge.studies.ladder.switches import Switch
 from dem_bridge.verdict import Outcome
 
 BODIES = 10

@@ -20,7 +20,7 @@ from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store
 from dem_bridge.studies.checks import REFERENCE, TWIN
-from dem_bridge.studies.passage import (
+from dem_bridge.studies.ladder.passage import (
     Effects,
     Reading,
     checked_observables,
@@ -31,7 +31,7 @@ from dem_bridge.studies.passage import (
     last_counted,
     read,
 )
-from dem_bridge.studies.switches import DASHPOT, Switch, model, named, needs, switches_of
+from dem_bridge.studies.ladder.switches import DASHPOT, Switch, model, named, needs, switches_of
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome
 

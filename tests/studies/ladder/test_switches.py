@@ -11,8 +11,8 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends.tabled import survey_of
 from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.studies import switches
-from dem_bridge.studies.switches import BARELY, DASHPOT, GRAVITY, Switch, by_law, model, needs, switches_of
+from dem_bridge.studies.ladder import switches
+from dem_bridge.studies.ladder.switches import BARELY, DASHPOT, GRAVITY, Switch, by_law, model, needs, switches_of
 
 CHAIN = db.load_scene("decelerating-40")
 #: what the geometry of the paper's chains tells, and which numbers are others with it; a wall has its own damping
