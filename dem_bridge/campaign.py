@@ -28,7 +28,7 @@ from dem_bridge.store import Store, run_key
 from dem_bridge.trajectory import Trajectory
 
 #: s of one core for a body and step, roughly, and for bodies to a power where steps are not known beforehand
-_PER_STEP = {"lammps-granular": 6e-8, "lammps-table": 6e-8, "verlet": 4e-9, "blanes-moan": 2.4e-8, "ase": 1e-6}
+_PER_STEP = {"lammps-granular": 6e-8, "lammps-table": 6e-8, "verlet": 2e-9, "blanes-moan": 1e-8, "ase": 1e-6}
 _PER_BODIES = {"reference": (2e-4, 2.0), "scipy": (0.06, 1.35)}
 #: error bars of a fixed step take so many more runs
 _BARS = 5

@@ -42,16 +42,18 @@ def round_step(dt: float) -> float:
     return max(step for step in series if step <= dt * (1.0 + 1e-12))
 
 
-def default_step(scene: Scene, sampling: Sampling, look: Survey) -> float:
-    """Step of a fixed-step run that was asked for none, s."""
+def default_step(scene: Scene, sampling: Sampling, look: Survey, phase: float = DEFAULT_PHASE) -> float:
+    """Step of a fixed-step run that was asked for none, s; ``phase``: part of 1/omega of the stiffest contact."""
     if look.frequency > 0.0:
-        return round_step(DEFAULT_PHASE / look.frequency)
+        return round_step(phase / look.frequency)
     return scene.duration / sampling.count
 
 
-def fixed_step_plan(scene: Scene, resolution: Resolution, sampling: Sampling, look: Survey) -> Schedule:
-    """The steps of a fixed-step run, the same for LAMMPS and twin."""
-    dt = resolution.dt if resolution.dt is not None else default_step(scene, sampling, look)
+def fixed_step_plan(
+    scene: Scene, resolution: Resolution, sampling: Sampling, look: Survey, phase: float = DEFAULT_PHASE
+) -> Schedule:
+    """The steps of a fixed-step run, the same for LAMMPS and twin; ``phase``: as :func:`default_step` has it."""
+    dt = resolution.dt if resolution.dt is not None else default_step(scene, sampling, look, phase)
     return schedule(
         duration=scene.duration, samples=sampling.count, dt=dt, frequency=look.frequency, bodies=scene.n_body
     )

@@ -86,6 +86,20 @@ def test_the_order_is_four_where_no_contact_opens() -> None:
         assert (fit.points, fit.order) == (4, pytest.approx(4.0, abs=0.1)), quantity
 
 
+def test_richardson_takes_the_order_of_the_method() -> None:
+    reference = db.solve(SMOOTH, backend="reference", bars=False)
+    plain, better = (db.solve(SMOOTH, backend="blanes-moan", dt=1e-6, order=order) for order in (None, "richardson"))
+    # of dt/2 by order 4, less what is of order 6: (1 - 1/16) of the error is gone with that of dt/2 alone
+    assert _error(better, reference) < 1e-2 * _error(plain, reference)
+    assert _error(better, reference) <= better.uncertainty["velocity"]
+
+
+def test_a_step_that_is_not_named_is_as_accurate_as_velocity_verlets_own(free_chain: Truth) -> None:
+    run, twin = (db.solve(free_chain.scene, backend=name, bars=False) for name in ("blanes-moan", "verlet"))
+    assert free_chain.error(run, "velocity") < free_chain.error(twin, "velocity")
+    assert run.cost.force_evaluations < 0.4 * twin.cost.force_evaluations
+
+
 # chains that open
 
 
