@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from dem_bridge.accuracy import Extrapolation, richardson
 from dem_bridge.backends.base import Backend, Resolution, Sampling
-from dem_bridge.backends.steps import order_on
 from dem_bridge.errors import NotAsymptotic, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, Cost, Trajectory
@@ -26,7 +25,8 @@ def extrapolated(chosen: Backend, scene: Scene, resolution: Resolution, sampling
     """
     if chosen.order is None:
         raise UsageError(f"order = 'richardson' with {chosen.name}, which has no fixed step; give rtol, or nothing")
-    order = order_on(scene)
+    # forces that depend on velocities are those of the half step
+    order = 1 if scene.dissipates else chosen.order
     main = chosen.run(scene, replace(resolution, bars=False), sampling)
     step = float(main.provenance["settings"]["dt"])
     coarse = chosen.run(scene, replace(resolution, dt=2.0 * step, bars=False), sampling)

@@ -25,7 +25,7 @@ LAYERS = {
     1: ("errors", "accuracy", "progress", "version"),
     2: ("physics", "files", "compiled", "checked"),
     3: ("scene", "contacts", "geometry"),
-    4: ("lmp", "scene_file", "scene_forms", "scene_physical", "scene_text", "trajectory", "dense"),
+    4: ("lmp", "scene_file", "scene_forms", "scene_physical", "scene_text", "timescales", "trajectory", "dense"),
     5: ("backends", "observables"),
     6: ("compare", "campaign", "store"),
     7: (

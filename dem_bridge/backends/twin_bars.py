@@ -31,9 +31,10 @@ from numpy.typing import NDArray
 from dem_bridge.backends.bars import Answer, apart, not_below_the_median
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.curves import CELLS
+from dem_bridge.backends.splitting import EXACT, Tables
 from dem_bridge.backends.steps import fixed_step_plan, order_on, peaks_and_crossings
 from dem_bridge.backends.survey import Survey
-from dem_bridge.backends.twin import EXACT, Tables, solve_dense, solve_plan
+from dem_bridge.backends.twin import solve_dense, solve_plan
 from dem_bridge.dense import CROSSING_ERROR, MOST_STEPS, PEAK_ERROR, Schedule, rivals
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale

@@ -44,9 +44,9 @@ def test_only_fixed_step_codes_take_their_bars_from_the_twin() -> None:
 
 def test_a_twin_with_tables_has_the_lines_of_the_deck_and_lammps_has_nothing_of_its_interpolation() -> None:
     lent = {"pairing", "table", "law", "contact", "coefficients", "encoding", "tabled", "version"}
-    emulated = {"cell", "interpolation", "twin"}
+    emulated = {"cell", "interpolation", "splitting", "twin"}
     found = shared("lammps-table", "verlet")
-    assert set(found.bars) == lent | emulated | {"bars", "curves", "twin_bars"}
+    assert set(found.bars) == lent | emulated | {"bars", "curves", "fused", "twin_bars"}
     # what LAMMPS reads is written without the emulation
     reached = independence._short(independence._reached("lammps-table", without=independence.BARS))
     assert not emulated & set(reached)
