@@ -21,6 +21,7 @@ from dem_bridge.backends.tabled import survey_of
 from dem_bridge.dense import PHASE_PER_DENSE_SAMPLE, Schedule
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
+from dem_bridge.timescales import contact_time_of, rayleigh_time_of
 
 EPS = 2.0**-52
 #: rad that the stiffest contact goes through in a step of the coarse run; with damped contacts a tenth
@@ -161,58 +162,13 @@ class Outlook:
     def units(self, dt: float) -> dict[str, float]:
         """``dt`` (s) as a fraction of the times that DEM users think in; those that the scene has."""
         found = {}
-        if (rayleigh := rayleigh_time(self.scene)) is not None:
+        if (rayleigh := rayleigh_time_of(self.scene)) is not None:
             found["rayleigh_time"] = dt / rayleigh
-        if (contact := contact_time(self.scene, self.look)) is not None:
+        if (contact := contact_time_of(self.scene)) is not None:
             found["contact_time"] = dt / contact
         if self.look.frequency > 0.0:
             found["2/omega"] = dt * self.look.frequency / 2.0
         return found
-
-
-def rayleigh_time(scene: Scene) -> float | None:
-    """The least time of a Rayleigh wave over a body, s: ``pi R sqrt(rho/G) / (0.1631 nu + 0.8766)``.
-
-    Sheng, Lawrence, Briscoe & Thornton (2004, *Eng. Comput.* 21, 304); of a cylinder with its own radius. None where
-    the scene does not say what its bodies are.
-
-    >>> import dem_bridge as db
-    >>> f"{1e6 * rayleigh_time(db.load_scene('decelerating-40')):.2f} us"
-    '8.36 us'
-    """
-    if scene.geometry is None:
-        return None
-
-    def of(radius: float, young: float, poisson: float, density: float) -> float:
-        shear = young / (2.0 * (1.0 + poisson))
-        return math.pi * radius * math.sqrt(density / shear) / (0.1631 * poisson + 0.8766)
-
-    return min(
-        of(one.radius, one.material.youngs_modulus, one.material.poissons_ratio, one.material.density)
-        for one in scene.geometry.bodies
-    )
-
-
-def contact_time(scene: Scene, look: Survey) -> float | None:
-    """The shortest duration of a collision of two bodies alone that comes to the overlap found by ``look``, s.
-
-    With overlap d, reduced mass mu and stiffness beta the closing speed is ``sqrt(2 beta d^n / (n mu))``, and the
-    collision takes ``2 sqrt(pi) Gamma(1 + 1/n) / Gamma(1/2 + 1/n) d/v`` (:func:`.physics.exact.two_body_collision`).
-    None where nothing touches, or contacts have laws of their own.
-    """
-    from dem_bridge.physics.exact import two_body_collision
-
-    if scene.law is not None:
-        return None
-    c, mobility, found = scene.contacts, [*(1.0 / m for m in scene.mass), 0.0], []
-    for k, depth in enumerate(look.peak_overlap.tolist()):
-        beta, n = float(c.stiffness[k]), float(c.exponent[k])
-        both = mobility[c.left[k]] + mobility[c.right[k]]
-        speed = math.sqrt(2.0 * beta * depth**n / n * both)
-        if speed > 0.0:
-            hit = two_body_collision(masses=(1.0 / both, math.inf), velocities=(speed, 0.0), stiffness=beta, exponent=n)
-            found.append(hit.contact_time)
-    return min(found, default=None)
 
 
 def tidy(low: float, high: float) -> float:
