@@ -18,13 +18,15 @@ verify: $(STAMP)
 	$(BIN)/dem-bridge verify paper -o reports/latest
 
 test: $(STAMP)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadgroup -p no:benchmark
 
 bench: $(STAMP)
 	$(BIN)/python -m pytest tests/bench/bench_backends.py --benchmark-only --benchmark-columns=median,iqr,rounds -p no:cacheprovider
 	$(BIN)/python -m tests.bench.bench_lammps
 	$(BIN)/python -m tests.bench.bench_bars
 	$(BIN)/python -m tests.bench.bench_paper
+	$(BIN)/python -m tests.bench.bench_horizon
+	$(BIN)/python -m tests.bench.bench_plan
 
 lint: $(STAMP)
 	$(BIN)/ruff format --check .

@@ -27,6 +27,8 @@ _HOME = {
     "law_of": "physics.law",
     "load_scene": "scene_file",
     "load_trajectory": "trajectory",
+    "minimal": "api_studies",
+    "plan": "api",
     "shipped_scenes": "scene_file",
     "solve": "api",
     "study": "api_studies",
@@ -37,8 +39,8 @@ _HOME = {
 }
 
 if TYPE_CHECKING:
-    from dem_bridge.api import available, solve, study_scatter, study_styles, verify, write_deck
-    from dem_bridge.api_studies import study
+    from dem_bridge.api import available, plan, solve, study_scatter, study_styles, verify, write_deck
+    from dem_bridge.api_studies import minimal, study
     from dem_bridge.geometry import Body, Geometry, Material
     from dem_bridge.physics.law import ContactLaw, law_of
     from dem_bridge.scene import Damping, Scene, Wall
@@ -59,6 +61,8 @@ __all__ = [
     "law_of",
     "load_scene",
     "load_trajectory",
+    "minimal",
+    "plan",
     "shipped_scenes",
     "solve",
     "study",

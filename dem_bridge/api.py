@@ -18,6 +18,7 @@ from dem_bridge.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dem_bridge.campaign import Progress
+    from dem_bridge.planner import Plan
     from dem_bridge.store import Store
     from dem_bridge.studies.scatter import ScatterStudy
     from dem_bridge.studies.styles import StylesStudy
@@ -32,8 +33,9 @@ PAPER = "paper"
 _ENGINE = ("lmp", "lmp_args", "python", "ranks")
 
 
-def solve(scene: Scene | str | Path, *, backend: str, **settings: object) -> Trajectory:
-    """Solve a scene (or a shipped name, or the path of a scene file) with one backend.
+def solve(scene: Scene | str | Path, *, backend: str | None = None, **settings: object) -> Trajectory:
+    """Solve a scene (or a shipped name, or the path of a scene file) with one backend; None, where ``accuracy`` is
+    given: with the one that :func:`plan` finds the cheapest.
 
     Settings: ``dt`` (s, an upper bound: the step is interval/ceil(interval/dt)), or ``accuracy`` (of velocity, relative
     to its largest magnitude) instead; ``samples``; ``rtol`` (scipy, ode45) and ``atol`` (ode45; m and m/s);
@@ -52,15 +54,18 @@ def solve(scene: Scene | str | Path, *, backend: str, **settings: object) -> Tra
     """
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
+    if backend is None:
+        backend = _planned(scene, settings)
     chosen, resolution, sampling, accuracy = _settings(scene, backend, settings)
     reason = chosen.refusal(scene)
     if reason:
         raise UnsupportedScene(f"{chosen.name} cannot do {scene.name}: {reason}")
     if accuracy is not None and chosen.order is not None:
-        from dem_bridge.plan import resolution_for  # brings the compiler, which not every backend needs
+        from dem_bridge.plan_bars import resolution_for  # brings the compiler, which not every backend needs
 
         tables = resolution.tables or chosen.name == "lammps-table"
-        resolution = resolution_for(scene, accuracy, replace(resolution, tables=tables), sampling)
+        own = chosen if chosen.name not in (*ENGINE_BACKENDS, "ase") else None
+        resolution = resolution_for(scene, accuracy, replace(resolution, tables=tables), sampling, own)
     if settings.get("order") is None:
         run = chosen.run(scene, resolution, sampling)
     else:
@@ -70,6 +75,51 @@ def solve(scene: Scene | str | Path, *, backend: str, **settings: object) -> Tra
     if accuracy is not None:
         _check_accuracy(chosen, scene, run, accuracy)
     return run
+
+
+def plan(
+    scene: Scene | str | Path,
+    accuracy: float,
+    backend: str | None = None,
+    *,
+    observable: str = "velocity",
+    budget: float | None = None,
+    predict_only: bool = False,
+    samples: int | None = None,
+    tell: Progress | None = None,
+) -> Plan:
+    """The cheapest settings with which a scene is solved to ``accuracy``, and why each number is what it is.
+
+    ``accuracy``: relative, of the ``observable``: "velocity" or "displacement" (largest error over all samples and
+    bodies, over the largest magnitude), "contact_force", "peak_force" or "crossing_time" (of each contact, over its
+    own), "arrival" (of the front at the last body that it reaches) or "residence" (of each body). ``backend``: None for
+    the cheapest of those in the house; with LAMMPS named, LAMMPS' settings. A model predicts the settings from a coarse
+    run, and runs at two and more resolutions check and correct them, unless ``predict_only``. ``budget``: s of CPU that
+    the run may take. ``samples``: None for the scene's. ``tell`` is called with (done, total, label).
+
+    Raises UsageError where the accuracy cannot be had, with the floor, or not within the budget, with the accuracy that
+    it buys; UnsupportedScene where the backend cannot do the scene.
+
+    >>> import dem_bridge as db
+    >>> found = db.plan("accelerating-40", 1e-3, backend="verlet")
+    >>> run = db.solve("accelerating-40", backend=found.backend, **found.resolution)
+    >>> dict(found.resolution), 5e-4 < found.found_error < 1e-3, f"{found.units['rayleigh_time']:.3f}"
+    ({'dt': 2.67e-07}, True, '0.032')
+    """
+    from dem_bridge.planner import plan_for
+
+    if not isinstance(scene, Scene):
+        scene = load_scene(scene)
+    return plan_for(
+        scene,
+        accuracy,
+        name=backend,
+        observable=observable,
+        sampling=None if samples is None else Sampling(count=samples),
+        budget=budget,
+        predict_only=predict_only,
+        tell=tell,
+    )
 
 
 def verify(
@@ -229,7 +279,7 @@ def write_deck(
     ``lmp -in in.NAME`` there. ``style``: "granular" or "table"; settings as in :func:`solve`. All files appear or none.
     """
     from dem_bridge.backends.lammps import LammpsGranular
-    from dem_bridge.plan import resolution_for
+    from dem_bridge.plan_bars import resolution_for
 
     styles = [name.removeprefix("lammps-") for name in ENGINE_BACKENDS]
     if style not in styles:
@@ -259,6 +309,17 @@ def available() -> dict[str, Availability]:
             return Availability(False, str(error))
 
     return {name: of(name) for name in BACKENDS}
+
+
+def _planned(scene: Scene, settings: dict[str, object]) -> str:
+    """The backend that is the cheapest for the accuracy among the settings."""
+    from dem_bridge.planner import plan_for
+
+    accuracy, samples = settings.get("accuracy"), settings.get("samples")
+    if accuracy is None:
+        raise UsageError(f"backend = None; allowed: {', '.join(BACKENDS)}, or an accuracy from which one follows")
+    sampling = Sampling(count=scene.samples if samples is None else samples)  # type: ignore[arg-type]
+    return plan_for(scene, checked_accuracy(accuracy), sampling=sampling).backend
 
 
 def _settings(

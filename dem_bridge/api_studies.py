@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,10 +35,11 @@ def study(
 ) -> Study:
     """Ask one of the questions that take many runs, such as "stability" or "horizon".
 
-    ``scene``: where the study is of one; some have one of their own, if none is named. ``folder``: where its page (``index.html``), tables, figures and JSON are
-    written (None: nowhere). ``jobs``, ``tell``, ``store``, ``fresh`` and which LAMMPS as in :func:`dem_bridge.verify`.
-    More settings are the study's own. The answer has ``answer`` (sentences), ``tables``, ``exhibits`` and
-    ``exit_code``. Raises UsageError for an unknown study or setting, and what the study raises.
+    ``scene``: where the study is of one; some have one of their own, if none is named. ``folder``: where its page
+    (``index.html``), tables, figures and JSON are written (None: nowhere). ``jobs``, ``tell``, ``store``, ``fresh`` and
+    which LAMMPS as in :func:`dem_bridge.verify`. More settings are the study's own. The answer has ``answer``
+    (sentences), ``tables``, ``exhibits`` and ``exit_code``. Raises UsageError for an unknown study or setting, and what
+    the study raises.
     """
     from dem_bridge.studies.catalogue import study_named, takes
 
@@ -62,3 +64,51 @@ def study(
 
         write_study(found, Path(folder))
     return found
+
+
+def minimal(
+    scene: Scene | str | Path,
+    accuracy: float = 0.01,
+    *,
+    observables: Sequence[str] = ("arrival", "residence", "peak_velocity", "peak_force"),
+    window: str = "passage",
+    jobs: int | None = None,
+    tell: Progress | None = None,
+    store: bool | str | Path = True,
+) -> Scene:
+    """The least scene that tells the same within ``accuracy``: without what the given one has and does not need.
+
+    What may go: gravity, precompression, walls, damping, drag, gaps, and forces other than Hertz' (n = 5/2 with the
+    same force at the largest overlap in their place); nothing is added, and masses, stiffnesses and start velocities
+    stay.
+    Each piece must stay within ``accuracy`` alone, and all that go must together, against the scene as given; where an
+    error bar straddles the accuracy the piece stays. Runs are the reference's.
+
+    ``observables``: relative changes of the "arrival" at the last body; of the "residence" time and the "peak_velocity"
+    of the worst body and the "peak_force" of the worst contact, as the front passes them; and of the "velocity" of any
+    body at any sample, until the front is at the end. In ``window`` "passage" nothing that comes back from an end
+    counts, nor, in chains of more than 7 bodies, do the last two bodies, which feel what stands behind them; so a wall
+    behind a long chain is left out. With "whole" all bodies, the largest forces and the whole duration count.
+    ``jobs``, ``tell`` and ``store`` as in :func:`dem_bridge.verify`.
+
+    Answers with the scene itself where nothing can go; else with one named ``NAME.least``, whose description says what
+    went. Raises UsageError for another setting, UnsupportedScene where no impulse runs through the chain.
+
+    >>> import dem_bridge as db
+    >>> light = db.minimal("decelerating-40-on-base")
+    >>> light.name, light.wall_right, light.description.split("; ")[1]
+    ('decelerating-40-on-base.least', None, 'without the base, at 1 %')
+    """
+    from dem_bridge.studies.ladder import least_scene
+
+    if not isinstance(scene, Scene):
+        scene = load_scene(scene)
+    return least_scene(
+        scene,
+        accuracy=accuracy,
+        observables=observables,
+        window=window,
+        jobs=jobs,
+        tell=tell,
+        store=Store.opened(store),
+    )

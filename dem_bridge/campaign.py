@@ -29,7 +29,7 @@ from dem_bridge.store import Store, run_key
 from dem_bridge.trajectory import Trajectory
 
 #: s of one core for a body and step, roughly, and for bodies to a power where steps are not known beforehand
-_PER_STEP = {"lammps-granular": 6e-8, "lammps-table": 6e-8, "verlet": 4e-9, "ase": 1e-6}
+_PER_STEP = {"lammps-granular": 6e-8, "lammps-table": 6e-8, "verlet": 4e-9, "blanes-moan": 2.4e-8, "ase": 1e-6}
 _PER_BODIES = {"reference": (2e-4, 2.0), "scipy": (0.06, 1.35)}
 #: error bars of a fixed step take so many more runs
 _BARS = 5
@@ -66,7 +66,7 @@ class Case:
             factor, power = _PER_BODIES[self.backend]
             return factor * float(bodies**power)
         steps = self.scene.duration / dt if dt else 1e5
-        runs = 1 + _BARS * (self.backend == "verlet" and self.resolution.bars)
+        runs = 1 + _BARS * (self.backend in ("verlet", "blanes-moan") and self.resolution.bars)
         return 0.05 + runs * _PER_STEP.get(self.backend, 0.0) * bodies * steps
 
 
@@ -162,6 +162,18 @@ def run_cases(
     if tell is not None:
         tell(len(cases), len(cases), "")
     return tuple(_as_of(case, found[one]) for case, one in zip(cases, same, strict=True))
+
+
+def run_groups(
+    groups: Sequence[Sequence[Case]],
+    *,
+    jobs: int | None = 1,
+    tell: Progress | None = None,
+    store: Store | None = None,
+) -> list[tuple[Result, ...]]:
+    """As :func:`run_cases`, all groups together; the results of each group."""
+    results = iter(run_cases([case for group in groups for case in group], jobs=jobs, tell=tell, store=store))
+    return [tuple(next(results) for _ in group) for group in groups]
 
 
 def _run_all(

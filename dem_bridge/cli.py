@@ -25,6 +25,7 @@ from dem_bridge.cli_options import (
     scene_names,
     step_option,
 )
+from dem_bridge.cli_plan import plan_command
 from dem_bridge.cli_studies import study as study_group
 from dem_bridge.errors import DemBridgeError, UnsupportedScene
 from dem_bridge.files import check_file, write_whole
@@ -33,7 +34,10 @@ if TYPE_CHECKING:
     from dem_bridge.trajectory import Trajectory
 
 #: named again here so that --help needs no backend; a test holds the two together
-BACKENDS = ("lammps-granular", "lammps-table", "verlet", "reference", "scipy", "ase", "ode45", "bca", "adiabatic")
+BACKENDS = (
+    "lammps-granular", "lammps-table", "verlet", "blanes-moan", "reference", "scipy", "ase", "ode45", "bca",
+    "adiabatic",
+)  # fmt: skip
 
 
 class _Group(click.Group):
@@ -120,7 +124,9 @@ def scenes(as_json: bool) -> None:
 
 @main.command()
 @scene_argument
-@click.option("--backend", required=True, type=click.Choice(BACKENDS), help="Which code solves the scene.")
+@click.option(
+    "--backend", type=click.Choice(BACKENDS), help="Which code; with an accuracy, by default the cheapest for it."
+)
 @step_option
 @accuracy_option
 @click.option("--rtol", type=float, metavar="R", help="Relative tolerance of scipy and ode45.")
@@ -132,7 +138,7 @@ def scenes(as_json: bool) -> None:
 @click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
 def run(
     scene: str,
-    backend: str,
+    backend: str | None,
     dt: float | None,
     accuracy: float | None,
     rtol: float | None,
@@ -148,12 +154,14 @@ def run(
     as_json: bool,
 ) -> None:
     """Solve SCENE with one backend and print what was found, with error bars."""
+    if backend is None and accuracy is None:
+        raise click.UsageError("Missing option '--backend', or an '--accuracy' from which it follows.")
     if output is not None:
         check_file(output)
     asked: dict[str, Any] = {"dt": dt, "accuracy": accuracy, "rtol": rtol, "atol": atol, "samples": samples}
     asked |= {"geometry": geometry, "types": types, "lmp": lmp, "lmp_args": lmp_args, "python": python, "ranks": ranks}
     settings = {key: value for key, value in asked.items() if value is not None}
-    with terminal.fraction(f"{scene} by {backend}"):
+    with terminal.fraction(f"{scene} by {backend or 'the cheapest backend'}"):
         result = dem_bridge.solve(scene, backend=backend, **settings)
     _warn(result)
     if output is not None:
@@ -162,6 +170,8 @@ def run(
     if as_json:
         click.echo(json.dumps(summary, indent=1, allow_nan=False))
         return
+    if backend is None:
+        click.echo(f"{'chosen as the cheapest':30} {summary['backend']} (why: dem-bridge plan)")
     for key, value in summary.items():
         if key not in ("settings", "versions"):
             click.echo(f"{key.replace('_', ' '):30} {f'{value:.7g}' if isinstance(value, float) else value}")
@@ -265,6 +275,7 @@ def doctor(as_json: bool, lmp: str | None, lmp_args: str | None, python: str | N
 
 
 main.add_command(study_group)
+main.add_command(plan_command(BACKENDS))
 
 
 def _warn(run: Trajectory) -> None:

@@ -12,7 +12,7 @@ import click
 
 import dem_bridge
 from dem_bridge import cli_terminal as terminal
-from dem_bridge.cli_options import jobs_option, scene_argument, step_option
+from dem_bridge.cli_options import engine_options, jobs_option, scene_argument, scene_names, step_option
 
 
 def _asked(command: Callable[..., None]) -> Callable[..., None]:
@@ -100,3 +100,75 @@ def styles(
         if folder is not None:
             click.echo(f"written: {folder / 'styles.png'} and, beside it, styles.csv and styles.json")
     sys.exit(found.exit_code)
+
+
+@study.command()
+@scene_argument
+@click.option("--accuracy", type=float, metavar="A", help="What models may be off, relative.  [default: 0.01]")
+@click.option(
+    "--observable",
+    "observables",
+    multiple=True,
+    metavar="O",
+    help="arrival, residence, peak_velocity, peak_force, velocity; can be repeated.  [default: all but velocity]",
+)
+@click.option("--window", metavar="W", help='"passage" of the front, or "whole" run.  [default: passage]')
+@click.option("--dashpot", type=float, metavar="C", help="Supposed in contacts without damping, N s/m.  [default: 1]")
+@click.option("--spread", type=float, metavar="DEG", help="Standard deviation of angles that scatter.  [default: 0.5]")
+@click.option("--draws", type=int, metavar="N", help="Chains with such angles.  [default: 3]")
+@click.option("--no-numerics", is_flag=True, help="Ask about the physics alone.")
+@engine_options
+@_asked
+def ladder(observables: tuple[str, ...], no_numerics: bool, **settings: Any) -> None:
+    """Say what SCENE requires: each piece of physics and each numerical choice left out, and the least model."""
+    _answer("ladder", observables=observables or None, numerics=False if no_numerics else None, **settings)
+
+
+@study.command("rule-of-thumb")
+@click.argument("scene", required=False, shell_complete=scene_names)
+@engine_options
+@_asked
+def rule_of_thumb(scene: str | None, folder: Path | None, as_json: bool, **settings: Any) -> None:
+    """Judge steps of 5, 10, 20 and 40 % of the Rayleigh time, on SCENE or on every shipped one."""
+    _answer("rule-of-thumb", scene=scene, folder=folder, as_json=as_json, **settings)
+
+
+@study.command("work-precision")
+@scene_argument
+@click.option("--limit", type=float, metavar="S", help="Longest wall time of one run, s.  [default: 5]")
+@click.option("--repeats", type=int, metavar="N", help="Timed calls of each setting, at most.  [default: 3]")
+@click.option("-b", "--backend", "backends", multiple=True, metavar="NAME", help="One of them only; can be repeated.")
+@engine_options
+@_asked
+def work_precision(scene: str, folder: Path | None, as_json: bool, backends: tuple[str, ...], **settings: Any) -> None:
+    """Error of SCENE against cost, for every backend and each of its knobs, one run at a time."""
+    _answer("work-precision", scene=scene, folder=folder, as_json=as_json, backends=backends or None, **settings)
+
+
+@study.command()
+@click.argument("scene", required=False, shell_complete=scene_names)
+@click.option(
+    "--gain", type=float, metavar="X", help="Growth of the energy in motion that is called unstable.  [default: 1]"
+)
+@click.option("--points", type=int, metavar="N", help="Scenes in each family.  [default: 7]")
+@engine_options
+@_asked
+def stability(scene: str | None, folder: Path | None, as_json: bool, **settings: Any) -> None:
+    """Largest stable and largest accurate steps of velocity-Verlet, for SCENE (decelerating-40) and four families."""
+    _answer("stability", scene=scene, folder=folder, as_json=as_json, **settings)
+
+
+@study.command()
+@scene_argument
+@click.option("--duration", type=float, metavar="S", help="Of the runs that are compared, s.  [default: the scene's]")
+@step_option
+@click.option(
+    "--steps", type=int, metavar="N", help="Of the twin's long run.  [default: as many as the duration takes]"
+)
+@click.option("--nudges", type=int, metavar="N", help="Runs with inputs moved by 1e-10.  [default: 8]")
+@click.option("--seed", type=int, metavar="N", help="Of the first nudge; the next have the next.  [default: 0]")
+@engine_options
+@_asked
+def horizon(scene: str, folder: Path | None, as_json: bool, **settings: Any) -> None:
+    """How long single velocities of SCENE can be trusted, and what holds beyond: conserved quantities, statistics."""
+    _answer("horizon", scene=scene, folder=folder, as_json=as_json, **settings)

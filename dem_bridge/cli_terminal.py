@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from dem_bridge.planner import Plan
     from dem_bridge.scene import Scene
     from dem_bridge.studies.exhibits import Paper, Study
     from dem_bridge.studies.scatter import ScatterStudy
@@ -108,6 +109,40 @@ def print_scatter(found: ScatterStudy) -> None:
         f" {100 * force[-1]:.2f} % (largest)",
     ):
         _console().print(line, markup=False)
+
+
+def print_plan(found: Plan, scene: str) -> None:
+    """The answer, what it was predicted and found to do, and why; ``scene`` as it was asked for."""
+    settings = ", ".join(f"{key} = {value}" for key, value in found.resolution.items()) or "nothing to set"
+
+    def numbers(error: float | None, cost: float | None) -> str:
+        told = [f"error {error:.2g}"] if error is not None else []
+        return ", ".join(told + ([f"{cost:.2g} s of CPU"] if cost is not None else []))
+
+    rows = {
+        "wanted": f"{found.accuracy:g} of {found.observable} on {found.scene}",
+        "backend": f"{found.backend}, {settings}",
+        "predicted": f"{numbers(found.model_error, found.model_cost)} (by the model alone)",
+        "found": numbers(found.found_error, found.found_cost) or "nothing was run",
+    }
+    if found.steps:
+        rows["steps"] = f"{found.steps}" + (
+            f", {found.force_evaluations} evaluations of the forces" if found.force_evaluations else ""
+        )
+    if found.units:
+        names = {"rayleigh_time": "of the Rayleigh time", "contact_time": "of the Hertz contact time"}
+        parts = [f"{100 * x:.3g} % {names.get(key, f'of {key}')}" for key, x in found.units.items() if key != "dt"]
+        rows["step taken"] = ", ".join([f"{found.units['dt']:.6g} s", *parts])
+    words = " ".join(f"--{key} {value}" for key, value in found.resolution.items())
+    if set(found.resolution) <= {"dt", "rtol", "samples"}:
+        rows["run it by"] = f"dem-bridge run {scene} --backend {found.backend} {words}".rstrip()
+    else:
+        given = "".join(f", {key}={value!r}" for key, value in found.resolution.items())
+        rows["run it by"] = f"db.solve({scene!r}, backend={found.backend!r}{given})"
+    for key, value in rows.items():
+        _console().print(f"{key:10} {value}", markup=False, soft_wrap=True)
+    for reason in found.reasons:
+        _console().print(f"why: {reason}", markup=False, soft_wrap=True)
 
 
 def print_study(found: Study) -> None:

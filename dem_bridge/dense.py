@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import polynomial as poly
@@ -113,27 +113,52 @@ def extremes(
     for all) those of a contact at rest. The force at a peak is the run's own at the nearer sample, carried to the peak
     by the law's power, so that a wrong stiffness in the run shows in it; ``laws``: by these in place of powers.
     """
-    n_contact = overlap.shape[1]
     peak_force = np.max(force, axis=0)
-    crossing = np.full(n_contact, np.nan)
     touching = np.maximum(overlap[:-1], overlap[1:]) > resolution
     moved = np.maximum(np.abs(acceleration[:-1]), np.abs(acceleration[1:])) >= resting
     turning = (rate[:-1] > 0.0) & (rate[1:] <= 0.0) & touching & moved
     rows, contacts = np.nonzero(turning)
-    if len(rows) == 0:
+    turns = Turns(
+        contacts,
+        time[rows],
+        np.asarray(time[rows + 1] - time[rows], dtype=np.float64),
+        *(np.stack((one[rows, contacts], one[rows + 1, contacts])) for one in (overlap, rate, acceleration, force)),
+    )
+    return at_turns(turns, peak_force, exponent=exponent, resolution=resolution, laws=laws)
+
+
+class Turns(NamedTuple):
+    """Where contacts turn from closing to opening: the dense samples before and after each, in the order of time."""
+
+    contact: NDArray[np.int64]
+    """(n_turn,)."""
+    time: NDArray[np.floating[Any]]
+    """(n_turn,), s: of the sample before."""
+    width: Floats
+    """(n_turn,), s: from there to the sample after."""
+    overlap: Floats
+    """(2, n_turn), m: before and after, as all below."""
+    rate: Floats
+    acceleration: Floats
+    force: Floats
+
+
+def at_turns(
+    turns: Turns, largest: Floats, *, exponent: Floats, resolution: float = 0.0, laws: Contacts | None = None
+) -> tuple[Floats, Floats]:
+    """As :func:`extremes`, where the turns are known; ``largest (n_contact,)``: force of the dense samples, N."""
+    peak_force, crossing = largest.copy(), np.full(len(largest), np.nan)
+    deep = np.flatnonzero(np.max(turns.overlap, axis=0, initial=-np.inf) > resolution)
+    if len(deep) == 0:
         return peak_force, crossing
-    width = np.asarray(time[rows + 1] - time[rows], dtype=np.float64)
-
-    def ends(values: Floats) -> tuple[Floats, Floats]:
-        return values[rows, contacts], values[rows + 1, contacts]
-
-    polynomial = _quintic(ends(overlap), ends(rate), ends(acceleration), width)
+    contacts, time, width, overlap, rate, acceleration, force = (np.asarray(one)[..., deep] for one in turns)
+    polynomial = _quintic((overlap[0], overlap[1]), (rate[0], rate[1]), (acceleration[0], acceleration[1]), width)
     where = _turning_point(polynomial)
     top = np.zeros_like(where)
     for coefficient in polynomial[::-1]:
         top = top * where + coefficient
-    nearer = np.where(where < 0.5, rows, rows + 1)
-    beside = overlap[nearer, contacts]
+    first = where < 0.5
+    beside = np.where(first, overlap[0], overlap[1])
     compressed = (top > resolution) & (beside > 0.0)
     ratio = np.where(compressed, top / np.where(compressed, beside, 1.0), 0.0)
     if laws is None:
@@ -141,9 +166,8 @@ def extremes(
     else:
         told = laws.force(np.where(compressed, beside, 0.0), contacts)
         grown = np.divide(laws.force(np.maximum(top, 0.0), contacts), told, out=ratio, where=told > 0.0)
-    at_peak = force[nearer, contacts] * grown
-    np.maximum.at(peak_force, contacts, at_peak)
-    when = time[rows] + where * width
+    np.maximum.at(peak_force, contacts, np.where(first, force[0], force[1]) * grown)
+    when = time + where * width
     for contact, moment in zip(contacts[compressed][::-1], when[compressed][::-1], strict=True):
         crossing[contact] = moment  # backwards in time, so that the first one stays
     return peak_force, crossing

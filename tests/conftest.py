@@ -35,6 +35,17 @@ os.environ["DEM_BRIDGE_STORE"] = ""
 Solve = Callable[..., Trajectory]
 
 
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Where tests run in several processes, a file is one's, and so is a folder whose tests share runs."""
+    if not config.pluginmanager.hasplugin("xdist"):
+        return
+    for item in items:
+        where = item.path.parent if (item.path.parent / "conftest.py").exists() else item.path
+        if item.path.parent == Path(__file__).parent:
+            where = item.path  # what all tests share is made in each process
+        item.add_marker(pytest.mark.xdist_group(str(where)))
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     if item.get_closest_marker("lammps") is None:
         return

@@ -25,14 +25,14 @@ LAYERS = {
     1: ("errors", "accuracy", "progress", "version"),
     2: ("physics", "files", "compiled", "checked"),
     3: ("scene", "contacts", "geometry"),
-    4: ("lmp", "scene_file", "scene_forms", "scene_physical", "scene_text", "trajectory", "dense"),
+    4: ("lmp", "scene_file", "scene_forms", "scene_physical", "scene_text", "timescales", "trajectory", "dense"),
     5: ("backends", "observables"),
     6: ("compare", "campaign", "store"),
-    7: ("verdict", "plan", "extrapolate", "doctor"),
+    7: ("verdict", "plan_bars", "planner", "plan_options", "plan_check", "plan_predict", "extrapolate", "doctor"),
     8: ("studies",),
     9: ("report",),
     10: ("api", "api_studies"),
-    11: ("cli", "cli_options", "cli_studies", "cli_terminal"),
+    11: ("cli", "cli_options", "cli_plan", "cli_studies", "cli_terminal"),
 }
 
 #: imports within a layer, each with its reason
@@ -40,6 +40,9 @@ SIDEWAYS = {
     ("cli", "cli_terminal"): "what a terminal shows is apart from what is asked",
     ("cli", "cli_options"): "options that commands share are written once",
     ("cli", "cli_studies"): "the commands of a group are apart",
+    ("cli", "cli_plan"): "... and so is the planner's",
+    ("cli_plan", "cli_options"): "... it shares the options",
+    ("cli_plan", "cli_terminal"): "... and the terminal",
     ("cli_studies", "cli_options"): "... and share the options",
     ("cli_studies", "cli_terminal"): "... and the terminal",
     ("scene", "contacts"): "a scene gives its contacts as arrays",
@@ -49,6 +52,11 @@ SIDEWAYS = {
     ("scene_physical", "scene_forms"): "bodies are given as tables",
     ("lmp", "dense"): "a deck dumps at the steps of a Schedule",
     ("campaign", "store"): "what was run before is not run again",
+    ("planner", "plan_options"): "a plan is one of the options",
+    ("planner", "plan_check"): "... checked by runs",
+    ("planner", "plan_predict"): "... and told in the units of its prediction",
+    ("plan_options", "plan_predict"): "options are predicted",
+    ("plan_options", "plan_check"): "... with the settings that checks look for",
     ("accuracy", "errors"): "an accuracy that is none is a UsageError",
 }
 
@@ -160,7 +168,7 @@ def test_only_the_report_draws_and_fills_pages(library: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("library", "where"), [("click", {"cli", "cli_options", "cli_studies"}), ("rich", {"cli_terminal"})]
+    ("library", "where"), [("click", {"cli", "cli_options", "cli_plan", "cli_studies"}), ("rich", {"cli_terminal"})]
 )
 def test_only_the_command_line_speaks_to_terminals(library: str, where: set[str]) -> None:
     assert _importers(library) == where

@@ -15,6 +15,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -159,6 +160,7 @@ BACKENDS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "lammps-granular": ("dem_bridge.backends.lammps", "LammpsGranular"),
         "lammps-table": ("dem_bridge.backends.lammps", "LammpsTable"),
         "verlet": ("dem_bridge.backends.verlet", "Verlet"),
+        "blanes-moan": ("dem_bridge.backends.blanes_moan", "BlanesMoan"),
         "reference": ("dem_bridge.backends.reference", "Reference"),
         "scipy": ("dem_bridge.backends.scipy_dop853", "ScipyDop853"),
         "ase": ("dem_bridge.backends.ase_verlet", "AseVerlet"),
@@ -195,16 +197,29 @@ def backend(name: str, engine: Engine | None = None) -> Backend:
 
 def birth_certificate(backend: Named, scene: Scene, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Provenance common to all backends: what was run, with which settings and versions. JSON-able."""
-    import platform
-    from importlib.metadata import version
-
-    packages = {name: version(name) for name in ("dem-bridge", "numpy", "scipy", "numba")}
     return {
         "backend": backend.name,
         "equations": backend.equations,
         "scene": scene.name,
         "scene_hash": scene.content_hash,
         "settings": dict(settings),
-        "versions": packages | {"python": platform.python_version()},
-        "machine": f"{platform.system()} {platform.machine()}",
+        "versions": dict(_versions()),
+        "machine": _machine(),
     }
+
+
+@cache
+def _versions() -> dict[str, str]:
+    # read once: it is longer than a short run
+    import platform
+    from importlib.metadata import version
+
+    packages = {name: version(name) for name in ("dem-bridge", "numpy", "scipy", "numba")}
+    return packages | {"python": platform.python_version()}
+
+
+@cache
+def _machine() -> str:
+    import platform
+
+    return f"{platform.system()} {platform.machine()}"

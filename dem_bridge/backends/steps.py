@@ -71,6 +71,14 @@ def radius_of(scene: Scene, resolution: Resolution, look: Survey) -> float:
     return 0.5 * scene.spacing
 
 
+def check_finite(code: Named, scene: Scene, plan: Schedule, velocity: NDArray[np.float64]) -> None:
+    """RunBroken where velocities are not finite."""
+    if not np.all(np.isfinite(velocity)):
+        raise RunBroken(
+            f"{code.name} on {scene.name}: velocities are not finite; dt = {plan.step:g} s is beyond stability"
+        )
+
+
 class Dense(NamedTuple):
     """A run at its dense samples: ``(n_dense, n_body + 1)``, the last column the walls, at rest; overlap and force
     ``(n_dense, n_contact)``."""
@@ -82,6 +90,11 @@ class Dense(NamedTuple):
     force: NDArray[np.float64]
     farthest: float = 0.0
     """m: the largest coordinate that the run subtracts from another for its overlaps; 0: none beyond displacements."""
+
+
+def touching_in_flight(farthest: float) -> float:
+    """Overlap, m, that is no collision: bodies that fly in touch overlap by the last digit of their way."""
+    return 4.0 * math.ulp(farthest)
 
 
 def peaks_and_crossings(
@@ -103,8 +116,7 @@ def peaks_and_crossings(
         exponent=c.exponent,
         resting=resting_acceleration(scene),
         laws=c if scene.law is not None else None,
-        # bodies that fly in touch overlap by the last digit of their way: that is no collision
-        resolution=4.0 * math.ulp(max(dense.farthest, float(np.max(np.abs(dense.displacement))))),
+        resolution=touching_in_flight(max(dense.farthest, float(np.max(np.abs(dense.displacement))))),
     )
     if scene.damped:
         peak_force = np.where(c.damping > 0.0, damped_peaks(**seen, contacts=c), peak_force)
@@ -125,19 +137,38 @@ def read_off(
 
     Raises RunBroken where velocities are not finite.
     """
-    if not np.all(np.isfinite(dense.velocity)):
-        raise RunBroken(
-            f"{code.name} on {scene.name}: velocities are not finite; dt = {plan.step:g} s is beyond stability"
-        )
+    check_finite(code, scene, plan, dense.velocity)
     peak_force, crossing = peaks_and_crossings(scene, plan, dense)
     keep = slice(None, None, plan.subdivisions)
-    return Trajectory(
-        time=Sampling(count=plan.samples).times(scene.duration),
+    return answer(
+        code,
+        scene,
+        plan,
+        settings,
+        began=began,
+        evaluations=evaluations,
         displacement=dense.displacement[keep, :-1],
         velocity=dense.velocity[keep, :-1],
         contact_force=dense.force[keep],
         peak_force=peak_force,
         crossing_time=crossing,
+    )
+
+
+def answer(
+    code: Named,
+    scene: Scene,
+    plan: Schedule,
+    settings: Mapping[str, Any],
+    *,
+    began: tuple[float, float],
+    evaluations: int,
+    **found: NDArray[np.float64],
+) -> Trajectory:
+    """As :func:`read_off`, where all that a trajectory has is ``found``."""
+    return Trajectory(
+        time=Sampling(count=plan.samples).times(scene.duration),
+        **found,
         uncertainty=UNKNOWN,
         cost=Cost(
             wall=time.perf_counter() - began[0],

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution
+from dem_bridge.backends.splitting import Tables
 from dem_bridge.backends.steps import Dense, radius_of
 from dem_bridge.backends.survey import Survey, survey
-from dem_bridge.backends.twin import Tables, solve_dense
+from dem_bridge.backends.twin import solve_dense
 from dem_bridge.dense import Schedule, schedule
 from dem_bridge.lmp.coefficients import laws, line_order, pairs
 from dem_bridge.lmp.encoding import body_types

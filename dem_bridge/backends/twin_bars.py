@@ -13,8 +13,7 @@ in it. On the paper's chains it predicts LAMMPS' to 1 %; three times it is taken
 *Tables.* The twin with LAMMPS' tables beside the twin with the laws themselves, at the same step; where a law is a
 function, the twin's own interpolation of it beside one with half as many cells.
 
-*Touches.* Where a contact turns so near to touch that the twins cannot tell whether it does, nothing is said of its first
-compression, and what such a touch could do is added to the bars: all twins may pass by it alike.
+*Touches* that all twins may pass by alike: :mod:`.touches`.
 
 *Sampling.* Peaks and crossings from every second dense sample beside those from all, see :mod:`dem_bridge.dense`.
 
@@ -34,19 +33,12 @@ from numpy.typing import NDArray
 from dem_bridge.backends.bars import Answer, apart, not_below_the_median
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.curves import CELLS
-from dem_bridge.backends.steps import Dense, fixed_step_plan, order_on, peaks_and_crossings
+from dem_bridge.backends.splitting import EXACT, Tables
+from dem_bridge.backends.steps import fixed_step_plan, order_on, peaks_and_crossings
 from dem_bridge.backends.survey import Survey
-from dem_bridge.backends.twin import EXACT, Tables, solve_dense, solve_plan
-from dem_bridge.dense import (
-    CROSSING_ERROR,
-    MOST_STEPS,
-    PEAK_ERROR,
-    PHASE_PER_DENSE_SAMPLE,
-    Approaches,
-    Schedule,
-    approaches,
-    rivals,
-)
+from dem_bridge.backends.touches import Misses, too_brief, turns_of
+from dem_bridge.backends.twin import solve_dense, solve_plan
+from dem_bridge.dense import CROSSING_ERROR, MOST_STEPS, PEAK_ERROR, Schedule, rivals
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale
 
@@ -86,54 +78,31 @@ def twins_of(
         ratios = INCOMMENSURATE
     if plan.steps > min(ratios) * MOST_STEPS:
         return None
-    others, turns = {}, {}
-    for ratio in ratios:
-        other = fixed_step_plan(scene, Resolution(dt=ratio * plan.step), Sampling(count=plan.samples), look)
-        others[other.step / plan.step], seen = solve_dense(scene, other, 0.0)
-        turns[other.step / plan.step] = _turns(scene, other, seen)
+    plans = [
+        fixed_step_plan(scene, Resolution(dt=ratio * plan.step), Sampling(count=plan.samples), look) for ratio in ratios
+    ]
     positional, dense = solve_dense(scene, plan, radius, tables or EXACT)
     thinned = peaks_and_crossings(scene, plan, dense, every=2)
     return Twins(
         plan=plan,
         order=order_on(scene),
         own=own or solve_plan(scene, plan),
-        others=others,
+        others={one.step / plan.step: solve_plan(scene, one) for one in plans},
         positional=positional,
         tabled=None if tables is None else solve_plan(scene, plan, tables=tables),
         halved=solve_plan(scene, plan, cells=CELLS // 2) if scene.law is not None else None,
         thinned=thinned,
         rivals=rivals(dense.force),
-        unresolved=_unresolved(scene, plan, dense, positional),
-        misses=Misses(scene=scene, seen=_turns(scene, plan, dense), others=turns),
+        unresolved=too_brief(scene, plan, dense, positional),
+        misses=Misses(
+            scene=scene,
+            seen=turns_of(scene, plan, dense),
+            others=lambda: {
+                one.step / plan.step: turns_of(scene, one, solve_dense(scene, one, 0.0)[1]) for one in plans
+            },
+        ),
         summed=summed,
     )
-
-
-def _turns(scene: Scene, plan: Schedule, dense: Dense) -> Approaches:
-    """Where open contacts turn in a run on the steps of ``plan``."""
-    c, v, a = scene.contacts, dense.velocity, dense.acceleration
-    return approaches(
-        time=plan.dense_steps * plan.step,
-        overlap=dense.overlap,
-        rate=v[:, c.left] - v[:, c.right],
-        acceleration=a[:, c.left] - a[:, c.right],
-    )
-
-
-def _unresolved(scene: Scene, plan: Schedule, dense: Dense, run: Answer) -> NDArray[np.bool_]:
-    """Contacts, ``(n_contact,)``, whose first compression is too brief for the step: with n < 2 a contact is the
-    stiffer the less deep it is, so that no step is small enough for the first motions ahead of a front."""
-    c, inverse_mass = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
-    known = np.flatnonzero(np.isfinite(run.crossing_time) & (c.exponent < 2.0))
-    found = np.zeros(scene.n_contact, dtype=bool)
-    if scene.law is None and len(known):
-        after = np.searchsorted(plan.dense_steps * plan.step, run.crossing_time[known])
-        after = np.clip(after, 1, len(plan.dense_steps) - 1)
-        deep = np.maximum(dense.overlap[after - 1, known], dense.overlap[after, known])
-        slope = (c.exponent - 1.0)[known] * c.stiffness[known] * np.maximum(deep, 1e-300) ** (c.exponent[known] - 2.0)
-        mobility = (inverse_mass[c.left] + inverse_mass[c.right])[known]
-        found[known] = plan.step**2 * slope * mobility > PHASE_PER_DENSE_SAMPLE**2
-    return found
 
 
 def last_digit(plan: Schedule) -> float:
@@ -146,46 +115,6 @@ def round_off_floor(scene: Scene, plan: Schedule, radius: float) -> float:
     own, positional = solve_plan(scene, plan), solve_plan(scene, plan, radius)
     speed = float(np.max(np.abs(own.velocity)))
     return float(apart(own, positional)["velocity"]) / speed if speed > 0.0 else 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Misses:
-    """Contacts that turned before they touched, and what a touch would have done."""
-
-    scene: Scene
-    seen: Approaches
-    """Of the twin in positions."""
-    others: Mapping[float, Approaches]
-    """Of those at other steps, by the ratio of their step."""
-
-    def widen(self, bars: dict[str, Any], run: Answer, order: int, rounding: float) -> None:
-        """``bars`` of ``run`` for touches that may be where no twin has one, in place; ``rounding``: of displacements,
-        m. Where some twins touch and some do not, their differences know it already."""
-        seen, c = self.seen, self.scene.contacts
-        doubt = [_safe(ratio, order) * _apart_by(seen, other) for ratio, other in self.others.items()]
-        deep = np.nan_to_num(seen.overlap + 2.0 * rounding + np.max(doubt, axis=0), nan=-1.0)
-        near = np.flatnonzero(deep > 0.0)
-        deep, at = deep[near], seen.contact[near]
-        bars["crossing_time"] = np.array(np.broadcast_to(bars["crossing_time"], c.left.shape))
-        bars["crossing_time"][at[~(seen.time[near] > run.crossing_time[at])]] = math.inf  # nan: never
-        force = c.force(deep, at)
-        np.maximum.at(bars["peak_force"], at, force)
-        inverse_mass = np.append(1.0 / np.array(self.scene.mass), 0.0)
-        brief = np.minimum(np.sqrt(8.0 * deep / np.maximum(seen.bend[near], 1e-300)), self.scene.duration)
-        kick = float(np.sum(force * brief * np.maximum(inverse_mass[c.left[at]], inverse_mass[c.right[at]])))
-        bars["velocity"] += kick
-        bars["displacement"] += kick * self.scene.duration
-
-
-def _apart_by(seen: Approaches, other: Approaches) -> NDArray[np.float64]:
-    """How much nearer or farther another run turned, m, for each of those ``seen``; nan where it did not."""
-    found = np.full(len(seen.contact), math.nan)
-    for k in np.unique(seen.contact):
-        mine, theirs = np.flatnonzero(seen.contact == k), np.flatnonzero(other.contact == k)
-        if len(theirs):
-            same = theirs[np.argmin(np.abs(seen.time[mine, None] - other.time[theirs]), axis=1)]
-            found[mine] = np.abs(seen.overlap[mine] - other.overlap[same])
-    return found
 
 
 def _safe(ratio: float, order: int) -> float:
@@ -217,6 +146,8 @@ class Twins:
     """Contacts whose first compression is briefer than the step; None: not looked for."""
     misses: Misses | None = None
     """Contacts that nearly touch, by the twin in positions and those at other steps; None: not looked for."""
+    thinning: float = THINNING
+    """Part of what every second dense sample changes that all of them may still miss."""
     summed: float | None = None
     """Of a code whose contact forces are running sums of net forces: all that is summed beside them, N."""
 
@@ -262,8 +193,8 @@ def with_bars(run: Trajectory, twins: Twins | None) -> Trajectory:
             bars[name] = bars[name] + TABLE_SAFETY * found[name]
     thin_peak, thin_crossing = twins.thinned
     lost = {
-        "peak_force": THINNING * np.abs(thin_peak - twins.positional.peak_force),
-        "crossing_time": THINNING * np.nan_to_num(np.abs(thin_crossing - twins.positional.crossing_time)),
+        "peak_force": twins.thinning * np.abs(thin_peak - twins.positional.peak_force),
+        "crossing_time": twins.thinning * np.nan_to_num(np.abs(thin_crossing - twins.positional.crossing_time)),
     }
     bars["peak_force"] += lost["peak_force"] + PEAK_ERROR * own.peak_force
     bars["crossing_time"] += lost["crossing_time"] + CROSSING_ERROR * plan.spacing
@@ -273,7 +204,8 @@ def with_bars(run: Trajectory, twins: Twins | None) -> Trajectory:
     if twins.unresolved is not None:
         bars["crossing_time"] = np.where(twins.unresolved, math.inf, bars["crossing_time"])
     if twins.misses is not None:
-        twins.misses.widen(bars, own, twins.order, REALISATIONS * float(rounding["displacement"]))
+        safe = {ratio: _safe(ratio, twins.order) for ratio in twins.others}
+        twins.misses.widen(bars, own, safe, REALISATIONS * float(rounding["displacement"]))
     if not plan.resolved:
         # all twins look too rarely, so their differences say nothing of what lies between the looks
         bars["peak_force"] = bars["crossing_time"] = math.inf

@@ -9,9 +9,10 @@ position is ever subtracted from another: what LAMMPS loses there is what the tw
 from __future__ import annotations
 
 from dem_bridge.backends.base import Availability, Resolution, Sampling
+from dem_bridge.backends.splitting import EXACT
 from dem_bridge.backends.steps import fixed_step_plan, radius_of
 from dem_bridge.backends.tabled import in_kernel, survey_of, tables_for
-from dem_bridge.backends.twin import EXACT, TWIN, solve_plan
+from dem_bridge.backends.twin import TWIN, solve_plan
 from dem_bridge.backends.twin_bars import twins_of, with_bars
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.observables.interpolate import FEWER, acceleration, bisected, hermite
+from dem_bridge.observables.interpolate import FEWER, acceleration, hermite, root_between
 from dem_bridge.physics.solitary import solitary_wave
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
@@ -135,7 +135,7 @@ def _maximum(
     trajectory: Trajectory, v: Floats, a: Floats, early: Floats, late: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """When each velocity has its maximum between two samples, its value, and how far four samples are from six."""
-    when = bisected(lambda when: hermite(trajectory, v, a, when, derivative=1), early, late)
+    when = root_between(lambda when: hermite(trajectory, v, a, when, derivative=1), early, late)
     value = hermite(trajectory, v, a, when)
     return when, value, np.abs(value - hermite(trajectory, v, a, when, nodes=FEWER))
 

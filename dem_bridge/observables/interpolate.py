@@ -25,6 +25,8 @@ Bracketed = Callable[[Floats], Floats]
 
 #: samples that carry a polynomial, and those that carry the coarser one
 NODES, FEWER = 6, 4
+#: halvings that leave one double between two
+_MOST_STEPS = 54
 
 
 def acceleration(scene: Scene, trajectory: Trajectory) -> Floats:
@@ -42,7 +44,12 @@ def acceleration(scene: Scene, trajectory: Trajectory) -> Floats:
 
 def spacing(trajectory: Trajectory) -> float:
     """Between samples, s. Raises UsageError where they are not evenly spaced."""
-    steps = np.diff(trajectory.time)
+    return _spacing(trajectory.time.tobytes())
+
+
+@functools.lru_cache(maxsize=64)
+def _spacing(times: bytes) -> float:
+    steps = np.diff(np.frombuffer(times))
     # times are multiples of the spacing, each rounded once
     if not np.all(np.abs(steps - steps[0]) <= 1e-9 * steps[0]):
         raise UsageError("the trajectory's samples are not evenly spaced; this observable needs Sampling's even times")
@@ -108,11 +115,27 @@ def state_at(scene: Scene, trajectory: Trajectory, when: Floats) -> tuple[Floats
     return np.maximum(x[:, c.left] - x[:, c.right] - c.gap, 0.0), v
 
 
-def bisected(function: Bracketed, low: Floats, high: Floats) -> Floats:
-    """Where each ``function(when)`` changes its sign from that at ``low``, to the last bit; ``(n,)`` all."""
-    start = function(low) > 0.0
-    for _ in range(54):
+def root_between(function: Bracketed, low: Floats, high: Floats) -> Floats:
+    """Where each ``function(when)`` changes its sign from that at ``low``, to the last digit; ``(n,)`` all.
+
+    By Ridders' method (1979, *IEEE Trans. Circuits Syst.* 26, 979), all roots at once: a fifth of the calls that
+    bisection takes. Where ``function`` has one sign on both sides it ends at ``high``.
+    """
+    at_low, at_high = function(low), function(high)
+    start, guess = at_low > 0.0, low
+    for _ in range(_MOST_STEPS):
         middle = 0.5 * (low + high)
-        same = (function(middle) > 0.0) == start
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    return 0.5 * (low + high)
+        at_middle = function(middle)
+        # the root of the exponential through three points; between the ends wherever these have opposite signs
+        inside = at_middle**2 - at_low * at_high
+        part = np.where(start, at_middle, -at_middle) / np.sqrt(np.where(inside > 0.0, inside, np.inf))
+        before, guess = guess, np.clip(middle + (middle - low) * part, np.minimum(low, high), np.maximum(low, high))
+        for place, value in ((middle, at_middle), (guess, function(guess))):
+            # a place beyond an end that has moved meanwhile says nothing new
+            between = (place - low) * (place - high) <= 0.0
+            same = (value > 0.0) == start
+            low, at_low = np.where(between & same, place, low), np.where(between & same, value, at_low)
+            high, at_high = np.where(between & ~same, place, high), np.where(between & ~same, value, at_high)
+        if np.all(np.abs(guess - before) <= 2.0 * np.spacing(np.abs(guess))):
+            break
+    return guess

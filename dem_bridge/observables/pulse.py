@@ -24,7 +24,7 @@ from dem_bridge.observables.front import (
     residence_bar,
     wave_speed_by_crossing,
 )
-from dem_bridge.observables.interpolate import bisected, hermite, require_forces, state_at
+from dem_bridge.observables.interpolate import hermite, require_forces, root_between, state_at
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
@@ -85,7 +85,7 @@ def pulse_width_by_force(scene: Scene, trajectory: Trajectory) -> PulseWidth:
         inside = np.clip(row, 0, len(time) - 1)
         outer, inner = time[inside], time[np.clip(row + other, 0, len(time) - 1)]
         inner = np.minimum(inner, peak_time) if other > 0 else np.maximum(inner, peak_time)
-        found = bisected(lambda when: force(when) - half, outer, inner)
+        found = root_between(lambda when: force(when) - half, outer, inner)
         return np.where(known & came, found, np.nan)
 
     rise, fall = edge(before, before >= 0, 1), edge(after, after < len(time), -1)

@@ -1,7 +1,7 @@
 """Draws any Exhibit from its data alone, and writes the same numbers as CSV.
 
-Colours are the Okabe-Ito set and cividis (legible for colour-blind readers); lines and markers also differ in form, and
-cividis rises evenly in lightness, so that a page printed in grey keeps its meaning. Every figure has the width of a
+Lines and marks are those of :mod:`.strokes`; maps have cividis, which colour-blind readers can tell and which rises
+evenly in lightness, so that a page printed in grey keeps its meaning. Every figure has the width of a
 page, so that a text of 10 points is read as such.
 """
 
@@ -11,7 +11,7 @@ import csv
 import io
 import re
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from itertools import groupby
 from typing import Any
@@ -21,15 +21,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
-from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
-from dem_bridge.backends.base import ENGINE_BACKENDS
+from dem_bridge.report.strokes import STYLES, style_of, style_on_map
 from dem_bridge.studies.exhibits import Exhibit, Map, Panel, Series
 
-BLACK, BLUE, VERMILION, GREEN, PURPLE = "#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7"
-ORANGE, GREY = "#E69F00", "#7F7F7F"
 #: rises evenly in lightness, alike for all eyes; of either sign too, where a scale of two hues is two-valued in grey
 COLOURS = "cividis"
 #: inches; at 100 pixels to the inch the width of a page
@@ -39,31 +36,6 @@ _HEIGHT = {"map": 3.7, "series": 3.0}
 _LETTERS = 8.4
 #: marks along a line; more would run together
 _MARKS, _MARKS_ON_LINE = 24, 9
-
-_HOLLOW = {"markerfacecolor": "none", "markeredgewidth": 1.1}
-_CIRCLES = {"color": BLUE, "linestyle": "none", "marker": "o", "markersize": 4.5, **_HOLLOW}
-#: style of a Series -> how matplotlib draws it; no two are alike in grey, and marks at one place stand in each other
-STYLES: Mapping[str, Mapping[str, Any]] = {
-    **dict.fromkeys(ENGINE_BACKENDS, _CIRCLES),
-    "reference": {"color": BLACK, "linestyle": "-", "linewidth": 1.4},
-    "bca": {"color": VERMILION, "linestyle": "--", "linewidth": 1.5, "marker": "s", "markersize": 7.0, **_HOLLOW},
-    "adiabatic": {"color": PURPLE, "linestyle": "-.", "linewidth": 1.7, "marker": "^", "markersize": 10.0, **_HOLLOW},
-    "ode45": {"color": GREEN, "linestyle": "none", "marker": "x", "markersize": 4.5},
-    "fit": {"color": ORANGE, "linestyle": ":", "linewidth": 2.4, "zorder": 4},
-    "guide": {"color": GREY, "linestyle": (0, (9, 3)), "linewidth": 1.2},
-}
-_OTHER: Mapping[str, Any] = {"color": GREY, "linestyle": "-", "linewidth": 1.2}
-#: on a map a line is thin, for it must not hide the front that it stands beside, and black or white, for colours and
-#: greys are the map's; its edge is of the other, so that it is seen on either
-_ON_MAP: Mapping[str, Mapping[str, Any]] = {
-    name: {
-        "color": ink,
-        "linestyle": dash,
-        "linewidth": 1.1,
-        "path_effects": [withStroke(linewidth=2.4, foreground="black" if ink == "white" else "white")],
-    }
-    for name, ink, dash in (("bca", "black", "--"), ("adiabatic", "white", "-."), ("", "white", "-"))
-}
 
 
 def drawn(exhibit: Exhibit) -> Figure:
@@ -77,7 +49,8 @@ def drawn(exhibit: Exhibit) -> Figure:
     heights = [max(_height(panels[at]) for at in row) for row in rows]
     page = WIDTH if columns > 1 else 0.6 * WIDTH
     layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08)
-    figure = Figure(figsize=(page, sum(heights) + 0.5), layout=layout)
+    rows_of_names = -(-len(_names(panels)) // _names_in_row(_names(panels), page))
+    figure = Figure(figsize=(page, sum(heights) + 0.5 + 0.2 * max(0, rows_of_names - 2)), layout=layout)
     if not rows:
         return figure
     grid = figure.add_gridspec(len(rows), columns, height_ratios=heights)
@@ -90,8 +63,11 @@ def drawn(exhibit: Exhibit) -> Figure:
         for line in panel.series:
             _draw_series(ax, line, on_map=panel.map is not None)
         _dress(ax, panel, page / columns)
+    rowed = [ax for ax, panel in zip(axes, panels, strict=True) if panel.rows]
+    for ax in rowed:  # one x axis for all
+        ax.set_xlim(min(one.get_xlim()[0] for one in rowed), max(one.get_xlim()[1] for one in rowed))
     for group in _groups(panels):
-        lines = [at for at in group if panels[at].map is None]
+        lines = [at for at in group if panels[at].map is None and not panels[at].rows]
         scale_together([axes[at] for at in lines], [panels[at] for at in lines])
     for row in rows:
         mapped = [at for at in row if at in images]
@@ -234,10 +210,12 @@ def _draw_map(ax: Axes, one: Map, limits: tuple[float, float]) -> Any:
 
 
 def _draw_series(ax: Axes, line: Series, *, on_map: bool) -> None:
-    style = dict(STYLES.get(line.style, _OTHER))
+    style = style_of(line.style)
     n = len(line.x)
     if on_map:
-        style = dict(_ON_MAP.get(line.style, _ON_MAP[""]))
+        style = style_on_map(line.style)
+    elif line.style.startswith("curve/") or line.style == "below":
+        pass  # each point is a setting of its own
     elif style["linestyle"] == "none":
         every = max(1, -(-n // _MARKS))
         # two sets of marks that agree stand beside each other, not on top
@@ -268,13 +246,18 @@ def _dress(ax: Axes, panel: Panel, inches: float) -> None:
         )
     ax.set(xlabel=panel.x_label, ylabel=panel.y_label)
     xs = [line.x for line in panel.series] + ([panel.map.x] if panel.map is not None else [])
-    if panel.log and all(_decades(values) is not None for values in (xs, [line.y for line in panel.series])):
+    if panel.rows:
+        ax.set(xscale="log", ylim=(len(panel.rows) - 0.5, -0.5))
+        ax.set_yticks(range(len(panel.rows)), [textwrap.shorten(name, 44, placeholder=" ...") for name in panel.rows])
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    elif panel.log and all(_decades(values) is not None for values in (xs, [line.y for line in panel.series])):
         ax.set(xscale="log", yscale="log")
         for axis, values in ((ax.xaxis, xs), (ax.yaxis, [line.y for line in panel.series])):
             decades = _decades(values) or 0.0
             subs = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if decades < 1.3 else (1.0, 2.0, 5.0) if decades < 2.3 else (1.0,)
             axis.set_major_locator(LogLocator(subs=subs))
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            wide = LogFormatterMathtext() if decades >= 3.0 else FuncFormatter(lambda value, _: f"{value:g}")
+            axis.set_major_formatter(wide)
             axis.set_minor_formatter(NullFormatter())
     else:
         whole = bool(xs) and all(np.array_equal(x, np.round(x)) for x in xs)
@@ -302,12 +285,11 @@ def _legend(figure: Figure, axes: Iterable[Axes]) -> None:
             thinned |= line.get_linestyle() == "None" and isinstance(every, tuple) and every[1] > 1
     if not entries:
         return
-    widest = max(map(len, entries))
     figure.legend(
         list(entries.values()),
         list(entries),
         loc="outside upper center",
-        ncols=max(1, min(len(entries), int(10.0 * figure.get_figwidth()) // (widest + 7))),
+        ncols=_names_in_row(entries, figure.get_figwidth()),
         frameon=False,
         handlelength=3.4,
         title="circles and crosses: not all points are marked" if thinned else None,
@@ -315,8 +297,21 @@ def _legend(figure: Figure, axes: Iterable[Axes]) -> None:
     )
 
 
+def _names(panels: Sequence[Panel]) -> set[str]:
+    return {line.label for panel in panels for line in panel.series}
+
+
+def _names_in_row(names: Collection[str], width: float) -> int:
+    """Of a legend in a figure that many inches wide."""
+    widest = max(map(len, names), default=0)
+    return max(1, min(len(names), int(10.0 * width) // (widest + 7)))
+
+
 def _height(panel: Panel) -> float:
-    return _HEIGHT["map" if panel.map is not None else "series"] + 0.17 * len(panel.notes)
+    if panel.rows:
+        return 1.0 + 0.3 * len(panel.rows) + 0.17 * len(panel.notes)
+    height = _HEIGHT["map" if panel.map is not None else "series"]
+    return (1.5 if panel.tall else 1.0) * height + 0.17 * len(panel.notes)
 
 
 def _groups(panels: Sequence[Panel]) -> list[list[int]]:

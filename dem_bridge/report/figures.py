@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.backends.steps import order_on
 from dem_bridge.observables.front import arrival_by_crossing, residence_by_crossing, wave_speed_by_crossing
-from dem_bridge.report.exhibits import BLACK, BLUE, GREEN, STYLES, VERMILION, drawn
+from dem_bridge.report.exhibits import drawn
+from dem_bridge.report.strokes import BLACK, BLUE, GREEN, STYLES, VERMILION
 from dem_bridge.scene import Scene
 from dem_bridge.studies.checks import REFERENCE, THEORY, TWIN
 from dem_bridge.studies.exhibits import Exhibit, Map, Panel, Series

@@ -10,10 +10,12 @@ import json
 import os
 import platform
 from collections import Counter
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -80,14 +82,13 @@ def report_files(found: Verification, store: Store | None = None) -> dict[str, s
     ``store``: where pictures are kept, so that none is drawn twice.
     """
     record = as_json(found)
+    numbers = {one.id: csv_texts(one) for one in (found.paper.exhibits if found.paper else ())}
     files = {
-        "index.html": render(found, record, store),
+        "index.html": render(found, record, store, numbers={id: tuple(texts) for id, texts in numbers.items()}),
         "verdicts.json": json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n",
     }
-    if found.paper is not None:
-        for one in found.paper.exhibits:
-            files |= {f"figures/{name}": text for name, text in csv_texts(one).items()}
-        files |= {f"tables/{one.id}.csv": one.as_csv() for one in found.paper.tables}
+    files |= {f"figures/{name}": text for texts in numbers.values() for name, text in texts.items()}
+    files |= {f"tables/{one.id}.csv": one.as_csv() for one in (found.paper.tables if found.paper else ())}
     return files
 
 
@@ -142,8 +143,13 @@ def provenance(found: Verification) -> dict[str, Any]:
     }
 
 
-def render(found: Verification, record: dict[str, Any], store: Store | None = None) -> str:
-    """The page as text."""
+def render(
+    found: Verification,
+    record: dict[str, Any],
+    store: Store | None = None,
+    numbers: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
+) -> str:
+    """The page as text. ``numbers``: the files of each exhibit, by its name."""
     environment = Environment(
         loader=PackageLoader("dem_bridge.report", "templates"),
         undefined=StrictUndefined,
@@ -157,7 +163,6 @@ def render(found: Verification, record: dict[str, Any], store: Store | None = No
         "claimed": lambda outcome: CLAIMED[outcome],
         "digits": lambda claimed: digits_of(claimed.value, claimed.uncertainty),
         "shown": partial(_shown, store=store),
-        "files": csv_texts,
         "number": number,
         "numeric": numeric,
         "picture": picture,
@@ -171,6 +176,7 @@ def render(found: Verification, record: dict[str, Any], store: Store | None = No
         found=found,
         record=record,
         paper=paper,
+        numbers=numbers,
         title=title(found),
         budget=next((one for one in tables if one.id == "budget"), None),
         tables=[one for one in tables if one.id != "budget"],

@@ -15,7 +15,15 @@ from dem_bridge.errors import UsageError
 from dem_bridge.studies.exhibits import Study
 
 #: name -> (module, function)
-STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType({})
+STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "ladder": ("dem_bridge.studies.ladder_study", "study_ladder"),
+        "work-precision": ("dem_bridge.studies.work_precision.study", "study_work_precision"),
+        "rule-of-thumb": ("dem_bridge.studies.rule_of_thumb", "study_rule_of_thumb"),
+        "stability": ("dem_bridge.studies.stability.study", "study_stability"),
+        "horizon": ("dem_bridge.studies.horizon.study", "study_horizon"),
+    }
+)
 #: settings that every study has
 COMMON = ("scene", "engine", "jobs", "tell", "store")
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
@@ -118,6 +118,10 @@ class Panel:
     """Both axes logarithmic."""
     notes: tuple[str, ...] = ()
     """Short lines to stand in the panel."""
+    rows: tuple[str, ...] = ()
+    """Names of the places 0, 1, ... on the y axis, the first on top; the x axis is then logarithmic."""
+    tall: bool = False
+    """Half as high again as others."""
     shares_scale_with: tuple[int, ...] = ()
     """Places of panels of the same figure with the same colour scale, or without map the same y axis."""
 
@@ -196,6 +200,8 @@ class Study:
     interrupted: bool = False
     """Whether it was stopped before its end: it has what was finished until then."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    files: Mapping[str, Callable[[], str | bytes]] = field(default_factory=dict)
+    """More files beside its page: name -> what makes the content, asked for only where files are written."""
 
     @property
     def exit_code(self) -> int:

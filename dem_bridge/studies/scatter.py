@@ -20,6 +20,7 @@ from dem_bridge.geometry import Geometry
 from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.physics.hertz import crossed_cylinders
 from dem_bridge.scene import Scene
+from dem_bridge.scene_physical import rounded
 from dem_bridge.scene_physical import scattered as turned_by_chance
 from dem_bridge.store import Store
 from dem_bridge.studies.checks import REFERENCE
@@ -98,7 +99,7 @@ def scattered(scene: Scene, *, spread: float, seed: int) -> Scene:
         body = geometry.bodies[k + 1]
         angles[k] = angle = max(angle, LEAST_ANGLE)
         found = crossed_cylinders(angle=angle, radius=body.radius, law=geometry.law, **body.material.elastic).stiffness
-        stiffness[k] = float(f"{found:.12g}")
+        stiffness[k] = rounded(found)
     return replace(
         scene,
         name=f"{scene.name}.scatter-{spread:g}-{seed}",

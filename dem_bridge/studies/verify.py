@@ -28,7 +28,7 @@ from dem_bridge.campaign import Case, Progress, Result, run_cases
 from dem_bridge.compare import difference
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.plan import resolution_for
+from dem_bridge.plan_bars import resolution_for
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store, study_key
 from dem_bridge.studies import checks
@@ -111,13 +111,16 @@ def verify_scenes(
             cases += cases_of(scene, accuracy, engine, store)
         except (RunBroken, UnsupportedScene, UsageError) as error:  # this scene's, not the others'
             lost[scene.name] = hopeless(scene, error)
+            if isinstance(error, UsageError):
+                cases.append(beyond(scene, engine))
     results = run_cases(cases, jobs=jobs, tell=tell, store=store)
-    studies = tuple(
-        lost.get(scene.name) or study_of(scene, tuple(r for r in results if r.case.scene.name == scene.name), accuracy)
-        for scene in scenes
-    )
+    studies = []
+    for scene in scenes:
+        mine = tuple(r for r in results if r.case.scene.name == scene.name)
+        found = lost.get(scene.name)
+        studies.append(study_of(scene, mine, accuracy) if found is None else with_conserved(found, mine, accuracy))
     notes = (store.trouble,) if store is not None and store.trouble else ()
-    return Verification(studies=studies, accuracy=accuracy, wall=time.perf_counter() - began, notes=notes)
+    return Verification(studies=tuple(studies), accuracy=accuracy, wall=time.perf_counter() - began, notes=notes)
 
 
 def check_jobs(jobs: object) -> None:
@@ -138,6 +141,20 @@ def hopeless(scene: Scene, error: RunBroken | UnsupportedScene | UsageError) -> 
         sentence=f"{error}.",
     )
     return SceneStudy(scene=scene, results=(), verdicts=(verdict,), ladder={})
+
+
+def beyond(scene: Scene, engine: Engine | None = None) -> Case:
+    """The one run of a scene whose velocities no step decides (beyond their horizon none does): at the default step."""
+    judged, sampling = engine_for(scene), Sampling(count=scene.samples)
+    return Case(scene=scene, backend=judged, resolution=Resolution(bars=False), sampling=sampling, engine=engine)
+
+
+def with_conserved(study: SceneStudy, results: tuple[Result, ...], accuracy: float) -> SceneStudy:
+    """A scene without verdicts on velocities with those on what is conserved, from the run of :func:`beyond`."""
+    runs = [one.trajectory for one in results if one.trajectory is not None]
+    # the default step is made for the default accuracy, and no other was to be had
+    made = [v for run in runs for v in checks.conserved(study.scene, run, max(accuracy, DEFAULT_ACCURACY))]
+    return replace(study, verdicts=(*study.verdicts, *made))
 
 
 def cases_of(

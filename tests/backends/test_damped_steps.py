@@ -15,15 +15,14 @@ from numpy.typing import NDArray
 
 import dem_bridge as db
 from dem_bridge.accuracy import observed_order
-from dem_bridge.backends import twin as twin_code
-from dem_bridge.backends import twin_bars
+from dem_bridge.backends import splitting, twin_bars
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.survey import survey
 from dem_bridge.campaign import Case
 from dem_bridge.lmp import deck as deck_module
 from dem_bridge.observables.conserved import energy, energy_parts, momentum
 from dem_bridge.physics.exact import DashpotCollision, dashpot_collision
-from dem_bridge.plan import resolution_for
+from dem_bridge.plan_bars import resolution_for
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, Trajectory
 from tests.conftest import Solve
@@ -345,13 +344,13 @@ def test_what_begins_later_ends_later(scene: Scene, solved: Solve) -> None:
 
 # faults
 
-SOURCE = inspect.getsource(twin_code.integrate.py_func)
+SOURCE = inspect.getsource(splitting.integrate.py_func)
 RATE = "rate = v[left[k]] - v[right[k]]"
 #: what is written in the twin -> what is planted, and the scene on which it must show
 TWIN_FAULTS: dict[str, tuple[str, str, str]] = {
     "the velocity of the full step": (
         RATE,
-        "rate = v[left[k]] + kick[left[k]] * net[left[k]] - v[right[k]] - kick[right[k]] * net[right[k]]",
+        "rate = v[left[k]] + 0.5 * push[left[k]] * net[left[k]] - v[right[k]] - 0.5 * push[right[k]] * net[right[k]]",
         "Kuwabara-Kono",
     ),
     "a force that pulls": (
@@ -371,7 +370,7 @@ def _planted(monkeypatch: pytest.MonkeyPatch, old: str, new: str) -> None:
     assert old in SOURCE, f"the twin's source has changed: {old!r} is not in it"
     names: dict[str, Any] = {"np": np}
     exec(SOURCE.replace(old, new).split("\n", 1)[1], names)
-    monkeypatch.setattr(twin_code, "integrate", names["integrate"])
+    monkeypatch.setattr(splitting, "integrate", names["integrate"])
 
 
 @pytest.mark.lammps

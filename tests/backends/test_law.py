@@ -402,6 +402,7 @@ def test_who_cannot_do_laws_says_so_in_one_line_and_names_who_can() -> None:
     assert [name for name, reason in refusals.items() if reason is None] == [
         "lammps-table",
         "verlet",
+        "blanes-moan",
         "reference",
         "scipy",
     ]

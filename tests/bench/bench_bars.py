@@ -23,7 +23,7 @@ from tests.random_scenes import COUNT, random_scene, random_truth, shortest_cont
 
 #: part of the shortest contact time that is taken as the step
 FRACTIONS = (1 / 25, 1 / 50, 1 / 100)
-FIXED_STEP = ("verlet", "lammps-granular")
+FIXED_STEP = ("verlet", "lammps-granular", "blanes-moan")
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import dem_bridge as db
 from dem_bridge.errors import UsageError
-from dem_bridge.observables.interpolate import acceleration, bisected, hermite, require_forces, spacing, state_at
+from dem_bridge.observables.interpolate import acceleration, hermite, require_forces, root_between, spacing, state_at
 from dem_bridge.scene import Scene, Wall
 from tests.fakes import free_flight
 from tests.observables.waves import travelling_wave
@@ -114,11 +114,18 @@ def test_walls_are_bodies_at_rest_in_the_state() -> None:
     assert overlap[0] == pytest.approx([0.0, 0.0, 1.0 - 0.55, 3 * 0.55 - 1.0], abs=100 * EPS)
 
 
-def test_bisection_finds_each_root_from_either_side() -> None:
+@pytest.mark.parametrize("power", [1, 5], ids=["straight", "flat at the root"])
+def test_each_root_is_found_from_either_side(power: int) -> None:
     root = np.array([0.1, 0.7, 0.5])
     sign = np.array([1.0, -1.0, 1.0])
-    found = bisected(lambda x: sign * (x - root), np.zeros(3), np.ones(3))
-    assert found == pytest.approx(root, abs=EPS)
+    for low, high in ((np.zeros(3), np.ones(3)), (np.ones(3), np.zeros(3))):
+        found = root_between(lambda x: sign * ((x - root) ** power + 1e-3 * (x - root)), low, high)
+        assert found == pytest.approx(root, abs=2 * EPS)
+
+
+def test_where_nothing_changes_its_sign_the_far_end_is_the_root() -> None:
+    found = root_between(lambda x: np.array([1.0, -1.0]) + 0.0 * x, np.zeros(2), np.ones(2))
+    assert found == pytest.approx([1.0, 1.0], abs=2 * EPS)
 
 
 def test_uneven_samples_are_refused() -> None:

@@ -18,8 +18,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from dem_bridge.backends.base import ENGINE_BACKENDS
+from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.report.exhibits import STYLES, colour_limits, csv_texts, drawn, png
+from dem_bridge.report.strokes import style_of
 from dem_bridge.studies.exhibits import Exhibit, Map, Panel, Series
 
 X = np.arange(1.0, 41.0)
@@ -142,6 +143,50 @@ def test_no_two_styles_are_told_apart_by_colour_alone() -> None:
     assert len(set(forms)) == len(forms)
 
 
+CURVES = (
+    *(f"curve/{name}" for name in BACKENDS),
+    *(f"curve/{name}/richardson" for name in ("lammps-granular", "verlet")),
+    "curve/lammps-granular/physical",
+    "curve/ode45/both",
+)
+COST = tuple(
+    Series(label=f"{style.removeprefix('curve/')} of some", style=style, x=X[:9] * 10.0**-at, y=X[:9] ** -4.0)
+    for at, style in enumerate(CURVES)
+)
+
+
+def test_no_two_curves_of_many_codes_are_told_apart_by_colour_alone() -> None:
+    styles = [style_of(name) for name in CURVES]
+    filled = [style["markerfacecolor"] == style["color"] for style in styles]
+    forms = [(style["marker"], str(style["linestyle"]), full) for style, full in zip(styles, filled, strict=True)]
+    assert len(set(forms)) == len(forms)
+    # a code that nobody has named here is drawn nevertheless, and each code has a mark of its own
+    assert len({style_of(f"curve/{name}")["marker"] for name in (*BACKENDS, "new")}) == len(BACKENDS) + 1
+
+
+def test_the_front_is_behind_all_and_goes_down_where_the_next_is_paid_for() -> None:
+    front = Series(label="Pareto front", style="front", x=X[:3], y=np.array([1e-2, 1e-4, 1e-6]))
+    below = Series(label="less, not known", style="below", x=X[2:3], y=np.array([1e-6]))
+    figure = drawn(_exhibit(_panel("(a)", series=(front, *COST, below), log=True)))
+    lines = figure.axes[0].get_lines()
+    assert lines[0].get_drawstyle() == "steps-post"
+    assert lines[0].get_zorder() < min(line.get_zorder() for line in lines[1:])
+    assert lines[-1].get_zorder() > max(line.get_zorder() for line in lines[:-1])
+    # every point of a curve is a setting of its own: none goes unmarked
+    assert {line.get_markevery() for line in lines[1:]} == {None}
+
+
+def test_a_tall_panel_keeps_its_height_under_a_legend_of_many_rows() -> None:
+    def height(*, tall: bool, names: int) -> float:
+        figure = drawn(_exhibit(*(_panel(at, series=COST[:names], log=True, tall=tall) for at in "ab")))
+        FigureCanvasAgg(figure).draw()
+        return float(figure.axes[0].get_window_extent().height)
+
+    low, high, many = height(tall=False, names=2), height(tall=True, names=2), height(tall=True, names=len(COST))
+    assert high > 1.5 * low
+    assert many == pytest.approx(high, rel=0.1)  # rows of names are not a whole fifth of an inch
+
+
 def test_the_colours_of_maps_rise_in_lightness_so_that_grey_keeps_their_order() -> None:
     figure = drawn(FULL)
     image = _axes(figure)[0].collections[0]
@@ -162,9 +207,14 @@ def _beyond(ax: Axes) -> list[Text]:
     return found
 
 
-@pytest.mark.parametrize(("columns", "power"), [(1, 1.2), (2, 0.01), (2, 0.6), (3, 2.5)])
-def test_no_text_overlaps_another_or_leaves_the_page(columns: int, power: float) -> None:
-    steep = _panel("(d) steep", series=(_line("reference", X**power), _line("guide", 2.0 * X**power)), log=True)
+STEEP = tuple(
+    (columns, _panel("(d) steep", series=(_line("reference", X**power), _line("guide", 2.0 * X**power)), log=True))
+    for columns, power in ((1, 1.2), (2, 0.01), (2, 0.6), (3, 2.5))
+)
+
+
+@pytest.mark.parametrize(("columns", "steep"), [*STEEP, (2, _panel("(d) many", series=COST, log=True, tall=True))])
+def test_no_text_overlaps_another_or_leaves_the_page(columns: int, steep: Panel) -> None:
     figure = drawn(replace(FULL, columns=columns, panels=(*FULL.panels[:3], steep)))
     canvas = FigureCanvasAgg(figure)
     canvas.draw()

@@ -163,7 +163,8 @@ DASHPOT = Damping(law="dashpot", coefficient=1.0)
         # errors of both orders, with different signs: 0.86 over all, but on its way to 1
         ({"damping": DASHPOT}, lambda h: h - 0.035 * h**2, Outcome.NOT_RUN, "no asymptotic range"),
     ],
-    ids=str,
+    # the name of a function without a name is another in each process
+    ids=lambda one: "error" if callable(one) else str(one),
 )
 def test_the_order_is_two_and_of_forces_that_depend_on_velocities_one(
     changes: dict[str, Any], errors: Callable[[float], float], outcome: Outcome, words: str
@@ -323,7 +324,8 @@ def test_a_scene_that_the_twin_cannot_do_is_not_run_with_the_reason_and_the_othe
         ({"damping": Damping(law="dashpot", coefficient=1.0)}, {"momentum"}),
         ({"drag": 1.0}, set()),
     ],
-    ids=str,
+    # the order of a set is another in each process
+    ids=lambda one: "-".join(sorted(one)) or "none",
 )
 def test_only_what_a_scene_conserves_is_asked_of_its_runs(changes: dict[str, Any], quantities: set[str]) -> None:
     # the run itself does not matter here
@@ -335,3 +337,29 @@ def test_only_what_a_scene_conserves_is_asked_of_its_runs(changes: dict[str, Any
 def test_cases_name_what_they_run() -> None:
     case = Case(scene=SHORT, backend=TWIN, resolution=Resolution(dt=1e-8), sampling=Sampling(count=5))
     assert case.label == "short: verlet at dt = 1e-08 s"
+
+
+def test_where_no_step_decides_velocities_what_is_conserved_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beyond a horizon: one UNDECIDED on velocities with the reason, and verdicts on momentum and energy."""
+
+    def none(*_: Any) -> None:
+        raise UsageError("accuracy = 1e-13 on short cannot be had")
+
+    asked: list[Case] = []
+
+    def run(cases: list[Case], **_: Any) -> tuple[Result, ...]:
+        asked.extend(cases)
+        return (Result(case=cases[0], trajectory=made),)
+
+    monkeypatch.setattr("dem_bridge.studies.verify.cases_of", none)
+    monkeypatch.setattr("dem_bridge.studies.verify.run_cases", run)
+    made = db.solve(SHORT, backend=TWIN, bars=False)
+    found = verify_scenes([SHORT], accuracy=1e-13)
+    assert [(case.backend, case.resolution.bars) for case in asked] == [(ENGINE, False)]
+    assert [(v.quantity, v.outcome) for v in found.verdicts] == [
+        ("velocity", Outcome.UNDECIDED), ("momentum", Outcome.PASS), ("energy", Outcome.PASS),
+    ]  # fmt: skip
+    assert found.exit_code == 4
+    # planted: a run that loses a part in 10,000 of its energy
+    made = replace(made, velocity=made.velocity * np.linspace(1.0, 1.0 - 5e-5, len(made.time))[:, None])
+    assert verify_scenes([SHORT], accuracy=1e-13).exit_code == 1

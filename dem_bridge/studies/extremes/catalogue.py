@@ -19,9 +19,9 @@ from dem_bridge.scene import Scene, Wall
 from dem_bridge.scene_file import load_scene
 from dem_bridge.studies.extremes.entry import (
     BETA,
-    MASS,
     ENGINE,
     FIXED_STEP,
+    MASS,
     SPEED,
     Entry,
     chain,

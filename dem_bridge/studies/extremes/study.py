@@ -14,7 +14,7 @@ from dem_bridge.errors import DemBridgeError, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store
-from dem_bridge.studies.exhibits import Exhibit, Map, Panel, Study, Table
+from dem_bridge.studies.exhibits import Study
 from dem_bridge.studies.extremes.catalogue import catalogue
 from dem_bridge.studies.extremes.entry import Entry, expectation
 from dem_bridge.studies.extremes.judge import Expected, Finding, Standard, Word, judge, outcome

@@ -11,10 +11,11 @@ from dem_bridge.physics.hertz import crossed_cylinders, sphere_on_cylinder
 from dem_bridge.studies.checks import REFERENCE
 from dem_bridge.studies.exhibits import Claim, ClaimValue
 from dem_bridge.studies.paper.claims import by, claim, decided, exact, heard, percent, printed, together
-from dem_bridge.studies.paper.effects import AS_IS, GRAVITY, observables, quartz_sphere
+from dem_bridge.studies.paper.effects import AS_IS, observables
 from dem_bridge.studies.paper.measures import Measure, inside
 from dem_bridge.studies.paper.runs import DECELERATING, MAIN, Runs
 from dem_bridge.studies.paper.validity import contact_validity
+from dem_bridge.studies.switches import GRAVITY, quartz_sphere
 from dem_bridge.verdict import Outcome
 
 #: what may be neglected, of any observable of the first passage
@@ -116,7 +117,10 @@ def _point_contact(runs: Runs) -> Claim:
             continue
         # without the striker's
         found = [contact_validity(scene, truth, k) for k in range(1, scene.n_body - 1)]
-        longest, beyond = max(one.over_half_height for one in found), [one for one in found if not one.holds[0]]
+        longest, beyond = (
+            max(one.over_half_height for one in found),
+            [one for one in found if one.over_half_height > 1.0],
+        )
         values.append(ClaimValue(name=f"semi-major axis over half-height, {name}", backend=REFERENCE, value=longest))
         words.append(f"at most {longest:.2f} in {name}")
         if beyond:

@@ -5,14 +5,14 @@ The claims are about the longer chains of 200 cylinders, struck by a cylinder th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from dem_bridge.observables.pulse import pulse_width_by_force, secondary_fronts
 from dem_bridge.observables.spectrum import cascade, frequency_spectrum, wavenumber_spectrum
 from dem_bridge.scene import Scene
-from dem_bridge.studies.exhibits import Claim
+from dem_bridge.studies.exhibits import Claim, ClaimValue
 from dem_bridge.studies.paper.claims import by, claim, decided, heard, percent, together
 from dem_bridge.studies.paper.claims_wave import KEPT, kept
 from dem_bridge.studies.paper.measures import Measure
@@ -37,18 +37,7 @@ def spectra(runs: Runs) -> Iterator[Claim]:
 
 
 def _single(runs: Runs) -> Claim:
-    values = [
-        heard(
-            runs,
-            name,
-            Measure(
-                name=f"further pulses at cylinder 50, {name}",
-                of=lambda s, r: float(secondary_fronts(s, r, 50).count),
-                made_of=(),
-            ),
-        )
-        for name in LONG
-    ]
+    values = _in_both(runs, "further pulses at cylinder 50", _further_pulses, made_of=())
     return claim(
         "single-front-200",
         "section 4b",
@@ -58,6 +47,17 @@ def _single(runs: Runs) -> Claim:
         f" {' and '.join(f'{by(v).value:.0f}' for v in values)}.",
         *values,
     )
+
+
+def _in_both(
+    runs: Runs, what: str, of: Callable[[Scene, Trajectory], float], made_of: tuple[str, ...] = ("velocity",)
+) -> list[tuple[ClaimValue, ...]]:
+    """One measure in each of the two long chains."""
+    return [heard(runs, name, Measure(name=f"{what}, {name}", of=of, made_of=made_of)) for name in LONG]
+
+
+def _further_pulses(scene: Scene, run: Trajectory) -> float:
+    return float(secondary_fronts(scene, run, 50).count)
 
 
 def _of_frequency(scene: Scene, run: Trajectory) -> float:
@@ -87,9 +87,8 @@ def _frequencies_fall(runs: Runs) -> Claim:
         "section 4b, figure 4b",
         "Where the stiffness falls, spectral energy shifts to lower frequencies along the chain.",
         decided(found, high=1.0 / CASCADES),
-        f"The centroid of the velocity's spectrum falls to {by(found).value:.3f} of its"
-        f" value{_parseval(runs, LONG[0])}."
-        f" Held below 1/{CASCADES:g}.",
+        f"The centroid of the velocity's spectrum falls to {by(found).value:.3f} of its value"
+        f"{_parseval(runs, LONG[0])}. Held below 1/{CASCADES:g}.",
         found,
     )
 
@@ -110,22 +109,14 @@ def _frequencies_rise(runs: Runs) -> Claim:
         "Where the stiffness rises, the energy spreads to a broader spectrum of frequencies.",
         decided(width, low=CASCADES),
         f"The spectrum gets {by(width).value:.3f} times as wide and its centroid {by(centroid).value:.3f} times as"
-        " high:"
-        f" it is scaled up as a whole more than it spreads. Held above {CASCADES:g} for the width.",
+        f" high: it is scaled up as a whole more than it spreads. Held above {CASCADES:g} for the width.",
         width,
         centroid,
     )
 
 
 def _wavenumbers(runs: Runs) -> Claim:
-    values = [
-        heard(
-            runs,
-            name,
-            Measure(name=f"wavenumber centroid, end over start, {name}", of=_of_wavenumber, made_of=("velocity",)),
-        )
-        for name in LONG
-    ]
+    values = _in_both(runs, "wavenumber centroid, end over start", _of_wavenumber)
     return claim(
         "wavenumbers-do-not",
         "section 4b, figures 4c and 4f",
@@ -144,14 +135,7 @@ def _width_kept(scene: Scene, run: Trajectory) -> float:
 
 
 def _width(runs: Runs) -> Claim:
-    values = [
-        heard(
-            runs,
-            name,
-            Measure(name=f"width of the pulse, end over start, {name}", of=_width_kept, made_of=("velocity",)),
-        )
-        for name in LONG
-    ]
+    values = _in_both(runs, "width of the pulse, end over start", _width_kept)
     return claim(
         "width-kept",
         "sections 4b and 5",
@@ -164,10 +148,7 @@ def _width(runs: Runs) -> Claim:
 
 
 def _kinetic(runs: Runs) -> Claim:
-    values = [
-        heard(runs, name, Measure(name=f"kinetic energy kept, {name}", of=kept("kinetic"), made_of=("velocity",)))
-        for name in LONG
-    ]
+    values = _in_both(runs, "kinetic energy kept", kept("kinetic"))
     return claim(
         "kinetic-energy-kept",
         "section 4b",

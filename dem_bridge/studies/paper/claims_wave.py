@@ -17,7 +17,7 @@ from dem_bridge.studies.paper.claims import by, claim, decided, heard, percent, 
 from dem_bridge.studies.paper.effects import ANCHORS, AS_IS
 from dem_bridge.studies.paper.measures import Measure
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, LONG, MAIN, MATCHED, Runs
-from dem_bridge.studies.paper.theories import FIRST, LAST, deviations
+from dem_bridge.studies.paper.theories import FIRST, LAST, deviation
 from dem_bridge.studies.scatter import ScatterStudy
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome
@@ -157,7 +157,7 @@ def _arrival(runs: Runs) -> Claim:
         values.append(found)
         away = by(found, "bca").value / by(found).value - 1.0
         own = by(found, "ode45").value / by(found).value - 1.0
-        worst = deviations(scene, theory, truth)["arrival"]
+        worst = deviation("arrival", scene, theory, truth)
         words.append(
             f"{name}: {percent(abs(away))} too {'late' if away > 0.0 else 'early'} at the last cylinder and"
             f" {percent(float(np.max(np.abs(worst))))} at the worst"
@@ -245,7 +245,7 @@ def _residence(runs: Runs) -> Claim:
             unit="s",
         )
         values.append(heard(runs, name, middle))
-        of_theory, of_code = (deviations(scene, run, truth)["residence time"] for run in (theory, other))
+        of_theory, of_code = (deviation("residence time", scene, run, truth) for run in (theory, other))
         first = float(residence_by_crossing(scene, theory)[0] / residence_by_crossing(scene, truth)[0])
         worst = float(np.max(np.abs(of_theory)))
         words.append(

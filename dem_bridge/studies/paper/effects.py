@@ -14,19 +14,23 @@ from functools import partial
 
 import numpy as np
 
-from dem_bridge.geometry import Geometry
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.bca import BinaryCollisions
 from dem_bridge.observables.front import residence_by_crossing
-from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.physics.hertz import crossed_cylinders, sphere_on_cylinder
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene import Damping, Scene
+from dem_bridge.scene_physical import rounded
 from dem_bridge.studies.exhibits import Table
+from dem_bridge.studies.switches import (
+    DASHPOT,
+    VISCOELASTIC,
+    angles_soften,
+    hertz_stiffness,
+    on_base,
+    quartz_sphere,
+    weighing,
+)
 from dem_bridge.trajectory import Trajectory
 
-GRAVITY = 9.81
-#: holds the chain together before the impact and does nothing else: N
-BARELY = 1e-6
-#: each takes about 0.6 % of the energy of one collision (c tau / mu with tau = 30 us, mu = 5 g): N s/m, and s
-DASHPOT, VISCOELASTIC = 1.0, 1e-8
 #: overlaps at which contacts with another exponent have the same force as Hertz', m: small and large ones of the wave
 ANCHORS = {"exponent-1um": 1e-6, "exponent-5um": 5e-6}
 #: kinds of terms. "supposed": physics whose numbers the paper does not give, so that its effect is that of our values
@@ -55,50 +59,9 @@ class Variant:
 
 def _passage(scene: Scene) -> float:
     """How long the first passage lasts, s, by eq. 3.3 to 3.7, with some more."""
-    arrival, velocity = 0.0, scene.velocity[0]
-    for k, beta in enumerate(scene.stiffness):
-        hit = two_body_collision(
-            masses=(scene.mass[k], scene.mass[k + 1]),
-            velocities=(velocity, 0.0),
-            stiffness=beta,
-            exponent=float(scene.contacts.exponent[k]),
-        )
-        arrival, velocity = arrival + hit.half_time, hit.exit_velocity[1]
-    return float(f"{min(PASSAGE * arrival, scene.duration):.3g}")
-
-
-def quartz_sphere(scene: Scene) -> float:
-    """Mass of a sphere of the cylinders' material and radius, kg: what the paper's striker should weigh."""
-    body = _geometry(scene).bodies[-1]
-    return float(f"{4.0 / 3.0 * math.pi * body.radius**3 * body.material.density:.12g}")
-
-
-def exact_stiffness(scene: Scene) -> tuple[float, ...]:
-    """Stiffness of each contact by the exact Hertz law at the angles that the paper's law asks for, N/m^1.5."""
-    geometry = _geometry(scene)
-    body = geometry.bodies[-1]
-    elastic = body.material.elastic
-    # the paper's striker has the radius of the cylinders
-    striker = sphere_on_cylinder(radius=body.radius, radius2=body.radius, **elastic).stiffness
-    between = [
-        crossed_cylinders(angle=angle, radius=body.radius, law="exact", **elastic).stiffness
-        for angle in geometry.angle[1:]
-        if angle is not None
-    ]
-    return tuple(float(f"{beta:.12g}") for beta in (striker, *between))
-
-
-def _geometry(scene: Scene) -> Geometry:
-    if scene.geometry is None:
-        raise ValueError(f"{scene.name} has no geometry; a scene in physical form has")
-    return scene.geometry
-
-
-def _with_exponent(scene: Scene, exponent: tuple[float, ...], anchor: float) -> Scene:
-    """Another exponent in each contact, with Hertz' force at the overlap ``anchor``, m."""
-    old = np.array(scene.exponent)
-    beta = np.array(scene.stiffness) * anchor ** (old - np.array(exponent))
-    return replace(scene, exponent=exponent, stiffness=tuple(float(f"{b:.12g}") for b in beta))
+    arrival = float(BinaryCollisions().run(scene, Resolution(), Sampling(count=1)).crossing_time[scene.n_body - 2])
+    # never, within the duration: nan, and the duration is the smaller
+    return float(f"{min(scene.duration, PASSAGE * arrival):.3g}")
 
 
 def _printed_end(scene: Scene) -> Scene:
@@ -106,20 +69,7 @@ def _printed_end(scene: Scene) -> Scene:
     beta = np.array(scene.stiffness[1:])
     soft, hard = float(beta.min()), float(beta.max())
     graded = hard - (hard - beta) * (hard - 4.68e9) / (hard - soft)
-    return replace(scene, stiffness=(scene.stiffness[0], *(float(f"{b:.12g}") for b in graded)))
-
-
-def _weighing(scene: Scene) -> Scene:
-    """Stacked on a base under gravity, in equilibrium before the impact."""
-    base = Wall(stiffness=scene.stiffness[-1])
-    return replace(scene, gravity=GRAVITY, wall_right=base, precompression=BARELY)
-
-
-def _angles_soften(scene: Scene, anchor: float) -> Scene:
-    """n from 2.5 at 90 degrees to 2.2 at the smallest angle, linear in the angle: the paper's own suspicion."""
-    angle = np.array([90.0 if a is None else a for a in _geometry(scene).angle])
-    low = float(angle.min())
-    return _with_exponent(scene, tuple(float(f"{n:.6g}") for n in 2.2 + 0.3 * (angle - low) / (90.0 - low)), anchor)
+    return replace(scene, stiffness=(scene.stiffness[0], *(rounded(b) for b in graded)))
 
 
 VARIANTS = (
@@ -128,7 +78,7 @@ VARIANTS = (
         id="exact-stiffness",
         kind=PHYSICS,
         what="stiffness by the exact Hertz law at the same angles, in place of eq. 3.1's approximation",
-        change=lambda s: replace(s, stiffness=(s.stiffness[0], *exact_stiffness(s)[1:])),
+        change=lambda s: replace(s, stiffness=(s.stiffness[0], *hertz_stiffness(s)[1:])),
     ),
     Variant(
         id="striker-mass",
@@ -140,7 +90,7 @@ VARIANTS = (
         id="striker-stiffness",
         kind=PARAMETER,
         what="beta_0 by the exact law (3.98253e9), in place of the printed 3.98e9",
-        change=lambda s: replace(s, stiffness=(exact_stiffness(s)[0], *s.stiffness[1:])),
+        change=lambda s: replace(s, stiffness=(hertz_stiffness(s)[0], *s.stiffness[1:])),
     ),
     Variant(
         id="printed-90-degrees",
@@ -158,13 +108,13 @@ VARIANTS = (
         id="gravity",
         kind=PHYSICS,
         what="the chain's own weight on a base, static compression solved for, in place of none",
-        change=_weighing,
+        change=weighing,
     ),
     Variant(
         id="base",
         kind=PHYSICS,
         what="a rigid base behind the last cylinder, in place of a free end",
-        change=lambda s: replace(s, wall_right=Wall(stiffness=s.stiffness[-1])),
+        change=on_base,
     ),
     Variant(
         id="dashpot",
@@ -192,7 +142,7 @@ VARIANTS = (
                 f"n falling from 2.5 at 90 degrees to 2.2 at 2 degrees, same force at {1e6 * anchor:g} um, in place"
                 f" of 2.5"
             ),
-            change=partial(_angles_soften, anchor=anchor),
+            change=partial(angles_soften, anchor=anchor),
         )
         for id, anchor in ANCHORS.items()
     ),

@@ -30,9 +30,8 @@ def pulses_table(runs: Runs, names: Iterable[str]) -> Table:
             f"By the reference, as the leading pulse passes the contact at {EARLY:g} and at {LATE:g} of the chain: full"
             " width at half force in bodies (solitary wave: 1.412), kinetic energy, shares of the chain's energy and"
             " momentum at that time (momentum above 1: what follows runs back), momentum that runs back; later maxima"
-            " of"
-            " the velocity of the body in the middle above 5 % of the first; wave speed at the end over that at the"
-            " start. Scenes with weight or precompression have no pulse apart from their chain."
+            " of the velocity of the body in the middle above 5 % of the first; wave speed at the end over that at"
+            " the start. Scenes with weight or precompression have no pulse apart from their chain."
         ),
         columns=(
             "scene",
@@ -56,28 +55,24 @@ def fits_table(runs: Runs, names: Iterable[str]) -> Table:
             "By the reference. Speed: V = (b1 + b2 i)^(1/n) fitted to bodies 3 to N-3, with the standard errors and the"
             " correlation of its covariance. Force: exponent of the peak force in the stiffness between both ends, its"
             " standard error (as if the residuals were scatter) and least and largest over other windows; none where"
-            " all"
-            " contacts are alike. Spectra: centroid over the last tenth of the way over that over the first, least and"
-            " largest with other shares."
+            " all contacts are alike. Spectra: centroid over the last tenth of the way over that over the first, least"
+            " and largest with other shares."
         ),
         columns=(
             "scene",
             "b1 ((m/s)^n)",
-            "its error",
+            "error of b1",
             "b2 ((m/s)^n)",
-            "its error ",
+            "error of b2",
             "correlation",
             "rms (%)",
             "force exponent",
-            "its error  ",
-            "least",
-            "largest",
-            "frequency ratio",
-            "least ",
-            "largest ",
-            "wavenumber ratio",
-            "least  ",
-            "largest  ",
+            "its error",
+            *(
+                text
+                for what in ("exponent", "frequency ratio", "wavenumber ratio")
+                for text in ([what] * (what != "exponent") + [f"least {what}", f"largest {what}"])
+            ),
         ),
         rows=tuple(_rows(runs, names, _fits)),
     )

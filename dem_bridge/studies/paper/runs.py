@@ -11,6 +11,7 @@ from dem_bridge.campaign import Case, Result
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
+from dem_bridge.scene_physical import rounded
 from dem_bridge.studies.checks import REFERENCE, SECOND, engine_for
 from dem_bridge.studies.paper.effects import VARIANTS
 from dem_bridge.trajectory import Trajectory
@@ -106,20 +107,20 @@ def quick(
 
 def variants() -> list[Case]:
     """The paper's chains with one thing changed."""
-    return quick([variant.of(load_scene(name)) for name in MAIN for variant in VARIANTS])
+    return quick([variant.of(scene) for scene in map(load_scene, MAIN) for variant in VARIANTS])
 
 
 def with_mass_gradient(scene: Scene, gamma: float) -> Scene:
     """Masses m_i = m (1 + gamma i) for i = 1, 2, ... (appendix A); the striker stays as it is."""
-    masses = (float(f"{scene.mass[1] * (1.0 + gamma * i):.12g}") for i in range(1, scene.n_body))
+    masses = (rounded(scene.mass[1] * (1.0 + gamma * i)) for i in range(1, scene.n_body))
     return replace(scene, name=f"{scene.name}.gamma{gamma:g}", mass=(scene.mass[0], *masses), geometry=None)
 
 
 def mass_gradients(engine: Engine | None = None) -> list[Case]:
     """Both chains under every mass gradient of figure 6, LAMMPS at every second one."""
     cases = []
-    for name in MAIN:
-        scenes = [with_mass_gradient(load_scene(name), gamma) for gamma in GRADIENTS]
+    for scene in map(load_scene, MAIN):
+        scenes = [with_mass_gradient(scene, gamma) for gamma in GRADIENTS]
         cases += quick(scenes, (REFERENCE, "ode45", "bca", "adiabatic"))
         cases += [replace(case, engine=engine) for case in quick(scenes[::2], ("lammps-granular",))]
     return cases
@@ -153,10 +154,8 @@ def steeper_taper(scene: Scene, ratio: float) -> Scene:
     return replace(
         scene,
         name=f"tapered-forward.{100.0 * (1.0 - ratio):.3g}-percent",
-        mass=tuple(float(f"{scene.mass[0] * r**3:.12g}") for r in radii),
-        stiffness=tuple(
-            float(f"{scene.stiffness[0] * (2.0 * r * s / (r + s)) ** 0.5:.12g}") for r, s in pairwise(radii)
-        ),
+        mass=tuple(rounded(scene.mass[0] * r**3) for r in radii),
+        stiffness=tuple(rounded(scene.stiffness[0] * (2.0 * r * s / (r + s)) ** 0.5) for r, s in pairwise(radii)),
         geometry=None,
     )
 

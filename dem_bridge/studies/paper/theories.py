@@ -6,7 +6,7 @@ theory misses (BCA minus reference) and what ode45 at MATLAB's default tolerance
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,21 +27,18 @@ LAST = 3
 NAMES = {"bca": "BCA", "adiabatic": "adiabatic wave", "ode45": "ode45"}
 
 
-def profiles(scene: Scene, run: Trajectory) -> dict[str, Floats]:
-    """Arrival, residence time, peak velocity and peak force along the chain, without both ends."""
-    inside = slice(FIRST, scene.n_body - LAST)
-    return {
-        "arrival": run.crossing_time[: scene.n_body - 1][inside],
-        "residence time": residence_by_crossing(scene, run)[FIRST - 1 : scene.n_body - LAST - 1],
-        "peak velocity": peak_velocity_of_front(scene, run).velocity[inside],
-        "peak force": run.peak_force[: scene.n_body - 1][inside],
-    }
+#: what is compared -> along the chain, a value for each body or contact
+PROFILES: Mapping[str, Callable[[Scene, Trajectory], Floats]] = {
+    "arrival": lambda scene, run: run.crossing_time[FIRST : scene.n_body - LAST],
+    "residence time": lambda scene, run: residence_by_crossing(scene, run)[FIRST - 1 : scene.n_body - LAST - 1],
+    "peak velocity": lambda scene, run: peak_velocity_of_front(scene, run).velocity[FIRST : scene.n_body - LAST],
+    "peak force": lambda scene, run: run.peak_force[FIRST : scene.n_body - LAST],
+}
 
 
-def deviations(scene: Scene, run: Trajectory, truth: Trajectory) -> dict[str, Floats]:
-    """Relative deviations of a run from the truth, body by body."""
-    mine, other = profiles(scene, run), profiles(scene, truth)
-    return {name: mine[name] / other[name] - 1.0 for name in mine}
+def deviation(what: str, scene: Scene, run: Trajectory, truth: Trajectory) -> Floats:
+    """Relative deviation of a run from the truth, body by body, in one of :data:`PROFILES`."""
+    return PROFILES[what](scene, run) / PROFILES[what](scene, truth) - 1.0
 
 
 def theories_table(runs: Runs, scenes: Iterable[str]) -> Table:
@@ -54,18 +51,18 @@ def theories_table(runs: Runs, scenes: Iterable[str]) -> Table:
         scene = runs.scenes[name]
         if scene.n_body < FIRST + LAST + 3 or scene.gravity or scene.precompression:
             continue
+        true = {what: profile(scene, truth) for what, profile in PROFILES.items()}
         for key, label in NAMES.items():
             run = runs.run(name, key)
             if run is None:
                 continue
-            found = deviations(scene, run, truth)
             numbers: list[float] = []
-            for one in found.values():
+            for what, profile in PROFILES.items():
+                one = profile(scene, run) / true[what] - 1.0
                 known = one[np.isfinite(one)]
                 worst = known[np.argmax(np.abs(known))] if known.size else np.nan
                 numbers += [100.0 * float(np.median(known)) if known.size else np.nan, 100.0 * float(worst)]
             rows.append((name, label, *numbers))
-    what = ("arrival", "residence time", "peak velocity", "peak force")
     return Table(
         id="theories",
         title="Theories beside the reference",
@@ -76,7 +73,7 @@ def theories_table(runs: Runs, scenes: Iterable[str]) -> Table:
             " tolerances, and what it is off by is its own error. Without scenes that are compressed before the impact:"
             " there contacts cross in the noise ahead of the wave."
         ),
-        columns=("scene", "by", *(f"{one}, {which} (%)" for one in what for which in ("median", "worst"))),
+        columns=("scene", "by", *(f"{one}, {which} (%)" for one in PROFILES for which in ("median", "worst"))),
         rows=tuple(rows),
     )
 

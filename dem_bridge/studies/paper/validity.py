@@ -9,13 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
-
-from dem_bridge.geometry import Body
 from dem_bridge.physics.contact import cylinder_stiffness_paper
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.physics.hertz import HertzContact, crossed_cylinders, sphere_on_cylinder, sphere_on_sphere
 from dem_bridge.physics.validity import (
+    Validity,
     edge_tension,
     ellipse_on_body,
     no_cracking,
@@ -25,8 +22,8 @@ from dem_bridge.physics.validity import (
 )
 from dem_bridge.scene import Scene
 from dem_bridge.studies.exhibits import Table
-from dem_bridge.studies.paper.effects import GRAVITY
 from dem_bridge.studies.paper.runs import Runs
+from dem_bridge.studies.switches import GRAVITY, hertz_contact
 from dem_bridge.trajectory import Trajectory
 
 COLUMNS = (
@@ -44,33 +41,55 @@ COLUMNS = (
     "contact time over sound's",
     "static over peak force",
 )
-#: columns that are judged, with the assumption they stand for
+#: columns that are judged, in the order of :attr:`ContactValidity.judged`, with the assumption they stand for
 JUDGED = {
-    7: "the ellipse ends on the body",
-    9: "the contact is not crushed",
-    10: "no crack opens",
-    11: "the body acts as one mass",
-    12: "weight does not matter",
+    "over half-height": "the ellipse ends on the body",
+    "over compressive strength": "the contact is not crushed",
+    "edge tension over tensile strength": "no crack opens",
+    "contact time over sound's": "the body acts as one mass",
+    "static over peak force": "weight does not matter",
 }
+#: the one of them that should be large
+_LEAST = "contact time over sound's"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactValidity:
-    """One contact: the numbers of :data:`COLUMNS`, and which assumptions hold."""
+    """One contact at its peak force, and which assumptions hold."""
 
-    numbers: tuple[float, ...]
-    holds: tuple[bool, ...]
+    contact: int
+    angle: float
+    """Degrees; nan: not two cylinders."""
+    by_paper: float
+    """Stiffness by eq. 3.1, N/m^1.5."""
+    exact: float
+    """Stiffness by Hertz' exact solution, N/m^1.5."""
+    force: float
+    """N."""
+    semi_major: float
+    """m."""
+    pressure: float
+    """Pa, in the middle of the ellipse."""
+    judged: tuple[Validity, ...]
     """In the order of :data:`JUDGED`."""
 
     @property
-    def angle(self) -> float:
-        """Degrees."""
-        return self.numbers[1]
+    def too_stiff(self) -> float:
+        """Eq. 3.1 over the exact solution, less 1."""
+        return self.by_paper / self.exact - 1.0
 
     @property
     def over_half_height(self) -> float:
         """Semi-major axis of the contact ellipse over half the height of the body."""
-        return self.numbers[7]
+        return self.judged[0].ratio
+
+    @property
+    def row(self) -> tuple[float, ...]:
+        """The numbers of :data:`COLUMNS`."""
+        on_body, crushing, cracking, statics, weighing = (one.ratio for one in self.judged)
+        first = (float(self.contact), self.angle, self.by_paper, self.exact, 100.0 * self.too_stiff, self.force)
+        sizes = (1e3 * self.semi_major, on_body, 1e-9 * self.pressure)
+        return (*first, *sizes, crushing, cracking, statics, weighing)
 
 
 def contact_validity(scene: Scene, run: Trajectory, k: int) -> ContactValidity:
@@ -78,7 +97,7 @@ def contact_validity(scene: Scene, run: Trajectory, k: int) -> ContactValidity:
     geometry = scene.geometry
     assert geometry is not None  # asked for by `validity_tables`
     one, other, angle = geometry.bodies[k], geometry.bodies[k + 1], geometry.angle[k]
-    contact = _hertz(one, other, angle)
+    contact = hertz_contact(one, other, angle)
     material, force = other.material, float(run.peak_force[k])
     by_paper = contact.stiffness
     if angle is not None:
@@ -95,42 +114,22 @@ def contact_validity(scene: Scene, run: Trajectory, k: int) -> ContactValidity:
     ).contact_time
     weight = GRAVITY * sum(scene.mass[: k + 1])
     tension = edge_tension(pressure, poisson=material.poissons_ratio, axis_ratio=contact.axis_ratio)
-    judged = (
-        ellipse_on_body(major, half_height=half),
-        no_crushing(pressure),
-        no_cracking(tension),
-        quasi_static(time, size=2.0 * other.radius, young=material.youngs_modulus, density=material.density),
-        weightless(weight, force),
-    )
-    on_body, crushing, cracking, statics, weighing = (found.ratio for found in judged)
     return ContactValidity(
-        numbers=(
-            float(k),
-            float("nan") if angle is None else angle,
-            by_paper,
-            contact.stiffness,
-            100.0 * (by_paper / contact.stiffness - 1.0),
-            force,
-            1e3 * major,
-            on_body,
-            1e-9 * pressure,
-            crushing,
-            cracking,
-            statics,
-            weighing,
+        contact=k,
+        angle=float("nan") if angle is None else angle,
+        by_paper=by_paper,
+        exact=contact.stiffness,
+        force=force,
+        semi_major=major,
+        pressure=pressure,
+        judged=(
+            ellipse_on_body(major, half_height=half),
+            no_crushing(pressure),
+            no_cracking(tension),
+            quasi_static(time, size=2.0 * other.radius, young=material.youngs_modulus, density=material.density),
+            weightless(weight, force),
         ),
-        holds=tuple(found.holds for found in judged),
     )
-
-
-def _hertz(one: Body, other: Body, angle: float | None) -> HertzContact:
-    elastic = other.material.elastic
-    if angle is not None:
-        return crossed_cylinders(angle=angle, radius=one.radius, radius2=other.radius, law="exact", **elastic)
-    if one.shape == other.shape:
-        return sphere_on_sphere(radius=one.radius, radius2=other.radius, **elastic)
-    sphere, cylinder = (one, other) if one.shape == "sphere" else (other, one)
-    return sphere_on_cylinder(radius=sphere.radius, radius2=cylinder.radius, **elastic)
 
 
 def _known(runs: Runs, names: Iterable[str]) -> Iterable[tuple[Scene, list[ContactValidity]]]:
@@ -153,14 +152,12 @@ def contacts_table(runs: Runs, name: str) -> Table | None:
             title=f"Every contact of {scene.name} and what is assumed of it",
             caption=(
                 "Ellipse, pressure and tension by the exact Hertz law at the peak force of the run. Ratios above 1"
-                " break"
-                " an assumption, but for the contact's time over that of sound across a body, which should be 10 or"
-                " more, and the static force (weight above the contact), which should be below 0.1 of the peak."
-                " Strengths"
-                " are handbook values of fused quartz: 1.1 GPa in compression, 48 MPa in tension."
+                " break an assumption, but for the contact's time over that of sound across a body, which should be"
+                " 10 or more, and the static force (weight above the contact), which should be below 0.1 of the peak."
+                " Strengths are handbook values of fused quartz: 1.1 GPa in compression, 48 MPa in tension."
             ),
             columns=COLUMNS,
-            rows=tuple(one.numbers for one in found),
+            rows=tuple(one.row for one in found),
         )
     return None
 
@@ -170,14 +167,13 @@ def scenes_table(runs: Runs, names: Iterable[str]) -> Table:
     rows = []
     for scene, found in _known(runs, names):
         row: list[str | float] = [scene.name]
-        for place, (column, _) in enumerate(JUDGED.items()):
-            values = [one.numbers[column] for one in found]
-            failing = sum(not one.holds[place] for one in found)
-            worst = min(values) if column == 11 else max(values)
-            row += [worst, f"{failing} of {len(found)}"]
-        row.append(float(np.max([one.numbers[4] for one in found])))
+        for place, name in enumerate(JUDGED):
+            judged = [one.judged[place] for one in found]
+            worst = (min if name == _LEAST else max)(one.ratio for one in judged)
+            row += [worst, f"{sum(not one.holds for one in judged)} of {len(found)}"]
+        row.append(max(100.0 * one.too_stiff for one in found))
         rows.append(tuple(row))
-    columns = [f"{COLUMNS[c]}, {'least' if c == 11 else 'largest'}" for c in JUDGED]
+    columns = [f"{name}, {'least' if name == _LEAST else 'largest'}" for name in JUDGED]
     return Table(
         id="validity",
         title="Validity of the model, scene by scene",

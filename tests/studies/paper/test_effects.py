@@ -19,13 +19,13 @@ from dem_bridge.studies.paper.effects import (
     Effect,
     budget_table,
     effect,
-    exact_stiffness,
     observables,
     of_numerics,
     own_bar,
 )
 from dem_bridge.studies.paper.runs import MAIN, Runs, with_mass_gradient
 from dem_bridge.studies.paper.runs import variants as all_variants
+from dem_bridge.studies.switches import hertz_stiffness
 from tests.studies.paper.conftest import DEAR, truth_of
 
 #: what each may change, beside the name and the duration
@@ -110,7 +110,7 @@ def test_other_exponents_have_the_same_force_at_their_anchor(chain: str, id: str
 
 def test_exact_stiffnesses_are_those_known() -> None:
     scene = _main(MAIN[0])
-    found = exact_stiffness(scene)
+    found = hertz_stiffness(scene)
     assert len(found) == 40
     # quadruple precision: 6.17559e10 at 2 degrees for 7.27299e10 by eq. 3.1; the same at 90 degrees
     assert found[0] == pytest.approx(3.98253e9, rel=2e-6)
@@ -119,10 +119,10 @@ def test_exact_stiffnesses_are_those_known() -> None:
     assert found[-1] == pytest.approx(4.689197642511e9, rel=1e-11)
 
 
-def test_a_scene_without_geometry_has_no_exact_stiffness() -> None:
+def test_a_scene_without_geometry_has_no_hertz_stiffness() -> None:
     bare = Scene(name="bare", duration=1e-4, mass=(1.0, 1.0), stiffness=(1e9,), velocity=(1.0, 0.0))
     with pytest.raises(ValueError, match="bare has no geometry"):
-        exact_stiffness(bare)
+        hertz_stiffness(bare)
 
 
 def test_every_first_passage_ends_after_the_last_cylinder_is_reached(runs: Runs) -> None:
@@ -151,7 +151,7 @@ def test_a_faster_striker_scales_times_and_forces(chain: str, runs: Runs) -> Non
 def test_softer_contacts_make_the_wave_late(chain: str, runs: Runs) -> None:
     """Residence times go as beta^(-2/5): what eq. 3.3 makes of the exact stiffnesses."""
     scene = runs.scenes[chain]
-    beta, exact = np.array(scene.stiffness), np.array(exact_stiffness(scene))
+    beta, exact = np.array(scene.stiffness), np.array(hertz_stiffness(scene))
     later = np.sum(exact[1:-1] ** -0.4) / np.sum(beta[1:-1] ** -0.4) - 1.0
     found = _of(runs, "exact-stiffness", chain)
     # the first contact's time is not in the estimate, and is 10 % of the arrival in one chain

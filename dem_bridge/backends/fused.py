@@ -1,0 +1,156 @@
+"""The fast kernel, for Hertz's law alone: bit for bit what :mod:`.splitting` answers, several times sooner.
+
+Kick, drift, overlap and force are one loop along the line, which compilers make vectors of, where a loop each would
+read and write all of it again. Bodies at rest ahead of a front are left out: at an evaluation of the forces a
+disturbance goes no further than to the next body, so it is known how far it may have got, and what is behind would not
+change by a bit. Peaks are bracketed on the way, so that only samples are kept.
+
+All arrays are along the line: entry 0 is the left wall, then come the bodies, the right wall, and ``PADDING`` entries
+that nothing acts on; contact k is between k and k + 1, without stiffness where there is no wall.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+#: bodies that are worked on come in such blocks, so that no loop has a remainder
+BLOCK = 16
+PADDING = BLOCK
+#: evaluations of the forces after which it is looked again how far the front is
+_LOOK = 16
+
+
+@njit(cache=True, nogil=True)
+def march(  # type: ignore[no-untyped-def]
+    n_body, first, last, mass, velocity, weight, stiffness, overlap, positional, reach, start,
+    drifts, kicks, dt, dense_steps, keep, full, resting,
+):  # fmt: skip
+    """Velocity, displacement ``(n_kept, n_body + 1)``, force ``(n_kept, n_contact)``, at every ``keep``-th of
+    ``dense_steps``; if ``full``, acceleration and overlap, too. Then, of all dense steps: the largest force of each
+    contact ``(size,)``, the farthest displacement (m), and the turns from closing to opening: dense step and contact
+    ``(n_turn, 2)``, overlap, closing rate, closing acceleration and force, before and then after ``(n_turn, 8)``.
+
+    ``mass (size,)`` is inf for walls and padding; contacts ``first`` to ``last - 1`` are there, columns are in the
+    order of a scene. ``reach`` and ``start``: distances at touch and positions, m, if ``positional``. Turns with less
+    acceleration than ``resting (size,)`` on both sides are left out.
+    """
+    stages, size = len(drifts), len(mass)
+    rate, v, x, s, f, a = dt / mass, velocity.copy(), np.zeros(size), overlap.copy(), np.zeros(size), np.zeros(size)
+    place, top, farthest = start.copy(), np.zeros(size), np.zeros(size)
+    was_overlap, was_closing, was_ending, was_force = np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size)
+    n_kept, columns = (len(dense_steps) - 1) // keep + 1, last - first
+    out_v, out_x = np.zeros((n_kept, n_body + 1)), np.zeros((n_kept, n_body + 1))
+    out_force, out_a = np.zeros((n_kept, columns)), np.zeros((n_kept if full else 0, n_body + 1))
+    out_overlap = np.zeros((n_kept if full else 0, columns))
+    where, sides, turns = np.zeros((256, 2), dtype=np.int64), np.zeros((256, 8)), 0
+    # nothing beyond ``front`` moves or is pressed; the first ``count`` bodies are worked on
+    front = 0
+    for k in range(n_body + 1):
+        if positional:
+            s[k] = reach[k] - (place[k + 1] - place[k])
+        closed = max(s[k], 0.0)
+        f[k] = stiffness[k] * closed * np.sqrt(closed)
+        if v[k] != 0.0 or weight[k] != 0.0 or f[k] != 0.0:
+            front = min(k + 1, n_body)
+    step, count = 0, front // BLOCK * BLOCK + BLOCK
+    for row in range(len(dense_steps)):
+        begun = False
+        while step < dense_steps[row]:
+            steps = dense_steps[row] - step
+            if front < n_body:
+                steps = min(steps, max(1, _LOOK // stages))
+            step += steps
+            most = min(n_body, front + steps * stages)
+            count = most // BLOCK * BLOCK + BLOCK
+            for turn in range(steps * stages):
+                stage = turn % stages
+                # the last kick of a step is the next one's first: the same force, for the same part of the step
+                twice = stage == 0 and (begun or turn > 0)
+                kick, drift = kicks[stage], dt * drifts[stage]
+                beside = f[0]
+                if positional:
+                    behind = place[0]
+                    for i in range(count):
+                        ahead = f[i + 1]
+                        gained = kick * rate[i + 1] * ((weight[i + 1] + beside) - ahead)
+                        u = v[i + 1] + gained
+                        if twice:
+                            u += gained
+                        v[i + 1] = u
+                        there = place[i + 1] + drift * u
+                        place[i + 1] = there
+                        depth = reach[i] - (there - behind)
+                        closed = depth if depth > 0.0 else 0.0
+                        f[i] = stiffness[i] * closed * np.sqrt(closed)
+                        beside, behind = ahead, there
+                else:
+                    behind = v[0]
+                    for i in range(count):
+                        ahead = f[i + 1]
+                        gained = kick * rate[i + 1] * ((weight[i + 1] + beside) - ahead)
+                        u = v[i + 1] + gained
+                        if twice:
+                            u += gained
+                        v[i + 1] = u
+                        x[i + 1] += drift * u
+                        depth = s[i] + drift * (behind - u)
+                        s[i] = depth
+                        closed = depth if depth > 0.0 else 0.0
+                        f[i] = stiffness[i] * closed * np.sqrt(closed)
+                        beside, behind = ahead, u
+            begun = True
+            while most > front and not (v[most] or x[most] or place[most] - start[most] or f[most - 1]):
+                most -= 1
+            front = most
+        last_kick = kicks[stages] if begun else 0.0
+        for k in range(count):
+            net = (weight[k + 1] + f[k]) - f[k + 1]
+            v[k + 1] += last_kick * rate[k + 1] * net
+            a[k + 1] = net / mass[k + 1]
+        if positional:
+            for k in range(count):
+                x[k + 1] = place[k + 1] - start[k + 1]
+                s[k] = reach[k] - (place[k + 1] - place[k])
+        stopped = 0
+        for k in range(count):
+            away = abs(x[k + 1])
+            farthest[k + 1] = away if away > farthest[k + 1] else farthest[k + 1]
+            top[k] = f[k] if f[k] > top[k] else top[k]
+            stopped += was_closing[k] > 0.0 and v[k] - v[k + 1] <= 0.0
+        if stopped > 0:
+            for k in range(first, min(count, last)):
+                if was_closing[k] > 0.0 and v[k] - v[k + 1] <= 0.0 and max(was_overlap[k], s[k]) > 0.0:
+                    if turns == len(where):
+                        where, sides = _doubled(where, sides)
+                    where[turns, 0], where[turns, 1] = row, k
+                    sides[turns, 0], sides[turns, 1], sides[turns, 2] = was_overlap[k], was_closing[k], was_ending[k]
+                    sides[turns, 3], sides[turns, 4], sides[turns, 5] = was_force[k], s[k], v[k] - v[k + 1]
+                    sides[turns, 6], sides[turns, 7] = a[k] - a[k + 1], f[k]
+                    turns += max(abs(sides[turns, 2]), abs(sides[turns, 6])) >= resting[k]
+        for k in range(count):
+            was_overlap[k], was_closing[k], was_ending[k], was_force[k] = s[k], v[k] - v[k + 1], a[k] - a[k + 1], f[k]
+        if row % keep == 0:
+            at = row // keep
+            for i in range(n_body):
+                out_v[at, i], out_x[at, i] = v[i + 1], x[i + 1]
+                if full:
+                    out_a[at, i] = a[i + 1]
+            # a scene has the chain's contacts first, then those of the walls
+            for k in range(first, last):
+                column = k - 1 if 0 < k < n_body else (columns - 1 if k > 0 else n_body - 1)
+                out_force[at, column] = f[k]
+                if full:
+                    out_overlap[at, column] = s[k]
+    return out_v, out_x, out_force, out_a, out_overlap, top, np.max(farthest), where[:turns], sides[:turns]
+
+
+@njit(cache=True, nogil=True)
+def _doubled(where, sides):  # type: ignore[no-untyped-def]
+    more_where, more_sides = np.zeros((2 * len(where), 2), dtype=np.int64), np.zeros((2 * len(where), 8))
+    for turn in range(len(where)):
+        for one in range(2):
+            more_where[turn, one] = where[turn, one]
+        for one in range(8):
+            more_sides[turn, one] = sides[turn, one]
+    return more_where, more_sides

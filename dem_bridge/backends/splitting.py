@@ -1,0 +1,360 @@
+"""Runs of splitting methods, kicks and drifts in turn: velocity-Verlet, and what has more of both in a step.
+
+The plain kernel :func:`integrate` has everything: any law, tables, damping, drag, overlaps or positions. Where all is
+Hertz's law alone :mod:`.fused` does the same bit for bit, several times sooner.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dem_bridge.backends.base import Named
+from dem_bridge.backends.curves import CELLS, curve_force, curves_of
+from dem_bridge.backends.fused import PADDING, march
+from dem_bridge.backends.scales import resting_acceleration
+from dem_bridge.backends.steps import Dense, answer, check_finite, read_off, touching_in_flight
+from dem_bridge.compiled import interruptible
+from dem_bridge.dense import Schedule, Turns, at_turns
+from dem_bridge.lmp.cell import pair_force
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
+
+
+class Method(NamedTuple):
+    """A splitting method: parts of the step by which bodies are kicked before, between and after they drift.
+
+    Both are the same backwards. The last kick has the force of the end of the step, where the next one begins: there
+    is one evaluation of the forces for each drift.
+    """
+
+    drifts: NDArray[np.float64]
+    kicks: NDArray[np.float64]
+
+
+class Tables(NamedTuple):
+    """Interpolated laws of contacts, for the kernel. Damped contacts with a table may pull: LAMMPS adds the damping
+    beside the table, where no sum can be clipped."""
+
+    diameter: float
+    """m, of the bodies that the tables are for."""
+    law: NDArray[np.int64]
+    """Row below for each contact; -1: the law itself. Empty: all have the law itself."""
+    frame: NDArray[np.float64]
+    """``(n_law, 4)``: the numbers that :func:`~dem_bridge.lmp.cell.pair_force` takes."""
+    value: NDArray[np.float64]
+    second: NDArray[np.float64]
+
+
+#: contacts evaluate their law itself
+EXACT = Tables(0.0, np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 0)), np.zeros((0, 0)))
+
+
+def fits(scene: Scene, tables: Tables = EXACT) -> bool:
+    """Whether the fast kernel knows all that acts in a scene."""
+    plain = scene.law is None and not scene.dissipates and len(tables.law) == 0
+    return plain and bool(np.all(scene.contacts.exponent == 2.5))
+
+
+def solve(
+    code: Named,
+    method: Method,
+    scene: Scene,
+    plan: Schedule,
+    *,
+    radius: float | NDArray[np.float64] = 0.0,
+    tables: Tables = EXACT,
+    cells: int = CELLS,
+    full: bool = True,
+) -> tuple[Trajectory, Dense]:
+    """A run without bars on the given steps, with all that was looked at between the samples.
+
+    ``radius`` (m): as :func:`~dem_bridge.backends.twin.solve_plan` has it; ``cells``: of laws that are functions. If
+    not ``full``, only the samples are kept where that is enough, and the second answer is those.
+    """
+    began = time.perf_counter(), time.process_time()
+    settings: dict[str, float] = {"dt": plan.step, "samples": plan.samples}
+    if not isinstance(radius, np.ndarray) and radius > 0.0:
+        settings["gauge_radius"] = radius
+    if len(tables.law):
+        settings["table_points"] = tables.value.shape[1]
+    costs: Mapping[str, Any] = {"began": began, "evaluations": len(method.drifts) * plan.steps + 1}
+    if fits(scene, tables):
+        dense, farthest, largest, turns = _march(method, scene, plan, radius, full)
+        check_finite(code, scene, plan, dense.velocity)
+        peak_force, crossing = at_turns(
+            turns, largest, exponent=scene.contacts.exponent, resolution=touching_in_flight(farthest)
+        )
+        keep = slice(None, None, plan.subdivisions if full else 1)
+        run = answer(
+            code,
+            scene,
+            plan,
+            settings,
+            displacement=dense.displacement[keep, :-1],
+            velocity=dense.velocity[keep, :-1],
+            contact_force=dense.force[keep],
+            peak_force=peak_force,
+            crossing_time=crossing,
+            **costs,
+        )
+        return run, dense
+    c = scene.contacts
+    found = interruptible(
+        integrate,
+        np.array(scene.mass),
+        np.array(scene.velocity),
+        c.left,
+        c.right,
+        len(scene.stiffness),
+        c.stiffness,
+        c.exponent,
+        c.gap,
+        c.damping,
+        c.damping_power,
+        scene.drag,
+        scene.gravity,
+        scene.load,
+        *method,
+        plan.step,
+        plan.dense_steps,
+        *_frame(scene, radius),
+        tables,
+        curves_of(scene, cells),
+    )
+    dense = Dense(*found)
+    return read_off(code, scene, plan, dense, settings, **costs), dense
+
+
+def _march(
+    method: Method, scene: Scene, plan: Schedule, radius: float | NDArray[np.float64], full: bool
+) -> tuple[Dense, float, NDArray[np.float64], Turns]:
+    """The fast kernel's answer in the order of the scene: kept samples, farthest displacement (m), largest force of
+    each contact at the dense samples (N), turns."""
+    c, n = scene.contacts, scene.n_body
+    line = _along(scene)
+    first, last = int(scene.wall_left is None), n + int(scene.wall_right is not None)
+
+    def bodies(values: Any, rest: float = 0.0) -> NDArray[np.float64]:
+        return np.concatenate([[rest], np.asarray(values, dtype=np.float64), np.full(1 + PADDING, rest)])
+
+    def along(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.concatenate([np.zeros(first), values[line], np.zeros(n + 2 + PADDING - last)])
+
+    reach, start, positional = (
+        np.zeros(n + 2 + PADDING),
+        np.zeros(n + 2 + PADDING),
+        bool(np.any(np.asarray(radius) > 0.0)),
+    )
+    if positional:
+        distance, places, wall = _frame(scene, radius)
+        reach, start = along(distance), bodies(places)
+        # the walls' own: where there is none nothing is pressed
+        start[0], start[n + 1 :] = (np.sum(wall[one]) for one in (c.left == n, c.right == n))
+    v, x, force, a, overlap, top, farthest, where, sides = interruptible(
+        march,
+        n,
+        first,
+        last,
+        bodies(scene.mass, np.inf),
+        bodies(scene.velocity),
+        bodies(np.array(scene.mass) * scene.gravity + scene.load),
+        along(c.stiffness),
+        along(0.0 - c.gap),
+        positional,
+        reach,
+        start,
+        *method,
+        plan.step,
+        plan.dense_steps,
+        1 if full else plan.subdivisions,
+        full,
+        along(resting_acceleration(scene)),
+    )
+    times = plan.dense_steps * plan.step
+    before, after = times[where[:, 0] - 1], times[where[:, 0]]
+    largest = np.empty(scene.n_contact)
+    largest[line] = top[first:last]
+    turns = Turns(line[where[:, 1] - first], before, after - before, *sides.reshape(-1, 2, 4).transpose(2, 1, 0))
+    return Dense(v, x, a, overlap, force), farthest, largest, turns
+
+
+def _along(scene: Scene) -> NDArray[np.int64]:
+    """Which contact of the scene stands at each place of the line: a left wall's first."""
+    c, every = scene.contacts, np.arange(scene.n_contact)
+    return np.argsort(np.where(c.left == scene.n_body, -1, every), kind="stable")
+
+
+def _frame(
+    scene: Scene, radius: float | NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Distance at touch of each contact, start positions of the bodies and position of the wall of each contact, m."""
+    c, links = scene.contacts, len(scene.stiffness)
+    first, gap = int(scene.wall_left is not None), c.gap[_along(scene)]
+    if isinstance(radius, np.ndarray):
+        reach = radius[:-1] + radius[1:]
+        line = np.concatenate([[0.0], np.cumsum(reach + gap)])
+        line -= line[first]
+        reach = np.concatenate([reach[first : first + links], reach[:first], reach[first + links :]])
+    else:
+        reach = np.full(scene.n_contact, 2.0 * radius)
+        gaps = np.concatenate([[0.0], np.cumsum(gap, dtype=np.longdouble)])
+        gaps -= gaps[first]
+        line = 2.0 * radius * (np.arange(scene.n_contact + 1) - first)
+        # all on the grid of the farthest, so that bodies in touch are so to the last digit
+        grid = np.spacing(np.max(np.abs(line + gaps)).astype(float))
+        line = line + (np.rint(gaps / grid) * grid).astype(float)
+    start = line[first : first + scene.n_body]
+    wall = np.where(c.left == scene.n_body, line[0], line[-1])
+    return reach, start, wall
+
+
+@njit(cache=True, nogil=True)
+def integrate(  # type: ignore[no-untyped-def]
+    mass,
+    velocity,
+    left,
+    right,
+    links,
+    stiffness,
+    exponent,
+    gap,
+    damping,
+    damping_power,
+    drag,
+    gravity,
+    load,
+    drifts,
+    kicks,
+    dt,
+    dense_steps,
+    reach,
+    start,
+    wall,
+    tables,
+    curves,
+):
+    """Velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap and force
+    ``(n_dense, n_contact)`` at ``dense_steps``. The first ``links`` contacts are those of the chain; ``load (n_body,)``
+    is the constant force on each body beside its weight, N. ``drifts`` and ``kicks`` are those of a :class:`Method`.
+
+    With n = 5/2 the force is ``beta s sqrt(s)``: only exact powers of two appear when v0 -> 32 v0 and
+    dt -> dt/2, so such runs repeat bit for bit.
+    """
+    n_body, n_contact, n_dense = mass.shape[0], left.shape[0], dense_steps.shape[0]
+    tabled, curved = tables.law.shape[0] > 0, curves.law.shape[0] > 0
+    hertz, damped = np.all(exponent == 2.5), np.any(damping > 0.0)
+    positional = np.any(reach > 0.0)
+    v = np.zeros(n_body + 1)
+    v[:n_body] = velocity
+    x = np.zeros(n_body + 1)
+    force = np.zeros(n_contact)
+    net = np.zeros(n_body + 1)
+    push = np.zeros(n_body + 1)
+    push[:n_body] = dt / mass
+    weight = np.zeros(n_body + 1)
+    weight[:n_body] = mass * gravity + load
+    overlap = -gap
+    position = start.copy()
+    out_v = np.zeros((n_dense, n_body + 1))
+    out_x = np.zeros((n_dense, n_body + 1))
+    out_a = np.zeros((n_dense, n_body + 1))
+    out_overlap = np.zeros((n_dense, n_contact))
+    out_force = np.zeros((n_dense, n_contact))
+    step = 0
+    for row in range(n_dense):
+        while step <= dense_steps[row]:
+            # at the start the forces alone
+            for stage in range(len(drifts) if step > 0 else 1):
+                if step > 0:
+                    drift = dt * drifts[stage]
+                    if stage == 0:
+                        for i in range(n_body):
+                            v[i] += kicks[0] * push[i] * net[i]
+                    for i in range(n_body):
+                        x[i] += drift * v[i]
+                    if not positional:
+                        for k in range(links):
+                            overlap[k] += drift * (v[k] - v[k + 1])
+                        for k in range(links, n_contact):
+                            overlap[k] += drift * (v[left[k]] - v[right[k]])
+                    else:
+                        for i in range(n_body):
+                            position[i] += drift * v[i]
+                            x[i] = position[i] - start[i]
+                if positional:
+                    # at the start too: there gaps are as rounded positions have them
+                    for k in range(links):
+                        overlap[k] = reach[k] - (position[k + 1] - position[k])
+                    for k in range(links, n_contact):
+                        if left[k] == n_body:
+                            overlap[k] = reach[k] - (position[right[k]] - wall[k])
+                        else:
+                            overlap[k] = reach[k] - (wall[k] - position[left[k]])
+                if tabled:
+                    for k in range(n_contact):
+                        row_of = tables.law[k]
+                        closed = max(overlap[k], 0.0)
+                        if closed == 0.0:
+                            force[k] = 0.0
+                        elif row_of < 0 and curved:
+                            force[k] = curve_force(k, closed, curves)
+                        elif row_of < 0:
+                            force[k] = stiffness[k] * closed ** (exponent[k] - 1.0)
+                        else:
+                            r = tables.diameter - closed
+                            frame = tables.frame[row_of]
+                            # beyond the table LAMMPS stops; a coarse twin beside it goes on with its innermost force
+                            squared = max(r * r, frame[0])
+                            value, second = tables.value[row_of], tables.second[row_of]
+                            force[k] = r * pair_force(squared, frame[0], frame[1], frame[2], frame[3], value, second)
+                elif curved:
+                    for k in range(n_contact):
+                        force[k] = curve_force(k, overlap[k], curves) if overlap[k] > 0.0 else 0.0
+                elif hertz:
+                    for k in range(n_contact):
+                        closed = max(overlap[k], 0.0)
+                        force[k] = stiffness[k] * closed * np.sqrt(closed)
+                else:
+                    for k in range(n_contact):
+                        closed = max(overlap[k], 0.0)
+                        force[k] = stiffness[k] * closed ** (exponent[k] - 1.0)
+                if damped:
+                    # v is that of the half step here
+                    for k in range(n_contact):
+                        if overlap[k] > 0.0 and damping[k] > 0.0:
+                            rate = v[left[k]] - v[right[k]]
+                            force[k] += damping[k] * overlap[k] ** damping_power[k] * rate
+                            if not tabled or tables.law[k] < 0:
+                                force[k] = max(force[k], 0.0)
+                for i in range(n_body):
+                    net[i] = weight[i]
+                if drag > 0.0:
+                    for i in range(n_body):
+                        net[i] -= drag * mass[i] * v[i]
+                # from the left to the right, a left wall's first
+                for k in range(links, n_contact):
+                    if left[k] == n_body:
+                        net[right[k]] += force[k]
+                for k in range(links):
+                    net[k] -= force[k]
+                    net[k + 1] += force[k]
+                for k in range(links, n_contact):
+                    if right[k] == n_body:
+                        net[left[k]] -= force[k]
+                if step > 0:
+                    for i in range(n_body):
+                        v[i] += kicks[stage + 1] * push[i] * net[i]
+            step += 1
+        out_v[row] = v
+        out_x[row] = x
+        out_overlap[row] = overlap
+        out_force[row] = force
+        for i in range(n_body):
+            out_a[row, i] = net[i] / mass[i]
+    return out_v, out_x, out_a, out_overlap, out_force

@@ -1,0 +1,97 @@
+"""Whether the energy of a long run drifts, and by how much velocity-Verlet's may go up and down without drifting.
+
+Velocity-Verlet conserves not the energy H but, but for terms of fourth order in the step, a neighbour of it,
+
+    H~ = H + dt^2 (v K v / 12 - F M^-1 F / 24),
+
+with the tangent stiffness K and the net forces F (Hairer, Lubich & Wanner 2006, *Geometric Numerical Integration*, ch.
+IX; 2003, *Acta Numerica* 12, 399). H swings about it with the motion; a drift is what H~ does. Hertz' law is smooth but
+at touch, so that H~ takes a small step of either sign with every impact: it walks at random, and a slope fitted to a
+random walk is never zero. A bar must know that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from dem_bridge.errors import UsageError
+from dem_bridge.observables.interpolate import acceleration
+from dem_bridge.observables.modes import tangent_stiffness
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+#: into so many means a series is cut; with fewer the bar is not known, with more they are not independent
+BLOCKS = 20
+#: bars cover the true slope this often
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drift:
+    """Slope of a series in time, and its standard errors. Made by :func:`drift_of`."""
+
+    slope: float
+    """In the series' unit per second."""
+    bar: float
+    """Half width of the 95 % interval of the slope: the larger of those of a walk and of a swing."""
+    walk: float
+    """Standard error of the slope if the series walks at random: from the scatter of its steps from block to block."""
+    swing: float
+    """Standard error if it swings about a line: from the scatter of the blocks about that line."""
+    duration: float
+    """s."""
+
+    @property
+    def total(self) -> tuple[float, float]:
+        """What the series has drifted by over the duration, with its bar."""
+        return self.slope * self.duration, self.bar * self.duration
+
+    @property
+    def found(self) -> bool:
+        """Whether the slope can be told from none."""
+        return abs(self.slope) > self.bar
+
+
+def drift_of(time: Floats, series: Floats) -> Drift:
+    """Slope of ``series (n_t,)`` over ``time`` (s, evenly spaced), by means over 20 blocks.
+
+    The slope is that of a line through the means. Its bar holds for what walks at random (the means' differences are
+    independent then) and for what swings (their distances from the line are). UsageError for less than 40 samples.
+
+    >>> time = np.linspace(0.0, 1.0, 2001)
+    >>> swing = drift_of(time, 3e-6 * time + 1e-6 * np.sin(1000.0 * time))
+    >>> f"{swing.slope:.2e}", swing.found, drift_of(time, np.sin(1000.0 * time)).found
+    ('2.99e-06', True, False)
+    """
+    if len(series) < 2 * BLOCKS:
+        raise UsageError(f"{len(series)} samples of a series; allowed: at least {2 * BLOCKS}, for a drift with a bar")
+    when, means = (
+        np.array([np.mean(part) for part in np.array_split(values - values[0], BLOCKS)]) for values in (time, series)
+    )
+    middle = when - np.mean(when)
+    slope = float(np.sum(middle * means) / np.sum(middle**2))
+    away = means - np.mean(means) - slope * middle
+    swing = float(np.sqrt(np.sum(away**2) / (BLOCKS - 2) / np.sum(middle**2)))
+    steps = np.diff(means)
+    # means over blocks of a walk differ by 2/3 of the variance that it gathers in a block, and the slope of a line
+    # through a walk has 6/5 of the variance of (last - first)/duration
+    walk = float(np.sqrt(1.2 * 1.5 * np.var(steps, ddof=1) * len(steps)) / (when[-1] - when[0]))
+    factor = float(student.ppf(0.5 + 0.5 * CONFIDENCE, BLOCKS - 2))
+    return Drift(slope=slope, bar=factor * max(walk, swing), walk=walk, swing=swing, duration=float(time[-1] - time[0]))
+
+
+def swing_of(scene: Scene, run: Trajectory, dt: float) -> Floats:
+    """``H~ - H`` at each sample, J, ``(n_t,)``: by how much the energy of velocity-Verlet at the step ``dt`` (s) is off
+    what it conserves. UnsupportedScene for n < 2."""
+    c, x = scene.contacts, np.concatenate([run.displacement, np.zeros((len(run.time), 1))], axis=1)
+    v = np.concatenate([run.velocity, np.zeros((len(run.time), 1))], axis=1)
+    stiffness = tangent_stiffness(scene, x[:, c.left] - x[:, c.right] - c.gap)
+    closing = v[:, c.left] - v[:, c.right]
+    bent = np.sum(stiffness * closing**2, axis=1) / 12.0
+    pushed = acceleration(scene, run) ** 2 @ np.array(scene.mass) / 24.0
+    return np.asarray(dt**2 * (bent - pushed))

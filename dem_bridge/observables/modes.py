@@ -1,0 +1,78 @@
+"""How fast a chain can oscillate at each moment: what the stability of a time step is set beside.
+
+At a moment each contact is a spring of its tangent stiffness ``k = dF/d(overlap)``. Alone between its two bodies it has
+``omega^2 = k (1/m_i + 1/m_j)``. Together they have the modes of the matrix ``sqrt(k) B M^-1 B^T sqrt(k)`` over the
+contacts (B: from bodies to overlaps), which has these squares on its diagonal: so the highest mode is never below the
+fastest pair. Nor is it above sqrt(2) times that: give half of a body's mass to each of its two contacts and every
+contact alone has at most twice its square (Irons & Treharne 1971, in *Proc. 3rd Conf. Matrix Methods in Structural
+Mechanics*, 245; for bodies in contact O'Sullivan & Bray 2004, *Eng. Comput.* 21, 278). On a linear chain
+velocity-Verlet is stable for dt < 2/omega of that mode.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigvalsh_tridiagonal
+
+from dem_bridge.errors import UnsupportedScene
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+
+#: part of an overlap over which the slope of a law is taken
+_SLOPE = 1e-4
+
+
+def tangent_stiffness(scene: Scene, overlap: Floats) -> Floats:
+    """``dF/d(overlap)``, N/m, of each contact at overlaps ``(n_t, n_contact)``; 0 where it is open.
+
+    Raises UnsupportedScene for n < 2, where it is infinite at touch.
+    """
+    c = scene.contacts
+    if scene.law is not None:
+        closed, every = np.maximum(overlap, 0.0), np.arange(scene.n_contact)
+        rise = c.force(closed * (1.0 + _SLOPE), every) - c.force(closed * (1.0 - _SLOPE), every)
+        return np.divide(rise, 2.0 * _SLOPE * closed, out=np.zeros_like(rise), where=closed > 0.0)
+    if np.any(c.exponent < 2.0):
+        raise UnsupportedScene(
+            f"{scene.name} has contacts of exponent n = {float(np.min(c.exponent)):g}, whose tangent stiffness is"
+            " infinite at touch: no highest frequency; allowed: n >= 2"
+        )
+    power = np.maximum(overlap, 0.0) ** (c.exponent - 2.0)
+    return np.asarray(np.where(overlap > 0.0, (c.exponent - 1.0) * c.stiffness * power, 0.0))
+
+
+def highest_frequencies(scene: Scene, trajectory: Trajectory) -> tuple[float, float]:
+    """Highest angular frequency (rad/s) over all samples of one contact between its two bodies, and of a mode.
+
+    Damping and drag are left out. Both 0 where nothing touches; as good as the samples are close.
+
+    >>> import dem_bridge as db
+    >>> scene = db.load_scene("decelerating-40")
+    >>> pair, mode = highest_frequencies(scene, db.solve(scene, backend="reference", samples=5000))
+    >>> f"{pair:.3g} rad/s, {mode / pair:.2f}"
+    '1.86e+05 rad/s, 1.27'
+    """
+    c, mobility = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    x = np.concatenate([trajectory.displacement, np.zeros((len(trajectory.time), 1))], axis=1)
+    k = tangent_stiffness(scene, x[:, c.left] - x[:, c.right] - c.gap)
+    # along the line of bodies: the left wall's contact is the first
+    links = len(scene.stiffness)
+    first = [links] if scene.wall_left is not None else []
+    line = np.array([*first, *range(links), *range(links + len(first), scene.n_contact)], dtype=np.int64)
+    k, left, right = k[:, line], c.left[line], c.right[line]
+    own = k * (mobility[left] + mobility[right])
+    between = -np.sqrt(k[:, :-1] * k[:, 1:]) * mobility[right[:-1]]
+    fastest = np.max(own, axis=1, initial=0.0)
+    highest = 0.0
+    for row in np.argsort(-fastest).tolist():
+        if 2.0 * fastest[row] <= highest:
+            break  # no mode of what is left can be higher
+        top = len(line) - 1
+        found = eigvalsh_tridiagonal(own[row], between[row], select="i", select_range=(top, top)) if top else own[row]
+        highest = max(highest, float(found[0]))
+    return math.sqrt(float(np.max(fastest, initial=0.0))), math.sqrt(highest)

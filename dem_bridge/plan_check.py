@@ -1,0 +1,275 @@
+"""Errors found by runs at two and more resolutions, and the coarsest setting that serves.
+
+What a run errs by is its distance from a yardstick. Where the reference fits the scene and is cheap that is the
+reference, and the error is the true one, up to the reference's bar. Elsewhere it is the same code at a finer setting:
+an error that goes as setting^p is ``1/(1 - r^-p)`` times the distance from the run r times finer, and an order a fifth
+lower than it should be is taken for p, so that the estimate is not below the error where the order is not clean.
+
+LAMMPS is not run for this: the twin in positions repeats it to 1e-10, round-off included.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from dem_bridge.backends.base import Resolution, Sampling, backend
+from dem_bridge.compare import UNITS, difference
+from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.observables.front import arrival_by_crossing, residence_bar, residence_by_crossing
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
+
+#: what accuracy can be asked of
+OBSERVABLES = (*UNITS, "arrival", "residence")
+#: a setting is coarse enough where none this many times coarser serves, or can be expected to, by knob: costs go with
+#: 1/dt, but hardly with rtol, in which errors are erratic besides
+CLOSE = {"dt": 1.12, "rtol": 10.0}
+#: part of the target that is aimed at
+AIM = {"dt": 0.92, "rtol": 0.3}
+#: where errors scatter from step to step, settings so many times coarser than the coarsest that serves are tried, too
+COARSER = (1.25, 1.55, 1.95, 2.4)
+#: the least rtol that scipy is asked for
+LEAST_RTOL = 3e-14
+#: runs until a search gives up
+MOST_TRIALS = 16
+#: of clean orders, for the distance to a finer run
+CAREFUL = 0.8
+#: how much finer that run is. By orders: 1 is that of damped contacts, whose touch steps with a common multiple may all
+#: see late by the same; tolerances say little of errors that are near each other
+FINER = {"dt": 2.0, "damped": 2.618, "rtol": 30.0}
+
+
+def relative_error(observable: str, scene: Scene, run: Trajectory, truth: Trajectory) -> float:
+    """Error of one of ``OBSERVABLES``, relative: as :func:`~dem_bridge.compare.difference` has it; "arrival", of the
+    front at the last body that it reaches, over that time; "residence", the largest of the residence times' own."""
+    if observable in UNITS:
+        return difference(observable, run, truth).value
+    of = arrival_by_crossing if observable == "arrival" else residence_by_crossing
+    mine, other = of(scene, run), of(scene, truth)
+    known = np.flatnonzero(np.isfinite(other))
+    if len(known) == 0:
+        raise UsageError(f"observable = {observable!r}: no front passes a body of {scene.name}; allowed: 'velocity'")
+    if observable == "arrival":
+        known = known[-1:]
+    error = float(np.max(np.abs(mine[known] - other[known]) / np.abs(other[known])))
+    return math.inf if math.isnan(error) else error
+
+
+def relative_bar(observable: str, scene: Scene, truth: Trajectory) -> float:
+    """Bar of a run on the same scale."""
+    if observable in UNITS:
+        return difference(observable, truth, truth).uncertainty if observable != "contact_force" else 0.0
+    if observable == "residence":
+        known, bars = residence_by_crossing(scene, truth), residence_bar(scene, truth)
+    else:
+        known = arrival_by_crossing(scene, truth)
+        bars = np.asarray(truth.uncertainty["crossing_time"])[: scene.n_body - 1]
+    finite = np.isfinite(known)
+    return float(np.max(bars[finite] / np.abs(known[finite]), initial=0.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """A backend, the setting that is looked for, and the run that is made in its place."""
+
+    name: str
+    runs: str
+    """The backend whose runs are looked at: its own name, or "verlet" for a code that it repeats."""
+    knob: str
+    """"dt", "rtol", or "" where there is nothing to set."""
+    order: float
+    """Of the error in the knob, as it can be expected."""
+    kind: int = 0
+    """Order of the method, of a fixed step."""
+    given: Mapping[str, Any] = field(default_factory=dict)
+    """More settings of those runs."""
+    answer: Mapping[str, Any] = field(default_factory=dict)
+    """More settings of the backend itself."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """One setting and what it gave."""
+
+    setting: float
+    """The step that was taken, s, or rtol."""
+    error: float
+    cpu: float
+    steps: int
+    evaluations: int
+
+
+class Judge:
+    """Makes runs of a scene and says what they err by; ``truth``: None where errors come from finer runs."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        sampling: Sampling,
+        observable: str,
+        truth: Trajectory | None,
+        *,
+        tell: Callable[[str], None] = lambda label: None,
+    ) -> None:
+        self.scene, self.sampling, self.observable, self.truth, self.tell = scene, sampling, observable, truth, tell
+        self._runs: dict[tuple[str, float], Trajectory] = {}
+
+    def snapped(self, candidate: Candidate, setting: float) -> float:
+        """The setting that a run takes: steps fall on the samples."""
+        if candidate.knob == "":
+            return 0.0
+        if candidate.knob != "dt":
+            return max(LEAST_RTOL, float(f"{setting:.1e}"))
+        interval = self.scene.duration / self.sampling.count
+        return interval / max(1, math.ceil(interval / setting * (1.0 - 1e-12)))
+
+    def run(self, candidate: Candidate, setting: float) -> Trajectory:
+        """A run at a setting, without bars; made once."""
+        setting = self.snapped(candidate, setting)
+        key = (candidate.name, setting)
+        if key not in self._runs:
+            self.tell(f"{candidate.runs} at {candidate.knob} = {setting:.3g}")
+            settings = {**candidate.given, **({candidate.knob: setting} if candidate.knob else {}), "bars": False}
+            resolution = Resolution(**settings)
+            self._runs[key] = backend(candidate.runs).run(self.scene, resolution, self.sampling)
+        return self._runs[key]
+
+    def trial(self, candidate: Candidate, setting: float) -> Trial:
+        """What a setting of three digits errs by; inf where its run breaks."""
+        setting = self.snapped(candidate, float(f"{setting:.2e}"))
+        try:
+            run = self.run(candidate, setting)
+            error = self._error(candidate, setting, run)
+        except RunBroken:
+            return Trial(setting=setting, error=math.inf, cpu=math.nan, steps=0, evaluations=0)
+        cost = run.cost
+        return Trial(setting=setting, error=error, cpu=cost.cpu, steps=cost.steps, evaluations=cost.force_evaluations)
+
+    def _error(self, candidate: Candidate, setting: float, run: Trajectory) -> float:
+        if self.truth is not None:
+            return relative_error(self.observable, self.scene, run, self.truth)
+        kind = "damped" if candidate.knob == "dt" and candidate.order == 1.0 else candidate.knob
+        wanted = setting / FINER[kind]
+        there = [one for name, one in self._runs if name == candidate.name and one <= 1.05 * wanted]
+        finer = max(there, default=self.snapped(candidate, wanted))
+        if not finer < setting:
+            return math.inf  # there is no finer one to see its error by
+        apart = relative_error(self.observable, self.scene, run, self.run(candidate, finer))
+        return apart / -math.expm1(-CAREFUL * candidate.order * math.log(setting / finer))
+
+    def forget(self, candidate: Candidate) -> None:
+        """What was run for a candidate whose settings become others."""
+        self._runs = {key: run for key, run in self._runs.items() if key[0] != candidate.name}
+
+    def cpu(self, candidate: Candidate, setting: float) -> float:
+        """CPU of a run, s: the least of three where they are short, for the first may bring the compiler."""
+        first, setting = self.run(candidate, setting), self.snapped(candidate, setting)
+        found = [first.cost.cpu]
+        while len(found) < 3 and sum(found) < 0.5:
+            self._runs.pop((candidate.name, setting))
+            found.append(self.run(candidate, setting).cost.cpu)
+        return min(found)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settled:
+    """The coarsest setting that serves, or, where ``best`` is None, the least error that was found."""
+
+    best: Trial | None
+    trials: tuple[Trial, ...]
+    """All, as they were made."""
+
+    @property
+    def least(self) -> float:
+        """The least error that was found."""
+        return min(one.error for one in self.trials)
+
+
+def observed_order(trials: Sequence[Trial]) -> float:
+    """Slope of the errors in the settings, in decades, by least squares; nan where there is none."""
+    real = [(math.log(one.setting), math.log(one.error)) for one in trials if 0.0 < one.error < math.inf]
+    settings, errors = [s for s, _ in real], [e for _, e in real]
+    if len({*settings}) < 2:
+        return math.nan
+    return statistics.linear_regression(settings, errors).slope
+
+
+def settle(
+    trial: Callable[[float], Trial],
+    first: float,
+    target: float,
+    *,
+    order: float,
+    least: float,
+    most: float,
+    knob: str = "dt",
+    erratic: bool = False,
+) -> Settled:
+    """The coarsest setting from ``least`` to ``most`` whose error is at most ``target``, to within ``CLOSE[knob]``.
+
+    ``trial`` makes and judges the run of a setting; the search begins at ``first`` and follows the order that the
+    runs show, within a bracket as soon as there is one. At least two settings are tried. Errors need not fall with the
+    setting everywhere: the coarsest that serves of all that were tried is the answer, and where they are ``erratic``
+    some that are coarser than that are tried besides.
+    """
+    made: list[Trial] = []
+    close, aim = CLOSE[knob], AIM[knob]
+
+    def known(setting: float) -> bool:
+        return any(math.isclose(one.setting, setting, rel_tol=1e-9) for one in made)
+
+    setting = min(max(first, least), most)
+    for _ in range(MOST_TRIALS):
+        found = trial(setting)
+        if known(found.setting):
+            break  # no step between the two that are known
+        made.append(found)
+        best = max((one for one in made if one.error <= target), key=lambda one: one.setting, default=None)
+        above = min((o.setting for o in made if best is None or o.setting > best.setting), default=math.inf)
+        slope = _slope(made, target, order)
+        if best is not None:
+            room = (target / best.error) ** (1.0 / slope) if best.error > 0.0 else math.inf
+            enough = min(room, above / best.setting, most / best.setting) <= close
+            if enough and len(made) > 1:
+                break
+            setting = best.setting * min(
+                8.0, max(room * aim ** (1.0 / slope), math.sqrt(room)) if room > close else close
+            )
+            if above < math.inf and not best.setting * 1.02 < setting < above / 1.02:
+                setting = math.sqrt(best.setting * above)
+            setting = min(setting, most)
+        else:
+            lowest = min(made, key=lambda one: one.setting)
+            if lowest.setting <= least * (1.0 + 1e-9) or _stalled(made):
+                break
+            ratio = (aim * target / lowest.error) ** (1.0 / slope) if lowest.error < math.inf else 0.25
+            setting = max(least, lowest.setting * min(0.9, max(0.05, ratio)))
+    best = max((one for one in made if one.error <= target), key=lambda one: one.setting, default=None)
+    if erratic and best is not None:
+        coarser = {trial(min(factor * best.setting, most)) for factor in COARSER}
+        made += [one for one in coarser if not known(one.setting)]
+        best = max((one for one in made if one.error <= target), key=lambda one: one.setting)
+    return Settled(best=best, trials=tuple(made))
+
+
+def _slope(made: list[Trial], target: float, order: float) -> float:
+    """The order that the two trials nearest to the target show, as far as it is credible."""
+    real = sorted(
+        (one for one in made if 0.0 < one.error < math.inf), key=lambda one: abs(math.log(one.error / target))
+    )
+    shown = observed_order(real[:2])
+    return order if math.isnan(shown) else min(1.5 * order, max(0.5 * order, shown))
+
+
+def _stalled(made: list[Trial]) -> bool:
+    """Whether the last three, each finer than the one before, did no better: a floor, which no setting lowers."""
+    if len(made) < 4:
+        return False
+    a, *_, d = made[-4:]
+    return d.setting < 0.3 * a.setting and d.error > 0.7 * a.error

@@ -1,0 +1,121 @@
+"""What lines and marks of a diagram look like: one colour, mark and dash for each code, whatever the figure.
+
+Colours are the Okabe-Ito set (legible for colour-blind readers); lines and marks also differ in form, so that a page
+printed in grey keeps its meaning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from matplotlib.patheffects import withStroke
+
+from dem_bridge.backends.base import ENGINE_BACKENDS
+
+BLACK, BLUE, VERMILION, GREEN, PURPLE = "#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7"
+ORANGE, GREY, SKY, PALE = "#E69F00", "#7F7F7F", "#56B4E9", "#C8C8C8"
+_HOLLOW = {"markerfacecolor": "none", "markeredgewidth": 1.1}
+_CIRCLES = {"color": BLUE, "linestyle": "none", "marker": "o", "markersize": 4.5, **_HOLLOW}
+#: style of a Series -> how matplotlib draws it; no two are alike in grey, and marks at one place stand in each other
+STYLES: Mapping[str, Mapping[str, Any]] = {
+    **dict.fromkeys(ENGINE_BACKENDS, _CIRCLES),
+    "reference": {"color": BLACK, "linestyle": "-", "linewidth": 1.4},
+    "bca": {"color": VERMILION, "linestyle": "--", "linewidth": 1.5, "marker": "s", "markersize": 7.0, **_HOLLOW},
+    "adiabatic": {"color": PURPLE, "linestyle": "-.", "linewidth": 1.7, "marker": "^", "markersize": 10.0, **_HOLLOW},
+    "ode45": {"color": GREEN, "linestyle": "none", "marker": "x", "markersize": 4.5},
+    "fit": {"color": ORANGE, "linestyle": ":", "linewidth": 2.4, "zorder": 4},
+    "guide": {"color": GREY, "linestyle": (0, (9, 3)), "linewidth": 1.2},
+    # marks of several quantities in one row: by form, and filled or not
+    "mark-1": {"color": BLACK, "linestyle": "none", "marker": "*", "markersize": 9.0},
+    "mark-2": {"color": BLUE, "linestyle": "none", "marker": "s", "markersize": 8.0, **_HOLLOW},
+    "mark-3": {"color": VERMILION, "linestyle": "none", "marker": "^", "markersize": 8.5, **_HOLLOW},
+    "mark-4": {"color": GREEN, "linestyle": "none", "marker": "+", "markersize": 9.0, "markeredgewidth": 1.8},
+    "mark-5": {"color": PURPLE, "linestyle": "none", "marker": "D", "markersize": 11.0, **_HOLLOW},
+}
+_OTHER: Mapping[str, Any] = {"color": GREY, "linestyle": "-", "linewidth": 1.2}
+#: of cost against error: a wide pale band behind all, at its height until the next point of the front is paid for
+_FRONT: Mapping[str, Any] = {
+    "color": PALE,
+    "linestyle": "-",
+    "linewidth": 7.0,
+    "drawstyle": "steps-post",
+    "zorder": 0.5,
+}
+#: at a bar: what is on it is somewhere below
+_BELOW: Mapping[str, Any] = {
+    "color": BLACK,
+    "linestyle": "none",
+    "marker": "$\\downarrow$",
+    "markersize": 11.0,
+    "zorder": 4,
+}
+#: in diagrams of many codes, style "curve/BACKEND/VARIANT": a colour and a mark for each code ...
+_CODES: Mapping[str, tuple[str, str, float]] = {
+    "lammps-granular": (BLUE, "o", 5.0),
+    "lammps-table": (SKY, "s", 5.0),
+    "verlet": (BLACK, "v", 5.5),
+    "blanes-moan": (VERMILION, "D", 4.5),
+    "ase": (GREY, "P", 6.0),
+    "scipy": (ORANGE, "p", 6.5),
+    "ode45": (GREEN, "x", 5.0),
+    "reference": (BLACK, "*", 11.0),
+    "bca": (VERMILION, "X", 8.0),
+    "adiabatic": (PURPLE, "^", 8.0),
+}
+#: those of one setting, so of no line
+_ALONE = ("reference", "bca", "adiabatic")
+_CODE = (GREY, ">", 5.5)
+#: ... and a dash for each variant of it; extrapolated ones are filled
+_DASHES: Mapping[str, Any] = {
+    "": "-",
+    "richardson": (0, (4, 1.5)),
+    "physical": (0, (1, 1.2)),
+    "both": (0, (4, 1.5)),
+    "spline": "-",
+    "linear": (0, (4, 1.5)),
+    "lines": (0, (1, 1.2)),
+}
+#: on a map a line is thin, for it must not hide the front that it stands beside, and black or white, for colours and
+#: greys are the map's; its edge is of the other, so that it is seen on either
+_ON_MAP: Mapping[str, Mapping[str, Any]] = {
+    name: {
+        "color": ink,
+        "linestyle": dash,
+        "linewidth": 1.1,
+        "path_effects": [withStroke(linewidth=2.4, foreground="black" if ink == "white" else "white")],
+    }
+    for name, ink, dash in (("bca", "black", "--"), ("adiabatic", "white", "-."), ("", "white", "-"))
+}
+
+
+def style_of(name: str) -> dict[str, Any]:
+    """How matplotlib draws a Series of that style: of :data:`STYLES`, "front", "below" or "curve/BACKEND/VARIANT".
+
+    What is unknown is grey, and drawn nevertheless.
+
+    >>> style_of("curve/verlet")["marker"], style_of("curve/verlet/richardson")["linestyle"]
+    ('v', (0, (4, 1.5)))
+    """
+    if name in ("front", "below"):
+        return dict(_FRONT if name == "front" else _BELOW)
+    if not name.startswith("curve/"):
+        return dict(STYLES.get(name, _OTHER))
+    _, code, variant = f"{name}/".split("/")[:3]
+    colour, mark, size = _CODES.get(code, _CODE)
+    filled = variant == "richardson" or code in _ALONE
+    return {
+        "color": colour,
+        "marker": mark,
+        "markersize": size,
+        "markeredgewidth": 1.2,
+        "markerfacecolor": colour if filled else "white",
+        "linestyle": "none" if code in _ALONE else _DASHES.get(variant, "-."),
+        "linewidth": 1.3,
+        "zorder": 3 if code in _ALONE or mark == "x" else 2,
+    }
+
+
+def style_on_map(name: str) -> dict[str, Any]:
+    """As :func:`style_of`, of a line over a map."""
+    return dict(_ON_MAP.get(name, _ON_MAP[""]))

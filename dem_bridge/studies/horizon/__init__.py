@@ -1,0 +1,1 @@
+"""How long single trajectories can be trusted, and what holds beyond."""

@@ -1,0 +1,297 @@
+"""What the horizon study measures: growth of a nudge, bars of a run over time, and long runs of the twin."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from dem_bridge.backends.reference import SAFETY
+from dem_bridge.backends.twin import solve_dense
+from dem_bridge.backends.twin_bars import REALISATIONS, STEP_SAFETY, Twins, last_digit
+from dem_bridge.campaign import Progress
+from dem_bridge.dense import Schedule
+from dem_bridge.observables.conserved import energy_parts
+from dem_bridge.observables.drift import BLOCKS, Drift, drift_of, swing_of
+from dem_bridge.scene import Scene, Wall
+from dem_bridge.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+#: velocities whose bar is this share of the largest are no longer known
+KNOWN = 0.01
+#: steps between two reports of a long run
+_PART = 1_000_000
+
+
+def nudged(scene: Scene, share: float, seed: int) -> Scene:
+    """The scene with every mass, velocity and stiffness moved by ``share`` times a normal deviate of its own.
+
+    What is 0 stays: a body at rest is at rest. Gaps stay, for they are sums of what is left and right of them.
+    """
+    deviate = np.random.default_rng([2018, seed])
+
+    def moved(value: float) -> float:
+        return value * (1.0 + share * float(deviate.standard_normal()))
+
+    def wall(one: Wall | None) -> Wall | None:
+        return None if one is None else replace(one, stiffness=moved(one.stiffness))
+
+    return replace(
+        scene,
+        mass=tuple(map(moved, scene.mass)),
+        velocity=tuple(map(moved, scene.velocity)),
+        stiffness=tuple(map(moved, scene.stiffness)),
+        wall_left=wall(scene.wall_left),
+        wall_right=wall(scene.wall_right),
+    )
+
+
+def apart(one: Floats, other: Floats, scale: float) -> Floats:
+    """Largest distance so far of velocities ``(n_t, n_body)`` over the bodies and all earlier samples, in units of
+    ``scale`` (m/s), ``(n_t,)``."""
+    return np.asarray(np.maximum.accumulate(np.max(np.abs(one - other), axis=1)) / scale)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Growth:
+    """How a nudge grows. Made by :func:`growth_of`."""
+
+    exponential: bool
+    """Whether exp(rate t) fits better than a power of t."""
+    rate: float
+    """1/s where exponential, else the power."""
+    bar: float
+    """Half width of its 95 % interval, from the scatter of the nudges."""
+    factor: float
+    """Largest distance at the end over the nudge: a saturated one says nothing of the rate."""
+    window: tuple[float, float]
+    """s: from where to where was fitted."""
+    misfit: tuple[float, float]
+    """Root mean square in the logarithm, of exponential and power."""
+
+    @property
+    def kind(self) -> str:
+        """ "exponential" or "power of time"; "neither" where both are off by more than a factor e."""
+        if not min(self.misfit) <= 1.0:
+            return "neither"
+        return "exponential" if self.exponential else "power of time"
+
+
+def growth_of(time: Floats, distance: Floats, share: float, *, most: float = KNOWN) -> Growth:
+    """Fit ``distance (n_nudge, n_t)``, largest so far over the largest speed, of nudges of this relative ``share``.
+
+    Between the nudge itself and ``most``, where it is no longer small; each nudge has its own factor and rate.
+
+    >>> time = np.linspace(0.0, 1.0, 201)
+    >>> two = [factor * 1e-10 * np.exp(15.0 * time) for factor in (1.0, 3.0)]
+    >>> found = growth_of(time, np.array(two), 1e-10)
+    >>> found.exponential, round(found.rate, 6), round(found.bar, 6)
+    (True, 15.0, 0.0)
+    >>> found = growth_of(time, np.array([1e-10 * time, 2e-10 * time]), 1e-10)
+    >>> found.exponential, round(found.rate, 6)
+    (False, 1.0)
+    """
+    positive = (time > 0.0) & np.all(distance > 0.0, axis=0)
+    middle = np.exp(np.mean(np.log(np.where(positive, distance, 1.0)), axis=0))
+    inside = positive & (middle >= share) & (middle < most)
+    if np.sum(inside) < 8:
+        inside = positive & (middle < most)
+    if np.sum(inside) < 3:
+        nan = math.nan
+        return Growth(exponential=False, rate=nan, bar=nan, factor=float(np.max(distance, initial=0.0) / share),
+                      window=(nan, nan), misfit=(nan, nan))  # fmt: skip
+    y = np.log(distance[:, inside])
+    fits = {}
+    for exponential, x in ((True, time[inside]), (False, np.log(time[inside]))):
+        away = x - np.mean(x)
+        slopes = y @ away / np.sum(away**2)
+        rest = y - np.mean(y, axis=1, keepdims=True) - slopes[:, None] * away
+        fits[exponential] = slopes, float(np.sqrt(np.mean(rest**2)))
+    better = fits[True][1] < fits[False][1]
+    slopes, n = fits[better][0], len(distance)
+    bar = float(student.ppf(0.975, n - 1) * np.std(slopes, ddof=1) / math.sqrt(n)) if n > 1 else math.nan
+    return Growth(
+        exponential=better,
+        rate=float(np.mean(slopes)),
+        bar=bar,
+        factor=float(np.max(distance)) / share,
+        window=(float(time[inside][0]), float(time[inside][-1])),
+        misfit=(fits[True][1], fits[False][1]),
+    )
+
+
+def step_bar(twins: Twins, scale: float) -> Floats:
+    """The bar of the time step up to each sample, as :meth:`~dem_bridge.backends.twin_bars.Twins.of_step` has it of
+    the whole run, in units of ``scale`` (m/s), ``(n_t,)``."""
+    parts = [
+        STEP_SAFETY / abs(ratio**twins.order - 1.0) * apart(twins.own.velocity, other.velocity, scale)
+        for ratio, other in twins.others.items()
+    ]
+    return np.asarray(np.max(parts, axis=0))
+
+
+def round_off_bar(own: Floats, others: Sequence[Floats], plan: Schedule, scale: float) -> Floats:
+    """Bar of the round-off up to each sample from other realisations of it, as bars of whole runs have it."""
+    found = np.max([apart(own, other, scale) for other in others], axis=0)
+    speed = float(np.max(np.abs(own))) / scale
+    digits = REALISATIONS * last_digit(plan) + 0.5 * plan.steps * float(np.finfo(float).eps)
+    return np.asarray(REALISATIONS * found + digits * speed)
+
+
+def reference_bar(own: Floats, others: Sequence[Floats], scale: float) -> Floats:
+    """Bar of the reference up to each sample, from runs whose inputs were moved by their last digits."""
+    return np.asarray(SAFETY * np.max([apart(own, other, scale) for other in others], axis=0) + 16.0 * 2.0**-52)
+
+
+def horizon_of(time: Floats, bar: Floats, known: float = KNOWN) -> float:
+    """First time (s) at which a bar is above ``known``; inf: at none."""
+    beyond = np.flatnonzero(~(bar <= known))
+    return float(time[beyond[0]]) if len(beyond) else math.inf
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trust:
+    """How long single velocities of one backend are known."""
+
+    backend: str
+    bar: Floats
+    """Of velocities up to each sample, over the largest speed, ``(n_t,)``."""
+    error: Floats | None
+    """Largest distance to the reference up to each sample, ``(n_t,)``; None of the reference itself."""
+    run: Trajectory
+    horizon: float
+    """s: when the bar is above 1 %; inf: not within the duration."""
+    collisions: float
+    """Contacts that closed until then; nan: steps are looked at too rarely to count."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LongRun:
+    """What a long run of the twin is asked for: ``(n_t,)`` all but ``velocity (n_t, n_body)``. SI."""
+
+    dt: float
+    steps: int
+    time: Floats
+    velocity: Floats
+    kinetic: Floats
+    stored: Floats
+    total: Floats
+    conserved: Floats
+    """Total energy with what velocity-Verlet swings by added: see :mod:`dem_bridge.observables.drift`."""
+    scale: float
+    """J: the most that was in motion."""
+    complete: bool = True
+    """False: it was stopped."""
+
+    @property
+    def drift(self) -> Drift | None:
+        """Of the conserved energy, in units of ``scale``, per s; None: too short."""
+        return drift_of(self.time, self.conserved / self.scale) if len(self.time) >= 2 * BLOCKS else None
+
+    @property
+    def swing(self) -> tuple[float, float]:
+        """Largest distance of the energy from what is conserved, and of the energy from its start, over ``scale``."""
+        swing = float(np.max(np.abs(self.conserved - self.total)))
+        return swing / self.scale, float(np.max(np.abs(self.total - self.total[0]))) / self.scale
+
+    def predicted_swing(self, until: float) -> float:
+        """Root mean square until then (s) of the energy's distance from what is conserved, over ``scale``."""
+        away = (self.conserved - self.total)[self.time <= until]
+        return float(np.sqrt(np.mean(away**2))) / self.scale
+
+
+def long_run(scene: Scene, dt: float, steps: int, *, samples: int = 10_000, tell: Progress | None = None) -> LongRun:
+    """So many steps of the twin at ``dt`` (s), looked at ``samples`` times and not in between; the scene's duration
+    does not matter.
+
+    A million steps at a time, each part from where the last one ended: overlaps and velocities are all that it needs,
+    so that the parts are one run to the last digit. A precompressed or damped scene is run as a whole. Ctrl-C leaves
+    what was run until then. ``tell`` is called with (steps done, steps, label).
+    """
+    per_sample = max(1, steps // samples)
+    count = max(1, steps // per_sample)
+    in_parts = scene.precompression == 0.0 and not scene.dissipates
+    each = max(1, _PART // per_sample) if in_parts else count
+    there, done, complete = np.zeros(scene.n_body), 0, True
+    now, parts, found = scene, [], count
+    while done < count:
+        rows = min(each, count - done)
+        part = replace(now, duration=rows * per_sample * dt, samples=rows)
+        plan = Schedule(step=dt, per_sample=per_sample, subdivisions=1, samples=rows)
+        try:
+            if tell is not None:
+                tell(done * per_sample, count * per_sample, f"{scene.name}: {count * per_sample:.0e} steps")
+            run, dense = solve_dense(part, plan, 0.0)
+        except KeyboardInterrupt:
+            complete, found = False, done
+            break
+        kinetic, stored, potential = energy_parts(part, run)
+        potential = potential - scene.gravity * there @ np.array(scene.mass)
+        first = 1 if done else 0
+        parts.append(np.column_stack([kinetic, stored, potential, swing_of(part, run, dt), run.velocity])[first:])
+        there = there + run.displacement[-1]
+        done += rows
+        if done < count:
+            now = _from_here(part, dense.overlap[-1], run.velocity[-1])
+    values = np.concatenate(parts) if parts else np.zeros((1, 4 + scene.n_body))
+    kinetic, stored, potential, swing = values[:, :4].T
+    total = kinetic + stored + potential
+    return LongRun(
+        dt=dt,
+        steps=found * per_sample,
+        time=np.asarray(per_sample * dt * np.arange(len(values))),
+        velocity=values[:, 4:],
+        kinetic=kinetic,
+        stored=stored,
+        total=total,
+        conserved=total + swing,
+        scale=float(np.max(kinetic)),
+        complete=complete,
+    )
+
+
+def _from_here(scene: Scene, overlap: Floats, velocity: Floats) -> Scene:
+    """The scene that goes on from these overlaps (m, negative: gaps) and velocities."""
+    gap, links = (-overlap).tolist(), len(scene.stiffness)
+    walls = iter(gap[links:])
+
+    def wall(one: Wall | None) -> Wall | None:
+        return None if one is None else replace(one, gap=next(walls))
+
+    return replace(
+        scene,
+        gap=tuple(gap[:links]),
+        velocity=tuple(velocity.tolist()),
+        wall_left=wall(scene.wall_left),
+        wall_right=wall(scene.wall_right),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Found:
+    """All that the study found, before it is judged."""
+
+    scene: Scene
+    plan: Schedule
+    nudge: float
+    """Relative."""
+    distance: Floats
+    """``(n_nudge, n_t)``: largest so far of each nudge, over the largest speed."""
+    growth: Growth
+    trusts: tuple[Trust, ...]
+    """The reference's first."""
+    ensemble: tuple[Trajectory, ...]
+    """Of the nudged scenes."""
+    long: LongRun
+    halved: LongRun | None
+    """At half the step; None: not run."""
+    contact_time: float
+    """s: of the shortest collision; nan: there is none."""
+
+    @property
+    def truth(self) -> Trajectory:
+        return self.trusts[0].run

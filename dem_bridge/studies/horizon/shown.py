@@ -1,0 +1,279 @@
+"""What the horizon study shows: tables, figures and the answer in sentences. Nothing is run here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from dem_bridge.studies.checks import REFERENCE, TWIN
+from dem_bridge.studies.exhibits import Exhibit, Panel, Series, Table
+from dem_bridge.studies.horizon.runs import KNOWN, Floats, Found, LongRun, horizon_of
+from dem_bridge.studies.horizon.verdicts import independent_from
+from dem_bridge.verdict import Outcome, Verdict
+
+#: points of a line of a long run, and least value that is drawn
+_POINTS, _LEAST = 1000, 1e-18
+
+
+def tables(found: Found, judged: Sequence[Verdict]) -> tuple[Table, ...]:
+    """Horizons, growth, the long run, and all verdicts."""
+    g = found.growth
+    horizons = Table(
+        id="horizons",
+        title="How long single velocities are known to 1 %",
+        caption="Horizon: when the bar is above 1 % of the largest speed (inf: not within the duration). Bars are from"
+        " twins at other steps and in positions, of the reference from inputs moved by their last digits; differences"
+        " to the reference are what was found.",
+        columns=(
+            "backend", "horizon (s)", "in contact times", "contacts closed until then", "bar at the end",
+            "largest difference to the reference",
+            "difference above 1 % from (s)",
+        ),
+        rows=tuple(
+            (
+                one.backend,
+                one.horizon,
+                one.horizon / found.contact_time,
+                one.collisions,
+                float(one.bar[-1]),
+                math.nan if one.error is None else float(one.error[-1]),
+                math.nan if one.error is None else horizon_of(found.truth.time, one.error),
+            )
+            for one in found.trusts
+        ),
+    )  # fmt: skip
+    growth = Table(
+        id="growth",
+        title="How a nudge grows",
+        caption=f"{len(found.distance)} runs of the reference with masses, velocities and stiffnesses moved by"
+        f" {found.nudge:g}; bars are 95 % intervals from their scatter.",
+        columns=(
+            "fits", "rate (1/s) or power", "bar", "e-folding time in contact times", "fitted from (s)", "to (s)",
+            "misfit, exponential", "misfit, power", "largest distance / nudge",
+        ),
+        rows=(
+            (
+                g.kind,
+                g.rate,
+                g.bar,
+                1.0 / (g.rate * found.contact_time) if g.exponential else math.nan,
+                *g.window,
+                *g.misfit,
+                g.factor,
+            ),
+        ),
+    )  # fmt: skip
+    long = Table(
+        id="long",
+        title="Energy of long runs of the twin",
+        caption="Drift of what velocity-Verlet conserves (energy with its known swing added), over the whole run, in"
+        " parts of the most that was in motion; bars are 95 % intervals that hold for a walk at random, too.",
+        columns=(
+            "dt (s)", "steps", "duration (s)", "drift", "bar", "drift told from none", "swing, found",
+            "swing, predicted", "mean kinetic / stored energy",
+        ),
+        rows=tuple(_long_row(one) for one in (found.long, found.halved) if one is not None),
+    )  # fmt: skip
+    verdicts = Table(
+        id="verdicts",
+        title="Verdicts",
+        caption="Beyond a horizon only what is conserved and statistics are judged.",
+        columns=("backend", "quantity", "difference", "tolerance", "outcome", "sentence"),
+        rows=tuple(
+            (one.backend, one.quantity, one.difference, one.tolerance, one.outcome.value, one.sentence)
+            for one in judged
+        ),
+    )
+    return horizons, growth, long, verdicts
+
+
+def _long_row(one: LongRun) -> tuple[str | float, ...]:
+    nan, drift = math.nan, one.drift
+    predicted, swing = one.swing
+    stored = float(np.mean(one.stored))
+    return (
+        one.dt,
+        float(one.steps),
+        float(one.time[-1]),
+        *(drift.total if drift is not None else (nan, nan)),
+        "too short" if drift is None else "yes" if drift.found else "no",
+        swing,
+        predicted,
+        float(np.mean(one.kinetic)) / stored if stored > 0.0 else nan,
+    )
+
+
+def exhibits(found: Found) -> tuple[Exhibit, ...]:
+    """Distances and bars over time; the energy of the long run; the distribution of velocities beyond the horizon."""
+    made = [_parting(found)]
+    if len(found.long.time) > 2:
+        made.append(_energy(found.long))
+    first = independent_from(found)
+    if first is not None:
+        made.append(_distribution(found, first))
+    return tuple(made)
+
+
+def _log(values: Floats) -> Floats:
+    return np.asarray(np.log10(np.maximum(values, _LEAST)))
+
+
+def _parting(found: Found) -> Exhibit:
+    time = 1e3 * found.truth.time
+    middle = np.exp(np.mean(np.log(np.maximum(found.distance, _LEAST)), axis=0))
+
+    def line(label: str, style: str, y: Floats) -> Series:
+        return Series(label=label, style=style, x=time, y=_log(y))
+
+    nudges = (
+        line(f"inputs moved by {found.nudge:g}", "reference", middle),
+        line("the nearest", "guide", np.min(found.distance, axis=0)),
+        line("the farthest", "guide", np.max(found.distance, axis=0)),
+    )
+    styles = {REFERENCE: "adiabatic", TWIN: "bca"}
+    bars = [line(f"bar of {one.backend}", styles.get(one.backend, one.backend), one.bar) for one in found.trusts]
+    bars += [
+        line(f"{one.backend} - reference", "fit" if one.backend == TWIN else "ode45", one.error)
+        for one in found.trusts
+        if one.error is not None
+    ]
+    bars.append(Series(label="1 %", style="guide", x=time[[0, -1]], y=np.log10([KNOWN, KNOWN])))
+    label = "log10 of distance"
+    return Exhibit(
+        id="horizon",
+        title="How velocities part",
+        caption="Largest distance of velocities so far, over the largest speed. Left: runs of the reference whose"
+        " inputs differ a little. Right: bars of each code, and what it differs by from the reference; where a bar"
+        " passes 1 % its horizon is.",
+        panels=(
+            Panel(title="(a) growth of a nudge", x_label="time (ms)", y_label=label, series=nudges),
+            Panel(title="(b) bars of the codes", x_label="time (ms)", y_label=label, series=tuple(bars)),
+        ),
+    )
+
+
+def _energy(long: LongRun) -> Exhibit:
+    every = max(1, len(long.time) // _POINTS)
+    time, drift = long.time[::every], long.drift
+    energy, kept = ((one - long.conserved[0]) / long.scale for one in (long.total, long.conserved))
+    unit = 10.0 ** math.floor(math.log10(max(float(np.max(np.abs(energy))), _LEAST)))
+    series = [
+        Series(label="energy", style="guide", x=time, y=energy[::every] / unit),
+        Series(label="conserved by the method", style="reference", x=time, y=kept[::every] / unit),
+    ]
+    notes: tuple[str, ...] = ()
+    if drift is not None:
+        line = float(np.mean(kept)) + drift.slope * (time - float(np.mean(long.time)))
+        series.append(Series(label="fitted drift", style="fit", x=time, y=line / unit))
+        total, bar = drift.total
+        notes = (f"drift {total:+.1e} +- {bar:.1e} over {long.steps:.3g} steps of {long.dt:.3g} s",)
+    panel = Panel(
+        title="energy",
+        x_label="time (s)",
+        y_label=f"change / most in motion ({unit:.0e})",
+        series=tuple(series),
+        notes=notes,
+    )
+    return Exhibit(
+        id="horizon-energy",
+        title="Energy of the long run",
+        caption="The energy of velocity-Verlet swings about what the method conserves; that walks at random by what"
+        " each touch adds or takes.",
+        panels=(panel,),
+        columns=1,
+    )
+
+
+def _distribution(found: Found, first: int) -> Exhibit:
+    root = np.sqrt(np.array(found.scene.mass))
+    parts = [(one.backend, one.backend, [one.run]) for one in found.trusts[1:]]
+    styles = {TWIN: "bca"}
+    edges = np.linspace(-4.0, 4.0, 41)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+
+    def density(runs: Sequence[Floats]) -> Floats:
+        values = np.concatenate([one.ravel() for one in runs])
+        return np.asarray(np.histogram(values / np.sqrt(np.mean(values**2)), bins=edges, density=True)[0])
+
+    known = density([one.velocity[first:] * root for one in (found.truth, *found.ensemble)])
+    series = [Series(label="reference, independent runs", style="reference", x=middle, y=known)]
+    series += [
+        Series(
+            label=name,
+            style=styles.get(style, style),
+            x=middle,
+            y=density([run.velocity[first:] * root for run in runs]),
+        )
+        for name, style, runs in parts
+    ]
+    normal = np.exp(-0.5 * middle**2) / math.sqrt(2.0 * math.pi)
+    series.append(Series(label="normal", style="guide", x=middle, y=normal))
+    return Exhibit(
+        id="horizon-distribution",
+        title="Velocities beyond the horizon",
+        caption=f"Of all bodies and samples from {1e3 * found.truth.time[first]:.3g} ms on, times the root of the mass,"
+        " over their root mean square: one by one unknown, together well known.",
+        panels=(
+            Panel(
+                title=found.scene.name, x_label="velocity / root mean square", y_label="density", series=tuple(series)
+            ),
+        ),
+        columns=1,
+    )
+
+
+def answer(found: Found, judged: Sequence[Verdict]) -> tuple[str, ...]:
+    """In sentences, the horizons first."""
+    g, scene = found.growth, found.scene
+    said = []
+    for one in found.trusts:
+        if math.isinf(one.horizon):
+            said.append(
+                f"Velocities of {one.backend} on {scene.name} have no horizon within {scene.duration:.3g} s: their bar"
+                f" is {float(one.bar[-1]):.1e} of the largest at the end."
+            )
+        else:
+            at = f" at dt = {found.plan.step:.3g} s" if one.backend != REFERENCE else ""
+            said.append(
+                f"Single velocities of {one.backend} on {scene.name}{at} are known to 1 % until"
+                f" {1e3 * one.horizon:.3g} ms ({one.horizon / found.contact_time:.0f} contact times,"
+                f" {one.collisions:.0f} contacts closed); beyond that they are UNDECIDED."
+            )
+    fits = f"misfit in the logarithm {g.misfit[0]:.2g}, of a power of time {g.misfit[1]:.2g}"
+    if g.kind == "neither":
+        said.append(
+            f"A nudge grows {g.factor:.1e} times, not steadily: neither an exponential nor a power fits ({fits})."
+        )
+    elif g.exponential:
+        said.append(
+            f"A nudge grows {g.factor:.1e} times, exponentially ({fits}): by a factor e in {1.0 / g.rate:.2e} s, which"
+            f" is {1.0 / (g.rate * found.contact_time):.2g} contact times (rate {g.rate:.4g} +- {g.bar:.2g} 1/s, from"
+            f" {len(found.distance)} nudges). One digit more in a run buys {2.302585 / g.rate:.2e} s."
+        )
+    else:
+        said.append(
+            f"A nudge grows {g.factor:.1e} times, as time to the power {g.rate:.2f} +- {g.bar:.2g} and not"
+            f" exponentially ({fits})."
+        )
+    drift = found.long.drift
+    if drift is not None:
+        total, bar = drift.total
+        predicted, swing = found.long.swing
+        said.append(
+            f"Energy of the twin over {found.long.steps:.3g} steps ({drift.duration:.3g} s): drift {total:+.1e} +-"
+            f" {bar:.1e} of the most in motion, {'told' if drift.found else 'not told'} from none; it swings by"
+            f" {swing:.1e} at most ({predicted:.1e} predicted from the step)."
+        )
+        if found.halved is not None:
+            until = float(found.halved.time[-1])
+            ratio = found.long.predicted_swing(until) / found.halved.predicted_swing(until)
+            said.append(
+                f"At half the step it swings {ratio:.2f} times less (root mean square over {until:.3g} s): second order"
+                " has 4."
+            )
+    beyond = [one for one in judged if one.quantity != "velocity"]
+    passed = sum(one.outcome is Outcome.PASS for one in beyond)
+    said.append(f"{passed} of {len(beyond)} conserved and statistical quantities pass.")
+    return tuple(said)

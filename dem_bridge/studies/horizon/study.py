@@ -1,0 +1,197 @@
+"""How long single trajectories can be trusted, and what can be said beyond.
+
+Small differences grow: in proportion to time where bodies pass their velocities on, exponentially where three and more
+touch at once between walls. From then on two right codes give other velocities, and a verdict on them says nothing. So
+the growth of a nudge is measured, then the time at which the bar of each code's velocities (time step and round-off, by
+the twins that bars of runs are made of, over time) is above 1 %: its horizon. Beyond it verdicts are on what is
+conserved and on statistics, and single velocities are UNDECIDED. A long run of the twin says whether its energy drifts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.steps import fixed_step_plan
+from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.twin import solve_dense, solve_plan
+from dem_bridge.backends.twin_bars import twins_of
+from dem_bridge.campaign import Case, Progress, run_cases
+from dem_bridge.dense import MOST_STEPS
+from dem_bridge.errors import UsageError
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.scene import Scene
+from dem_bridge.store import Store
+from dem_bridge.studies.checks import REFERENCE, TWIN, engine_for
+from dem_bridge.studies.exhibits import Study
+from dem_bridge.studies.horizon.runs import (
+    Found,
+    Trust,
+    apart,
+    growth_of,
+    horizon_of,
+    long_run,
+    nudged,
+    reference_bar,
+    round_off_bar,
+    step_bar,
+)
+from dem_bridge.studies.horizon.shown import answer, exhibits, tables
+from dem_bridge.studies.horizon.verdicts import verdicts
+from dem_bridge.timescales import contact_time_of
+from dem_bridge.trajectory import Trajectory
+
+#: relative nudge of every input, and of one in its last digit
+NUDGE, DIGIT = 1e-10, 2.0**-52
+#: realisations of the last digit: of the reference and of the twin
+DIGITS, TWIN_DIGITS = 6, 2
+SAMPLES = 1000
+#: s of one core for a body and step of the twin, roughly
+_PER_STEP = 5e-9
+#: seeds of nudges by the last digit are apart from those of nudges
+_OTHER = 1_000_000
+
+
+def study_horizon(
+    scene: Scene,
+    *,
+    duration: float | None = None,
+    dt: float | None = None,
+    steps: int | None = None,
+    nudges: int = 8,
+    seed: int = 0,
+    engine: Engine | None = None,
+    jobs: int | None = None,
+    tell: Progress | None = None,
+    store: Store | None = None,
+) -> Study:
+    """How long velocities of LAMMPS, of the twin and of the reference are known to 1 %, and what holds beyond.
+
+    ``duration`` (s): of the runs that are compared (None: the scene's). ``dt`` (s): of LAMMPS and twin (None: the
+    default). ``steps``: of the long run of the twin at that step, from which the drift of its energy is told (None: as
+    many as the duration takes). ``nudges``: chains with inputs moved by 1e-10, from ``seed`` on. Raises UsageError
+    for a setting that makes no sense, and what the reference raises.
+    """
+    _check(duration, steps, nudges, seed)
+    scene = replace(scene, duration=duration or scene.duration, samples=max(SAMPLES, scene.samples))
+    sampling, look = Sampling(count=scene.samples), survey_of(scene)
+    plan = fixed_step_plan(scene, Resolution(dt=dt), sampling, look)
+    judged = engine_for(scene)
+    moved = [nudged(scene, NUDGE, seed + i) for i in range(nudges)]
+    digits = [nudged(scene, DIGIT, _OTHER + seed + i) for i in range(DIGITS)]
+    bare = Resolution(bars=False)
+    cases = [Case(scene=one, backend=REFERENCE, resolution=bare, sampling=sampling) for one in (scene, *moved, *digits)]
+    told = Resolution(dt=plan.step, bars=False)
+    cases.append(Case(scene=scene, backend=judged, resolution=told, sampling=sampling, engine=engine))
+    wanted = plan.steps if steps is None else steps
+    # seconds, roughly: for the share that each part of the work has in its progress
+    compared, stepped = sum(case.expected for case in cases), _PER_STEP * scene.n_body * wanted
+    first, second, third = _stages(tell, (compared, stepped, 0.25 * stepped))
+    *references, lmp = run_cases(cases, jobs=jobs, tell=first, store=store)
+    for one in references:
+        if one.failure is not None:
+            raise one.failure
+    truth, *others = (one.trajectory for one in references if one.trajectory is not None)
+    ensemble, last = others[:nudges], others[nudges:]
+    scale = float(np.max(np.abs(truth.velocity)))
+    if scale == 0.0:
+        raise UsageError(f"nothing moves in {scene.name}, so that nothing can part; allowed: a scene with an impact")
+    distance = np.array([apart(one.velocity, truth.velocity, scale) for one in ensemble])
+    own, dense = solve_dense(scene, plan, 0.0)
+    twins = twins_of(scene, plan, look, radius=look.gauge_radius, own=own)
+    if twins is None:
+        raise UsageError(
+            f"dt = {plan.step:g} s takes {plan.steps:.2g} steps, too many for twins at finer ones to make a bar of;"
+            " allowed: a larger dt or a shorter duration"
+        )
+    rounded = [solve_plan(one, plan).velocity for one in digits[:TWIN_DIGITS]]
+    bars = {
+        REFERENCE: reference_bar(truth.velocity, [one.velocity for one in last], scale),
+        TWIN: step_bar(twins, scale) + round_off_bar(own.velocity, rounded, plan, scale),
+        judged: step_bar(twins, scale) + round_off_bar(own.velocity, [twins.positional.velocity], plan, scale),
+    }
+    runs = {REFERENCE: truth, TWIN: own} | ({judged: lmp.trajectory} if lmp.trajectory is not None else {})
+    closed = np.sum((dense.overlap[1:] > 0.0) & (dense.overlap[:-1] <= 0.0), axis=1)
+    when = plan.dense_steps[1:] * plan.step
+
+    def trust(name: str, run: Trajectory) -> Trust:
+        horizon = horizon_of(truth.time, bars[name])
+        return Trust(
+            backend=name,
+            bar=bars[name],
+            error=None if name == REFERENCE else apart(run.velocity, truth.velocity, scale),
+            run=run,
+            horizon=horizon,
+            collisions=float(np.sum(closed[when <= horizon])) if plan.resolved else math.nan,
+        )
+
+    long = long_run(scene, plan.step, wanted, tell=second)
+    halved = long_run(scene, 0.5 * plan.step, max(wanted // 4, 1), tell=third) if long.complete else None
+    found = Found(
+        scene=scene,
+        plan=plan,
+        nudge=NUDGE,
+        distance=distance,
+        growth=growth_of(truth.time, distance, NUDGE),
+        trusts=tuple(trust(name, run) for name, run in runs.items()),
+        ensemble=tuple(ensemble),
+        long=long,
+        halved=halved if halved is not None and halved.complete else None,
+        contact_time=contact_time_of(scene) or math.nan,
+    )
+    made = verdicts(found)
+    return Study(
+        id="horizon",
+        title=f"How long trajectories of {scene.name} can be trusted",
+        answer=answer(found, made),
+        tables=tables(found, made),
+        exhibits=exhibits(found),
+        outcomes=tuple(one.outcome for one in made),
+        notes=(
+            *(() if lmp.failure is None else (f"LAMMPS was not run: {lmp.failure}.",)),
+            "Bars over time are made as those of whole runs are, from differences up to each time: of the time step"
+            " from twins at twice and a third of it, of LAMMPS' round-off from the twin in positions, of the twin's and"
+            " the reference's from inputs moved by their last digits.",
+            "Statistics are compared with runs of the reference that were nudged and have become independent.",
+        ),
+        interrupted=found.halved is None,
+        provenance={
+            "scene": scene.name,
+            "scene_hash": scene.content_hash,
+            "dt": plan.step,
+            "steps": long.steps,
+            "nudges": nudges,
+            "seed": seed,
+        },
+    )
+
+
+def _stages(tell: Progress | None, sizes: tuple[float, ...]) -> list[Progress | None]:
+    """Of work in parts of these sizes the progress of each, so that all together go from 0 to 1 once."""
+    if tell is None:
+        return [None] * len(sizes)
+    report, whole = tell, sum(sizes)
+
+    def stage(before: float, size: float) -> Progress:
+        return lambda done, total, label: report((before + size * done / total) / whole, 1, label)
+
+    return [stage(sum(sizes[:nth]), size) for nth, size in enumerate(sizes)]
+
+
+def _check(duration: object, steps: object, nudges: object, seed: object) -> None:
+    def whole(value: object, least: int, most: int) -> bool:
+        return isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
+
+    if duration is not None and (
+        isinstance(duration, bool) or not isinstance(duration, int | float) or not 0.0 < duration < math.inf
+    ):
+        raise UsageError(f"duration = {duration!r}; allowed: a number > 0 (s), or None for the scene's")
+    if steps is not None and not whole(steps, 1, int(MOST_STEPS)):
+        raise UsageError(f"steps = {steps!r}; allowed: a whole number from 1 to {MOST_STEPS:.0e}, or None")
+    if not whole(nudges, 2, 1000):
+        raise UsageError(f"nudges = {nudges!r}; allowed: a whole number from 2 to 1000")
+    if not whole(seed, 0, _OTHER - 1000):
+        raise UsageError(f"seed = {seed!r}; allowed: a whole number from 0 to {_OTHER - 1000}")

@@ -1,0 +1,199 @@
+"""What is judged within a horizon, and what beyond it: conserved quantities and statistics, no single velocity."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.stats import t as student
+
+from dem_bridge.observables.conserved import energy, energy_parts, momentum
+from dem_bridge.observables.drift import BLOCKS
+from dem_bridge.scene import Scene
+from dem_bridge.studies.checks import REFERENCE, TWIN
+from dem_bridge.studies.horizon.runs import KNOWN, Floats, Found, Trust
+from dem_bridge.trajectory import Trajectory
+from dem_bridge.verdict import Outcome, Verdict, judge
+
+#: nudged runs are independent from when the nearest two are this far apart, of the largest speed
+INDEPENDENT = 0.1
+#: of the duration that must be left then for statistics over time
+LEFT = 0.25
+#: a statistic of a right code is outside its bar once in so many
+ONCE_IN = 1000.0
+
+
+def verdicts(found: Found) -> tuple[Verdict, ...]:
+    """On single velocities of each backend, then on statistics and on what is conserved."""
+    made = [single(found, trust) for trust in found.trusts]
+    for trust in found.trusts[1:]:
+        made += statistical(found, trust)
+        made += conserved(found, trust)
+    return (*made, *drift(found))
+
+
+def single(found: Found, trust: Trust) -> Verdict:
+    """Whether each velocity is known to 1 % all along; beyond the horizon nothing is said about any."""
+    name, scene, last = trust.backend, found.scene.name, float(trust.bar[-1])
+    if math.isinf(trust.horizon):
+        outcome = Outcome.PASS
+        sentence = (
+            f"by its own bar {name} knows single velocities to {last:.1e} of the largest over all"
+            f" {found.scene.duration:.3g} s."
+        )
+    else:
+        outcome = Outcome.UNDECIDED
+        sentence = (
+            f"by its own bar {name} knows single velocities to {100 * KNOWN:g} % of the largest until"
+            f" {1e3 * trust.horizon:.3g} ms; nothing is said of them beyond."
+        )
+    return Verdict(
+        scene=scene, quantity="velocity", backend=name, reference="" if name == REFERENCE else REFERENCE,
+        outcome=outcome, sentence=sentence, scale=1.0, scale_name="largest |velocity|",
+        difference=math.nan if trust.error is None else float(trust.error[-1]),
+        uncertainty=last, tolerance=KNOWN, meaning="time step and round-off",
+    )  # fmt: skip
+
+
+def independent_from(found: Found) -> int | None:
+    """First sample from which all nudged runs are independent; None: never, or too late for statistics."""
+    apart = np.flatnonzero(np.min(found.distance, axis=0) >= INDEPENDENT)
+    if len(apart) == 0 or found.truth.time[apart[0]] > (1.0 - LEFT) * found.scene.duration:
+        return None
+    return int(apart[0])
+
+
+def statistics(scene: Scene, run: Trajectory, first: int) -> dict[str, float]:
+    """Over all samples from ``first`` on: mean kinetic to mean stored energy, mean kinetic energy (J), and skewness and
+    kurtosis of velocities times the root of the mass (0 and 3 for a normal distribution)."""
+    kinetic, stored, _ = energy_parts(scene, run)
+    pushed = run.velocity[first:] * np.sqrt(np.array(scene.mass))
+    second = float(np.mean(pushed**2))
+    held = float(np.mean(stored[first:]))
+    return {
+        "mean kinetic / stored energy": float(np.mean(kinetic[first:])) / held if held > 0.0 else math.nan,
+        "mean kinetic energy (J)": float(np.mean(kinetic[first:])),
+        "skewness of velocities": float(np.mean(pushed**3)) / second**1.5,
+        "kurtosis of velocities": float(np.mean(pushed**4)) / second**2,
+    }
+
+
+def statistical(found: Found, trust: Trust) -> list[Verdict]:
+    """Statistics of a run beside those of independent runs of the reference; none where there are no such runs."""
+    first = independent_from(found)
+    if first is None:
+        return []
+    scene, name = found.scene, trust.backend
+    others = [statistics(scene, run, first) for run in (found.truth, *found.ensemble)]
+    made = []
+    for quantity, value in statistics(scene, trust.run, first).items():
+        known: Floats = np.array([one[quantity] for one in others])
+        # of one more of the same kind: its own scatter, and that of the mean
+        width = float(student.ppf(1.0 - 0.5 / ONCE_IN, len(known) - 1) * np.std(known, ddof=1))
+        width *= math.sqrt(1.0 + 1.0 / len(known))
+        middle = float(np.mean(known))
+        away = abs(value - middle)
+        made.append(
+            Verdict(
+                scene=scene.name, quantity=quantity, backend=name, reference=REFERENCE,
+                outcome=judge(away, 0.0, width),
+                sentence=(
+                    f"{quantity} of {name} is {value:.4g} from {1e3 * found.truth.time[first]:.3g} ms on; {len(known)}"
+                    f" independent runs of the reference have {middle:.4g}, and one more like them is within"
+                    f" {width:.2g} in {ONCE_IN - 1:.0f} of {ONCE_IN:.0f} cases."
+                ),
+                difference=away, scale=1.0, scale_name="1", uncertainty=0.0, reference_uncertainty=width,
+                tolerance=width, meaning="statistics beyond the horizon",
+            )
+        )  # fmt: skip
+    return made
+
+
+def conserved(found: Found, trust: Trust) -> list[Verdict]:
+    """Momentum to round-off, and energy to twice what velocity-Verlet is predicted to swing by and what the twin's
+    drifts by, over the runs that are compared."""
+    scene, run, made, long = found.scene, trust.run, [], found.long
+    drifted = sum(map(abs, long.drift.total)) if long.drift is not None else 0.0
+    free = scene.wall_left is None and scene.wall_right is None and scene.gravity == scene.drag == 0.0
+    if free:
+        scale = sum(scene.mass) * float(np.max(np.abs(run.velocity)))
+        made.append((momentum(scene, run), "momentum", scale, "kg m/s", run.cost.steps * float(np.finfo(float).eps)))
+    if not scene.dissipates:
+        made.append((energy(scene, run), "energy", long.scale, "J", 2.0 * long.swing[0] + drifted))
+    verdicts = []
+    for series, quantity, scale, unit, tolerance in made:
+        away = float(np.max(np.abs(series - series[0]))) / scale
+        verdicts.append(
+            Verdict(
+                scene=scene.name, quantity=quantity, backend=trust.backend, reference="its own start",
+                outcome=judge(away, 0.0, tolerance),
+                sentence=(
+                    f"{quantity} of {trust.backend} is at most {away:.1e} of {scale:.3g} {unit} from its start;"
+                    f" tolerance {tolerance:.1e}."
+                ),
+                difference=away, scale=scale, unit=unit, scale_name="its largest", uncertainty=0.0,
+                reference_uncertainty=0.0, tolerance=tolerance, meaning="conserved",
+            )
+        )  # fmt: skip
+    return verdicts
+
+
+def drift(found: Found) -> list[Verdict]:
+    """Whether the energy of the long run drifts by 1 % of the most in motion, with the bar of the drift; and, where the
+    virial theorem says what it is, the mean kinetic to the mean stored energy, with the bar of that."""
+    long, scene, made = found.long, found.scene, []
+    name, over = f"energy of {TWIN}", f"over {long.steps:.3g} steps ({long.time[-1]:.3g} s at dt = {long.dt:.3g} s)"
+    if not scene.dissipates and long.drift is not None:
+        total, bar = long.drift.total
+        told = "which is told from none" if long.drift.found else "which cannot be told from none"
+        sentence = (
+            f"{name} drifts by {total:+.1e} +- {bar:.1e} of the most in motion {over}, {told}; tolerance {KNOWN:g}."
+        )
+        made.append(
+            Verdict(
+                scene=scene.name, quantity="energy drift", backend=TWIN, reference="none",
+                outcome=judge(abs(total), bar, KNOWN), sentence=sentence, difference=abs(total), scale=long.scale,
+                unit="J", scale_name="most energy in motion", uncertainty=bar, reference_uncertainty=0.0,
+                tolerance=KNOWN, meaning="conserved",
+            )
+        )  # fmt: skip
+    exact = virial(scene)
+    if exact is not None and long.drift is not None:
+        kinetic, stored = (
+            np.array([np.mean(part) for part in np.array_split(one, BLOCKS)]) for one in (long.kinetic, long.stored)
+        )
+        found_ratio = float(np.sum(kinetic) / np.sum(stored))
+        # of a ratio of sums: the blocks' scatter about it, as parts of the mean below the line
+        scatter = float(np.std(kinetic - found_ratio * stored, ddof=1) / np.mean(stored))
+        width = float(student.ppf(1.0 - 0.5 / ONCE_IN, BLOCKS - 1)) * scatter / math.sqrt(BLOCKS)
+        away = abs(found_ratio - exact)
+        made.append(
+            Verdict(
+                scene=scene.name, quantity="mean kinetic / stored energy, long run", backend=TWIN,
+                reference="virial theorem", outcome=judge(away, 0.0, width),
+                sentence=(
+                    f"mean kinetic to mean stored {name} is {found_ratio:.5f} +- {width:.1e} {over}; the virial theorem"
+                    f" says {exact:g}."
+                ),
+                difference=away, scale=1.0, scale_name="1", uncertainty=width, reference_uncertainty=0.0,
+                tolerance=width, meaning="statistics beyond the horizon",
+            )
+        )  # fmt: skip
+    return made
+
+
+def virial(scene: Scene) -> float | None:
+    """Mean kinetic to mean stored energy of a chain between walls whose contacts touch when it is at rest: n/2.
+
+    ``2 <T> = <sum F overlap> = n <U>`` for forces that are powers (Clausius 1870). None where there is more to it.
+
+    >>> import dem_bridge as db
+    >>> virial(db.load_scene("decelerating-40")) is None
+    True
+    """
+    c = scene.contacts
+    held = scene.wall_left is not None and scene.wall_right is not None and not np.any(c.gap)
+    alone = scene.law is None and scene.gravity == 0.0 and not scene.dissipates
+    if not (held and alone and np.all(c.exponent == c.exponent[0])):
+        return None
+    return 0.5 * float(c.exponent[0])

@@ -1,0 +1,284 @@
+"""The ladder of models of one scene: which pieces of physics an accuracy asks for, and the least model that is left.
+
+Each piece is left out of the fullest model alone; then all that may be left out are, the one of the smallest effect
+first, and every model on the way down is measured against the fullest: two effects of 0.6 % can make 1.2 % together.
+What does not stay within the accuracy alone is not left out, for it could only pass where another error cancels it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dem_bridge.accuracy import checked_accuracy
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.campaign import Case, Progress, Result, run_cases
+from dem_bridge.errors import UnsupportedScene, UsageError
+from dem_bridge.scene import Scene
+from dem_bridge.store import Store
+from dem_bridge.studies.checks import REFERENCE, TWIN
+from dem_bridge.studies.passage import (
+    Effects,
+    Reading,
+    checked_observables,
+    decided,
+    effects,
+    known,
+    largest,
+    last_counted,
+    read,
+)
+from dem_bridge.studies.switches import DASHPOT, Switch, model, named, needs, switches_of
+from dem_bridge.trajectory import Trajectory
+from dem_bridge.verdict import Outcome
+
+#: of the arrival at the end of the fullest model: another may be so much later
+PASSAGE = 1.3
+#: samples to the shortest residence time, and how many there are at least and at most
+PER_RESIDENCE, LEAST_SAMPLES, MOST_SAMPLES = 4.0, 200, 4000
+#: tolerance of a reference that is adaptive, over the accuracy: its bars are about a hundred times it
+RTOL = 1e-6
+WINDOWS = ("passage", "whole")
+Readings = dict[str, Reading]
+Pieces = frozenset[str]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ladder:
+    """The models of one scene, as long as what is asked about lasts. Made by :func:`ladder_of`."""
+
+    scene: Scene
+    switches: tuple[Switch, ...]
+    duration: float
+    """s."""
+    samples: int
+    accuracy: float
+    whole: bool
+    bears: Mapping[str, Pieces]
+    """Id of a switch -> ids of those that cannot be on without it."""
+
+    def model(self, without: Pieces = frozenset()) -> Scene:
+        """The fullest model but for these pieces; with what they bear, for that cannot be without them."""
+        for id in without:
+            without |= self.bears[id]
+        return self.cut(model(self.scene, self.switches, without))
+
+    def cut(self, scene: Scene) -> Scene:
+        return replace(scene, duration=self.duration)
+
+    def case(self, scene: Scene, backend: str = REFERENCE, resolution: Resolution | None = None) -> Case:
+        """A run of a model; by default the reference's, with bars."""
+        if resolution is None:
+            resolution = Resolution(rtol=min(1e-8, max(3e-14, RTOL * self.accuracy)))
+        return Case(scene=scene, backend=backend, resolution=resolution, sampling=Sampling(count=self.samples))
+
+    def alone(self, switch: Switch) -> tuple[Pieces, Pieces]:
+        """What is left out of the two models whose difference is the effect of this piece alone: a base that bears a
+        weight can only go with the weight, so its own effect is that on the weightless chain."""
+        return self.bears[switch.id], self.bears[switch.id] | {switch.id}
+
+    def cases(self) -> list[Case]:
+        """The fullest model, and every other that :meth:`alone` asks for."""
+        asked = [frozenset(), *(one for switch in self.switches for one in self.alone(switch))]
+        return [self.case(self.model(one)) for one in dict.fromkeys(asked)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeftOut:
+    """One piece left out alone."""
+
+    switch: Switch
+    effects: Effects
+    outcome: Outcome
+    """PASS: may be left out."""
+    bears: Pieces
+    """What had to be left out of both models."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """A model on the way down: what is left out of it in all, and what that changes."""
+
+    tried: str
+    without: Pieces
+    effects: Effects
+    outcome: Outcome
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Least:
+    """The least model that stays within the accuracy."""
+
+    scene: Scene
+    """As long as the window."""
+    without: Pieces
+    effects: Effects
+    """Against the fullest."""
+    steps: tuple[Step, ...]
+
+
+def ladder_of(
+    scene: Scene,
+    *,
+    accuracy: float = 0.01,
+    add: bool = True,
+    dashpot: float = DASHPOT,
+    window: str = WINDOWS[0],
+    store: Store | None = None,
+) -> Ladder:
+    """All models of a scene; ``add`` and ``dashpot`` as in :func:`.switches.switches_of`.
+
+    ``window``: "passage", of the front through the chain (a coarse run says how long it takes), or "whole".
+    """
+    if window not in WINDOWS:
+        raise UsageError(f"window = {window!r}; allowed: {' or '.join(WINDOWS)}")
+    if isinstance(dashpot, bool) or not isinstance(dashpot, int | float) or not 0.0 < dashpot < math.inf:
+        raise UsageError(f"dashpot = {dashpot!r}; allowed: a number > 0 (N s/m)")
+    accuracy = checked_accuracy(accuracy)
+    switches = switches_of(scene, add=add, dashpot=dashpot)
+    bears: dict[str, set[str]] = {one.id: set() for one in switches}
+    for one in switches:
+        for id in needs(scene, switches, one) & bears.keys():
+            bears[id].add(one.id)
+    full = model(scene, switches)
+    coarse = Case(scene=full, backend=TWIN, resolution=Resolution(bars=False), sampling=Sampling(count=1))
+    [result] = run_cases([coarse], store=store)
+    crossing = _trajectory(result).crossing_time[: scene.n_body - 1]
+    duration, whole = scene.duration, window == "whole"
+    if not whole and len(crossing) and np.isfinite(crossing[-1]):
+        duration = float(f"{min(PASSAGE * crossing[-1], duration):.3g}")
+    residence = np.diff(crossing)[: last_counted(scene)]
+    shortest = float(np.min(residence[residence > 0.0], initial=duration))
+    samples = int(np.clip(math.ceil(PER_RESIDENCE * duration / shortest), LEAST_SAMPLES, MOST_SAMPLES))
+    return Ladder(
+        scene=scene,
+        switches=switches,
+        duration=duration,
+        samples=samples,
+        accuracy=accuracy,
+        whole=whole,
+        bears={id: frozenset(ids) for id, ids in bears.items()},
+    )
+
+
+class Bench:
+    """Runs models and reads them, each once."""
+
+    def __init__(
+        self, ladder: Ladder, *, jobs: int | None = None, tell: Progress | None = None, store: Store | None = None
+    ) -> None:
+        self.ladder, self._jobs, self._tell, self._store = ladder, jobs, tell, store
+        self._read: dict[str, Readings] = {}
+        self.until = math.inf
+
+    def run(self, cases: Sequence[Case]) -> tuple[Result, ...]:
+        return run_cases(cases, jobs=self._jobs, tell=self._tell, store=self._store)
+
+    def take(self, results: Sequence[Result]) -> None:
+        """Read the results of :meth:`Ladder.cases`, the first of which is the fullest model."""
+        if math.isinf(self.until):
+            run = _trajectory(results[0])
+            arrival = run.crossing_time[self.ladder.scene.n_body - 2 : self.ladder.scene.n_body - 1]
+            self.until = float(arrival[0]) if len(arrival) and np.isfinite(arrival[0]) else self.ladder.duration
+        for one in results:
+            self._read[one.case.scene.content_hash] = self.read(one.case.scene, _trajectory(one))
+
+    def read(self, scene: Scene, run: Trajectory) -> Readings:
+        return read(scene, run, self.until, whole=self.ladder.whole)
+
+    def of(self, scenes: Sequence[Scene]) -> list[Readings]:
+        """By the reference; what has not been run is."""
+        new = [self.ladder.case(one) for one in scenes if one.content_hash not in self._read]
+        if new:
+            self.take(self.run(new))
+        return [self._read[one.content_hash] for one in scenes]
+
+
+def left_out(bench: Bench, observables: Sequence[str]) -> tuple[LeftOut, ...]:
+    """Every piece alone, the largest effect first."""
+    ladder = bench.ladder
+    bench.of([case.scene for case in ladder.cases()])
+    found = []
+    for switch in ladder.switches:
+        full, other = bench.of([ladder.model(one) for one in ladder.alone(switch)])
+        own = effects(full, other)
+        found.append(
+            LeftOut(
+                switch=switch,
+                effects=own,
+                outcome=decided(own, observables, ladder.accuracy),
+                bears=ladder.bears[switch.id],
+            )
+        )
+    return tuple(sorted(found, key=lambda one: -abs(largest(one.effects, observables)[1].value)))
+
+
+def least(bench: Bench, alone: Sequence[LeftOut], observables: Sequence[str]) -> Least:
+    """The fullest model without all that may be left out together; see the module's docstring."""
+    ladder = bench.ladder
+    [full] = bench.of([ladder.model()])
+    without, found, steps = frozenset[str](), effects(full, full), []
+    may = [one for one in reversed(alone) if one.outcome is Outcome.PASS]
+    # what bears another comes after it
+    for one in sorted(may, key=lambda one: len(one.bears)):
+        if not one.bears <= without:
+            continue
+        [readings] = bench.of([ladder.model(without | {one.switch.id})])
+        own = effects(full, readings)
+        outcome = decided(own, observables, ladder.accuracy)
+        steps.append(Step(tried=one.switch.id, without=without | {one.switch.id}, effects=own, outcome=outcome))
+        if outcome is Outcome.PASS:
+            without, found = without | {one.switch.id}, own
+    return Least(scene=ladder.model(without), without=without, effects=found, steps=tuple(steps))
+
+
+def judged(bench: Bench, observables: object) -> tuple[str, ...]:
+    """Those of the ``observables`` that the fullest model has; UnsupportedScene where it has none of them."""
+    asked = checked_observables(observables)
+    [full] = bench.of([bench.ladder.model()])
+    own = effects(full, full)
+    found = tuple(name for name in asked if known(own[name]))
+    if not found:
+        raise UnsupportedScene(
+            f"{bench.ladder.scene.name}: no impulse runs through the chain within {bench.ladder.scene.duration:g} s, so"
+            f" that there is no {' or '.join(asked)}; allowed: a longer duration, or observables = ('velocity',)"
+        )
+    return found
+
+
+def least_scene(
+    scene: Scene,
+    *,
+    accuracy: float,
+    observables: object,
+    window: str,
+    jobs: int | None = None,
+    tell: Progress | None = None,
+    store: Store | None = None,
+) -> Scene:
+    """See :func:`dem_bridge.api_studies.minimal`."""
+    checked_observables(observables)
+    ladder = ladder_of(scene, accuracy=accuracy, add=False, window=window, store=store)
+    if not ladder.switches:
+        return scene
+    bench = Bench(ladder, jobs=jobs, tell=tell, store=store)
+    asked = judged(bench, observables)
+    found = least(bench, left_out(bench, asked), asked)
+    if not found.without:
+        return scene
+    gone = f"without {named(found.without)}, at {100.0 * accuracy:g} %"
+    return replace(
+        model(scene, ladder.switches, found.without),
+        name=f"{scene.name[:94]}.least",
+        description=f"{scene.description}; {gone}" if scene.description else gone,
+    )
+
+
+def _trajectory(result: Result) -> Trajectory:
+    if result.trajectory is None:
+        assert result.failure is not None
+        raise result.failure
+    return result.trajectory

@@ -1,0 +1,153 @@
+"""Beside the pieces of physics of a ladder: what is only suspected, and every numerical choice.
+
+What is suspected can be added to the fullest model; of a numerical choice the error is its effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, backend
+from dem_bridge.backends.steps import default_step
+from dem_bridge.backends.tabled import survey_of
+from dem_bridge.campaign import Result
+from dem_bridge.errors import RunBroken
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.scene import Scene
+from dem_bridge.studies.ladder import Bench, Ladder, Least, Readings
+from dem_bridge.studies.passage import OBSERVABLES, Effect, Effects, decided, effects
+from dem_bridge.studies.scatter import scattered
+from dem_bridge.studies.switches import angles_soften, crosses
+from dem_bridge.verdict import Outcome
+
+#: what is only suspected: drag (1/s), the overlap (m) at which softer contacts have Hertz' force
+DRAG, ANCHOR = 10.0, 5e-6
+#: steps of velocity-Verlet over the default one, the coarsest first, and that of LAMMPS
+STEPS, OF_ENGINE = (100.0, 40.0, 10.0, 1.0), 10.0
+#: what to call a run, short and in full, its backend and its settings
+Choice = tuple[str, str, str, Resolution]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """What one change does, beside its name."""
+
+    name: str
+    """Short."""
+    what: str
+    effects: Effects | None
+    """None: there is no run."""
+    outcome: Outcome
+    """PASS: within the accuracy. NOT_RUN or BROKEN without a run."""
+    note: str = ""
+
+
+def doubts(bench: Bench, asked: Sequence[str], *, spread: float, draws: int) -> Iterator[Found]:
+    """What can be added to the fullest model."""
+    ladder, full = bench.ladder, bench.ladder.model()
+    parts: list[tuple[str, str, list[Scene]]] = []
+    if crosses(full):
+        if full.drag == 0.0:
+            parts.append(("drag", f"drag of {DRAG:g} 1/s on every body", [replace(full, drag=DRAG)]))
+        what = f"n falling from 2.5 at 90 degrees to 2.2 at the smallest angle, same force at {1e6 * ANCHOR:g} um"
+        parts.append(("exponents fall with the angle", what, [angles_soften(full, ANCHOR)]))
+        what = f"angles off by {spread:g} degrees (standard deviation; median of {draws} chains)"
+        chains = [scattered(full, spread=spread, seed=seed) for seed in range(draws)]
+        parts.append(("angles scatter", what, chains))
+    bench.of([full, *(one for *_, scenes in parts for one in scenes)])
+    for name, what, scenes in parts:
+        own, *others = bench.of([full, *scenes])
+        found = _median([effects(own, one) for one in others])
+        yield Found(name=name, what=what, effects=found, outcome=decided(found, asked, ladder.accuracy))
+
+
+def _median(found: Sequence[Effects]) -> Effects:
+    """Of several draws: the median size, with all of them inside its bar."""
+    if len(found) == 1:
+        return found[0]
+
+    def of(name: str) -> Effect:
+        sizes = np.array([abs(one[name].value) for one in found])
+        middle = float(np.median(sizes))
+        spread = float(np.max(np.abs(sizes - middle))) if np.all(np.isfinite(sizes)) else 0.0
+        return Effect(value=middle, bar=spread + max(one[name].bar for one in found), at=-1)
+
+    return {name: of(name) for name in OBSERVABLES}
+
+
+def choices(bench: Bench, asked: Sequence[str], engine: Engine | None) -> Iterator[Found]:
+    """Every numerical choice on the fullest model, or on the barest where it cannot do the fullest."""
+    ladder, full = bench.ladder, bench.ladder.model()
+    barest = _barest(ladder)
+    wanted = [*_without_engine(full, ladder.samples), *_of_engine(full, ladder.samples)]
+    wanted.append(("ode45", "ode45 at MATLAB's default tolerances", "ode45", Resolution(bars=False)))
+    cases = []
+    for *_, name, resolution in wanted:
+        on = full if backend(name).refusal(full) is None else barest
+        cases.append(replace(ladder.case(on, name, resolution), engine=engine if name in ENGINE_BACKENDS else None))
+    truths = bench.of([case.scene for case in cases])
+    for (name, what, *_), case, truth, result in zip(wanted, cases, truths, bench.run(cases), strict=True):
+        what = what if case.scene is full else f"{what} (of the barest chain)"
+        yield _numerical(bench, name, what, truth, result, asked)
+
+
+def _without_engine(scene: Scene, samples: int) -> Iterator[Choice]:
+    """From the coarsest to the finest."""
+    rough = Resolution(bars=False)
+    yield "binary collisions", "binary collisions in place of the equations of motion", "bca", rough
+    yield "the adiabatic wave", "the adiabatic wave in place of the equations of motion", "adiabatic", rough
+    for factor in STEPS:
+        own = replace(rough, dt=factor * _default_step(scene, samples))
+        yield "velocity-Verlet", "velocity-Verlet", "verlet", own
+
+
+def _of_engine(scene: Scene, samples: int) -> Iterator[Choice]:
+    own = Resolution(dt=OF_ENGINE * _default_step(scene, samples), bars=False)
+    yield "LAMMPS granular", "LAMMPS, pair_style granular", "lammps-granular", own
+    if scene.spacing is not None:
+        large = replace(own, geometry="physical")
+        what = "LAMMPS, pair_style granular, bodies of their physical radius"
+        yield "the same, physical radius", what, "lammps-granular", large
+    yield "LAMMPS table", "LAMMPS, pair_style table", "lammps-table", own
+
+
+def _default_step(scene: Scene, samples: int) -> float:
+    return default_step(scene, Sampling(count=samples), survey_of(scene))
+
+
+def _numerical(bench: Bench, name: str, what: str, truth: Readings, result: Result, asked: Sequence[str]) -> Found:
+    run = result.trajectory
+    if run is None:
+        outcome = Outcome.BROKEN if isinstance(result.failure, RunBroken) else Outcome.NOT_RUN
+        return Found(name=name, what=what, effects=None, outcome=outcome, note=f"{what}: {result.failure}")
+    dt = run.provenance["settings"].get("dt")
+    step = f", dt = {dt:.3g} s" if dt else ""
+    own = effects(truth, bench.read(result.case.scene, run), one_sided=True)
+    return Found(
+        name=f"{name}{step}",
+        what=f"{what}{step}",
+        effects=own,
+        outcome=decided(own, asked, bench.ladder.accuracy),
+    )
+
+
+def _barest(ladder: Ladder) -> Scene:
+    """All that theories do not know left out; stiffness and the striker's mass as in the fullest model."""
+    kept = ("stiffness-law", "striker-stiffness", "striker-mass")
+    return ladder.model(frozenset(one.id for one in ladder.switches if one.id not in kept))
+
+
+def cheapest(bench: Bench, below: Least, asked: Sequence[str]) -> Found | None:
+    """The coarsest numerics that keep the accuracy together with all that the least model leaves out."""
+    ladder, scene = bench.ladder, below.scene
+    [full] = bench.of([ladder.model()])
+    wanted = list(_without_engine(scene, ladder.samples))
+    cases = [ladder.case(scene, backend, resolution) for *_, backend, resolution in wanted]
+    for (name, what, *_), result in zip(wanted, bench.run(cases), strict=True):
+        found = _numerical(bench, name, what, full, result, asked)
+        if found.outcome is Outcome.PASS:
+            return found
+    return None

@@ -1,0 +1,293 @@
+"""What a scene requires: the study of its ladder of models, with tables, figure and the answer in words.
+
+Beside the physics of :mod:`.ladder` it asks the same of what is only suspected (drag, exponents that fall with the
+angle, angles that scatter) and of every numerical choice, as :mod:`.ladder_choices` has them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from dem_bridge.campaign import Progress
+from dem_bridge.errors import UsageError
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.scene import Scene
+from dem_bridge.store import Store
+from dem_bridge.studies.exhibits import Exhibit, Panel, Series, Study, Table
+from dem_bridge.studies.ladder import Bench, Ladder, Least, LeftOut, judged, ladder_of, least, left_out
+from dem_bridge.studies.ladder_choices import Found, cheapest, choices, doubts
+from dem_bridge.studies.passage import JUDGED, OBSERVABLES, Effect, Effects, known, largest
+from dem_bridge.studies.switches import DASHPOT, PIECES, named
+from dem_bridge.verdict import Outcome
+
+#: of an observable, in words
+WORDS = {
+    "arrival": "arrival",
+    "residence": "residence time",
+    "peak_velocity": "peak velocity",
+    "peak_force": "peak force",
+    "velocity": "velocity trace",
+}
+#: whether something may be left out
+MAY = {
+    Outcome.PASS: "yes",
+    Outcome.FAIL: "no",
+    Outcome.UNDECIDED: "undecided",
+    Outcome.NOT_RUN: "not run",
+    Outcome.BROKEN: "run broke",
+}
+#: below the accuracy, what a figure still shows
+LEAST_SHOWN = 1e-3
+
+
+def study_ladder(
+    scene: Scene,
+    *,
+    accuracy: float = 0.01,
+    observables: Sequence[str] = JUDGED,
+    window: str = "passage",
+    dashpot: float = DASHPOT,
+    spread: float = 0.5,
+    draws: int = 3,
+    numerics: bool = True,
+    engine: Engine | None = None,
+    jobs: int | None = None,
+    tell: Progress | None = None,
+    store: Store | None = None,
+) -> Study:
+    """Which physics and which numerics a scene requires at an ``accuracy``, and the least model that keeps it.
+
+    Every piece of physics that the scene has, or that its geometry tells (see :func:`.switches.switches_of`), is left
+    out of the fullest model, alone and then together; ``observables``, of :data:`.passage.OBSERVABLES`, are what must
+    stay within ``accuracy``, and ``window`` ("passage" or "whole") is how long, as told in :mod:`.passage`.
+    ``dashpot`` (N s/m): of contacts that have none in the scene, for some is always there. ``spread`` (degrees) and
+    ``draws``: of angles that scatter. ``numerics``: whether numerical choices are asked about, too.
+
+    Raises UsageError for another setting, UnsupportedScene where nothing runs through the chain.
+    """
+    if isinstance(draws, bool) or not isinstance(draws, int) or not 1 <= draws <= 1000:
+        raise UsageError(f"draws = {draws!r}; allowed: a whole number of chains from 1 to 1000")
+    ladder = ladder_of(scene, accuracy=accuracy, dashpot=dashpot, window=window, store=store)
+    bench = Bench(ladder, jobs=jobs, tell=tell, store=store)
+    asked = judged(bench, observables)
+    alone = left_out(bench, asked)
+    below = least(bench, alone, asked)
+    suspected = tuple(doubts(bench, asked, spread=spread, draws=draws))
+    numerical = tuple(choices(bench, asked, engine)) if numerics else ()
+    coarsest = cheapest(bench, below, asked) if numerics else None
+    pieces, beside = tuple(_pieces(alone)), (*suspected, *numerical)
+    parts = (
+        ("physics", "Physics left out of the fullest model, each alone", _ALONE, pieces),
+        ("down", "The way down: left out together", _TOGETHER, tuple(_down(below))),
+        ("suspected", "What is only suspected, added to the fullest model", _SUSPECTED, suspected),
+        ("numerics", "Numerical choices", _NUMERICS, numerical),
+    )
+    return Study(
+        id="ladder",
+        title=f"What {scene.name} requires at {_percent(accuracy)}",
+        answer=tuple(_answer(ladder, alone, below, suspected, numerical, coarsest, asked, dashpot)),
+        tables=tuple(_table(ladder, id, title, said, found) for id, title, said, found in parts if found),
+        exhibits=(_exhibit(ladder, pieces, beside),) if pieces or beside else (),
+        outcomes=tuple(one.outcome for one in numerical if one.outcome is Outcome.BROKEN),
+        notes=tuple(_notes(ladder, bench, numerical, asked)),
+        provenance={"scene": scene.name, "scene_hash": scene.content_hash, "least_hash": below.scene.content_hash},
+    )
+
+
+# tables
+
+_ALONE = (
+    "Change by leaving out each piece alone, with its sign, where along the chain it is largest; the largest first."
+    " What bears another piece is judged with that left out of both models."
+)
+_TOGETHER = (
+    "Every model that was tried against the fullest, the piece of the smallest effect first. What fails is put back."
+)
+_SUSPECTED = (
+    "Of these nothing is known but that they are likely: the effects are those of the values taken. A median of draws"
+    " has no sign, and its bar takes in all draws."
+)
+_NUMERICS = (
+    "Errors against the reference on the fullest model; of what refuses that, on the barest chain: without all that it"
+    " cannot do. Their bars are those of the reference."
+)
+
+
+def _pieces(alone: Sequence[LeftOut]) -> Iterator[Found]:
+    for one in alone:
+        borne = f", of a chain without {named(one.bears)}" if one.bears else ""
+        name = one.switch.id.replace("-", " ")
+        yield Found(name=name, what=f"{one.switch.what}{borne}", effects=one.effects, outcome=one.outcome)
+
+
+def _down(below: Least) -> Iterator[Found]:
+    for step in below.steps:
+        what = f"without {named(step.without)}"
+        yield Found(name=step.tried, what=what, effects=step.effects, outcome=step.outcome)
+
+
+def _table(ladder: Ladder, id: str, title: str, caption: str, found: Sequence[Found]) -> Table:
+    def cells(effects: Effects | None) -> tuple[str | float, ...]:
+        if effects is None:
+            return ("",) * (len(OBSERVABLES) + 1)
+        bar = max((one.bar for one in effects.values() if known(one)), default=math.nan)
+        return (*(100.0 * effects[name].value for name in OBSERVABLES), 100.0 * bar)
+
+    return Table(
+        id=id,
+        title=title,
+        caption=caption,
+        columns=(
+            "what",
+            *(f"{WORDS[name]} (%)" for name in OBSERVABLES),
+            "largest bar (%)",
+            f"within {_percent(ladder.accuracy)}?",
+        ),
+        rows=tuple((one.what, *cells(one.effects), MAY[one.outcome]) for one in found),
+    )
+
+
+def question_table(found: Iterable[tuple[Ladder, Sequence[LeftOut]]], accuracy: float) -> Table:
+    """What may be left out of each of several scenes, one line a piece."""
+    names = [name for name in OBSERVABLES if name in JUDGED]
+    return Table(
+        id="left-out",
+        title=f"What may be left out at {_percent(accuracy)}",
+        caption=(
+            "Each piece of physics left out of the fullest model that the paper's words allow: the chain upright on a"
+            " base, pressed by its weight, with Hertz' exact stiffness, the striker as heavy as its radius says, and"
+            " losses in contacts, whose size is supposed, for the paper gives none. Changes of the first passage in per"
+            " cent, of the worst body or contact but for the last ones, which feel the end; the arrival is that at the"
+            " last cylinder. The base is judged on the weightless chain, for a weight needs it."
+        ),
+        columns=("left out", "chain", *(f"{WORDS[name]} (%)" for name in names), "may be left out?"),
+        rows=tuple(
+            (one.switch.what, ladder.scene.name, *(100.0 * one.effects[name].value for name in names), MAY[one.outcome])
+            for ladder, alone in found
+            for one in alone
+        ),
+    )
+
+
+# figure
+
+
+def _exhibit(ladder: Ladder, pieces: Sequence[Found], beside: Sequence[Found]) -> Exhibit:
+    """Sizes of all effects beside the accuracy."""
+    parts = (("(a) left out", pieces), ("(b) suspected, and numerical choices", beside))
+    return Exhibit(
+        id="effects",
+        title=f"Effects beside the accuracy: {ladder.scene.name}",
+        caption=(
+            f"Size of the change of each observable; the line is the accuracy, {_percent(ladder.accuracy)}. What is"
+            f" smaller than {LEAST_SHOWN:g} of it stands at the left edge; the tables have the numbers."
+        ),
+        panels=tuple(_panel(title, ladder, found) for title, found in parts if found),
+        columns=1,
+    )
+
+
+def _panel(title: str, ladder: Ladder, found: Sequence[Found]) -> Panel:
+    limit = 100.0 * ladder.accuracy
+    places = np.arange(len(found), dtype=float)
+
+    def series(name: str, nth: int) -> Series:
+        sizes = 100.0 * np.abs([math.nan if one.effects is None else one.effects[name].value for one in found])
+        shown = np.where(np.isfinite(sizes), np.maximum(sizes, LEAST_SHOWN * limit), np.nan)
+        return Series(label=WORDS[name], style=f"mark-{nth}", x=shown, y=places)
+
+    line = Series(label="accuracy", style="guide", x=np.array([limit, limit]), y=np.array([-0.5, len(found) - 0.5]))
+    return Panel(
+        title=title,
+        x_label="size of the change (%)",
+        y_label="",
+        series=(line, *(series(name, nth) for nth, name in enumerate(OBSERVABLES, start=1))),
+        rows=tuple(one.name for one in found),
+    )
+
+
+# words
+
+
+def _answer(
+    ladder: Ladder,
+    alone: Sequence[LeftOut],
+    below: Least,
+    suspected: Sequence[Found],
+    numerical: Sequence[Found],
+    coarsest: Found | None,
+    asked: Sequence[str],
+    dashpot: float,
+) -> Iterator[str]:
+    wanted, name = _percent(ladder.accuracy), ladder.scene.name
+    ids = {one.switch.id for one in alone}
+    if not alone:
+        yield f"{name} has no physics that could be left out."
+    else:
+        needed = named(ids - below.without)
+        yield f"At {wanted} {name} requires {needed or 'none of its physics'}; {_given_up(below, asked)}."
+        said = "; ".join(f"{named([one.switch.id])} {_said(one.effects, asked)}" for one in alone)
+        yield f"Left out alone, each changes at most: {said}."
+    for one in alone:
+        piece = named([one.switch.id])
+        if one.bears and one.outcome is Outcome.PASS and one.switch.id not in below.without:
+            yield f"Without {named(one.bears)} {piece} could go, too: it stays for what it bears."
+        if one.switch.supposed and (worst := abs(largest(one.effects, asked)[1].value)) > 0.0:
+            yield (
+                f"Of {piece} nothing is known but that it is there: {dashpot:g} N s/m is supposed, and in proportion"
+                f" {dashpot * ladder.accuracy / worst:.2g} N s/m could be left out."
+            )
+    if suspected:
+        said = "; ".join(f"{one.what}: {_said(one.effects, asked)}" for one in suspected if one.effects is not None)
+        yield f"What is only suspected, added to it: {said}."
+    if numerical:
+        fail = [one for one in numerical if one.outcome is Outcome.FAIL and one.effects is not None]
+        words = "; ".join(f"{one.what} ({_said(one.effects, asked)})" for one in fail if one.effects is not None)
+        found = f"these do not stay within {wanted}: {words}" if words else f"all stay within {wanted}"
+        yield f"Of the numerical choices {found}."
+        if coarsest is not None and coarsest.effects is not None:
+            yield (
+                f"The least model by the coarsest of them that serves it, {coarsest.what}, is off the fullest by at"
+                f" most {_said(coarsest.effects, asked)}: model and numerics together."
+            )
+        else:
+            yield f"No numerical choice tried keeps {wanted} together with what the least model leaves out."
+
+
+def _given_up(below: Least, asked: Sequence[str]) -> str:
+    if not below.without:
+        return "nothing may be left out"
+    return f"{named(below.without)} may be left out, which changes in all at most {_said(below.effects, asked)}"
+
+
+def _said(found: Effects, asked: Sequence[str]) -> str:
+    """The largest effect with its bar and place."""
+    name, one = largest(found, asked)
+    if math.isinf(one.value):
+        return f"the {WORDS[name]}, which only one of the two has"
+    return f"{100.0 * one.value:+.3g} % ± {100.0 * one.bar:.1g} % ({WORDS[name]}{_place(name, one)})"
+
+
+def _place(name: str, one: Effect) -> str:
+    return f" of {OBSERVABLES[name]} {one.at}" if one.at >= 0 else ""
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:g} %"
+
+
+def _notes(ladder: Ladder, bench: Bench, numerical: Sequence[Found], asked: Sequence[str]) -> Iterator[str]:
+    there = {one.id for one in ladder.switches}
+    judged_by = ", ".join(WORDS[name] for name in asked)
+    yield f"Judged: {judged_by}. The velocity trace is late as a whole where its front is."
+    if not ladder.whole:
+        yield (
+            f"Passage of the front: until {1e3 * bench.until:.4g} ms in the fullest model, runs of"
+            f" {1e3 * ladder.duration:g} ms. Bodies and contacts that feel the end do not count, but for the arrival."
+        )
+    if missing := [id for id in PIECES if id not in there]:
+        yield f"Not there, so that there is nothing to switch: {named(missing)}."
+    yield from (one.note for one in numerical if one.note)

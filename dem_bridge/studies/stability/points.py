@@ -1,0 +1,302 @@
+"""What the stability study measures: limits of one scene, families of small scenes, and the trap between two limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.reference import Reference
+from dem_bridge.backends.survey import gauge_radius
+from dem_bridge.backends.tabled import survey_of
+from dem_bridge.errors import RunBroken
+from dem_bridge.lmp.coefficients import refusal
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.observables.conserved import momentum
+from dem_bridge.observables.modes import highest_frequencies
+from dem_bridge.physics.exact import two_body_collision
+from dem_bridge.scene import Scene
+from dem_bridge.scene_file import parse_scene
+from dem_bridge.studies.checks import GRANULAR
+from dem_bridge.studies.stability.step_limits import (
+    Limit,
+    Stepper,
+    accurate_step,
+    at_step,
+    energies,
+    gain_of,
+    in_motion,
+    lammps,
+    stable_step,
+    twin,
+    velocity_error,
+)
+from dem_bridge.timescales import rayleigh_time_of
+from dem_bridge.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+#: wanted of velocities
+ACCURACIES = (1e-2, 1e-4)
+#: LAMMPS looks so far below the twin's limit, at steps so close
+BESIDE, CLOSE = 1.15, 1.04
+#: radius of LAMMPS' bodies over the least that serves: a run must not end because its deck is too narrow
+ROOM = 16.0
+#: samples of a truth: phase of the highest mode between two, least and most
+PHASE, FEWEST, MOST = 0.05, 4000, 50_000
+#: of the scenes in families: kg, N/m^1.5, m/s
+MASS, STIFFNESS, SPEED = 1e-2, 4e9, 1.0
+
+#: other shares, for how much the limit depends on it
+GAINS = (0.01, 0.1, 1.0, 10.0)
+#: omega dt and phase of the first touch of two bodies
+STEPS: Floats = np.linspace(0.05, 2.5, 50)
+PHASES: Floats = np.asarray((np.arange(16) + 0.5) / 16.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Family:
+    """Scenes along one parameter."""
+
+    id: str
+    title: str
+    axis: str
+    """What is varied, with unit."""
+    values: Floats
+    scene_at: Callable[[float], Scene]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measured:
+    """One scene with its truth and what steps are set beside."""
+
+    scene: Scene
+    truth: Trajectory
+    pair: float
+    """rad/s: highest of one contact between its two bodies."""
+    mode: float
+    """rad/s: highest of all contacts together."""
+    scale: float
+    """J: the most that is in motion."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """Limits of one scene; steps in s."""
+
+    value: float
+    """The family's parameter; nan for a scene of no family."""
+    name: str
+    pair: float
+    mode: float
+    stable: Limit
+    phase: float
+    """Of the first touch, at which the step above is unstable first."""
+    accurate: tuple[Limit, ...]
+    """One for each of :data:`ACCURACIES`."""
+    engine: Limit | None = None
+    """Of LAMMPS; None: not run."""
+    rayleigh: float | None = None
+    """s; None: the scene does not say what its bodies are."""
+
+
+def families(points: int) -> tuple[Family, ...]:
+    """The four, each over ``points`` values evenly spaced in the logarithm."""
+    return (
+        Family(
+            id="speed",
+            title="impact speed: two equal bodies",
+            axis="impact speed (m/s)",
+            values=np.geomspace(1e-3, 1e2, points),
+            scene_at=lambda v: chain("speed", (MASS, MASS), (STIFFNESS,), v),
+        ),
+        Family(
+            id="mass",
+            title="mass ratio: one between two equal bodies",
+            axis="mass of the middle body / that of the others",
+            values=np.geomspace(1e-3, 1e3, points),
+            scene_at=lambda r: chain("mass", (MASS, r * MASS, MASS), (STIFFNESS,) * 2),
+        ),
+        Family(
+            id="stiffness",
+            title="stiffness ratio: four equal bodies",
+            axis="stiffness of the middle contact / that of the others",
+            values=np.geomspace(1e-4, 1e4, points),
+            scene_at=lambda r: chain("stiffness", (MASS,) * 4, (STIFFNESS, r * STIFFNESS, STIFFNESS)),
+        ),
+        Family(
+            id="angle",
+            title="contact angle: five crossed cylinders, struck by a sphere",
+            axis="contact angle (degrees)",
+            values=np.geomspace(0.1, 90.0, points),
+            scene_at=cylinders,
+        ),
+    )
+
+
+def chain(name: str, mass: tuple[float, ...], stiffness: tuple[float, ...], speed: float = SPEED) -> Scene:
+    """A chain in touch, struck by its first body, until the impact is over."""
+    still = (0.0,) * (len(mass) - 1)
+    scene = Scene(name=name, duration=1.0, mass=mass, stiffness=stiffness, velocity=(speed, *still))
+    return replace(scene, duration=_until_over(scene))
+
+
+def cylinders(angle: float) -> Scene:
+    """Five quartz cylinders of 9 mm at this angle (degrees) to each other, struck by a sphere; Hertz' exact law."""
+    scene = parse_scene(
+        f"""
+        name = "angle"
+        duration = 1.0
+        [material]
+        youngs_modulus = 72.0e9
+        poissons_ratio = 0.17
+        density = 2200.0
+        [chain.cylinders]
+        count = 5
+        radius = 9.0e-3
+        height = 18.0e-3
+        [chain.contacts]
+        law = "exact"
+        angle = {angle!r}
+        [chain.striker]
+        radius = 9.0e-3
+        velocity = {SPEED!r}
+        """
+    )
+    return replace(scene, duration=_until_over(scene))
+
+
+def _until_over(scene: Scene) -> float:
+    """s: six times the collisions of two such strikers through each contact, alone and at the striker's speed."""
+    masses, speeds = (scene.mass[0],) * 2, (scene.velocity[0], 0.0)
+    return 6.0 * sum(
+        two_body_collision(masses=masses, velocities=speeds, stiffness=beta, exponent=2.5).contact_time
+        for beta in scene.stiffness
+    )
+
+
+def measured(scene: Scene) -> Measured:
+    """The truth of a scene and its highest frequencies. Raises UsageError where nothing moves or touches."""
+    look = survey_of(scene)
+    count = math.ceil(math.sqrt(2.0) * look.frequency * scene.duration / PHASE)
+    sampling = Sampling(count=min(max(count, FEWEST), MOST))
+    truth = Reference().run(scene, Resolution(bars=False), sampling)
+    scale = in_motion(scene, truth)
+    pair, mode = highest_frequencies(scene, truth)
+    return Measured(scene=scene, truth=truth, pair=pair, mode=mode, scale=scale)
+
+
+def stable_at(found: Measured, allowed: float) -> tuple[Limit, float]:
+    """The twin's largest stable step and the phase that decides; ``allowed``: growth of the energy."""
+    return stable_step(twin, found.scene, start=3.0 / found.mode, scale=found.scale, allowed=allowed)
+
+
+def point_of(found: Measured, *, value: float = math.nan, allowed: float, engine: Stepper | None = None) -> Point:
+    """All limits of a scene; ``engine``: LAMMPS, where it is to look for its own beside that of the twin."""
+    stable, phase = stable_at(found, allowed)
+    own = None
+    if engine is not None:
+        own, _ = stable_step(
+            engine,
+            found.scene,
+            start=stable.bad,
+            scale=found.scale,
+            allowed=allowed,
+            phases=(phase,),
+            ratio=CLOSE,
+            guard=BESIDE,
+        )
+    return Point(
+        value=value,
+        name=found.scene.name,
+        pair=found.pair,
+        mode=found.mode,
+        stable=stable,
+        phase=phase,
+        accurate=tuple(
+            accurate_step(twin, found.scene, found.truth, stable=stable.good, wanted=wanted) for wanted in ACCURACIES
+        ),
+        engine=own,
+        rayleigh=rayleigh_time_of(found.scene),
+    )
+
+
+def engine_on(scene: Scene, engine: Engine | None) -> Stepper | None:
+    """LAMMPS on a scene; None where ``pair_style granular`` cannot express it."""
+    if refusal(scene) is not None:
+        return None
+    deepest = float(np.max(survey_of(scene).peak_overlap, initial=0.0))
+    return lammps(GRANULAR, engine, radius=ROOM * gauge_radius(deepest))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trap:
+    """One run of a scene at a large step: what looks right in it beside what is wrong. All relative."""
+
+    backend: str
+    dt: float
+    """s."""
+    velocity: float
+    """Largest error over all samples and bodies, over the truth's largest velocity."""
+    last: float
+    """The same at the end alone."""
+    momentum: float
+    """Largest change over that of the start; nan: walls or weight change it."""
+    kinetic: float
+    """Error of the kinetic energy at the end, over the truth's there."""
+    energy: float
+    """What the total energy has grown by at the end, over what was in motion."""
+
+
+def trap_of(found: Measured, stepper: Stepper, backend: str, dt: float) -> Trap:
+    """A run at ``dt`` (s) beside the truth; all numbers inf where it breaks."""
+    scene, truth = at_step(found.scene, dt), found.truth
+    try:
+        run = stepper(scene, dt)
+    except RunBroken:
+        nothing = dict.fromkeys(("velocity", "last", "momentum", "kinetic", "energy"), math.inf)
+        return Trap(backend=backend, dt=dt, **nothing)
+    # the end of the scene need not fall on a step
+    final = int(np.searchsorted(run.time, truth.time[-1] * (1.0 + 1e-12), side="right")) - 1
+    known, _ = energies(found.scene, truth)
+    kinetic, total = energies(scene, run)
+    speed = float(np.max(np.abs(truth.velocity)))
+    conserved = scene.wall_left is None and scene.wall_right is None and scene.gravity == scene.drag == 0.0
+    series = momentum(scene, run)
+    start = float(np.sum(np.array(scene.mass) * np.abs(run.velocity[0])))
+    beside = np.array([np.interp(run.time[final], truth.time, column) for column in truth.velocity.T])
+    return Trap(
+        backend=backend,
+        dt=dt,
+        velocity=velocity_error(stepper, found.scene, truth, dt),
+        last=float(np.max(np.abs(run.velocity[final] - beside))) / speed,
+        momentum=float(np.max(np.abs(series - series[0]))) / start if conserved and start > 0.0 else math.nan,
+        kinetic=abs(float(kinetic[final]) / float(np.interp(run.time[final], truth.time, known)) - 1.0),
+        energy=float(total[final] - total[0]) / found.scale,
+    )
+
+
+def gain_map(pair: Measured, steps: Floats, phases: Floats) -> Floats:
+    """Growth of the energy of two bodies, ``(n_phase, n_step)``, at ``steps`` (omega dt) with these phases of the first
+    touch. It is the same for all masses, speeds and stiffnesses: two Hertzian bodies have no scale."""
+    runs = [[gain_of(twin, pair.scene, x / pair.pair, phase, pair.scale) for x in steps] for phase in phases.tolist()]
+    return np.array(runs)
+
+
+@dataclass(kw_only=True)
+class Found:
+    """What was found so far: a study that is interrupted has this."""
+
+    points: dict[str, list[Point]] = field(default_factory=dict)
+    """By family; "" is the named scene."""
+    thresholds: dict[str, tuple[float, dict[float, Limit]]] = field(default_factory=dict)
+    """Scene -> highest mode (rad/s) and limits by what energy may grow by."""
+    gains: Floats | None = None
+    """``(n_phase, n_step)`` of two bodies."""
+    traps: list[Trap] = field(default_factory=list)
+    curve: list[Trap] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    interrupted: bool = False

@@ -1,0 +1,233 @@
+"""Largest time steps: up to which a code is stable on a scene, and up to which it is accurate.
+
+*Stable.* An impact is over in a finite time, so an unstable step shows as energy that was not there before: a run is
+stable where the energy it keeps has grown by no more than a given share of what was in motion. Kept is the least total
+energy over the last quarter of the run, for within a contact the energy of velocity-Verlet goes up and comes back at
+any step. Without walls it is the energy in the frame of the centre of mass. Where a touch falls within a step decides
+as well (the first may fall anywhere: the striker is moved back by parts of its way in a step), and the worst counts.
+
+*Limit.* Neither stability nor accuracy is monotone in the step: there are windows of good steps above bad ones. The
+limit is the largest step below which every step tried is good; where a window begins above it, that is told.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.backends.base import Resolution, Sampling, backend
+from dem_bridge.backends.twin import solve_plan
+from dem_bridge.dense import Schedule
+from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.observables.conserved import energy_parts, momentum
+from dem_bridge.observables.interpolate import state_at
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+#: a code on a scene at a step (s) of which each sample has a whole number
+Stepper = Callable[[Scene, float], Trajectory]
+#: parts of a step at which the first touch may fall
+PHASES = tuple((i + 0.5) / 8.0 for i in range(8))
+#: neighbouring steps that are tried, the range of good steps after which all below count as good, and the resolution
+RATIO, GUARD, FINEST = 1.05, 2.0, 1.005
+#: a search ends here: beyond it no step is tried
+MOST_TRIES = 400
+#: samples at which velocities are compared
+MOST_SAMPLES = 500
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limit:
+    """Result of :func:`largest_step`; steps in s."""
+
+    good: float
+    """The limit: it and all smaller steps tried are good."""
+    bad: float
+    """The next larger step tried, which is not."""
+    window: float
+    """Largest good step that was tried above a bad one; nan: there is none."""
+
+
+def largest_step(
+    is_good: Callable[[float], bool],
+    start: float,
+    *,
+    ratio: float = RATIO,
+    guard: float = GUARD,
+    finest: float = FINEST,
+) -> Limit:
+    """The largest step (s) below which all are good, looked for downwards from ``start``.
+
+    Steps are tried ``ratio`` apart until all over a factor ``guard`` are good, then the limit is bisected to
+    ``finest``. Where ``start`` and all below are good, it is looked for upwards. RunBroken after 400 steps.
+
+    >>> found = largest_step(lambda dt: dt < 1.0 or 1.2 < dt < 1.4, 3.0)
+    >>> 0.995 < found.good < 1.0 <= found.bad < 1.005, 1.2 < found.window < 1.4
+    (True, True)
+    """
+    tried: dict[float, bool] = {}
+
+    def ask(dt: float) -> bool:
+        if len(tried) >= MOST_TRIES:
+            raise RunBroken(f"no largest step between {min(tried):.3g} and {max(tried):.3g} s in {MOST_TRIES} tries")
+        tried[dt] = is_good(dt)
+        return tried[dt]
+
+    dt, top = start, start
+    while True:
+        if not ask(dt):
+            top = dt
+        elif dt * guard <= top:
+            break
+        dt /= ratio
+    dt = start
+    while all(tried.values()):
+        dt *= ratio
+        ask(dt)
+    bad = min(step for step, good in tried.items() if not good)
+    good = max(step for step in tried if step < bad)
+    window = max((step for step, fine in tried.items() if fine and step > bad), default=math.nan)
+    while bad / good > finest:
+        middle = math.sqrt(bad * good)
+        if ask(middle):
+            good = middle
+        else:
+            bad = middle
+    return Limit(good=good, bad=bad, window=window)
+
+
+def twin(scene: Scene, dt: float) -> Trajectory:
+    """The twin, without a look between the samples: peaks and crossings of such a run are worth nothing."""
+    per_sample = round(scene.duration / scene.samples / dt)
+    return solve_plan(scene, Schedule(step=dt, per_sample=per_sample, subdivisions=1, samples=scene.samples))
+
+
+def lammps(name: str, engine: Engine | None, *, radius: float) -> Stepper:
+    """The backend of that name; ``radius`` (m) of its bodies, far above all overlaps."""
+    chosen = backend(name, engine)
+
+    def run(scene: Scene, dt: float) -> Trajectory:
+        resolution = Resolution(dt=dt, gauge_radius=radius, bars=False)
+        return chosen.run(scene, resolution, Sampling(count=scene.samples))
+
+    return run
+
+
+def struck(scene: Scene) -> bool:
+    """Whether body 0 alone moves, and nothing else acts: a gap before it then only makes all of it later."""
+    still = scene.velocity[0] > 0.0 and not any(scene.velocity[1:]) and scene.wall_left is None
+    outer = scene.gravity != 0.0 or scene.precompression > 0.0 or scene.drag > 0.0
+    return still and not outer and scene.n_body > 1
+
+
+def at_step(scene: Scene, dt: float, phase: float = 0.0, *, samples: int | None = None) -> Scene:
+    """The scene over whole steps of ``dt`` (s), at least for its own duration; a struck one with the first touch later
+    by ``phase`` of a step. Each step is a sample, or where there would be more than ``samples`` each of the next more.
+    """
+    steps = max(1, math.ceil(scene.duration / dt * (1.0 - 1e-9)))
+    each = math.ceil(steps / (samples or steps))
+    count = math.ceil(steps / each)
+    if phase > 0.0:
+        assert isinstance(scene.gap, tuple)  # set when the scene was made
+        gap = (scene.gap[0] + phase * scene.velocity[0] * dt, *scene.gap[1:])
+        scene = replace(scene, gap=gap)
+    return replace(scene, duration=count * each * dt, samples=count)
+
+
+def energies(scene: Scene, run: Trajectory) -> tuple[Floats, Floats]:
+    """Kinetic and total energy, J, ``(n_t,)`` both; without walls in the frame of the centre of mass."""
+    kinetic, stored, potential = energy_parts(scene, run)
+    if scene.wall_left is None and scene.wall_right is None:
+        kinetic = kinetic - momentum(scene, run) ** 2 / (2.0 * sum(scene.mass))
+        potential = -run.displacement @ scene.load
+    return kinetic, np.asarray(kinetic + stored + potential)
+
+
+def in_motion(scene: Scene, truth: Trajectory) -> float:
+    """Largest kinetic energy, J; UsageError where nothing moves."""
+    most = float(np.max(energies(scene, truth)[0]))
+    if not most > 0.0:
+        raise UsageError(f"nothing moves in {scene.name}, so no step is too large; allowed: a scene with an impact")
+    return most
+
+
+def energy_gain(scene: Scene, run: Trajectory, scale: float) -> float:
+    """What the run's energy has grown by for good, in units of ``scale`` (J); inf where it is no number."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = energies(scene, run)[1]
+        gain = (np.min(total[-max(1, len(total) // 4) :]) - total[0]) / scale
+    return float(gain) if np.isfinite(gain) else math.inf
+
+
+def gain_of(stepper: Stepper, scene: Scene, dt: float, phase: float, scale: float) -> float:
+    """:func:`energy_gain` at a step (s); inf where the run breaks."""
+    moved = at_step(scene, dt, phase)
+    try:
+        return energy_gain(moved, stepper(moved, dt), scale)
+    except RunBroken:
+        return math.inf
+
+
+def stable_step(
+    stepper: Stepper,
+    scene: Scene,
+    *,
+    start: float,
+    scale: float,
+    allowed: float,
+    phases: tuple[float, ...] | None = None,
+    ratio: float = RATIO,
+    guard: float = GUARD,
+) -> tuple[Limit, float]:
+    """The largest stable step below which all are, and the phase that decides just above it.
+
+    ``start`` (s): where to begin; ``scale`` (J): the energy in motion; ``allowed``: gain over that; ``phases``: of the
+    first touch (None: :data:`PHASES` where the scene is struck).
+    """
+    known = (PHASES if struck(scene) else (0.0,)) if phases is None else phases
+
+    def deciding(dt: float) -> float | None:
+        return next((p for p in known if gain_of(stepper, scene, dt, p, scale) > allowed), None)
+
+    found = largest_step(lambda dt: deciding(dt) is None, start, ratio=ratio, guard=guard)
+    phase = deciding(found.bad)
+    assert phase is not None  # it was bad
+    return found, phase
+
+
+def velocity_error(stepper: Stepper, scene: Scene, truth: Trajectory, dt: float, phase: float = 0.0) -> float:
+    """Largest difference of velocities to the truth over all bodies and (about 500) samples, over the truth's largest;
+    inf: broken.
+
+    ``truth``: of the scene as it is, with samples so close that a polynomial between them errs by nothing that counts.
+    """
+    moved = at_step(scene, dt, phase, samples=MOST_SAMPLES)
+    try:
+        run = stepper(moved, dt)
+    except RunBroken:
+        return math.inf
+    late = phase * dt
+    known = (run.time >= late) & (run.time <= late + truth.time[-1] * (1.0 + 1e-12))
+    when = np.clip(run.time[known] - late, 0.0, truth.time[-1])
+    expected = state_at(scene, truth, when)[1]
+    with np.errstate(over="ignore", invalid="ignore"):
+        away = float(np.max(np.abs(run.velocity[known] - expected)) / np.max(np.abs(truth.velocity)))
+    return away if math.isfinite(away) else math.inf
+
+
+def accurate_step(stepper: Stepper, scene: Scene, truth: Trajectory, *, stable: float, wanted: float) -> Limit:
+    """The largest step (s) below which all have velocity errors of at most ``wanted``; ``stable`` (s): the largest
+    stable one. Looked for from three times the step that second order makes of the error at a quarter of that."""
+    phases = PHASES[::3] if struck(scene) else (0.0,)
+
+    def is_good(dt: float) -> bool:
+        return all(velocity_error(stepper, scene, truth, dt, phase) <= wanted for phase in phases)
+
+    seen = velocity_error(stepper, scene, truth, 0.25 * stable)
+    return largest_step(is_good, min(stable, 0.75 * stable * math.sqrt(wanted / seen)))

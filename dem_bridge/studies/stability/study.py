@@ -1,0 +1,150 @@
+"""Where velocity-Verlet breaks, and where it has long been wrong: largest stable and largest accurate time steps.
+
+Four families of small scenes and one named scene. Each point is a search (:mod:`.step_limits`) by the twin, in part by
+LAMMPS, set beside 2/omega of the fastest contact and of the chain's highest mode (:mod:`dem_bridge.observables.modes`).
+Between the two limits lies a trap, shown on the named scene: momentum and energy hold where velocities do not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from dem_bridge.campaign import Progress
+from dem_bridge.errors import BackendUnavailable, UsageError
+from dem_bridge.lmp.coefficients import refusal
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.lmp.process import require
+from dem_bridge.scene import Scene
+from dem_bridge.scene_file import load_scene
+from dem_bridge.store import Store
+from dem_bridge.studies.checks import GRANULAR, TWIN
+from dem_bridge.studies.exhibits import Study
+from dem_bridge.studies.stability.points import (
+    GAINS,
+    MASS,
+    PHASES,
+    STEPS,
+    STIFFNESS,
+    Family,
+    Found,
+    Point,
+    chain,
+    engine_on,
+    families,
+    gain_map,
+    measured,
+    point_of,
+    stable_at,
+    trap_of,
+)
+from dem_bridge.studies.stability.shown import answer, exhibits, tables
+from dem_bridge.studies.stability.step_limits import FINEST, RATIO, twin
+from dem_bridge.verdict import Outcome
+
+#: a run is unstable whose energy grows for good by more than this share of what was in motion
+GAIN = 1.0
+DEFAULT_SCENE = "decelerating-40"
+#: the largest stable step over those in the table of the trap, and over those in its figure
+SHARES, CURVE = (8.0, 4.0, 2.0, 1.0), np.geomspace(32.0, 1.0, 16)
+#: limits of LAMMPS and twin are the same within this: both are known to half of it
+SAME = 0.01
+
+
+def study_stability(
+    scene: Scene | None = None,
+    *,
+    gain: float = GAIN,
+    points: int = 7,
+    engine: Engine | None = None,
+    jobs: int | None = None,
+    tell: Progress | None = None,
+    store: Store | None = None,
+) -> Study:
+    """Largest stable and largest accurate steps of velocity-Verlet, by the twin and by LAMMPS.
+
+    ``scene``: None for decelerating-40. ``gain``: a run is unstable whose energy grows for good by more than this share
+    of what was in motion. ``points`` of each family. ``engine``: which LAMMPS; without any its column is empty. The
+    runs are too short to be stored or to be shared out (``jobs``, ``store`` are not used). Raises UsageError for a
+    setting that makes no sense or a scene in which nothing moves.
+    """
+    if isinstance(gain, bool) or not isinstance(gain, int | float) or not 0.0 < gain < math.inf:
+        raise UsageError(f"gain = {gain!r}; allowed: a number > 0, as 1.0 for energy that doubles")
+    if isinstance(points, bool) or not isinstance(points, int) or not 2 <= points <= 100:
+        raise UsageError(f"points = {points!r}; allowed: a whole number from 2 to 100")
+    scene = load_scene(DEFAULT_SCENE) if scene is None else scene
+    chosen, found = families(points), Found()
+    total = points * len(chosen) + 4
+    try:
+        for done, label in enumerate(_measure(scene, chosen, found, float(gain), engine)):
+            if tell is not None:
+                tell(done, total, label)
+    except KeyboardInterrupt:
+        found.interrupted = True
+    return Study(
+        id="stability",
+        title=f"Stability of velocity-Verlet: four families of small scenes, and {scene.name}",
+        answer=answer(scene, chosen, found, float(gain)),
+        tables=tables(scene, chosen, found),
+        exhibits=exhibits(scene, chosen, found, float(gain)),
+        outcomes=tuple(_agreement(point) for one in found.points.values() for point in one if point.engine is not None),
+        notes=(
+            *found.notes,
+            f"Stable: the energy kept (the least total energy over the last quarter of the run, without walls in the"
+            f" frame of the centre of mass) has grown by at most {gain:g} of what was in motion, wherever in a step the"
+            f" first touch falls (8 places). Limits are known to {100 * (FINEST - 1):.1f} %, apart from windows"
+            f" narrower than {100 * (RATIO - 1):.0f} % that no step tried falls into.",
+            "Accurate: velocities within the given share of the largest, over all samples and bodies, from the"
+            " reference, at this and at every smaller step tried.",
+            "LAMMPS looks for its limit below the twin's first unstable step, with the phase of the first touch that"
+            " decides there.",
+        ),
+        interrupted=found.interrupted,
+        provenance={"scene": scene.name, "scene_hash": scene.content_hash, "gain": gain, "points": points},
+    )
+
+
+def _measure(scene: Scene, chosen: Sequence[Family], found: Found, gain: float, engine: Engine | None) -> Iterator[str]:
+    """Fill ``found``; says before each part what comes next."""
+    yield "LAMMPS"
+    try:
+        require(Engine.chosen() if engine is None else engine, "pair granular")
+        has_engine = True
+    except BackendUnavailable as error:
+        has_engine = False
+        found.notes.append(f"LAMMPS was not run: {error}.")
+    for family in chosen:
+        some = {0, len(family.values) // 2, len(family.values) - 1}
+        for i, value in enumerate(family.values.tolist()):
+            yield f"{family.id} = {value:.3g}"
+            one = measured(family.scene_at(value))
+            lmp = engine_on(one.scene, engine) if has_engine and i in some else None
+            found.points.setdefault(family.id, []).append(point_of(one, value=value, allowed=gain, engine=lmp))
+    yield scene.name
+    whole = measured(scene)
+    lmp = engine_on(scene, engine) if has_engine else None
+    if has_engine and lmp is None:
+        found.notes.append(f"LAMMPS was not run on {scene.name}: {refusal(scene)}.")
+    point = point_of(whole, allowed=gain, engine=lmp)
+    found.points[""] = [point]
+    yield "thresholds"
+    pair = measured(chain("two-equal", (MASS, MASS), (STIFFNESS,)))
+    row = measured(chain("five-equal", (MASS,) * 5, (STIFFNESS,) * 4))
+    for one in (pair, row, whole):
+        found.thresholds[one.scene.name] = (one.mode, {share: stable_at(one, share)[0] for share in GAINS})
+    found.gains = gain_map(pair, STEPS, PHASES)
+    yield "trap"
+    limit = point.stable.good
+    found.curve = [trap_of(whole, twin, TWIN, float(limit / share)) for share in CURVE]
+    for dt in (float(f"{limit / share:.0e}") for share in SHARES):
+        found.traps.append(trap_of(whole, twin, TWIN, dt))
+        if lmp is not None:
+            found.traps.append(trap_of(whole, lmp, GRANULAR, dt))
+
+
+def _agreement(point: Point) -> Outcome:
+    """Whether LAMMPS has the twin's limit."""
+    assert point.engine is not None
+    return Outcome.PASS if abs(point.engine.good / point.stable.good - 1.0) <= SAME else Outcome.FAIL

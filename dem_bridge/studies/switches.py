@@ -1,0 +1,317 @@
+"""Pieces of physics that a chain can have or be without, each as a change of its Scene.
+
+What a geometry tells beyond the numbers of a scene (weight, exact stiffness, the striker's true mass) can be added;
+what a scene has can be left out. Both the error budget of the paper and the ladder of models are made of these.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+
+from dem_bridge.backends.tabled import survey_of
+from dem_bridge.geometry import Body, Geometry
+from dem_bridge.physics.hertz import HertzContact, crossed_cylinders, sphere_on_cylinder, sphere_on_sphere
+from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene_physical import rounded
+
+GRAVITY = 9.81
+#: holds the chain together before the impact and does nothing else: N
+BARELY = 1e-6
+#: each takes about 0.6 % of the energy of one collision (c tau / mu with tau = 30 us, mu = 5 g): N s/m, and s
+DASHPOT, VISCOELASTIC = 1.0, 1e-8
+#: of the weight: a precompression below this is there for the sake of the statics alone
+_BESIDE_WEIGHT = 1e-3
+#: Hertz' exponent
+HERTZ = 2.5
+SIDES = ("wall_left", "wall_right")
+Change = Callable[[Scene], Scene]
+
+
+# what geometry tells
+
+
+def hertz_contact(
+    one: Body, other: Body, angle: float | None, *, law: Literal["paper", "exact"] = "exact"
+) -> HertzContact:
+    """Contact of two bodies of the second's material, ``angle`` (degrees) between the axes of two cylinders."""
+    elastic = other.material.elastic
+    if angle is not None:
+        return crossed_cylinders(angle=angle, radius=one.radius, radius2=other.radius, law=law, **elastic)
+    if one.shape == other.shape:
+        return sphere_on_sphere(radius=one.radius, radius2=other.radius, **elastic)
+    sphere, cylinder = (one, other) if one.shape == "sphere" else (other, one)
+    return sphere_on_cylinder(radius=sphere.radius, radius2=cylinder.radius, **elastic)
+
+
+def geometry_of(scene: Scene) -> Geometry:
+    """ValueError where the scene has none."""
+    if scene.geometry is None:
+        raise ValueError(f"{scene.name} has no geometry; a scene in physical form has")
+    return scene.geometry
+
+
+def quartz_sphere(scene: Scene) -> float:
+    """Mass of a sphere of the cylinders' material and radius, kg: what the paper's striker should weigh."""
+    body = geometry_of(scene).bodies[-1]
+    return rounded(4.0 / 3.0 * math.pi * body.radius**3 * body.material.density)
+
+
+def hertz_stiffness(scene: Scene, law: Literal["paper", "exact"] = "exact") -> tuple[float, ...]:
+    """Stiffness of each contact of the chain by Hertz' law at the angles that the scene's own law asks for, N/m^1.5.
+
+    ``law``: of crossed cylinders; "paper" has eq. 3.1's axis ratio.
+    """
+    geometry = geometry_of(scene)
+    pairs = zip(geometry.bodies, geometry.bodies[1:], geometry.angle, strict=False)
+    return tuple(rounded(hertz_contact(one, other, angle, law=law).stiffness) for one, other, angle in pairs)
+
+
+def crosses(scene: Scene) -> bool:
+    """Whether its contacts are those of crossed cylinders, by Hertz' law: an upright chain as the paper's."""
+    geometry = scene.geometry
+    if geometry is None or scene.law is not None or set(scene.contacts.exponent.tolist()) != {HERTZ}:
+        return False
+    return any(angle is not None for angle in geometry.angle)
+
+
+# changes
+
+
+def by_law(scene: Scene, law: Literal["paper", "exact"]) -> Scene:
+    """Contacts between cylinders by this law, at the same angles; those of spheres stay."""
+    geometry = geometry_of(scene)
+    both = zip(geometry.angle, scene.stiffness, hertz_stiffness(scene, law), strict=True)
+    stiffness = tuple(old if angle is None else new for angle, old, new in both)
+    return replace(
+        scene, stiffness=stiffness, geometry=replace(geometry, law=law, angles=geometry.angle, stiffness=None)
+    )
+
+
+def with_exponent(scene: Scene, exponent: tuple[float, ...], anchor: float) -> Scene:
+    """Another exponent in each contact of the chain, with the same force at the overlap ``anchor``, m."""
+    old = scene.contacts.exponent[: len(exponent)]
+    beta = np.array(scene.stiffness) * anchor ** (old - np.array(exponent))
+    return replace(scene, exponent=exponent, stiffness=tuple(map(rounded, beta.tolist())))
+
+
+def angles_soften(scene: Scene, anchor: float) -> Scene:
+    """n from 2.5 at 90 degrees to 2.2 at the smallest angle, linear in the angle: the paper's own suspicion."""
+    angle = np.array([90.0 if a is None else a for a in geometry_of(scene).angle])
+    low = float(angle.min())
+    return with_exponent(scene, tuple(float(f"{n:.6g}") for n in 2.2 + 0.3 * (angle - low) / (90.0 - low)), anchor)
+
+
+def weighing(scene: Scene) -> Scene:
+    """Stacked on a base under gravity, in equilibrium before the impact."""
+    return replace(on_base(scene), gravity=GRAVITY, precompression=max(scene.precompression, BARELY))
+
+
+def on_base(scene: Scene) -> Scene:
+    """A rigid base behind the last body, as stiff as the last contact; where there is a wall already, that."""
+    return scene if scene.wall_right is not None else _walled(scene, "wall_right", Wall(stiffness=scene.stiffness[-1]))
+
+
+def _as_it_is(scene: Scene) -> Scene:
+    return scene
+
+
+def _walled(scene: Scene, side: str, wall: Wall | None) -> Scene:
+    """With that wall or without; what has an entry per contact follows, a new wall's as the last contact's."""
+    links = len(scene.stiffness)
+
+    def fitted(values: Any) -> tuple[Any, ...]:
+        rest = iter(values[links:])
+        of_walls = {one: next(rest) for one in SIDES if getattr(scene, one) is not None}
+        if wall is None:
+            of_walls.pop(side, None)
+        else:
+            of_walls[side] = values[links - 1]
+        return (*values[:links], *(of_walls[one] for one in SIDES if one in of_walls))
+
+    damping = scene.damping
+    changes: dict[str, Any] = {side: wall}
+    if damping is not None:
+        assert isinstance(damping.coefficient, tuple)  # set when the scene was made
+        changes["damping"] = replace(damping, coefficient=fitted(damping.coefficient))
+    if scene.law is not None:
+        changes["law"] = fitted(scene.law)
+    return replace(scene, **changes)
+
+
+def _weightless(scene: Scene) -> Scene:
+    """Without gravity, and without the precompression that was there for its statics alone."""
+    kept = scene.precompression if _pressed(scene) else 0.0
+    return replace(scene, gravity=0.0, precompression=kept)
+
+
+def _pressed(scene: Scene) -> bool:
+    """Whether it is pressed by more than its weight."""
+    return scene.precompression > _BESIDE_WEIGHT * abs(scene.gravity) * sum(scene.mass)
+
+
+def _stands(scene: Scene) -> str:
+    """The wall that bears the weight of a chain in equilibrium; '' where none does."""
+    side = SIDES[scene.gravity > 0.0]
+    return side if scene.gravity != 0.0 and scene.precompression > 0.0 and getattr(scene, side) is not None else ""
+
+
+def _hertzian(scene: Scene) -> Scene:
+    """Hertz' power in all contacts, with the same force at the largest overlap of each (a coarse run finds it)."""
+    c = scene.contacts
+    if scene.law is None and np.all(c.exponent == HERTZ):
+        return scene
+    overlap = survey_of(scene).peak_overlap
+    deepest = float(np.max(overlap, initial=0.0)) or 1e-6  # a scene at rest has no scale
+    overlap = np.where(overlap > 0.0, overlap, deepest)
+    beta = [rounded(one) for one in (c.force(overlap, np.arange(len(overlap))) / overlap ** (HERTZ - 1.0)).tolist()]
+    links = len(scene.stiffness)
+    walls = [side for side in SIDES if getattr(scene, side) is not None]
+    changed = {
+        side: replace(getattr(scene, side), stiffness=beta[links + nth], exponent=HERTZ)
+        for nth, side in enumerate(walls)
+    }
+    return replace(scene, law=None, exponent=HERTZ, stiffness=tuple(beta[:links]), **changed)
+
+
+# switches
+
+
+@dataclass(frozen=True, kw_only=True)
+class Switch:
+    """A piece of physics of one scene: what the scene is with it, and without."""
+
+    id: str
+    what: str
+    """What is left out, and what takes its place."""
+    off: Change = _as_it_is
+    on: Change = _as_it_is
+    """One of the two leaves the scene as it is: it has the piece, or its geometry tells of it."""
+    supposed: bool = False
+    """Whether its size is ours: nothing is known of it but that it is there."""
+
+
+#: all pieces by their ids, in the order in which they are applied, as sentences call them
+PIECES: Mapping[str, str] = MappingProxyType(
+    {
+        "stiffness-law": "the exact stiffness law",
+        "striker-stiffness": "the striker's exact stiffness",
+        "striker-mass": "the striker's true mass",
+        "force-law": "forces other than Hertz'",
+        "gaps": "the gaps",
+        "drag": "drag",
+        "damping": "dissipation in contacts",
+        "wall": "the wall before the first body",
+        "base": "the base",
+        "gravity": "gravity",
+        "precompression": "the precompression",
+    }
+)
+
+
+def named(ids: Iterable[str]) -> str:
+    """Pieces in words, in their order.
+
+    >>> named({"gravity", "drag", "base"})
+    'drag, the base and gravity'
+    """
+    chosen = set(ids)
+    words = [word for id, word in PIECES.items() if id in chosen]
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def switches_of(scene: Scene, *, add: bool = True, dashpot: float = DASHPOT) -> tuple[Switch, ...]:
+    """Every piece of physics that this scene can be with and without, in the order of :data:`PIECES`.
+
+    ``add``: also those that the scene has not, but its geometry tells. An upright chain of crossed cylinders stands on
+    a base under its weight, has exact stiffnesses and a striker of its true mass, and loses energy in its contacts,
+    where the size of the ``dashpot`` (N s/m) is supposed. Without: what the scene has and may do without.
+    A switch that changes nothing is not there.
+    """
+    told = tuple(_told(scene, dashpot)) if add and crosses(scene) else ()
+    known = {one.id for one in told}
+    found = {one.id: one for one in (*told, *(one for one in _own(scene) if one.id not in known))}
+    switches = tuple(found[id] for id in PIECES if id in found)
+
+    def does(one: Switch) -> bool:
+        held = frozenset(other.id for other in switches if one.id in needs(scene, switches, other))
+        return model(scene, switches, held).content_hash != model(scene, switches, held | {one.id}).content_hash
+
+    return tuple(filter(does, switches))
+
+
+def needs(scene: Scene, switches: Sequence[Switch], one: Switch) -> frozenset[str]:
+    """Ids of what must be there for ``one`` to be: a chain that bears its weight needs what it stands on."""
+    if one.id != "gravity":
+        return frozenset()
+    side = _stands(model(scene, switches))
+    return frozenset({"base" if side == "wall_right" else "wall"} if side else ())
+
+
+def model(scene: Scene, switches: Sequence[Switch], without: frozenset[str] = frozenset()) -> Scene:
+    """The scene with all switches on, but for those ``without``."""
+    made = scene
+    for one in switches:
+        made = (one.off if one.id in without else one.on)(made)
+    parts = [f"no-{one.id}" for one in switches if one.id in without]
+    return replace(made, name=".".join([scene.name, *(parts or ["fullest"])])[:100])
+
+
+def _told(scene: Scene, dashpot: float) -> Iterator[Switch]:
+    """What the geometry of an upright chain of crossed cylinders tells."""
+    geometry = geometry_of(scene)
+    exact = geometry.law == "exact"
+    yield Switch(
+        id="stiffness-law",
+        what="the exact Hertz law between cylinders (eq. 3.1's approximation in its place)",
+        on=_as_it_is if exact else partial(by_law, law="exact"),
+        off=partial(by_law, law="paper") if exact else _as_it_is,
+    )
+    if geometry.angle[0] is None:
+        stiffness, mass = hertz_stiffness(scene)[0], rounded(geometry.bodies[0].mass)
+        yield Switch(
+            id="striker-stiffness",
+            what=f"the striker's exact stiffness, {stiffness:.4g} N/m^1.5 ({scene.stiffness[0]:.4g} in its place)",
+            on=lambda s: replace(s, stiffness=(stiffness, *s.stiffness[1:])),
+        )
+        yield Switch(
+            id="striker-mass",
+            what=f"the true mass of the striker, {1e3 * mass:.3g} g ({1e3 * scene.mass[0]:.3g} g in its place)",
+            on=lambda s: replace(s, mass=(mass, *s.mass[1:])),
+        )
+    if not scene.damped:
+        yield Switch(
+            id="damping",
+            what=f"dissipation in contacts, a dashpot of {dashpot:g} N s/m",
+            on=lambda s: replace(s, damping=Damping(law="dashpot", coefficient=dashpot)),
+            supposed=True,
+        )
+    if scene.wall_right is None:
+        yield Switch(id="base", what="the base behind the last body (a free end in its place)", on=on_base)
+    # a chain with gaps does not stand in touch
+    if scene.gravity == 0.0 and not np.any(scene.contacts.gap > 0.0):
+        yield Switch(id="gravity", what="gravity: the static compression by the chain's own weight", on=weighing)
+
+
+def _own(scene: Scene) -> Iterator[Switch]:
+    """What the scene has and can be without; of what it has not, nothing comes of the change."""
+    yield Switch(id="force-law", what="forces that are no Hertz power (n = 5/2 in its place)", off=_hertzian)
+    yield Switch(id="gaps", what="gaps and overlaps at the start", off=lambda s: replace(s, gap=0.0))
+    yield Switch(id="drag", what=f"drag of {scene.drag:g} 1/s", off=lambda s: replace(s, drag=0.0))
+    damping = scene.damping
+    kind = f"{damping.law}" if damping is not None else ""
+    yield Switch(id="damping", what=f"dissipation in contacts ({kind})", off=lambda s: replace(s, damping=None))
+    yield Switch(id="wall", what="the wall before the first body", off=partial(_walled, side="wall_left", wall=None))
+    yield Switch(id="base", what="the wall behind the last body", off=partial(_walled, side="wall_right", wall=None))
+    yield Switch(id="gravity", what=f"gravity of {scene.gravity:g} m/s^2", off=_weightless)
+    yield Switch(
+        id="precompression",
+        what=f"precompression of {scene.precompression:g} N",
+        off=lambda s: replace(s, precompression=BARELY if _stands(s) else 0.0) if _pressed(s) else s,
+    )

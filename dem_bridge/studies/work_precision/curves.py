@@ -1,0 +1,168 @@
+"""What work-precision runs: a curve for each backend and each of its knobs, from cheap to expensive."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Backend, Resolution, Sampling, backend
+from dem_bridge.backends.survey import Survey
+from dem_bridge.campaign import Case
+from dem_bridge.extrapolate import extrapolated
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
+
+#: steps are the sample interval over these powers of two, from the first that is below 1/omega of the stiffest contact
+HALVINGS = 13
+#: ... fewer for those that take long
+FINEST = {"lammps-granular": 11, "lammps-table": 11, "ase": 5}
+#: ... and for orders above 2, which are at their floor there
+FINEST_OF_HIGH_ORDER = 10
+#: ... and of tables at a fixed step, so many halvings below the first: errors of a step are then 1e-5 or less
+FIXED_HALVINGS = 7
+POINTS = (100, 400, 1600, 6400)
+STYLES = ("spline", "linear")
+LINES = (16, 50, 160)
+#: knobs that are whole numbers
+WHOLE = ("table_points", "table_lines")
+#: atol of ode45 (m and m/s) beside an rtol; both fall together
+ATOL_PER_RTOL = 1e-3
+RTOL = {"scipy": (1e-4, 1e-8, 1e-12), "ode45": (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)}
+#: how the seconds of a run go with its knob, for predictions: adaptive steps as the tolerance to this power
+ADAPTIVE = 1.0 / 6.0
+#: s of a run of which nothing else is known
+UNKNOWN = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """One backend with one knob turned, all else fixed."""
+
+    name: str
+    backend: str
+    knob: str = ""
+    """Field of a Resolution; '' where nothing can be turned."""
+    values: tuple[float, ...] = (float("nan"),)
+    """Of the knob, from cheap to expensive."""
+    fixed: Mapping[str, Any] = field(default_factory=dict)
+    """More fields of the Resolution."""
+    variant: str = ""
+    """What tells it from other curves of the backend, for the drawing."""
+    richardson: bool = False
+
+    def settings(self, value: float) -> dict[str, Any]:
+        """Fields of a Resolution that are asked for, with ``value`` of the knob."""
+        if not self.knob:
+            return dict(self.fixed)
+        asked = {**self.fixed, self.knob: int(value) if self.knob in WHOLE else value}
+        if self.variant == "both":
+            asked["atol"] = ATOL_PER_RTOL * value
+        return asked
+
+    def resolution(self, value: float, *, limit: float) -> Resolution:
+        """Without bars; ``limit`` (s) ends an engine in another process."""
+        return Resolution(**self.settings(value), time_limit=limit, bars=False)
+
+    def size(self, value: float) -> float:
+        """What the seconds of a run grow with, about linearly."""
+        if self.knob == "dt":
+            return 1.0 / value
+        return value**-ADAPTIVE if self.knob in ("rtol", "atol") else value
+
+    def run(self, chosen: Backend, scene: Scene, value: float, sampling: Sampling, *, limit: float) -> Trajectory:
+        """One run, as whoever asks for these settings gets it."""
+        resolution = self.resolution(value, limit=limit)
+        if self.richardson:
+            return extrapolated(chosen, scene, resolution, sampling)
+        return chosen.run(scene, resolution, sampling)
+
+    def guess(self, scene: Scene, value: float, sampling: Sampling) -> float:
+        """Roughly the seconds of one run, for the time that is left and nothing else."""
+        resolution = self.resolution(value, limit=1e9)
+        if resolution.dt is None:
+            return UNKNOWN
+        steps = Case(scene=scene, backend=self.backend, resolution=resolution, sampling=sampling).expected
+        return steps * (10.0 if self.richardson else 1.0)
+
+
+def curves(
+    scene: Scene, sampling: Sampling, look: Survey, engine: Engine | None, wanted: Sequence[str] | None = None
+) -> tuple[list[tuple[Curve, Backend]], list[str]]:
+    """All curves that can be run here, each with its backend; and why others cannot.
+
+    ``wanted``: backends; None for all.
+    """
+    found, notes = [], []
+    for name in BACKENDS if wanted is None else dict.fromkeys(wanted):
+        chosen = backend(name, engine if name in ENGINE_BACKENDS else None)
+        reason = chosen.refusal(scene) or chosen.availability().reason
+        if reason:
+            notes.append(f"{name} is not there: {reason}")
+            continue
+        found += [(curve, chosen) for curve in _of(chosen, steps(scene, sampling, look), scene)]
+    return found, notes
+
+
+def steps(scene: Scene, sampling: Sampling, look: Survey) -> tuple[float, ...]:
+    """Time steps (s), each half the one before, that fall on the samples; the first below 1/omega."""
+    first = scene.duration / sampling.count
+    while first * look.frequency > 1.0:
+        first *= 0.5
+    return tuple(first * 0.5**j for j in range(HALVINGS))
+
+
+def _of(chosen: Backend, dt: tuple[float, ...], scene: Scene) -> list[Curve]:
+    name = chosen.name
+    if chosen.order is None:
+        return _adaptive(name)
+    finest = FINEST.get(name, HALVINGS if chosen.order <= 2 else FINEST_OF_HIGH_ORDER)
+    by_step = Curve(name=name, backend=name, knob="dt", values=dt[:finest])
+    sparse = replace(by_step, values=by_step.values[::2])
+    if name == "ase":
+        return [sparse]
+    if name == "lammps-table":
+        return [sparse, *_tables(name, dt[FIXED_HALVINGS])]
+    found = [by_step]
+    if chosen.order == 2:  # three runs of 2 dt, dt and dt/2; coarser ones have no clean order
+        values = by_step.values[2:-1:2] or by_step.values
+        found.append(replace(sparse, name=f"{name} (Richardson)", values=values, variant="richardson", richardson=True))
+    if name == "lammps-granular" and scene.spacing is not None:
+        radius = f"R = {500.0 * scene.spacing:.3g} mm"
+        fixed = {"geometry": "physical"}
+        found.append(replace(sparse, name=f"{name} ({radius})", variant="physical", fixed=fixed))
+    return found
+
+
+def _tables(name: str, dt: float) -> list[Curve]:
+    """Knobs of tables at a fixed step."""
+    found = [
+        Curve(
+            name=f"{name} ({style})",
+            backend=name,
+            knob="table_points",
+            values=POINTS,
+            fixed={"dt": dt, "table_style": style},
+            variant=style,
+        )
+        for style in STYLES
+    ]
+    lines = Curve(
+        name=f"{name} (lines)", backend=name, knob="table_lines", values=LINES, fixed={"dt": dt}, variant="lines"
+    )
+    return [*found, lines]
+
+
+def _adaptive(name: str) -> list[Curve]:
+    if name not in RTOL:
+        return [Curve(name=name, backend=name)]
+    by_rtol = Curve(name=name, backend=name, knob="rtol", values=RTOL[name])
+    if name != "ode45":
+        return [by_rtol]
+    atol = tuple(ATOL_PER_RTOL * rtol for rtol in RTOL[name])
+    return [
+        replace(by_rtol, name=f"{name} (rtol alone)"),
+        Curve(name=f"{name} (atol alone)", backend=name, knob="atol", values=atol, variant="atol alone"),
+        replace(by_rtol, name=f"{name} (both)", variant="both"),
+    ]

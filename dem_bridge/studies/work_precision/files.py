@@ -1,0 +1,126 @@
+"""All that work-precision measured as one tidy table: CSV in long form, and netCDF.
+
+Tidy: a row is one error (of one setting, in one observable and norm) with all that belongs to it beside, so that any
+column can be plotted against any other (Wickham 2014, *J. Stat. Softw.* 59, 10).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from dem_bridge.studies.work_precision.norms import NORMS, OBSERVABLES
+from dem_bridge.studies.work_precision.runs import Measured, Point
+
+SCHEMA = "dem-bridge/work-precision/1"
+#: columns of a setting -> (unit, what it is)
+SETTING: dict[str, tuple[str, str]] = {
+    "dt": ("s", "time step as it was run"),
+    "steps": ("1", "time steps"),
+    "force_evaluations": ("1", "evaluations of all forces; of a Taylor series its coefficients"),
+    "wall_min": ("s", "least wall time of a run, from the scene to the trajectory"),
+    "wall_median": ("s", "median wall time of a run"),
+    "cpu_min": ("s", "least CPU time of a run, with the processes that it starts"),
+    "cpu_median": ("s", "median CPU time of a run"),
+    "repeats": ("1", "runs that were timed, after one that was not"),
+    "engine_loop": ("s", "LAMMPS' own time for its steps, of the last run"),
+}
+
+
+def numbers(point: Point) -> dict[str, float]:
+    """The columns of :data:`SETTING`; nan where there is no run."""
+    timing = point.timing
+    times = (timing.least_wall, timing.median_wall, timing.least_cpu, timing.median_cpu) if timing else (np.nan,) * 4
+    repeats = float(len(timing.wall)) if timing else 0.0
+    values = (point.dt, point.steps, point.evaluations, *times, repeats, point.loop)
+    return dict(zip(SETTING, values, strict=True))
+
+
+def as_csv(found: Measured) -> str:
+    """Long form: one line for each setting, observable and norm; numbers in full precision, nan where there is none."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    head = ("scene", "backend", "curve", "knob", "value", "settings", *SETTING)
+    writer.writerow([*head, "observable", "norm", "error", "reference_bar", "known", "reason"])
+    writer.writerows(_rows(found))
+    return text.getvalue()
+
+
+def _rows(found: Measured) -> Iterator[tuple[Any, ...]]:
+    for point in found.points:
+        curve = point.curve
+        first = (found.scene.name, curve.backend, curve.name, curve.knob, point.value, _settings(point))
+        for name in OBSERVABLES:
+            for norm in NORMS:
+                known = "" if point.timing is None else "yes" if found.known(point, name, norm) else "no"
+                error, bar = point.error(name, norm), found.bars[name, norm]
+                yield (*first, *numbers(point).values(), name, norm, error, bar, known, point.reason)
+
+
+def as_netcdf(found: Measured) -> bytes:
+    """netCDF-4: dimensions run, observable, norm; units and meanings as attributes. Read it by ``xarray``."""
+    import xarray as xr
+
+    points, grid = found.points, [(name, norm) for name in OBSERVABLES for norm in NORMS]
+    shape = (len(OBSERVABLES), len(NORMS))
+    error = np.array([[point.error(*one) for one in grid] for point in points]).reshape(len(points), *shape)
+    known = np.array([[found.known(point, *one) for one in grid] for point in points], dtype=np.int8)
+    of_runs = [numbers(point) for point in points]
+    data: dict[str, Any] = {
+        "error": (
+            ("run", "observable", "norm"),
+            error,
+            {"units": "1", "long_name": "error against the reference, relative to the scale of the observable"},
+        ),
+        "known": (
+            ("run", "observable", "norm"),
+            known.reshape(error.shape),
+            {"long_name": "1: the error is above the bar of the reference; 0: it is below, or there is no run"},
+        ),
+        "reference_bar": (
+            ("observable", "norm"),
+            np.array([found.bars[one] for one in grid]).reshape(shape),
+            {"units": "1", "long_name": "what the reference may err by itself, on the same scale"},
+        ),
+    }
+    for name, (unit, meaning) in SETTING.items():
+        data[name] = ("run", np.array([one[name] for one in of_runs]), {"units": unit, "long_name": meaning})
+    texts = {
+        "backend": [point.curve.backend for point in points],
+        "curve": [point.curve.name for point in points],
+        "knob": [point.curve.knob for point in points],
+        "settings": [_settings(point) for point in points],
+        "reason": [point.reason for point in points],
+    }
+    scales = {"long_name": "observable", "scale": json.dumps(dict(OBSERVABLES))}
+    dataset = xr.Dataset(
+        data,
+        coords={
+            "observable": ("observable", list(OBSERVABLES), scales),
+            "norm": ("norm", list(NORMS), {"long_name": "norm over samples and bodies, or over contacts"}),
+            "value": ("run", [point.value for point in points], {"long_name": "value of the knob, SI"}),
+            **{name: ("run", np.array(values, dtype=object)) for name, values in texts.items()},
+        },
+        attrs={
+            "schema": SCHEMA,
+            "scene": found.scene.name,
+            "scene_hash": found.scene.content_hash,
+            "samples": found.sampling.count,
+            "limit_s": found.limit,
+            "provenance": json.dumps(dict(found.provenance), sort_keys=True),
+        },
+    )
+    buffer = io.BytesIO()
+    dataset.to_netcdf(buffer, engine="h5netcdf")
+    return buffer.getvalue()
+
+
+def _settings(point: Point) -> str:
+    """All that was asked for as JSON; SI."""
+    order = {"order": "richardson"} if point.curve.richardson else {}
+    return json.dumps(point.curve.settings(point.value) | order)

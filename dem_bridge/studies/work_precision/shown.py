@@ -1,0 +1,280 @@
+"""Work-precision in words and tables; nothing is run here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from textwrap import shorten
+from typing import NamedTuple
+
+from dem_bridge.backends.base import ENGINE_BACKENDS
+from dem_bridge.studies.exhibits import Study, Table
+from dem_bridge.studies.work_precision.curves import STYLES, WHOLE
+from dem_bridge.studies.work_precision.figures import ID, cpu, evaluations, exhibits
+from dem_bridge.studies.work_precision.files import as_csv, as_netcdf
+from dem_bridge.studies.work_precision.norms import OBSERVABLES
+from dem_bridge.studies.work_precision.pareto import cheapest
+from dem_bridge.studies.work_precision.runs import Measured, Point
+
+TARGETS = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8)
+#: errors that grow by more than this factor under refinement have passed their floor
+TURNING = 1.5
+_FLOOR = "its floor"
+
+
+class Group(NamedTuple):
+    """Settings among which the cheapest is looked for."""
+
+    name: str
+    holds: Callable[[Point], bool]
+
+
+GROUPS = (
+    Group("all backends", lambda point: True),
+    Group("fixed steps in house", lambda point: point.curve.knob == "dt" and not _of_engine(point)),
+    Group("LAMMPS", lambda point: _of_engine(point)),
+)
+
+
+def _of_engine(point: Point) -> bool:
+    return point.curve.backend in ENGINE_BACKENDS
+
+
+def shown(found: Measured, *, notes: Sequence[str] = (), interrupted: bool = False) -> Study:
+    """The study of what was measured."""
+    lost = sum(point.timing is None for point in found.points)
+    how = [
+        "After one call of each curve that is not timed, each setting is called two or three times, alone, in one"
+        " process. The diagrams have the least CPU time of a call, from the scene to the trajectory: with the start of"
+        " LAMMPS' own process, and without error bars but those that an extrapolation needs.",
+        f"Errors are against the reference; its own bar on a velocity is {found.bars['velocity', 'max']:.1e}. An error"
+        " below the bar is not known, and counts as the bar.",
+        f"{lost} of {len(found.points)} settings have no numbers (nan): for the limit of {found.limit:g} s a run, or"
+        " for another reason; the table of all settings has it.",
+        "Steps are the sample interval over powers of two. ode45 (both): atol is a thousandth of rtol, in m and m/s."
+        " Tables: at a fixed step.",
+        *notes,
+    ]
+    return Study(
+        id=ID,
+        title=f"Work-precision: {found.scene.name}",
+        answer=tuple(_answer(found)),
+        tables=(_cheapest_table(found), _floors_table(found), _runs_table(found)),
+        exhibits=tuple(exhibits(found)),
+        notes=tuple(how),
+        interrupted=interrupted,
+        provenance=found.provenance,
+        files={f"{ID}-all.csv": partial(as_csv, found), f"{ID}.nc": partial(as_netcdf, found)},
+    )
+
+
+def setting(point: Point) -> str:
+    """A curve's name with the value of its knob.
+
+    >>> from dem_bridge.studies.work_precision.curves import Curve
+    >>> setting(Point(curve=Curve(name="verlet", backend="verlet", knob="dt"), value=1e-7))
+    'verlet at dt = 1e-07 s'
+    """
+    return f"{point.curve.name} at {_turned(point)}" if point.curve.knob else point.curve.name
+
+
+def _turned(point: Point) -> str:
+    """The knob with its value; '' where there is none."""
+    knob, value = point.curve.knob, point.value
+    digits = f"{value:.0f}" if knob in WHOLE else f"{value:.3g}"
+    return f"{knob} = {digits}{' s' if knob == 'dt' else ''}" if knob else ""
+
+
+def best(found: Measured, target: float, group: Group, observable: str = "velocity") -> Point | None:
+    """The setting of least CPU time that errs by at most ``target``."""
+    return cheapest(
+        filter(group.holds, found.points),
+        target,
+        cost=lambda point: point.cpu,
+        error=lambda point: found.bound(point, observable),
+    )
+
+
+def _answer(found: Measured) -> Iterator[str]:
+    for target in TARGETS[1:]:
+        parts = []
+        for group in GROUPS:
+            point = best(found, target, group)
+            parts.append(f"{group.name}: {'none' if point is None else f'{setting(point)} ({_ms(point.cpu)})'}")
+        yield f"Velocities to {target:g} for the least CPU time, {'; '.join(parts)}."
+    yield from _on_floors(found)
+    yield from _on_richardson(found)
+    yield from _on_tables(found)
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
+
+
+class Floor(NamedTuple):
+    """Where a curve ends."""
+
+    best: Point
+    """Of least velocity error."""
+    why: str
+    """What lies beyond."""
+
+
+def _floor(found: Measured, name: str) -> Floor | None:
+    """None for a curve without a run."""
+    points = [point for point in found.points if point.curve.name == name]
+    ran = [point for point in points if math.isfinite(point.error("velocity"))]
+    if not ran:
+        return None
+    least = min(ran, key=lambda point: point.error("velocity"))
+    beyond = ran[ran.index(least) + 1 :]
+    if len(points) == 1:
+        return Floor(least, "it has no knob")
+    if not found.known(least, "velocity"):
+        return Floor(least, "below the bar of the reference")
+    if any(point.error("velocity") > TURNING * least.error("velocity") for point in beyond):
+        return Floor(least, f"{_FLOOR}: finer settings err more")
+    if len(beyond) > 0 or _flat(ran):
+        return Floor(least, f"{_FLOOR}: finer settings gain nothing")
+    if any(point.timing is None for point in points[points.index(least) + 1 :]):
+        return Floor(least, f"the limit of {found.limit:g} s")
+    return Floor(least, "the end of what was asked for")
+
+
+def _flat(ran: Sequence[Point]) -> bool:
+    """Whether the last setting is no better than the one before."""
+    return len(ran) > 1 and ran[-1].error("velocity") > ran[-2].error("velocity") / TURNING
+
+
+def _on_floors(found: Measured) -> Iterator[str]:
+    ended = [
+        f"{setting(one.best)} with {one.best.error('velocity'):.1e}"
+        for one in (_floor(found, name) for name in found.curves)
+        if one is not None and one.why.startswith(_FLOOR) and one.best.curve.knob in ("dt", "rtol", "atol")
+    ]
+    if ended:
+        yield f"Floors of velocity, which finer settings of the same curve do not pass: {'; '.join(ended)}."
+
+
+def _on_richardson(found: Measured) -> Iterator[str]:
+    """What extrapolation takes, of what plain runs take to the same error."""
+    for name in found.curves:
+        extrapolated = f"{name} (Richardson)"
+        if extrapolated not in found.curves:
+            continue
+        told: dict[float, str] = {}
+        for target in TARGETS[1:]:  # a setting that meets several says the most at the last
+            plain, better = (_least(found, one, target, cpu) for one in (name, extrapolated))
+            of_evaluations, fewer = (_least(found, one, target, evaluations) for one in (name, extrapolated))
+            if better and plain and fewer and of_evaluations:
+                share = fewer.evaluations / of_evaluations.evaluations
+                told[better.value] = (
+                    f"to {target:g} it takes {better.cpu / plain.cpu:.2g} times the CPU time and {share:.2g} times the"
+                    " force evaluations of plain runs"
+                )
+            elif better:
+                told[better.value] = f"only it reaches {target:g}"
+        tried = [point for point in found.points if point.curve.name == extrapolated]
+        refused = sum("no extrapolation" in point.reason for point in tried)
+        yield (
+            f"Richardson extrapolation of {name}: {', '.join(told.values()) or 'it meets no target within the limit'};"
+            f" {refused} of {len(tried)} steps are refused, for their order is not clean. Its CPU time has the error"
+            " bars of its finest run in it."
+        )
+
+
+def _least(found: Measured, name: str, target: float, cost: Callable[[Point], float]) -> Point | None:
+    """Of one curve, for velocities to ``target``."""
+    return cheapest(found.of(name), target, cost=cost, error=lambda point: found.bound(point, "velocity"))
+
+
+def _on_tables(found: Measured) -> Iterator[str]:
+    plain, tabled = ({point.value: point for point in found.of(name)} for name in ("lammps-granular", "lammps-table"))
+    both = sorted(set(plain) & set(tabled))
+    if both:
+        one, other = plain[both[0]], tabled[both[0]]
+        yield (
+            f"LAMMPS with tables at dt = {both[0]:.3g} s takes {_ms(other.cpu)} of CPU time and errs by"
+            f" {other.error('velocity'):.2g}, with the law itself {_ms(one.cpu)} and {one.error('velocity'):.2g}."
+        )
+    for style in STYLES:
+        points = found.of(f"lammps-table ({style})")
+        if points:
+            parts = [f"{p.error('velocity'):.1e} with {p.value:g}" for p in points]
+            yield f"Tables, {style}, at dt = {points[0].dt:.3g} s err by {', '.join(parts)} points."
+
+
+def _cheapest_table(found: Measured) -> Table:
+    rows: list[tuple[str | float, ...]] = []
+    for observable in OBSERVABLES:
+        for target in TARGETS:
+            cells: list[str | float] = []
+            for group in GROUPS:
+                point = best(found, target, group, observable)
+                cells += ["-", math.nan] if point is None else [setting(point), 1e3 * point.cpu]
+            rows.append((observable, target, *cells))
+    heads = (head for group in GROUPS for head in (group.name, f"{group.name}: CPU (ms)"))
+    return Table(
+        id="cheapest",
+        title="The cheapest setting that is good enough",
+        caption="Least CPU time of a run whose largest error is at most the wanted one; of the settings that were run.",
+        columns=("observable", "wanted error", *heads),
+        rows=tuple(rows),
+    )
+
+
+def _floors_table(found: Measured) -> Table:
+    others = [name for name in OBSERVABLES if name != "velocity"]
+    rows: list[tuple[str | float, ...]] = []
+    for name in found.curves:
+        floor = _floor(found, name)
+        if floor is None:
+            reason = next(point.reason for point in found.points if point.curve.name == name)
+            rows.append((name, "-", math.nan, math.nan, *[math.nan] * len(others), reason))
+        else:
+            least = (min((found.bound(point, one) for point in found.of(name)), default=math.inf) for one in others)
+            error, spent = found.bound(floor.best, "velocity"), 1e3 * floor.best.cpu
+            rows.append((name, _turned(floor.best), error, spent, *least, floor.why))
+    return Table(
+        id="floors",
+        title="The least error of each curve",
+        caption=(
+            "Largest error of a velocity, at the setting where it is least, and what keeps it from being less; beside"
+            " it the least errors of the others, each at its own setting. Never less than the bar of the reference."
+        ),
+        columns=(
+            *("curve", "setting", "velocity error", "CPU (ms)"),
+            *(f"least error of {name}" for name in others),
+            "what ends it (velocity)",
+        ),
+        rows=tuple(rows),
+    )
+
+
+def _runs_table(found: Measured) -> Table:
+    def row(point: Point) -> tuple[str | float, ...]:
+        return (
+            point.curve.name,
+            _turned(point),
+            1e3 * point.cpu,
+            1e3 * point.timing.median_wall if point.timing else math.nan,
+            point.evaluations,
+            *(point.error(name) for name in OBSERVABLES),
+            shorten(point.reason, 60, placeholder=" ..."),
+        )
+
+    return Table(
+        id="runs",
+        title="All settings",
+        caption="Errors are the largest, relative. Other norms, timings and whole reasons are in the files above.",
+        columns=(
+            *("curve", "setting", "CPU, least (ms)", "wall, median (ms)", "force evaluations"),
+            *OBSERVABLES,
+            "reason",
+        ),
+        rows=tuple(map(row, found.points)),
+    )
+
+
+__all__ = ["GROUPS", "TARGETS", "best", "setting", "shown"]

