@@ -24,6 +24,7 @@ bench: $(STAMP)
 	$(BIN)/python -m pytest tests/bench/bench_backends.py --benchmark-only --benchmark-columns=median,iqr,rounds -p no:cacheprovider
 	$(BIN)/python -m tests.bench.bench_lammps
 	$(BIN)/python -m tests.bench.bench_bars
+	$(BIN)/python -m tests.bench.bench_integrators
 	$(BIN)/python -m tests.bench.bench_paper
 	$(BIN)/python -m tests.bench.bench_horizon
 	$(BIN)/python -m tests.bench.bench_plan

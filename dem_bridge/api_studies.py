@@ -87,9 +87,9 @@ def minimal(
     ``observables``: relative changes of the "arrival" at the last body; of the "residence" time and the "peak_velocity"
     of the worst body and the "peak_force" of the worst contact, as the front passes them; and of the "velocity" of any
     body at any sample, until the front is at the end. In ``window`` "passage" nothing that comes back from an end
-    counts, nor, in chains of more than 7 bodies, do the last two bodies, which feel what stands behind them; so a wall
-    behind a long chain is left out. With "whole" all bodies, the largest forces and the whole duration count.
-    ``jobs``, ``tell`` and ``store`` as in :func:`dem_bridge.verify`.
+    counts, nor do the last two bodies, which feel what stands behind them, so that a wall behind a long chain is left
+    out; in chains of up to 7 bodies all count, until the scene ends. With "whole" all bodies, the largest forces and
+    the whole duration count. ``jobs``, ``tell`` and ``store`` as in :func:`dem_bridge.verify`.
 
     Answers with the scene itself where nothing can go; else with one named ``NAME.least``, whose description says what
     went. Raises UsageError for another setting, UnsupportedScene where no impulse runs through the chain.
@@ -99,7 +99,7 @@ def minimal(
     >>> light.name, light.wall_right, light.description.split("; ")[1]
     ('decelerating-40-on-base.least', None, 'without the base, at 1 %')
     """
-    from dem_bridge.studies.ladder import least_scene
+    from dem_bridge.studies.ladder.models import least_scene
 
     if not isinstance(scene, Scene):
         scene = load_scene(scene)

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from dem_bridge.studies.verify import Verification
 
 _COLOURS = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
+#: of a table on a terminal
+_MOST_ROWS = 40
 #: named again here so that nothing is imported for it; a test holds the two together
 _OUTCOMES = ("PASS", "FAIL", "UNDECIDED", "MODEL_DIFFERENCE", "NOT_RUN", "BROKEN")
 
@@ -153,6 +155,9 @@ def print_study(found: Study) -> None:
     for sentence in found.answer:
         console.print(f"* {sentence}", markup=False)
     for one in found.tables:
+        if len(one.rows) > _MOST_ROWS:
+            console.print(f"{one.title}: {len(one.rows)} rows, with -o in {one.id}.csv", markup=False)
+            continue
         table = Table(box=None, pad_edge=False, title=one.title, title_justify="left", title_style="bold")
         for name in one.columns:
             table.add_column(name, overflow="fold")

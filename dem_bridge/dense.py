@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.polynomial import polynomial as poly
 from numpy.typing import NDArray
 
@@ -153,7 +154,7 @@ def at_turns(
         return peak_force, crossing
     contacts, time, width, overlap, rate, acceleration, force = (np.asarray(one)[..., deep] for one in turns)
     polynomial = _quintic((overlap[0], overlap[1]), (rate[0], rate[1]), (acceleration[0], acceleration[1]), width)
-    where = _turning_point(polynomial)
+    where: Floats = _turning_point(np.array(polynomial))
     top = np.zeros_like(where)
     for coefficient in polynomial[::-1]:
         top = top * where + coefficient
@@ -325,14 +326,19 @@ def _quartic(speed: Floats, value: Floats, slope: Floats, curvature: Floats, wid
     return np.array([np.zeros_like(width), speed * width, rise - c3 - c4, c3, c4, np.zeros_like(width)])
 
 
-def _turning_point(polynomial: list[Floats]) -> Floats:
-    """Root in [0, 1] of the derivative, by bisection: it is > 0 at 0 and <= 0 at 1."""
-    low, high = np.zeros_like(polynomial[0]), np.ones_like(polynomial[0])
-    for _ in range(54):  # one bit each, to the last
-        middle = 0.5 * (low + high)
-        slope = np.zeros_like(middle)
-        for power in range(5, 0, -1):
-            slope = slope * middle + power * polynomial[power]
-        rising = slope > 0.0
-        low, high = np.where(rising, middle, low), np.where(rising, high, middle)
-    return 0.5 * (low + high)
+@njit(cache=True)  # type: ignore[misc,unused-ignore]
+def _turning_point(polynomial):  # type: ignore[no-untyped-def]
+    """Root in [0, 1] of each derivative, ``(6, m)`` to ``(m,)``, by bisection: it is > 0 at 0 and <= 0 at 1."""
+    found = np.zeros(polynomial.shape[1])
+    for one in range(polynomial.shape[1]):
+        low, high = 0.0, 1.0
+        for _ in range(54):  # one bit each, to the last
+            middle, slope = 0.5 * (low + high), 0.0
+            for power in range(5, 0, -1):
+                slope = slope * middle + power * polynomial[power, one]
+            if slope > 0.0:
+                low = middle
+            else:
+                high = middle
+        found[one] = 0.5 * (low + high)
+    return found

@@ -18,7 +18,7 @@ from tests.conftest import Solve
 #: backends that refuse
 NONE: set[str] = set()
 NO_PULSE = {"bca", "adiabatic"}
-LOSSY = {*NO_PULSE, "ase", "ode45"}
+LOSSY = {*NO_PULSE, "blanes-moan", "ase", "ode45"}
 NO_HERTZ = {"lammps-granular"}
 
 #: name -> content hash, backends that refuse. A changed hash is a changed scene: on purpose, and said in the change log

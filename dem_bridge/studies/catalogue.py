@@ -17,7 +17,7 @@ from dem_bridge.studies.exhibits import Study
 #: name -> (module, function)
 STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
-        "ladder": ("dem_bridge.studies.ladder_study", "study_ladder"),
+        "ladder": ("dem_bridge.studies.ladder.study", "study_ladder"),
         "work-precision": ("dem_bridge.studies.work_precision.study", "study_work_precision"),
         "rule-of-thumb": ("dem_bridge.studies.rule_of_thumb", "study_rule_of_thumb"),
         "stability": ("dem_bridge.studies.stability.study", "study_stability"),

@@ -1,4 +1,4 @@
-"""Do error bars hold? 300 random scenes with a truth of their own, for the reference, the twin and LAMMPS.
+"""Do error bars hold? 300 random scenes with a truth of their own, for the reference and the fixed-step codes.
 
 ``make bench`` runs this (half an hour); tests/backends/test_random_bars.py takes every tenth scene. Fixed-step codes
 are tried at 1/25, 1/50 and 1/100 of the shortest contact time, where many of these scenes are far from converged.
@@ -56,6 +56,15 @@ def trials(backend: str, seeds: Sequence[int], fractions: Sequence[float] = FRAC
             yield Trial(seed, outside, wide, finite)
 
 
+def _widest(backend: str, quantity: str) -> float:
+    """Median of bar over error that is allowed."""
+    if backend not in FIXED_STEP:
+        return math.inf
+    # errors of order 4 are often smaller than what reading between dense samples may miss, which their bars have
+    read_off = quantity in ("peak_force", "crossing_time")
+    return 20.0 if backend == "blanes-moan" and read_off else 5.0
+
+
 def main() -> int:
     """Print one table; 1 where bars do not hold as often as they must."""
     table = Table("backend", "quantity", "runs", "inside", "95 % interval", "finite", "median bar / error", "worst")
@@ -68,7 +77,7 @@ def main() -> int:
             inside, finite = int(np.sum(outside <= 1.0)), float(np.mean([run.finite[quantity] for run in runs]))
             sure = binomtest(inside, len(runs)).proportion_ci()
             wide = float(np.nanmedian([run.wide[quantity] for run in runs]))
-            held = inside >= least * len(runs) and finite >= 0.97 and (least == 1.0 or wide <= 5.0)
+            held = inside >= least * len(runs) and finite >= 0.97 and wide <= _widest(backend, quantity)
             failed += not held
             worst = runs[int(np.argmax(outside))].seed
             table.add_row(

@@ -20,7 +20,7 @@ from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.scene import Damping, Scene
 from dem_bridge.scene_physical import rounded
 from dem_bridge.studies.exhibits import Table
-from dem_bridge.studies.switches import (
+from dem_bridge.studies.ladder.switches import (
     DASHPOT,
     VISCOELASTIC,
     angles_soften,

@@ -20,8 +20,9 @@ from dem_bridge.store import Store
 from dem_bridge.studies import rule_of_thumb, scatter
 from dem_bridge.studies.checks import REFERENCE, SECOND
 from dem_bridge.studies.exhibits import Exhibit, Paper, Table
-from dem_bridge.studies.ladder import Bench, Ladder, LeftOut, ladder_of, left_out
-from dem_bridge.studies.ladder_study import question_table
+from dem_bridge.studies.ladder.models import Bench, Ladder, LeftOut, ladder_of, left_out
+from dem_bridge.studies.ladder.passage import JUDGED
+from dem_bridge.studies.ladder.study import question_table
 from dem_bridge.studies.paper import figures
 from dem_bridge.studies.paper.claims_force import forces, ratios
 from dem_bridge.studies.paper.claims_numbers import NEGLIGIBLE, numbers
@@ -56,7 +57,6 @@ from dem_bridge.studies.paper.runs import (
 from dem_bridge.studies.paper.summary import NOT_VERIFIED, answer
 from dem_bridge.studies.paper.theories import split_table, theories_table
 from dem_bridge.studies.paper.validity import contacts_table, scenes_table
-from dem_bridge.studies.passage import JUDGED
 from dem_bridge.studies.scatter import ScatterStudy
 from dem_bridge.studies.verify import (
     DEFAULT_ACCURACY,

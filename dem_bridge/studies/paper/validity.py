@@ -22,8 +22,8 @@ from dem_bridge.physics.validity import (
 )
 from dem_bridge.scene import Scene
 from dem_bridge.studies.exhibits import Table
+from dem_bridge.studies.ladder.switches import GRAVITY, hertz_contact
 from dem_bridge.studies.paper.runs import Runs
-from dem_bridge.studies.switches import GRAVITY, hertz_contact
 from dem_bridge.trajectory import Trajectory
 
 COLUMNS = (

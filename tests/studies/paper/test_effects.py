@@ -10,6 +10,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.scene import Scene
+from dem_bridge.studies.ladder.switches import hertz_stiffness
 from dem_bridge.studies.paper.effects import (
     AS_IS,
     NUMERICS,
@@ -25,7 +26,6 @@ from dem_bridge.studies.paper.effects import (
 )
 from dem_bridge.studies.paper.runs import MAIN, Runs, with_mass_gradient
 from dem_bridge.studies.paper.runs import variants as all_variants
-from dem_bridge.studies.switches import hertz_stiffness
 from tests.studies.paper.conftest import DEAR, truth_of
 
 #: what each may change, beside the name and the duration

@@ -25,7 +25,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.store import Store
 from dem_bridge.studies.checks import GRANULAR, REFERENCE
 from dem_bridge.studies.exhibits import Paper
-from dem_bridge.studies.ladder import Ladder, ladder_of
+from dem_bridge.studies.ladder.models import Ladder, ladder_of
 from dem_bridge.studies.paper import study
 from dem_bridge.studies.paper.runs import (
     GRADIENTS,

@@ -17,10 +17,10 @@ from dem_bridge.campaign import Result
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
-from dem_bridge.studies.ladder import Bench, Ladder, Least, Readings
-from dem_bridge.studies.passage import OBSERVABLES, Effect, Effects, decided, effects
+from dem_bridge.studies.ladder.models import Bench, Ladder, Least, Readings
+from dem_bridge.studies.ladder.passage import OBSERVABLES, Effect, Effects, decided, effects
+from dem_bridge.studies.ladder.switches import angles_soften, crossed, hertzian
 from dem_bridge.studies.scatter import scattered
-from dem_bridge.studies.switches import angles_soften, crosses
 from dem_bridge.verdict import Outcome
 
 #: what is only suspected: drag (1/s), the overlap (m) at which softer contacts have Hertz' force
@@ -49,9 +49,9 @@ def doubts(bench: Bench, asked: Sequence[str], *, spread: float, draws: int) -> 
     """What can be added to the fullest model."""
     ladder, full = bench.ladder, bench.ladder.model()
     parts: list[tuple[str, str, list[Scene]]] = []
-    if crosses(full):
-        if full.drag == 0.0:
-            parts.append(("drag", f"drag of {DRAG:g} 1/s on every body", [replace(full, drag=DRAG)]))
+    if crossed(full) and full.drag == 0.0:
+        parts.append(("drag", f"drag of {DRAG:g} 1/s on every body", [replace(full, drag=DRAG)]))
+    if crossed(full) and hertzian(full):
         what = f"n falling from 2.5 at 90 degrees to 2.2 at the smallest angle, same force at {1e6 * ANCHOR:g} um"
         parts.append(("exponents fall with the angle", what, [angles_soften(full, ANCHOR)]))
         what = f"angles off by {spread:g} degrees (standard deviation; median of {draws} chains)"

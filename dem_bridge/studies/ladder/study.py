@@ -1,7 +1,7 @@
 """What a scene requires: the study of its ladder of models, with tables, figure and the answer in words.
 
-Beside the physics of :mod:`.ladder` it asks the same of what is only suspected (drag, exponents that fall with the
-angle, angles that scatter) and of every numerical choice, as :mod:`.ladder_choices` has them.
+Beside the physics of :mod:`.models` it asks the same of what is only suspected (drag, exponents that fall with the
+angle, angles that scatter) and of every numerical choice, as :mod:`.choices` has them.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store
 from dem_bridge.studies.exhibits import Exhibit, Panel, Series, Study, Table
-from dem_bridge.studies.ladder import Bench, Ladder, Least, LeftOut, judged, ladder_of, least, left_out
-from dem_bridge.studies.ladder_choices import Found, cheapest, choices, doubts
-from dem_bridge.studies.passage import JUDGED, OBSERVABLES, Effect, Effects, known, largest
-from dem_bridge.studies.switches import DASHPOT, PIECES, named
+from dem_bridge.studies.ladder.choices import Found, cheapest, choices, doubts
+from dem_bridge.studies.ladder.models import Bench, Ladder, Least, LeftOut, judged, ladder_of, least, left_out
+from dem_bridge.studies.ladder.passage import JUDGED, OBSERVABLES, Effect, Effects, known, largest
+from dem_bridge.studies.ladder.switches import DASHPOT, PIECES, named
 from dem_bridge.verdict import Outcome
 
 #: of an observable, in words

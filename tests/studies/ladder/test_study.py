@@ -19,12 +19,14 @@ from dem_bridge.cli import main
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.report.exhibits import drawn
 from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.studies import ladder_choices, ladder_study
+from dem_bridge.store import Store
 from dem_bridge.studies.exhibits import Study
-from dem_bridge.studies.ladder import Bench, LeftOut, judged, ladder_of, least, left_out
-from dem_bridge.studies.ladder_study import LEAST_SHOWN, study_ladder
-from dem_bridge.studies.passage import JUDGED, OBSERVABLES, Effect, Reading
-from dem_bridge.studies.switches import Switch
+from dem_bridge.studies.ladder import choices as ladder_choices
+from dem_bridge.studies.ladder import study as ladder_study
+from dem_bridge.studies.ladder.models import Bench, LeftOut, judged, ladder_of, least, left_out
+from dem_bridge.studies.ladder.passage import JUDGED, OBSERVABLES, Effect, Reading
+from dem_bridge.studies.ladder.study import LEAST_SHOWN
+from dem_bridge.studies.ladder.switches import Switch
 from dem_bridge.verdict import Outcome
 
 BODIES = 10
@@ -131,6 +133,19 @@ def test_an_effect_is_that_of_two_runs_made_by_hand() -> None:
     assert -2e-6 / 0.3 < expected * float(full.crossing_time[BODIES - 2]) < -2e-6 / 0.8
     assert found["drag"].effects["arrival"].value < 0.0  # nothing slows it down
     assert all(one.bar < 1e-5 for each in found.values() for one in each.effects.values())
+
+
+def test_runs_last_as_long_as_what_is_asked_about() -> None:
+    passage, whole = ladder_of(RAW), ladder_of(RAW, window="whole")
+    assert (whole.duration, whole.model().duration) == (RAW.duration, RAW.duration)
+    arrival = float(db.solve(RAW, backend="verlet", samples=1, bars=False).crossing_time[BODIES - 2])
+    assert passage.duration == pytest.approx(1.3 * arrival, rel=5e-3)  # three digits
+    six: dict[str, Any] = {"mass": RAW.mass[:7], "velocity": RAW.velocity[:7], "stiffness": RAW.stiffness[:6]}
+    few = replace(RAW, name="few", exponent=2.5, gap=0.0, **six)
+    assert ladder_of(few).duration == few.duration
+    late = replace(RAW, name="late", duration=0.9 * arrival)
+    assert ladder_of(late).duration == late.duration
+    assert judged(Bench(ladder_of(late), jobs=1), JUDGED) == JUDGED[1:]
 
 
 def test_the_least_scene_is_the_one_without_and_its_deck_has_nothing_more_in_it(store: Path, tmp_path: Path) -> None:
@@ -240,10 +255,27 @@ def test_numerical_errors_fall_with_the_step_and_theories_are_of_what_they_know(
     assert (
         numerics["binary collisions in place of the equations of motion (of the barest chain)"]["within 1 %?"] == "no"
     )
+    # of the barest chain, not of the fullest, from which it is also off by what is left out
+    barest = replace(RAW, wall_right=None, gravity=0.0, drag=0.0, gap=0.0)
+    arrivals = [db.solve(barest, backend=name, samples=500, bars=False).crossing_time[-1] for name in ("scipy", "bca")]
+    bca = numerics["binary collisions in place of the equations of motion (of the barest chain)"]
+    assert bca["arrival (%)"] == pytest.approx(100.0 * (arrivals[1] / arrivals[0] - 1.0), rel=1e-6)
     words = " ".join(found.answer)
     assert "these do not stay within 1 %: binary collisions in place of the equations of motion (of the bar" in words
     assert "The least model by the coarsest of them that serves it, velocity-Verlet, dt = " in words
     assert found.exit_code == 0
+
+
+def test_model_and_numerics_are_measured_together_against_the_fullest(store: Path) -> None:
+    bench = Bench(ladder_of(RAW), jobs=1, store=Store(store))
+    _, below = _down(bench)
+    found = ladder_choices.cheapest(bench, below, JUDGED)
+    assert found is not None
+    assert found.effects is not None
+    # the step's own part is a tenth of what the model leaves out
+    left = below.effects["peak_velocity"].value
+    assert abs(left) > 1e-3
+    assert 0.0 < abs(found.effects["peak_velocity"].value - left) < 0.2 * abs(left)
 
 
 @pytest.mark.lammps
@@ -348,8 +380,3 @@ def test_the_command_prints_and_writes_it(tmp_path: Path, monkeypatch: pytest.Mo
     assert {one.name for one in (tmp_path / "out").iterdir()} == {
         "index.html", "ladder.json", "physics.csv", "down.csv", "effects.png", "effects.csv",
     }  # fmt: skip
-
-
-def test_the_study_says_what_it_takes() -> None:
-    assert study_ladder.__doc__ is not None
-    assert "UnsupportedScene" in study_ladder.__doc__

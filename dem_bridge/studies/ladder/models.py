@@ -20,7 +20,7 @@ from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store
 from dem_bridge.studies.checks import REFERENCE, TWIN
-from dem_bridge.studies.passage import (
+from dem_bridge.studies.ladder.passage import (
     Effects,
     Reading,
     checked_observables,
@@ -31,7 +31,7 @@ from dem_bridge.studies.passage import (
     last_counted,
     read,
 )
-from dem_bridge.studies.switches import DASHPOT, Switch, model, named, needs, switches_of
+from dem_bridge.studies.ladder.switches import DASHPOT, Switch, model, named, needs, switches_of
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome
 
@@ -148,7 +148,8 @@ def ladder_of(
     [result] = run_cases([coarse], store=store)
     crossing = _trajectory(result).crossing_time[: scene.n_body - 1]
     duration, whole = scene.duration, window == "whole"
-    if not whole and len(crossing) and np.isfinite(crossing[-1]):
+    # of a chain whose last body counts the end counts, too
+    if not whole and last_counted(scene) < scene.n_body - 1 and np.isfinite(crossing[-1]):
         duration = float(f"{min(PASSAGE * crossing[-1], duration):.3g}")
     residence = np.diff(crossing)[: last_counted(scene)]
     shortest = float(np.min(residence[residence > 0.0], initial=duration))

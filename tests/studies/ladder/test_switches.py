@@ -11,8 +11,8 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends.tabled import survey_of
 from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.studies import switches
-from dem_bridge.studies.switches import BARELY, DASHPOT, GRAVITY, Switch, by_law, model, needs, switches_of
+from dem_bridge.studies.ladder import switches
+from dem_bridge.studies.ladder.switches import BARELY, DASHPOT, GRAVITY, Switch, by_law, model, needs, switches_of
 
 CHAIN = db.load_scene("decelerating-40")
 #: what the geometry of the paper's chains tells, and which numbers are others with it; a wall has its own damping
@@ -119,6 +119,11 @@ def test_only_what_a_scene_has_is_switched_where_nothing_is_to_be_added() -> Non
     assert _ids(switches_of(replace(CHAIN, geometry=None))) == []
     # spheres lie anywhere: of their weight nothing is known
     assert _ids(switches_of(db.load_scene("homogeneous-spheres"))) == []
+    # of other exponents Hertz' law says nothing; the weight is there all the same, and the base as the last contact
+    soft = db.load_scene("decelerating-40-soft-exponent")
+    assert _ids(switches_of(soft)) == ["striker-mass", "force-law", "damping", "base", "gravity"]
+    wall = model(soft, switches_of(soft)).wall_right
+    assert wall == Wall(stiffness=soft.stiffness[-1], exponent=2.4)
     # a chain with gaps does not stand in touch
     assert "gravity" not in _ids(switches_of(db.load_scene("decelerating-40-gaps")))
 

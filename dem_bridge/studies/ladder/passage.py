@@ -2,7 +2,7 @@
 
 The window is the passage of the front. What comes back from the end is none of it, so a base behind a long chain
 matters for its last bodies alone: those from :data:`ENDING` before the end on do not count, but for the arrival there.
-In shorter chains all count.
+In chains of up to 7 bodies all count, for as long as the scene lasts.
 
 =============  ====================================================================================================
 arrival        first maximal compression of the last contact of the chain: when the front is at the last body

@@ -73,12 +73,15 @@ def hertz_stiffness(scene: Scene, law: Literal["paper", "exact"] = "exact") -> t
     return tuple(rounded(hertz_contact(one, other, angle, law=law).stiffness) for one, other, angle in pairs)
 
 
-def crosses(scene: Scene) -> bool:
-    """Whether its contacts are those of crossed cylinders, by Hertz' law: an upright chain as the paper's."""
+def crossed(scene: Scene) -> bool:
+    """Whether it is an upright chain as the paper's, of crossed cylinders."""
     geometry = scene.geometry
-    if geometry is None or scene.law is not None or set(scene.contacts.exponent.tolist()) != {HERTZ}:
-        return False
-    return any(angle is not None for angle in geometry.angle)
+    return geometry is not None and scene.law is None and any(angle is not None for angle in geometry.angle)
+
+
+def hertzian(scene: Scene) -> bool:
+    """Whether all forces are Hertz' power."""
+    return scene.law is None and bool(np.all(scene.contacts.exponent == HERTZ))
 
 
 # changes
@@ -115,7 +118,11 @@ def weighing(scene: Scene) -> Scene:
 
 def on_base(scene: Scene) -> Scene:
     """A rigid base behind the last body, as stiff as the last contact; where there is a wall already, that."""
-    return scene if scene.wall_right is not None else _walled(scene, "wall_right", Wall(stiffness=scene.stiffness[-1]))
+    if scene.wall_right is not None:
+        return scene
+    last = len(scene.stiffness) - 1
+    exponent = float(scene.contacts.exponent[last])
+    return _walled(scene, "wall_right", Wall(stiffness=scene.stiffness[last], exponent=exponent))
 
 
 def _as_it_is(scene: Scene) -> Scene:
@@ -165,7 +172,7 @@ def _stands(scene: Scene) -> str:
 def _hertzian(scene: Scene) -> Scene:
     """Hertz' power in all contacts, with the same force at the largest overlap of each (a coarse run finds it)."""
     c = scene.contacts
-    if scene.law is None and np.all(c.exponent == HERTZ):
+    if hertzian(scene):
         return scene
     overlap = survey_of(scene).peak_overlap
     deepest = float(np.max(overlap, initial=0.0)) or 1e-6  # a scene at rest has no scale
@@ -234,7 +241,7 @@ def switches_of(scene: Scene, *, add: bool = True, dashpot: float = DASHPOT) -> 
     where the size of the ``dashpot`` (N s/m) is supposed. Without: what the scene has and may do without.
     A switch that changes nothing is not there.
     """
-    told = tuple(_told(scene, dashpot)) if add and crosses(scene) else ()
+    told = tuple(_told(scene, dashpot)) if add and crossed(scene) else ()
     known = {one.id for one in told}
     found = {one.id: one for one in (*told, *(one for one in _own(scene) if one.id not in known))}
     switches = tuple(found[id] for id in PIECES if id in found)
@@ -267,19 +274,22 @@ def _told(scene: Scene, dashpot: float) -> Iterator[Switch]:
     """What the geometry of an upright chain of crossed cylinders tells."""
     geometry = geometry_of(scene)
     exact = geometry.law == "exact"
-    yield Switch(
-        id="stiffness-law",
-        what="the exact Hertz law between cylinders (eq. 3.1's approximation in its place)",
-        on=_as_it_is if exact else partial(by_law, law="exact"),
-        off=partial(by_law, law="paper") if exact else _as_it_is,
-    )
-    if geometry.angle[0] is None:
-        stiffness, mass = hertz_stiffness(scene)[0], rounded(geometry.bodies[0].mass)
+    if hertzian(scene):
+        yield Switch(
+            id="stiffness-law",
+            what="the exact Hertz law between cylinders (eq. 3.1's approximation in its place)",
+            on=_as_it_is if exact else partial(by_law, law="exact"),
+            off=partial(by_law, law="paper") if exact else _as_it_is,
+        )
+    if geometry.angle[0] is None and hertzian(scene):
+        stiffness = hertz_stiffness(scene)[0]
         yield Switch(
             id="striker-stiffness",
             what=f"the striker's exact stiffness, {stiffness:.4g} N/m^1.5 ({scene.stiffness[0]:.4g} in its place)",
             on=lambda s: replace(s, stiffness=(stiffness, *s.stiffness[1:])),
         )
+    if geometry.angle[0] is None:
+        mass = rounded(geometry.bodies[0].mass)
         yield Switch(
             id="striker-mass",
             what=f"the true mass of the striker, {1e3 * mass:.3g} g ({1e3 * scene.mass[0]:.3g} g in its place)",
