@@ -202,7 +202,7 @@ def approaches(*, time: NDArray[np.floating[Any]], overlap: Floats, rate: Floats
     width = np.asarray(time[rows + 1] - time[rows], dtype=np.float64)
     value, slope, curve = ((one[rows, contacts], one[rows + 1, contacts]) for one in (overlap, rate, acceleration))
     polynomial = _quintic(value, slope, curve, width)
-    where = _turning_point(polynomial)
+    where: Floats = _turning_point(np.array(polynomial))
     return Approaches(
         contact=contacts,
         time=np.asarray(time[rows] + where * width, dtype=np.float64),

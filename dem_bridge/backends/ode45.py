@@ -63,9 +63,9 @@ class Ode45:
         """Solve with ``rtol`` and ``atol`` (m and m/s), the initial step as for ``tspan = [0 duration]``.
 
         The bars are the difference to a second run with both a hundredth, whose absolute tolerances besides follow the
-        scene's own scales: 1e-6 m may be all that moves. It takes more and shorter steps where nothing bends, and none
-        over a contact: a graze between two flights would else be missed by both. Raises RunBroken where the step falls below 16 units in the
-        last place of t, as ode45 warns and stops.
+        scene's own scales: 1e-6 m may be all that moves. That run takes shorter steps where nothing bends, and none
+        over a contact: a graze between two flights would be missed by both. Raises RunBroken where the step falls
+        below 16 units in the last place of t, as ode45 warns and stops.
         """
         rtol = resolution.rtol if resolution.rtol is not None else DEFAULT_RTOL
         atol = resolution.atol if resolution.atol is not None else DEFAULT_ATOL
