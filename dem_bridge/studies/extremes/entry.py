@@ -15,7 +15,7 @@ from dem_bridge.studies.extremes.judge import Expected, Word
 from dem_bridge.studies.extremes.truths import Truth
 
 #: kinds of backends that an expectation may be for, beside their names
-THEORY, FIXED_STEP, ENGINE, HERTZ = "theory", "fixed step", "engine", "hertz"
+THEORY, VERLET, FIXED_STEP, ENGINE, HERTZ = "theory", "velocity-Verlet", "fixed step", "engine", "hertz"
 #: phase of the stiffest contact in one step, where codes have one: errors of 1e-5 to 1e-3
 PHASE = 0.02
 #: the ordinary chain: about the paper's cylinders, in binary fractions so that speeds add up exactly
@@ -54,6 +54,8 @@ def kinds(judged: Backend) -> tuple[str, ...]:
         found.append(ENGINE)
     if judged.equations != "hertz":
         return (*found, THEORY)
+    if judged.order == 2:
+        found.append(VERLET)
     if judged.order is not None:
         found.append(FIXED_STEP)
     return (*found, HERTZ)
@@ -75,14 +77,18 @@ def refused(because: str) -> Expected:
     return Expected(Word.REFUSED, because)
 
 
+#: what the adiabatic wave says of two bodies
+ONE_CONTACT = refused("one contact")
+
+
 def theories_refuse(because: str, **more: Expected) -> dict[str, Expected]:
     """Expectations of a scene that is no single pulse into a touching chain at rest."""
     return {THEORY: refused(because), **more}
 
 
-def checked(entries: Sequence[Entry]) -> dict[str, Entry]:
+def checked(entries: Sequence[Entry]) -> Mapping[str, Entry]:
     """By name; ValueError where two share one, or an expectation or setting is for nobody."""
-    known = {*BACKENDS, THEORY, FIXED_STEP, ENGINE, HERTZ}
+    known = {*BACKENDS, THEORY, VERLET, FIXED_STEP, ENGINE, HERTZ}
     found: dict[str, Entry] = {}
     for one in entries:
         if one.name in found:
@@ -92,7 +98,12 @@ def checked(entries: Sequence[Entry]) -> dict[str, Entry]:
                 f"{one.name}: {min(stray)!r} is no backend and no kind; allowed: {', '.join(sorted(known))}"
             )
         found[one.name] = one
-    return found
+    return MappingProxyType(found)
+
+
+def plain(value: float) -> str:
+    """As people write it, as names of scenes can have it: 1e6, 1e-9, 0.001."""
+    return f"{value:g}".replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
 
 
 def contact_time(*, mass: float = MASS, stiffness: float = BETA, speed: float = SPEED, exponent: float = 2.5) -> float:

@@ -95,8 +95,8 @@ class Finding:
     """Error over both bars: above 1 it is wrong."""
     velocity_bar: float = math.nan
     """Of the run, over the largest velocity: what it says of itself."""
-    unsaid: int = 0
-    """Contacts whose peak force or crossing time has no bar."""
+    unsaid: str = ""
+    """Quantities of which nothing is said: without a bar, or with one of a whole scale."""
 
     @property
     def cell(self) -> str:
@@ -175,7 +175,7 @@ def _model(run: Trajectory, standards: Sequence[Standard]) -> Finding:
 def _worst(run: Trajectory, truth: Trajectory, standard: Standard) -> Finding:
     """The quantity of which the error is the largest part of both bars."""
     found: list[Finding] = []
-    unsaid = np.zeros(len(run.peak_force), dtype=bool)
+    unsaid: list[str] = []
     for name in QUANTITIES:
         mine, other = getattr(run, name), getattr(truth, name)
         error = np.abs(mine - other)
@@ -187,12 +187,14 @@ def _worst(run: Trajectory, truth: Trajectory, standard: Standard) -> Finding:
             scale = np.array([np.max(np.abs(other), initial=0.0)])
         else:
             scale = own_scale(other)
-            unsaid |= np.isinf(run.uncertainty[name])
         bars = [np.broadcast_to(np.atleast_1d(one.uncertainty[name]), error.shape) for one in (run, truth)]
         allowed = np.zeros_like(error) if standard.to_the_bit else bars[0] + bars[1]
         ratio = np.array([_ratio(e, b) for e, b in zip(error, allowed, strict=True)])
         if not len(ratio):
             continue
+        vague = int(np.sum([_over(float(b), float(s)) >= WHOLE for b, s in zip(bars[0], scale, strict=True)]))
+        if vague:
+            unsaid.append(name if sampled else f"{name} of {vague} of {len(ratio)}")
         at = int(np.argmax(ratio))
         of = float(scale[at])
         found.append(
@@ -208,7 +210,7 @@ def _worst(run: Trajectory, truth: Trajectory, standard: Standard) -> Finding:
             )
         )
     worst = max(found, key=lambda one: one.ratio)
-    return Finding(**{**vars(worst), "unsaid": int(np.sum(unsaid))})
+    return Finding(**{**vars(worst), "unsaid": ", ".join(unsaid)})
 
 
 def _ratio(error: float, allowed: float) -> float:

@@ -42,7 +42,7 @@ class Truth:
     faster: float = 1.0
     """The judged scene's time step over that of ``scenes``, where the codes have one."""
     to_the_bit: tuple[str, ...] = ()
-    """Backends that must be this to the last bit."""
+    """Backends, by name or kind, that must be this to the last bit."""
 
 
 def by_others(scene: Scene) -> Truth:
@@ -168,7 +168,7 @@ def apart(scene: Scene, at: int) -> Truth:
     def make(runs: Sequence[Trajectory]) -> Trajectory:
         left, right = runs
         nothing = {"contact_force": np.zeros((len(left.time), 1)), "peak_force": [0.0], "crossing_time": [math.nan]}
-        parts = {
+        parts: dict[str, Any] = {
             name: np.concatenate([getattr(left, name), other, getattr(right, name)], axis=-1)
             for name, other in nothing.items()
         }
@@ -192,16 +192,14 @@ def shorter(scene: Scene, bodies: int, *, own: bool = True) -> Truth:
 
     def make(runs: Sequence[Trajectory]) -> Trajectory:
         run, more = runs[0], scene.n_body - bodies
-        bars = dict(run.uncertainty)
+        bars, sampled = dict(run.uncertainty), ("displacement", "velocity", "contact_force")
+        still: dict[str, Any] = {name: np.pad(getattr(run, name), ((0, 0), (0, more))) for name in sampled}
         # ahead of a front forces fall from contact to contact, so no other has more than the last
         bars["peak_force"] = np.pad(run.uncertainty["peak_force"], (0, more), constant_values=run.peak_force[-1])
         bars["crossing_time"] = np.pad(run.uncertainty["crossing_time"], (0, more))
         return replace(
             run,
-            **{
-                name: np.pad(getattr(run, name), ((0, 0), (0, more)))
-                for name in ("displacement", "velocity", "contact_force")
-            },
+            **still,
             peak_force=np.pad(run.peak_force, (0, more)),
             crossing_time=np.pad(run.crossing_time, (0, more), constant_values=math.nan),
             uncertainty=bars,
@@ -278,8 +276,8 @@ def two_bodies(scene: Scene) -> Truth:
         displacement=displacement,
         velocity=velocity,
         contact_force=np.zeros((len(times), 1)),
-        peak_force=[hit.peak_force],
-        crossing_time=[meet + hit.half_time],
+        peak_force=np.array([hit.peak_force]),
+        crossing_time=np.array([meet + hit.half_time]),
         uncertainty={
             "velocity": _CLOSED * float(np.max(np.abs(velocity))),
             "displacement": _CLOSED * largest,
