@@ -11,6 +11,7 @@ import pickle
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -20,7 +21,7 @@ from functools import partial
 from types import ModuleType
 
 from dem_bridge import progress
-from dem_bridge.backends.base import Resolution, Sampling, backend
+from dem_bridge.backends.base import Backend, Resolution, Sampling, backend
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
@@ -71,38 +72,58 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """A case with its trajectory, or with the one of the three reasons why there is none."""
+    """A case with its trajectory, or with the reason why there is none."""
 
     case: Case
     trajectory: Trajectory | None = None
-    failure: UnsupportedScene | BackendUnavailable | RunBroken | None = None
+    failure: UnsupportedScene | BackendUnavailable | RunBroken | UsageError | None = None
+
+
+class Crashed(RunBroken):
+    """A backend raised what none should: a fault of ours. ``log`` has the traceback."""
 
 
 #: done, total, what is being done
 Progress = Callable[[float, int, str], None]
 
 
-def run_case(case: Case) -> Result:
-    """Run one case; a refusal, a missing engine or a broken run is a result."""
-    chosen = backend(case.backend, case.engine)
-    reason = chosen.refusal(case.scene)
-    if reason:
-        return Result(case=case, failure=UnsupportedScene(reason))
+def run_case(case: Case, *, everything: bool = False, by: Backend | None = None) -> Result:
+    """Run one case; a refusal, a missing engine or a broken run is a result. ``everything``: wrong settings and
+    crashes, too. ``by``: a backend in place of the one that the case names."""
     try:
+        chosen = by or backend(case.backend, case.engine)
+        reason = chosen.refusal(case.scene)
+        if reason:
+            return Result(case=case, failure=UnsupportedScene(reason))
         return Result(case=case, trajectory=chosen.run(case.scene, case.resolution, case.sampling))
     except (UnsupportedScene, BackendUnavailable, RunBroken) as error:
         return Result(case=case, failure=error)
+    except UsageError as error:
+        if not everything:
+            raise
+        return Result(case=case, failure=error)
+    except Exception as error:
+        if not everything:
+            raise
+        # as text: not every exception can travel from another process
+        return Result(case=case, failure=Crashed(f"{type(error).__name__}: {error}", log=traceback.format_exc()))
 
 
 def run_cases(
-    cases: Sequence[Case], *, jobs: int | None = 1, tell: Progress | None = None, store: Store | None = None
+    cases: Sequence[Case],
+    *,
+    jobs: int | None = 1,
+    tell: Progress | None = None,
+    store: Store | None = None,
+    everything: bool = False,
 ) -> tuple[Result, ...]:
     """Run all cases, ``jobs`` at a time; results in the order of the cases.
 
     ``jobs``: None for as many as there are cores, where what is to be run is worth the start of other processes.
     ``store``: where trajectories are looked for, and kept as they come. ``tell`` is called with (done, total, label),
     where done goes with the time that runs are expected to take. UsageError for a law that cannot go to the processes
-    asked for; RunBroken where one of these dies.
+    asked for; RunBroken where one of these dies. ``everything``: wrong settings and crashes (:class:`Crashed`) are
+    results, too, and stop nothing.
     """
     if jobs is not None and jobs > 1:
         for scene in {id(case.scene): case.scene for case in cases}.values():
@@ -137,7 +158,7 @@ def run_cases(
             store.save(key, result.trajectory)
         say(case.label)
 
-    _run_all(left.copy(), jobs, keep, say)
+    _run_all(left.copy(), jobs, keep, say, partial(run_case, everything=everything))
     if tell is not None:
         tell(len(cases), len(cases), "")
     return tuple(_as_of(case, found[one]) for case, one in zip(cases, same, strict=True))
@@ -156,25 +177,31 @@ def run_groups(
 
 
 def _run_all(
-    cases: dict[str, Case], jobs: int | None, keep: Callable[[str, Result], None], say: Callable[[str, float], None]
+    cases: dict[str, Case],
+    jobs: int | None,
+    keep: Callable[[str, Result], None],
+    say: Callable[[str, float], None],
+    run: Callable[[Case], Result],
 ) -> None:
     # the longest first: then all cores end at about the same time
     names = sorted(cases, key=lambda one: -cases[one].expected)
     away = {one: cases[one] for one in names if jobs is not None or not _stays(cases[one].scene, of_main=True)}
     workers = _workers(jobs, away.values())
     if workers > 1:
-        _run_away(away, workers, keep)
+        _run_away(away, workers, keep, run)
     for one in names:
         if workers > 1 and one in away:
             continue
         label = cases[one].label
         say(label, 0.0)
         with progress.listening(partial(_within, say, label, cases[one].expected)):
-            result = run_case(cases[one])
+            result = run(cases[one])
         keep(one, result)
 
 
-def _run_away(cases: dict[str, Case], workers: int, keep: Callable[[str, Result], None]) -> None:
+def _run_away(
+    cases: dict[str, Case], workers: int, keep: Callable[[str, Result], None], run: Callable[[Case], Result]
+) -> None:
     """In processes of their own."""
     others, ended = set(multiprocessing.active_children()), False
     # spawn: compiled code and engines do not survive a fork of a process with threads
@@ -185,7 +212,7 @@ def _run_away(cases: dict[str, Case], workers: int, keep: Callable[[str, Result]
     )
     try:
         with _bare_main(any(_stays(case.scene, of_main=True) for case in cases.values())):
-            futures = {executor.submit(run_case, case): one for one, case in cases.items()}
+            futures = {executor.submit(run, case): one for one, case in cases.items()}
         for future in as_completed(futures):
             keep(futures[future], future.result())
         ended = True

@@ -172,3 +172,13 @@ def stability(scene: str | None, folder: Path | None, as_json: bool, **settings:
 def horizon(scene: str, folder: Path | None, as_json: bool, **settings: Any) -> None:
     """How long single velocities of SCENE can be trusted, and what holds beyond: conserved quantities, statistics."""
     _answer("horizon", scene=scene, folder=folder, as_json=as_json, **settings)
+
+
+@study.command()
+@click.option("-k", "names", metavar="NAME", help="Extremes with this in their name only.")
+@click.option("--quick", is_flag=True, help="Leave out what takes more than about 5 s.")
+@engine_options
+@_asked
+def extremes(quick: bool, **settings: Any) -> None:
+    """Stretch every backend: right within its bar, or refused with the reason, and never wrong in silence."""
+    _answer("extremes", quick=quick or None, **settings)

@@ -20,7 +20,7 @@ import dem_bridge as db
 from dem_bridge import campaign
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.verlet import Verlet
-from dem_bridge.campaign import Case, Result, run_cases
+from dem_bridge.campaign import Case, Crashed, Result, run_cases
 from dem_bridge.cli import main
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.lmp.engine import Engine
@@ -85,6 +85,20 @@ def test_results_stand_in_the_order_of_the_cases_whatever_runs_first(fake: Fake)
     assert [result.case.resolution.dt for result in results] == steps
     # the longest first
     assert [dt for _, dt in fake.runs] == sorted(steps)
+
+
+def test_wrong_settings_and_crashes_stop_a_campaign_unless_they_are_asked_for(fake: Fake) -> None:
+    fake.fails = {1e-7: UsageError("too fine"), 1e-8: KeyError("three")}
+    for dt, error in ((1e-7, UsageError), (1e-8, KeyError)):
+        with pytest.raises(error):
+            run_cases([_case(dt)])
+    results = run_cases([_case(1e-7), _case(1e-8), _case(1e-6)], everything=True)
+    assert str(results[0].failure) == "too fine"
+    crash = results[1].failure
+    assert isinstance(crash, Crashed)
+    assert str(crash) == "KeyError: 'three'"
+    assert "Traceback" in crash.log
+    assert results[2].trajectory is not None
 
 
 def test_what_is_stored_is_not_run_again_and_says_when_it_was(fake: Fake, tmp_path: Path) -> None:

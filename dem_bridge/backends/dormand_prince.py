@@ -40,19 +40,25 @@ EXTENSION = np.array(
 #: chains from 4.5e3 (at the default tolerances) to 1e11 times
 SEEN = 100.0
 
+#: of the inverse frequency of a contact, or of the time in which its bodies would turn back by themselves
+WARY = 0.5
+#: of the absolute tolerance: contacts less deep are passed over (with n < 2 they are the briefer the less deep)
+UNFELT = 1e-6
+
 #: how a run ended
 FINISHED, STEP_TOO_SMALL, TOO_MANY_STEPS = 0, 1, 2
 
 
 @njit(cache=True, nogil=True)
 def integrate(  # type: ignore[no-untyped-def]
-    mass, velocity, left, right, stiffness, exponent, gap, free, times, rtol, atol, most_steps
+    mass, velocity, left, right, stiffness, exponent, gap, free, times, rtol, atol, most_steps, share, wary
 ):
     """Displacement, velocity ``(n_t, n_body)`` and force ``(n_t, n_contact)`` at ``times`` (s; the first 0, the last
     the end), largest force and first crossing ``(n_contact,)``, accepted and failed steps, how and when it ended.
 
     ``atol (2 n_body,)``: absolute tolerance of displacements (m), then of velocities (m/s). The index ``n_body`` in
-    ``left`` and ``right`` stands for a wall.
+    ``left`` and ``right`` stands for a wall. No step is longer than ``share`` of the whole time (MATLAB: a tenth), and
+    if ``wary`` (MATLAB: not) none passes over a contact that is foreseen: none of its stages might fall into it.
     """
     n, n_contact, n_t, end = mass.shape[0], left.shape[0], times.shape[0], times[-1]
     out = np.zeros((n_t, 2 * n))
@@ -67,7 +73,7 @@ def integrate(  # type: ignore[no-untyped-def]
     out[0] = y
     _forces(y, out_force[0], peak, left, right, stiffness, exponent, gap)
     t, row, accepted, failed, ended = 0.0, 1, 0, 0, FINISHED
-    longest = 0.1 * end
+    longest = share * end
     rate = 0.0
     for i in range(2 * n):
         rate = max(rate, abs(f[0, i]) / max(abs(y[i]), threshold[i]))
@@ -80,6 +86,8 @@ def integrate(  # type: ignore[no-untyped-def]
     while not done:
         smallest = 16.0 * np.spacing(t)
         size = min(longest, max(smallest, size))
+        if wary:
+            size = min(size, max(smallest, _clear(y, f[0], mass, left, right, stiffness, exponent, gap, atol)))
         h = size
         if 1.1 * size >= end - t:  # stretched, so that no sliver is left
             h = size = end - t
@@ -164,6 +172,37 @@ def _slope(y, out, mass, left, right, stiffness, exponent, gap, free):  # type: 
 
 
 @njit(cache=True, nogil=True)
+def _clear(y, slope, mass, left, right, stiffness, exponent, gap, atol):  # type: ignore[no-untyped-def]
+    """Time that passes over no contact: to the next touch, as bodies go on by now, and ``WARY`` of that contact."""
+    n, clear = mass.shape[0], np.inf
+    for k in range(left.shape[0]):
+        a, b = left[k], right[k]
+        overlap = _between(y, 0, n, a, b) - gap[k]
+        rate, bend = _between(y, n, n, a, b), _between(slope, n, n, a, b)
+        until, energy = 0.0, 0.0
+        mobility = (1.0 / mass[a] if a < n else 0.0) + (1.0 / mass[b] if b < n else 0.0)
+        if overlap > 0.0:
+            energy = stiffness[k] * overlap ** exponent[k] / exponent[k]
+            bend = 0.0  # its own force, and not what would end a graze
+        else:
+            squared = rate * rate - 2.0 * bend * overlap
+            if squared <= 0.0 or (rate <= 0.0 and bend <= 0.0):
+                continue
+            # the first root of overlap + rate t + bend t^2 / 2 = 0, without cancellation
+            until = -2.0 * overlap / (rate + np.sqrt(squared)) if rate > 0.0 else (np.sqrt(squared) - rate) / bend
+            rate = np.sqrt(squared)
+        energy += 0.5 * rate * rate / mobility
+        depth = (exponent[k] * energy / stiffness[k]) ** (1.0 / exponent[k])
+        if depth <= UNFELT * min(atol[a] if a < n else np.inf, atol[b] if b < n else np.inf):
+            continue
+        brief = 1.0 / np.sqrt((exponent[k] - 1.0) * stiffness[k] * depth ** (exponent[k] - 2.0) * mobility)
+        if bend < 0.0:
+            brief = min(brief, rate / -bend)
+        clear = min(clear, until + WARY * brief)
+    return clear
+
+
+@njit(cache=True, nogil=True)
 def _law(overlap, stiffness, exponent):  # type: ignore[no-untyped-def]
     if exponent == 2.5:
         return stiffness * overlap * np.sqrt(overlap)
@@ -221,7 +260,8 @@ def _look(  # type: ignore[no-untyped-def]
             top = overlap[0] + _above(overlap[1:], s)
             if top > unseen:
                 peak[k] = max(peak[k], _law(top, stiffness[k], exponent[k]))
-                if np.isnan(crossing[k]):
+                # a contact that is pressed from the start is compressed where it is more than that
+                if np.isnan(crossing[k]) and abs(top + min(gap[k], 0.0)) > unseen:
                     crossing[k] = t + s * h
 
 

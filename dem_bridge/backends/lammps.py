@@ -31,7 +31,7 @@ from dem_bridge.backends.twin_bars import Twins, round_off_floor, twins_of, with
 from dem_bridge.compiled import started
 from dem_bridge.errors import BackendUnavailable, UnsupportedScene, UsageError
 from dem_bridge.lmp.coefficients import refusal, table_refusal
-from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, deck_of
+from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, deck_of, positions
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.pairing import TableSet
@@ -144,6 +144,11 @@ class LammpsGranular:
         radius = radius_of(scene, resolution, look)
         if radius < deepest:
             raise UsageError(f"gauge_radius = {radius:g} m; allowed: more than the largest overlap, {deepest:.3g} m")
+        if (grain := float(np.spacing(np.max(np.abs(positions(scene, radius)))))) >= deepest > 0.0:
+            raise UnsupportedScene(
+                f"{self.name} cannot do {scene.name}: it keeps positions, which the gaps make so large that they are"
+                f" known to {grain:.2g} m, and overlaps are of {deepest:.2g} m; take backend='reference'"
+            )
         plan = fixed_step_plan(scene, resolution, sampling, look)
         own = resolution.geometry == "physical" and resolution.gauge_radius is None
         tables = self._tables(scene, resolution, look)

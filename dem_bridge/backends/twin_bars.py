@@ -13,6 +13,8 @@ in it. On the paper's chains it predicts LAMMPS' to 1 %; three times it is taken
 *Tables.* The twin with LAMMPS' tables beside the twin with the laws themselves, at the same step; where a law is a
 function, the twin's own interpolation of it beside one with half as many cells.
 
+*Touches* that all twins may pass by alike: :mod:`.touches`.
+
 *Sampling.* Peaks and crossings from every second dense sample beside those from all, see :mod:`dem_bridge.dense`.
 
 How often bars hold is measured on 300 random scenes in tests/bench/bench_bars.py.
@@ -34,6 +36,7 @@ from dem_bridge.backends.curves import CELLS
 from dem_bridge.backends.splitting import EXACT, Tables
 from dem_bridge.backends.steps import fixed_step_plan, order_on, peaks_and_crossings
 from dem_bridge.backends.survey import Survey
+from dem_bridge.backends.touches import Misses, too_brief, turns_of
 from dem_bridge.backends.twin import solve_dense, solve_plan
 from dem_bridge.dense import CROSSING_ERROR, MOST_STEPS, PEAK_ERROR, Schedule, rivals
 from dem_bridge.scene import Scene
@@ -75,22 +78,29 @@ def twins_of(
         ratios = INCOMMENSURATE
     if plan.steps > min(ratios) * MOST_STEPS:
         return None
-    others = {}
-    for ratio in ratios:
-        other = fixed_step_plan(scene, Resolution(dt=ratio * plan.step), Sampling(count=plan.samples), look)
-        others[other.step / plan.step] = solve_plan(scene, other)
+    plans = [
+        fixed_step_plan(scene, Resolution(dt=ratio * plan.step), Sampling(count=plan.samples), look) for ratio in ratios
+    ]
     positional, dense = solve_dense(scene, plan, radius, tables or EXACT)
     thinned = peaks_and_crossings(scene, plan, dense, every=2)
     return Twins(
         plan=plan,
         order=order_on(scene),
         own=own or solve_plan(scene, plan),
-        others=others,
+        others={one.step / plan.step: solve_plan(scene, one) for one in plans},
         positional=positional,
         tabled=None if tables is None else solve_plan(scene, plan, tables=tables),
         halved=solve_plan(scene, plan, cells=CELLS // 2) if scene.law is not None else None,
         thinned=thinned,
         rivals=rivals(dense.force),
+        unresolved=too_brief(scene, plan, dense, positional),
+        misses=Misses(
+            scene=scene,
+            seen=turns_of(scene, plan, dense),
+            others=lambda: {
+                one.step / plan.step: turns_of(scene, one, solve_dense(scene, one, 0.0)[1]) for one in plans
+            },
+        ),
         summed=summed,
     )
 
@@ -105,6 +115,11 @@ def round_off_floor(scene: Scene, plan: Schedule, radius: float) -> float:
     own, positional = solve_plan(scene, plan), solve_plan(scene, plan, radius)
     speed = float(np.max(np.abs(own.velocity)))
     return float(apart(own, positional)["velocity"]) / speed if speed > 0.0 else 0.0
+
+
+def _safe(ratio: float, order: int) -> float:
+    """What a difference to a run at so many times the step is taken for the error of a run of this order."""
+    return STEP_SAFETY / abs(ratio**order - 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,6 +142,10 @@ class Twins:
     """Peak forces and crossing times of ``positional`` from every second dense sample."""
     rivals: NDArray[np.float64]
     """Largest force of each contact outside the collision that has its largest, N."""
+    unresolved: NDArray[np.bool_] | None = None
+    """Contacts whose first compression is briefer than the step; None: not looked for."""
+    misses: Misses | None = None
+    """Contacts that nearly touch, by the twin in positions and those at other steps; None: not looked for."""
     thinning: float = THINNING
     """Part of what every second dense sample changes that all of them may still miss."""
     summed: float | None = None
@@ -134,7 +153,7 @@ class Twins:
 
     def of_step(self) -> dict[str, Any]:
         """Bars for the time step, before contacts are compared with each other."""
-        safe = {ratio: STEP_SAFETY / abs(ratio**self.order - 1.0) for ratio in self.others}
+        safe = {ratio: _safe(ratio, self.order) for ratio in self.others}
         found = {ratio: apart(self.own, other) for ratio, other in self.others.items()}
         return {name: np.max([safe[ratio] * one[name] for ratio, one in found.items()], axis=0) for name in QUANTITIES}
 
@@ -182,6 +201,11 @@ def with_bars(run: Trajectory, twins: Twins | None) -> Trajectory:
     # a share of the velocities is not known, and so of the force of the next largest collision: it may be the largest
     unknown = min(1.0, float(bars["velocity"]) / speed) if speed > 0.0 else 0.0
     bars["peak_force"] += np.maximum(0.0, twins.rivals * (1.0 + unknown) - own.peak_force)
+    if twins.unresolved is not None:
+        bars["crossing_time"] = np.where(twins.unresolved, math.inf, bars["crossing_time"])
+    if twins.misses is not None:
+        safe = {ratio: _safe(ratio, twins.order) for ratio in twins.others}
+        twins.misses.widen(bars, own, safe, REALISATIONS * float(rounding["displacement"]))
     if not plan.resolved:
         # all twins look too rarely, so their differences say nothing of what lies between the looks
         bars["peak_force"] = bars["crossing_time"] = math.inf

@@ -90,7 +90,8 @@ _ON_MAP: Mapping[str, Mapping[str, Any]] = {
 
 
 def style_of(name: str) -> dict[str, Any]:
-    """How matplotlib draws a Series of that style: of :data:`STYLES`, "front", "below" or "curve/BACKEND/VARIANT".
+    """How matplotlib draws a Series of that style: of :data:`STYLES`, "front", "below", "curve/BACKEND/VARIANT" or, of
+    marks alone, "mark/BACKEND".
 
     What is unknown is grey, and drawn nevertheless.
 
@@ -99,9 +100,9 @@ def style_of(name: str) -> dict[str, Any]:
     """
     if name in ("front", "below"):
         return dict(_FRONT if name == "front" else _BELOW)
-    if not name.startswith("curve/"):
+    if not name.startswith(("curve/", "mark/")):
         return dict(STYLES.get(name, _OTHER))
-    _, code, variant = f"{name}/".split("/")[:3]
+    kind, code, variant = f"{name}/".split("/")[:3]
     colour, mark, size = _CODES.get(code, _CODE)
     filled = variant == "richardson" or code in _ALONE
     return {
@@ -110,7 +111,7 @@ def style_of(name: str) -> dict[str, Any]:
         "markersize": size,
         "markeredgewidth": 1.2,
         "markerfacecolor": colour if filled else "white",
-        "linestyle": "none" if code in _ALONE else _DASHES.get(variant, "-."),
+        "linestyle": "none" if kind == "mark" or code in _ALONE else _DASHES.get(variant, "-."),
         "linewidth": 1.3,
         "zorder": 3 if code in _ALONE or mark == "x" else 2,
     }

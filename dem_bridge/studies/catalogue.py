@@ -21,6 +21,7 @@ STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType(
         "work-precision": ("dem_bridge.studies.work_precision.study", "study_work_precision"),
         "rule-of-thumb": ("dem_bridge.studies.rule_of_thumb", "study_rule_of_thumb"),
         "stability": ("dem_bridge.studies.stability.study", "study_stability"),
+        "extremes": ("dem_bridge.studies.extremes.study", "study_extremes"),
         "horizon": ("dem_bridge.studies.horizon.study", "study_horizon"),
     }
 )

@@ -339,6 +339,16 @@ def test_an_exponent_that_lammps_does_not_have_is_refused_before_anything_runs(m
         db.solve(replace(PAIR, exponent=3.0), backend=ENGINE)
 
 
+def test_bodies_so_far_apart_that_positions_hide_overlaps_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    far = replace(PAIR, mass=(1e-2, *PAIR.mass), stiffness=(4e9, *PAIR.stiffness), exponent=2.5,
+                  velocity=(0.0, *PAIR.velocity), gap=(1e12, 0.0))  # fmt: skip
+    monkeypatch.setattr(lammps, "run_deck", lambda *_, **__: pytest.fail("LAMMPS was started"))
+    with pytest.raises(
+        UnsupportedScene, match=r"known to 0\.00012 m, and overlaps are of .*; take backend='reference'"
+    ):
+        db.solve(far, backend=ENGINE)
+
+
 # the committed decks, by LAMMPS alone
 
 

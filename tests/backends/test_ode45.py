@@ -252,6 +252,51 @@ def test_tolerances_that_see_nothing_of_a_slow_scene_have_bars_that_say_so(solve
     assert np.all(np.isinf(run.uncertainty["crossing_time"][missing]))
 
 
+def _worst(run: Trajectory, reference: Trajectory, quantity: str) -> float:
+    """Error over both bars."""
+    error = np.max(np.abs(getattr(run, quantity) - getattr(reference, quantity)))
+    return float(error / np.max(run.uncertainty[quantity] + reference.uncertainty[quantity]))
+
+
+@pytest.mark.parametrize("share", [1e-6, 1e-3])
+def test_a_graze_that_no_stage_falls_into_is_in_the_bar(share: float, solved: Solve) -> None:
+    # a ball thrown up at a ceiling next to where it turns: two flights that no tolerance cuts short
+    up, g = 0.75, -9.81
+    ball = Scene(
+        name=f"ball-{share:g}", duration=1.5 * up / -g, mass=(1e-2,), stiffness=(), velocity=(up,), gravity=g,
+        wall_right=Wall(stiffness=4.7e9, gap=(1.0 - share) * up**2 / (-2.0 * g)), samples=20,
+    )  # fmt: skip
+    run, reference = db.solve(ball, backend="ode45"), solved(ball, "reference")
+    assert run.cost.steps < 40
+    for quantity in ("velocity", "displacement"):
+        assert _worst(run, reference, quantity) <= 1.0, quantity
+
+
+def test_two_runs_whose_steps_no_tolerance_decides_do_not_err_alike(solved: Solve) -> None:
+    # a tenth of a contact time
+    brief = Scene(
+        name="brief", duration=5.5e-6, mass=(1e-2,) * 4, stiffness=(4.7e9,) * 3, velocity=(0.75, 0.0, 0.0, 0.0),
+        samples=20,
+    )  # fmt: skip
+    run, reference = db.solve(brief, backend="ode45"), solved(brief, "reference")
+    assert run.cost.steps <= 11
+    for quantity in ("velocity", "displacement"):
+        assert _worst(run, reference, quantity) <= 1.0, quantity
+
+
+@pytest.mark.parametrize("force", [1e-6, 50.0])
+def test_in_a_pressed_chain_the_stages_motion_ahead_of_a_front_is_no_collision(force: float, solved: Solve) -> None:
+    pressed = Scene(
+        name=f"pressed-{force:g}", duration=2.5e-4, mass=(1e-2,) * 10, stiffness=(4.7e9,) * 9,
+        velocity=(0.75, *[0.0] * 9), precompression=force, samples=20,
+    )  # fmt: skip
+    run, reference = db.solve(pressed, backend="ode45"), solved(pressed, "reference")
+    assert not _outside(run, reference, "crossing_time")
+    known = np.isfinite(run.crossing_time) & np.isfinite(reference.crossing_time)
+    assert np.count_nonzero(known) >= 8
+    assert run.crossing_time[known] == pytest.approx(reference.crossing_time[known], rel=1e-2)
+
+
 def test_the_bars_are_no_excuse(free_chain: Truth) -> None:
     run = db.solve(free_chain.scene, backend="ode45")
     for quantity in ("velocity", "displacement"):

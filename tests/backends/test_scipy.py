@@ -224,3 +224,17 @@ def test_a_body_bouncing_in_its_weight_returns_in_the_time_of_its_fall() -> None
     fall = math.sqrt(2.0 * 1e-4 / 9.81)
     assert closed == pytest.approx(scene.duration / (2.0 * fall), abs=1.0)
     assert float(np.min(run.displacement)) == pytest.approx(0.0, abs=1e-10 * 1e-4 * closed)
+
+
+def test_far_behind_a_gap_displacements_are_known_to_what_the_gap_leaves() -> None:
+    near = Scene(
+        name="near", duration=3e-4, mass=(1e-2,) * 4, stiffness=(4.7e9,) * 3, gap=(1e3, 0.0, 0.0),
+        velocity=(0.0, 0.75, 0.0, 0.0), samples=10,
+    )  # fmt: skip
+    for gap in (1e3, 1e12):
+        scene = replace(near, gap=(gap, 0.0, 0.0))
+        run, truth = db.solve(scene, backend="scipy"), db.solve(scene, backend="reference")
+        error = float(np.max(np.abs(run.displacement - truth.displacement)))
+        assert error <= run.uncertainty["displacement"] + truth.uncertainty["displacement"]
+        assert np.max(np.abs(run.velocity - truth.velocity)) < 1e-11
+    assert error > 1e-7, "1e12 m are known to 1e-4 m, and displacements to less?"

@@ -12,6 +12,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.lmp.cell import pair_force
 from dem_bridge.lmp.interpolation import Interpolation, interpolated, interpolation_error
 from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.process import run_deck
@@ -231,6 +232,16 @@ def test_lammps_has_the_same_forces_bit_for_bit(
     assert "WARNING" not in log
     predicted, measured = interpolation_error(law, ours, reach=geometry[1]), error(law, geometry, r, theirs)
     assert measured / 2.0 <= predicted <= 2.0 * measured or max(predicted, measured) < 1e-12
+
+
+@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("squared", [0.0, -1e300, 1e300, math.inf, math.nan])
+def test_any_distance_is_looked_up_within_the_table(squared: float, style: Style) -> None:
+    # bodies of a run beyond stability pass through each other; memory beside the table would end the program
+    found = interpolated(table(LAWS["Hertz"], points=100), style=style, points=100)
+    here = pair_force(found.inner_squared * (1.0 + 1e-9), *found.arguments)
+    assert here > 0.0
+    pair_force(squared, *found.arguments)
 
 
 @pytest.mark.lammps

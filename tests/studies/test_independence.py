@@ -46,7 +46,7 @@ def test_a_twin_with_tables_has_the_lines_of_the_deck_and_lammps_has_nothing_of_
     lent = {"pairing", "table", "law", "contact", "coefficients", "encoding", "tabled", "version"}
     emulated = {"cell", "interpolation", "splitting", "twin"}
     found = shared("lammps-table", "verlet")
-    assert set(found.bars) == lent | emulated | {"bars", "curves", "fused", "twin_bars"}
+    assert set(found.bars) == lent | emulated | {"bars", "curves", "fused", "touches", "twin_bars"}
     # what LAMMPS reads is written without the emulation
     reached = independence._short(independence._reached("lammps-table", without=independence.BARS))
     assert not emulated & set(reached)

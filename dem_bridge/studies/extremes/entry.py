@@ -1,0 +1,137 @@
+"""One extreme: its scene, what is true of it, and what each backend has to say. And the chains that extremes are of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Backend, backend
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.physics.exact import two_body_collision
+from dem_bridge.scene import Scene
+from dem_bridge.studies.extremes.judge import Expected, Word
+from dem_bridge.studies.extremes.truths import Truth
+
+#: kinds of backends that an expectation may be for, beside their names
+THEORY, VERLET, FIXED_STEP, ENGINE, HERTZ = "theory", "velocity-Verlet", "fixed step", "engine", "hertz"
+#: phase of the stiffest contact in one step, where codes have one: errors of 1e-5 to 1e-3
+PHASE = 0.02
+#: the ordinary chain: about the paper's cylinders, in binary fractions so that speeds add up exactly
+MASS, BETA, SPEED = 1e-2, 4.7e9, 0.75
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One line of the catalogue."""
+
+    name: str
+    asks: str
+    """The question, in words."""
+    scene: Scene
+    truths: tuple[Truth, ...]
+    """All must be kept; a backend is judged by the one that it is the furthest from."""
+    expected: Mapping[str, Expected] = field(default_factory=lambda: MappingProxyType({}))
+    """By name or kind of backend; :func:`expectation` has the rest."""
+    dt: float | None = None
+    """Of codes with a fixed step, s; None: ``phase`` of the stiffest contact."""
+    phase: float = PHASE
+    settings: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: MappingProxyType({}))
+    """More settings of a Resolution, by name of backend."""
+    instead: Mapping[str, Callable[[Engine | None], Backend]] = field(default_factory=lambda: MappingProxyType({}))
+    """Backends with a defect, in place of the one of that name."""
+    left_out: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    """Backends that are not run here for what that takes, with the reason."""
+    slow: bool = False
+    """Whether it takes more than about 5 s."""
+
+
+def kinds(judged: Backend) -> tuple[str, ...]:
+    """What an expectation for this backend may stand under, the most special first."""
+    found = [judged.name]
+    if judged.name in ENGINE_BACKENDS:
+        found.append(ENGINE)
+    if judged.equations != "hertz":
+        return (*found, THEORY)
+    if judged.order == 2:
+        found.append(VERLET)
+    if judged.order is not None:
+        found.append(FIXED_STEP)
+    return (*found, HERTZ)
+
+
+def expectation(entry: Entry, name: str) -> Expected:
+    """What the backend of that name has to say. Unless the entry says more: a code of these equations is right within
+    its bar, and a theory gives a number."""
+    if name in entry.left_out:
+        return Expected(Word.NOT_RUN)
+    every = kinds(backend(name))
+    for kind in every:
+        if kind in entry.expected:
+            return entry.expected[kind]
+    return Expected(Word.MODEL if THEORY in every else Word.RIGHT)
+
+
+def refused(because: str) -> Expected:
+    return Expected(Word.REFUSED, because)
+
+
+#: what the adiabatic wave says of two bodies
+ONE_CONTACT = refused("one contact")
+
+
+def theories_refuse(because: str, **more: Expected) -> dict[str, Expected]:
+    """Expectations of a scene that is no single pulse into a touching chain at rest."""
+    return {THEORY: refused(because), **more}
+
+
+def checked(entries: Sequence[Entry]) -> Mapping[str, Entry]:
+    """By name; ValueError where two share one, or an expectation or setting is for nobody."""
+    known = {*BACKENDS, THEORY, VERLET, FIXED_STEP, ENGINE, HERTZ}
+    found: dict[str, Entry] = {}
+    for one in entries:
+        if one.name in found:
+            raise ValueError(f"two entries are called {one.name}")
+        if stray := ({*one.expected} - known) | ({*one.settings, *one.left_out, *one.instead} - {*BACKENDS}):
+            raise ValueError(
+                f"{one.name}: {min(stray)!r} is no backend and no kind; allowed: {', '.join(sorted(known))}"
+            )
+        found[one.name] = one
+    return MappingProxyType(found)
+
+
+def plain(value: float) -> str:
+    """As people write it, as names of scenes can have it: 1e6, 1e-9, 0.001."""
+    return f"{value:g}".replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
+
+
+def contact_time(*, mass: float = MASS, stiffness: float = BETA, speed: float = SPEED, exponent: float = 2.5) -> float:
+    """How long two such bodies touch when they meet at ``speed``, s: what durations are measured in."""
+    masses = (mass, mass)
+    hit = two_body_collision(masses=masses, velocities=(speed, 0.0), stiffness=stiffness, exponent=exponent)
+    return hit.contact_time
+
+
+def chain(
+    name: str,
+    *,
+    bodies: int = 10,
+    speed: float = SPEED,
+    mass: float | Sequence[float] = MASS,
+    stiffness: float | Sequence[float] = BETA,
+    times: float = 5.0,
+    samples: int = 20,
+    **more: Any,
+) -> Scene:
+    """``bodies`` in a row, the first at ``speed`` unless ``velocity`` says more, for so many contact ``times`` of the
+    ordinary bodies at this speed unless ``duration`` does."""
+    masses = (mass,) * bodies if isinstance(mass, float) else tuple(mass)
+    if not isinstance(stiffness, float) and isinstance(mass, float):
+        masses = (mass,) * (len(stiffness) + 1)
+    betas = (stiffness,) * (len(masses) - 1) if isinstance(stiffness, float) else tuple(stiffness)
+    settings: dict[str, Any] = {"velocity": (speed, *[0.0] * (len(masses) - 1))}
+    if "duration" not in more:
+        exponent = more.get("exponent", 2.5)
+        settings["duration"] = times * contact_time(speed=speed, exponent=exponent)
+    return Scene(name=name, mass=masses, stiffness=betas, samples=samples, **(settings | more))

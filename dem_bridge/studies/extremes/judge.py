@@ -1,0 +1,219 @@
+"""Right within its bar, or refused with the reason: a run beside what it must be.
+
+A run is right where, for each of the quantities that have bars, ``|run - truth| <= bar of the run + bar of the truth``
+at every sample, body and contact. A bar of a whole scale says nothing of velocities, and is told as that. What is
+further away than both bars is wrong in silence, which no backend may be.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.campaign import Crashed, Result
+from dem_bridge.errors import BackendUnavailable
+from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale
+from dem_bridge.verdict import Outcome
+
+Floats = NDArray[np.float64]
+#: of the largest velocity: a bar as large as that leaves nothing known
+WHOLE = 1.0
+
+
+class Word(StrEnum):
+    """What a backend says of an extreme."""
+
+    RIGHT = "right"
+    NO_BAR = "no bar"
+    """A number whose bar is a whole scale or more: it says that it says nothing."""
+    MODEL = "model"
+    """Other equations: a number, and nothing to be right or wrong by."""
+    REFUSED = "refused"
+    WRONG = "wrong"
+    """Further from the truth than its bar and that of the truth allow."""
+    NO_TRUTH = "no truth"
+    """Nothing that it could be judged by has a bar."""
+    BROKEN = "broken"
+    """An exception that none of ours is."""
+    NOT_RUN = "not run"
+    """The engine is not on this machine, or it would take too long."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a backend has to say; more than one word where round-off decides between them.
+
+    >>> Expected(Word.REFUSED, because="gaps").fits(Word.REFUSED, "there are gaps")
+    True
+    """
+
+    word: Word
+    because: str = ""
+    """A part of the reason, where the answer is a refusal."""
+    otherwise: Word | None = None
+
+    def fits(self, word: Word, reason: str) -> bool:
+        if word not in (self.word, self.otherwise):
+            return False
+        # one clear line is part of a refusal
+        return word is not Word.REFUSED or (bool(reason) and "\n" not in reason and self.because in reason)
+
+    def __str__(self) -> str:
+        words = self.word if self.otherwise is None else f"{self.word} or {self.otherwise}"
+        return f"{words}: {self.because}" if self.because else str(words)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Standard:
+    """What a run is held against: a trajectory with bars, and who says so; or why there is none."""
+
+    says: str
+    run: Trajectory | None
+    reason: str = ""
+    to_the_bit: bool = False
+    """Whether the run must be this one, whatever the bars."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """What was found of one backend on one entry, and the quantity that decides. All numbers relative to its scale."""
+
+    word: Word
+    reason: str = ""
+    standard: str = ""
+    quantity: str = ""
+    error: float = math.nan
+    bar: float = math.nan
+    """Of the run, where its error is the largest part of what is allowed."""
+    standard_bar: float = math.nan
+    ratio: float = math.nan
+    """Error over both bars: above 1 it is wrong."""
+    velocity_bar: float = math.nan
+    """Of the run, over the largest velocity: what it says of itself."""
+    unsaid: str = ""
+    """Quantities of which nothing is said: without a bar, or with one of a whole scale."""
+
+    @property
+    def cell(self) -> str:
+        """A few words."""
+        if self.word is Word.RIGHT:
+            return f"right (bar {self.velocity_bar:.0e})"
+        if self.word is Word.MODEL:
+            return f"model ({self.error:.0e})"
+        if self.word is Word.WRONG:
+            return f"WRONG (error / bar {self.ratio:.2g})"
+        return str(self.word)
+
+
+def judge(result: Result, standards: Sequence[Standard], *, model: bool) -> Finding:
+    """What ``result`` is beside its ``standards``; the one that it is the furthest from decides. ``model``: whether it
+    solves other equations, so that nothing but a number can be said."""
+    failure = result.failure
+    if isinstance(failure, BackendUnavailable):
+        return Finding(word=Word.NOT_RUN, reason=str(failure))
+    if isinstance(failure, Crashed):
+        return Finding(word=Word.BROKEN, reason=str(failure))
+    run = result.trajectory
+    if run is None:
+        return Finding(word=Word.REFUSED, reason=str(failure))
+    if model:
+        return _model(run, standards)
+    for one in standards:
+        if one.run is None:
+            return Finding(word=Word.NO_TRUTH, standard=one.says, reason=one.reason)
+    found = [_worst(run, one.run, one) for one in standards if one.run is not None]
+    worst = max(found, key=lambda one: one.ratio)
+    if worst.ratio > 1.0:
+        return worst
+    if worst.velocity_bar >= WHOLE:
+        return Finding(**{**vars(worst), "word": Word.NO_BAR, "reason": "its bar is a whole scale: it says nothing"})
+    if min(_said(one.run) for one in standards if one.run is not None) >= WHOLE:
+        return Finding(**{**vars(worst), "word": Word.NO_TRUTH, "reason": "no truth has a bar"})
+    return worst
+
+
+def outcome(found: Finding, expected: Expected) -> Outcome:
+    """PASS where what was found is expected; a missing engine is NOT_RUN, a crash BROKEN whatever is expected."""
+    if found.word is Word.NOT_RUN:
+        return Outcome.NOT_RUN
+    if found.word is Word.BROKEN:
+        return Outcome.BROKEN
+    return Outcome.PASS if expected.fits(found.word, found.reason) else Outcome.FAIL
+
+
+def _said(run: Trajectory) -> float:
+    """Bar of the velocities over the largest of them; 0 where all are at rest and known to be."""
+    return _over(run.uncertainty["velocity"], float(np.max(np.abs(run.velocity))))
+
+
+def _over(value: float, scale: float) -> float:
+    return value / scale if scale > 0.0 else (0.0 if value == 0.0 else math.inf)
+
+
+def _model(run: Trajectory, standards: Sequence[Standard]) -> Finding:
+    """How far a theory is from the first standard: of its arrivals, or where none falls into the time of the scene of
+    its forces, the median of the contacts."""
+    truth = standards[0].run
+    if not np.all(np.isfinite(run.velocity)):
+        return Finding(word=Word.WRONG, reason="velocities that are not finite", ratio=math.inf)
+    for name in ("crossing_time", "peak_force"):
+        if truth is None:
+            break
+        other = getattr(truth, name)
+        apart = np.abs(getattr(run, name) - other) / own_scale(other)
+        if np.isfinite(apart).any():
+            error = float(np.median(apart[np.isfinite(apart)]))
+            return Finding(word=Word.MODEL, standard=standards[0].says, quantity=name, error=error)
+    return Finding(word=Word.MODEL, standard=standards[0].says)
+
+
+def _worst(run: Trajectory, truth: Trajectory, standard: Standard) -> Finding:
+    """The quantity of which the error is the largest part of both bars."""
+    found: list[Finding] = []
+    unsaid: list[str] = []
+    for name in QUANTITIES:
+        mine, other = getattr(run, name), getattr(truth, name)
+        error = np.abs(mine - other)
+        # neither has a value: agreed; only one has: infinitely far apart
+        error = np.where(np.isnan(mine) & np.isnan(other), 0.0, np.where(np.isnan(error), math.inf, error))
+        sampled = name in ("velocity", "displacement")
+        if sampled:
+            error = np.max(error, initial=0.0, keepdims=True).ravel()
+            scale = np.array([np.max(np.abs(other), initial=0.0)])
+        else:
+            scale = own_scale(other)
+        bars = [np.broadcast_to(np.atleast_1d(one.uncertainty[name]), error.shape) for one in (run, truth)]
+        allowed = np.zeros_like(error) if standard.to_the_bit else bars[0] + bars[1]
+        ratio = np.array([_ratio(e, b) for e, b in zip(error, allowed, strict=True)])
+        if not len(ratio):
+            continue
+        vague = int(np.sum([_over(float(b), float(s)) >= WHOLE for b, s in zip(bars[0], scale, strict=True)]))
+        if vague:
+            unsaid.append(name if sampled else f"{name} of {vague} of {len(ratio)}")
+        at = int(np.argmax(ratio))
+        of = float(scale[at])
+        found.append(
+            Finding(
+                word=Word.RIGHT if ratio[at] <= 1.0 else Word.WRONG,
+                standard=standard.says,
+                quantity=name if sampled else f"{name} of contact {at}",
+                error=_over(float(error[at]), of),
+                bar=_over(float(bars[0][at]), of),
+                standard_bar=_over(float(bars[1][at]), of),
+                ratio=float(ratio[at]),
+                velocity_bar=_said(run),
+            )
+        )
+    worst = max(found, key=lambda one: one.ratio)
+    return Finding(**{**vars(worst), "unsaid": ", ".join(unsaid)})
+
+
+def _ratio(error: float, allowed: float) -> float:
+    if error == 0.0 or math.isinf(allowed):
+        return 0.0  # right to the last digit, or nothing was said
+    return error / allowed if allowed > 0.0 else math.inf

@@ -1,0 +1,77 @@
+"""Grazes and compressions that all runs at fixed steps miss alike: nothing may be said of them then."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dem_bridge as db
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.steps import fixed_step_plan
+from dem_bridge.backends.survey import survey
+from dem_bridge.backends.twin_bars import twins_of, with_bars
+from dem_bridge.scene import Scene, Wall
+
+G, UP = -1e3, 0.75
+HEIGHT = UP**2 / (2.0 * -G)
+
+
+def thrown_up(share: float) -> Scene:
+    """A ball that turns beyond a ceiling by this share of its way, or before it."""
+    return Scene(
+        name="ball",
+        duration=1.5 * UP / -G,
+        mass=(1e-2,),
+        stiffness=(),
+        velocity=(UP,),
+        wall_right=Wall(stiffness=4.7e9, gap=HEIGHT * (1.0 - share)),
+        gravity=G,
+        samples=20,
+    )
+
+
+@pytest.mark.parametrize("backend", ["verlet", "ase"])
+def test_of_a_graze_between_two_steps_nothing_is_said(backend: str) -> None:
+    scene = thrown_up(1e-12)
+    run, truth = (db.solve(scene, backend=name, dt=4e-7) for name in (backend, "reference"))
+    assert np.isnan(run.crossing_time[0])
+    assert np.isfinite(truth.crossing_time[0])
+    assert math.isinf(run.uncertainty["crossing_time"][0])
+    assert run.uncertainty["peak_force"][0] >= truth.peak_force[0] > 0.0
+    assert run.uncertainty["velocity"] < 1e-10 * UP
+
+
+@pytest.mark.parametrize("share", [1e-3, -1e-3])
+def test_what_clearly_touches_or_clearly_does_not_keeps_its_bars(share: float) -> None:
+    run = db.solve(thrown_up(share), backend="verlet", dt=4e-7)
+    assert np.isnan(run.crossing_time[0]) == (share < 0.0)
+    assert np.isfinite(run.uncertainty["crossing_time"][0])
+    assert run.uncertainty["peak_force"][0] <= 1e-4 * run.peak_force[0]
+
+
+def test_without_the_look_for_misses_the_bar_would_be_wrong_in_silence() -> None:
+    scene = thrown_up(1e-12)
+    look, sampling = survey(scene), Sampling(count=scene.samples)
+    plan = fixed_step_plan(scene, Resolution(dt=4e-7), sampling, look)
+    twins = twins_of(scene, plan, look, radius=look.gauge_radius)
+    assert twins is not None
+    run = db.solve(scene, backend="verlet", dt=4e-7, bars=False)
+    assert np.isfinite(with_bars(run, replace(twins, misses=None)).uncertainty["crossing_time"][0])
+    assert math.isinf(with_bars(run, twins).uncertainty["crossing_time"][0])
+
+
+def test_below_n_2_the_first_motions_ahead_of_a_front_are_too_brief_for_any_step() -> None:
+    scene = Scene(
+        name="soft", duration=2.9e-4, mass=(1e-2,) * 10, stiffness=(4.7e4,) * 9, exponent=1.5,
+        velocity=(0.75, *[0.0] * 9), samples=20,
+    )  # fmt: skip
+    run, truth = db.solve(scene, backend="verlet", dt=2.9e-7), db.solve(scene, backend="scipy")
+    error = np.abs(run.crossing_time - truth.crossing_time)
+    allowed = run.uncertainty["crossing_time"] + truth.uncertainty["crossing_time"]
+    assert np.any(error > 0.1 * scene.duration), "no contact is seen to turn ahead of the front?"
+    assert np.all(error <= allowed)
+    # where the front has been they are known
+    assert np.all(np.isfinite(run.uncertainty["crossing_time"][:6]))
