@@ -18,7 +18,7 @@ from dem_bridge.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dem_bridge.campaign import Progress
-    from dem_bridge.plan_answer import Plan
+    from dem_bridge.planning.answer import Plan
     from dem_bridge.store import Store
     from dem_bridge.studies.scatter import ScatterStudy
     from dem_bridge.studies.styles import StylesStudy
@@ -61,7 +61,7 @@ def solve(scene: Scene | str | Path, *, backend: str | None = None, **settings: 
     if reason:
         raise UnsupportedScene(f"{chosen.name} cannot do {scene.name}: {reason}")
     if accuracy is not None and chosen.order is not None:
-        from dem_bridge.plan_bars import resolution_for  # brings the compiler, which not every backend needs
+        from dem_bridge.planning.bars import resolution_for  # brings the compiler, which not every backend needs
 
         tables = resolution.tables or chosen.name == "lammps-table"
         own = chosen if chosen.name not in (*ENGINE_BACKENDS, "ase") else None
@@ -106,7 +106,7 @@ def plan(
     >>> dict(found.resolution), 5e-4 < found.found_error < 1e-3, f"{found.units['rayleigh_time']:.3f}"
     ({'dt': 2.67e-07}, True, '0.032')
     """
-    from dem_bridge.planner import plan_for
+    from dem_bridge.planning.planner import plan_for
 
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
@@ -279,7 +279,7 @@ def write_deck(
     ``lmp -in in.NAME`` there. ``style``: "granular" or "table"; settings as in :func:`solve`. All files appear or none.
     """
     from dem_bridge.backends.lammps import LammpsGranular
-    from dem_bridge.plan_bars import resolution_for
+    from dem_bridge.planning.bars import resolution_for
 
     styles = [name.removeprefix("lammps-") for name in ENGINE_BACKENDS]
     if style not in styles:
@@ -313,7 +313,7 @@ def available() -> dict[str, Availability]:
 
 def _planned(scene: Scene, settings: dict[str, object]) -> str:
     """The backend that is the cheapest for the accuracy among the settings."""
-    from dem_bridge.planner import plan_for
+    from dem_bridge.planning.planner import plan_for
 
     accuracy, samples = settings.get("accuracy"), settings.get("samples")
     if accuracy is None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dem_bridge.plan_answer import Plan
+    from dem_bridge.planning.answer import Plan
     from dem_bridge.scene import Scene
     from dem_bridge.studies.exhibits import Paper, Study
     from dem_bridge.studies.scatter import ScatterStudy

@@ -9,7 +9,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.cli_plan import OBSERVABLES
-from dem_bridge.plan_check import OBSERVABLES as PLANNED
+from dem_bridge.planning.check import OBSERVABLES as PLANNED
 from tests.test_cli import CHAIN, _one_line, _run
 
 

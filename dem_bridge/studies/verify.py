@@ -28,7 +28,7 @@ from dem_bridge.campaign import Case, Progress, Result, run_cases
 from dem_bridge.compare import difference
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.plan_bars import resolution_for
+from dem_bridge.planning.bars import resolution_for
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store, study_key
 from dem_bridge.studies import checks

@@ -22,7 +22,7 @@ from dem_bridge.campaign import Case
 from dem_bridge.lmp import deck as deck_module
 from dem_bridge.observables.conserved import energy, energy_parts, momentum
 from dem_bridge.physics.exact import DashpotCollision, dashpot_collision
-from dem_bridge.plan_bars import resolution_for
+from dem_bridge.planning.bars import resolution_for
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, Trajectory
 from tests.conftest import Solve

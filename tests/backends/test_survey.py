@@ -13,7 +13,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.survey import survey
 from dem_bridge.errors import RunBroken
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.plan_bars import resolution_for
+from dem_bridge.planning.bars import resolution_for
 from dem_bridge.scene import Damping, Scene, Wall
 from tests.conftest import Solve
 from tests.strategies import examples, scenes

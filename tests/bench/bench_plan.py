@@ -23,7 +23,7 @@ from dem_bridge.backends.base import backend
 from dem_bridge.backends.reference import series_fit
 from dem_bridge.backends.tabled import survey_of
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.plan_answer import Plan
+from dem_bridge.planning.answer import Plan
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from tests.random_plans import planned_scene

@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Any
 
-from dem_bridge.plan_options import Option, Options
-from dem_bridge.plan_predict import tidy
+from dem_bridge.planning.options import Option, Options
+from dem_bridge.planning.predict import tidy
 
 
 @dataclass(frozen=True, kw_only=True)

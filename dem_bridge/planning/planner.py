@@ -1,6 +1,6 @@
 """The cheapest settings for a wanted accuracy: predicted by a model, checked by runs, and said why.
 
-Where :mod:`.plan` finds the step whose error *bar* is within an accuracy, this finds what *errs* by no more: a bar is
+Where :mod:`.bars` finds the step whose error *bar* is within an accuracy, this finds what *errs* by no more: a bar is
 some three times an error, so that it holds. What is found is found for these settings and no others.
 """
 
@@ -20,8 +20,8 @@ from dem_bridge.backends.steps import radius_of
 from dem_bridge.backends.twin_bars import last_digit, round_off_floor
 from dem_bridge.errors import NotAsymptotic, RunBroken, UsageError
 from dem_bridge.extrapolate import extrapolated
-from dem_bridge.plan_answer import Plan, answer, beyond
-from dem_bridge.plan_check import (
+from dem_bridge.planning.answer import Plan, answer, beyond
+from dem_bridge.planning.check import (
     LEAST_RTOL,
     Candidate,
     Judge,
@@ -32,8 +32,8 @@ from dem_bridge.plan_check import (
     relative_error,
     settle,
 )
-from dem_bridge.plan_options import MOST_STEPS, THEORIES, Option, Options
-from dem_bridge.plan_predict import OF_RTOL
+from dem_bridge.planning.options import MOST_STEPS, THEORIES, Option, Options
+from dem_bridge.planning.predict import OF_RTOL
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 

@@ -13,13 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dem_bridge as db
-from dem_bridge import plan_check, planner
 from dem_bridge.backends.base import Sampling, backend
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.plan_answer import Plan
-from dem_bridge.plan_check import OBSERVABLES, Trial, relative_error, settle
-from dem_bridge.plan_predict import OF_STEP, Outlook, tidy
+from dem_bridge.planning import check as plan_check
+from dem_bridge.planning import planner
+from dem_bridge.planning.answer import Plan
+from dem_bridge.planning.check import OBSERVABLES, Trial, relative_error, settle
+from dem_bridge.planning.predict import OF_STEP, Outlook, tidy
 from dem_bridge.scene import Damping, Scene, Wall
 from tests.conftest import Solve
 from tests.strategies import examples

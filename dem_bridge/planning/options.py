@@ -10,8 +10,8 @@ from dem_bridge.backends.reference import series_fit
 from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
 from dem_bridge.backends.steps import order_on
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.plan_check import LEAST_RTOL, OBSERVABLES, Candidate, Trial
-from dem_bridge.plan_predict import OF_RTOL, OF_STEP, ErrorLaw, Outlook
+from dem_bridge.planning.check import LEAST_RTOL, OBSERVABLES, Candidate, Trial
+from dem_bridge.planning.predict import OF_RTOL, OF_STEP, ErrorLaw, Outlook
 from dem_bridge.scene import Scene
 
 #: fixed-step runs longer than this are not planned

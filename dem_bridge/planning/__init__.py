@@ -1,0 +1,1 @@
+"""Settings for a wanted accuracy: predicted, checked by runs, and said why."""
