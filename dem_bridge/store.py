@@ -52,9 +52,14 @@ VARIABLE = "DEM_BRIDGE_STORE"
 #: bytes; beyond, what was not used for the longest time goes first
 LIMIT = 2_000_000_000
 #: parts of the package that judge, show and tell: no number of a trajectory passes through them
-NOT_IN_RUNS = ("api", "campaign", "cli", "cli_terminal", "compare", "doctor", "report", "studies", "verdict")
+NOT_IN_RUNS = (
+    "api", "api_studies", "campaign", "cli", "cli_options", "cli_plan", "cli_studies", "cli_terminal", "compare", "doctor",
+    "planning", "report", "studies", "verdict",
+)  # fmt: skip
 #: ... and none of a study's
-NOT_IN_STUDIES = ("api", "cli", "cli_terminal", "doctor", "report")
+NOT_IN_STUDIES = (
+    "api", "api_studies", "cli", "cli_options", "cli_plan", "cli_studies", "cli_terminal", "doctor", "report",
+)  # fmt: skip
 _VARIABLES = ("LD_LIBRARY_PATH", "LD_PRELOAD", "NUMBA_CPU_FEATURES", "NUMBA_CPU_NAME", "NUMBA_DISABLE_JIT", "NUMBA_OPT",
               "OMP_NUM_THREADS", "PYTHONPATH")  # fmt: skip
 _CPU = ("vendor_id", "cpu family", "model", "model name", "flags", "CPU implementer", "CPU part", "Features")
