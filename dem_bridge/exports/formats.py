@@ -147,7 +147,7 @@ def _scale(column: Column) -> tuple[int, bool]:
 def _unit(unit: str, power: int) -> tuple[str, str]:
     """In plain text and in LaTeX, with a power of ten in front."""
     one = UNITS[unit]
-    macros = not re.search(r"[$:]", one.tex)
+    macros = not re.search(r"\$|\\si", one.tex)
     if power == 0:
         return one.text, f"\\si{{{one.tex}}}" if macros and one.tex else one.tex
     if unit == "kg" and power + 3 in _PREFIXES:

@@ -54,6 +54,8 @@ def _check_cell(cell: str, kind: str, is_head: bool) -> None:
     assert depth == 0, cell
     maths = re.sub(r"\$[^$]*\$", "", cell)
     assert not SPECIAL.search(maths), cell
+    for unit in re.findall(r"\\si(.*?)(?=\\si|$)", cell):
+        assert re.match(r"{(\\[a-z]+({[\d.]+})?)+}", unit), f"no unit of siunitx in {cell}"
     if kind == "l":
         return
     if is_head or not NUMBER.fullmatch(cell):

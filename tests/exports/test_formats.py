@@ -278,13 +278,14 @@ def test_latex_compiles(tmp_path: Path) -> None:
             r"\usepackage{textcomp,booktabs,siunitx}",
             r"\begin{document}",
             as_tex(PLAIN),
+            *(as_tex(Table(id="u", title="u", columns=(numbers("x", "x", unit, [1e-9, 2e-9]),))) for unit in UNITS),
             r"\end{document}",
         ]
     )
     (tmp_path / "t.tex").write_text(text, encoding="utf-8")
     if subprocess.run(["kpsewhich", "siunitx.sty"], capture_output=True).returncode:
         pytest.skip("no siunitx")
-    words = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"]
+    words = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "-draftmode", "t.tex"]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-2000:]
 
