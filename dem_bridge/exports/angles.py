@@ -164,7 +164,7 @@ def angles(
         if why is not None:
             reasons.setdefault(why, []).append(k)
             rows.append((None, None, None))
-    notes = [f"contact {', '.join(map(str, which))}: {why}" for why, which in reasons.items()]
+    notes = [f"contact {_listed(which)}: {why}" for why, which in reasons.items()]
     if not any(row[0] is not None for row in rows):
         raise UsageError(f"{scene.name} has no contact with an angle; {'; '.join(notes) or 'it has none at all'}")
     angle, tolerance, slope = zip(*rows, strict=True)
@@ -223,6 +223,16 @@ def stiffness_curve(
         ),
         provenance=origin(scene),
     )
+
+
+def _listed(places: Sequence[int]) -> str:
+    """
+    >>> _listed([0, 2, 3, 4, 7])
+    '0, 2 to 4, 7'
+    """
+    ends = np.flatnonzero(np.diff(places, append=np.inf) != 1).tolist()
+    runs = zip([0, *(end + 1 for end in ends[:-1])], ends, strict=True)
+    return ", ".join(f"{places[one]}" if one == last else f"{places[one]} to {places[last]}" for one, last in runs)
 
 
 def _slope(angle: float, law: AxisRatio) -> float:

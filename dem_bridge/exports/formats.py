@@ -101,14 +101,15 @@ class _Shown(NamedTuple):
 def shown(table: Table) -> tuple[_Shown, ...]:
     """Columns in which anything is known, rounded, each in a unit that suits its numbers."""
     known = [one for one in table.columns if not one.values or any(cell is not None for cell in one.values)]
-    return tuple(_shown(one, table.bars(one)) for one in known)
+    return tuple(_shown(one) for one in known)
 
 
-def _shown(column: Column, bars: tuple[Cell, ...]) -> _Shown:
+def _shown(column: Column) -> _Shown:
     if column.kind != "number":
         cells = tuple(None if cell is None else str(cell) for cell in column.values)
         return _Shown(column.heading, _escaped(column.heading), cells, column.kind == "text")
     power, scientific = _scale(column)
+    bars = column.bars or (None,) * len(column.values)
     rounded = [
         None if value is None else Decimal(f"{float(value):.{_digits(value, bar, column.digits) - 1}e}")
         for value, bar in zip(column.values, bars, strict=True)

@@ -156,8 +156,10 @@ def _geometry(scene: Scene, notes: list[str]) -> list[Column]:
             angle[k], exact[k] = scene.geometry.angle[k], hertz_of(scene.geometry, k).stiffness
             if angle[k] is not None:
                 paper[k] = hertz_of(scene.geometry, k, "paper").stiffness
-        if None in paper:
-            notes.append("angles and eq. 3.1 are of two crossed cylinders; what walls are is not known")
+        if None in paper[: len(scene.stiffness)]:
+            notes.append("a sphere has no angle, and eq. 3.1 is of two crossed cylinders")
+        if scene.n_contact > len(scene.stiffness):
+            notes.append("what walls are is not known: stiffness and n are all that is said of them")
         notes.append(EQUATION)
     ratio = [None if p is None or e is None else p / e for p, e in zip(paper, exact, strict=True)]
     return [
@@ -293,7 +295,9 @@ def pair_coeffs(scene: Scene, **form: Any) -> Table:
     UnsupportedScene where that style cannot express the scene.
     """
     if reason := refusal(scene):
-        raise UnsupportedScene(f"there are no pair coefficients of {scene.name}: {reason}")
+        raise UnsupportedScene(
+            f"there are no pair coefficients of {scene.name}: {reason}; its tables: `dem-bridge deck --style table`"
+        )
     told, order, c = _Told(scene=scene, resolution=Resolution(**form)), line_order(scene), scene.contacts
     met = list(pairs(told.types))
     rows = [(low, high, int(order[at]), count, int(told.laws.where[at])) for low, high, at, count in met]

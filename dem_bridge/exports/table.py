@@ -71,6 +71,8 @@ class Column:
     """Of :data:`UNITS`."""
     digits: int = 5
     """Significant digits for people, where no error bar says more."""
+    bars: tuple[Cell, ...] | None = None
+    """Error bars of the values, where they have any."""
     bar_of: str | None = None
     """Of an error bar: the name of the column that it belongs to."""
 
@@ -105,7 +107,7 @@ def barred(
     known = numbers(f"{quantity}_bar", f"{heading}, bar", unit, bars, digits=2)
     # no number, no bar of it
     kept = tuple(None if one is None else bar for one, bar in zip(column.values, known.values, strict=True))
-    return column, replace(known, values=kept, bar_of=column.name)
+    return replace(column, bars=kept), replace(known, values=kept, bar_of=column.name)
 
 
 def counts(quantity: str, heading: str, values: Iterable[int | None]) -> Column:
@@ -142,11 +144,6 @@ class Table:
     @property
     def rows(self) -> list[tuple[Cell, ...]]:
         return list(zip(*(column.values for column in self.columns), strict=True))
-
-    def bars(self, column: Column) -> tuple[Cell, ...]:
-        """Error bars of a column's values; None where there are none."""
-        found = [one.values for one in self.columns if one.bar_of == column.name]
-        return found[0] if found else (None,) * len(column.values)
 
     def only(self, names: Sequence[str]) -> Table:
         """The table with these columns, in this order; UsageError for a name that it has not."""

@@ -111,6 +111,8 @@ def test_a_chain_without_geometry_is_told_which_cylinders() -> None:
     assert table.to_pandas()["angle_deg"].isna().tolist() == [True, False, True]
     assert [note for note in table.notes if note.startswith("contact 0: stiffness = 4000000000.0 N/m^1.5; allowed: fr")]
     assert "contact 2: only Hertz' law, n = 2.5, has angles" in table.notes
+    long = replace(chain, exponent=(2.5, 2.0, 2.0), stiffness=(2e10, 3e7, 3e7))
+    assert "contact 1 to 2: only Hertz' law, n = 2.5, has angles" in db.table_of(long, "angles", **QUARTZ).notes
     with pytest.raises(UsageError, match=r"^pair has no contact with an angle; contact 0: stiffness = 4000000000.0"):
         db.table_of(PAIR, "angles", **QUARTZ)
 

@@ -159,14 +159,14 @@ def _power(heading: str) -> float:
     return scale[plain[0]] * 1e-3 if plain[1:] == "g" else 1e-3 if plain == "g" else scale[plain[0]]
 
 
-def _check_rounding(table: Table, shown: list[list[str]], powers: list[float], missing: str) -> None:
+def _check_rounding(table: Table, rows: list[list[str]], powers: list[float], missing: str) -> None:
     """Numbers for people are the values to within half of their last digit, and no digit is below the bar's first."""
     for place, nth in enumerate(_known(table)):
         column = table.columns[nth]
         if column.kind != "number":
             continue
-        for row, (value, bar) in enumerate(zip(column.values, table.bars(column), strict=True)):
-            text = shown[row][place]
+        for row, (value, bar) in enumerate(zip(column.values, column.bars or [None] * len(rows), strict=True)):
+            text = rows[row][place]
             assert (value is None) == (text == missing)
             if value is None:
                 continue

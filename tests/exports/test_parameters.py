@@ -16,6 +16,7 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.errors import UnsupportedScene, UsageError
+from dem_bridge.exports.formats import as_markdown, as_tex
 from dem_bridge.exports.parameters import hertz_of
 from dem_bridge.exports.table import Table
 from dem_bridge.geometry import Body, Geometry
@@ -24,6 +25,7 @@ from dem_bridge.physics.hertz import crossed_cylinders
 from dem_bridge.scene import Scene
 from tests.conftest import Solve
 from tests.exports.chains import CROSSED, CYLINDER, PAIR, QUARTZ, RAW, SPHERE, STEEL
+from tests.exports.readers import read_markdown, read_tex
 from tests.lmp.deck_reader import read_deck
 
 
@@ -265,6 +267,23 @@ def test_tables_refuse_what_they_are_not_asked(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"there is no folder .* that can be written to"):
         db.export(PAIR, table="bodies", path=tmp_path / "no" / "bodies.csv")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "unknown"),
+    [
+        ("stacked-40", {"residence_bca_s"}),
+        ("decelerating-40-graded-exponent", {"lammps_k_n_SI"}),
+        ("decelerating-40-kuwabara-kono", {"residence_bca_s"}),
+        ("tapered-forward", {"angle_deg"}),
+    ],
+)
+def test_shipped_scenes_have_what_they_can_have_and_print_well(name: str, unknown: set[str]) -> None:
+    table, frame = _contacts(name, found=False)
+    for column in ("angle_deg", "stiffness_exact_N_per_m1_5", "lammps_k_n_SI", "residence_bca_s"):
+        assert frame[column].isna().all() == (column in unknown), column
+    assert len(read_tex(as_tex(table)).rows) == len(read_markdown(as_markdown(table))[1]) == len(frame)
+    assert not any("\n" in note for note in table.notes)
 
 
 def test_a_body_alone_has_tables_without_rows() -> None:

@@ -29,10 +29,11 @@ def test_names_carry_units_and_what_is_not_finite_is_not_known() -> None:
     assert table.rows == [(0, 1.5, 0.1, "sphere"), (1, None, None, None), (None, 3.0, None, None)]
 
 
-def test_a_bar_belongs_to_its_column() -> None:
-    table = _table()
-    assert table.bars(table.columns[1]) == (0.1, None, None)
-    assert table.bars(table.columns[0]) == (None, None, None)
+def test_a_bar_belongs_to_its_column_wherever_that_goes() -> None:
+    [force] = _table().only(["peak_force_N"]).columns
+    assert force.bars == (0.1, None, None)
+    assert _table().columns[2].bar_of == "peak_force_N"
+    assert _table().columns[0].bars is None
 
 
 def test_pandas_has_the_types_of_the_columns_and_the_units_beside_them() -> None:
