@@ -23,7 +23,9 @@ _HOME = {
     "Scene": "scene",
     "Wall": "scene",
     "Trajectory": "trajectory",
+    "angles_for": "exports.angles",
     "available": "api",
+    "export": "api_export",
     "law_of": "physics.law",
     "load_scene": "scene_file",
     "load_trajectory": "trajectory",
@@ -34,13 +36,16 @@ _HOME = {
     "study": "api_studies",
     "study_scatter": "api",
     "study_styles": "api",
+    "table_of": "api_export",
     "verify": "api",
     "write_deck": "api",
 }
 
 if TYPE_CHECKING:
     from dem_bridge.api import available, plan, solve, study_scatter, study_styles, verify, write_deck
+    from dem_bridge.api_export import export, table_of
     from dem_bridge.api_studies import minimal, study
+    from dem_bridge.exports.angles import angles_for
     from dem_bridge.geometry import Body, Geometry, Material
     from dem_bridge.physics.law import ContactLaw, law_of
     from dem_bridge.scene import Damping, Scene, Wall
@@ -57,7 +62,9 @@ __all__ = [
     "Trajectory",
     "Wall",
     "__version__",
+    "angles_for",
     "available",
+    "export",
     "law_of",
     "load_scene",
     "load_trajectory",
@@ -68,6 +75,7 @@ __all__ = [
     "study",
     "study_scatter",
     "study_styles",
+    "table_of",
     "verify",
     "write_deck",
 ]

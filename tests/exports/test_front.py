@@ -1,0 +1,66 @@
+"""Observables along the chain are those of the run, in their places, and their bars hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dem_bridge as db
+from dem_bridge.observables.front import peak_velocity_of_front, residence_by_crossing
+from tests.conftest import Solve
+from tests.exports.chains import CROSSED, PAIR
+
+
+def test_every_body_has_what_the_run_says_of_it(solved: Solve) -> None:
+    run = solved(CROSSED, "reference")
+    frame = db.table_of(CROSSED, "observables").to_pandas()
+    np.testing.assert_array_equal(frame["arrival_s"], [np.nan, *run.crossing_time])
+    np.testing.assert_array_equal(frame["residence_s"], [np.nan, *residence_by_crossing(CROSSED, run), np.nan])
+    # spacing over residence, and one over it
+    np.testing.assert_allclose(frame["wave_speed_m_per_s"] * frame["residence_s"], [np.nan, 18e-3, 18e-3, np.nan])
+    np.testing.assert_allclose(frame["front_speed_per_s"] * frame["residence_s"], [np.nan, 1.0, 1.0, np.nan])
+    np.testing.assert_array_equal(frame["peak_velocity_m_per_s"], peak_velocity_of_front(CROSSED, run).velocity)
+    np.testing.assert_array_equal(frame["peak_force_N"], [np.nan, *run.peak_force])
+
+
+def test_bars_hold_between_a_coarse_run_and_the_reference() -> None:
+    truth = db.table_of(CROSSED, "observables").to_pandas()
+    coarse = db.table_of(CROSSED, "observables", backend="verlet", dt=4e-7).to_pandas()
+    quantities = [name.replace("_bar", "") for name in truth.columns if "_bar" in name]
+    assert len(quantities) == 6
+    for name in quantities:
+        stem, unit = next((name[: -len(u)], u) for u in ("_m_per_s", "_per_s", "_s", "_N") if name.endswith(u))
+        off, bar = abs(coarse[name] - truth[name]), coarse[f"{stem}_bar{unit}"] + truth[f"{stem}_bar{unit}"]
+        known = truth[name].notna()
+        assert np.all(off[known] <= bar[known]), name
+        assert np.any(off[known] > 0.0), "the coarse run errs, or nothing was tested"
+
+
+def test_a_bar_as_long_as_the_residence_leaves_no_bar_of_the_speed(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = db.solve(CROSSED, backend="reference", bars=False)
+    from dem_bridge.exports.front import observables
+
+    frame = observables(CROSSED, run).to_pandas()
+    assert frame["front_speed_per_s"][1] > 0.0
+    assert frame["front_speed_bar_per_s"].isna().all()
+    bar = np.full(CROSSED.n_contact, 0.25 * residence_by_crossing(CROSSED, run)[0])
+    half = replace(run, uncertainty={**run.uncertainty, "crossing_time": bar})
+    frame = observables(CROSSED, half).to_pandas()
+    # a residence time that may be half as long has a speed that may be twice as much
+    assert frame["front_speed_bar_per_s"][1] == pytest.approx(frame["front_speed_per_s"][1], rel=1e-14)
+
+
+def test_without_spacing_there_is_no_speed_in_metres_and_it_is_said() -> None:
+    table = db.table_of(PAIR, "observables")
+    assert table.to_pandas()["wave_speed_m_per_s"].isna().all()
+    assert "the scene has no spacing: wave speeds are known in bodies per second alone" in table.notes
+
+
+def test_binary_collisions_have_no_bars() -> None:
+    table = db.table_of(CROSSED, "observables", backend="bca")
+    frame = table.to_pandas()
+    assert frame["arrival_s"].notna().tolist() == [False, True, True, True]
+    assert frame["arrival_bar_s"].isna().all()
+    assert "bars that are empty are not known" in table.notes
