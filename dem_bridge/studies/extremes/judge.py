@@ -192,7 +192,8 @@ def _worst(run: Trajectory, truth: Trajectory, standard: Standard) -> Finding:
         ratio = np.array([_ratio(e, b) for e, b in zip(error, allowed, strict=True)])
         if not len(ratio):
             continue
-        vague = int(np.sum([_over(float(b), float(s)) >= WHOLE for b, s in zip(bars[0], scale, strict=True)]))
+        # of what never happens there is no scale: any bar but an infinite one says that it does not
+        vague = int(np.sum(np.isinf(bars[0]) | ((scale > 0.0) & (bars[0] >= WHOLE * scale))))
         if vague:
             unsaid.append(name if sampled else f"{name} of {vague} of {len(ratio)}")
         at = int(np.argmax(ratio))
