@@ -22,6 +22,7 @@ from dem_bridge.backends.curves import CELLS
 from dem_bridge.backends.splitting import Method, solve
 from dem_bridge.backends.steps import fixed_step_plan, peaks_and_crossings
 from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.touches import Misses, too_brief, turns_of
 from dem_bridge.backends.twin_bars import Twins, with_bars
 from dem_bridge.dense import MOST_STEPS, rivals
 from dem_bridge.scene import Scene
@@ -78,9 +79,10 @@ class BlanesMoan:
         run, dense = solve(self, SRKN_6B, scene, plan, full=bars)
         if not bars:
             return run
-        others = {}
+        others, finer = {}, {}
         for ratio in (1 / 2, 1 / 3):
             other = fixed_step_plan(scene, Resolution(dt=ratio * plan.step), Sampling(count=plan.samples), look)
+            finer[other.step / plan.step] = other
             others[other.step / plan.step] = solve(self, SRKN_6B, scene, other, full=False)[0]
         twins = Own(
             plan=plan,
@@ -94,5 +96,13 @@ class BlanesMoan:
             thinned=peaks_and_crossings(scene, plan, dense, every=2),
             rivals=rivals(dense.force),
             thinning=THINNING,
+            unresolved=too_brief(scene, plan, dense, run),
+            misses=Misses(
+                scene=scene,
+                seen=turns_of(scene, plan, dense),
+                others=lambda: {
+                    ratio: turns_of(scene, one, solve(self, SRKN_6B, scene, one)[1]) for ratio, one in finer.items()
+                },
+            ),
         )
         return with_bars(run, twins)
