@@ -16,7 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -28,6 +28,8 @@ from dem_bridge.lmp import log
 from dem_bridge.lmp.engine import STYLES, Build, Engine, lacks, remedy
 
 WORKER = Path(__file__).with_name("worker.py")
+#: where Linux keeps what processes share
+SHARED_MEMORY = Path("/dev/shm")
 LEASH = Path(__file__).with_name("leash.py")
 _ANSWER = "answer.json"
 _SILENT_STAGES = {
@@ -285,6 +287,15 @@ def _child(
                 # ranks have sessions of their own: they end with MPI's launcher
                 os.killpg(child.pid, signal.SIGKILL)
                 child.wait()
+            _sweep(child.pid)
+
+
+def _sweep(pid: int) -> None:
+    """Remove the shared memory of an MPI whose process ended without its farewell: MPICH keeps 1 MB for each, named
+    after the process, until the machine is started anew."""
+    for path in SHARED_MEMORY.glob(f"mpich_shm_{pid:x}_*"):
+        with suppress(OSError):  # another user's
+            path.unlink()
 
 
 def _wait(child: subprocess.Popen[bytes], began: float, time_limit: float, watch: Callable[[], None] | None) -> _Ended:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -241,6 +242,38 @@ def test_a_failed_pair_coeff_leaves_the_caller_alive(tmp_path: Path) -> None:
     with pytest.raises(RunBroken, match="LAMMPS: ERROR"):
         run_deck(tmp_path, "in.pair", time_limit=60.0)
     assert db.solve(PAIR, backend="lammps-granular", dt=1e-6, bars=False).velocity.shape == (11, 2)
+
+
+@pytest.mark.parametrize("end", [DONE, "time.sleep(600)"], ids=["done", "stopped"])
+def test_no_shared_memory_of_a_run_is_left(
+    end: str, plant: Plant, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, "SHARED_MEMORY", tmp_path)
+    another = tmp_path / "mpich_shm_1_0"
+    another.touch()
+    plant(RUNNING + f"open(f'{tmp_path}/mpich_shm_{{os.getpid():x}}_0', 'w').close()\n" + end)
+    with suppress(RunBroken):
+        run_deck(folder, "in.any", time_limit=2.0)
+    assert list(tmp_path.glob("mpich_shm_*")) == [another]
+
+
+@pytest.mark.lammps
+@pytest.mark.parametrize("limit", [60.0, 1.0], ids=["done", "stopped"])
+def test_lammps_leaves_no_shared_memory(limit: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    ended: list[int] = []
+    sweep = process._sweep
+
+    def seen(pid: int) -> None:
+        ended.append(pid)
+        sweep(pid)
+
+    monkeypatch.setattr(process, "_sweep", seen)
+    with suppress(RunBroken):
+        # 1e8 steps take a minute
+        db.solve(PAIR, backend="lammps-granular", dt=1e-6 if limit > 1.0 else 1e-12, time_limit=limit, bars=False)
+    assert ended
+    for pid in ended:
+        assert not list(process.SHARED_MEMORY.glob(f"mpich_shm_{pid:x}_*"))
 
 
 @pytest.mark.lammps
