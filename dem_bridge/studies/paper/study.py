@@ -235,8 +235,8 @@ def coverage_table(runs: Runs, names: Sequence[str], accuracy: float = DEFAULT_A
             "Largest difference of velocity to the reference over all samples and bodies, relative to the largest"
             " velocity; empty where a backend refuses the scene, 0 where scipy is the reference itself. LAMMPS and its"
             f" twin at steps for {accuracy:g} on the paper's two chains and {max(accuracy, OTHER_ACCURACY):g} on the"
-            " others, ase at 1e-7 s, ode45 at MATLAB's defaults. Theories (bca, adiabatic) have other equations, and"
-            " steps where the chain has waves."
+            " others, ase at 1e-7 s, blanes-moan at its default step, ode45 at MATLAB's defaults. Theories (bca,"
+            " adiabatic) have other equations, and steps where the chain has waves."
         ),
         columns=("scene", *others),
         rows=tuple(rows),
