@@ -18,7 +18,7 @@ verify: $(STAMP)
 	$(BIN)/dem-bridge verify paper -o reports/latest
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n auto --dist loadgroup -p no:benchmark
+	$(BIN)/python -m pytest -n auto --dist loadgroup --benchmark-disable
 
 bench: $(STAMP)
 	$(BIN)/python -m pytest tests/bench/bench_backends.py --benchmark-only --benchmark-columns=median,iqr,rounds -p no:cacheprovider

@@ -103,8 +103,8 @@ def plan(
     >>> import dem_bridge as db
     >>> found = db.plan("accelerating-40", 1e-3, backend="verlet")
     >>> run = db.solve("accelerating-40", backend=found.backend, **found.resolution)
-    >>> dict(found.resolution), 5e-4 < found.found_error < 1e-3, f"{found.units['rayleigh_time']:.3f}"
-    ({'dt': 2.67e-07}, True, '0.032')
+    >>> 5e-4 < found.found_error < 1e-3, found.units["dt"] <= found.resolution["dt"]
+    (True, True)
     """
     from dem_bridge.planning.planner import plan_for
 

@@ -112,10 +112,10 @@ def test_lammps_errs_as_its_twin_does_and_the_answer_says_so() -> None:
 
 
 def test_without_lammps_the_twin_still_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    def missing(case: Case) -> Result:
+    def missing(case: Case, **settings: bool) -> Result:
         if case.backend.startswith("lammps"):
             return Result(case=case, failure=BackendUnavailable("no engine here"))
-        return run_case(case)
+        return run_case(case, **settings)
 
     monkeypatch.setattr("dem_bridge.campaign.run_case", missing)
     found = _chain_study()

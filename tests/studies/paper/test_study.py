@@ -68,9 +68,14 @@ def test_the_papers_own_chains_come_first_and_all_others_follow() -> None:
 
 def test_beside_what_is_judged_there_are_the_papers_method_and_another_integrator() -> None:
     cases = list(beside(db.load_scene(MAIN[0])))
-    assert [case.backend for case in cases] == ["ase", "ode45", "adiabatic"]
+    assert [case.backend for case in cases] == ["ase", "blanes-moan", "ode45", "adiabatic"]
     assert {case.sampling.count for case in cases} == {db.load_scene(MAIN[0]).samples}
-    assert [case.backend for case in beside(db.load_scene("stacked-40"))] != ["ase", "ode45", "adiabatic"]
+    assert [case.backend for case in beside(db.load_scene("stacked-40"))] != [
+        "ase",
+        "blanes-moan",
+        "ode45",
+        "adiabatic",
+    ]
 
 
 def test_every_variant_and_every_gradient_is_run_on_both_chains() -> None:
