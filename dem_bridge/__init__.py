@@ -31,6 +31,7 @@ _HOME = {
     "load_trajectory": "trajectory",
     "minimal": "api_studies",
     "plan": "api",
+    "regress": "api_regress",
     "shipped_scenes": "scene_file",
     "solve": "api",
     "study": "api_studies",
@@ -44,6 +45,7 @@ _HOME = {
 if TYPE_CHECKING:
     from dem_bridge.api import available, plan, solve, study_scatter, study_styles, verify, write_deck
     from dem_bridge.api_export import export, table_of
+    from dem_bridge.api_regress import regress
     from dem_bridge.api_studies import minimal, study
     from dem_bridge.exports.angles import angles_for
     from dem_bridge.geometry import Body, Geometry, Material
@@ -70,6 +72,7 @@ __all__ = [
     "load_trajectory",
     "minimal",
     "plan",
+    "regress",
     "shipped_scenes",
     "solve",
     "study",

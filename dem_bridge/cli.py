@@ -27,6 +27,7 @@ from dem_bridge.cli_options import (
     step_option,
 )
 from dem_bridge.cli_plan import plan_command
+from dem_bridge.cli_regress import regress_command
 from dem_bridge.cli_studies import study as study_group
 from dem_bridge.errors import DemBridgeError, UnsupportedScene
 from dem_bridge.files import check_file, write_whole
@@ -278,6 +279,7 @@ def doctor(as_json: bool, lmp: str | None, lmp_args: str | None, python: str | N
 main.add_command(study_group)
 main.add_command(plan_command(BACKENDS))
 main.add_command(export_command(BACKENDS))
+main.add_command(regress_command(BACKENDS))
 
 
 def _warn(run: Trajectory) -> None:

@@ -34,10 +34,10 @@ LAYERS = {
         "extrapolate",
         "doctor",
     ),
-    8: ("studies",),
+    8: ("studies", "regression"),
     9: ("report", "exports"),
-    10: ("api", "api_studies", "api_export"),
-    11: ("cli", "cli_export", "cli_options", "cli_plan", "cli_studies", "cli_terminal"),
+    10: ("api", "api_studies", "api_export", "api_regress"),
+    11: ("cli", "cli_export", "cli_options", "cli_plan", "cli_regress", "cli_studies", "cli_terminal"),
 }
 
 #: imports within a layer, each with its reason
@@ -47,6 +47,9 @@ SIDEWAYS = {
     ("cli", "cli_studies"): "the commands of a group are apart",
     ("cli", "cli_plan"): "... and so is the planner's",
     ("cli", "cli_export"): "... and that of tables",
+    ("cli", "cli_regress"): "... and that of baselines",
+    ("cli_regress", "cli_options"): "... it shares the options",
+    ("cli_regress", "cli_terminal"): "... and the terminal",
     ("cli_export", "cli_options"): "... it shares the options",
     ("cli_export", "cli_terminal"): "... and the terminal",
     ("api_export", "api"): "what is tabled is solved first",
@@ -174,7 +177,10 @@ def test_only_the_report_draws_and_fills_pages(library: str) -> None:
 
 @pytest.mark.parametrize(
     ("library", "where"),
-    [("click", {"cli", "cli_export", "cli_options", "cli_plan", "cli_studies"}), ("rich", {"cli_terminal"})],
+    [
+        ("click", {"cli", "cli_export", "cli_options", "cli_plan", "cli_regress", "cli_studies"}),
+        ("rich", {"cli_terminal"}),
+    ],
 )
 def test_only_the_command_line_speaks_to_terminals(library: str, where: set[str]) -> None:
     assert _importers(library) == where

@@ -1,0 +1,103 @@
+"""SAME and CHANGED: one wrong digit is found where it is, and right and wrong are told apart from same and changed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dem_bridge.regression.baseline import Baseline
+from dem_bridge.regression.compare import Change, compare
+from dem_bridge.trajectory import Trajectory
+from tests.regression.test_baseline import small
+
+
+def as_run(baseline: Baseline, **changes: Any) -> Trajectory:
+    """The run that a baseline is of, with the provenance of a run."""
+    run = replace(baseline.as_trajectory(), **changes)
+    told = {"scene_hash": baseline.birth["scene_hash"], "versions": baseline.birth["versions"]}
+    return replace(run, provenance={**told, "machine": baseline.birth["machine"], "backend": "reference"})
+
+
+def test_the_same_is_the_same_bit_for_bit() -> None:
+    found = compare(small(), as_run(small()))
+    assert (found.change, found.bitwise, found.departures) == (Change.SAME, True, ())
+    # nothing judged it now: it is as right as it was
+    assert (
+        found.sentence == "bit for bit; still right: velocity is 0.0001 from reference (was 0.0001), tolerance 0.001."
+    )
+
+
+@pytest.mark.parametrize(("row", "body"), [(1, 0), (2, 2), (4, 1)])
+def test_a_changed_velocity_is_found_at_its_time_and_body(row: int, body: int) -> None:
+    velocity = small().velocity.copy()
+    velocity[row, body] += 1e-9
+    velocity[4, 2] += 1e-6  # later and more: not the first
+    [found] = compare(small(), as_run(small(), velocity=velocity)).departures
+    assert found.quantity == "velocity"
+    assert (found.time, found.body) == (small().time[row], body if row < 4 else 2)
+    assert found.worst == pytest.approx(1e-6 / np.max(np.abs(small().velocity)), rel=1e-3)
+
+
+def test_what_differs_by_less_than_same_within_is_the_same_but_not_bit_for_bit() -> None:
+    velocity = small().velocity * (1.0 + 4e-13)
+    found = compare(small(), as_run(small(), velocity=velocity))
+    assert (found.change, found.bitwise) == (Change.SAME, False)
+    assert 0.0 < found.differences["velocity"] < 1e-12
+
+
+def test_a_crossing_that_is_lost_and_one_that_is_new_are_changes() -> None:
+    for crossing in ([math.nan, math.nan], [1.25e-3, 2e-3]):
+        found = compare(small(), as_run(small(), crossing_time=np.array(crossing)))
+        [departure] = found.departures
+        assert departure.quantity == "crossing_time"
+        assert departure.worst == math.inf
+
+
+def test_the_first_in_time_comes_first() -> None:
+    velocity, force = small().velocity.copy(), small().peak_force.copy()
+    velocity[3, 1] *= 1.0 + 1e-6  # at 2.25 ms
+    force[0] *= 1.0 + 1e-6  # that contact is at its deepest at 1.25 ms
+    found = compare(small(), as_run(small(), velocity=velocity, peak_force=force))
+    assert [(one.quantity, one.body) for one in found.departures] == [("peak_force", 0), ("velocity", 1)]
+    assert found.departures[0].time == 1.25e-3
+
+
+def test_a_value_that_is_not_a_number_has_changed() -> None:
+    velocity = small().velocity.copy()
+    velocity[2, 1] = math.nan
+    [found] = compare(small(), as_run(small(), velocity=velocity)).departures
+    assert (found.time, found.body) == (small().time[2], 1)
+
+
+def test_a_huge_value_is_not_its_own_excuse() -> None:
+    velocity = small().velocity.copy()
+    velocity[1, 1] += 1e20
+    velocity[3, 0] += 1e-6
+    assert compare(small(), as_run(small(), velocity=velocity)).departures[0].beyond == 2
+
+
+@pytest.mark.parametrize(
+    ("was", "is_", "words"),
+    [(0.0, 1e-4, "still right"), (0.0, 1.0, "now wrong"), (1.0, 1e-4, "now right"), (1.0, 2.0, "still wrong")],
+)
+def test_changed_and_right_are_two_answers(was: float, is_: float, words: str) -> None:
+    truth = as_run(replace(small(), bars={**small().bars, "peak_force": 0.0}))
+    size = float(np.max(np.abs(truth.velocity)))
+    before = replace(small(), velocity=small().velocity + was * size)
+    found = compare(before, as_run(small(), velocity=small().velocity + is_ * size), reference=truth)
+    assert found.change is Change.CHANGED
+    assert words in found.sentence
+    assert found.after["velocity"].error == pytest.approx(is_, rel=1e-6)
+    assert found.before["velocity"].error == pytest.approx(was, abs=1e-12)
+
+
+def test_another_scene_or_shape_has_changed_whatever_its_values() -> None:
+    run = as_run(small())
+    moved = replace(run, provenance={**run.provenance, "scene_hash": "6" * 64})
+    assert compare(small(), moved).change is Change.CHANGED
+    longer = replace(small(), time=2.0 * small().time)
+    assert compare(longer, run).change is Change.CHANGED
