@@ -25,12 +25,14 @@ _HOME = {
     "Trajectory": "trajectory",
     "angles_for": "exports.angles",
     "available": "api",
+    "compare_trajectories": "api_trajectories",
     "export": "api_export",
     "law_of": "physics.law",
     "load_scene": "scene_file",
     "load_trajectory": "trajectory",
     "minimal": "api_studies",
     "plan": "api",
+    "read_trajectory": "api_trajectories",
     "shipped_scenes": "scene_file",
     "solve": "api",
     "study": "api_studies",
@@ -39,12 +41,14 @@ _HOME = {
     "table_of": "api_export",
     "verify": "api",
     "write_deck": "api",
+    "write_trajectory": "api_trajectories",
 }
 
 if TYPE_CHECKING:
     from dem_bridge.api import available, plan, solve, study_scatter, study_styles, verify, write_deck
     from dem_bridge.api_export import export, table_of
     from dem_bridge.api_studies import minimal, study
+    from dem_bridge.api_trajectories import compare_trajectories, read_trajectory, write_trajectory
     from dem_bridge.exports.angles import angles_for
     from dem_bridge.geometry import Body, Geometry, Material
     from dem_bridge.physics.law import ContactLaw, law_of
@@ -64,12 +68,14 @@ __all__ = [
     "__version__",
     "angles_for",
     "available",
+    "compare_trajectories",
     "export",
     "law_of",
     "load_scene",
     "load_trajectory",
     "minimal",
     "plan",
+    "read_trajectory",
     "shipped_scenes",
     "solve",
     "study",
@@ -78,6 +84,7 @@ __all__ = [
     "table_of",
     "verify",
     "write_deck",
+    "write_trajectory",
 ]
 
 

