@@ -141,6 +141,10 @@ def compared(run: Trajectory, reference: Trajectory, tolerance: float = 0.0) -> 
     hashes = [one.provenance.get("scene_hash") for one in (mine, other)]
     if None not in hashes and hashes[0] != hashes[1]:
         notes += (f"these are runs of two scenes, {mine.provenance['scene']} and {other.provenance['scene']}",)
+    sampled = [one.provenance.get("peaks") == "samples" for one in (mine, other)]
+    if any(sampled):
+        whose = "both" if all(sampled) else "the first" if sampled[0] else "the second"
+        notes += (f"peak forces of {whose} are the largest of its own samples, at most the true ones",)
     found, unknown = [], []
     for name in UNITS:
         missing = [label for label, one in (("the first", mine), ("the second", other)) if not _known(one, name)]

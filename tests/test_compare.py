@@ -213,6 +213,16 @@ def test_any_bit_is_a_divergence_unless_a_tolerance_is_given() -> None:
         compared(run, reference, -1.0)
 
 
+@pytest.mark.parametrize(("peaks", "whose"), [((True, False), "the first"), ((True, True), "both")])
+def test_peaks_of_samples_are_said_to_be_so(peaks: tuple[bool, bool], whose: str) -> None:
+    first, second = (
+        free_flight(provenance={"backend": "file"} | ({"peaks": "samples"} if one else {})) for one in peaks
+    )
+    assert compared(first, second).notes == (
+        f"peak forces of {whose} are the largest of its own samples, at most the true ones",
+    )
+
+
 def test_runs_of_two_scenes_are_compared_with_a_word_of_warning() -> None:
     one, other = (
         free_flight(provenance={"backend": "fake", "scene": name, "scene_hash": name}) for name in ("this", "that")

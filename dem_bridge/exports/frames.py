@@ -308,7 +308,7 @@ def _long(path: Path, time: Floats, body: Floats, columns: dict[str, Floats]) ->
 def short_of_digits(values: Iterable[float]) -> float | None:
     """What numbers that were written with few digits may be off by; None where they have all digits.
 
-    Found from the numbers alone: the fewest decimals, or else significant digits, that give every one of them.
+    Found from the numbers alone: the fewest significant digits that give every one of them, at the size of the largest.
 
     >>> [short_of_digits(one) for one in ([0.018, 0.03600012], [0.1 / 3.0, 2.0 / 3.0], [1.25e-13, 3.25e4])]
     [5e-09, None, 50.0]
@@ -317,10 +317,7 @@ def short_of_digits(values: Iterable[float]) -> float | None:
     if not known:
         return None
     largest = math.floor(math.log10(max(map(abs, known))))
-    for decimals in range(max(0, 15 - largest)):
-        if all(float(f"{value:.{decimals}f}") == value for value in known):
-            return 0.5 * 10.0**-decimals
     for digits in range(1, 16):
         if all(float(f"{value:.{digits - 1}e}") == value for value in known):
-            return float(0.5 * 10.0 ** (largest - digits + 1))
+            return float(f"5e{largest - digits}")
     return None

@@ -28,6 +28,8 @@ Floats = NDArray[np.float64]
 START_WITHIN = 1e-4
 #: motion across the chain, of that along it, that is none
 ACROSS = 1e-6
+#: a file whose last time is short of the scene's duration by no more than this part of it is whole
+ENDS_WITHIN = 1e-6
 #: numbers that are looked at to see how many digits a file has
 _LOOKED_AT = 2000
 _U, _A, _EV = 1.66053906660e-27, 1e-10, 1.602176634e-19  # kg, m, J (CODATA 2018)
@@ -92,6 +94,8 @@ def read(path: Path, scene: Scene, format: str, *, units: str | None = None, dt:
         found = _of_frames(path, frames, scene, units, dt, "ase" if format == "traj" else "si")
     _check_times(path, found.time)
     _check_start(path, found, scene)
+    if found.time[-1] < scene.duration * (1.0 - ENDS_WITHIN):
+        found.assumed.append(f"the file ends at {found.time[-1]:.6g} s, the scene at {scene.duration:.6g} s")
     return _trajectory(path, found, scene, format)
 
 
@@ -339,6 +343,7 @@ def _trajectory(path: Path, found: _Found, scene: Scene, format: str) -> Traject
             "versions": {"dem-bridge": __version__},
             "file": {"name": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()},
             "resolution": dict(found.digits),
+            "peaks": "samples",
             "assumed": list(found.assumed),
         },
     )

@@ -26,6 +26,7 @@ from tests.exports.chains import CROSSED, PAIR, RAW
 from tests.exports.runs import foreign_dump, made_up
 
 STACKED = replace(RAW, name="stacked", gravity=9.81, wall_left=None, damping=None)
+PRESSED = replace(STACKED, name="pressed", gap=0.0, gravity=0.0, precompression=20.0)
 EPS = float(np.finfo(float).eps)
 
 
@@ -36,7 +37,7 @@ def _written(tmp_path: Path, text: str, name: str = "theirs.lammpstrj") -> Path:
 
 @pytest.mark.parametrize("walls", [False, True], ids=["bodies alone", "walls too"])
 @pytest.mark.parametrize(
-    "scene", [CROSSED, STACKED, replace(RAW, wall_right=None, damping=None), RAW], ids=lambda one: one.name
+    "scene", [CROSSED, STACKED, PRESSED, replace(RAW, wall_right=None, damping=None), RAW], ids=lambda one: one.name
 )
 def test_a_dump_of_others_has_velocities_displacements_and_what_forces_follow(
     scene: Scene, walls: bool, tmp_path: Path
@@ -126,6 +127,15 @@ def test_a_planted_fault_is_named_in_one_line(fault: Callable[[str], str], found
     assert "\n" not in str(error.value)
 
 
+def test_a_file_that_ends_early_says_so(tmp_path: Path) -> None:
+    text = foreign_dump(CROSSED, made_up(CROSSED))
+    whole, short = (
+        db.read_trajectory(_written(tmp_path, one), CROSSED).provenance["assumed"] for one in (text, _without(13)(text))
+    )
+    assert "the file ends at 0.000183333 s, the scene at 0.0002 s" in short
+    assert not any("ends at" in one for one in whole)
+
+
 def test_another_number_of_bodies_is_refused(tmp_path: Path) -> None:
     path = _written(tmp_path, foreign_dump(CROSSED, made_up(CROSSED)))
     with pytest.raises(UsageError, match="frames have 4 atoms, pair has 2 bodies; give the scene"):
@@ -161,14 +171,17 @@ def test_few_digits_are_seen_and_said(tmp_path: Path) -> None:
     assert max(one.value * one.scale for one in found.differences if one.quantity == "velocity") <= 5.001e-9
 
 
-@pytest.mark.parametrize("digits", [4, 6, 12])
-def test_significant_digits_are_counted(digits: int) -> None:
+@pytest.mark.parametrize("number", [".4g", ".6g", ".12g", ".3f", ".8f"])
+@pytest.mark.parametrize("decades", [1, 3, 14])
+def test_what_few_digits_cost_is_found_from_the_numbers(number: str, decades: int) -> None:
     rng = np.random.default_rng(0)
-    exact = rng.random(300) * 10.0 ** -rng.integers(0, 14, 300)
-    written = [float(f"{value:.{digits}g}") for value in exact]
+    exact = 10.0 * rng.random(1000) * 10.0 ** -rng.integers(0, decades, 1000)
+    written = [float(format(value, number)) for value in exact]
     found = short_of_digits(written)
     assert found is not None
-    assert np.max(np.abs(np.array(written) - exact)) <= found
+    worst = float(np.max(np.abs(np.array(written) - exact)))
+    # no less than it is (but for an ulp), and not much more
+    assert 0.5 * found < worst <= found + EPS * 10.0
     assert short_of_digits(exact.tolist()) is None
 
 
