@@ -25,12 +25,14 @@ _HOME = {
     "Trajectory": "trajectory",
     "angles_for": "exports.angles",
     "available": "api",
+    "compare_trajectories": "api_trajectories",
     "export": "api_export",
     "law_of": "physics.law",
     "load_scene": "scene_file",
     "load_trajectory": "trajectory",
     "minimal": "api_studies",
     "plan": "api",
+    "read_trajectory": "api_trajectories",
     "regress": "api_regress",
     "shipped_scenes": "scene_file",
     "solve": "api",
@@ -40,6 +42,7 @@ _HOME = {
     "table_of": "api_export",
     "verify": "api",
     "write_deck": "api",
+    "write_trajectory": "api_trajectories",
 }
 
 if TYPE_CHECKING:
@@ -47,6 +50,7 @@ if TYPE_CHECKING:
     from dem_bridge.api_export import export, table_of
     from dem_bridge.api_regress import regress
     from dem_bridge.api_studies import minimal, study
+    from dem_bridge.api_trajectories import compare_trajectories, read_trajectory, write_trajectory
     from dem_bridge.exports.angles import angles_for
     from dem_bridge.geometry import Body, Geometry, Material
     from dem_bridge.physics.law import ContactLaw, law_of
@@ -66,12 +70,14 @@ __all__ = [
     "__version__",
     "angles_for",
     "available",
+    "compare_trajectories",
     "export",
     "law_of",
     "load_scene",
     "load_trajectory",
     "minimal",
     "plan",
+    "read_trajectory",
     "regress",
     "shipped_scenes",
     "solve",
@@ -81,6 +87,7 @@ __all__ = [
     "table_of",
     "verify",
     "write_deck",
+    "write_trajectory",
 ]
 
 

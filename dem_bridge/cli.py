@@ -17,6 +17,7 @@ import click
 
 import dem_bridge
 from dem_bridge import cli_terminal as terminal
+from dem_bridge.cli_convert import compare_command, convert_command
 from dem_bridge.cli_export import export_command
 from dem_bridge.cli_options import (
     accuracy_option,
@@ -280,6 +281,8 @@ main.add_command(study_group)
 main.add_command(plan_command(BACKENDS))
 main.add_command(export_command(BACKENDS))
 main.add_command(regress_command(BACKENDS))
+main.add_command(convert_command)
+main.add_command(compare_command)
 
 
 def _warn(run: Trajectory) -> None:

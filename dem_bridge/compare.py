@@ -6,9 +6,10 @@ Knows arrays; nothing of tolerances or outcomes.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.trajectory import VOCABULARY, Trajectory, own_scale
@@ -16,6 +17,8 @@ from dem_bridge.trajectory import VOCABULARY, Trajectory, own_scale
 #: sampled in time; contact forces have no bars of their own
 SAMPLED = ("velocity", "displacement", "contact_force")
 UNITS = {name: unit for name, (unit, _, _) in VOCABULARY.items()}
+#: times that are no further apart, in units of the interval between samples, are one: round-off and few digits
+SAME_TIME = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,6 +110,96 @@ def first_divergence(run: Trajectory, reference: Trajectory, tolerance: float) -
     if len(rows) == 0:
         return None
     return float(run.time[rows[0]]), int(np.argmax(beyond[rows[0]]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """Two runs beside each other. Made by :func:`compared`."""
+
+    differences: tuple[Difference, ...]
+    """Of each quantity that both have."""
+    unknown: tuple[str, ...]
+    """Sentences: which quantity is not compared, and why."""
+    divergence: tuple[float, int] | None
+    """As :func:`first_divergence`; None too where velocities are not known."""
+    samples: int
+    """At which both were compared."""
+    notes: tuple[str, ...]
+
+    @property
+    def beyond(self) -> bool:
+        """Whether velocities part at all by more than was allowed."""
+        return self.divergence is not None
+
+
+def compared(run: Trajectory, reference: Trajectory, tolerance: float = 0.0) -> Comparison:
+    """All quantities that both runs have, at the times that they share, and where velocities first differ by more than
+    ``tolerance`` of the largest (0: at all). Raises UsageError for runs that share no bodies or times."""
+    if not 0.0 <= tolerance < math.inf:
+        raise UsageError(f"tolerance = {tolerance!r}; allowed: a number >= 0")
+    mine, other, notes = at_common_times(run, reference)
+    hashes = [one.provenance.get("scene_hash") for one in (mine, other)]
+    if None not in hashes and hashes[0] != hashes[1]:
+        notes += (f"these are runs of two scenes, {mine.provenance['scene']} and {other.provenance['scene']}",)
+    sampled = [one.provenance.get("peaks") == "samples" for one in (mine, other)]
+    if any(sampled):
+        whose = "both" if all(sampled) else "the first" if sampled[0] else "the second"
+        notes += (f"peak forces of {whose} are the largest of its own samples, at most the true ones",)
+    found, unknown = [], []
+    for name in UNITS:
+        missing = [label for label, one in (("the first", mine), ("the second", other)) if not _known(one, name)]
+        if missing:
+            unknown.append(f"{name} is not known in {' and '.join(missing)}")
+        else:
+            found.append(difference(name, mine, other))
+    velocities = all(_known(one, "velocity") for one in (mine, other))
+    return Comparison(
+        differences=tuple(found),
+        unknown=tuple(unknown),
+        divergence=first_divergence(mine, other, tolerance) if velocities else None,
+        samples=len(mine.time),
+        notes=notes,
+    )
+
+
+def at_common_times(run: Trajectory, reference: Trajectory) -> tuple[Trajectory, Trajectory, tuple[str, ...]]:
+    """Both at the times that they share, and sentences about what was left out. Nothing is interpolated: UsageError
+    where no time after the start is in both."""
+    if np.array_equal(run.time, reference.time):
+        return run, reference, ()
+    interval = min(float(np.min(np.diff(one.time), initial=math.inf)) for one in (run, reference))
+    near = np.clip(np.searchsorted(reference.time, run.time), 1, max(1, len(reference.time) - 1))
+    near -= run.time - reference.time[near - 1] < reference.time[np.minimum(near, len(reference.time) - 1)] - run.time
+    off = np.abs(run.time - reference.time[near])
+    here = np.flatnonzero(off <= SAME_TIME * interval)
+    if len(here) < 2:
+        raise UsageError(
+            f"runs of {len(run.time)} samples up to {run.time[-1]:g} s and {len(reference.time)} up to"
+            f" {reference.time[-1]:g} s share no time but the start, and nothing is interpolated; solve one at the"
+            " times of the other"
+        )
+    there, notes = near[here], []
+    if len(here) < max(len(run.time), len(reference.time)):
+        notes.append(
+            f"compared at the {len(here)} times, up to {run.time[here[-1]]:g} s, that are in both, of {len(run.time)}"
+            f" and {len(reference.time)}"
+        )
+    if np.any(off[here] > 0.0):
+        notes.append(f"times agree to {float(np.max(off[here])):.1e} s")
+    return _rows(run, here, reference.time[there]), _rows(reference, there, reference.time[there]), tuple(notes)
+
+
+def _rows(run: Trajectory, rows: NDArray[np.intp], time: NDArray[np.float64]) -> Trajectory:
+    return replace(run, time=time, **{name: getattr(run, name)[rows] for name in SAMPLED})
+
+
+def _known(run: Trajectory, quantity: str) -> bool:
+    """Whether a run says anything of a quantity; a crossing time may be nan because there is none."""
+    if quantity == "crossing_time":
+        return (
+            not np.all(np.isinf(run.uncertainty[quantity]) & np.isnan(run.crossing_time)) or run.crossing_time.size == 0
+        )
+    return bool(np.all(np.isfinite(getattr(run, quantity))))
 
 
 def _relative(value: float, scale: float) -> float:

@@ -6,9 +6,10 @@ Knows numpy arrays and netCDF; nothing of how a trajectory was made.
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -119,13 +120,19 @@ class Trajectory:
             data,
             coords={
                 "time": ("time", self.time, {"units": "s", "long_name": "time"}),
-                "body": np.arange(self.velocity.shape[1]),
-                "contact": np.arange(len(self.peak_force)),
+                "body": ("body", np.arange(self.velocity.shape[1]), {"long_name": "body, 0 is the struck end"}),
+                "contact": (
+                    "contact",
+                    np.arange(len(self.peak_force)),
+                    {"long_name": "contact: k joins body k and k + 1, then wall_left, wall_right"},
+                ),
             },
             attrs={
                 "schema": SCHEMA,
                 "provenance": json.dumps(dict(self.provenance), sort_keys=True),
-                "cost": json.dumps({f.name: getattr(self.cost, f.name) for f in fields(Cost)}),
+                "cost": json.dumps(
+                    {name: None if value != value else value for name, value in asdict(self.cost).items()}
+                ),
             },
         )
 
@@ -179,10 +186,12 @@ def load_trajectory(path: str | Path) -> Trajectory:
 
 
 def _from_dataset(dataset: xr.Dataset) -> Trajectory:
+    cost: dict[str, Any] = json.loads(dataset.attrs["cost"])
+    known = {name: value for name, value in cost.items() if value is not None}  # JSON has no nan
     return Trajectory(
         time=dataset["time"].values,
         **{name: dataset[name].values for name in VOCABULARY},
         uncertainty={name: dataset[f"{name}_bar"].values for name in QUANTITIES},
-        cost=Cost(**json.loads(dataset.attrs["cost"])),
+        cost=Cost(**{"wall": math.nan, "cpu": math.nan, **known}),
         provenance=json.loads(dataset.attrs["provenance"]),
     )

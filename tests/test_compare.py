@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dem_bridge.compare import difference, first_divergence
+from dem_bridge.compare import at_common_times, compared, difference, first_divergence
 from dem_bridge.errors import UsageError
 from dem_bridge.trajectory import Trajectory
 from tests.fakes import NO_BARS, free_flight
@@ -145,3 +145,87 @@ def test_contact_forces_are_compared_at_all_samples_and_have_no_bar() -> None:
     found = difference("contact_force", one, _changed(one, "contact_force", (2, 1), 5.0))
     assert (found.value, found.scale, found.body, found.unit) == (1.0, 5.0, 1, "N")
     assert math.isinf(found.uncertainty)
+
+
+@pytest.mark.parametrize("every", [2, 4])
+def test_runs_are_compared_at_the_times_that_both_have(every: int) -> None:
+    fine = free_flight(samples=8)
+    coarse = free_flight(samples=8 // every)
+    mine, _, notes = at_common_times(fine, coarse)
+    assert np.array_equal(mine.time, coarse.time)
+    np.testing.assert_array_equal(mine.velocity, fine.velocity[::every])
+    np.testing.assert_array_equal(mine.displacement, fine.displacement[::every])
+    assert f"the {8 // every + 1} times, up to 1 s, that are in both, of 9 and {8 // every + 1}" in notes[0]
+    assert compared(coarse, fine).samples == 8 // every + 1
+
+
+@given(off=log_uniform(1e-16, 1e-8), row=st.integers(1, 8))
+def test_times_that_are_rounded_are_the_same(off: float, row: int) -> None:
+    reference = free_flight(samples=8)
+    time = reference.time.copy()
+    time[row] += off
+    mine, other, notes = at_common_times(replace(reference, time=time), reference)
+    assert np.array_equal(mine.time, other.time)
+    assert len(mine.time) == 9
+    assert bool(notes) == bool(time[row] != reference.time[row])
+
+
+@pytest.mark.parametrize("lost", range(1, 9))
+def test_a_sample_that_one_lacks_is_left_out_and_the_rest_stays_in_step(lost: int) -> None:
+    reference = free_flight(samples=8)
+    kept = np.delete(np.arange(9), lost)
+    parts = {name: getattr(reference, name)[kept] for name in ("time", "displacement", "velocity", "contact_force")}
+    found = compared(replace(reference, **parts), reference)
+    assert found.samples == 8
+    assert found.divergence is None
+    assert all(one.value == 0.0 for one in found.differences)
+
+
+def test_runs_that_share_the_start_alone_are_refused() -> None:
+    with pytest.raises(UsageError, match="share no time but the start, and nothing is interpolated"):
+        compared(free_flight(duration=1.0), free_flight(duration=1.01))
+
+
+def test_what_one_does_not_know_is_said_and_not_compared() -> None:
+    reference = free_flight()
+    nothing = np.full_like(reference.velocity, math.nan)
+    blind = replace(
+        reference,
+        velocity=nothing,
+        crossing_time=np.full(2, math.nan),
+        uncertainty=NO_BARS | {"crossing_time": math.inf},
+    )
+    found = compared(blind, reference)
+    assert found.unknown == ("velocity is not known in the first", "crossing_time is not known in the first")
+    assert [one.quantity for one in found.differences] == ["displacement", "contact_force", "peak_force"]
+    assert found.divergence is None
+    # a contact that is never pressed has no crossing time either, and that is known
+    never = replace(reference, crossing_time=np.full(2, math.nan))
+    assert "crossing_time" in [one.quantity for one in compared(never, never).differences]
+
+
+def test_any_bit_is_a_divergence_unless_a_tolerance_is_given() -> None:
+    reference = free_flight()
+    run = _changed(reference, "velocity", (3, 1), 4 * EPS)
+    assert compared(run, reference).divergence == (0.75, 1)
+    assert compared(run, reference, 1e-12).divergence is None
+    with pytest.raises(UsageError, match="tolerance = -1"):
+        compared(run, reference, -1.0)
+
+
+@pytest.mark.parametrize(("peaks", "whose"), [((True, False), "the first"), ((True, True), "both")])
+def test_peaks_of_samples_are_said_to_be_so(peaks: tuple[bool, bool], whose: str) -> None:
+    first, second = (
+        free_flight(provenance={"backend": "file"} | ({"peaks": "samples"} if one else {})) for one in peaks
+    )
+    assert compared(first, second).notes == (
+        f"peak forces of {whose} are the largest of its own samples, at most the true ones",
+    )
+
+
+def test_runs_of_two_scenes_are_compared_with_a_word_of_warning() -> None:
+    one, other = (
+        free_flight(provenance={"backend": "fake", "scene": name, "scene_hash": name}) for name in ("this", "that")
+    )
+    assert compared(one, other).notes == ("these are runs of two scenes, this and that",)
+    assert compared(one, one).notes == ()

@@ -112,7 +112,7 @@ def test_lammps_errs_as_its_twin_does_and_the_answer_says_so() -> None:
 
 
 def test_without_lammps_the_twin_still_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    def missing(case: Case, **settings: bool) -> Result:
+    def missing(case: Case, **settings: Any) -> Result:
         if case.backend.startswith("lammps"):
             return Result(case=case, failure=BackendUnavailable("no engine here"))
         return run_case(case, **settings)

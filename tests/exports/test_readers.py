@@ -1,0 +1,357 @@
+"""Runs of others: read with what is known, refused by name where something is wrong."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import ase
+import ase.io
+import numpy as np
+import pytest
+from ase.calculators.singlepoint import SinglePointCalculator
+
+import dem_bridge as db
+from dem_bridge.errors import UsageError
+from dem_bridge.exports.frames import short_of_digits
+from dem_bridge.exports.readers import UNITS
+from dem_bridge.lmp.process import run_deck
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
+from tests.exports.chains import CROSSED, PAIR, RAW
+from tests.exports.runs import foreign_dump, made_up
+
+STACKED = replace(RAW, name="stacked", gravity=9.81, wall_left=None, damping=None)
+PRESSED = replace(STACKED, name="pressed", gap=0.0, gravity=0.0, precompression=20.0)
+EPS = float(np.finfo(float).eps)
+
+
+def _written(tmp_path: Path, text: str, name: str = "theirs.lammpstrj") -> Path:
+    (tmp_path / name).write_text(text)
+    return tmp_path / name
+
+
+@pytest.mark.parametrize("walls", [False, True], ids=["bodies alone", "walls too"])
+@pytest.mark.parametrize(
+    "scene", [CROSSED, STACKED, PRESSED, replace(RAW, wall_right=None, damping=None), RAW], ids=lambda one: one.name
+)
+def test_a_dump_of_others_has_velocities_displacements_and_what_forces_follow(
+    scene: Scene, walls: bool, tmp_path: Path
+) -> None:
+    run = made_up(scene)
+    found = db.read_trajectory(_written(tmp_path, foreign_dump(scene, run, walls=walls)), scene)
+    np.testing.assert_array_equal(found.time, run.time)
+    np.testing.assert_array_equal(found.velocity, run.velocity)
+    # positions are rounded as doubles of their size are, at both ends of the difference
+    assert np.max(np.abs(found.displacement - run.displacement)) <= 2 * EPS * 0.08
+    if scene is RAW and not walls:  # between two walls the sum has no beginning
+        assert np.all(np.isnan(found.contact_force))
+    else:
+        # a running sum of a few net forces of up to 2e3 N, twice as many roundings
+        assert np.max(np.abs(found.contact_force - run.contact_force)) <= 10 * EPS * 2e3
+    assert len(found.provenance["file"]["sha256"]) == 64
+    assert any("first frame" in one for one in found.provenance["assumed"])
+
+
+def test_with_drag_forces_do_not_follow(tmp_path: Path) -> None:
+    scene = replace(CROSSED, drag=10.0)
+    found = db.read_trajectory(_written(tmp_path, foreign_dump(scene, made_up(scene))), scene)
+    assert np.all(np.isnan(found.contact_force))
+    assert "contact forces are not known" in found.provenance["assumed"]
+
+
+def _swapped(text: str) -> str:
+    """Atoms 2 and 3 under each other's ids."""
+    return re.sub(r"(?m)^([23]) 1 ", lambda found: f"{5 - int(found[1])} 1 ", text)
+
+
+def _swapped_once(text: str) -> str:
+    frames = text.split("ITEM: TIME\n")
+    frames[5] = _swapped(frames[5])
+    return "ITEM: TIME\n".join(frames)
+
+
+def _without(nth: int) -> Callable[[str], str]:
+    def cut(text: str) -> str:
+        frames = text.split("ITEM: TIME\n")
+        return "ITEM: TIME\n".join([*frames[:nth], *frames[nth + 1 :]])
+
+    return cut
+
+
+def _lost_atom(text: str) -> str:
+    head, last = text.rsplit("ITEM: TIME\n", 1)
+    lines = [line for line in last.replace("ATOMS\n4", "ATOMS\n3").splitlines() if not line.startswith("3 1 ")]
+    return head + "ITEM: TIME\n" + "\n".join(lines) + "\n"
+
+
+def _faster(text: str) -> str:
+    """Velocities in mm/s."""
+    return re.sub(r"(?m)^(\d 1 \S+ 0 0) (\S+) ", lambda found: f"{found[1]} {1e3 * float(found[2]):.17g} ", text)
+
+
+@pytest.mark.parametrize(
+    ("fault", "found"),
+    [
+        (_swapped, "in frame 0 atom 2 is at 0.036 and atom 3 at 0.018; allowed: places that grow with the id"),
+        (_swapped_once, "in frame 4 atom 2 is at"),
+        (_without(6), r"between frame 4 .* and the next .* there are 2 of the usual intervals: a frame is lost"),
+        (_without(1), "begins at 1.66667e-05 s; allowed: the scene's start"),
+        (_lost_atom, r"frame 12 \(step 1200\) has 3 atoms and the first frame 4: atom 3 is lost"),
+        (_faster, "body 0 starts at 800 m/s, in crossed_3 at 0.8 m/s, 1000 times as much; .*units"),
+        (lambda text: text.replace("\nsi\n", "\nlj\n"), "units 'lj', which are no metres.*allowed: si, cgs"),
+        (lambda text: text.replace("\nsi\n", "\nmetal\n"), "body 0 starts at 80 m/s"),
+        (lambda text: text[: len(text) - 60], "frame 12.* is cut"),
+        (lambda text: text.replace("ITEM: ATOMS id", "ITEM: ATOMS mol"), "has no column id"),
+        (lambda text: text.replace("x y z", "xs ys zs"), "no positions in units of length"),
+        (lambda text: text.replace("\n3 1 ", "\n2 1 "), "frame 0 .*has atom 2 twice"),
+        (lambda text: re.sub(r"(?m)^3 1 \S+", "3 1 nan", text), "frame 0 has positions that are no numbers"),
+        (lambda text: re.sub(r"(?m)^(4 1 \S+) 0 0 (0\.\d{4,}|1\.\d+)", r"\1 1e-3 0 \2", text), "across the chain"),
+        (lambda text: re.sub(r"ITEM: TIME\n.*\n", "", text), "has no times; give dt"),
+        (lambda _: "", "has no frame"),
+    ],
+    ids=["swapped", "swapped once", "lost frame", "no start", "lost atom", "mm/s", "lj", "metal", "cut", "no id",
+         "scaled", "twice", "nan", "across", "no time", "empty"],
+)  # fmt: skip
+def test_a_planted_fault_is_named_in_one_line(fault: Callable[[str], str], found: str, tmp_path: Path) -> None:
+    text = foreign_dump(CROSSED, made_up(CROSSED))
+    db.read_trajectory(_written(tmp_path, text), CROSSED)
+    broken = fault(text)
+    assert broken != text
+    with pytest.raises(UsageError, match=found) as error:
+        db.read_trajectory(_written(tmp_path, broken), CROSSED)
+    assert "\n" not in str(error.value)
+
+
+def test_a_file_that_ends_early_says_so(tmp_path: Path) -> None:
+    text = foreign_dump(CROSSED, made_up(CROSSED))
+    whole, short = (
+        db.read_trajectory(_written(tmp_path, one), CROSSED).provenance["assumed"] for one in (text, _without(13)(text))
+    )
+    assert "the file ends at 0.000183333 s, the scene at 0.0002 s" in short
+    assert not any("ends at" in one for one in whole)
+
+
+def test_another_number_of_bodies_is_refused(tmp_path: Path) -> None:
+    path = _written(tmp_path, foreign_dump(CROSSED, made_up(CROSSED)))
+    with pytest.raises(UsageError, match="frames have 4 atoms, pair has 2 bodies; give the scene"):
+        db.read_trajectory(path, PAIR)
+
+
+def test_masses_of_another_scene_are_refused(tmp_path: Path) -> None:
+    db.write_trajectory(made_up(CROSSED), CROSSED, tmp_path / "run.lammpstrj")
+    other = replace(CROSSED, mass=(8.1e-3, 1e-2, 1e-2, 1.1e-2))
+    with pytest.raises(UsageError, match=r"atom 2 has a mass of 0\.010077 kg, body 1 of crossed_3 one of 0\.01 kg"):
+        db.read_trajectory(tmp_path / "run.lammpstrj", other)
+
+
+def test_velocities_that_are_not_there_are_not_made_up(tmp_path: Path) -> None:
+    text = foreign_dump(CROSSED, made_up(CROSSED)).replace("z vx fx", "z c_1 fx")
+    found = db.read_trajectory(_written(tmp_path, text), CROSSED)
+    assert np.all(np.isnan(found.velocity))
+    assert any("velocities are not in the file" in one for one in found.provenance["assumed"])
+
+
+def test_few_digits_are_seen_and_said(tmp_path: Path) -> None:
+    run = made_up(CROSSED)
+    full, short = (db.read_trajectory(_written(tmp_path, foreign_dump(CROSSED, run, number=number)), CROSSED)
+                   for number in (".17g", ".8f"))  # fmt: skip
+    assert full.provenance["resolution"] == {"position": None, "velocity": None}
+    assert short.provenance["resolution"] == pytest.approx({"position": 5e-9, "velocity": 5e-9})
+    off = np.max(np.abs(short.displacement - full.displacement))
+    # rounded at both ends of the difference, of which the first is on the grid
+    assert 1e-9 < off <= 5.001e-9
+    assert any("position has few digits: known to 5e-09 m" in one for one in short.provenance["assumed"])
+    found = db.compare_trajectories(short, full)
+    assert found.divergence is not None
+    assert max(one.value * one.scale for one in found.differences if one.quantity == "velocity") <= 5.001e-9
+
+
+@pytest.mark.parametrize("number", [".4g", ".6g", ".12g", ".3f", ".8f"])
+@pytest.mark.parametrize("decades", [1, 3, 14])
+def test_what_few_digits_cost_is_found_from_the_numbers(number: str, decades: int) -> None:
+    rng = np.random.default_rng(0)
+    exact = 10.0 * rng.random(1000) * 10.0 ** -rng.integers(0, decades, 1000)
+    written = [float(format(value, number)) for value in exact]
+    found = short_of_digits(written)
+    assert found is not None
+    worst = float(np.max(np.abs(np.array(written) - exact)))
+    # no less than it is (but for an ulp), and not much more
+    assert 0.5 * found < worst <= found + EPS * 10.0
+    assert short_of_digits(exact.tolist()) is None
+
+
+@pytest.mark.parametrize("style", [one for one in UNITS if one not in ("si", "ase")])
+def test_other_units_are_converted(style: str, tmp_path: Path) -> None:
+    run, unit = made_up(CROSSED), UNITS[style]
+    scaled = replace(
+        run, time=run.time / unit.time, displacement=run.displacement / unit.length,
+        velocity=run.velocity / unit.velocity, contact_force=run.contact_force / unit.force,
+    )  # fmt: skip
+    text = foreign_dump(CROSSED, scaled, place=0.018 / unit.length).replace("\nsi\n", f"\n{style}\n")
+    found = db.read_trajectory(_written(tmp_path, text), CROSSED)
+    for name in ("time", "velocity"):
+        np.testing.assert_allclose(getattr(found, name), getattr(run, name), rtol=4 * EPS, err_msg=name)
+    assert np.max(np.abs(found.displacement - run.displacement)) <= 8 * EPS * 0.08
+    assert np.max(np.abs(found.contact_force - run.contact_force)) <= 10 * EPS * 2e3
+
+
+def test_lammps_units_are_those_of_its_manual() -> None:
+    """A check by another route: force is mass times length over time squared wherever a style's units are coherent."""
+    for style in ("si", "cgs", "micro", "nano", "ase"):
+        one = UNITS[style]
+        assert one.force == pytest.approx(one.mass * one.length / one.time**2, rel=1e-9), style
+        assert one.velocity == pytest.approx(one.length / one.time, rel=1e-9), style
+    from ase import units
+
+    assert UNITS["ase"].time * 1e15 * units.fs == pytest.approx(1.0, rel=1e-7)  # other CODATA
+    assert UNITS["metal"].force == pytest.approx(1.602176634e-9)
+    assert UNITS["real"].force == pytest.approx(4184.0 / 6.02214076e23 / 1e-10)
+
+
+def _atoms(scene: Scene, run: Trajectory, row: int, axis: int = 0) -> ase.Atoms:
+    unit = np.eye(3)[axis]
+    x = 0.018 * np.arange(scene.n_body) + run.displacement[row]
+    atoms = ase.Atoms("X" * scene.n_body, positions=np.outer(x, unit), masses=scene.mass)
+    atoms.set_velocities(np.outer(run.velocity[row], unit))
+    force = np.pad(run.contact_force[row], 1)
+    atoms.calc = SinglePointCalculator(atoms, forces=np.outer(force[:-1] - force[1:], unit))
+    return atoms
+
+
+@pytest.mark.parametrize("axis", [0, 2], ids=["along x", "along z"])
+def test_ase_trajectories_are_read(axis: int, tmp_path: Path) -> None:
+    run, path = made_up(CROSSED), tmp_path / "theirs.traj"
+    ase.io.write(path, [_atoms(CROSSED, run, row, axis) for row in range(len(run.time))])
+    dt = float(run.time[1])
+    found = db.read_trajectory(path, CROSSED, units="si", dt=dt)
+    np.testing.assert_allclose(found.time, run.time, rtol=2 * EPS)
+    # ASE keeps momenta: a product and a quotient
+    np.testing.assert_allclose(found.velocity, run.velocity, rtol=2 * EPS)
+    assert np.max(np.abs(found.contact_force - run.contact_force)) <= 10 * EPS * 2e3
+    with pytest.raises(UsageError, match="has no times; give dt"):
+        db.read_trajectory(path, CROSSED, units="si")
+    # in ASE's own units, which it has if nothing is said, the chain would be far too light
+    with pytest.raises(UsageError, match=r"atom 0 has a mass of 1\.3\S*e-29 kg"):
+        db.read_trajectory(path, CROSSED, dt=dt)
+
+
+def test_ase_without_momenta_has_no_velocities(tmp_path: Path) -> None:
+    run = made_up(CROSSED)
+    frames = [_atoms(CROSSED, run, row) for row in range(len(run.time))]
+    for one in frames:
+        del one.arrays["momenta"]
+    ase.io.write(tmp_path / "theirs.traj", frames)
+    found = db.read_trajectory(tmp_path / "theirs.traj", CROSSED, units="si", dt=1e-6)
+    assert np.all(np.isnan(found.velocity))
+    del frames[3].arrays["masses"]
+    ase.io.write(tmp_path / "theirs.traj", frames)
+    with pytest.raises(UsageError, match="frame 3 and the first frame do not both have mass"):
+        db.read_trajectory(tmp_path / "theirs.traj", CROSSED, units="si", dt=1e-6)
+
+
+def test_extended_xyz_by_ase_is_read_and_its_8_decimals_are_seen(tmp_path: Path) -> None:
+    run = made_up(CROSSED)
+    frames = [_atoms(CROSSED, run, row) for row in range(len(run.time))]
+    for one, time in zip(frames, run.time.tolist(), strict=True):
+        one.info["Time"] = time
+        one.arrays["velo"] = one.get_velocities()
+    ase.io.write(tmp_path / "theirs.extxyz", frames, columns=["symbols", "positions", "velo", "forces"])
+    found = db.read_trajectory(tmp_path / "theirs.extxyz", CROSSED)
+    assert found.provenance["resolution"]["position"] == pytest.approx(5e-9)
+    assert any("units si: the file does not say" in one for one in found.provenance["assumed"])
+    assert np.max(np.abs(found.velocity - run.velocity)) <= 5.001e-9
+
+
+def _csv(head: str, run: Trajectory, *columns: np.ndarray) -> str:
+    rows = np.hstack([run.time[:, None], *columns])
+    return "\n".join([head, *(",".join(map(repr, row)) for row in rows.tolist())])
+
+
+def test_csv_of_others_in_other_units(tmp_path: Path) -> None:
+    run = made_up(PAIR)
+    head = "t (s),x_0 (mm),x_1 (mm),velocity 0 [mm/s],velocity 1 [mm/s]"
+    text = _csv(head, run, 1e3 * (run.displacement + np.array([0.0, 0.02])), 1e3 * run.velocity)
+    found = db.read_trajectory(_written(tmp_path, text, "theirs.csv"), PAIR)
+    np.testing.assert_allclose(found.velocity, run.velocity, rtol=2 * EPS)
+    assert np.max(np.abs(found.displacement - run.displacement)) <= 4 * EPS * 0.02
+    assert np.all(np.isnan(found.contact_force))
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("time_s,velocity_0_m_per_s\n0,1\n", r"1 columns or bodies of velocity, pair has 2"),
+        ("time_s,velocity_0_m_per_s,velocity_1_m_per_s\n0,0.8,0\n", "neither displacements nor positions"),
+        ("time_s,speed_0_m\n0,1\n", "column 'speed_0_m'; allowed: body, time"),
+        ("time_s,velocity_0_furlong\n0,1\n", "column 'velocity_0_furlong' is in 'furlong'; allowed: m/s"),
+        ("time_s,displacement_0_m,displacement_2_m\n0,1,1\n", r"displacement have the numbers \[0, 2\]"),
+        ("displacement_0_m,displacement_1_m\n0,1\n", "has no times"),
+        ("time_s,displacement_0_m,displacement_1_m\n0,one,1\n", "no CSV of numbers"),
+        ("time_s,displacement_0_m,displacement_1_m\n0,1\n", "rows of as many numbers"),
+        ("time_s,body,displacement_m\n0,0,0\n0,1,0\n1,0,0\n", "time 1 s has 1 atoms .*: atom 1 is lost"),
+        ("time_s,body,displacement_m\n0,0,0\n0,1,0\n1,0,0\n1,1,0\n0.5,0,0\n0.5,1,0\n", "frame 2 is not later"),
+        ("", "no CSV with headings"),
+    ],
+)  # fmt: skip
+def test_a_csv_that_cannot_be_is_refused_by_name(text: str, found: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=found) as error:
+        db.read_trajectory(_written(tmp_path, text, "theirs.csv"), PAIR)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "how", "found"),
+    [
+        ("none.csv", {}, "no such file"),
+        ("binary.lammpstrj", {}, "is no text; a binary dump is made one by LAMMPS' binary2txt"),
+        ("binary.traj", {"dt": 1e-6}, "is none that ASE reads"),
+        ("text.lammpstrj", {}, "goes on where an ITEM should begin"),
+        ("text.lammpstrj", {"units": "lj"}, "units = 'lj'; allowed: si"),
+        ("text.lammpstrj", {"dt": -1.0}, r"dt = -1\.0; allowed"),
+        ("text.csv", {"units": "metal"}, "units and dt are not for CSV"),
+        ("run.nc", {"dt": 1.0}, "units and dt are not for netCDF"),
+        ("run.pdb", {}, "tells no format"),
+    ],
+)
+def test_files_and_settings_that_cannot_be_are_refused(
+    name: str, how: dict[str, Any], found: str, tmp_path: Path
+) -> None:
+    (tmp_path / "binary.lammpstrj").write_bytes(b"\xf6\xff\xff\xff\xff\xff\xff\xffDUMPCUSTOM\x01")
+    (tmp_path / "binary.traj").write_bytes(b"\xf6\xff")
+    for text in ("text.lammpstrj", "text.csv"):
+        (tmp_path / text).write_text("hello\n")
+    with pytest.raises(UsageError, match=found) as error:
+        db.read_trajectory(tmp_path / name, PAIR, **how)
+    assert "\n" not in str(error.value)
+
+
+def test_a_file_without_its_scene_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="needs the scene that was run"):
+        db.read_trajectory(tmp_path / "run.csv")
+
+
+@pytest.mark.lammps
+@pytest.mark.parametrize("scene", [CROSSED, replace(RAW, damping=None)], ids=lambda one: one.name)
+def test_a_dump_that_lammps_wrote_is_our_own_run_to_the_last_digit(scene: Scene, tmp_path: Path) -> None:
+    dt = 2e-7
+    db.write_deck(scene, tmp_path, dt=dt)
+    deck = tmp_path / f"in.{scene.name}"
+    deck.write_text(deck.read_text().replace(f"dump.{scene.name}.bin", "run.lammpstrj"))
+    run_deck(tmp_path, deck.name, time_limit=60.0)
+    found = db.read_trajectory(tmp_path / "run.lammpstrj", scene)
+    ours = db.solve(scene, backend="lammps-granular", dt=dt, bars=False)
+    assert len(found.time) >= len(ours.time)
+    compared = db.compare_trajectories(found, ours)
+    assert compared.samples == len(ours.time)
+    assert compared.divergence is None
+    assert {one.quantity: one.value for one in compared.differences if one.quantity != "peak_force"} == {
+        "displacement": 0.0, "velocity": 0.0, "contact_force": 0.0,
+    }  # fmt: skip
+    # ... and not because nothing moves
+    assert np.max(np.abs(found.velocity[1:] - found.velocity[0])) > 0.1
+    assert math.isfinite(found.peak_force.max())
