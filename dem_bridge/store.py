@@ -54,9 +54,8 @@ LIMIT = 2_000_000_000
 #: parts of the package that judge, show and tell: no number of a trajectory passes through them
 NOT_IN_RUNS = (
     "api", "api_export", "api_regress", "api_studies", "api_trajectories", "campaign", "cli", "cli_convert",
-    "cli_export", "cli_options", "cli_plan", "cli_regress", "cli_studies", "cli_terminal", "compare", "doctor", "exports", "planning",
-    "regression", "report",
-    "studies", "verdict",
+    "cli_export", "cli_options", "cli_plan", "cli_regress", "cli_studies", "cli_terminal", "compare", "doctor",
+    "exports", "planning", "regression", "report", "studies", "verdict",
 )  # fmt: skip
 #: ... and none of a study's
 NOT_IN_STUDIES = (

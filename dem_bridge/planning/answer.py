@@ -99,7 +99,8 @@ def _reasons(options: Options, chosen: Option, left_out: Mapping[str, str], yard
         first = outlook.setting(chosen.law, options.accuracy, options.observable)
         yield (
             f"the model has {options.accuracy:g} at {candidate.knob} = {first:.2g}: errors go with its power"
-            f" {chosen.law.order:g}, and 95 % of random scenes err by no more than {chosen.law.spread:g} times that"
+            f" {chosen.law.order:g}, and four in five random scenes or more err by"
+            f" no more than {chosen.law.spread:g} times that"
         )
     if chosen.trial is not None:
         yield chosen.told
