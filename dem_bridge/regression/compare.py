@@ -252,7 +252,9 @@ def _notes(baseline: Baseline, run: Trajectory) -> list[str]:
     """What is another than at the birth of the baseline."""
     birth, now, notes = baseline.birth, run.provenance, []
     if baseline.edited:
-        notes.append(f"the baseline's {', '.join(baseline.edited)} is not as it was written: its digests do not fit")
+        notes.append(
+            f"{baseline.file_name}: {', '.join(baseline.edited)} is not as it was written: its digests do not fit"
+        )
     if birth["scene_hash"] != now["scene_hash"]:
         notes.append(f"scene {birth['scene_hash'][:12]} -> {now['scene_hash'][:12]}")
     if birth["deck_hash"] != now.get("deck_hash"):
