@@ -52,6 +52,8 @@ class Accuracy:
     error: float
     bar: float
     """Of the reference."""
+    tolerance: float
+    """Of velocity what was wanted; of the others no less than the bar of the run."""
     outcome: str
     """PASS, FAIL or UNDECIDED."""
     by: str
@@ -312,9 +314,13 @@ def _within(name: str, given: Any) -> Within:
 
 
 def _accuracy(name: str, given: Any) -> Accuracy:
-    _keys(f"accuracy.{name}.", given, ("error", "bar", "outcome", "by"))
-    error, bar = (math.inf if given[key] is None else _number(key, given[key]) for key in ("error", "bar"))
-    return Accuracy(error=error, bar=bar, outcome=_text("outcome", given["outcome"]), by=_text("by", given["by"]))
+    numbers = ("error", "bar", "tolerance")
+    _keys(f"accuracy.{name}.", given, (*numbers, "outcome", "by"))
+    return Accuracy(
+        **{key: math.inf if given[key] is None else _number(key, given[key]) for key in numbers},
+        outcome=_text("outcome", given["outcome"]),
+        by=_text("by", given["by"]),
+    )
 
 
 def _no_number(word: str) -> float:

@@ -124,8 +124,8 @@ def regress_scenes(
             f"{folder}: there are no baselines{' of what was asked for' if scenes or backends else ''};"
             " name scenes, and with --update they are made"
         )
-    # bars cost runs: only a baseline to be written needs those of its run
-    cases = [one.case(engine, bars=update or one.backend == REFERENCE) for one in asked]
+    # bars cost runs: what is only compared has those of its baseline
+    cases = [one.case(engine, bars=update or one.baseline is None or one.backend == REFERENCE) for one in asked]
     judges = [one.judge for one in asked]
     results = run_cases([*cases, *judges], jobs=jobs, tell=tell, everything=True)
     found: list[Comparison] = [*gone]
@@ -170,7 +170,8 @@ def against(
     asked = [one for one in asked if one.backend in ENGINE_BACKENDS]
     if not asked:
         raise UsageError(f"{folder}: there are no baselines of LAMMPS; name scenes to compare two LAMMPS on")
-    cases = [one.case(each, bars=False) for one in asked for each in (other, engine or Engine.chosen())]
+    sides = ((other, True), (engine or Engine.chosen(), False))  # bars are those of the settings: one of them is enough
+    cases = [one.case(each, bars=bars) for one in asked for each, bars in sides]
     results = run_cases([*cases, *(one.judge for one in asked)], jobs=jobs, tell=tell, everything=True)
     judges, found, versions = results[len(cases) :], [], {}
     for side in (results[: len(cases) : 2], results[1 : len(cases) : 2]):
@@ -325,7 +326,7 @@ def _compared(one: Asked, run: Trajectory, reference: Trajectory | None) -> Comp
     if one.baseline is not None:
         return compare(one.baseline, run, reference=reference)
     after = judged(run, reference, one.tolerance)
-    words = accuracy_words({}, after, one.tolerance)
+    words = accuracy_words({}, after)
     return Comparison(
         scene=one.scene.name,
         backend=one.backend,

@@ -95,6 +95,14 @@ def test_changed_and_right_are_two_answers(was: float, is_: float, words: str) -
     assert found.before["velocity"].error == pytest.approx(was, abs=1e-12)
 
 
+def test_peaks_and_crossings_may_err_by_the_bars_of_the_baseline_and_velocities_may_not() -> None:
+    truth = as_run(replace(small(), bars={"velocity": 0.0, "peak_force": 0.0, "crossing_time": 0.0}))
+    wide = replace(small(), bars={"velocity": 10.0, "peak_force": 10.0, "crossing_time": 0.0})
+    for name, outcome in (("peak_force", "PASS"), ("velocity", "FAIL")):
+        off = {name: getattr(small(), name) * 1.1}
+        assert compare(wide, as_run(small(), **off), reference=truth).after[name].outcome == outcome
+
+
 def test_another_scene_or_shape_has_changed_whatever_its_values() -> None:
     run = as_run(small())
     moved = replace(run, provenance={**run.provenance, "scene_hash": "6" * 64})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -182,7 +183,7 @@ def test_junit_and_markdown_name_what_changed(home: Path, regress: Regress) -> N
 
 
 def test_not_run_counts_only_where_it_was_asked_for_and_bisect_skips(home: Path, regress: Regress) -> None:
-    # binary collisions know no chain that is struck twice; LAMMPS by a binary that is none is not there
+    # a binary that is no LAMMPS
     scene = str(home / "small.toml")
     words = (scene, "--lmp", "/bin/false", "--dt", "1e-6")
     named = regress(*words, "--backend", "lammps-granular")
@@ -241,8 +242,6 @@ def test_another_lammps_is_found_by_path_or_version(tmp_path: Path, monkeypatch:
 
 @pytest.mark.lammps
 def test_two_engines_on_the_same_decks(home: Path) -> None:
-    import sys
-
     found = db.regress(
         home / "small.toml",
         baselines=home / "none",
@@ -255,6 +254,32 @@ def test_two_engines_on_the_same_decks(home: Path) -> None:
     assert "by LAMMPS 2" in found.title
     with pytest.raises(BackendUnavailable):
         db.regress(home / "small.toml", baselines=home / "none", against="/bin/false", dt=1e-6)
+
+
+@pytest.mark.lammps
+def test_a_lammps_with_another_stiffness_is_changed_and_wrong_where_the_contact_is(home: Path) -> None:
+    binary = home / "lmp_faulty"
+    own = Path(sys.executable).with_name("lmp")
+    binary.write_text(
+        '#!/bin/sh\nfor word; do case "$word" in in.*) sed -i "s/hertz 1536/hertz 1689/" "$word";; esac; done\n'
+        f'exec "{own}" "$@"\n'
+    )
+    binary.chmod(0o755)
+    found = db.regress(
+        home / "small.toml",
+        baselines=home / "none",
+        backends="lammps-granular",
+        against=sys.executable,
+        lmp=binary,
+        dt=1e-6,
+    )
+    [one] = found.comparisons
+    assert (one.change, found.exit_code) == (Change.CHANGED, 1)
+    assert "now wrong" in one.sentence
+    assert {departure.quantity for departure in one.departures} == {"velocity", "peak_force", "crossing_time"}
+    # body 2 is the first that contact 2 pushes against, one sample after the strike
+    first = one.departures[0]
+    assert (first.quantity, first.body, first.time) == ("velocity", 2, pytest.approx(2e-5))
 
 
 def test_the_committed_baselines_are_whole() -> None:
