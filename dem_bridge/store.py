@@ -60,7 +60,8 @@ NOT_IN_RUNS = (
 #: ... and none of a study's
 NOT_IN_STUDIES = (
     "api", "api_export", "api_regress", "api_studies", "api_trajectories", "cli", "cli_convert", "cli_export",
-    "cli_options", "cli_plan", "cli_regress", "cli_studies", "cli_terminal", "doctor", "exports", "regression", "report",
+    "cli_options", "cli_plan", "cli_regress", "cli_studies", "cli_terminal", "doctor", "exports", "regression",
+    "report",
 )  # fmt: skip
 _VARIABLES = ("LD_LIBRARY_PATH", "LD_PRELOAD", "NUMBA_CPU_FEATURES", "NUMBA_CPU_NAME", "NUMBA_DISABLE_JIT", "NUMBA_OPT",
               "OMP_NUM_THREADS", "PYTHONPATH")  # fmt: skip
