@@ -349,5 +349,5 @@ def _told(candidate: Candidate, settled: Settled) -> str:
 
 def _tried(settled: Settled) -> str:
     """Errors by settings, from the coarsest on."""
-    runs = sorted(settled.trials, key=lambda one: -one.setting)
+    runs = sorted({one.setting: one for one in settled.trials}.values(), key=lambda one: -one.setting)
     return ", ".join(f"{one.error:.2g} at {one.setting:.3g}" for one in runs)
