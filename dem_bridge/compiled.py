@@ -1,10 +1,30 @@
-"""Running compiled kernels so that a person can still interrupt them."""
+"""Compiled kernels: never older than their sources, and run so that a person can still interrupt them."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
+
+
+def forget_stale(package: Path = Path(__file__).parent) -> None:
+    """Forget all kept kernels that are older than any file with a kernel in it: they are compiled anew.
+
+    numba compares a kept kernel with its own file alone. What it calls from another file, and has inlined, may have
+    changed since, as after ``git pull``: it would go on with the old one.
+    """
+    indexes = list(package.glob("**/__pycache__/*.nbi"))
+    sources = {index.parent.parent / f"{index.name.split('.')[0]}.py" for index in indexes}
+    newest = max((source.stat().st_mtime for source in sources if source.exists()), default=0.0)
+    for index in indexes:
+        with suppress(OSError):  # another process was here, or the folder may only be read
+            if index.stat().st_mtime < newest:
+                index.unlink()
+
+
+forget_stale()
 
 
 def interruptible(kernel: Callable[..., Any], *arguments: Any) -> Any:
