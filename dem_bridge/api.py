@@ -13,7 +13,7 @@ from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.files import check_folder, write_whole
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene
+from dem_bridge.scene_file import scene_of
 from dem_bridge.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -52,8 +52,7 @@ def solve(scene: Scene | str | Path, *, backend: str | None = None, **settings: 
     >>> run.velocity.shape, f"{1e3 * run.crossing_time[-1]:.2f} ms", run.uncertainty["velocity"] < 4e-4
     ((501, 41), '0.55 ms', True)
     """
-    if not isinstance(scene, Scene):
-        scene = load_scene(scene)
+    scene = scene_of(scene)
     if backend is None:
         backend = _planned(scene, settings)
     chosen, resolution, sampling, accuracy = _settings(scene, backend, settings)
@@ -108,8 +107,7 @@ def plan(
     """
     from dem_bridge.planning.planner import plan_for
 
-    if not isinstance(scene, Scene):
-        scene = load_scene(scene)
+    scene = scene_of(scene)
     return plan_for(
         scene,
         accuracy,
@@ -161,7 +159,7 @@ def verify(
     whole = any(isinstance(s, str) and s == PAPER for s in scenes)
     if whole and len(scenes) > 1:
         raise UsageError(f"{PAPER!r} is all shipped scenes together, and others are named beside it; give it alone")
-    chosen = [] if whole else [s if isinstance(s, Scene) else load_scene(s) for s in scenes]
+    chosen = [] if whole else [scene_of(one) for one in scenes]
     accuracy = checked_accuracy(DEFAULT_ACCURACY if accuracy is None else accuracy)
     if folder is not None:
         check_folder(Path(folder))
@@ -227,8 +225,7 @@ def study_styles(
     """
     from dem_bridge.studies.styles import study_styles as study
 
-    if not isinstance(scene, Scene):
-        scene = load_scene(scene)
+    scene = scene_of(scene)
     if folder is not None:
         check_folder(Path(folder))
     found = study(scene, dt=dt, engine=Engine.chosen(lmp=lmp, python=python), tell=tell)
@@ -260,8 +257,7 @@ def study_scatter(
     from dem_bridge.store import Store
     from dem_bridge.studies.scatter import study_scatter as study
 
-    if not isinstance(scene, Scene):
-        scene = load_scene(scene)
+    scene = scene_of(scene)
     if folder is not None:
         check_folder(Path(folder))
     found = study(scene, spread=spread, count=count, seed=seed, jobs=jobs, tell=tell, store=Store.opened(store))
@@ -287,8 +283,7 @@ def write_deck(
     for key in _ENGINE:
         if settings.get(key) is not None:
             raise UsageError(f"{key} = {settings[key]!r} says which LAMMPS runs; a deck is only written: leave it out")
-    if not isinstance(scene, Scene):
-        scene = load_scene(scene)
+    scene = scene_of(scene)
     chosen, resolution, sampling, accuracy = _settings(scene, f"lammps-{style}", settings)
     assert isinstance(chosen, LammpsGranular)
     if accuracy is not None:
@@ -318,8 +313,7 @@ def _planned(scene: Scene, settings: dict[str, object]) -> str:
     accuracy, samples = settings.get("accuracy"), settings.get("samples")
     if accuracy is None:
         raise UsageError(f"backend = None; allowed: {', '.join(BACKENDS)}, or an accuracy from which one follows")
-    sampling = Sampling(count=scene.samples if samples is None else samples)  # type: ignore[arg-type]
-    return plan_for(scene, checked_accuracy(accuracy), sampling=sampling).backend
+    return plan_for(scene, checked_accuracy(accuracy), sampling=_sampling(scene, samples)).backend
 
 
 def _settings(
@@ -338,13 +332,17 @@ def _settings(
             raise UsageError("accuracy is promised by error bars; allowed with bars=True only")
         if settings.get("dt") is not None:
             raise UsageError("dt and accuracy are both given; give one: the other follows from it")
-    # of any type so far: Sampling and Resolution check what they are given
-    samples = settings.get("samples")
     if settings.get("order") not in (None, "richardson"):
         raise UsageError(f"order = {settings['order']!r}; allowed: 'richardson'")
-    sampling = Sampling(count=scene.samples if samples is None else samples)  # type: ignore[arg-type]
+    sampling = _sampling(scene, settings.get("samples"))
+    # of any type so far: a Resolution checks what it is given
     resolution = Resolution(**{key: settings[key] for key in _RESOLUTION if key in settings})  # type: ignore[arg-type]
     return chosen, resolution, sampling, accuracy
+
+
+def _sampling(scene: Scene, samples: object) -> Sampling:
+    """As the scene has it, or of so many samples: of any type so far, for a Sampling checks it."""
+    return Sampling(count=scene.samples if samples is None else samples)  # type: ignore[arg-type]
 
 
 def _check_accuracy(chosen: Backend, scene: Scene, run: Trajectory, accuracy: float) -> None:

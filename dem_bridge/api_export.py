@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from dem_bridge.errors import UsageError
 from dem_bridge.files import check_file, write_whole
 from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene
+from dem_bridge.scene_file import scene_of
 
 if TYPE_CHECKING:
     from dem_bridge.exports.table import Table
@@ -89,8 +89,7 @@ def table_of(scene: Scene | str | Path, table: str, *, found: bool = True, **set
 
     made = table_named(table)
     runs, own = takes(made)
-    if not isinstance(scene, Scene):
-        scene = load_scene(scene)
+    scene = scene_of(scene)
     if not found and needs_run(made):
         raise UsageError(f"found = False leaves nothing of table {table!r}: all of it is found by a run")
     mine = {key: settings[key] for key in own if key in settings}

@@ -10,7 +10,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.files import check_folder
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene
+from dem_bridge.scene_file import scene_of
 from dem_bridge.store import Store
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def study(
     given: dict[str, Any] = {"jobs": jobs, "tell": tell, "store": Store.opened(store, fresh=fresh), **settings}
     given["engine"] = Engine.chosen(lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
     if scene is not None:
-        given["scene"] = scene if isinstance(scene, Scene) else load_scene(scene)
+        given["scene"] = scene_of(scene)
     found = chosen(**given)
     if folder is not None:
         from dem_bridge.report.study import write_study
@@ -101,8 +101,7 @@ def minimal(
     """
     from dem_bridge.studies.ladder.models import least_scene
 
-    if not isinstance(scene, Scene):
-        scene = load_scene(scene)
+    scene = scene_of(scene)
     return least_scene(
         scene,
         accuracy=accuracy,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from dem_bridge.errors import UsageError
 from dem_bridge.files import check_file, write_whole
 from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene, shipped_scenes
+from dem_bridge.scene_file import load_scene, scene_of, shipped_scenes
 from dem_bridge.trajectory import Trajectory, load_trajectory
 
 if TYPE_CHECKING:
@@ -109,10 +109,8 @@ def compare_trajectories(run: Trajectory, reference: Trajectory, *, tolerance: f
 
 
 def _scene(scene: Scene | str | Path | None, run: Trajectory | None = None) -> Scene:
-    if isinstance(scene, Scene):
-        return scene
     if scene is not None:
-        return load_scene(scene)
+        return scene_of(scene)
     name = None if run is None else run.provenance.get("scene")
     if run is None or name not in shipped_scenes():
         raise UsageError(f"the run is of {name!r}, which is no shipped scene; give the scene that was run")

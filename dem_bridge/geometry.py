@@ -10,10 +10,13 @@ import math
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal, TypedDict
+from typing import TYPE_CHECKING, Literal, TypedDict
 
 from dem_bridge.checked import checked_number
 from dem_bridge.errors import SceneError
+
+if TYPE_CHECKING:
+    from dem_bridge.physics.hertz import HertzContact
 
 #: contact laws of two crossed cylinders: the paper's approximate axis ratio, and Hertz' own
 LAWS = ("paper", "exact")
@@ -159,6 +162,20 @@ class Geometry:
             return angle_of_stiffness(stiffness, law=self.law, radius=body.radius, **body.material.elastic)
 
         return tuple(map(crossing, self.bodies, self.stiffness))
+
+    def contact(self, k: int, law: Literal["paper", "exact"] = "exact") -> HertzContact:
+        """Hertz' contact of bodies k and k + 1, each of its own material; ``law``: of crossed cylinders."""
+        from dem_bridge.physics.hertz import crossed_cylinders, sphere_on_cylinder, sphere_on_sphere
+
+        one, other, angle = self.bodies[k], self.bodies[k + 1], self.angle[k]
+        if angle is None and one.shape == "cylinder":
+            one, other = other, one
+        first, second = one.material.elastic, other.material.elastic
+        pair = {"radius2": other.radius, "young2": second["young"], "poisson2": second["poisson"]}
+        if angle is not None:
+            return crossed_cylinders(angle=angle, law=law, radius=one.radius, **first, **pair)
+        touching = sphere_on_sphere if one.shape == other.shape else sphere_on_cylinder
+        return touching(radius=one.radius, **first, **pair)
 
     def __getstate__(self) -> dict[str, object]:
         """What is found again travels to no other process."""

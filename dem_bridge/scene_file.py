@@ -35,6 +35,11 @@ def shipped_scenes() -> tuple[str, ...]:
     return tuple(sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml")))
 
 
+def scene_of(source: Scene | str | Path) -> Scene:
+    """A Scene as it is; what :func:`load_scene` makes of anything else."""
+    return source if isinstance(source, Scene) else load_scene(source)
+
+
 def load_scene(source: str | Path) -> Scene:
     """The scene of a shipped name, or of the ``.toml`` file at a path.
 

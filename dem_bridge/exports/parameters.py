@@ -18,12 +18,10 @@ from dem_bridge.backends.survey import Survey
 from dem_bridge.backends.tabled import survey_of
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.exports.table import Column, Table, barred, counts, numbers, texts
-from dem_bridge.geometry import Geometry
 from dem_bridge.lmp.coefficients import Laws, laws, line_order, pairs, refusal
 from dem_bridge.lmp.encoding import Types, body_types
 from dem_bridge.lmp.pairing import granular
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.physics.hertz import AxisRatio, HertzContact, crossed_cylinders, sphere_on_cylinder, sphere_on_sphere
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.version import FORM_DATE, __version__
@@ -44,19 +42,6 @@ def origin(scene: Scene, run: Trajectory | None = None) -> dict[str, Any]:
     if run is not None:
         found |= {key: run.provenance[key] for key in ("backend", "settings", "versions") if key in run.provenance}
     return found
-
-
-def hertz_of(geometry: Geometry, k: int, law: AxisRatio = "exact") -> HertzContact:
-    """Hertz' contact of bodies k and k + 1, each of its own material; ``law``: of crossed cylinders."""
-    one, other, angle = geometry.bodies[k], geometry.bodies[k + 1], geometry.angle[k]
-    if angle is None and one.shape == "cylinder":
-        one, other = other, one
-    first, second = one.material.elastic, other.material.elastic
-    pair = {"radius2": other.radius, "young2": second["young"], "poisson2": second["poisson"]}
-    if angle is not None:
-        return crossed_cylinders(angle=angle, law=law, radius=one.radius, **first, **pair)
-    touching = sphere_on_sphere if one.shape == other.shape else sphere_on_cylinder
-    return touching(radius=one.radius, **first, **pair)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,9 +138,9 @@ def _geometry(scene: Scene, notes: list[str]) -> list[Column]:
         notes.append(NO_GEOMETRY)
     else:
         for k in range(len(scene.stiffness)):
-            angle[k], exact[k] = scene.geometry.angle[k], hertz_of(scene.geometry, k).stiffness
+            angle[k], exact[k] = scene.geometry.angle[k], scene.geometry.contact(k).stiffness
             if angle[k] is not None:
-                paper[k] = hertz_of(scene.geometry, k, "paper").stiffness
+                paper[k] = scene.geometry.contact(k, "paper").stiffness
         if None in paper[: len(scene.stiffness)]:
             notes.append("a sphere has no angle, and eq. 3.1 is of two crossed cylinders")
         if scene.n_contact > len(scene.stiffness):
@@ -242,7 +227,7 @@ def _found(scene: Scene, run: Trajectory | None, notes: list[str]) -> list[Colum
         if not np.all(hertzian):
             notes.append("ellipses and pressures are those of Hertz' law, n = 2.5; other contacts have none")
         for k in np.flatnonzero(hertzian[: len(scene.stiffness)]).tolist():
-            contact, newton = hertz_of(scene.geometry, k), float(force[k])
+            contact, newton = scene.geometry.contact(k), float(force[k])
             if newton > 0.0:
                 (major[k], minor[k]), pressure[k] = contact.semi_axes(newton), contact.peak_pressure(newton)
         notes.append("ellipses and pressures follow from the peak force by Hertz' exact law")

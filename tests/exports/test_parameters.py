@@ -17,7 +17,6 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.exports.formats import as_markdown, as_tex
-from dem_bridge.exports.parameters import hertz_of
 from dem_bridge.exports.table import Table
 from dem_bridge.geometry import Body, Geometry
 from dem_bridge.lmp.process import run_deck
@@ -108,13 +107,13 @@ def test_a_contact_of_two_materials_has_the_modulus_of_both() -> None:
     steel = Body(shape="cylinder", radius=9e-3, height=18e-3, material=STEEL)
     geometry = Geometry(bodies=(SPHERE, steel, CYLINDER, SPHERE), angles=(None, 30.0, None))
     modulus = 1.0 / ((1.0 - 0.17**2) / 72e9 + (1.0 - 0.3**2) / 200e9)
-    assert hertz_of(geometry, 0).modulus == pytest.approx(modulus, rel=1e-15)
-    assert hertz_of(geometry, 1).modulus == pytest.approx(modulus, rel=1e-15)
+    assert geometry.contact(0).modulus == pytest.approx(modulus, rel=1e-15)
+    assert geometry.contact(1).modulus == pytest.approx(modulus, rel=1e-15)
     alike = crossed_cylinders(angle=30.0, radius=9e-3, **QUARTZ.elastic)
     # stiffness goes with the modulus alone
-    assert hertz_of(geometry, 1).stiffness / alike.stiffness == pytest.approx(modulus / alike.modulus, rel=1e-14)
+    assert geometry.contact(1).stiffness / alike.stiffness == pytest.approx(modulus / alike.modulus, rel=1e-14)
     # whichever stands first
-    assert hertz_of(geometry, 2).stiffness == hertz_of(Geometry(bodies=(SPHERE, CYLINDER)), 0).stiffness
+    assert geometry.contact(2).stiffness == Geometry(bodies=(SPHERE, CYLINDER)).contact(0).stiffness
 
 
 def test_without_geometry_what_is_unknown_is_empty_and_said_once() -> None:

@@ -6,7 +6,6 @@ what a scene has can be left out. Both the error budget of the paper and the lad
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,7 +16,6 @@ import numpy as np
 
 from dem_bridge.backends.tabled import survey_of
 from dem_bridge.geometry import Body, Geometry
-from dem_bridge.physics.hertz import HertzContact, crossed_cylinders, sphere_on_cylinder, sphere_on_sphere
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_physical import rounded
 
@@ -37,19 +35,6 @@ Change = Callable[[Scene], Scene]
 # what geometry tells
 
 
-def hertz_contact(
-    one: Body, other: Body, angle: float | None, *, law: Literal["paper", "exact"] = "exact"
-) -> HertzContact:
-    """Contact of two bodies of the second's material, ``angle`` (degrees) between the axes of two cylinders."""
-    elastic = other.material.elastic
-    if angle is not None:
-        return crossed_cylinders(angle=angle, radius=one.radius, radius2=other.radius, law=law, **elastic)
-    if one.shape == other.shape:
-        return sphere_on_sphere(radius=one.radius, radius2=other.radius, **elastic)
-    sphere, cylinder = (one, other) if one.shape == "sphere" else (other, one)
-    return sphere_on_cylinder(radius=sphere.radius, radius2=cylinder.radius, **elastic)
-
-
 def geometry_of(scene: Scene) -> Geometry:
     """ValueError where the scene has none."""
     if scene.geometry is None:
@@ -60,7 +45,7 @@ def geometry_of(scene: Scene) -> Geometry:
 def quartz_sphere(scene: Scene) -> float:
     """Mass of a sphere of the cylinders' material and radius, kg: what the paper's striker should weigh."""
     body = geometry_of(scene).bodies[-1]
-    return rounded(4.0 / 3.0 * math.pi * body.radius**3 * body.material.density)
+    return rounded(Body(shape="sphere", radius=body.radius, material=body.material).mass)
 
 
 def hertz_stiffness(scene: Scene, law: Literal["paper", "exact"] = "exact") -> tuple[float, ...]:
@@ -69,8 +54,7 @@ def hertz_stiffness(scene: Scene, law: Literal["paper", "exact"] = "exact") -> t
     ``law``: of crossed cylinders; "paper" has eq. 3.1's axis ratio.
     """
     geometry = geometry_of(scene)
-    pairs = zip(geometry.bodies, geometry.bodies[1:], geometry.angle, strict=False)
-    return tuple(rounded(hertz_contact(one, other, angle, law=law).stiffness) for one, other, angle in pairs)
+    return tuple(rounded(geometry.contact(k, law).stiffness) for k in range(scene.n_body - 1))
 
 
 def crossed(scene: Scene) -> bool:

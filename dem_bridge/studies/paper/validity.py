@@ -22,7 +22,7 @@ from dem_bridge.physics.validity import (
 )
 from dem_bridge.scene import Scene
 from dem_bridge.studies.exhibits import Table
-from dem_bridge.studies.ladder.switches import GRAVITY, hertz_contact
+from dem_bridge.studies.ladder.switches import GRAVITY
 from dem_bridge.studies.paper.runs import Runs
 from dem_bridge.trajectory import Trajectory
 
@@ -97,7 +97,7 @@ def contact_validity(scene: Scene, run: Trajectory, k: int) -> ContactValidity:
     geometry = scene.geometry
     assert geometry is not None  # asked for by `validity_tables`
     one, other, angle = geometry.bodies[k], geometry.bodies[k + 1], geometry.angle[k]
-    contact = hertz_contact(one, other, angle)
+    contact = geometry.contact(k)
     material, force = other.material, float(run.peak_force[k])
     by_paper = contact.stiffness
     if angle is not None:
