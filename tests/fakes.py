@@ -8,6 +8,18 @@ import numpy as np
 
 from dem_bridge.trajectory import Cost, Trajectory
 
+#: a scene file of three bodies
+CHAIN = """\
+name = "small"
+duration = 2.0e-4
+[chain]
+mass = [8.1e-3, 1.0e-2, 1.0e-2]
+stiffness = [4.0e9, 5.0e9]
+velocity = [0.8, 0.0, 0.0]
+[sampling]
+count = 20
+"""
+
 NO_COST = Cost(wall=0.0, cpu=0.0, steps=0, force_evaluations=0)
 NO_BARS = {"velocity": 0.0, "displacement": 0.0, "peak_force": 0.0, "crossing_time": 0.0}
 

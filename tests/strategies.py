@@ -92,3 +92,20 @@ def damped_scenes(draw: st.DrawFn, /, **how: Any) -> Scene:
     return replace(
         scene, damping=Damping(law=law, coefficient=coefficient), drag=draw(st.sampled_from([0.0, 0.0, 1e3]))
     )
+
+
+def thirty_two_times_as_fast(scene: Scene) -> Scene:
+    """The same motion of a Hertzian scene at v -> 32 v: t -> t/2, x -> 16 x, F and g -> 64 times, all powers of two."""
+
+    def scaled(wall: Wall | None) -> Wall | None:
+        return None if wall is None else replace(wall, gap=16.0 * wall.gap)
+
+    return replace(
+        scene,
+        velocity=tuple(32.0 * v for v in scene.velocity),
+        gap=tuple(16.0 * gap for gap in scene.contacts.gap[: scene.n_body - 1].tolist()),
+        wall_left=scaled(scene.wall_left),
+        wall_right=scaled(scene.wall_right),
+        gravity=64.0 * scene.gravity,
+        duration=0.5 * scene.duration,
+    )

@@ -12,19 +12,9 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.cli_terminal import print_scenes
+from tests.fakes import CHAIN
 
 PROGRAM = str(Path(sys.executable).with_name("dem-bridge"))
-
-CHAIN = """\
-name = "small"
-duration = 2.0e-4
-[chain]
-mass = [8.1e-3, 1.0e-2, 1.0e-2]
-stiffness = [4.0e9, 5.0e9]
-velocity = [0.8, 0.0, 0.0]
-[sampling]
-count = 20
-"""
 
 
 def _run(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:

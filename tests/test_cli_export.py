@@ -16,17 +16,8 @@ import dem_bridge as db
 from dem_bridge.cli import main
 from dem_bridge.cli_export import FORMATS, TABLES
 from dem_bridge.files import write_whole
+from tests.fakes import CHAIN
 
-CHAIN = """\
-name = "small"
-duration = 2.0e-4
-[chain]
-mass = [8.1e-3, 1.0e-2, 1.0e-2]
-stiffness = [4.0e9, 5.0e9]
-velocity = [0.8, 0.0, 0.0]
-[sampling]
-count = 20
-"""
 Export = Callable[..., Result]
 
 

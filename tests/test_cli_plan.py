@@ -10,7 +10,8 @@ import pytest
 import dem_bridge as db
 from dem_bridge.cli_plan import OBSERVABLES
 from dem_bridge.planning.check import OBSERVABLES as PLANNED
-from tests.test_cli import CHAIN, _one_line, _run
+from tests.fakes import CHAIN
+from tests.test_cli import _one_line, _run
 
 
 def test_the_observables_named_by_the_command_line_are_those_that_can_be_planned() -> None:

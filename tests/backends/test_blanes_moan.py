@@ -19,7 +19,7 @@ from dem_bridge.trajectory import QUANTITIES, Trajectory
 from tests.bench.bench_bars import trials
 from tests.conftest import Solve
 from tests.random_scenes import COUNT
-from tests.strategies import ANY, examples, scenes
+from tests.strategies import ANY, examples, scenes, thirty_two_times_as_fast
 from tests.truth import Truth
 
 EPS = float(np.finfo(float).eps)
@@ -151,18 +151,7 @@ def test_a_law_that_is_a_function_is_as_its_power() -> None:
 @examples(25)
 @given(scene=scenes(walls=True, gravity=True))
 def test_a_hertzian_scene_has_no_scale_and_repeats_bit_for_bit(scene: Scene) -> None:
-    def scaled(wall: db.Wall | None) -> db.Wall | None:
-        return None if wall is None else replace(wall, gap=16.0 * wall.gap)
-
-    fast = replace(
-        scene,
-        velocity=tuple(32.0 * v for v in scene.velocity),
-        gap=tuple(16.0 * gap for gap in scene.contacts.gap[: scene.n_body - 1].tolist()),
-        wall_left=scaled(scene.wall_left),
-        wall_right=scaled(scene.wall_right),
-        gravity=64.0 * scene.gravity,
-        duration=0.5 * scene.duration,
-    )
+    fast = thirty_two_times_as_fast(scene)
     one, other = _solve(scene, 1e-6), _solve(fast, 5e-7)
     np.testing.assert_array_equal(other.velocity, 32.0 * one.velocity)
     np.testing.assert_array_equal(other.displacement, 16.0 * one.displacement)

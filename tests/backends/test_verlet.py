@@ -21,7 +21,7 @@ from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.trajectory import Trajectory
 from tests.conftest import Solve
-from tests.strategies import ANY, HALVES, examples, log_uniform, scenes
+from tests.strategies import ANY, HALVES, examples, log_uniform, scenes, thirty_two_times_as_fast
 from tests.truth import Truth
 
 EPS = float(np.finfo(float).eps)
@@ -113,19 +113,7 @@ def test_the_twin_is_velocity_verlet_as_written_down_by_hand() -> None:
 @examples(25)
 @given(scene=scenes(walls=True, gravity=True))
 def test_a_hertzian_scene_has_no_scale_and_repeats_bit_for_bit(scene: Scene) -> None:
-    def scaled(wall: Wall | None) -> Wall | None:
-        return None if wall is None else replace(wall, gap=16.0 * wall.gap)
-
-    # v -> 32 v: t -> t/2, x -> 16 x, F -> 64 F, g -> 64 g (PHYSICS.md); all of them powers of two
-    fast = replace(
-        scene,
-        velocity=tuple(32.0 * v for v in scene.velocity),
-        gap=tuple(16.0 * gap for gap in scene.contacts.gap[: scene.n_body - 1].tolist()),
-        wall_left=scaled(scene.wall_left),
-        wall_right=scaled(scene.wall_right),
-        gravity=64.0 * scene.gravity,
-        duration=0.5 * scene.duration,
-    )
+    fast = thirty_two_times_as_fast(scene)
     dt = 2.5e-7
     one, other = _solve(scene, dt), _solve(fast, 0.5 * dt)
     assert (other.time * 2.0).tobytes() == one.time.tobytes()
