@@ -135,7 +135,7 @@ def deck_read(
 
 def _text(path: Path, what: str) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:  # a name with a NUL, bytes that are no text
         why = error.strerror if isinstance(error, OSError) else "no text"
         raise SceneError("", problem=f"cannot be read ({why})", allowed=what, where=str(path)) from None

@@ -143,7 +143,7 @@ def _made(parts: dict[str, Any]) -> Scene:
 
 
 def _sheet(text: str, file: str, known: Mapping[str, str], needed: Sequence[str]) -> _Sheet:
-    reader = csv.reader(text.removeprefix("\ufeff").splitlines(), skipinitialspace=True, strict=True)
+    reader = csv.reader(text.splitlines(), skipinitialspace=True, strict=True)
     rows: list[tuple[int, list[str]]] = []
     try:
         for row in reader:

@@ -173,7 +173,8 @@ class ReadScript:
         options = dict(zip(words[::2], words[1::2], strict=False))
         if steps < 0 or len(words) % 2 or not set(options) <= {"pre", "post"}:
             raise command.refused("is not read here", "run N [upto] [pre yes|no] [post yes|no]")
-        self.run = self.run or command
+        if steps:
+            self.run = self.run or command
         if self.step is None:
             self.step = _DEFAULT_STEP.get(self.units, 1.0)
         self.steps += steps

@@ -81,10 +81,13 @@ def read_deck(
         raise found.last.refused("is the last command, and there is no atom", "read_data or create_atoms single")
     if found.run is None and duration is None:
         raise found.last.refused("is the last command, and there is no run", "run N, or a duration given beside it")
+    length, time, mass = UNITS[found.units]
+    if duration is None:
+        duration = plain(found.duration * time, 2.0 * math.ulp(found.duration * time))
+    else:
+        found.duration = duration / time
     line = _line(found, reverse)
     notes = [line.found, *_named(found)]
-    length, time, mass = UNITS[found.units]
-    last = duration if duration is not None else plain(found.duration * time, 2.0 * math.ulp(found.duration * time))
     frames, how = (samples, "") if samples is not None else _samples(found)
     notes += [how] if how else []
     scene = _scene(
@@ -92,7 +95,7 @@ def read_deck(
         {
             "name": name or scene_name(file),
             "description": description if description is not None else f"from {_printable(file)}: {line.found}",
-            "duration": last,
+            "duration": duration,
             "samples": frames,
         },
         (length, time, mass),
@@ -210,7 +213,7 @@ def _at_rest(said: Command, atom: Particle, forces: Forces, axis: int) -> bool:
     if atom.number in forces.moves and not held:
         for across in range(3):
             acting = (vectors.get(atom.number, [0.0] * 3)[across] for vectors in (forces.gravity, forces.load))
-            if across != axis and any(acting) and across not in forces.held.get(atom.number, ()):
+            if across != axis and any(acting):  # what an earlier one of them did, setforce has taken away
                 what = f"runs with a force on atom {atom.number} along {_AXES[across]}, across the chain"
                 raise said.refused(what, f"forces along {_AXES[axis]}")
         return False

@@ -10,7 +10,7 @@ and twisting models have nothing to do where nothing turns and nothing moves acr
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from dem_bridge.lmp.script import Command, Script
@@ -76,9 +76,13 @@ class Pairs:
     script: Script
     style: str = ""
     said: Command | None = None
-    laws: dict[tuple[int, int], PairLaw] = field(default_factory=dict)
+    _named: dict[tuple[int, int], tuple[int, PairLaw]] = field(default_factory=dict)
+    """Two types that a line names, with the number of that line."""
+    _ranges: list[tuple[int, range, range, PairLaw]] = field(default_factory=list)
+    """Those with a *, which may be many: not written out."""
     _whole: PairLaw | None = None
     """Of the styles that have one law for all."""
+    _lines: int = 0
 
     def pair_style(self, command: Command) -> None:
         if not command.rest:
@@ -89,7 +93,8 @@ class Pairs:
             raise command.refused(f"{why}: no power of the overlap can be read off", _STYLES)
         if style not in (*_GRAN, "granular"):
             raise command.refused(f"is a style that is not read here: {style}", _STYLES)
-        self.style, self.said, self.laws, self._whole = style, command, {}, None
+        self.style, self.said, self._whole = style, command, None
+        self._named, self._ranges, self._lines = {}, [], 0
         if style in _GRAN:
             self._whole = self._gran(command, style, words)
 
@@ -108,12 +113,12 @@ class Pairs:
             raise command.refused(f"has coefficients, and {self.style} has one law for all", "pair_coeff * *")
         low, high, *words = command.rest
         law = self._whole or self._granular(command, words)
-        first, second = (list(numbered(self.script, command, word, types)) for word in (low, high))
-        if "*" not in low + high:
-            found = [(min(first[0], second[0]), max(first[0], second[0]))]
+        first, second = (numbered(self.script, command, word, types) for word in (low, high))
+        self._lines += 1
+        if "*" in low + high:
+            self._ranges.append((self._lines, first, second, law))
         else:
-            found = [(i, j) for i in first for j in second if i <= j]
-        self.laws |= dict.fromkeys(found, law)
+            self._named[min(first[0], second[0]), max(first[0], second[0])] = (self._lines, law)
 
     def _granular(self, command: Command, words: Sequence[str]) -> PairLaw:
         if not words or words[0] not in _MODELS:
@@ -127,7 +132,7 @@ class Pairs:
         behind, damping = list(words[1 + count :]), "viscoelastic"
         section = ""
         for at, word in enumerate(behind):
-            if word in _SECTIONS and not (section == "damping" and behind[at - 1] == "damping"):
+            if word in _SECTIONS:
                 section = word
                 if word == "damping":
                     damping = (*behind[at + 1 : at + 2], "nothing")[0]
@@ -151,21 +156,27 @@ class Pairs:
 
     def between(self, one: int, other: int) -> PairLaw:
         """Of the atoms of two types; SceneError where a script says nothing of them."""
-        pair = (min(one, other), max(one, other))
+        low, high = min(one, other), max(one, other)
         assert self.said is not None  # looked at before
-        if pair in self.laws:
-            return self.laws[pair]
-        diagonal = [self.laws.get((kind, kind)) for kind in pair]
-        if diagonal[0] is None or diagonal[1] is None:
-            raise self.said.refused(f"leaves types {pair[0]} and {pair[1]}, which meet, without pair_coeff", "one")
-        return diagonal[0].mixed(diagonal[1], self.said)
+        if (law := self._last(low, high)) is not None:
+            return law
+        left, right = self._last(low, low), self._last(high, high)
+        if left is None or right is None:
+            raise self.said.refused(f"leaves types {low} and {high}, which meet, without pair_coeff", "one")
+        return left.mixed(right, self.said)
+
+    def _last(self, low: int, high: int) -> PairLaw | None:
+        """What the last line says that names two types, low <= high."""
+        found = [(line, law) for line, first, second, law in self._ranges if low in first and high in second]
+        found += [self._named[low, high]] if (low, high) in self._named else []
+        return max(found, key=lambda one: one[0])[1] if found else None
 
 
-def numbered(script: Script, command: Command, word: str, most: int) -> Iterator[int]:
+def numbered(script: Script, command: Command, word: str, most: int) -> range:
     """``n``, ``*``, ``n*``, ``*m`` and ``n*m``, of 1 to ``most``."""
     low, star, high = word.partition("*")
     first = script.whole(command, low) if low else 1
     last = (script.whole(command, high) if high else most) if star else first
     if not 1 <= first <= last <= most:
         raise command.refused(f"has {word!r}", f"1 to {most}")
-    yield from range(first, last + 1)
+    return range(first, last + 1)

@@ -194,8 +194,11 @@ class Particles:
             chosen = self.members(command, who)
         else:
             most = max(self.atoms, default=0) if style == "atom" else self.types
-            wanted = set(numbered(self.script, command, who, most))
-            chosen = {a.number for a in self.atoms.values() if (a.number if style == "atom" else a.kind) in wanted}
+            wanted = numbered(self.script, command, who, most)
+            if style == "atom":
+                chosen = {number for number in wanted if number in self.atoms}
+            else:
+                chosen = {atom.number for atom in self.atoms.values() if atom.kind in wanted}
         if not chosen:
             raise command.refused("changes no atom", "atoms that are there")
         for key, word in zip(pairs[::2], pairs[1::2], strict=True):

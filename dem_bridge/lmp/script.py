@@ -21,7 +21,7 @@ Opened = Callable[[str], str]
 _QUOTED = r'"""[\s\S]*?"""|"[^"]*"|\'[^\']*\''
 _WORD = re.compile(rf"(?:{_QUOTED})|\S+")
 _COMMENT = re.compile(rf"({_QUOTED})|#.*")
-_DOLLAR = re.compile(rf"(?P<quoted>{_QUOTED})|\$\{{(?P<name>\w+)\}}|\$(?P<letter>[A-Za-z])|\$\((?P<formula>)")
+_DOLLAR = re.compile(rf"(?P<quoted>{_QUOTED})|\$\{{(?P<name>\w+)\}}|\$(?P<letter>\w)|\$\((?P<formula>)")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _REFERENCE = re.compile(r"v_(\w+)")
 #: files within files, and variables within variables, at most
@@ -114,7 +114,7 @@ class Script:
         if name not in self.variables:
             raise command.refused(f"uses the variable {name}, which is not defined", "a variable defined above")
         style, words = self.variables[name]
-        if style in ("index", "string", "getenv") and words:
+        if style in ("index", "string") and words:
             return words[0]
         if style == "equal" and words:
             return f"{self.evaluated(command, ' '.join(words), depth):.15g}"

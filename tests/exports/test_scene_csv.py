@@ -154,6 +154,18 @@ def test_a_mistake_is_named_by_file_line_and_column(old: str, new: str, why: str
     assert "\n" not in str(caught.value)
 
 
+@examples(200)
+@given(st.text(alphabet='0123456789e-+.,;"# \n\tmassnai', max_size=60), st.integers(0, len(CHAIN)))
+def test_whatever_stands_in_a_csv_it_is_read_or_refused_in_one_line(text: str, place: int) -> None:
+    said = "chain.csv"
+    try:
+        scene_of_csv(CHAIN[:place] + text + CHAIN[place:], file="chain.csv", name="chain", duration=1e-4)
+    except SceneError as error:
+        said = str(error)
+    assert "\n" not in said
+    assert said.startswith("chain.csv")
+
+
 TABLES = {
     "bodies": "body,mass_kg,velocity_m_per_s\n0,1,2\n1,3,0\n",
     "contacts": "contact,where,stiffness_SI,gap_m\n0,chain,5,0\n1,wall_right,6,1e-3\n",

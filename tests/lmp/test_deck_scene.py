@@ -358,6 +358,30 @@ def test_several_runs_are_one_and_a_fix_may_go_before_them() -> None:
     assert found.gravity == 0.0
 
 
+def test_a_run_of_no_steps_is_no_start() -> None:
+    assert read(start="run 0\n" + PARTS["start"]).scene == read().scene
+
+
+def test_a_body_alone_has_walls_or_nothing() -> None:
+    for walls in ((None, None), (Wall(stiffness=1e9), None), (Wall(stiffness=1e9), Wall(stiffness=2e9, gap=1e-6))):
+        scene = Scene(
+            name="alone",
+            duration=1e-4,
+            mass=(1e-2,),
+            stiffness=(),
+            velocity=(-0.5,),
+            wall_left=walls[0],
+            wall_right=walls[1],
+            samples=10,
+        )
+        assert _own(_deck(scene)) == replace(scene, description=_own(_deck(scene)).description)
+
+
+def test_forces_across_that_setforce_takes_away_are_none() -> None:
+    more = "fix g bodies gravity 9.81 vector 0 0 -1\nfix s bodies setforce NULL 0 0"
+    assert read(more=more).scene == read().scene
+
+
 @pytest.mark.parametrize(
     ("dump", "samples", "note"),
     [
@@ -404,6 +428,9 @@ REFUSED = [
     ({"more": "fix w all wall/gran hooke 1 1 1 1 1 1 xplane 0 1"}, "may change the motion: wall/gran"),
     ({"more": "fix g striker gravity 9.81 vector 1 0 0"}, "gives atom 1 9.81 and atom 2 0; allowed: the same"),
     ({"more": "fix g bodies gravity 9.81 vector 0 0 -1"}, "with a force on atom 1 along z, across the chain"),
+    ({"more": "fix s bodies setforce NULL 0 0\nfix g bodies gravity 9.81 vector 0 0 -1"}, "on atom 1 along z, across"),
+    ({"more": "fix h all setforce 0 0 0\nfix g all gravity 9.81 vector 1 0 0", "start": ""},
+     "`fix h all setforce 0 0 0` stands before a force on atom 1, which then moves it"),
     ({"more": "fix g bodies gravity 9.81 chute 20"}, "allowed: fix ID GROUP gravity MAGNITUDE vector"),
     ({"more": "fix t bodies langevin 300 300 0.1 1"}, "is no drag alone"),
     ({"more": "fix a striker addforce v_f 0 0"}, "uses the variable f, which is not defined"),
@@ -448,6 +475,30 @@ def test_what_is_not_understood_is_refused_in_one_line(changes: dict[str, str], 
     assert text.startswith("in.test, line ")
     assert "allowed: " in text
     assert "\n" not in text
+
+
+WORDS = ["0", "1", "-1", "1e400", "nan", "*", "2*", "v_x", "${x}", "$(1/0)", "all", "NULL", '"', "&", "#", "granular",
+         "set", "vector", "index", "equal", "é", "single", "hertz", "fix", "run", "units"]  # fmt: skip
+
+
+@examples(400)
+@given(st.lists(st.tuples(st.integers(0, 10**6), st.sampled_from(["drop", "put", "swap"]), st.sampled_from(WORDS)),
+                min_size=1, max_size=4))  # fmt: skip
+def test_whatever_is_done_to_a_script_it_is_read_or_refused_in_one_line(edits: list[tuple[int, str, str]]) -> None:
+    lines = [line.split(" ") for line in script(more="fix g all gravity 1 vector 1 0 0").splitlines()]
+    places = [(i, k) for i, line in enumerate(lines) for k in range(len(line))]
+    for nth, how, word in edits:
+        i, k = places[nth % len(places)]
+        if k < len(lines[i]):
+            lines[i][k : k + 1] = [] if how == "drop" else [word] if how == "put" else [word, lines[i][k]]
+    said = "in.test; allowed: "
+    try:
+        read_deck("\n".join(" ".join(line) for line in lines), file="in.test", opened=NOTHING.__getitem__)
+    except SceneError as error:
+        said = str(error)
+    assert "\n" not in said
+    assert said.startswith("in.test")
+    assert "allowed: " in said
 
 
 DATA = """a data file
