@@ -131,11 +131,8 @@ class Script:
             if isinstance(node, ast.Name) and node.id == "PI":
                 return math.pi
             if isinstance(node, ast.Name) and node.id.startswith("v_") and depth < _DEEPEST:
-                name = node.id[2:]
-                if self.variables.get(name, ("", ()))[0] == "equal":  # not cut to the digits of ${name}
-                    return self.evaluated(command, " ".join(self.variables[name][1]), depth + 1)
-                return self.number(command, self.value(command, name))
-            # -a^b and a^b^c mean different things to LAMMPS and to Python
+                return self.number(command, self.value(command, node.id[2:], depth + 1))  # cut to 15 digits, too
+            # -2^2 is 4 and 2^3^2 is 64 to LAMMPS, and not to Python
             if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd) and not _power(node.operand):
                 return -reduced(node.operand) if isinstance(node.op, ast.USub) else reduced(node.operand)
             if (

@@ -17,9 +17,10 @@ import pytest
 from numpy.typing import NDArray
 
 import dem_bridge as db
+from dem_bridge.lmp.deck_reader import UNITS
 from dem_bridge.lmp.process import run_deck
 from dem_bridge.scene import Scene
-from tests.lmp.scripts import script
+from tests.lmp.scripts import PARTS, script
 
 pytestmark = pytest.mark.lammps
 
@@ -128,6 +129,10 @@ CASES = {
         "coefficients": f"pair_coeff 1 1 hooke 2e7 0 {GRANULAR} velocity\n"
         f"pair_coeff 2 2 hooke 9e7 0 {GRANULAR} velocity"
     },
+    "types named the other way round": {
+        "coefficients": f"pair_coeff * * hertz 1e11 0 {GRANULAR} velocity\n"
+        f"pair_coeff 2 1 hertz 3e11 0 {GRANULAR} velocity"
+    },
     "damping, mixed": {
         "coefficients": f"pair_coeff 1 1 hertz 2e11 10 {GRANULAR} velocity limit_damping\n"
         f"pair_coeff 2 2 hertz 1e11 90 {GRANULAR} velocity limit_damping"
@@ -181,3 +186,16 @@ def test_each_law_that_is_read_is_that_of_lammps(case: str, tmp_path: Path) -> N
         weaker = tuple(one * (1.0 - 1e-5) for one in scene.damping.coefficient)
         off = replace(scene, damping=replace(scene.damping, coefficient=weaker))
         assert np.max(np.abs(found - db.solve(off, backend="verlet", dt=STEP, bars=False).velocity)) > 1e-8 * scale
+
+
+@pytest.mark.parametrize("units", list(UNITS))
+def test_a_script_without_a_time_step_has_that_of_its_units(units: str, tmp_path: Path) -> None:
+    slow = PARTS["start"].replace("0.5", "1e-9")  # a step of 2 microseconds would carry it out of its box
+    text = script(
+        units=f"units {units}", boundary="boundary f p p\ncomm_modify vel yes", start=slow, step="", run="run 1"
+    )
+    text = text.replace(PARTS["dump"], "neighbor 0.002 bin\ndump d all custom 1 dump.txt id vx\ndump_modify d time yes")
+    dump = _run(tmp_path / "run", {"in.test": text}, "in.test", {})
+    time = float(dump.split("ITEM: TIME\n")[2].split()[0])
+    scene = db.scene_from_deck(tmp_path / "run" / "in.test")
+    assert scene.duration == pytest.approx(time * UNITS[units][1], rel=1e-12)

@@ -52,8 +52,25 @@ variable t equal 2.0*PI
 c ${a} $a ${b} $(v_b) $(1/4:%.3f) "${a}" ${s} $(sqrt(v_a+1)^2) ${t}
 """
     third = 3 / 7
-    last = ("c", "3", "3", f"{third:.15g}", f"{third:.20g}", "0.250", "${a}", "hello", "4", f"{2 * math.pi:.15g}")
+    last = (
+        "c",
+        "3",
+        "3",
+        f"{third:.15g}",
+        f"{float(f'{third:.15g}'):.20g}",
+        "0.250",
+        "${a}",
+        "hello",
+        "4",
+        f"{2 * math.pi:.15g}",
+    )
     assert _words(text) == [last]
+
+
+def test_a_variable_in_a_formula_has_15_digits() -> None:
+    """As LAMMPS of 2025-07-22 prints it."""
+    text = "variable b equal 1/3\nvariable c equal v_b*3\nc ${c} $(v_b*3:%.17g)"
+    assert _words(text) == [("c", "0.999999999999999", "0.99999999999999889")]
 
 
 def test_the_first_definition_of_an_index_holds_and_so_does_one_from_outside() -> None:
