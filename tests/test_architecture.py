@@ -48,7 +48,17 @@ LAYERS = {
     8: ("studies", "regression"),
     9: ("report", "exports"),
     10: ("api", "api_studies", "api_export", "api_regress", "api_trajectories"),
-    11: ("cli", "cli_convert", "cli_export", "cli_options", "cli_plan", "cli_regress", "cli_studies", "cli_terminal"),
+    11: (
+        "cli",
+        "cli_convert",
+        "cli_export",
+        "cli_new",
+        "cli_options",
+        "cli_plan",
+        "cli_regress",
+        "cli_studies",
+        "cli_terminal",
+    ),
 }
 
 #: imports within a layer, each with its reason
@@ -56,6 +66,7 @@ SIDEWAYS = {
     ("cli", "cli_terminal"): "what a terminal shows is apart from what is asked",
     ("cli", "cli_options"): "options that commands share are written once",
     ("cli", "cli_studies"): "the commands of a group are apart",
+    ("cli", "cli_new"): "... and that of a new scene file",
     ("cli", "cli_plan"): "... and so is the planner's",
     ("cli", "cli_export"): "... and that of tables",
     ("cli", "cli_regress"): "... and that of baselines",
@@ -195,7 +206,10 @@ def test_only_the_report_draws_and_fills_pages(library: str) -> None:
 @pytest.mark.parametrize(
     ("library", "where"),
     [
-        ("click", {"cli", "cli_convert", "cli_export", "cli_options", "cli_plan", "cli_regress", "cli_studies"}),
+        (
+            "click",
+            {"cli", "cli_convert", "cli_export", "cli_new", "cli_options", "cli_plan", "cli_regress", "cli_studies"},
+        ),
         ("rich", {"cli_terminal"}),
     ],
 )
