@@ -25,6 +25,7 @@ _HOME = {
     "Trajectory": "trajectory",
     "angles_for": "exports.angles",
     "available": "api",
+    "chain": "scene_bodies",
     "compare_trajectories": "api_trajectories",
     "export": "api_export",
     "law_of": "physics.law",
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from dem_bridge.geometry import Body, Geometry, Material
     from dem_bridge.physics.law import ContactLaw, law_of
     from dem_bridge.scene import Damping, Scene, Wall
+    from dem_bridge.scene_bodies import chain
     from dem_bridge.scene_file import load_scene, shipped_scenes
     from dem_bridge.trajectory import Trajectory, load_trajectory
 
@@ -73,6 +75,7 @@ __all__ = [
     "__version__",
     "angles_for",
     "available",
+    "chain",
     "compare_trajectories",
     "export",
     "law_of",

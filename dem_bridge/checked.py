@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dem_bridge.errors import SceneError
 
@@ -33,7 +34,7 @@ def checked_number(
 
 def checked_numbers(
     key: str,
-    values: Sequence[float] | float,
+    values: Sequence[float] | NDArray[np.float64] | float,
     allowed: str,
     *,
     count: int | None = None,

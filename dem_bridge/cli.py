@@ -20,6 +20,7 @@ from dem_bridge import cli_terminal as terminal
 from dem_bridge.cli_convert import compare_command, convert_command
 from dem_bridge.cli_export import export_command
 from dem_bridge.cli_import import import_group
+from dem_bridge.cli_new import new_command
 from dem_bridge.cli_options import (
     accuracy_option,
     engine_options,
@@ -279,6 +280,7 @@ def doctor(as_json: bool, lmp: str | None, lmp_args: str | None, python: str | N
 
 
 main.add_command(study_group)
+main.add_command(new_command)
 main.add_command(plan_command(BACKENDS))
 main.add_command(export_command(BACKENDS))
 main.add_command(regress_command(BACKENDS))

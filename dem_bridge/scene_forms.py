@@ -1,10 +1,11 @@
-"""The tables of a scene file: which keys there are, of which types, in the raw and in the physical form.
+"""The tables of a scene file: which keys there are, of which types, in the raw and in the physical forms.
 
 Numbers that go to the Scene as they are have no limits here: the Scene has the last word on them.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -27,7 +28,7 @@ class RawTable(Table):
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=True)
 
 
-# what both forms have
+# what all forms have
 
 
 class WallTable(RawTable):
@@ -142,7 +143,9 @@ class Striker(Table):
 
 
 class PhysicalChain(Table):
-    striker: Striker
+    striker: Striker | None = None
+    velocity: Numbers | None = None
+    """m/s, where there is no striker: of the first body, or one for each."""
     wall_left: WallTable | None = None
     wall_right: WallTable | None = None
     precompression: Precompression | None = None
@@ -159,11 +162,83 @@ class SphereChain(PhysicalChain):
     contacts: SphereContacts = SphereContacts()
 
 
+# pattern form: bodies of several materials, cell after cell
+
+
+class BodyTable(Table):
+    shape: Literal["sphere", "cylinder"]
+    radius: Positive
+    height: Positive | None = None
+    """Of a cylinder, which lies across the chain, m."""
+    material: str | None = None
+    """None: the only one."""
+
+
+class Decorate(BodyTable):
+    every: Annotated[int, Field(ge=1)] = 1
+
+
+class Step(Table):
+    first: Annotated[int, Field(ge=0, alias="from")]
+    cell: Annotated[list[BodyTable], Field(min_length=1)]
+
+
+class Disorder(Table):
+    radius: Annotated[float, Field(ge=0.0)] = 0.0
+    """Standard deviation of each radius, relative."""
+    angle: Annotated[float, Field(ge=0.0)] = 0.0
+    """Of each angle, degrees."""
+    seed: Annotated[int, Field(ge=0)]
+
+
+class Pattern(Table):
+    cell: Annotated[list[BodyTable], Field(min_length=1)]
+    repeat: Annotated[int, Field(ge=1)] = 1
+    law: Literal["paper", "exact"] = "exact"
+    angle: Angle | None = None
+    angles: list[Angle] | None = None
+    """One for each two cylinders of the chain that meet."""
+    taper: Positive = 1.0
+    gap: Numbers = 0.0
+    step: Step | None = None
+    decorate: Decorate | None = None
+    disorder: Disorder | None = None
+
+
+class PatternStriker(Striker):
+    material: str | None = None
+    """None: that of the first body."""
+
+
 class PhysicalScene(Table):
     name: str
     duration: float
     description: str = ""
     material: MaterialTable
+    sampling: Sampling = Sampling()
+    environment: Environment = Environment()
+
+
+class PatternWall(WallTable):
+    stiffness: float = math.nan
+    """Not given: it follows from the material."""
+    material: str | None = None
+    """Of a flat half space."""
+
+
+class PatternChain(PhysicalChain):
+    pattern: Pattern
+    striker: PatternStriker | None = None
+    wall_left: PatternWall | None = None
+    wall_right: PatternWall | None = None
+
+
+class PatternScene(Table):
+    name: str
+    duration: float
+    description: str = ""
+    materials: Annotated[dict[str, MaterialTable], Field(min_length=1)]
+    chain: PatternChain
     sampling: Sampling = Sampling()
     environment: Environment = Environment()
 
@@ -183,8 +258,8 @@ def numbers(value: Numbers) -> float | tuple[float, ...]:
     return tuple(value) if isinstance(value, list) else value
 
 
-def in_common(file: RawScene | CylinderScene | SphereScene) -> dict[str, Any]:
-    """Of a Scene's arguments, those that both forms give alike."""
+def in_common(file: RawScene | CylinderScene | SphereScene | PatternScene) -> dict[str, Any]:
+    """Of a Scene's arguments, those that all forms give alike."""
     chain, damping = file.chain, file.chain.damping
 
     def wall(table: WallTable | None) -> Wall | None:

@@ -352,11 +352,7 @@ def model(scene: Scene, theory: Trajectory, truth: Trajectory) -> list[Verdict]:
             backend=THEORY,
             reference=REFERENCE,
             outcome=Outcome.MODEL_DIFFERENCE,
-            sentence=(
-                f"binary collisions miss the {one.quantity.replace('_', ' ')} by up to {100 * one.value:.3g} % of"
-                f" {one.scale_name} ({'body' if math.isfinite(one.time) else 'contact'} {one.body}): they are another"
-                " model, so this is no error of either code."
-            ),
+            sentence=_of_theory(one),
             difference=one.value,
             scale=one.scale,
             unit=one.unit,
@@ -366,3 +362,12 @@ def model(scene: Scene, theory: Trajectory, truth: Trajectory) -> list[Verdict]:
         )
         for one in found
     ]
+
+
+def _of_theory(found: Difference) -> str:
+    what = found.quantity.replace("_", " ")
+    place = f"{'body' if found.quantity in ('velocity', 'residence_time') else 'contact'} {found.body}"
+    missed = f"binary collisions miss the {what} by up to {100 * found.value:.3g} % of {found.scale_name} ({place})"
+    if not math.isfinite(found.value):
+        missed = f"binary collisions and the reference do not both have the {what} of {place} within the duration"
+    return f"{missed}: they are another model, so this is no error of either code."
