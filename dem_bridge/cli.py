@@ -17,6 +17,7 @@ import click
 
 import dem_bridge
 from dem_bridge import cli_terminal as terminal
+from dem_bridge.backends.catalogue import BACKENDS
 from dem_bridge.cli_convert import compare_command, convert_command
 from dem_bridge.cli_export import export_command
 from dem_bridge.cli_import import import_group
@@ -37,12 +38,6 @@ from dem_bridge.files import check_file, write_whole
 
 if TYPE_CHECKING:
     from dem_bridge.trajectory import Trajectory
-
-#: named again here so that --help needs no backend; a test holds the two together
-BACKENDS = (
-    "lammps-granular", "lammps-table", "verlet", "blanes-moan", "reference", "scipy", "ase", "ode45", "bca",
-    "adiabatic",
-)  # fmt: skip
 
 
 class _Group(click.Group):
@@ -281,9 +276,9 @@ def doctor(as_json: bool, lmp: str | None, lmp_args: str | None, python: str | N
 
 main.add_command(study_group)
 main.add_command(new_command)
-main.add_command(plan_command(BACKENDS))
-main.add_command(export_command(BACKENDS))
-main.add_command(regress_command(BACKENDS))
+main.add_command(plan_command(tuple(BACKENDS)))
+main.add_command(export_command(tuple(BACKENDS)))
+main.add_command(regress_command(tuple(BACKENDS)))
 main.add_command(convert_command)
 main.add_command(compare_command)
 main.add_command(import_group)
