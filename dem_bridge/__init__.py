@@ -18,6 +18,7 @@ _HOME = {
     "Body": "geometry",
     "ContactLaw": "physics.law",
     "Damping": "scene",
+    "Drive": "drive",
     "Geometry": "geometry",
     "Material": "geometry",
     "Scene": "scene",
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from dem_bridge.api_regress import regress
     from dem_bridge.api_studies import minimal, study
     from dem_bridge.api_trajectories import compare_trajectories, read_trajectory, write_trajectory
+    from dem_bridge.drive import Drive
     from dem_bridge.exports.angles import angles_for
     from dem_bridge.geometry import Body, Geometry, Material
     from dem_bridge.physics.law import ContactLaw, law_of
@@ -67,6 +69,7 @@ __all__ = [
     "Body",
     "ContactLaw",
     "Damping",
+    "Drive",
     "Geometry",
     "Material",
     "Scene",

@@ -20,6 +20,7 @@ from pydantic import BaseModel, ValidationError
 
 from dem_bridge.errors import SceneError
 from dem_bridge.scene import Scene
+from dem_bridge.scene_drive import with_force_of_file
 from dem_bridge.scene_forms import CylinderScene, PatternScene, RawScene, SphereScene, from_raw
 from dem_bridge.scene_pattern import from_pattern
 from dem_bridge.scene_physical import from_cylinders, from_spheres
@@ -56,7 +57,7 @@ def load_scene(source: str | Path) -> Scene:
     name = str(source)
     if name in shipped_scenes():
         file = resources.files("dem_bridge").joinpath("scenes", f"{name}.toml")
-        return parse_scene(file.read_text(encoding="utf-8"), where=f"{name}.toml")
+        return parse_scene(file.read_text(encoding="utf-8"), where=f"{name}.toml", folder=Path(str(file)).parent)
     path = Path(source)
     try:
         is_file = path.is_file()
@@ -73,18 +74,18 @@ def load_scene(source: str | Path) -> Scene:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError("", problem=f"cannot be read: {error}", allowed="a TOML file in UTF-8", where=name) from error
-    return parse_scene(text, where=name)
+    return parse_scene(text, where=name, folder=path.parent)
 
 
-def parse_scene(text: str, *, where: str = "scene") -> Scene:
-    """The scene in a TOML text; ``where`` names it in errors."""
+def parse_scene(text: str, *, where: str = "scene", folder: str | Path = ".") -> Scene:
+    """The scene in a TOML text; ``where`` names it in errors, and files that it names are in ``folder``."""
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # tomllib's own error is a ValueError
         raise SceneError("", problem=f"not TOML: {error}", allowed="TOML 1.0", where=where) from error
     form = _form(table)
     try:
-        return _SCENE_FROM[form](form.model_validate(table))
+        return _SCENE_FROM[form](form.model_validate(with_force_of_file(table, Path(folder))))
     except ValidationError as error:
         raise _in_one_line(error, form, where) from None
     except SceneError as error:

@@ -10,6 +10,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from dem_bridge.drive import Drive
+from dem_bridge.errors import SceneError
 from dem_bridge.scene import Damping, Scene, Wall
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -42,6 +44,28 @@ class DampingTable(RawTable):
     coefficient: Numbers
 
 
+class DriveTable(RawTable):
+    shape: Literal["sine", "chirp", "table"]
+    force: Numbers | None = None
+    file: str | None = None
+    """In place of ``force`` and ``interval``; read before the tables are checked: see ``scene_drive``."""
+    frequency: float | None = None
+    last_frequency: float | None = None
+    sweep: float | None = None
+    phase: float = 0.0
+    rise: float = 0.0
+    interval: float | None = None
+
+    def drive(self, duration: float) -> Drive:
+        """A chirp that is not told otherwise sweeps for the ``duration`` (s) of its scene."""
+        if self.force is None:
+            raise SceneError("drive.force", problem="is missing", allowed="a number (N); of a table a list, or a file")
+        given = self.model_dump(exclude={"file"})
+        if self.shape == "chirp" and self.sweep is None:
+            given["sweep"] = duration
+        return Drive(**given)
+
+
 class Precompression(RawTable):
     force: float
 
@@ -69,6 +93,7 @@ class RawChain(RawTable):
     wall_right: WallTable | None = None
     precompression: Precompression | None = None
     damping: DampingTable | None = None
+    drive: DriveTable | None = None
 
 
 class RawScene(RawTable):
@@ -150,6 +175,7 @@ class PhysicalChain(Table):
     wall_right: WallTable | None = None
     precompression: Precompression | None = None
     damping: DampingTable | None = None
+    drive: DriveTable | None = None
 
 
 class CylinderChain(PhysicalChain):
@@ -273,6 +299,7 @@ def in_common(file: RawScene | CylinderScene | SphereScene | PatternScene) -> di
         "wall_right": wall(chain.wall_right),
         "precompression": 0.0 if chain.precompression is None else chain.precompression.force,
         "damping": None if damping is None else Damping(law=damping.law, coefficient=numbers(damping.coefficient)),
+        "drive": None if chain.drive is None else chain.drive.drive(file.duration),
         "gravity": file.environment.gravity,
         "drag": file.environment.drag,
         "samples": file.sampling.count,

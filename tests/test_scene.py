@@ -11,10 +11,12 @@ import pandas as pd
 import pytest
 from hypothesis import given
 
+from dem_bridge.drive import KEYS, Drive
 from dem_bridge.errors import SceneError
 from dem_bridge.physics.law import ContactLaw, power_law
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file import load_scene
+from tests.driven import CHIRP
 from tests.strategies import ANY, scenes
 
 GOOD: dict[str, Any] = {
@@ -161,6 +163,47 @@ def test_the_hash_sees_the_law_and_every_coefficient_of_damping() -> None:
     laws = [("dashpot", (1.0, 2.0)), ("dashpot", (2.0, 1.0)), ("kuwabara-kono", (1.0, 2.0))]
     hashes = {_scene(damping=Damping(law=law, coefficient=c)).content_hash for law, c in laws}
     assert len(hashes) == 3
+
+
+def test_the_hash_sees_every_number_of_a_drive_and_what_is_not_its_own_leaves_no_trace() -> None:
+    chirp = replace(CHIRP, sweep=1e-3, rise=1e-4, phase=5.0)
+    changed = [replace(chirp, **{key: 2.0 * getattr(chirp, key)}) for key in ("force", *KEYS["chirp"])]
+    table = Drive(shape="table", force=(0.0, 1.0), interval=1e-3)
+    tables = [table, replace(table, force=(0.0, 2.0)), replace(table, interval=2e-3)]
+    hashes = {_scene(drive=drive).content_hash for drive in (None, chirp, *changed, *tables)}
+    assert len(hashes) == 2 + len(changed) + len(tables)
+    assert _scene(drive=None).content_hash == _scene().content_hash
+
+
+WRONG_DRIVES = {
+    "no Drive": (2.0, "drive = 2.0; allowed: a Drive or None"),
+    "a table that ends early": (
+        Drive(shape="table", force=(0.0, 1.0), interval=9e-4),
+        "drive.force ends at 0.0009 s: a table of 2 forces, one in 0.0009 s, of up to 1 N; allowed: values up to the"
+        " duration, 0.001 s",
+    ),
+}
+
+
+@pytest.mark.parametrize(("drive", "said"), WRONG_DRIVES.values(), ids=WRONG_DRIVES)
+def test_a_drive_that_does_not_fit_the_scene_is_refused(drive: Any, said: str) -> None:
+    assert said in _message(drive=drive)
+
+
+def test_a_table_whose_end_is_the_scenes_but_for_a_rounding_is_long_enough() -> None:
+    interval = math.nextafter(1e-3 / 3.0, 0.0)
+    assert _scene(drive=Drive(shape="table", force=(0.0,) * 4, interval=interval)).drive is not None
+
+
+def test_no_drive_presses_a_law_deeper_than_it_is_known() -> None:
+    law = power_law(4e9, 2.5)
+    still, pushed = (_scene(law=law, drive=drive).contacts.reach[0] for drive in (None, CHIRP))
+    # all that a force of 2 N could do: sqrt(E) grows by at most F t / sqrt(2 m)
+    mass, v = np.array(GOOD["mass"]), np.array(GOOD["velocity"])
+    root = math.sqrt(0.5 * float(mass @ v**2))
+    ratio = (1.0 + 2.0 * 1e-3 / math.sqrt(2.0 * mass[0]) / root) ** 2
+    assert law.energy(np.array(pushed)) / law.energy(np.array(still)) == pytest.approx(ratio, rel=0.5)
+    assert pushed > still
 
 
 def test_physics_that_does_nothing_leaves_the_hash_alone() -> None:

@@ -252,7 +252,7 @@ def study_of(scene: Scene, results: tuple[Result, ...], accuracy: float) -> Scen
         if theory is not None:
             verdicts += checks.model(scene, theory, truth)
     if engine is not None:
-        verdicts += checks.conserved(scene, engine, accuracy)
+        verdicts += checks.conserved(scene, engine, accuracy, truth)
     return SceneStudy(scene=scene, results=results, verdicts=tuple(verdicts), ladder=ladder, budgets=budget)
 
 

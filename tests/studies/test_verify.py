@@ -15,6 +15,7 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.verlet import Verlet
 from dem_bridge.campaign import Case, Result
+from dem_bridge.drive import Drive
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.studies import checks
@@ -331,6 +332,8 @@ def test_a_scene_that_the_twin_cannot_do_is_not_run_with_the_reason_and_the_othe
         ({"precompression": 5.0, "wall_left": Wall(stiffness=1e9)}, {"energy"}),
         ({"damping": Damping(law="dashpot", coefficient=1.0)}, {"momentum"}),
         ({"drag": 1.0}, set()),
+        ({"drive": Drive(shape="sine", force=1.0, frequency=1e3)}, {"energy less work"}),
+        ({"drive": Drive(shape="sine", force=1.0, frequency=1e3), "drag": 1.0}, set()),
     ],
     # the order of a set is another in each process
     ids=lambda one: "-".join(sorted(one)) or "none",
