@@ -23,7 +23,7 @@ ROOT = PACKAGE.parent
 #: layer -> modules and packages in it; a package's modules may import each other
 LAYERS = {
     1: ("errors", "accuracy", "progress", "version"),
-    2: ("physics", "files", "compiled", "checked"),
+    2: ("physics", "files", "compiled", "checked", "notebook", "notebook_sketch"),
     3: ("scene", "contacts", "geometry"),
     4: ("lmp", "scene_file", "scene_forms", "scene_physical", "scene_text", "timescales", "trajectory", "dense"),
     5: ("backends", "observables"),
@@ -36,7 +36,7 @@ LAYERS = {
     ),
     8: ("studies", "regression"),
     9: ("report", "exports"),
-    10: ("api", "api_studies", "api_export", "api_regress", "api_trajectories"),
+    10: ("api", "api_studies", "api_export", "api_regress", "api_trajectories", "plot"),
     11: ("cli", "cli_convert", "cli_export", "cli_options", "cli_plan", "cli_regress", "cli_studies", "cli_terminal"),
 }
 
@@ -53,6 +53,7 @@ SIDEWAYS = {
     ("cli", "cli_convert"): "... and those of trajectories",
     ("cli_export", "cli_options"): "... it shares the options",
     ("cli_export", "cli_terminal"): "... and the terminal",
+    ("plot", "api"): "theories are solved when they are to stand beside a run",
     ("api_export", "api"): "what is tabled is solved first",
     ("cli_plan", "cli_options"): "... it shares the options",
     ("cli_plan", "cli_terminal"): "... and the terminal",
@@ -60,6 +61,7 @@ SIDEWAYS = {
     ("cli_studies", "cli_terminal"): "... and the terminal",
     ("scene", "contacts"): "a scene gives its contacts as arrays",
     ("scene", "geometry"): "a scene may say what its bodies are",
+    ("notebook", "notebook_sketch"): "a scene is shown with a sketch of its chain",
     ("scene_file", "scene_forms"): "a file is read by the tables of its form",
     ("scene_file", "scene_physical"): "... and made a Scene of",
     ("scene_physical", "scene_forms"): "bodies are given as tables",
