@@ -99,6 +99,7 @@ def drawn_on(ax: Axes, panel: Panel) -> Axes:
         rows, thinned = -(-len(_names([panel])) // columns), _thinned(ax)
         if panel.map is None:  # a strip of its own
             low, high = ax.get_ylim()
+            high = max(high, *(_top(one) for one in panel.series))
             ax.set_ylim(low, high + (0.085 * (rows + thinned) + 0.02) * (high - low))
         ax.legend(
             # before the front of a map there is nothing to hide
@@ -114,16 +115,11 @@ def drawn_on(ax: Axes, panel: Panel) -> Axes:
 
 
 def new_axes(height: float = _HEIGHT["map"]) -> Axes:
-    """Axes in a figure of their own, as wide as one of a report. A notebook shows it, for pyplot knows it; pyplot alone
-    can want a display, and where there is none the figure is one that can be saved."""
+    """Axes in a figure of their own, as wide as one of a report. A notebook shows it, for pyplot knows it; without a
+    display pyplot falls back on what can be saved."""
     from matplotlib import pyplot  # the report needs none
 
-    size = (0.6 * WIDTH, height)
-    try:
-        figure = pyplot.figure(figsize=size, layout="constrained")
-    except ImportError:  # a backend was named that has windows
-        figure = Figure(figsize=size, layout="constrained")
-    return figure.add_subplot()
+    return pyplot.figure(figsize=(0.6 * WIDTH, height), layout="constrained").add_subplot()
 
 
 def png(exhibit: Exhibit, *, dpi: int = 130) -> bytes:
@@ -243,6 +239,12 @@ def _name_off_scale(ax: Axes, panel: Panel, first: float) -> None:
         arrowprops={"arrowstyle": "->"},
     )
     note.set_in_layout(False)  # a note gives way to the axes, not they to it
+
+
+def _top(line: Series) -> float:
+    """The largest value with its bar."""
+    bar = np.zeros(1) if line.bar is None else np.where(np.isfinite(line.bar), line.bar, 0.0)
+    return float(np.nanmax(line.y + bar, initial=-np.inf))
 
 
 def _draw_map(ax: Axes, one: Map, limits: tuple[float, float]) -> Any:
