@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -86,6 +87,12 @@ def test_a_scene_shows_its_numbers_with_units_and_its_description_as_text() -> N
 def test_a_scene_says_what_else_it_has(more: dict, said: str) -> None:
     assert said not in _text(SCENE._repr_html_())
     assert said in _text(replace(SCENE, **more)._repr_html_())
+
+
+def test_a_drive_is_named_in_its_own_words() -> None:
+    driven = replace(SCENE)
+    object.__setattr__(driven, "drive", SimpleNamespace(words="sine of 2 N at 5000 Hz"))
+    assert "also acts body 0 is driven by a sine of 2 N at 5000 Hz" in _text(driven._repr_html_())
 
 
 @pytest.mark.parametrize("name", db.shipped_scenes())
