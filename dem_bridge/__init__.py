@@ -34,6 +34,8 @@ _HOME = {
     "plan": "api",
     "read_trajectory": "api_trajectories",
     "regress": "api_regress",
+    "scene_from_csv": "api_import",
+    "scene_from_deck": "api_import",
     "shipped_scenes": "scene_file",
     "solve": "api",
     "study": "api_studies",
@@ -51,6 +53,7 @@ if TYPE_CHECKING:
     from dem_bridge import plot
     from dem_bridge.api import available, plan, solve, study_scatter, study_styles, verify, write_deck
     from dem_bridge.api_export import export, table_of
+    from dem_bridge.api_import import scene_from_csv, scene_from_deck
     from dem_bridge.api_regress import regress
     from dem_bridge.api_studies import minimal, study
     from dem_bridge.api_trajectories import compare_trajectories, read_trajectory, write_trajectory
@@ -83,6 +86,8 @@ __all__ = [
     "plot",
     "read_trajectory",
     "regress",
+    "scene_from_csv",
+    "scene_from_deck",
     "shipped_scenes",
     "solve",
     "study",

@@ -19,6 +19,7 @@ import dem_bridge
 from dem_bridge import cli_terminal as terminal
 from dem_bridge.cli_convert import compare_command, convert_command
 from dem_bridge.cli_export import export_command
+from dem_bridge.cli_import import import_group
 from dem_bridge.cli_options import (
     accuracy_option,
     engine_options,
@@ -283,6 +284,7 @@ main.add_command(export_command(BACKENDS))
 main.add_command(regress_command(BACKENDS))
 main.add_command(convert_command)
 main.add_command(compare_command)
+main.add_command(import_group)
 
 
 def _warn(run: Trajectory) -> None:

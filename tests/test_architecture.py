@@ -36,8 +36,18 @@ LAYERS = {
     ),
     8: ("studies", "regression"),
     9: ("report", "exports"),
-    10: ("api", "api_studies", "api_export", "api_regress", "api_trajectories", "plot"),
-    11: ("cli", "cli_convert", "cli_export", "cli_options", "cli_plan", "cli_regress", "cli_studies", "cli_terminal"),
+    10: ("api", "api_studies", "api_export", "api_import", "api_regress", "api_trajectories", "plot"),
+    11: (
+        "cli",
+        "cli_convert",
+        "cli_export",
+        "cli_import",
+        "cli_options",
+        "cli_plan",
+        "cli_regress",
+        "cli_studies",
+        "cli_terminal",
+    ),
 }
 
 #: imports within a layer, each with its reason
@@ -51,6 +61,7 @@ SIDEWAYS = {
     ("cli_regress", "cli_options"): "... it shares the options",
     ("cli_regress", "cli_terminal"): "... and the terminal",
     ("cli", "cli_convert"): "... and those of trajectories",
+    ("cli", "cli_import"): "... and those of scenes that are no scene files",
     ("cli_export", "cli_options"): "... it shares the options",
     ("cli_export", "cli_terminal"): "... and the terminal",
     ("plot", "api"): "theories are solved when they are to stand beside a run",
@@ -181,7 +192,10 @@ def test_only_the_report_draws_and_fills_pages(library: str) -> None:
 @pytest.mark.parametrize(
     ("library", "where"),
     [
-        ("click", {"cli", "cli_convert", "cli_export", "cli_options", "cli_plan", "cli_regress", "cli_studies"}),
+        (
+            "click",
+            {"cli", "cli_convert", "cli_export", "cli_import", "cli_options", "cli_plan", "cli_regress", "cli_studies"},
+        ),
         ("rich", {"cli_terminal"}),
     ],
 )

@@ -7,6 +7,7 @@ from dataclasses import FrozenInstanceError, replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 
@@ -46,6 +47,44 @@ def test_lists_and_arrays_and_whole_numbers_are_taken_as_floats() -> None:
     one = _scene(mass=[1, 2, 3], velocity=np.array([1, 0, 0]), gap=np.zeros(2), duration=np.float32(2.0))
     assert one.mass == (1.0, 2.0, 3.0)
     assert all(type(v) is float for v in (*one.mass, *one.velocity, *one.gap, one.duration))  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    "mass",
+    [
+        [1, 2, 3],
+        (1, 2, 3),
+        range(1, 4),
+        np.array([1, 2, 3]),
+        np.array([1, 2, 3], dtype=np.float32),
+        np.arange(1.0, 7.0)[::2] / 2 + 0.5,
+        pd.Series([1, 2, 3], index=[5, 7, 9]),
+        pd.DataFrame({"m": [1.0, 2.0, 3.0]})["m"],
+    ],
+)
+def test_any_row_of_numbers_is_taken(mass: Any) -> None:
+    assert _scene(mass=mass).mass == (1.0, 2.0, 3.0)
+    assert _scene(velocity=mass, gap=mass[:2], stiffness=mass[1:]).velocity == (1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("mass", "why"),
+    [
+        (np.array(5.0), "scene: mass has the shape (); allowed: a list"),
+        (np.ones((3, 1)), "scene: mass has the shape (3, 1); allowed: a list"),
+        (pd.DataFrame({"m": [1.0, 2.0, 3.0]}), "scene: mass has the shape (3, 1); allowed: a list"),
+        ([[1.0], [2.0], [3.0]], "scene: mass[0] = [1.0]; allowed: a number > 0 (kg)"),
+        ([[1.0], [2.0, 3.0]], "scene: mass[0] = [1.0]; allowed: a number > 0 (kg)"),
+        (np.ma.masked_values([1.0, 2.0, -9.0], -9.0), "scene: mass has masked entries; allowed: a list"),
+        (pd.Series([1.0, None, 3.0]), "scene: mass[1] = nan; allowed: a number > 0 (kg)"),
+        (pd.Series(["a", "b", "c"]), "scene: mass[0] = 'a'; allowed: a number > 0 (kg)"),
+        (np.array([1 + 1j] * 3), "scene: mass[0] = np.complex128(1+1j); allowed: a number > 0 (kg)"),
+        ({0: 1.0}, "scene: mass = {0: 1.0}; allowed: a list"),
+        (np.array([]), "scene: mass is empty; allowed: at least one body"),
+    ],
+)
+def test_what_is_no_row_of_numbers_is_refused_in_one_line(mass: Any, why: str) -> None:
+    assert _message(mass=mass).startswith(why)
 
 
 def test_a_scene_cannot_be_changed() -> None:
