@@ -48,8 +48,11 @@ _HOME = {
     "write_deck": "api",
     "write_trajectory": "api_trajectories",
 }
+#: public modules, imported on first use too
+_MODULES = ("plot",)
 
 if TYPE_CHECKING:
+    from dem_bridge import plot
     from dem_bridge.api import available, plan, solve, study_scatter, study_styles, verify, write_deck
     from dem_bridge.api_export import export, table_of
     from dem_bridge.api_import import scene_from_csv, scene_from_deck
@@ -86,6 +89,7 @@ __all__ = [
     "load_trajectory",
     "minimal",
     "plan",
+    "plot",
     "read_trajectory",
     "regress",
     "scene_from_csv",
@@ -105,8 +109,10 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name in _HOME:
         return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    if name in _MODULES:
+        return importlib.import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOME])
+    return sorted([*globals(), *_HOME, *_MODULES])

@@ -297,6 +297,11 @@ class Scene:
             wall_right=self.wall_right is not None,
         )
 
+    def _repr_html_(self) -> str:
+        from dem_bridge.notebook import scene_html  # text for notebooks alone
+
+        return scene_html(self)
+
     @property
     def n_body(self) -> int:
         return len(self.mass)

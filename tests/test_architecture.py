@@ -23,7 +23,7 @@ ROOT = PACKAGE.parent
 #: layer -> modules and packages in it; a package's modules may import each other
 LAYERS = {
     1: ("errors", "accuracy", "progress", "version"),
-    2: ("physics", "files", "compiled", "checked"),
+    2: ("physics", "files", "compiled", "checked", "notebook", "notebook_sketch"),
     3: ("scene", "contacts", "geometry", "drive"),
     4: (
         "lmp",
@@ -48,7 +48,7 @@ LAYERS = {
     ),
     8: ("studies", "regression"),
     9: ("report", "exports"),
-    10: ("api", "api_studies", "api_export", "api_import", "api_regress", "api_trajectories"),
+    10: ("api", "api_studies", "api_export", "api_import", "api_regress", "api_trajectories", "plot"),
     11: (
         "cli",
         "cli_convert",
@@ -78,6 +78,7 @@ SIDEWAYS = {
     ("cli", "cli_import"): "... and those of scenes that are no scene files",
     ("cli_export", "cli_options"): "... it shares the options",
     ("cli_export", "cli_terminal"): "... and the terminal",
+    ("plot", "api"): "theories are solved when they are to stand beside a run",
     ("api_export", "api"): "what is tabled is solved first",
     ("cli_plan", "cli_options"): "... it shares the options",
     ("cli_plan", "cli_terminal"): "... and the terminal",
@@ -86,6 +87,7 @@ SIDEWAYS = {
     ("scene", "contacts"): "a scene gives its contacts as arrays",
     ("scene", "geometry"): "a scene may say what its bodies are",
     ("scene", "drive"): "... and be driven",
+    ("notebook", "notebook_sketch"): "a scene is shown with a sketch of its chain",
     ("scene_file", "scene_forms"): "a file is read by the tables of its form",
     ("scene_file", "scene_physical"): "... and made a Scene of",
     ("scene_file", "scene_pattern"): "... and so of a pattern",
