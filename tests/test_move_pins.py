@@ -201,10 +201,11 @@ def test_a_part_that_breaks_is_said_and_ends_no_other(move: Move, answers: dict[
 
 
 def test_versions_that_do_not_fit_together_are_told_in_pips_words(move: Move, root: Path) -> None:
-    said = "WARNING: slow\nnumba 0.62 depends on numpy<2.4\nERROR: ResolutionImpossible: for help visit pip\n"
+    said = "WARNING: slow\nThe conflict is caused by:\n    numba 0.62 depends on numpy<2.4\n"
+    said += "    The user requested (constraint) numpy==2.4.6\nERROR: ResolutionImpossible: for help visit pip\n"
     code, page = move(Played(pip=said), "--only", "numpy", "--write")
     assert code == 3
-    assert "fit together: numba 0.62 depends on numpy<2.4; ERROR: ResolutionImpossible" in page
+    assert "fit together: numba 0.62 depends on numpy<2.4; The user requested (constraint) numpy==2.4.6\n" in page
     assert (root / "constraints.txt").read_text() == PINS
 
 
