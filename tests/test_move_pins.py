@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import json
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
@@ -275,6 +276,11 @@ def test_the_program_needs_the_standard_library_alone() -> None:
     # -S: no site-packages
     done = subprocess.run(["python3", "-I", "-S", "-c", code], cwd=HERE, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_the_examples_in_its_docstrings_are_true() -> None:
+    assert doctest.testmod(move_pins).failed == 0
+    assert doctest.testmod(move_pins).attempted > 0
 
 
 def test_pins_are_read_and_written_as_they_stand() -> None:
