@@ -79,8 +79,8 @@ def minimal(
     """The least scene that tells the same within ``accuracy``: without what the given one has and does not need.
 
     What may go: gravity, precompression, walls, damping, drag, gaps, and forces other than Hertz' (n = 5/2 with the
-    same force at the largest overlap in their place); nothing is added, and masses, stiffnesses and start velocities
-    stay.
+    same force at the largest overlap in their place); nothing is added, and masses, stiffnesses, start velocities and a
+    drive stay.
     Each piece must stay within ``accuracy`` alone, and all that go must together, against the scene as given; where an
     error bar straddles the accuracy the piece stays. Runs are the reference's.
 

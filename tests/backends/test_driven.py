@@ -21,6 +21,7 @@ from dem_bridge.drive import Drive
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, Trajectory
+from tests.conftest import Solve
 from tests.driven import CHIRP, DRIVES, PRESSED, SINE, TABLE, TOUCHING, driven, free_body, oscillator
 
 EPS = float(np.finfo(float).eps)
@@ -130,10 +131,12 @@ def test_a_table_whose_knots_are_no_steps_is_still_of_second_order() -> None:
 
 @pytest.mark.parametrize("shape", DRIVES)
 @pytest.mark.parametrize(("name", "order", "coarsest"), [("verlet", 2, 1e-6), ("blanes-moan", 4, 4e-6)])
-def test_the_order_is_the_methods_own_on_a_smooth_chain(name: str, order: int, coarsest: float, shape: str) -> None:
+def test_the_order_is_the_methods_own_on_a_smooth_chain(
+    name: str, order: int, coarsest: float, shape: str, solved: Solve
+) -> None:
     # knots and the ends of sweeps and rises fall on steps
     scene = driven(PRESSED, shape)
-    reference = db.solve(scene, backend="scipy", bars=False)
+    reference = solved(scene, "scipy")
     steps = [coarsest / factor for factor in (1, 2, 4)]
     errors = [_error(db.solve(scene, backend=name, dt=dt, bars=False), reference) for dt in steps]
     assert observed_order(steps, errors).order == pytest.approx(order, abs=0.05 * order)
@@ -141,8 +144,8 @@ def test_the_order_is_the_methods_own_on_a_smooth_chain(name: str, order: int, c
 
 @each_scene
 @pytest.mark.parametrize("name", ["verlet", "blanes-moan"])
-def test_bars_hold_on_driven_chains(name: str, scene: Scene) -> None:
-    truth = db.solve(scene, backend="scipy")
+def test_bars_hold_on_driven_chains(name: str, scene: Scene, solved: Solve) -> None:
+    truth = solved(scene, "scipy")
     for dt in (5e-7, 1e-7):
         run = db.solve(scene, backend=name, dt=dt)
         for quantity in QUANTITIES:
@@ -152,8 +155,8 @@ def test_bars_hold_on_driven_chains(name: str, scene: Scene) -> None:
 
 
 @each_scene
-def test_scipy_is_within_its_bars_of_a_looser_run(scene: Scene) -> None:
-    fine, loose = (db.solve(scene, backend="scipy", rtol=rtol) for rtol in (3e-14, 1e-9))
+def test_scipy_is_within_its_bars_of_a_looser_run(scene: Scene, solved: Solve) -> None:
+    fine, loose = solved(scene, "scipy"), db.solve(scene, backend="scipy", rtol=1e-9)
     assert _error(fine, loose) <= fine.uncertainty["velocity"] + loose.uncertainty["velocity"]
     assert fine.uncertainty["velocity"] < 1e-9 * np.max(np.abs(fine.velocity))
 
@@ -256,7 +259,7 @@ def test_a_drive_faster_than_any_contact_decides_the_step() -> None:
 
 @pytest.mark.lammps
 @each_scene
-def test_lammps_is_the_twin_in_positions_to_round_off(scene: Scene) -> None:
+def test_lammps_is_the_twin_in_positions_to_round_off(scene: Scene, solved: Solve) -> None:
     run = db.solve(scene, backend="lammps-granular", dt=1e-7)
     radius = run.provenance["settings"]["gauge_radius"]
     twin = db.solve(scene, backend="verlet", dt=1e-7, gauge_radius=radius, bars=False)
@@ -266,7 +269,7 @@ def test_lammps_is_the_twin_in_positions_to_round_off(scene: Scene) -> None:
     assert _error(run, db.solve(scene, backend="verlet", dt=1e-7, bars=False)) <= (
         run.provenance["velocity_bar"]["round_off"] * speed
     )
-    truth = db.solve(scene, backend="scipy")
+    truth = solved(scene, "scipy")
     for quantity in QUANTITIES:
         away = np.nan_to_num(np.abs(getattr(run, quantity) - getattr(truth, quantity)))
         assert np.all(away <= run.uncertainty[quantity] + truth.uncertainty[quantity]), quantity
@@ -274,9 +277,9 @@ def test_lammps_is_the_twin_in_positions_to_round_off(scene: Scene) -> None:
 
 @pytest.mark.lammps
 @pytest.mark.parametrize("name", ["touching-table", "pressed-chirp"])
-def test_lammps_with_tables_is_driven_too(name: str) -> None:
+def test_lammps_with_tables_is_driven_too(name: str, solved: Solve) -> None:
     scene = SCENES[name]
-    run, truth = db.solve(scene, backend="lammps-table", dt=1e-7), db.solve(scene, backend="scipy")
+    run, truth = db.solve(scene, backend="lammps-table", dt=1e-7), solved(scene, "scipy")
     for quantity in QUANTITIES:
         away = np.nan_to_num(np.abs(getattr(run, quantity) - getattr(truth, quantity)))
         assert np.all(away <= run.uncertainty[quantity] + truth.uncertainty[quantity]), quantity

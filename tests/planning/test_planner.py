@@ -23,6 +23,7 @@ from dem_bridge.planning.check import OBSERVABLES, Trial, relative_error, settle
 from dem_bridge.planning.predict import OF_STEP, Outlook, tidy
 from dem_bridge.scene import Damping, Scene, Wall
 from tests.conftest import Solve
+from tests.driven import PRESSED
 from tests.strategies import examples
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
@@ -39,6 +40,7 @@ FIVE = Scene(
 )
 DAMPED = replace(FIVE, name="five-damped", damping=Damping(law="kuwabara-kono", coefficient=2e-6))
 #: an exponent for which the reference has no series
+DRIVEN = replace(PRESSED, name="driven")
 SOFT = replace(FIVE, name="five-soft", exponent=2.3, wall_right=None, stiffness=(5e8, 1e9, 2e9, 7e8))
 
 
@@ -172,7 +174,7 @@ def test_a_target_is_met_and_not_at_any_price(name: str | None, accuracy: float,
         assert error > accuracy / (1.12 * (1.0 + 1.0 / (found.steps or 1) * FIVE.samples)) ** 2 / 1.1
 
 
-@pytest.mark.parametrize("scene", [FIVE, DAMPED, SOFT], ids=lambda scene: scene.name)
+@pytest.mark.parametrize("scene", [FIVE, DAMPED, SOFT, DRIVEN], ids=lambda scene: scene.name)
 def test_without_a_reference_two_resolutions_serve(
     scene: Scene, monkeypatch: pytest.MonkeyPatch, solved: Solve
 ) -> None:

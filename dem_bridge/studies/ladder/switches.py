@@ -294,7 +294,10 @@ def _told(scene: Scene, dashpot: float) -> Iterator[Switch]:
 
 
 def _own(scene: Scene) -> Iterator[Switch]:
-    """What the scene has and can be without; of what it has not, nothing comes of the change."""
+    """What the scene has and can be without; of what it has not, nothing comes of the change.
+
+    Not its drive, without which there may be no wave.
+    """
     yield Switch(id="force-law", what="forces that are no Hertz power (n = 5/2 in its place)", off=_hertzian)
     yield Switch(id="gaps", what="gaps and overlaps at the start", off=lambda s: replace(s, gap=0.0))
     yield Switch(id="drag", what=f"drag of {scene.drag:g} 1/s", off=lambda s: replace(s, drag=0.0))

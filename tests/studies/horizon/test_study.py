@@ -33,6 +33,7 @@ from dem_bridge.studies.horizon.runs import (
 )
 from dem_bridge.verdict import Outcome
 from tests.bench.bench_horizon import between_walls
+from tests.driven import DRIVES, TOUCHING, driven
 
 SMALL = between_walls(5, duration=0.012)
 
@@ -133,6 +134,34 @@ def test_energy_of_the_twin_walks_but_does_not_drift() -> None:
     assert losing.drift is not None
     assert losing.drift.found
     assert losing.drift.total[0] == pytest.approx(-1e-3 * found.time[-1] * found.total[0] / found.scale, rel=0.1)
+
+
+@pytest.mark.parametrize("shape", DRIVES)
+def test_energy_less_work_of_a_driven_chain_does_not_drift(shape: str) -> None:
+    scene = driven(TOUCHING, shape)
+    found = long_run(scene, 1e-8, 40_000)
+    assert found.drift is not None
+    total, bar = found.drift.total
+    # the kinks of a drive and the openings of contacts each leave about the swing
+    assert abs(total) <= bar + 2.0 * found.swing[0] < 1e-6
+    # planted: work that is not taken off
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(horizon_runs, "work", lambda *_: (0.0, 0.0))
+        gaining = long_run(scene, 1e-8, 40_000)
+    assert gaining.drift is not None
+    assert abs(gaining.drift.total[0]) > 0.1
+    assert abs(gaining.total[-1] - gaining.total[0]) > 1e4 * abs(found.total[-1] - found.total[0])
+
+
+def test_a_nudge_moves_a_drive_as_a_whole() -> None:
+    scene = driven(TOUCHING, "table")
+    moved = nudged(scene, 1e-3, 3)
+    assert scene.drive is not None
+    assert moved.drive is not None
+    ratio = moved.drive.peak / scene.drive.peak
+    assert 0.0 < abs(ratio - 1.0) < 5e-3
+    assert moved.drive == scene.drive.times(ratio)
+    assert nudged(replace(scene, drive=None), 1e-3, 3).mass == moved.mass
 
 
 @pytest.fixture(scope="module")

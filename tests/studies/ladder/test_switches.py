@@ -13,6 +13,7 @@ from dem_bridge.backends.tabled import survey_of
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.studies.ladder import switches
 from dem_bridge.studies.ladder.switches import BARELY, DASHPOT, GRAVITY, Switch, by_law, model, needs, switches_of
+from tests.driven import SINE
 
 CHAIN = db.load_scene("decelerating-40")
 #: what the geometry of the paper's chains tells, and which numbers are others with it; a wall has its own damping
@@ -126,6 +127,13 @@ def test_only_what_a_scene_has_is_switched_where_nothing_is_to_be_added() -> Non
     assert wall == Wall(stiffness=soft.stiffness[-1], exponent=2.4)
     # a chain with gaps does not stand in touch
     assert "gravity" not in _ids(switches_of(db.load_scene("decelerating-40-gaps")))
+
+
+def test_a_drive_makes_the_wave_and_is_never_switched() -> None:
+    driven = replace(RAW, drive=SINE)
+    assert _ids(switches_of(driven)) == _ids(switches_of(RAW))
+    found = switches_of(driven)
+    assert model(driven, found, frozenset(_ids(found))).drive == SINE
 
 
 def test_a_weight_needs_what_it_stands_on() -> None:

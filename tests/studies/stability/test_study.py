@@ -19,6 +19,7 @@ from dem_bridge.studies.stability.step_limits import twin
 from dem_bridge.studies.stability.study import study_stability
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome
+from tests.driven import SINE
 
 SCENE = replace(chain("three", (1e-2,) * 3, (4e9,) * 2), samples=20)
 
@@ -117,3 +118,8 @@ def test_conservation_does_not_show_what_is_wrong() -> None:
 def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(UsageError, match=f"{next(iter(wrong))} = .*; allowed: a "):
         study_stability(SCENE, **wrong)
+
+
+def test_a_driven_scene_is_refused_for_its_energy_grows_anyway() -> None:
+    with pytest.raises(UsageError, match="three is driven, and energy that grows is no sign"):
+        study_stability(replace(SCENE, drive=SINE))
