@@ -190,5 +190,5 @@ def extremes(quick: bool, **settings: Any) -> None:
 @engine_options
 @_asked
 def bands(scene: str, folder: Path | None, as_json: bool, **settings: Any) -> None:
-    """Band edges of SCENE, precompressed and driven, by three codes, beside the infinite chain's dispersion relation."""
+    """Band edges of SCENE, pressed and driven, by three codes, beside the infinite chain's dispersion relation."""
     _answer("bands", scene=scene, folder=folder, as_json=as_json, **settings)

@@ -107,8 +107,8 @@ def measured_bands(
     highest = top if highest is None else highest
     if not lowest < highest <= top:
         raise UsageError(
-            f"highest = {highest:g} Hz; allowed: from {lowest:g}, 20 periods in the record, to {top:g} Hz, three samples a"
-            " period; take more samples or a longer run"
+            f"highest = {highest:g} Hz; allowed: from {lowest:g}, 20 periods in the record, to {top:g} Hz, three"
+            " samples a period; take more samples or a longer run"
         )
     window = get_window("hann", len(trajectory.time), fftbins=False)
     frequency = np.fft.rfftfreq(len(trajectory.time), h)

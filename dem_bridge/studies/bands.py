@@ -35,7 +35,7 @@ SAMPLES = 6
 STEPS = 200
 #: of the highest edge: how far beyond it is looked
 BEYOND = 1.2
-#: part of the static overlap beyond which oscillations are no longer small: their square shifts edges by a fifth of TOLERANCE
+#: part of the static overlap beyond which oscillations are no longer small: their square shifts edges by 0.2 %
 SMALL = 0.05
 
 
@@ -68,7 +68,8 @@ def study_bands(
     cell = unit_cell(scene)[1]
     if scene.drive is None:
         raise UnsupportedScene(
-            f"{scene.name} is not driven: in a gap nothing moves by itself; allowed: a [chain.drive] that goes over all edges"
+            f"{scene.name} is not driven: in a gap nothing moves by itself; allowed: a [chain.drive] that goes"
+            " over all edges"
         )
     top = cell.edges[-1] / (2.0 * math.pi)
     sampling = Sampling(count=math.ceil(SAMPLES * top * scene.duration))
@@ -97,8 +98,8 @@ def study_bands(
         outcomes=tuple(row.outcome for row in rows) + tuple(Outcome.BROKEN for _ in failed),
         notes=(
             *failed,
-            "Edges are where the trace of the unit cell's transfer matrix, fitted to the spectra of the velocities, passes 2"
-            " or -2; the bar is half the main lobe of a Hann window as long as the record.",
+            "Edges are where the trace of the unit cell's transfer matrix, fitted to the spectra of the velocities,"
+            " passes 2 or -2; the bar is half the main lobe of a Hann window as long as the record.",
         ),
     )
 
@@ -148,27 +149,28 @@ def _rows(cell: Cell, one: Found, tolerance: float) -> Iterator[_Row]:
         yield _Row(backend=one.backend, edge=nth, theory=there, measured=here, bar=bar, outcome=outcome)
 
 
-def _answer(
-    scene: Scene, cell: Cell, found: Sequence[Found], rows: Sequence[_Row], tolerance: float
-) -> Iterator[str]:
+def _answer(scene: Scene, cell: Cell, found: Sequence[Found], rows: Sequence[_Row], tolerance: float) -> Iterator[str]:
     if not found:
         yield f"No code could run {scene.name}."
         return
     edges = ", ".join(f"{1e-3 * edge / (2.0 * math.pi):.4g}" for edge in cell.edges)
     yield (
-        f"The infinite chain with {scene.name}'s cell of {cell.bodies} {'body' if cell.bodies == 1 else 'bodies'} has band"
-        f" edges at {edges} kHz."
+        f"The infinite chain with {scene.name}'s cell of {cell.bodies} {'body' if cell.bodies == 1 else 'bodies'} has"
+        f" band edges at {edges} kHz."
     )
     known = [row for row in rows if math.isfinite(row.measured)]
     if known:
         worst = max(known, key=lambda row: abs(row.off))
         yield (
-            f"Measured edges are off by at most {100 * abs(worst.off):.2g} % ({worst.backend}, edge {worst.edge}; the record"
-            f" resolves {100 * max(row.bar for row in known):.2g} %; asked: {100 * tolerance:g} %)."
+            f"Measured edges are off by at most {100 * abs(worst.off):.2g} % ({worst.backend}, edge {worst.edge}; the"
+            f" record resolves {100 * max(row.bar for row in known):.2g} %; asked: {100 * tolerance:g} %)."
         )
     for one in found:
         if len(one.bands.edges) != len(cell.edges):
-            yield f"{one.backend} shows {len(one.bands.edges)} edges where there should be {len(cell.edges)}: none is known by name."
+            yield (
+                f"{one.backend} shows {len(one.bands.edges)} edges where there should be {len(cell.edges)}: none is"
+                " known by name."
+            )
     for one in found[1:]:
         yield f"{one.backend} differs from {found[0].backend} by at most {one.apart:.1e} of the largest velocity."
     largest = max(one.oscillation for one in found)
@@ -181,8 +183,8 @@ def _edges(rows: Sequence[_Row], tolerance: float) -> Table:
         id="edges",
         title="Band edges",
         caption=(
-            "Off: measured over theory, minus 1. Resolution: what the length of the record blurs. PASS: both together are"
-            f" within {100 * tolerance:g} %."
+            "Off: measured over theory, minus 1. Resolution: what the length of the record blurs. PASS: both together"
+            f" are within {100 * tolerance:g} %."
         ),
         columns=("code", "edge", "infinite chain (kHz)", "measured (kHz)", "off (%)", "resolution (%)", "outcome"),
         rows=tuple(
@@ -205,7 +207,7 @@ def _codes(found: Sequence[Found]) -> Table:
     return Table(
         id="codes",
         title="The runs",
-        caption=f"Difference: of velocities to {first}, largest over all samples and bodies, relative to the largest velocity.",
+        caption=f"Difference: of velocities to {first}, over all samples and bodies, relative to the largest velocity.",
         columns=("code", "difference", "oscillation of an overlap (%)"),
         rows=tuple((one.backend, one.apart, 100.0 * one.oscillation) for one in found),
     )
@@ -226,8 +228,8 @@ def _exhibit(cell: Cell, found: Sequence[Found]) -> Exhibit:
         id="bands",
         title="Bands",
         caption=(
-            "(a) Phase per unit cell that the runs show, over the dispersion relation of the infinite chain. (b) Speed of the"
-            " last body over that of the first; the lines are the edges of the infinite chain's bands."
+            "(a) Phase per unit cell that the runs show, over the dispersion relation of the infinite chain. (b) Speed"
+            " of the last body over that of the first; the lines are the edges of the infinite chain's bands."
         ),
         panels=(
             Panel(
