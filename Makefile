@@ -4,7 +4,7 @@ VENV   := .venv
 STAMP  := $(VENV)/.installed
 BIN    := $(VENV)/bin
 
-.PHONY: setup verify test bench lint clean
+.PHONY: setup verify test bench lint pins clean
 
 setup: $(STAMP)
 
@@ -34,5 +34,9 @@ lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
+# new versions in, everything run beside the old ones, what differs listed; see docs/inherit.md
+pins: $(STAMP)
+	$(PYTHON) .ci/move_pins.py $(ARGS)
+
 clean:
-	rm -rf $(VENV) reports/latest
+	rm -rf $(VENV) $(VENV)-new reports/latest

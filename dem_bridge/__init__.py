@@ -18,6 +18,7 @@ _HOME = {
     "Body": "geometry",
     "ContactLaw": "physics.law",
     "Damping": "scene",
+    "Drive": "drive",
     "Geometry": "geometry",
     "Material": "geometry",
     "Scene": "scene",
@@ -25,6 +26,7 @@ _HOME = {
     "Trajectory": "trajectory",
     "angles_for": "exports.angles",
     "available": "api",
+    "chain": "scene_bodies",
     "compare_trajectories": "api_trajectories",
     "export": "api_export",
     "law_of": "physics.law",
@@ -34,6 +36,8 @@ _HOME = {
     "plan": "api",
     "read_trajectory": "api_trajectories",
     "regress": "api_regress",
+    "scene_from_csv": "api_import",
+    "scene_from_deck": "api_import",
     "shipped_scenes": "scene_file",
     "solve": "api",
     "study": "api_studies",
@@ -44,17 +48,23 @@ _HOME = {
     "write_deck": "api",
     "write_trajectory": "api_trajectories",
 }
+#: public modules, imported on first use too
+_MODULES = ("plot",)
 
 if TYPE_CHECKING:
+    from dem_bridge import plot
     from dem_bridge.api import available, plan, solve, study_scatter, study_styles, verify, write_deck
     from dem_bridge.api_export import export, table_of
+    from dem_bridge.api_import import scene_from_csv, scene_from_deck
     from dem_bridge.api_regress import regress
     from dem_bridge.api_studies import minimal, study
     from dem_bridge.api_trajectories import compare_trajectories, read_trajectory, write_trajectory
+    from dem_bridge.drive import Drive
     from dem_bridge.exports.angles import angles_for
     from dem_bridge.geometry import Body, Geometry, Material
     from dem_bridge.physics.law import ContactLaw, law_of
     from dem_bridge.scene import Damping, Scene, Wall
+    from dem_bridge.scene_bodies import chain
     from dem_bridge.scene_file import load_scene, shipped_scenes
     from dem_bridge.trajectory import Trajectory, load_trajectory
 
@@ -62,6 +72,7 @@ __all__ = [
     "Body",
     "ContactLaw",
     "Damping",
+    "Drive",
     "Geometry",
     "Material",
     "Scene",
@@ -70,6 +81,7 @@ __all__ = [
     "__version__",
     "angles_for",
     "available",
+    "chain",
     "compare_trajectories",
     "export",
     "law_of",
@@ -77,8 +89,11 @@ __all__ = [
     "load_trajectory",
     "minimal",
     "plan",
+    "plot",
     "read_trajectory",
     "regress",
+    "scene_from_csv",
+    "scene_from_deck",
     "shipped_scenes",
     "solve",
     "study",
@@ -94,8 +109,10 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name in _HOME:
         return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    if name in _MODULES:
+        return importlib.import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOME])
+    return sorted([*globals(), *_HOME, *_MODULES])

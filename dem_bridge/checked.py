@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dem_bridge.errors import SceneError
 
@@ -33,7 +34,7 @@ def checked_number(
 
 def checked_numbers(
     key: str,
-    values: Sequence[float] | float,
+    values: Sequence[float] | NDArray[np.float64] | float,
     allowed: str,
     *,
     count: int | None = None,
@@ -48,7 +49,13 @@ def checked_numbers(
         if count is None:
             raise SceneError(key, found=values, allowed=f"a list; each entry {allowed}")
         return (checked_number(key, values, allowed, above=above, at_least=at_least),) * count
-    if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray) or np.ndim(values) == 0:
+    if np.ma.is_masked(values):
+        raise SceneError(key, problem="has masked entries", allowed=f"a list; each entry {allowed}")
+    if not isinstance(values, Sequence) and hasattr(values, "__array__"):  # a Series of pandas, too
+        values = np.asarray(values)
+        if values.ndim != 1:
+            raise SceneError(key, problem=f"has the shape {values.shape}", allowed=f"a list; each entry {allowed}")
+    if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray):
         raise SceneError(key, found=values, allowed=f"a list; each entry {allowed}")
     if count is not None and len(values) != count:
         raise SceneError(key, problem=f"has {len(values)} entries", allowed=f"{count}, one per {per}")

@@ -17,8 +17,11 @@ import click
 
 import dem_bridge
 from dem_bridge import cli_terminal as terminal
+from dem_bridge.backends.catalogue import BACKENDS
 from dem_bridge.cli_convert import compare_command, convert_command
 from dem_bridge.cli_export import export_command
+from dem_bridge.cli_import import import_group
+from dem_bridge.cli_new import new_command
 from dem_bridge.cli_options import (
     accuracy_option,
     engine_options,
@@ -35,12 +38,6 @@ from dem_bridge.files import check_file, write_whole
 
 if TYPE_CHECKING:
     from dem_bridge.trajectory import Trajectory
-
-#: named again here so that --help needs no backend; a test holds the two together
-BACKENDS = (
-    "lammps-granular", "lammps-table", "verlet", "blanes-moan", "reference", "scipy", "ase", "ode45", "bca",
-    "adiabatic",
-)  # fmt: skip
 
 
 class _Group(click.Group):
@@ -278,11 +275,13 @@ def doctor(as_json: bool, lmp: str | None, lmp_args: str | None, python: str | N
 
 
 main.add_command(study_group)
-main.add_command(plan_command(BACKENDS))
-main.add_command(export_command(BACKENDS))
-main.add_command(regress_command(BACKENDS))
+main.add_command(new_command)
+main.add_command(plan_command(tuple(BACKENDS)))
+main.add_command(export_command(tuple(BACKENDS)))
+main.add_command(regress_command(tuple(BACKENDS)))
 main.add_command(convert_command)
 main.add_command(compare_command)
+main.add_command(import_group)
 
 
 def _warn(run: Trajectory) -> None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.checked import LARGEST, SMALLEST, checked_number, checked_numbers
 from dem_bridge.contacts import Contacts
+from dem_bridge.drive import KEYS, Drive
 from dem_bridge.errors import SceneError
 from dem_bridge.geometry import Geometry
 from dem_bridge.physics.law import ContactLaw, Law, completed, reach_of, stored
@@ -69,7 +70,8 @@ class Scene:
     there is none by a constant load on the end body (see :attr:`load`). A wall that gravity points to bears the
     weight as well; without such a wall the chain falls freely. The gaps, which must be 0, then are minus the static
     overlaps. At 0 nothing is pressed, by weight neither. ``damping``: see :class:`Damping`. ``drag`` b (1/s) is a
-    force ``-b m v`` on each body.
+    force ``-b m v`` on each body. ``drive`` is a force on body 0 that goes with time: see
+    :class:`~dem_bridge.drive.Drive`.
 
     ``law``, where the force is no power of the overlap: a :class:`~dem_bridge.physics.law.ContactLaw`, or its force (N)
     alone as array function of the overlap (m), one for all or one per contact, walls included. It must not fall with
@@ -105,6 +107,7 @@ class Scene:
     precompression: float = 0.0
     damping: Damping | None = None
     drag: float = 0.0
+    drive: Drive | None = None
     law: Law | tuple[Law, ...] | None = None
     samples: int = 500
     spacing: float | None = None
@@ -173,6 +176,7 @@ class Scene:
         for key, value in checked.items():
             object.__setattr__(self, key, value)
         object.__setattr__(self, "damping", self._checked_damping())
+        self._check_drive()
         object.__setattr__(self, "law", self._checked_law())
         object.__setattr__(self, "_static_overlap", self._checked_statics())
         object.__setattr__(self, "_reach", self._checked_reach())
@@ -196,6 +200,19 @@ class Scene:
                     problem = f"has the law kuwabara-kono on contact {k}, whose exponent n is {n!r}"
                     raise SceneError("damping", problem=problem, allowed="n >= 2: below, it is infinite at touch")
         return Damping(law=given.law, coefficient=coefficient)
+
+    def _check_drive(self) -> None:
+        given = self.drive
+        if given is None:
+            return
+        if not isinstance(given, Drive):
+            raise SceneError("drive", found=given, allowed="a Drive or None")
+        # the last value is due at the end, which two roundings may part
+        if given.end < self.duration * (1.0 - 1e-9):
+            problem = f"ends at {given.end:.9g} s: a {given.words}"
+            raise SceneError(
+                "drive.force", problem=problem, allowed=f"values up to the duration, {self.duration:.9g} s"
+            )
 
     def _checked_statics(self) -> tuple[float, ...]:
         if self.precompression == 0.0:
@@ -255,8 +272,10 @@ class Scene:
         try:
             for k, nth in enumerate(where):
                 at, energy = k, energy + stored(distinct[nth], max(-float(c.gap[k]), 0.0))
-            # the weight does work at a rate of at most g sqrt(2 M energy)
-            energy = (math.sqrt(energy) + abs(self.gravity) * self.duration * math.sqrt(0.5 * sum(self.mass))) ** 2
+            # the weight does work at a rate of at most g sqrt(2 M energy), a drive of peak sqrt(2 energy / m)
+            drawn = abs(self.gravity) * self.duration * math.sqrt(0.5 * sum(self.mass))
+            drawn += self.drive.peak * self.duration * math.sqrt(0.5 / self.mass[0]) if self.drive is not None else 0.0
+            energy = (math.sqrt(energy) + drawn) ** 2
             found = []
             for nth, law in enumerate(distinct):
                 at = where.index(nth)
@@ -278,6 +297,11 @@ class Scene:
             wall_right=self.wall_right is not None,
         )
 
+    def _repr_html_(self) -> str:
+        from dem_bridge.notebook import scene_html  # text for notebooks alone
+
+        return scene_html(self)
+
     @property
     def n_body(self) -> int:
         return len(self.mass)
@@ -298,7 +322,7 @@ class Scene:
 
     @property
     def free_acceleration(self) -> NDArray[np.float64]:
-        """Of each body that touches nothing and is not dragged, m/s^2, ``(n_body,)``: gravity and load."""
+        """Of each body that touches nothing, m/s^2, ``(n_body,)``: gravity and load, without drag and drive."""
         return np.asarray(self.gravity + self.load / np.array(self.mass))
 
     @property
@@ -310,6 +334,17 @@ class Scene:
     def dissipates(self) -> bool:
         """Whether energy is lost anywhere: in contacts or by drag."""
         return self.damped or self.drag > 0.0
+
+    @property
+    def conserves_energy(self) -> bool:
+        """Whether the energy of bodies, contacts, weight and load stays: nothing is lost, and no drive does work."""
+        return not self.dissipates and self.drive is None
+
+    @property
+    def conserves_momentum(self) -> bool:
+        """Whether the momentum of all bodies stays. Without walls the loads on both ends cancel."""
+        free = self.wall_left is None and self.wall_right is None and self.gravity == 0.0
+        return free and self.drag == 0.0 and self.drive is None
 
     @cached_property
     def contacts(self) -> Contacts:
@@ -398,6 +433,9 @@ class Scene:
             parts.append(("damping", self.damping.law, self.damping.coefficient))
         if self.drag > 0.0:
             parts.append(("drag", self.drag))
+        if self.drive is not None:
+            told = (getattr(self.drive, key) for key in KEYS[self.drive.shape])
+            parts.append(("drive", self.drive.shape, self.drive.force, *told))
         if self._reach:
             parts.append(("law", self.contacts.law.tolist(), *self._law_values()))
         return hashlib.sha256(repr(parts).encode()).hexdigest()

@@ -1,9 +1,10 @@
 """Scene files: TOML in, Scene out, and every mistake named by file, key, value and what is allowed.
 
-Two forms. *Raw*: masses, stiffnesses, gaps and velocities as lists. *Physical*: material, cylinders and how they cross
-or spheres, and a striker, from which masses and stiffnesses follow. The tables are in ``scene_forms``, what follows
-from bodies in ``scene_physical``. The structure of a file (keys, types) is checked by the tables; the numbers that
-reach a Scene by the Scene.
+Two kinds of form. *Raw*: masses, stiffnesses, gaps and velocities as lists. *Physical*: bodies and maybe a striker,
+from which masses and stiffnesses follow: cylinders and how they cross, or spheres, of one material; or a pattern of
+both, of several. The tables are in ``scene_forms``, what follows from bodies in ``scene_physical`` and
+``scene_pattern``. The structure of a file (keys, types) is checked by the tables; the numbers that reach a Scene by the
+Scene.
 """
 
 from __future__ import annotations
@@ -12,13 +13,16 @@ import tomllib
 from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from dem_bridge.errors import SceneError
 from dem_bridge.scene import Scene
-from dem_bridge.scene_forms import CylinderScene, RawScene, SphereScene, from_raw
+from dem_bridge.scene_drive import with_force_of_file
+from dem_bridge.scene_forms import CylinderScene, PatternScene, RawScene, SphereScene, from_raw
+from dem_bridge.scene_pattern import from_pattern
 from dem_bridge.scene_physical import from_cylinders, from_spheres
 
 #: those that everything is shown on: the paper's chains of figures 2 and 3
@@ -53,7 +57,7 @@ def load_scene(source: str | Path) -> Scene:
     name = str(source)
     if name in shipped_scenes():
         file = resources.files("dem_bridge").joinpath("scenes", f"{name}.toml")
-        return parse_scene(file.read_text(encoding="utf-8"), where=f"{name}.toml")
+        return parse_scene(file.read_text(encoding="utf-8"), where=f"{name}.toml", folder=Path(str(file)).parent)
     path = Path(source)
     try:
         is_file = path.is_file()
@@ -70,18 +74,18 @@ def load_scene(source: str | Path) -> Scene:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError("", problem=f"cannot be read: {error}", allowed="a TOML file in UTF-8", where=name) from error
-    return parse_scene(text, where=name)
+    return parse_scene(text, where=name, folder=path.parent)
 
 
-def parse_scene(text: str, *, where: str = "scene") -> Scene:
-    """The scene in a TOML text; ``where`` names it in errors."""
+def parse_scene(text: str, *, where: str = "scene", folder: str | Path = ".") -> Scene:
+    """The scene in a TOML text; ``where`` names it in errors, and files that it names are in ``folder``."""
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # tomllib's own error is a ValueError
         raise SceneError("", problem=f"not TOML: {error}", allowed="TOML 1.0", where=where) from error
     form = _form(table)
     try:
-        return _SCENE_FROM[form](form.model_validate(table))
+        return _SCENE_FROM[form](form.model_validate(with_force_of_file(table, Path(folder))))
     except ValidationError as error:
         raise _in_one_line(error, form, where) from None
     except SceneError as error:
@@ -93,6 +97,7 @@ _SCENE_FROM: Mapping[type[BaseModel], Callable[[Any], Scene]] = {
     RawScene: from_raw,
     CylinderScene: from_cylinders,
     SphereScene: from_spheres,
+    PatternScene: from_pattern,
 }
 
 
@@ -100,6 +105,8 @@ def _form(table: Mapping[str, Any]) -> type[BaseModel]:
     """Which form a file is in, by the keys that only one has."""
     chain = table.get("chain")
     keys = chain if isinstance(chain, dict) else {}
+    if "pattern" in keys or "materials" in table:
+        return PatternScene
     if "spheres" in keys and "cylinders" not in keys:
         return SphereScene
     return CylinderScene if "material" in table or "cylinders" in keys else RawScene
@@ -118,7 +125,7 @@ _FILE_KEYS = {
 
 def _file_key(key: str) -> str:
     """Where a Scene's attribute stands in a file."""
-    return key if key.startswith("material.") else _FILE_KEYS.get(key, f"chain.{key}")
+    return key if key.startswith(("material.", "materials.")) else _FILE_KEYS.get(key, f"chain.{key}")
 
 
 #: how pydantic names the two forms of a key that takes a number or a list of them
@@ -160,9 +167,19 @@ def _in_one_line(error: ValidationError, form: type[BaseModel], where: str) -> S
 
 def _keys(form: type[BaseModel], path: list[Any]) -> str:
     """Keys that the table at ``path`` may have."""
+    inner: Any = form
     for part in path:
-        fields: Mapping[str, Any] = form.model_fields
-        annotation = fields[part].annotation
-        options = [annotation, *getattr(annotation, "__args__", ())]
-        form = next(o for o in options if isinstance(o, type) and issubclass(o, BaseModel))
-    return ", ".join(form.model_fields)
+        # an entry of a list, or of tables by their own names, is what stands last in list[...] and dict[str, ...]
+        inner = _fields(inner)[part].annotation if _is_table(inner) else get_args(inner)[-1]
+        if not _is_table(inner) and NoneType in get_args(inner):
+            inner = get_args(inner)[0]
+    return ", ".join(_fields(inner))
+
+
+def _is_table(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, BaseModel)
+
+
+def _fields(table: type[BaseModel]) -> Mapping[str, Any]:
+    """By the names that they have in a file."""
+    return {field.alias or name: field for name, field in table.model_fields.items()}

@@ -1,14 +1,17 @@
-"""The tables of a scene file: which keys there are, of which types, in the raw and in the physical form.
+"""The tables of a scene file: which keys there are, of which types, in the raw and in the physical forms.
 
 Numbers that go to the Scene as they are have no limits here: the Scene has the last word on them.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from dem_bridge.drive import Drive
+from dem_bridge.errors import SceneError
 from dem_bridge.scene import Damping, Scene, Wall
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -27,7 +30,7 @@ class RawTable(Table):
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=True)
 
 
-# what both forms have
+# what all forms have
 
 
 class WallTable(RawTable):
@@ -39,6 +42,28 @@ class WallTable(RawTable):
 class DampingTable(RawTable):
     law: Literal["dashpot", "kuwabara-kono"]
     coefficient: Numbers
+
+
+class DriveTable(RawTable):
+    shape: Literal["sine", "chirp", "table"]
+    force: Numbers | None = None
+    file: str | None = None
+    """In place of ``force`` and ``interval``; read before the tables are checked: see ``scene_drive``."""
+    frequency: float | None = None
+    last_frequency: float | None = None
+    sweep: float | None = None
+    phase: float = 0.0
+    rise: float = 0.0
+    interval: float | None = None
+
+    def drive(self, duration: float) -> Drive:
+        """A chirp that is not told otherwise sweeps for the ``duration`` (s) of its scene."""
+        if self.force is None:
+            raise SceneError("drive.force", problem="is missing", allowed="a number (N); of a table a list, or a file")
+        given = self.model_dump(exclude={"file"})
+        if self.shape == "chirp" and self.sweep is None:
+            given["sweep"] = duration
+        return Drive(**given)
 
 
 class Precompression(RawTable):
@@ -68,6 +93,7 @@ class RawChain(RawTable):
     wall_right: WallTable | None = None
     precompression: Precompression | None = None
     damping: DampingTable | None = None
+    drive: DriveTable | None = None
 
 
 class RawScene(RawTable):
@@ -142,11 +168,14 @@ class Striker(Table):
 
 
 class PhysicalChain(Table):
-    striker: Striker
+    striker: Striker | None = None
+    velocity: Numbers | None = None
+    """m/s, where there is no striker: of the first body, or one for each."""
     wall_left: WallTable | None = None
     wall_right: WallTable | None = None
     precompression: Precompression | None = None
     damping: DampingTable | None = None
+    drive: DriveTable | None = None
 
 
 class CylinderChain(PhysicalChain):
@@ -159,11 +188,83 @@ class SphereChain(PhysicalChain):
     contacts: SphereContacts = SphereContacts()
 
 
+# pattern form: bodies of several materials, cell after cell
+
+
+class BodyTable(Table):
+    shape: Literal["sphere", "cylinder"]
+    radius: Positive
+    height: Positive | None = None
+    """Of a cylinder, which lies across the chain, m."""
+    material: str | None = None
+    """None: the only one."""
+
+
+class Decorate(BodyTable):
+    every: Annotated[int, Field(ge=1)] = 1
+
+
+class Step(Table):
+    first: Annotated[int, Field(ge=0, alias="from")]
+    cell: Annotated[list[BodyTable], Field(min_length=1)]
+
+
+class Disorder(Table):
+    radius: Annotated[float, Field(ge=0.0)] = 0.0
+    """Standard deviation of each radius, relative."""
+    angle: Annotated[float, Field(ge=0.0)] = 0.0
+    """Of each angle, degrees."""
+    seed: Annotated[int, Field(ge=0)]
+
+
+class Pattern(Table):
+    cell: Annotated[list[BodyTable], Field(min_length=1)]
+    repeat: Annotated[int, Field(ge=1)] = 1
+    law: Literal["paper", "exact"] = "exact"
+    angle: Angle | None = None
+    angles: list[Angle] | None = None
+    """One for each two cylinders of the chain that meet."""
+    taper: Positive = 1.0
+    gap: Numbers = 0.0
+    step: Step | None = None
+    decorate: Decorate | None = None
+    disorder: Disorder | None = None
+
+
+class PatternStriker(Striker):
+    material: str | None = None
+    """None: that of the first body."""
+
+
 class PhysicalScene(Table):
     name: str
     duration: float
     description: str = ""
     material: MaterialTable
+    sampling: Sampling = Sampling()
+    environment: Environment = Environment()
+
+
+class PatternWall(WallTable):
+    stiffness: float = math.nan
+    """Not given: it follows from the material."""
+    material: str | None = None
+    """Of a flat half space."""
+
+
+class PatternChain(PhysicalChain):
+    pattern: Pattern
+    striker: PatternStriker | None = None
+    wall_left: PatternWall | None = None
+    wall_right: PatternWall | None = None
+
+
+class PatternScene(Table):
+    name: str
+    duration: float
+    description: str = ""
+    materials: Annotated[dict[str, MaterialTable], Field(min_length=1)]
+    chain: PatternChain
     sampling: Sampling = Sampling()
     environment: Environment = Environment()
 
@@ -183,8 +284,8 @@ def numbers(value: Numbers) -> float | tuple[float, ...]:
     return tuple(value) if isinstance(value, list) else value
 
 
-def in_common(file: RawScene | CylinderScene | SphereScene) -> dict[str, Any]:
-    """Of a Scene's arguments, those that both forms give alike."""
+def in_common(file: RawScene | CylinderScene | SphereScene | PatternScene) -> dict[str, Any]:
+    """Of a Scene's arguments, those that all forms give alike."""
     chain, damping = file.chain, file.chain.damping
 
     def wall(table: WallTable | None) -> Wall | None:
@@ -198,6 +299,7 @@ def in_common(file: RawScene | CylinderScene | SphereScene) -> dict[str, Any]:
         "wall_right": wall(chain.wall_right),
         "precompression": 0.0 if chain.precompression is None else chain.precompression.force,
         "damping": None if damping is None else Damping(law=damping.law, coefficient=numbers(damping.coefficient)),
+        "drive": None if chain.drive is None else chain.drive.drive(file.duration),
         "gravity": file.environment.gravity,
         "drag": file.environment.drag,
         "samples": file.sampling.count,

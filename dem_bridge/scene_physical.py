@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import accumulate, repeat
@@ -25,6 +25,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.scene_forms import (
     CylinderContacts,
     CylinderScene,
+    PhysicalChain,
     PhysicalScene,
     SphereContacts,
     SphereScene,
@@ -49,22 +50,31 @@ def rounded(value: float) -> float:
     return float(f"{value:.12g}")
 
 
+def normal_numbers(seed: int | str) -> Iterator[float]:
+    """Independent numbers of standard deviation 1; the same with every release of every library.
+
+    Uniform numbers of :class:`random.Random` through the inverse of the normal distribution.
+    """
+    uniform, normal = random.Random(seed), NormalDist()
+    while True:
+        yield normal.inv_cdf(uniform.random())
+
+
 def scattered(angles: Sequence[float], *, scatter: float, seed: int) -> tuple[float, ...]:
     """The angles (degrees), each set with a normal error of standard deviation ``scatter`` (degrees).
 
-    Beyond 0 and 90 degrees two axes cross at the mirror image. A seed gives the same angles with every release of every
-    library: uniform numbers of :class:`random.Random` through the inverse of the normal distribution, to 9 digits.
+    Beyond 0 and 90 degrees two axes cross at the mirror image. A seed gives the same angles always, to 9 digits: see
+    :func:`normal_numbers`.
 
     >>> scattered((2.0, 45.0, 90.0), scatter=2.0, seed=1)
     (0.211990902, 47.0509779, 88.5630056)
     """
-    uniform, normal = random.Random(seed), NormalDist()
 
-    def moved(angle: float) -> float:
-        away = (angle + scatter * normal.inv_cdf(uniform.random())) % 180.0
+    def moved(angle: float, number: float) -> float:
+        away = (angle + scatter * number) % 180.0
         return float(f"{min(away, 180.0 - away):.9g}")
 
-    return tuple(map(moved, angles))
+    return tuple(map(moved, angles, normal_numbers(seed)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,7 +225,7 @@ def _in_power(stiffness: float, n: float, matching_overlap: float | None) -> flo
 
 
 def _scene(file: CylinderScene | SphereScene, chain: _Chain, contacts: SphereContacts) -> Scene:
-    """The striker before the chain, and all that does not ask what the bodies are."""
+    """The striker before the chain, if there is one, and all that does not ask what the bodies are."""
     links, n_above_1 = len(chain.stiffness), "n > 1, one number or one per contact (2.5 for Hertz)"
     given = numbers(contacts.exponent), numbers(contacts.gap)
     exponent = checked_numbers("contacts.exponent", given[0], n_above_1, count=links, per=_PER, above=1.0)
@@ -224,22 +234,30 @@ def _scene(file: CylinderScene | SphereScene, chain: _Chain, contacts: SphereCon
         _in_power(beta, n, contacts.matching_overlap) for beta, n in zip(chain.stiffness, exponent, strict=True)
     )
     mass = tuple(rounded(body.mass) for body in chain.bodies)
-    striker = file.chain.striker
-    if striker.like is not None:
-        _check_alone(striker)
-        first = _Struck(chain.bodies[0], mass[0], stiffness[0], exponent[0])
-    else:
-        first = _sphere(striker, chain, contacts.matching_overlap)
+    first = _struck(file.chain.striker, chain, contacts.matching_overlap, like=(mass[0], stiffness[0], exponent[0]))
     return Scene(
-        mass=(first.mass, *mass),
-        stiffness=(first.stiffness, *stiffness),
-        exponent=(first.exponent, *exponent),
-        gap=(striker.gap, *gap),
-        velocity=(striker.velocity, *[0.0] * len(mass)),
+        mass=(*(one.mass for one in first), *mass),
+        stiffness=(*(one.stiffness for one in first), *stiffness),
+        exponent=(*(one.exponent for one in first), *exponent),
+        gap=(*(one.gap for one in first), *gap),
+        velocity=start_velocity(file.chain, len(mass)),
         spacing=chain.spacing,
-        geometry=_geometry(first.body, chain),
+        geometry=_geometry(chain, *(one.body for one in first)),
         **in_common(file),
     )
+
+
+def start_velocity(chain: PhysicalChain, count: int) -> tuple[float, ...]:
+    """Of all bodies, m/s: the striker's and ``count`` at rest; without one, as ``chain.velocity`` has it."""
+    if chain.striker is None:
+        if isinstance(chain.velocity, list):
+            allowed = "a finite number (m/s)"
+            return checked_numbers("velocity", chain.velocity, allowed, count=count, per="body of the chain")
+        return (chain.velocity or 0.0, *[0.0] * (count - 1))
+    if chain.velocity is not None:
+        allowed = "striker.velocity: all bodies behind a striker are at rest"
+        raise SceneError("velocity", problem="stands beside a striker", allowed=allowed)
+    return (chain.striker.velocity, *[0.0] * count)
 
 
 class _Struck(NamedTuple):
@@ -249,18 +267,31 @@ class _Struck(NamedTuple):
     mass: float
     stiffness: float
     exponent: float
+    gap: float
 
 
-def _check_alone(striker: Striker) -> None:
-    for key in ("radius", "mass", "stiffness", "exponent"):
-        if getattr(striker, key) is not None:
+def _struck(
+    striker: Striker | None, chain: _Chain, matching_overlap: float | None, *, like: tuple[float, float, float]
+) -> tuple[_Struck, ...]:
+    """None or one; ``like``: mass of the first body, stiffness and exponent of its contact with the second."""
+    if striker is None:
+        return ()
+    if striker.like is not None:
+        check_alone(striker)
+        return (_Struck(chain.bodies[0], *like, striker.gap),)
+    return (_sphere(striker, chain, matching_overlap),)
+
+
+def check_alone(striker: Striker) -> None:
+    """What is like another body has no more properties of its own."""
+    for key in ("radius", "mass", "stiffness", "exponent", "material"):
+        if getattr(striker, key, None) is not None:
             allowed = f"velocity and gap: all else is that of the {striker.like}"
             raise SceneError(f"striker.{key}", problem="stands beside like", allowed=allowed)
 
 
-def _sphere(striker: Striker, chain: _Chain, matching_overlap: float | None) -> _Struck:
-    """What is given of it, and the rest as a sphere of the chain's material has it."""
-    material = chain.bodies[0].material
+def sphere_of(striker: Striker, material: Material) -> Body:
+    """The striker's body: of its radius, or where that is not given of its mass."""
     if striker.radius is None:
         for key in ("mass", "stiffness"):
             if getattr(striker, key) is None:
@@ -270,21 +301,26 @@ def _sphere(striker: Striker, chain: _Chain, matching_overlap: float | None) -> 
     if radius is None:
         assert striker.mass is not None
         radius = math.cbrt(0.75 * striker.mass / (math.pi * material.density))
-    body = Body(shape="sphere", radius=radius, material=material)
+    return Body(shape="sphere", radius=radius, material=material)
+
+
+def _sphere(striker: Striker, chain: _Chain, matching_overlap: float | None) -> _Struck:
+    """What is given of it, and the rest as a sphere of the chain's material has it."""
+    body = sphere_of(striker, chain.bodies[0].material)
     exponent = HERTZ if striker.exponent is None else striker.exponent
     stiffness = striker.stiffness
     if stiffness is None:
-        stiffness = _in_power(chain.striker_stiffness(radius), exponent, matching_overlap)
-    return _Struck(body, rounded(body.mass) if striker.mass is None else striker.mass, stiffness, exponent)
+        stiffness = _in_power(chain.striker_stiffness(body.radius), exponent, matching_overlap)
+    return _Struck(body, rounded(body.mass) if striker.mass is None else striker.mass, stiffness, exponent, striker.gap)
 
 
-def _geometry(first: Body, chain: _Chain) -> Geometry:
-    """A contact with a sphere has no angle; that with a body like the first has that body's."""
-    bodies = (first, *chain.bodies)
-    known = chain.stiffness if chain.angles is None else chain.angles
-    entries = (None if first.shape == "sphere" else known[0], *known)
+def _geometry(chain: _Chain, *first: Body) -> Geometry:
+    """A contact with a sphere has no angle; that of a ``first`` body like the chain's has that of the next."""
+    bodies = (*first, *chain.bodies)
     if chain.bodies[0].shape == "sphere":
         return Geometry(bodies=bodies, law=chain.law)
+    known = chain.stiffness if chain.angles is None else chain.angles
+    entries = (*(None if one.shape == "sphere" else known[0] for one in first), *known)
     if chain.angles is None:
         return Geometry(bodies=bodies, law=chain.law, stiffness=entries)
     return Geometry(bodies=bodies, law=chain.law, angles=entries)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 
+from dem_bridge.drive import KEYS, Drive
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.scene import Scene, Wall
 
@@ -50,6 +51,8 @@ def _lines(scene: Scene) -> Iterator[str]:
         yield "[chain.damping]"
         yield f"law = {_text(scene.damping.law)}"
         yield f"coefficient = {_list(scene.damping.coefficient)}"
+    if scene.drive is not None:
+        yield from _drive(scene.drive)
     yield "[environment]"
     yield f"gravity = {scene.gravity!r}  # m/s^2"
     yield f"drag = {scene.drag!r}  # 1/s"
@@ -63,6 +66,13 @@ def _wall(side: str, wall: Wall) -> Iterator[str]:
     yield f"gap = {wall.gap!r}"
     if wall.exponent is not None:
         yield f"exponent = {wall.exponent!r}"
+
+
+def _drive(drive: Drive) -> Iterator[str]:
+    yield "[chain.drive]"
+    yield f"shape = {_text(drive.shape)}"
+    yield f"force = {_list(drive.force)}  # N"
+    yield from (f"{key} = {getattr(drive, key)!r}" for key in KEYS[drive.shape])
 
 
 def _text(text: str) -> str:

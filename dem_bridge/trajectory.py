@@ -102,6 +102,14 @@ class Trajectory:
         parts |= {name: dict(parts[name]) for name in ("uncertainty", "provenance")}
         return _arrive, (parts,)
 
+    def _repr_html_(self) -> str:
+        """Shown in notebooks: who solved what, with which bars, at what cost."""
+        from dem_bridge.notebook import trajectory_html
+
+        sampled = {name: np.max(np.abs(getattr(self, name)), initial=0.0) for name in ("velocity", "displacement")}
+        owned = {name: own_scale(getattr(self, name)) for name in ("peak_force", "crossing_time")}
+        return trajectory_html(self, sampled | owned, {name: VOCABULARY[name][0] for name in QUANTITIES})
+
     def to_xarray(self) -> xr.Dataset:
         """Labelled dataset: dimensions time, body, contact; units and bars as attributes and ``*_bar``."""
         import xarray as xr

@@ -41,13 +41,6 @@ def test_help_needs_no_numpy(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_the_backends_named_by_the_command_line_are_those_that_exist() -> None:
-    from dem_bridge.backends.base import BACKENDS
-    from dem_bridge.cli import BACKENDS as NAMED
-
-    assert tuple(BACKENDS) == NAMED
-
-
 def test_scenes_lists_every_shipped_scene(tmp_path: Path) -> None:
     done = _run("scenes", cwd=tmp_path)
     assert done.returncode == 0

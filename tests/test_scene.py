@@ -7,13 +7,16 @@ from dataclasses import FrozenInstanceError, replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 
+from dem_bridge.drive import KEYS, Drive
 from dem_bridge.errors import SceneError
 from dem_bridge.physics.law import ContactLaw, power_law
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file import load_scene
+from tests.driven import CHIRP
 from tests.strategies import ANY, scenes
 
 GOOD: dict[str, Any] = {
@@ -46,6 +49,44 @@ def test_lists_and_arrays_and_whole_numbers_are_taken_as_floats() -> None:
     one = _scene(mass=[1, 2, 3], velocity=np.array([1, 0, 0]), gap=np.zeros(2), duration=np.float32(2.0))
     assert one.mass == (1.0, 2.0, 3.0)
     assert all(type(v) is float for v in (*one.mass, *one.velocity, *one.gap, one.duration))  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    "mass",
+    [
+        [1, 2, 3],
+        (1, 2, 3),
+        range(1, 4),
+        np.array([1, 2, 3]),
+        np.array([1, 2, 3], dtype=np.float32),
+        np.arange(1.0, 7.0)[::2] / 2 + 0.5,
+        pd.Series([1, 2, 3], index=[5, 7, 9]),
+        pd.DataFrame({"m": [1.0, 2.0, 3.0]})["m"],
+    ],
+)
+def test_any_row_of_numbers_is_taken(mass: Any) -> None:
+    assert _scene(mass=mass).mass == (1.0, 2.0, 3.0)
+    assert _scene(velocity=mass, gap=mass[:2], stiffness=mass[1:]).velocity == (1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("mass", "why"),
+    [
+        (np.array(5.0), "scene: mass has the shape (); allowed: a list"),
+        (np.ones((3, 1)), "scene: mass has the shape (3, 1); allowed: a list"),
+        (pd.DataFrame({"m": [1.0, 2.0, 3.0]}), "scene: mass has the shape (3, 1); allowed: a list"),
+        ([[1.0], [2.0], [3.0]], "scene: mass[0] = [1.0]; allowed: a number > 0 (kg)"),
+        ([[1.0], [2.0, 3.0]], "scene: mass[0] = [1.0]; allowed: a number > 0 (kg)"),
+        (np.ma.masked_values([1.0, 2.0, -9.0], -9.0), "scene: mass has masked entries; allowed: a list"),
+        (pd.Series([1.0, None, 3.0]), "scene: mass[1] = nan; allowed: a number > 0 (kg)"),
+        (pd.Series(["a", "b", "c"]), "scene: mass[0] = 'a'; allowed: a number > 0 (kg)"),
+        (np.array([1 + 1j] * 3), "scene: mass[0] = np.complex128(1+1j); allowed: a number > 0 (kg)"),
+        ({0: 1.0}, "scene: mass = {0: 1.0}; allowed: a list"),
+        (np.array([]), "scene: mass is empty; allowed: at least one body"),
+    ],
+)
+def test_what_is_no_row_of_numbers_is_refused_in_one_line(mass: Any, why: str) -> None:
+    assert _message(mass=mass).startswith(why)
 
 
 def test_a_scene_cannot_be_changed() -> None:
@@ -122,6 +163,47 @@ def test_the_hash_sees_the_law_and_every_coefficient_of_damping() -> None:
     laws = [("dashpot", (1.0, 2.0)), ("dashpot", (2.0, 1.0)), ("kuwabara-kono", (1.0, 2.0))]
     hashes = {_scene(damping=Damping(law=law, coefficient=c)).content_hash for law, c in laws}
     assert len(hashes) == 3
+
+
+def test_the_hash_sees_every_number_of_a_drive_and_what_is_not_its_own_leaves_no_trace() -> None:
+    chirp = replace(CHIRP, sweep=1e-3, rise=1e-4, phase=5.0)
+    changed = [replace(chirp, **{key: 2.0 * getattr(chirp, key)}) for key in ("force", *KEYS["chirp"])]
+    table = Drive(shape="table", force=(0.0, 1.0), interval=1e-3)
+    tables = [table, replace(table, force=(0.0, 2.0)), replace(table, interval=2e-3)]
+    hashes = {_scene(drive=drive).content_hash for drive in (None, chirp, *changed, *tables)}
+    assert len(hashes) == 2 + len(changed) + len(tables)
+    assert _scene(drive=None).content_hash == _scene().content_hash
+
+
+WRONG_DRIVES = {
+    "no Drive": (2.0, "drive = 2.0; allowed: a Drive or None"),
+    "a table that ends early": (
+        Drive(shape="table", force=(0.0, 1.0), interval=9e-4),
+        "drive.force ends at 0.0009 s: a table of 2 forces, one in 0.0009 s, of up to 1 N; allowed: values up to the"
+        " duration, 0.001 s",
+    ),
+}
+
+
+@pytest.mark.parametrize(("drive", "said"), WRONG_DRIVES.values(), ids=WRONG_DRIVES)
+def test_a_drive_that_does_not_fit_the_scene_is_refused(drive: Any, said: str) -> None:
+    assert said in _message(drive=drive)
+
+
+def test_a_table_whose_end_is_the_scenes_but_for_a_rounding_is_long_enough() -> None:
+    interval = math.nextafter(1e-3 / 3.0, 0.0)
+    assert _scene(drive=Drive(shape="table", force=(0.0,) * 4, interval=interval)).drive is not None
+
+
+def test_no_drive_presses_a_law_deeper_than_it_is_known() -> None:
+    law = power_law(4e9, 2.5)
+    still, pushed = (_scene(law=law, drive=drive).contacts.reach[0] for drive in (None, CHIRP))
+    # all that a force of 2 N could do: sqrt(E) grows by at most F t / sqrt(2 m)
+    mass, v = np.array(GOOD["mass"]), np.array(GOOD["velocity"])
+    root = math.sqrt(0.5 * float(mass @ v**2))
+    ratio = (1.0 + 2.0 * 1e-3 / math.sqrt(2.0 * mass[0]) / root) ** 2
+    assert law.energy(np.array(pushed)) / law.energy(np.array(still)) == pytest.approx(ratio, rel=0.5)
+    assert pushed > still
 
 
 def test_physics_that_does_nothing_leaves_the_hash_alone() -> None:

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dem_bridge.drive import Drive
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file import load_scene, parse_scene, shipped_scenes
@@ -29,6 +30,7 @@ WHOLE = Scene(
     precompression=10.0,
     damping=Damping(law="dashpot", coefficient=(0.0, 1.0, 2.0, 0.3)),
     drag=0.5,
+    drive=Drive(shape="chirp", force=0.1, frequency=1e3, last_frequency=3e3, sweep=1.1e-3, phase=-30.0, rise=1e-4),
     samples=7,
     spacing=0.018,
 )

@@ -50,6 +50,8 @@ class AseVerlet:
     def refusal(self, scene: Scene) -> str | None:
         if scene.law is not None:
             return "its contacts have a law of their own; take backend='verlet'"
+        if scene.drive is not None:
+            return "this calculator has no force that goes with time, and body 0 is driven; take backend='scipy'"
         return "this calculator has neither damping nor drag; take backend='scipy'" if scene.dissipates else None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:

@@ -7,7 +7,7 @@ A backend
 4. turns a Scene, a Resolution and a Sampling into a Trajectory (``run``), with bars that it stands for,
 5. never changes the scene, never repairs a run; raises RunBroken if one fails.
 
-Adding a backend = a class, a line in ``BACKENDS``, a row in tests/backends/test_contract.py.
+Adding one: docs/inherit.md.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.backends.catalogue import BACKENDS as BACKENDS
+from dem_bridge.backends.catalogue import ENGINE_BACKENDS as ENGINE_BACKENDS
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
@@ -152,26 +153,6 @@ class Backend(Protocol):
     def refusal(self, scene: Scene) -> str | None: ...
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory: ...
-
-
-#: name -> (module, class); imported only when asked for
-BACKENDS: Mapping[str, tuple[str, str]] = MappingProxyType(
-    {
-        "lammps-granular": ("dem_bridge.backends.lammps", "LammpsGranular"),
-        "lammps-table": ("dem_bridge.backends.lammps", "LammpsTable"),
-        "verlet": ("dem_bridge.backends.verlet", "Verlet"),
-        "blanes-moan": ("dem_bridge.backends.blanes_moan", "BlanesMoan"),
-        "reference": ("dem_bridge.backends.reference", "Reference"),
-        "scipy": ("dem_bridge.backends.scipy_dop853", "ScipyDop853"),
-        "ase": ("dem_bridge.backends.ase_verlet", "AseVerlet"),
-        "ode45": ("dem_bridge.backends.ode45", "Ode45"),
-        "bca": ("dem_bridge.backends.bca", "BinaryCollisions"),
-        "adiabatic": ("dem_bridge.backends.adiabatic", "AdiabaticWaves"),
-    }
-)
-
-#: those that run LAMMPS, and are constructed with an Engine
-ENGINE_BACKENDS = tuple(name for name in BACKENDS if name.startswith("lammps"))
 
 
 def backend(name: str, engine: Engine | None = None) -> Backend:

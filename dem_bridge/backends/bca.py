@@ -90,6 +90,7 @@ def no_single_pulse(scene: Scene) -> list[str]:
         "there is precompression": scene.precompression > 0.0,
         "there is damping": scene.damped,
         "there is drag": scene.drag > 0.0,
+        "body 0 is driven": scene.drive is not None,
         "contacts have a law of their own": scene.law is not None,
         "there is no contact": scene.n_contact == 0,
     }

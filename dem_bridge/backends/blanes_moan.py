@@ -54,7 +54,7 @@ class Own(Twins):
 
 
 class BlanesMoan:
-    """SRKN_6^b (numba). Any masses, exponents, laws, gaps, walls; precompression, gravity."""
+    """SRKN_6^b (numba). Any masses, exponents, laws, gaps, walls; precompression, gravity, drive."""
 
     name = "blanes-moan"
     equations = "hertz"

@@ -50,7 +50,7 @@ class Written:
 
 class LammpsGranular:
     """LAMMPS with ``pair_style granular`` and ``fix nve``. n = 5/2 and 2; any masses, gaps, walls, precompression,
-    weight, damping, drag."""
+    weight, damping, drag, drive."""
 
     name = "lammps-granular"
     equations = "hertz"
@@ -128,8 +128,7 @@ class LammpsGranular:
         deck, tables = written.deck, None
         if written.tables is not None:
             tables = in_kernel(scene, written.tables, deck.gauge_radius)
-        weights = float(np.sum(np.abs(deck.weight)))
-        return twins_of(scene, deck.schedule, look, radius=deck.gauge_radius, summed=weights, tables=tables)
+        return twins_of(scene, deck.schedule, look, radius=deck.gauge_radius, summed=deck.outer, tables=tables)
 
     def deck(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Deck:
         """The deck that :meth:`run` runs."""

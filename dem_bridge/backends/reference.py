@@ -1,7 +1,7 @@
 """The reference: Taylor series through located openings and closings, compiled; see :mod:`.taylor`.
 
 Against quadruple-precision solutions it is good to 1e-13 of v0 on the paper's chains. Where the series do not fit (an
-exponent n whose 2(n-1) is no whole number up to 8, a law that is a function, damping, drag) it answers through
+exponent n whose 2(n-1) is no whole number up to 8, a law that is a function, damping, drag, a drive) it answers through
 :mod:`.scipy_dop853` and says so in ``provenance``.
 """
 
@@ -41,7 +41,7 @@ MOST_STEPS = 50_000_000
 
 class Reference:
     """Taylor series with desingularised contacts. Any masses, gaps, walls, several moving bodies; precompression,
-    gravity; damping and drag through scipy."""
+    gravity; damping, drag and a drive through scipy."""
 
     name = "reference"
     equations = "hertz"
@@ -130,7 +130,7 @@ def _unfelt(scene: Scene, speed: float, depth: NDArray[np.float64]) -> NDArray[n
 
 
 def series_fit(scene: Scene) -> bool:
-    if scene.dissipates or scene.law is not None:
+    if not scene.conserves_energy or scene.law is not None:
         return False
     folds = 2.0 * (scene.contacts.exponent - 1.0)
     return bool(np.all((folds == np.round(folds)) & (folds >= 2.0) & (folds <= 8.0)))

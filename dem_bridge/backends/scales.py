@@ -17,8 +17,11 @@ def natural_scales(scene: Scene) -> tuple[float, NDArray[np.float64]]:
     """Largest speed (m/s) and overlap of each contact (m) that the energy at hand allows, roughly: what is small.
 
     Energy stored in an equilibrium cannot become motion: it counts for the overlaps of a precompressed chain alone.
+    What a drive adds is what it gives to body 0 alone before it turns.
     """
-    c, mass, v = scene.contacts, np.array(scene.mass), np.array(scene.velocity)
+    c, mass, v = scene.contacts, np.array(scene.mass), np.abs(scene.velocity)
+    if scene.drive is not None:
+        v[0] += scene.drive.peak / scene.mass[0] / max(scene.drive.rate, 1.0 / scene.duration)
     fall = abs(scene.gravity) * scene.duration
     initial = np.maximum(-c.gap, 0.0)
     held = scene.precompression > 0.0

@@ -32,7 +32,7 @@ BAR_SAFETY = 3.0
 
 class ScipyDop853:
     """DOP853 in overlap variables with located contact events. Any masses, exponents, laws, gaps, walls;
-    precompression, gravity, damping, drag."""
+    precompression, gravity, damping, drag, drive."""
 
     name = "scipy"
     equations = "hertz"

@@ -10,6 +10,7 @@ ever subtracted that is a thousand times larger than the overlap.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable
 from typing import Any
 
@@ -72,13 +73,16 @@ class Integration:
 
     def run(self) -> None:
         """Integrate from event to event until the end of the scene."""
-        end = self.scene.duration
+        end, drive = self.scene.duration, self.scene.drive
+        breaks = [] if drive is None else drive.breaks[drive.breaks < end].tolist()
         y = np.concatenate([-self.contacts.gap, np.array(self.scene.velocity), [0.0]])
         state = self._start(y)
         self._keep(np.array([0]), y[:, None], state)
         at, sample = 0.0, 1
         while at < end:
-            solver = DOP853(self._slope(state), at, y, end, rtol=self.rtol, atol=self.atol)
+            # a high order needs smooth forces: it ends, too, where a drive bends
+            stop = breaks[bisect_right(breaks, at)] if breaks and at < breaks[-1] else end
+            solver = DOP853(self._slope(state), at, y, stop, rtol=self.rtol, atol=self.atol)
             event = None
             while event is None and solver.status == "running":
                 tilt = solver.f
@@ -149,9 +153,9 @@ class Integration:
 
     def _slope(self, state: NDArray[Any]) -> Callable[[float, Floats], Floats]:
         """Right-hand side for a fixed state of the contacts: smooth across the closing of any other."""
-        k, free, drag = self.k, self.free, self.drag
+        k, free, drag, drive, mobility = self.k, self.free, self.drag, self.scene.drive, float(self.inverse_mass[0])
 
-        def slope(_: float, y: Floats) -> Floats:
+        def slope(t: float, y: Floats) -> Floats:
             velocity = y[k:-1]
             out = np.empty_like(y)
             out[:k] = self._closing(y)
@@ -159,6 +163,8 @@ class Integration:
             out[k:-1] = (force[self.pushes[:-1]] - force[self.holds[:-1]]) * self.inverse_mass + free
             if drag > 0.0:
                 out[k:-1] -= drag * velocity
+            if drive is not None:
+                out[k] += drive.at(t) * mobility
             out[-1] = velocity[0]
             return out
 
@@ -248,7 +254,7 @@ class Integration:
             state = dense(when)
             if state[contact] <= self.touch[contact]:
                 continue
-            if not self._is_pushed(contact, state, contacts):
+            if not self._is_pushed(contact, when, state, contacts):
                 # a motion so small that the dense output has all its digits
                 self.peak_force[contact] = max(self.peak_force[contact], self._force(state[:k])[contact])
                 continue
@@ -258,19 +264,19 @@ class Integration:
                 state = self._step_to(when, solver, dense)
                 self.peak_force[contact] = max(self.peak_force[contact], self._force(state[:k])[contact])
             if first:
-                slowing = self._slowing(contact, state, contacts)
+                slowing = self._slowing(contact, when, state, contacts)
                 late = self._closing(state)[contact] / slowing if slowing > 0.0 else 0.0
                 self.crossing_time[contact] = min(max(when + late, solver.t_old), solver.t)
 
-    def _is_pushed(self, contact: int, y: Floats, state: NDArray[Any]) -> bool:
+    def _is_pushed(self, contact: int, when: float, y: Floats, state: NDArray[Any]) -> bool:
         """Whether more than round-off ends the compression of a contact."""
         if self.resting[contact] == 0.0:
             return True
-        return abs(self._slowing(contact, y, state)) >= float(self.resting[contact])
+        return abs(self._slowing(contact, when, y, state)) >= float(self.resting[contact])
 
-    def _slowing(self, contact: int, y: Floats, state: NDArray[Any]) -> float:
+    def _slowing(self, contact: int, when: float, y: Floats, state: NDArray[Any]) -> float:
         """How fast the closing rate of a contact falls, m/s^2."""
-        return -float(self._closing(self._slope(state)(0.0, y))[contact])
+        return -float(self._closing(self._slope(state)(when, y))[contact])
 
     def _keep(self, rows: NDArray[np.int64], states: Floats, state: NDArray[Any]) -> None:
         """Store samples; ``states (n_state, n_rows)``. Positions follow from body 0 and the overlaps."""

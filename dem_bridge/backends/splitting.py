@@ -1,7 +1,7 @@
 """Runs of splitting methods, kicks and drifts in turn: velocity-Verlet, and what has more of both in a step.
 
-The plain kernel :func:`integrate` has everything: any law, tables, damping, drag, overlaps or positions. Where all is
-Hertz's law alone :mod:`.fused` does the same bit for bit, several times sooner.
+The plain kernel :func:`integrate` has everything: any law, tables, damping, drag, a drive, overlaps or positions. Where
+all is Hertz's law alone :mod:`.fused` does the same bit for bit, several times sooner.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Named
 from dem_bridge.backends.curves import CELLS, curve_force, curves_of
+from dem_bridge.backends.driven import driven_of, driving_force
 from dem_bridge.backends.fused import PADDING, march
 from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.backends.steps import Dense, answer, check_finite, read_off, touching_in_flight
@@ -57,7 +58,7 @@ EXACT = Tables(0.0, np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 
 
 def fits(scene: Scene, tables: Tables = EXACT) -> bool:
     """Whether the fast kernel knows all that acts in a scene."""
-    plain = scene.law is None and not scene.dissipates and len(tables.law) == 0
+    plain = scene.law is None and not scene.dissipates and scene.drive is None and len(tables.law) == 0
     return plain and bool(np.all(scene.contacts.exponent == 2.5))
 
 
@@ -120,6 +121,7 @@ def solve(
         scene.drag,
         scene.gravity,
         scene.load,
+        driven_of(scene),
         *method,
         plan.step,
         plan.dense_steps,
@@ -229,6 +231,7 @@ def integrate(  # type: ignore[no-untyped-def]
     drag,
     gravity,
     load,
+    driven,
     drifts,
     kicks,
     dt,
@@ -241,7 +244,8 @@ def integrate(  # type: ignore[no-untyped-def]
 ):
     """Velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap and force
     ``(n_dense, n_contact)`` at ``dense_steps``. The first ``links`` contacts are those of the chain; ``load (n_body,)``
-    is the constant force on each body beside its weight, N. ``drifts`` and ``kicks`` are those of a :class:`Method`.
+    is the constant force on each body beside its weight, N; ``driven`` that on body 0 when a step has its forces.
+    ``drifts`` and ``kicks`` are those of a :class:`Method`.
 
     With n = 5/2 the force is ``beta s sqrt(s)``: only exact powers of two appear when v0 -> 32 v0 and
     dt -> dt/2, so such runs repeat bit for bit.
@@ -249,6 +253,10 @@ def integrate(  # type: ignore[no-untyped-def]
     n_body, n_contact, n_dense = mass.shape[0], left.shape[0], dense_steps.shape[0]
     tabled, curved = tables.law.shape[0] > 0, curves.law.shape[0] > 0
     hertz, damped = np.all(exponent == 2.5), np.any(damping > 0.0)
+    pushed = driven.amplitude > 0.0 or len(driven.values) > 0
+    # of a step, where the forces of each stage are: the last at its end to the last digit
+    ends = np.cumsum(drifts)
+    ends[-1] = 1.0
     positional = np.any(reach > 0.0)
     v = np.zeros(n_body + 1)
     v[:n_body] = velocity
@@ -334,6 +342,8 @@ def integrate(  # type: ignore[no-untyped-def]
                                 force[k] = max(force[k], 0.0)
                 for i in range(n_body):
                     net[i] = weight[i]
+                if pushed:
+                    net[0] += driving_force((step - 1 + ends[stage]) * dt if step > 0 else 0.0, driven)
                 if drag > 0.0:
                     for i in range(n_body):
                         net[i] -= drag * mass[i] * v[i]

@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from dem_bridge.backends.driven import driven_of, driving_force, rate_of
 from dem_bridge.compiled import interruptible
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
@@ -31,8 +32,8 @@ class Survey:
     peak_overlap: NDArray[np.float64]
     """(n_contact,), m."""
     frequency: float
-    """rad/s: highest angular frequency of a contact between its two bodies; or rate, where damping or drag stops a body
-    faster than that."""
+    """rad/s: highest angular frequency of a contact between its two bodies; or rate, where damping or drag stops a
+    body, or a drive changes, faster than that."""
     max_acceleration: float
     """m/s^2."""
     lowest: float
@@ -79,6 +80,8 @@ def survey(scene: Scene, *, max_steps: int = 200_000_000) -> Survey:
         c.damping_power,
         scene.drag,
         scene.free_acceleration,
+        driven_of(scene),
+        _pace(scene),
         scene.duration,
         # of first order with damping, so a finer one
         0.1 * _STEP if scene.damped else _STEP,
@@ -93,12 +96,24 @@ def survey(scene: Scene, *, max_steps: int = 200_000_000) -> Survey:
     damped = np.where(peak > 0.0, c.damping * peak**c.damping_power * mobility, 0.0)
     return Survey(
         peak_overlap=peak,
-        frequency=max(frequency, float(np.max(damped, initial=scene.drag))),
+        frequency=max(frequency, rate_of(scene), float(np.max(damped, initial=scene.drag))),
         max_acceleration=acceleration,
         lowest=low,
         highest=high,
         steps=steps,
     )
+
+
+def _pace(scene: Scene) -> float:
+    """rad/s: how fast a drive changes, or moves a contact of body 0 that holds against it; 0 without."""
+    if scene.drive is None or scene.drive.peak == 0.0:
+        return 0.0
+    c, inverse_mass = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    mine = (c.left == 0) | (c.right == 0)
+    beta, n = c.stiffness[mine], c.exponent[mine]
+    slope = (n - 1.0) * beta * (scene.drive.peak / beta) ** ((n - 2.0) / (n - 1.0))
+    mobility = (inverse_mass[c.left] + inverse_mass[c.right])[mine]
+    return float(np.max(np.sqrt(slope * mobility), initial=scene.drive.rate))
 
 
 @njit(cache=True, nogil=True)
@@ -121,11 +136,14 @@ def _run(  # type: ignore[no-untyped-def]
     damping_power,
     drag,
     free,
+    driven,
+    pace,
     duration,
     fraction,
     max_steps,
 ):
-    """Index n_body is the wall: no inverse mass, no velocity. ``free (n_body,)``: acceleration without contact."""
+    """Index n_body is the wall: no inverse mass, no velocity. ``free (n_body,)``: acceleration without contact;
+    ``pace``, rad/s, what a drive asks of the step."""
     n_body, n_contact = inverse_mass.shape[0] - 1, left.shape[0]
     v = velocity.copy()
     x = np.zeros(n_body + 1)
@@ -137,6 +155,7 @@ def _run(  # type: ignore[no-untyped-def]
     time, steps = 0.0, 0
     for i in range(n_body):
         a[i] = free[i]
+    a[0] += driving_force(0.0, driven) * inverse_mass[0]
     for k in range(n_contact):
         if overlap[k] > 0.0:
             f = elastic[k] = _elastic(stiffness[k], overlap[k], exponent[k])
@@ -166,14 +185,17 @@ def _run(  # type: ignore[no-untyped-def]
         dt = duration - time
         if squared > 0.0:
             dt = min(dt, fraction / max(np.sqrt(squared), rate))
-        elif np.any(free != 0.0):
+        elif np.any(free != 0.0) or a[0] != 0.0:
             dt = min(dt, 1e-3 * duration)
+        if pace > 0.0:
+            dt = min(dt, fraction / pace)
         slower = np.exp(-drag * dt)  # stable however strong
         for i in range(n_body):
             v[i] += 0.5 * dt * a[i]
             x[i] += dt * v[i]
             a[i] = free[i]
             low, high = min(low, x[i]), max(high, x[i])
+        a[0] += driving_force(time + dt, driven) * inverse_mass[0]
         for k in range(n_contact):
             overlap[k] += dt * (v[left[k]] - v[right[k]])
             if overlap[k] > 0.0:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution
+from dem_bridge.backends.driven import rate_of
 from dem_bridge.backends.splitting import Tables
 from dem_bridge.backends.steps import Dense, radius_of
 from dem_bridge.backends.survey import Survey, survey
@@ -60,7 +61,7 @@ def _frequency(scene: Scene, deepest: NDArray[np.float64]) -> float:
     # 256 chords: a law can be steepest anywhere
     overlap = np.linspace(0.0, deepest[touched], 257)
     slope = np.max(np.diff(c.force(overlap, touched), axis=0) / np.diff(overlap, axis=0), axis=0)
-    damped = np.max(c.damping[touched] * mobility[touched], initial=scene.drag)
+    damped = np.max(c.damping[touched] * mobility[touched], initial=max(scene.drag, rate_of(scene)))
     return max(float(np.max(np.sqrt(slope * mobility[touched]), initial=0.0)), float(damped))
 
 
@@ -140,6 +141,7 @@ def measured(
     # forces are running sums of net forces. An atom's is two contacts' and its weight (one sum each), and is taken from
     # the weight and added up (one each): half an ulp of at most both forces, four times, and of the weight, twice
     weight = float(np.sum(np.abs(np.array(scene.mass) * scene.gravity + scene.load)))
+    weight += 0.0 if scene.drive is None else scene.drive.peak
     slowed = scene.drag * np.abs(half[:, :-1]) @ np.array(scene.mass)
     summed = np.empty_like(elastic)
     summed[:, order] = 4.0 * np.cumsum(np.abs(dense.force[:, order]), axis=1) + (weight + 4.0 * slowed)[:, None]

@@ -20,7 +20,7 @@ from dem_bridge.trajectory import Trajectory
 
 class Verlet:
     """Velocity-Verlet in overlap variables (numba). Any masses, exponents, laws, gaps, walls; precompression,
-    gravity, damping, drag."""
+    gravity, damping, drag, drive."""
 
     name = TWIN.name
     equations = TWIN.equations

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dem_bridge.errors import UsageError
 from dem_bridge.exports.parameters import EQUATION, origin
 from dem_bridge.exports.table import Table, counts, numbers
+from dem_bridge.geometry import Body
 from dem_bridge.physics.hertz import AxisRatio, angle_of_stiffness, crossed_cylinders, stiffness_slope
 from dem_bridge.scene import Scene
 
@@ -91,6 +92,11 @@ class Cylinders:
         except ValueError as error:
             raise UsageError(str(error)) from None
 
+    def are(self, bodies: Iterable[Body]) -> bool:
+        """Whether all have this radius and material."""
+        elastic = {"young": self.youngs_modulus, "poisson": self.poissons_ratio}
+        return all(body.radius == self.radius and body.material.elastic == elastic for body in bodies)
+
     def stiffness(self, angle: float, law: AxisRatio) -> float:
         """N/m^1.5, at an angle in degrees."""
         elastic = {"young": self.youngs_modulus, "poisson": self.poissons_ratio}
@@ -147,6 +153,7 @@ def angles(
         raise UsageError(f"within = {within!r}; allowed: a number above 0 and below 1")
     given = {"radius": radius, "youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
     pair, links = _cylinders(scene, given, law), len(scene.stiffness)
+    own = all(value is None for value in given.values())
     geometry, exponent = scene.geometry, scene.contacts.exponent
     rows: list[tuple[float | None, ...]] = []
     reasons: dict[str, list[int]] = {}
@@ -154,6 +161,8 @@ def angles(
         why = None
         if geometry is not None and "sphere" in (geometry.bodies[k].shape, geometry.bodies[k + 1].shape):
             why = "a sphere has no angle"
+        elif geometry is not None and own and not pair.are(geometry.bodies[k : k + 2]):
+            why = "its two cylinders are not those that the table is of"
         elif exponent[k] != 2.5 or scene.law is not None:
             why = "only Hertz' law, n = 2.5, has angles"
         else:

@@ -22,7 +22,7 @@ from dem_bridge.lmp.coefficients import Laws, laws, line_order, pairs, refusal
 from dem_bridge.lmp.encoding import Types, body_types
 from dem_bridge.lmp.pairing import granular
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.scene import Scene
+from dem_bridge.scene import DAMPING_LAWS, Scene
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.version import FORM_DATE, __version__
 
@@ -117,6 +117,8 @@ def contacts(scene: Scene, run: Trajectory | None = None, **form: Any) -> Table:
         *_geometry(scene, notes),
         numbers("stiffness", "stiffness of the scene", "N/m^(n-1)", c.stiffness),
         numbers("exponent", "n", "", c.exponent),
+        numbers("gap", "gap", "m", c.gap),
+        *_damping(scene),
         *_of_deck(told, notes),
         *_predicted(scene, told.look, notes),
         *_found(scene, run, notes),
@@ -153,6 +155,13 @@ def _geometry(scene: Scene, notes: list[str]) -> list[Column]:
         numbers("stiffness_exact", "stiffness by Hertz' exact law", "N/m^1.5", exact),
         numbers("paper_over_exact", "eq. 3.1 over exact", "", ratio),
     ]
+
+
+def _damping(scene: Scene) -> list[Column]:
+    if scene.damping is None:
+        return []
+    assert isinstance(scene.damping.coefficient, tuple)  # set when the scene was made
+    return [numbers("damping", "damping coefficient", DAMPING_LAWS[scene.damping.law], scene.damping.coefficient)]
 
 
 def _of_deck(told: _Told, notes: list[str]) -> list[Column]:

@@ -139,9 +139,9 @@ def _of_frames(path: Path, frames: Frames, scene: Scene, units: str | None, dt: 
         left, right = (_scaled(columns[name][:, bodies], si.force) for name in ("force_left", "force_right"))
         contact = _from_sides(left, right, scene)
     elif "force" in columns:
-        contact = _from_net(_scaled(columns["force"][:, :, axis], si.force), scene, with_walls)
+        contact = _from_net(_scaled(columns["force"][:, :, axis], si.force), time, scene, with_walls)
         if contact is not None:
-            assumed.append("contact forces are the running sum of net forces, less weight and load")
+            assumed.append("contact forces are the running sum of net forces, less weight, load and drive")
     return _Found(time, displacement, moving, contact, digits, assumed, style)
 
 
@@ -228,14 +228,16 @@ def _from_sides(left: Floats, right: Floats, scene: Scene) -> Floats:
     return np.hstack([right[:, :-1], *walls])
 
 
-def _from_net(net: Floats, scene: Scene, with_walls: bool) -> Floats | None:
-    """Contact forces from the net force on each atom, as LAMMPS has it; None where they do not follow."""
+def _from_net(net: Floats, time: Floats, scene: Scene, with_walls: bool) -> Floats | None:
+    """Contact forces from the net force on each atom at each time, as LAMMPS has it; None where they do not follow."""
     left, right = scene.wall_left is not None, scene.wall_right is not None
     if scene.drag > 0.0 or (left and right and not with_walls):
         return None
-    outer = np.array(scene.mass) * scene.gravity + scene.load
+    outer = np.tile(np.array(scene.mass) * scene.gravity + scene.load, (len(time), 1))
+    if scene.drive is not None:
+        outer[:, 0] += scene.drive.at(time)
     if with_walls:
-        outer = np.pad(outer, (int(left), int(right)))
+        outer = np.pad(outer, ((0, 0), (int(left), int(right))))
     # force behind each atom; the sum begins where there is nothing, which is the right end if a wall is missing there
     if left and not with_walls:
         behind = np.cumsum((outer - net)[:, ::-1], axis=1)[:, ::-1]

@@ -45,6 +45,7 @@ UNITS: Mapping[str, Unit] = {
     "kg": Unit("kg", r"\kilogram", "kg"),
     "deg": Unit("°", r"\degree", "deg"),
     "1/deg": Unit("1/°", r"\per\degree", "per_deg"),
+    "N s/m": Unit("N s/m", r"\newton\second\per\metre", "N_s_per_m"),
     "1/s": Unit("1/s", r"\per\second", "per_s"),
     "m/s": Unit("m/s", r"\metre\per\second", "m_per_s"),
     "kg/m^3": Unit("kg/m³", r"\kilogram\per\cubic\metre", "kg_per_m3"),

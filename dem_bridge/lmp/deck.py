@@ -19,7 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.dense import Schedule
+from dem_bridge.drive import Drive
 from dem_bridge.lmp.coefficients import Laws, laws, line_order, pairs, refusal, table_refusal
+from dem_bridge.lmp.driving import drive_file, drive_variables
 from dem_bridge.lmp.encoding import Types, body_types
 from dem_bridge.lmp.pairing import Pairing, TableSet, granular, tabled
 from dem_bridge.scene import Scene
@@ -57,6 +59,13 @@ class Deck:
 
     more_dumps: tuple[str, ...] = ()
     """Files that go on where the first dump ends."""
+    drive: Drive | None = None
+    """Of body 0, beside its weight."""
+
+    @property
+    def outer(self) -> float:
+        """Sum of the outer forces on all atoms, N, each at its largest."""
+        return float(np.sum(np.abs(self.weight))) + (0.0 if self.drive is None else self.drive.peak)
 
     @property
     def radii(self) -> Floats:
@@ -163,6 +172,9 @@ def deck_of(
     files |= pairing.files
     if len(line.masses) > MOST_SETS:
         files[f"masses.{scene.name}"] = "\n".join(_mass_file(line)) + "\n"
+    if scene.drive is not None and scene.drive.shape == "table":
+        values = (_header(scene, "force on body 0 in N"), *drive_file(scene.drive))
+        files[f"drive.{scene.name}"] = "\n".join(values) + "\n"
     return Deck(
         name=scene.name,
         files=MappingProxyType(files),
@@ -173,6 +185,7 @@ def deck_of(
         first_id=1 + walls[0],
         types=int(np.max(line.types)),
         schedule=schedule,
+        drive=scene.drive,
     )
 
 
@@ -229,6 +242,8 @@ def _input(line: _Line) -> Iterator[str]:
         yield f"variable gravity     index {abs(scene.gravity)!r}  # m/s^2"
     if scene.drag > 0.0:
         yield f"variable drag_time   index {1.0 / scene.drag!r}  # s: drag is -mass * velocity / drag_time"
+    if scene.drive is not None:
+        yield from drive_variables(scene.drive, f"drive.{scene.name}", scene.duration)
     yield from (
         "",
         "units           si",
@@ -283,6 +298,9 @@ def _fixes(line: _Line) -> Iterator[str]:
     for body in np.flatnonzero(loads).tolist():
         yield f"group           load{body} id {body + 1 + walls[0]}"
         yield f"fix             load{body} load{body} addforce {loads[body]!r} 0 0"
+    if scene.drive is not None:
+        yield f"group           driven id {1 + walls[0]}"
+        yield "fix             drive driven addforce v_drive 0 0"
 
 
 def _masses(line: _Line) -> Iterator[str]:

@@ -21,13 +21,16 @@ from dem_bridge.trajectory import Trajectory
 Floats = NDArray[np.float64]
 
 
-def arrival_by_crossing(scene: Scene, trajectory: Trajectory) -> Floats:
-    """When the impulse reaches body i = 1..n_body-1, s, ``(n_body - 1,)``; nan where it never does."""
-    return np.array(trajectory.crossing_time[: scene.n_body - 1])
+def arrival_by_crossing(scene: Scene | None, trajectory: Trajectory) -> Floats:
+    """When the impulse reaches body i = 1..n_body-1, s, ``(n_body - 1,)``; nan where it never does.
+
+    A run says so by itself: ``scene``, which all observables are called with, may be None.
+    """
+    return np.array(trajectory.crossing_time[: trajectory.velocity.shape[1] - 1])
 
 
-def residence_by_crossing(scene: Scene, trajectory: Trajectory) -> Floats:
-    """How long body i = 1..n_body-2 holds the impulse, s, ``(n_body - 2,)``: t_i^f - t_i^i.
+def residence_by_crossing(scene: Scene | None, trajectory: Trajectory) -> Floats:
+    """How long body i = 1..n_body-2 holds the impulse, s, ``(n_body - 2,)``: t_i^f - t_i^i. ``scene`` may be None.
 
     >>> import dem_bridge as db
     >>> scene = db.load_scene("decelerating-40")
@@ -38,12 +41,12 @@ def residence_by_crossing(scene: Scene, trajectory: Trajectory) -> Floats:
     return np.diff(arrival_by_crossing(scene, trajectory))
 
 
-def residence_bar(scene: Scene, trajectory: Trajectory) -> Floats:
-    """Bar of :func:`residence_by_crossing`, s, ``(n_body - 2,)``: that of both crossings together.
+def residence_bar(scene: Scene | None, trajectory: Trajectory) -> Floats:
+    """Bar of :func:`residence_by_crossing`, s, ``(n_body - 2,)``: of both crossings together. ``scene`` may be None.
 
     Over the residence it is the relative bar of both speeds below.
     """
-    bar = np.asarray(trajectory.uncertainty["crossing_time"])[: scene.n_body - 1]
+    bar = np.asarray(trajectory.uncertainty["crossing_time"])[: trajectory.velocity.shape[1] - 1]
     return np.asarray(bar[1:] + bar[:-1])
 
 

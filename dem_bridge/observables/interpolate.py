@@ -30,7 +30,7 @@ _MOST_STEPS = 54
 
 
 def acceleration(scene: Scene, trajectory: Trajectory) -> Floats:
-    """Of each body at each sample, m/s^2, ``(n_t, n_body)``: contact forces, gravity, load and drag over mass.
+    """Of each body at each sample, m/s^2, ``(n_t, n_body)``: contact forces, gravity, load, drag and drive over mass.
 
     nan where a trajectory has no contact forces (binary collisions).
     """
@@ -38,8 +38,10 @@ def acceleration(scene: Scene, trajectory: Trajectory) -> Floats:
     total = np.zeros((len(trajectory.time), scene.n_body + 1))  # the last column is that of walls
     total[:, c.right] += force  # no body has two contacts on one side
     total[:, c.left] -= force
-    driven = total[:, :-1] / np.array(scene.mass) + scene.free_acceleration
-    return np.asarray(driven - scene.drag * trajectory.velocity)
+    found = total[:, :-1] / np.array(scene.mass) + scene.free_acceleration - scene.drag * trajectory.velocity
+    if scene.drive is not None:
+        found[:, 0] += scene.drive.at(trajectory.time) / scene.mass[0]
+    return np.asarray(found)
 
 
 def spacing(trajectory: Trajectory) -> float:
@@ -101,7 +103,9 @@ def _basis(nodes: int, derivative: int) -> Floats:
         lagrange = Polynomial.fromroots(others) / np.prod(own - others)
         away = Polynomial([-own, 1.0])
         of_value = (1.0 - 2.0 * float(np.sum(1.0 / (own - others))) * away) * lagrange**2
-        found.append([of_value.deriv(derivative).coef, (away * lagrange**2).deriv(derivative).coef])
+        both = (one.deriv(derivative).coef for one in (of_value, away * lagrange**2))
+        # in the middle of an odd number the highest power is not there
+        found.append([np.pad(one, (0, 2 * nodes - derivative - len(one))) for one in both])
     return np.asarray(found).transpose(2, 1, 0)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Any
 
+from dem_bridge.notebook import plan_html
 from dem_bridge.planning.options import Option, Options
 from dem_bridge.planning.predict import tidy
 
@@ -48,6 +49,9 @@ class Plan:
         """All of it, JSON-able."""
         told = {one.name: getattr(self, one.name) for one in fields(self)}
         return told | {key: dict(told[key]) for key in ("resolution", "units")} | {"reasons": list(self.reasons)}
+
+    def _repr_html_(self) -> str:
+        return plan_html(self)
 
 
 def answer(options: Options, chosen: Option, left_out: Mapping[str, str], yardstick: str) -> Plan:

@@ -34,6 +34,7 @@ WIDTH = 11.0
 _HEIGHT = {"map": 3.7, "series": 3.0}
 #: of a title to the inch
 _LETTERS = 8.4
+_THINNED = "circles and crosses: not all points are marked"
 #: marks along a line; more would run together
 _MARKS, _MARKS_ON_LINE = 24, 9
 
@@ -60,9 +61,7 @@ def drawn(exhibit: Exhibit) -> Figure:
     for at, (ax, panel) in enumerate(zip(axes, panels, strict=True)):
         if panel.map is not None:
             images[at] = _draw_map(ax, panel.map, limits[at][:2])
-        for line in panel.series:
-            _draw_series(ax, line, on_map=panel.map is not None)
-        _dress(ax, panel, page / columns)
+        _draw_lines(ax, panel, page / columns)
     rowed = [ax for ax, panel in zip(axes, panels, strict=True) if panel.rows]
     for ax in rowed:  # one x axis for all
         ax.set_xlim(min(one.get_xlim()[0] for one in rowed), max(one.get_xlim()[1] for one in rowed))
@@ -80,6 +79,47 @@ def drawn(exhibit: Exhibit) -> Figure:
             bar.ax.locator_params(nbins=6)
     _legend(figure, axes)
     return figure
+
+
+def drawn_on(ax: Axes, panel: Panel) -> Axes:
+    """The panel on axes that are there, as :func:`drawn` draws it, with its own colour bar and legend; the axes."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    if panel.map is not None:
+        low, high, extend = colour_limits([panel.map])
+        image = _draw_map(ax, panel.map, (low, high))
+        bar = figure.colorbar(image, ax=ax, label=panel.map.label, extend=extend, pad=0.02, aspect=28)
+        bar.ax.locator_params(nbins=6)
+    inches = ax.get_position().width * figure.get_figwidth()
+    _draw_lines(ax, panel, inches)
+    if panel.map is None:
+        scale_together([ax], [panel])
+    if panel.series:
+        columns = _names_in_row(_names([panel]), inches)
+        rows, thinned = -(-len(_names([panel])) // columns), _thinned(ax)
+        if panel.map is None:  # a strip of its own
+            low, high = ax.get_ylim()
+            high = max(high, *(_top(one) for one in panel.series))
+            ax.set_ylim(low, high + (0.085 * (rows + thinned) + 0.02) * (high - low))
+        ax.legend(
+            # before the front of a map there is nothing to hide
+            loc="upper left" if panel.map is None else "lower right",
+            fontsize=9,
+            frameon=panel.map is not None,
+            handlelength=3.0,
+            ncols=columns,
+            title=_THINNED if thinned else None,
+            title_fontsize=9,
+        )
+    return ax
+
+
+def new_axes(height: float = _HEIGHT["map"]) -> Axes:
+    """Axes in a figure of their own, as wide as one of a report. A notebook shows it, for pyplot knows it; without a
+    display pyplot falls back on what can be saved."""
+    from matplotlib import pyplot  # the report needs none
+
+    return pyplot.figure(figsize=(0.6 * WIDTH, height), layout="constrained").add_subplot()
 
 
 def png(exhibit: Exhibit, *, dpi: int = 130) -> bytes:
@@ -201,6 +241,12 @@ def _name_off_scale(ax: Axes, panel: Panel, first: float) -> None:
     note.set_in_layout(False)  # a note gives way to the axes, not they to it
 
 
+def _top(line: Series) -> float:
+    """The largest value with its bar."""
+    bar = np.zeros(1) if line.bar is None else np.where(np.isfinite(line.bar), line.bar, 0.0)
+    return float(np.nanmax(line.y + bar, initial=-np.inf))
+
+
 def _draw_map(ax: Axes, one: Map, limits: tuple[float, float]) -> Any:
     image = ax.pcolormesh(
         one.x, one.y, one.values, cmap=COLOURS, vmin=limits[0], vmax=limits[1], shading="nearest", rasterized=True
@@ -230,6 +276,13 @@ def _draw_series(ax: Axes, line: Series, *, on_map: bool) -> None:
     if line.bar is not None and np.isfinite(line.bar).any():
         bar = np.where(np.isfinite(line.bar), line.bar, 0.0)
         ax.errorbar(line.x, line.y, yerr=bar, fmt="none", ecolor=style["color"], elinewidth=1.0)
+
+
+def _draw_lines(ax: Axes, panel: Panel, inches: float) -> None:
+    """All but the map, in a place that many inches wide."""
+    for line in panel.series:
+        _draw_series(ax, line, on_map=panel.map is not None)
+    _dress(ax, panel, inches)
 
 
 def _dress(ax: Axes, panel: Panel, inches: float) -> None:
@@ -264,6 +317,8 @@ def _dress(ax: Axes, panel: Panel, inches: float) -> None:
         ax.xaxis.set_major_locator(
             MaxNLocator(nbins=8 if whole else 6, integer=whole, steps=[1, 2, 5, 10] if whole else [1, 2, 2.5, 5, 10])
         )
+        if whole and len({x for line in xs for x in line.tolist()}) == 1:  # matplotlib would show thousandths of a body
+            ax.set_xlim(float(xs[0][0]) - 1.0, float(xs[0][0]) + 1.0)
     if panel.map is None:
         ax.grid(alpha=0.25, which="both")
 
@@ -279,10 +334,9 @@ def _legend(figure: Figure, axes: Iterable[Axes]) -> None:
     entries: dict[str, Line2D] = {}
     thinned = False
     for ax in axes:
+        thinned |= _thinned(ax)
         for line in ax.get_lines():
             entries.setdefault(str(line.get_label()), line)
-            every = line.get_markevery()
-            thinned |= line.get_linestyle() == "None" and isinstance(every, tuple) and every[1] > 1
     if not entries:
         return
     figure.legend(
@@ -292,9 +346,15 @@ def _legend(figure: Figure, axes: Iterable[Axes]) -> None:
         ncols=_names_in_row(entries, figure.get_figwidth()),
         frameon=False,
         handlelength=3.4,
-        title="circles and crosses: not all points are marked" if thinned else None,
+        title=_THINNED if thinned else None,
         title_fontsize=9,
     )
+
+
+def _thinned(ax: Axes) -> bool:
+    """Whether marks stand for more points than they are."""
+    marks = [line.get_markevery() for line in ax.get_lines() if line.get_linestyle() == "None"]
+    return any(isinstance(every, tuple) and every[1] > 1 for every in marks)
 
 
 def _names(panels: Sequence[Panel]) -> set[str]:
@@ -338,4 +398,15 @@ def _matrix(panel: Panel, one: Map) -> str:
     return text.getvalue()
 
 
-__all__ = ["STYLES", "colour_limits", "csv_texts", "drawn", "png", "scale_together", "settled"]
+__all__ = [
+    "STYLES",
+    "Axes",
+    "colour_limits",
+    "csv_texts",
+    "drawn",
+    "drawn_on",
+    "new_axes",
+    "png",
+    "scale_together",
+    "settled",
+]

@@ -6,27 +6,38 @@ printed in grey keeps its meaning.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
 from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.backends.steps import order_on
-from dem_bridge.observables.front import arrival_by_crossing, residence_by_crossing, wave_speed_by_crossing
+from dem_bridge.observables.front import (
+    arrival_by_crossing,
+    residence_bar,
+    residence_by_crossing,
+    wave_speed_by_crossing,
+)
 from dem_bridge.report.exhibits import drawn
 from dem_bridge.report.strokes import BLACK, BLUE, GREEN, STYLES, VERMILION
-from dem_bridge.scene import Scene
+from dem_bridge.studies.budget import Budget
 from dem_bridge.studies.checks import REFERENCE, THEORY, TWIN
 from dem_bridge.studies.exhibits import Exhibit, Map, Panel, Series
 from dem_bridge.studies.styles import COLUMNS, StylesStudy
 from dem_bridge.studies.verify import SceneStudy
 from dem_bridge.trajectory import Trajectory
 
-_LABELS = {**dict.fromkeys(ENGINE_BACKENDS, "LAMMPS"), REFERENCE: "reference", THEORY: "BCA"}
+Floats = NDArray[np.float64]
+#: what backends are called in a figure
+LABELS = {**dict.fromkeys(ENGINE_BACKENDS, "LAMMPS"), REFERENCE: "reference", THEORY: "BCA"}
 
 
 def spacetime_maps(studies: Sequence[SceneStudy]) -> Figure | None:
@@ -41,21 +52,91 @@ def spacetime_maps(studies: Sequence[SceneStudy]) -> Figure | None:
         ends = [max(ends)] * len(ends)  # chains that compare share their axis
     panels = []
     for (study, run), end in zip(shown, ends, strict=True):
-        rows = int(np.searchsorted(run.time, end, side="right"))
-        bodies = np.arange(1.0, study.scene.n_body)
         theory = study.run(THEORY)
-        front = () if theory is None else (arrival_by_crossing(study.scene, theory),)
         panels.append(
-            Panel(
-                title=f"{study.scene.name} ({_who(study)})",
-                x_label="cylinder",
-                y_label="time (ms)",
-                map=Map(label="velocity (m/s)", x=bodies, y=1e3 * run.time[:rows], values=run.velocity[:rows, 1:]),
-                series=tuple(Series(label="front by BCA", style=THEORY, x=bodies, y=1e3 * one) for one in front),
-                shares_scale_with=tuple(range(len(shown))),
+            spacetime_panel(
+                run,
+                f"{study.scene.name} ({_who(study)})",
+                fronts={} if theory is None else {THEORY: theory},
+                until=end,
+                first=1,
+                body="cylinder",
             )
         )
-    return _drawn(panels)
+    return _drawn([replace(panel, shares_scale_with=tuple(range(len(shown)))) for panel in panels])
+
+
+def spacetime_panel(
+    run: Trajectory,
+    title: str,
+    *,
+    fronts: Mapping[str, Trajectory] = MappingProxyType({}),
+    until: float | None = None,
+    first: int = 0,
+    body: str = "body",
+) -> Panel:
+    """Velocity of the bodies from ``first`` on over time, up to ``until`` (s; None: until a little after the front has
+    passed). ``fronts``: theory -> its run, whose arrivals are drawn over it; ``body``: what bodies are called.
+    """
+    rows = max(1, int(np.searchsorted(run.time, _front_has_passed(run) if until is None else until, side="right")))
+    bodies = np.arange(float(first), run.velocity.shape[1])
+    lines = {name: arrival_by_crossing(None, theory) for name, theory in fronts.items()}
+    return Panel(
+        title=title,
+        x_label=body,
+        y_label="time (ms)",
+        map=Map(label="velocity (m/s)", x=bodies, y=1e3 * run.time[:rows], values=run.velocity[:rows, first:]),
+        series=tuple(
+            Series(
+                label=f"front by {LABELS.get(name, name)}", style=name, x=np.arange(1.0, 1.0 + len(line)), y=1e3 * line
+            )
+            for name, line in lines.items()
+        ),
+    )
+
+
+def along_panel(
+    runs: Mapping[str, Trajectory],
+    title: str,
+    y_label: str,
+    value: Callable[[Trajectory], Floats],
+    *,
+    bar: Callable[[Trajectory], Floats] | None = None,
+    styles: Sequence[str] | None = None,
+    body: str = "body",
+) -> Panel:
+    """What each of ``runs`` (label -> run) says of bodies 1 to n_body-2. ``styles``: of each; None: by its backend."""
+    styles = [run.provenance["backend"] for run in runs.values()] if styles is None else styles
+    return Panel(
+        title=title,
+        x_label=body,
+        y_label=y_label,
+        series=tuple(
+            Series(
+                label=label,
+                style=style,
+                x=np.arange(1.0, run.velocity.shape[1] - 1),
+                y=value(run),
+                bar=None if bar is None else bar(run),
+            )
+            for (label, run), style in zip(runs.items(), styles, strict=True)
+        ),
+    )
+
+
+def residence_panel(
+    runs: Mapping[str, Trajectory], title: str, *, styles: Sequence[str] | None = None, body: str = "body"
+) -> Panel:
+    """How long each body holds the impulse: an :func:`along_panel`."""
+    return along_panel(
+        runs,
+        title,
+        "residence time (µs)",
+        lambda run: 1e6 * residence_by_crossing(None, run),
+        bar=lambda run: 1e6 * residence_bar(None, run),
+        styles=styles,
+        body=body,
+    )
 
 
 def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
@@ -64,27 +145,29 @@ def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
     shown = [study for study in studies if study.scene.n_body > 3 and study.run(REFERENCE) is not None]
     if not shown:
         return None
-    rows: dict[str, Callable[[Scene, Trajectory], NDArray[np.float64]]] = {"residence time (µs)": _microseconds}
+    named = [
+        {LABELS[name]: run for name in (REFERENCE, THEORY, study.engine) if (run := study.run(name)) is not None}
+        for study in shown
+    ]
+    rows = [[residence_panel(runs, one.scene.name, body="cylinder") for one, runs in zip(shown, named, strict=True)]]
     if all(study.scene.spacing is not None for study in shown):
-        rows["wave speed (m/s)"] = wave_speed_by_crossing
-    panels = []
-    for row, (label, value) in enumerate(rows.items()):
-        for study in shown:
-            body = np.arange(1.0, study.scene.n_body - 1)
-            runs = [(name, study.run(name)) for name in (REFERENCE, THEORY, study.engine)]
-            panels.append(
-                Panel(
-                    title=study.scene.name,
-                    x_label="cylinder",
-                    y_label=label,
-                    series=tuple(
-                        Series(label=_LABELS[name], style=name, x=body, y=value(study.scene, run))
-                        for name, run in runs
-                        if run is not None
-                    ),
-                    shares_scale_with=tuple(range(row * len(shown), (row + 1) * len(shown))),
+        rows.append(
+            [
+                along_panel(
+                    runs,
+                    one.scene.name,
+                    "wave speed (m/s)",
+                    partial(wave_speed_by_crossing, one.scene),
+                    body="cylinder",
                 )
-            )
+                for one, runs in zip(shown, named, strict=True)
+            ]
+        )
+    panels = [
+        replace(panel, shares_scale_with=tuple(range(at * len(row), (at + 1) * len(row))))
+        for at, row in enumerate(rows)
+        for panel in row
+    ]
     return _drawn(panels, columns=len(shown))
 
 
@@ -122,32 +205,44 @@ def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
 
 def error_budget(study: SceneStudy) -> Figure | None:
     """Error of LAMMPS by quantity, the parts it is made of, and what they leave unexplained. One scale for all."""
-    rows = [{"found": one.found, **one.parts, "unexplained": one.unexplained} for one in study.budgets]
+    rows = [_bars_of(one) for one in study.budgets]
     values = [value for row in rows for value in row.values() if 0.0 < value < np.inf]
     if not values:
         return None
     figure, axes = _panels(1, len(rows), width=3.1, height=2.9)
     low, high = 0.3 * max(min(values), 1e-18), 300.0 * max(values)
-    for ax, budget, row in zip(axes, study.budgets, rows, strict=True):
-        colours = [BLACK, *[BLUE] * len(budget.parts), VERMILION]
-        ax.barh(list(row), [min(max(value, low), high) for value in row.values()], color=colours)
-        for place, value in enumerate(row.values()):
-            ax.annotate(
-                "0" if value == 0.0 else f"{value:.1e}" if np.isfinite(value) else "unknown",
-                (min(max(value, low), high), place),
-                xytext=(3, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=8,
-                bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
-            )
-        ax.axvline(budget.allowed, color=VERMILION, linestyle=":", linewidth=1.2)
-        ax.set(xscale="log", xlim=(low, high), title=budget.quantity.replace("_", " "))
-        ax.xaxis.set_major_locator(LogLocator(numticks=5))
-        ax.grid(axis="x", alpha=0.25)
+    for ax, budget in zip(axes, study.budgets, strict=True):
+        budget_on(ax, budget, (low, high))
+        ax.set_title(budget.quantity.replace("_", " "))
     axes[0].invert_yaxis()  # shared by all
     figure.supxlabel(f"{study.scene.name}: difference / scale of the quantity", fontsize=10)
     return figure
+
+
+def budget_on(ax: Axes, budget: Budget, limits: tuple[float, float] | None = None) -> None:
+    """A bar for what was found, each part, and what they leave unexplained, with its allowance as dotted line.
+
+    ``limits``: least and largest value of the axis; None: as the values ask for.
+    """
+    row = _bars_of(budget)
+    values = [value for value in row.values() if 0.0 < value < np.inf] or [1e-16]
+    low, high = (0.3 * max(min(values), 1e-18), 300.0 * max(values)) if limits is None else limits
+    colours = [BLACK, *[BLUE] * len(budget.parts), VERMILION]
+    ax.barh(list(row), [min(max(value, low), high) for value in row.values()], color=colours)
+    for place, value in enumerate(row.values()):
+        ax.annotate(
+            "0" if value == 0.0 else f"{value:.1e}" if np.isfinite(value) else "unknown",
+            (min(max(value, low), high), place),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=8,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
+        )
+    ax.axvline(budget.allowed, color=VERMILION, linestyle=":", linewidth=1.2)
+    ax.set(xscale="log", xlim=(low, high))
+    ax.xaxis.set_major_locator(LogLocator(numticks=5))
+    ax.grid(axis="x", alpha=0.25)
 
 
 def styles_matrix(study: StylesStudy) -> Figure:
@@ -200,8 +295,8 @@ def _front_has_passed(run: Trajectory) -> float:
     return min(1.15 * last, float(run.time[-1])) if np.isfinite(last) else float(run.time[-1])
 
 
-def _microseconds(scene: Scene, run: Trajectory) -> NDArray[np.float64]:
-    return 1e6 * residence_by_crossing(scene, run)
+def _bars_of(budget: Budget) -> dict[str, float]:
+    return {"found": budget.found, **budget.parts, "unexplained": budget.unexplained}
 
 
 def _drawn(panels: Sequence[Panel], columns: int | None = None) -> Figure:
@@ -220,4 +315,14 @@ def _who(study: SceneStudy) -> str:
     return "LAMMPS" if study.run(study.engine) is not None else "reference"
 
 
-__all__ = ["convergence", "error_budget", "front_along_chain", "spacetime_maps", "styles_matrix"]
+__all__ = [
+    "LABELS",
+    "budget_on",
+    "convergence",
+    "error_budget",
+    "front_along_chain",
+    "residence_panel",
+    "spacetime_maps",
+    "spacetime_panel",
+    "styles_matrix",
+]

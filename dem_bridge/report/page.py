@@ -260,8 +260,8 @@ def not_verified(found: Verification) -> list[str]:
     ]
     if alone:
         lines.append(
-            f"The reference of {', '.join(alone)} by a second method: {SECOND} alone answers where there is damping or"
-            " drag, or an exponent that the other method has not."
+            f"The reference of {', '.join(alone)} by a second method: {SECOND} alone answers where there is damping,"
+            " drag or a drive, or an exponent that the other method has not."
         )
     return lines
 
@@ -281,6 +281,7 @@ def _used(study: SceneStudy, run: Trajectory) -> list[str]:
         "fix nve": True,
         "fix gravity": scene.gravity != 0.0,
         "fix addforce": scene.load.any(),
+        "fix addforce by a variable": scene.drive is not None,
         "fix langevin at zero temperature": scene.drag > 0.0,
     }
     return [words for words, there in parts.items() if there]

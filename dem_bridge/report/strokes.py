@@ -63,6 +63,25 @@ _CODES: Mapping[str, tuple[str, str, float]] = {
     "bca": (VERMILION, "X", 8.0),
     "adiabatic": (PURPLE, "^", 8.0),
 }
+#: style "nth/COLOUR/FORM": the nth of things that have no colour or form of their own
+_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
+_FORMS: tuple[Mapping[str, Any], ...] = (
+    {"linestyle": "-", "linewidth": 1.4},
+    {"linestyle": "none", "marker": "o", "markersize": 4.5, **_HOLLOW},
+    {"linestyle": "none", "marker": "x", "markersize": 4.5},
+    {"linestyle": (0, (4, 1.5)), "linewidth": 1.4},
+    {"linestyle": "none", "marker": "s", "markersize": 6.5, **_HOLLOW},
+    {"linestyle": ":", "linewidth": 2.0},
+)
+#: style "line/COLOUR/FORM": the same of long lines, where the first is a pale band that others run in
+_LINES: tuple[Mapping[str, Any], ...] = (
+    {"linestyle": "-", "linewidth": 1.4},
+    {"linestyle": "-", "linewidth": 5.0, "alpha": 0.35},
+    {"linestyle": "-", "linewidth": 1.0},
+    {"linestyle": (0, (4, 1.5)), "linewidth": 1.4},
+    {"linestyle": ":", "linewidth": 2.0},
+    {"linestyle": "-.", "linewidth": 1.4},
+)
 #: those of one setting, so of no line
 _ALONE = ("reference", "bca", "adiabatic")
 _CODE = (GREY, ">", 5.5)
@@ -90,8 +109,8 @@ _ON_MAP: Mapping[str, Mapping[str, Any]] = {
 
 
 def style_of(name: str) -> dict[str, Any]:
-    """How matplotlib draws a Series of that style: of :data:`STYLES`, "front", "below", "curve/BACKEND/VARIANT" or, of
-    marks alone, "mark/BACKEND".
+    """How matplotlib draws a Series of that style: of :data:`STYLES`, "front", "below", "curve/BACKEND/VARIANT", of
+    marks alone "mark/BACKEND", or "nth/COLOUR/FORM" and "line/COLOUR/FORM" by number.
 
     What is unknown is grey, and drawn nevertheless.
 
@@ -100,17 +119,21 @@ def style_of(name: str) -> dict[str, Any]:
     """
     if name in ("front", "below"):
         return dict(_FRONT if name == "front" else _BELOW)
+    if name.startswith(("nth/", "line/")):
+        forms = _FORMS if name.startswith("nth/") else _LINES
+        colour, form = (int(number) for number in name.split("/")[1:])
+        return {"color": _COLOURS[colour % len(_COLOURS)], **forms[form % len(forms)]}
     if not name.startswith(("curve/", "mark/")):
         return dict(STYLES.get(name, _OTHER))
     kind, code, variant = f"{name}/".split("/")[:3]
-    colour, mark, size = _CODES.get(code, _CODE)
+    ink, mark, size = _CODES.get(code, _CODE)
     filled = variant == "richardson" or code in _ALONE
     return {
-        "color": colour,
+        "color": ink,
         "marker": mark,
         "markersize": size,
         "markeredgewidth": 1.2,
-        "markerfacecolor": colour if filled else "white",
+        "markerfacecolor": ink if filled else "white",
         "linestyle": "none" if kind == "mark" or code in _ALONE else _DASHES.get(variant, "-."),
         "linewidth": 1.3,
         "zorder": 3 if code in _ALONE or mark == "x" else 2,

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.notebook import study_html
 from dem_bridge.verdict import Outcome, exit_code, plain
 
 Floats = NDArray[np.float64]
@@ -206,6 +207,9 @@ class Study:
     @property
     def exit_code(self) -> int:
         return exit_code(self.outcomes)
+
+    def _repr_html_(self) -> str:
+        return study_html(self)
 
     def as_json(self) -> dict[str, Any]:
         """JSON without NaN: rows of tables as mappings by the names of their columns."""

@@ -18,7 +18,6 @@ from dem_bridge.campaign import Case, Progress, Result, run_cases
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.geometry import Geometry
 from dem_bridge.observables.front import residence_by_crossing
-from dem_bridge.physics.hertz import crossed_cylinders
 from dem_bridge.scene import Scene
 from dem_bridge.scene_physical import rounded
 from dem_bridge.scene_physical import scattered as turned_by_chance
@@ -91,21 +90,15 @@ def scattered(scene: Scene, *, spread: float, seed: int) -> Scene:
     """
     geometry = _turned(scene)
     known = [k for k, angle in enumerate(geometry.angle) if angle is not None]
-    turned = dict(
-        zip(known, turned_by_chance(tuple(filter(None, geometry.angle)), scatter=spread, seed=seed), strict=True)
-    )
+    turned = turned_by_chance(tuple(filter(None, geometry.angle)), scatter=spread, seed=seed)
     angles, stiffness = list(geometry.angle), list(scene.stiffness)
-    for k, angle in turned.items():
-        body = geometry.bodies[k + 1]
-        angles[k] = angle = max(angle, LEAST_ANGLE)
-        found = crossed_cylinders(angle=angle, radius=body.radius, law=geometry.law, **body.material.elastic).stiffness
-        stiffness[k] = rounded(found)
-    return replace(
-        scene,
-        name=f"{scene.name}.scatter-{spread:g}-{seed}",
-        stiffness=tuple(stiffness),
-        geometry=replace(geometry, angles=tuple(angles), stiffness=None),
-    )
+    for k, angle in zip(known, turned, strict=True):
+        angles[k] = max(angle, LEAST_ANGLE)
+    off = replace(geometry, angles=tuple(angles), stiffness=None)
+    for k in known:
+        stiffness[k] = rounded(off.contact(k, off.law).stiffness)
+    name = f"{scene.name}.scatter-{spread:g}-{seed}"
+    return replace(scene, name=name, stiffness=tuple(stiffness), geometry=off)
 
 
 def cases_of(scene: Scene, *, spread: float, count: int, seed: int = 0) -> list[Case]:

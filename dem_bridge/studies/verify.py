@@ -28,6 +28,7 @@ from dem_bridge.campaign import Case, Progress, Result, run_cases
 from dem_bridge.compare import difference
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.notebook import verification_html
 from dem_bridge.planning.bars import resolution_for
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store, study_key
@@ -86,6 +87,9 @@ class Verification:
     @property
     def exit_code(self) -> int:
         return exit_code(verdict.outcome for verdict in self.verdicts)
+
+    def _repr_html_(self) -> str:
+        return verification_html(self)
 
 
 def verify_scenes(
@@ -252,7 +256,7 @@ def study_of(scene: Scene, results: tuple[Result, ...], accuracy: float) -> Scen
         if theory is not None:
             verdicts += checks.model(scene, theory, truth)
     if engine is not None:
-        verdicts += checks.conserved(scene, engine, accuracy)
+        verdicts += checks.conserved(scene, engine, accuracy, truth)
     return SceneStudy(scene=scene, results=results, verdicts=tuple(verdicts), ladder=ladder, budgets=budget)
 
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import dem_bridge as db
 from dem_bridge.backends.bca import BinaryCollisions
+from dem_bridge.drive import Drive
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.conserved import momentum
 from dem_bridge.observables.front import residence_by_crossing
@@ -119,6 +120,7 @@ def test_it_says_nothing_of_forces_in_time_and_of_its_own_error(solved: Solve) -
         ({"wall_left": Wall(stiffness=1e9)}, "wall"),
         ({"wall_right": Wall(stiffness=1e9)}, "wall"),
         ({"gravity": 9.81}, "gravity"),
+        ({"drive": Drive(shape="sine", force=1e-9, frequency=1.0)}, "body 0 is driven"),
         ({"gravity": -1e-9}, "gravity"),
         ({"velocity": (0.8, 0.0, -0.1)}, "more than one body moves"),
         ({"velocity": (0.8, 0.1, 0.0)}, "more than one body moves"),

@@ -51,6 +51,8 @@ def foreign_dump(
     right = run.contact_force[:, [-1]] if scene.wall_right is not None else none
     force = np.hstack([left, run.contact_force[:, :links], right])
     net = force[:, :-1] - force[:, 1:] + np.array(scene.mass) * scene.gravity + scene.load
+    if scene.drive is not None:
+        net[:, 0] += scene.drive.at(run.time)
     x = place * np.arange(scene.n_body) + run.displacement
     columns = [x, run.velocity, net]
     if first:

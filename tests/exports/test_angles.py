@@ -99,6 +99,18 @@ def test_the_papers_own_chain_is_set_from_2_to_90_degrees() -> None:
     assert frame["angle_deg"][1:].is_monotonic_increasing
 
 
+def test_other_cylinders_than_those_of_the_table_have_no_angles_in_it() -> None:
+    quartz = db.Material(youngs_modulus=72e9, poissons_ratio=0.17, density=2200.0)
+    thick, thin = (db.Body(shape="cylinder", radius=r, height=18e-3, material=quartz) for r in (9e-3, 6e-3))
+    chain = db.chain(name="rods", duration=1e-3, bodies=[thick, thick, thin, thin], velocity=0.5, angles=20.0)
+    table = db.table_of(chain, "angles")
+    assert table.to_pandas()["angle_deg"][0] == pytest.approx(20.0, rel=1e-11)
+    assert table.to_pandas()["angle_deg"].isna().tolist() == [False, True, True]
+    assert "contact 1 to 2: its two cylinders are not those that the table is of" in table.notes
+    # told which, all contacts are set with them
+    assert not db.table_of(chain, "angles", **QUARTZ | {"radius": 4e-3}).to_pandas()["angle_deg"].isna().any()
+
+
 def test_a_chain_without_geometry_is_told_which_cylinders() -> None:
     chain = replace(
         PAIR, mass=(1e-2,) * 4, stiffness=(4e9, 2e10, 3e7), exponent=(2.5, 2.5, 2.0), velocity=(0.8, 0, 0, 0), gap=0.0

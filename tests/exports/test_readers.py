@@ -16,6 +16,7 @@ import pytest
 from ase.calculators.singlepoint import SinglePointCalculator
 
 import dem_bridge as db
+from dem_bridge.drive import Drive
 from dem_bridge.errors import UsageError
 from dem_bridge.exports.frames import short_of_digits
 from dem_bridge.exports.readers import UNITS
@@ -27,6 +28,7 @@ from tests.exports.runs import foreign_dump, made_up
 
 STACKED = replace(RAW, name="stacked", gravity=9.81, wall_left=None, damping=None)
 PRESSED = replace(STACKED, name="pressed", gap=0.0, gravity=0.0, precompression=20.0)
+DRIVEN = replace(PRESSED, name="driven", drive=Drive(shape="sine", force=50.0, frequency=5e3))
 EPS = float(np.finfo(float).eps)
 
 
@@ -37,7 +39,9 @@ def _written(tmp_path: Path, text: str, name: str = "theirs.lammpstrj") -> Path:
 
 @pytest.mark.parametrize("walls", [False, True], ids=["bodies alone", "walls too"])
 @pytest.mark.parametrize(
-    "scene", [CROSSED, STACKED, PRESSED, replace(RAW, wall_right=None, damping=None), RAW], ids=lambda one: one.name
+    "scene",
+    [CROSSED, STACKED, PRESSED, DRIVEN, replace(RAW, wall_right=None, damping=None), RAW],
+    ids=lambda one: one.name,
 )
 def test_a_dump_of_others_has_velocities_displacements_and_what_forces_follow(
     scene: Scene, walls: bool, tmp_path: Path

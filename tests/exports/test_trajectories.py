@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -183,8 +184,9 @@ def test_mdanalysis_reads_extended_xyz(tmp_path: Path) -> None:
     run, path = made_up(CROSSED), tmp_path / "run.xyz"
     db.write_trajectory(run, CROSSED, path)
     universe = mda.Universe(str(path), topology_format="XYZ", format="XYZ")
-    assert len(universe.trajectory) == len(run.time)
-    universe.trajectory[5]
-    # it keeps single precision
-    x = centres(CROSSED)[0] + run.displacement[5]
-    np.testing.assert_allclose(universe.atoms.positions[:, 0], x, rtol=2.0**-23, atol=1e-30)
+    with closing(universe.trajectory):  # else its file stays open until the end
+        assert len(universe.trajectory) == len(run.time)
+        universe.trajectory[5]
+        # it keeps single precision
+        x = centres(CROSSED)[0] + run.displacement[5]
+        np.testing.assert_allclose(universe.atoms.positions[:, 0], x, rtol=2.0**-23, atol=1e-30)

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import dem_bridge as db
-from dem_bridge.backends import bca, scipy_integration, splitting
+from dem_bridge.backends import bca, driven, scipy_integration, splitting
 from dem_bridge.campaign import Case, run_case
 from dem_bridge.physics import exact
 from dem_bridge.scene import Scene
@@ -85,7 +85,7 @@ def _with_twin(bench: Bench, monkeypatch: pytest.MonkeyPatch, changes: Changes) 
     for old, new in changes:
         assert old in text, f"the twin's source has changed: {old!r} is not in it"
         text = text.replace(old, new)
-    names = {"np": np}
+    names: dict[str, Any] = {"np": np, "driving_force": driven.driving_force}
     exec(text.split("\n", 1)[1], names)  # without the decorator
     results = bench.sound_runs
     monkeypatch.setattr(splitting, "integrate", names["integrate"])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -82,6 +83,8 @@ class ReadDeck:
     types: int
     loads: dict[int, float] = field(default_factory=dict)
     """Atom -> constant force along x, N."""
+    drives: dict[int, Callable[[int], float]] = field(default_factory=dict)
+    """Atom -> force along x, N, at a step."""
     drag: float = 0.0
     """1/s: what moves loses mass * velocity * drag."""
     tables: dict[tuple[int, int], Table] = field(default_factory=dict)
@@ -165,12 +168,14 @@ def read_deck(folder: Path, name: str) -> ReadDeck:
     coefficients: dict[tuple[int, int], Coefficients] = {}
     groups: dict[str, set[int]] = {}
     loads: dict[int, float] = {}
+    drives: dict[int, Callable[[int], float]] = {}
+    formulas: dict[str, str] = {}
     tables: dict[tuple[int, int], Table] = {}
     styles: list[str] = []
     table_style = ("", 0)
     files: dict[str, dict[int, float]] = {}
     types, dt, steps, gravity, drag = 0, math.nan, 0, 0.0, 0.0
-    for line in (folder / f"in.{name}").read_text().splitlines():
+    for line in _whole_lines(folder / f"in.{name}"):
         line = re.sub(r"\$\{(\w+)\}", lambda match: variables[match[1]], line.split("#")[0])
         words = line.split()
         if not words:
@@ -182,7 +187,8 @@ def read_deck(folder: Path, name: str) -> ReadDeck:
             elif rest[1] == "atomfile":
                 files[rest[0]] = _read_atomfile(folder / rest[2])
             else:
-                assert rest[1] == "equal", line
+                assert rest[1] in ("equal", "vector"), line
+                formulas[rest[0]] = "".join(rest[2:]).strip('"')
         elif command == "read_data":
             atoms, types = _read_data(folder / rest[0])
             groups["all"] = {atom.number for atom in atoms}
@@ -231,6 +237,10 @@ def read_deck(folder: Path, name: str) -> ReadDeck:
         elif command == "fix" and rest[2] == "addforce":
             assert [float(word) for word in rest[4:]] == [0.0, 0.0], line
             for number in groups[rest[1]]:
+                if rest[3].startswith("v_"):
+                    assert number not in drives, line
+                    drives[number] = _formula(formulas[rest[3].removeprefix("v_")], formulas, variables)
+                    continue
                 loads[number] = loads.get(number, 0.0) + float(rest[3])
         elif command == "fix" and rest[2] == "langevin":
             # a bath at zero temperature gives nothing, whatever the seed; -m v / t is all that is left
@@ -255,7 +265,35 @@ def read_deck(folder: Path, name: str) -> ReadDeck:
     assert all(atom.place[1:] == (0.0, 0.0) for atom in atoms)
     assert all(atom.velocity[1:] == (0.0, 0.0) and atom.spin == (0.0, 0.0, 0.0) for atom in atoms)
     atoms.sort(key=lambda atom: atom.place[0])
-    return ReadDeck(atoms, coefficients, settings, dt, steps, gravity, types, loads, drag, tables, table_style)
+    return ReadDeck(atoms, coefficients, settings, dt, steps, gravity, types, loads, drives, drag, tables, table_style)
+
+
+def _whole_lines(file: Path) -> list[str]:
+    """Commands, those of included files in their places; a line that ends with & goes on in the next."""
+    lines: list[str] = []
+    for line in re.sub(r"&[ \t]*\n", "", file.read_text()).splitlines():
+        words = line.split("#")[0].split()
+        lines += _whole_lines(file.parent / words[1]) if words[:1] == ["include"] else [line]
+    return lines
+
+
+def _formula(text: str, formulas: dict[str, str], variables: dict[str, str]) -> Callable[[int], float]:
+    """An equal-style formula as a function of the step. A variable within a formula has 15 digits (LAMMPS,
+    ``Variable::retrieve``), one of style index its own text; vectors count from 1."""
+
+    def value(formula: str, step: int) -> float:
+        def entry(match: re.Match[str]) -> str:
+            return f"({formulas[match[1]]}[{value(formulas[match[2]], step):.0f} - 1])"
+
+        def number(match: re.Match[str]) -> str:
+            name = match[1]
+            return f"({variables[name]})" if name in variables else f"({value(formulas[name], step):.15g})"
+
+        written = re.sub(r"v_(\w+)", number, re.sub(r"v_(\w+)\[v_(\w+)\]", entry, formula))
+        known = {"step": step, "sin": math.sin, "floor": math.floor, "__builtins__": {}}
+        return float(eval(written.replace("^", "**"), known))
+
+    return lambda step: value(text, step)
 
 
 def _read_data(file: Path) -> tuple[list[Atom], int]:

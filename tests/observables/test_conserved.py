@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 
 import dem_bridge as db
-from dem_bridge.observables.conserved import energy, energy_parts, momentum
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.observables.conserved import energy, energy_parts, momentum, work
+from dem_bridge.scene import Damping, Scene, Wall
 from tests.conftest import Solve
+from tests.driven import DRIVES, PRESSED, SINE, TOUCHING, driven, free_body
 from tests.fakes import free_flight
 from tests.strategies import examples, scenes
 from tests.truth import Truth
@@ -102,3 +103,52 @@ def test_lammps_conserves_momentum_to_the_last_digits(free_chain: Truth, solved:
     total = momentum(scene, solved(scene, "lammps-granular", dt=1e-8))
     # 3e5 steps of 40 contacts that round at random: sqrt of their number
     assert total == pytest.approx(np.full(501, 8.1e-3 * 0.8), rel=40 * EPS * np.sqrt(3e5))
+
+
+# work
+
+
+def test_the_work_on_a_free_body_is_its_kinetic_energy() -> None:
+    scene = free_body(replace(SINE, rise=0.0))
+    run = db.solve(scene, backend="scipy", bars=False)
+    kinetic = energy_parts(scene, run)[0]
+    done, unknown = work(scene, run)
+    # 2.6e-8 (omega h)^12 with omega h = 0.2 is far below the run's own 1e-12
+    assert np.max(np.abs(done - kinetic)) < 1e-11 * np.max(kinetic)
+    assert unknown < 1e-4 * np.max(kinetic)
+
+
+@pytest.mark.parametrize("shape", DRIVES)
+@pytest.mark.parametrize("scene", [TOUCHING, PRESSED], ids=lambda one: one.name)
+def test_energy_less_work_is_constant_within_what_the_work_is_known_to(scene: Scene, shape: str) -> None:
+    scene = driven(scene, shape)
+    run = db.solve(scene, backend="scipy", bars=False)
+    done, unknown = work(scene, run)
+    balance, moved = energy(scene, run) - done, float(np.max(energy_parts(scene, run)[0] + np.abs(done)))
+    # the run has 1e-10 of its velocities and more
+    assert np.max(np.abs(balance - balance[0])) <= unknown + 1e-10 * moved
+    assert unknown < 1e-5 * moved
+    # planted: no work at all, and that of a drive 1 % too strong
+    assert np.max(np.abs(energy(scene, run) - balance[0])) > 0.1 * moved
+    assert scene.drive is not None
+    wrong = energy(scene, run) - work(replace(scene, drive=scene.drive.times(1.01)), run)[0]
+    assert np.max(np.abs(wrong - wrong[0])) > 1e-3 * moved
+
+
+def test_without_a_drive_no_work_is_done() -> None:
+    done, unknown = work(replace(TOUCHING, drive=None), free_flight(bodies=4, contacts=3))
+    assert (done.tolist(), unknown) == ([0.0] * 5, 0.0)
+
+
+def test_what_is_conserved() -> None:
+    assert (PRESSED.conserves_energy, PRESSED.conserves_momentum) == (False, False)
+    still = replace(PRESSED, drive=None)
+    assert (still.conserves_energy, still.conserves_momentum) == (True, True)
+    for changes, expected in (
+        ({"wall_left": Wall(stiffness=1e9)}, (True, False)), ({"wall_right": Wall(stiffness=1e9)}, (True, False)),
+        ({"gravity": 1.0}, (True, False)), ({"drag": 1.0}, (False, False)),
+        ({"damping": Damping(law="dashpot", coefficient=1.0)}, (False, True)),
+        ({"damping": Damping(law="dashpot", coefficient=0.0)}, (True, True)),
+    ):  # fmt: skip
+        scene = replace(still, **changes)
+        assert (scene.conserves_energy, scene.conserves_momentum) == expected, changes

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dem_bridge as db
+from dem_bridge.drive import Drive
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.interpolate import acceleration, hermite, require_forces, root_between, spacing, state_at
 from dem_bridge.scene import Scene, Wall
@@ -59,6 +60,18 @@ def test_one_time_per_column_and_times_for_all_are_the_same() -> None:
     assert np.isnan(hermite(run, run.velocity, a, np.where(when > when[3], np.nan, when))[4:]).all()
 
 
+@pytest.mark.parametrize("samples", [1, 2, 3, 4, 5])
+def test_few_samples_carry_what_they_can(samples: int) -> None:
+    run = free_flight(samples=samples)
+    t = run.time
+    # a cubic, its slope, and where it is between the samples
+    value, slope = (t**3 - t)[:, None], (3.0 * t**2 - 1.0)[:, None]
+    when = np.array([[0.3], [0.9]])
+    assert hermite(run, value, slope, when) == pytest.approx(when**3 - when, abs=20 * EPS)
+    # rounded values over spacings of a fifth, by coefficients of up to some hundred
+    assert hermite(run, value, slope, when, derivative=1) == pytest.approx(3.0 * when**2 - 1.0, abs=2000 * EPS)
+
+
 def test_at_samples_nothing_is_changed() -> None:
     scene, run, _ = travelling_wave(bodies=12)
     found = hermite(run, run.velocity, acceleration(scene, run), run.time[:, None])
@@ -77,6 +90,7 @@ def test_the_acceleration_is_the_slope_of_the_velocity_in_all_that_a_scene_has()
         gravity=300.0,
         precompression=5.0,
         drag=900.0,
+        drive=Drive(shape="sine", force=50.0, frequency=5000.0),
         samples=2000,
     )
     run = db.solve(scene, backend="scipy", bars=False)
@@ -84,7 +98,7 @@ def test_the_acceleration_is_the_slope_of_the_velocity_in_all_that_a_scene_has()
     slope = (run.velocity[2:] - run.velocity[:-2]) / (2.0 * h)
     # (omega h)^2 / 6 with omega h = 2e5 * 1e-7, and first order where a contact opens: (omega h) of a small force
     assert np.max(np.abs(slope - a[1:-1])) < 2e-3 * np.max(np.abs(a))
-    for other in (replace(scene, gravity=0.0), replace(scene, drag=0.0)):
+    for other in (replace(scene, gravity=0.0), replace(scene, drag=0.0), replace(scene, drive=None)):
         wrong = acceleration(other, run)
         assert np.max(np.abs(slope - wrong[1:-1])) > 5e-3 * np.max(np.abs(a))
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import replace
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -16,12 +15,12 @@ from hypothesis.extra.numpy import arrays
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.report.exhibits import STYLES, colour_limits, csv_texts, drawn, png
 from dem_bridge.report.strokes import style_of
 from dem_bridge.studies.exhibits import Exhibit, Map, Panel, Series
+from tests.legible import assert_legible
 
 X = np.arange(1.0, 41.0)
 LONG = "circles stand for the engine and crosses for another code, in words that fill more than one line of a panel"
@@ -197,16 +196,6 @@ def test_the_colours_of_maps_rise_in_lightness_so_that_grey_keeps_their_order() 
     assert grey[-1] - grey[0] > 0.6
 
 
-def _beyond(ax: Axes) -> list[Text]:
-    """Labels of ticks outside the limits: they exist and are not drawn."""
-    found = []
-    for axis in (ax.xaxis, ax.yaxis):
-        low, high = sorted(axis.get_view_interval())
-        ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
-        found += [label for tick in ticks if not low <= tick.get_loc() <= high for label in (tick.label1, tick.label2)]
-    return found
-
-
 STEEP = tuple(
     (columns, _panel("(d) steep", series=(_line("reference", X**power), _line("guide", 2.0 * X**power)), log=True))
     for columns, power in ((1, 1.2), (2, 0.01), (2, 0.6), (3, 2.5))
@@ -216,20 +205,7 @@ STEEP = tuple(
 @pytest.mark.parametrize(("columns", "steep"), [*STEEP, (2, _panel("(d) many", series=COST, log=True, tall=True))])
 def test_no_text_overlaps_another_or_leaves_the_page(columns: int, steep: Panel) -> None:
     figure = drawn(replace(FULL, columns=columns, panels=(*FULL.panels[:3], steep)))
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    texts = {one for one in figure.findobj(Text) if isinstance(one, Text) and one.get_visible() and one.get_text()}
-    texts -= {label for ax in figure.axes for label in _beyond(ax)}
-    shown = [(one.get_text(), one.get_window_extent(canvas.get_renderer())) for one in texts]
-    assert len(shown) > 30
-    for name, box in shown:
-        assert box.x0 >= 0.0, name
-        assert box.y0 >= 0.0, name
-        assert box.x1 <= figure.bbox.x1, name
-        assert box.y1 <= figure.bbox.y1, name
-    for (name, box), (other, place) in combinations(shown, 2):
-        # a pixel: boxes are a little larger than their letters
-        assert not box.padded(-1.0).overlaps(place.padded(-1.0)), (name, other)
+    assert assert_legible(figure) > 30
 
 
 NOTHING = np.full(40, np.nan)

@@ -98,6 +98,21 @@ def test_nothing_but_angles_and_their_stiffness_changes() -> None:
     assert sum(a != b for a, b in zip(one.stiffness, SCENE.stiffness, strict=True)) == 39
 
 
+def test_cylinders_of_two_sizes_and_materials_have_each_their_own_stiffness() -> None:
+    steel = db.Material(youngs_modulus=193e9, poissons_ratio=0.3, density=8000.0)
+    soft = db.Material(youngs_modulus=1.46e9, poissons_ratio=0.46, density=2200.0)
+    rods = [
+        db.Body(shape="cylinder", radius=radius, height=2e-2, material=one)
+        for radius, one in ((5e-3, steel), (9e-3, soft), (5e-3, soft))
+    ]
+    chain = db.chain(name="rods", duration=1e-3, bodies=rods, velocity=0.5, angles=(30.0, 60.0))
+    off = scattered(chain, spread=2.0, seed=1)
+    assert off == replace(
+        db.chain(name="rods", duration=1e-3, bodies=rods, velocity=0.5, angles=_angles(off)), name=off.name
+    )
+    assert off.stiffness != chain.stiffness
+
+
 def test_no_contact_is_a_line() -> None:
     least = [min(_angles(scattered(SCENE, spread=45.0, seed=seed))) for seed in range(40)]
     assert min(least) >= LEAST_ANGLE

@@ -15,6 +15,7 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.verlet import Verlet
 from dem_bridge.campaign import Case, Result
+from dem_bridge.drive import Drive
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.studies import checks
@@ -218,6 +219,14 @@ def test_a_model_difference_is_never_pass_or_fail(results: tuple[Result, ...]) -
     assert {v.outcome for v in verdicts if v.backend == THEORY} == {Outcome.MODEL_DIFFERENCE}
 
 
+def test_a_pulse_that_does_not_arrive_by_theory_is_said_to_be_one(results: tuple[Result, ...]) -> None:
+    late = _with(results, THEORY, crossing_time=np.array([1e-5, np.nan, np.nan]))
+    said = {v.quantity: v.sentence for v in study_of(SHORT, late, ACCURACY).verdicts if v.backend == THEORY}
+    assert "do not both have the arrival of contact 1 within the duration" in said["arrival"]
+    assert "do not both have the residence time of body 1 within the duration" in said["residence_time"]
+    assert not any("inf %" in sentence for sentence in said.values())
+
+
 def test_the_main_run_comes_first_and_the_ladder_spans_a_factor_eight() -> None:
     cases = [case for case in cases_of(SHORT, ACCURACY) if case.backend == ENGINE]
     steps = [case.resolution.dt or 0.0 for case in cases]
@@ -323,6 +332,8 @@ def test_a_scene_that_the_twin_cannot_do_is_not_run_with_the_reason_and_the_othe
         ({"precompression": 5.0, "wall_left": Wall(stiffness=1e9)}, {"energy"}),
         ({"damping": Damping(law="dashpot", coefficient=1.0)}, {"momentum"}),
         ({"drag": 1.0}, set()),
+        ({"drive": Drive(shape="sine", force=1.0, frequency=1e3)}, {"energy less work"}),
+        ({"drive": Drive(shape="sine", force=1.0, frequency=1e3), "drag": 1.0}, set()),
     ],
     # the order of a set is another in each process
     ids=lambda one: "-".join(sorted(one)) or "none",

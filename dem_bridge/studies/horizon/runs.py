@@ -15,7 +15,7 @@ from dem_bridge.backends.twin import solve_dense
 from dem_bridge.backends.twin_bars import REALISATIONS, STEP_SAFETY, Twins, last_digit
 from dem_bridge.campaign import Progress
 from dem_bridge.dense import Schedule
-from dem_bridge.observables.conserved import energy_parts
+from dem_bridge.observables.conserved import energy_parts, work
 from dem_bridge.observables.drift import BLOCKS, Drift, drift_of, swing_of
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.trajectory import Trajectory
@@ -30,7 +30,8 @@ _PART = 1_000_000
 def nudged(scene: Scene, share: float, seed: int) -> Scene:
     """The scene with every mass, velocity and stiffness moved by ``share`` times a normal deviate of its own.
 
-    What is 0 stays: a body at rest is at rest. Gaps stay, for they are sums of what is left and right of them.
+    A drive is moved as a whole. What is 0 stays: a body at rest is at rest. Gaps stay, for they are sums of what is
+    left and right of them.
     """
     deviate = np.random.default_rng([2018, seed])
 
@@ -47,6 +48,7 @@ def nudged(scene: Scene, share: float, seed: int) -> Scene:
         stiffness=tuple(map(moved, scene.stiffness)),
         wall_left=wall(scene.wall_left),
         wall_right=wall(scene.wall_right),
+        drive=None if scene.drive is None else scene.drive.times(moved(1.0)),
     )
 
 
@@ -180,6 +182,7 @@ class LongRun:
     kinetic: Floats
     stored: Floats
     total: Floats
+    """Less the work of a drive."""
     conserved: Floats
     """Total energy with what velocity-Verlet swings by added: see :mod:`dem_bridge.observables.drift`."""
     scale: float
@@ -199,9 +202,9 @@ class LongRun:
         return swing / self.scale, float(np.max(np.abs(self.total - self.total[0]))) / self.scale
 
     def predicted_swing(self, until: float) -> float:
-        """Root mean square until then (s) of the energy's distance from what is conserved, over ``scale``."""
+        """Root mean square until then (s) of the energy's distance from what is conserved, J."""
         away = (self.conserved - self.total)[self.time <= until]
-        return float(np.sqrt(np.mean(away**2))) / self.scale
+        return float(np.sqrt(np.mean(away**2)))
 
 
 def long_run(scene: Scene, dt: float, steps: int, *, samples: int = 10_000, tell: Progress | None = None) -> LongRun:
@@ -209,12 +212,12 @@ def long_run(scene: Scene, dt: float, steps: int, *, samples: int = 10_000, tell
     does not matter.
 
     A million steps at a time, each part from where the last one ended: overlaps and velocities are all that it needs,
-    so that the parts are one run to the last digit. A precompressed or damped scene is run as a whole. Ctrl-C leaves
-    what was run until then. ``tell`` is called with (steps done, steps, label).
+    so that the parts are one run to the last digit. A precompressed, damped or driven scene is run as a whole. Ctrl-C
+    leaves what was run until then. ``tell`` is called with (steps done, steps, label).
     """
     per_sample = max(1, steps // samples)
     count = max(1, steps // per_sample)
-    in_parts = scene.precompression == 0.0 and not scene.dissipates
+    in_parts = scene.precompression == 0.0 and scene.conserves_energy
     each = max(1, _PART // per_sample) if in_parts else count
     there, done, complete = np.zeros(scene.n_body), 0, True
     now, parts, found = scene, [], count
@@ -230,7 +233,7 @@ def long_run(scene: Scene, dt: float, steps: int, *, samples: int = 10_000, tell
             complete, found = False, done
             break
         kinetic, stored, potential = energy_parts(part, run)
-        potential = potential - scene.gravity * there @ np.array(scene.mass)
+        potential = potential - scene.gravity * there @ np.array(scene.mass) - work(part, run)[0]
         first = 1 if done else 0
         parts.append(np.column_stack([kinetic, stored, potential, swing_of(part, run, dt), run.velocity])[first:])
         there = there + run.displacement[-1]

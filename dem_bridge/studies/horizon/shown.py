@@ -228,6 +228,8 @@ def answer(found: Found, judged: Sequence[Verdict]) -> tuple[str, ...]:
     """In sentences, the horizons first."""
     g, scene = found.growth, found.scene
     said = []
+    # a chain that is driven from rest has no collision to count by
+    known = math.isfinite(found.contact_time)
     for one in found.trusts:
         if math.isinf(one.horizon):
             said.append(
@@ -238,8 +240,8 @@ def answer(found: Found, judged: Sequence[Verdict]) -> tuple[str, ...]:
             at = f" at dt = {found.plan.step:.3g} s" if one.backend != REFERENCE else ""
             said.append(
                 f"Single velocities of {one.backend} on {scene.name}{at} are known to 1 % until"
-                f" {1e3 * one.horizon:.3g} ms ({one.horizon / found.contact_time:.0f} contact times,"
-                f" {one.collisions:.0f} contacts closed); beyond that they are UNDECIDED."
+                f" {1e3 * one.horizon:.3g} ms ({f'{one.horizon / found.contact_time:.0f} contact times, ' * known}"
+                f"{one.collisions:.0f} contacts closed); beyond that they are UNDECIDED."
             )
     fits = f"misfit in the logarithm {g.misfit[0]:.2g}, of a power of time {g.misfit[1]:.2g}"
     if g.kind == "neither":
@@ -247,10 +249,11 @@ def answer(found: Found, judged: Sequence[Verdict]) -> tuple[str, ...]:
             f"A nudge grows {g.factor:.1e} times, not steadily: neither an exponential nor a power fits ({fits})."
         )
     elif g.exponential:
+        beside = f", which is {1.0 / (g.rate * found.contact_time):.2g} contact times" * known
         said.append(
-            f"A nudge grows {g.factor:.1e} times, exponentially ({fits}): by a factor e in {1.0 / g.rate:.2e} s, which"
-            f" is {1.0 / (g.rate * found.contact_time):.2g} contact times (rate {g.rate:.4g} +- {g.bar:.2g} 1/s, from"
-            f" {len(found.distance)} nudges). One digit more in a run buys {2.302585 / g.rate:.2e} s."
+            f"A nudge grows {g.factor:.1e} times, exponentially ({fits}): by a factor e in {1.0 / g.rate:.2e} s{beside}"
+            f" (rate {g.rate:.4g} +- {g.bar:.2g} 1/s, from {len(found.distance)} nudges). One digit more in a run"
+            f" buys {2.302585 / g.rate:.2e} s."
         )
     else:
         said.append(

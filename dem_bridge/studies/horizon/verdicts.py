@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.stats import t as student
 
-from dem_bridge.observables.conserved import energy, energy_parts, momentum
+from dem_bridge.observables.conserved import energy, energy_parts, momentum, work
 from dem_bridge.observables.drift import BLOCKS
 from dem_bridge.scene import Scene
 from dem_bridge.studies.checks import REFERENCE, TWIN
@@ -114,12 +114,13 @@ def conserved(found: Found, trust: Trust) -> list[Verdict]:
     drifts by, over the runs that are compared."""
     scene, run, made, long = found.scene, trust.run, [], found.long
     drifted = sum(map(abs, long.drift.total)) if long.drift is not None else 0.0
-    free = scene.wall_left is None and scene.wall_right is None and scene.gravity == scene.drag == 0.0
-    if free:
+    if scene.conserves_momentum:
         scale = sum(scene.mass) * float(np.max(np.abs(run.velocity)))
         made.append((momentum(scene, run), "momentum", scale, "kg m/s", run.cost.steps * float(np.finfo(float).eps)))
     if not scene.dissipates:
-        made.append((energy(scene, run), "energy", long.scale, "J", 2.0 * long.swing[0] + drifted))
+        quantity = "energy" if scene.conserves_energy else "energy less work"
+        balance = energy(scene, run) - work(scene, run)[0]
+        made.append((balance, quantity, long.scale, "J", 2.0 * long.swing[0] + drifted))
     verdicts = []
     for series, quantity, scale, unit, tolerance in made:
         away = float(np.max(np.abs(series - series[0]))) / scale
@@ -193,7 +194,7 @@ def virial(scene: Scene) -> float | None:
     """
     c = scene.contacts
     held = scene.wall_left is not None and scene.wall_right is not None and not np.any(c.gap)
-    alone = scene.law is None and scene.gravity == 0.0 and not scene.dissipates
+    alone = scene.law is None and scene.gravity == 0.0 and scene.conserves_energy
     if not (held and alone and np.all(c.exponent == c.exponent[0])):
         return None
     return 0.5 * float(c.exponent[0])

@@ -264,7 +264,6 @@ def trap_of(found: Measured, stepper: Stepper, backend: str, dt: float) -> Trap:
     known, _ = energies(found.scene, truth)
     kinetic, total = energies(scene, run)
     speed = float(np.max(np.abs(truth.velocity)))
-    conserved = scene.wall_left is None and scene.wall_right is None and scene.gravity == scene.drag == 0.0
     series = momentum(scene, run)
     start = float(np.sum(np.array(scene.mass) * np.abs(run.velocity[0])))
     beside = np.array([np.interp(run.time[final], truth.time, column) for column in truth.velocity.T])
@@ -273,7 +272,9 @@ def trap_of(found: Measured, stepper: Stepper, backend: str, dt: float) -> Trap:
         dt=dt,
         velocity=velocity_error(stepper, found.scene, truth, dt),
         last=float(np.max(np.abs(run.velocity[final] - beside))) / speed,
-        momentum=float(np.max(np.abs(series - series[0]))) / start if conserved and start > 0.0 else math.nan,
+        momentum=float(np.max(np.abs(series - series[0]))) / start
+        if scene.conserves_momentum and start > 0.0
+        else math.nan,
         kinetic=abs(float(kinetic[final]) / float(np.interp(run.time[final], truth.time, known)) - 1.0),
         energy=float(total[final] - total[0]) / found.scale,
     )

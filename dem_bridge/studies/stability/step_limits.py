@@ -122,7 +122,7 @@ def lammps(name: str, engine: Engine | None, *, radius: float) -> Stepper:
 def struck(scene: Scene) -> bool:
     """Whether body 0 alone moves, and nothing else acts: a gap before it then only makes all of it later."""
     still = scene.velocity[0] > 0.0 and not any(scene.velocity[1:]) and scene.wall_left is None
-    outer = scene.gravity != 0.0 or scene.precompression > 0.0 or scene.drag > 0.0
+    outer = scene.gravity != 0.0 or scene.precompression > 0.0 or scene.drag > 0.0 or scene.drive is not None
     return still and not outer and scene.n_body > 1
 
 

@@ -68,13 +68,18 @@ def study_stability(
     ``scene``: None for decelerating-40. ``gain``: a run is unstable whose energy grows for good by more than this share
     of what was in motion. ``points`` of each family. ``engine``: which LAMMPS; without any its column is empty. The
     runs are too short to be stored or to be shared out (``jobs``, ``store`` are not used). Raises UsageError for a
-    setting that makes no sense or a scene in which nothing moves.
+    setting that makes no sense and a scene that is driven or in which nothing moves.
     """
     if isinstance(gain, bool) or not isinstance(gain, int | float) or not 0.0 < gain < math.inf:
         raise UsageError(f"gain = {gain!r}; allowed: a number > 0, as 1.0 for energy that doubles")
     if isinstance(points, bool) or not isinstance(points, int) or not 2 <= points <= 100:
         raise UsageError(f"points = {points!r}; allowed: a whole number from 2 to 100")
     scene = load_scene(DEFAULT_SCENE) if scene is None else scene
+    if scene.drive is not None:
+        raise UsageError(
+            f"{scene.name} is driven, and energy that grows is no sign of a step too large there; allowed: a scene"
+            " without drive, as the same one struck"
+        )
     chosen, found = families(points), Found()
     total = points * len(chosen) + 4
     try:

@@ -140,7 +140,12 @@ def test_scenes_without_run_geometry_or_hertz_law_have_none(runs: Runs) -> None:
     assert contacts_table(without(runs, "reference"), MAIN[0]) is None
     assert scenes_table(without(runs, "reference"), [*MAIN, "no-such-scene"]).rows == ()
     scene = runs.scenes[MAIN[0]]
-    for other in (replace(scene, geometry=None), replace(scene, exponent=2.4)):
+    assert scene.geometry is not None
+    # strengths are those of fused quartz
+    first = scene.geometry.bodies[0]
+    steel = replace(first, material=replace(first.material, name="steel"))
+    mixed = replace(scene.geometry, bodies=(steel, *scene.geometry.bodies[1:]))
+    for other in (replace(scene, geometry=None), replace(scene, geometry=mixed), replace(scene, exponent=2.4)):
         assert contacts_table(Runs({MAIN[0]: other}, runs.results), MAIN[0]) is None
 
 

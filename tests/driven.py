@@ -1,0 +1,59 @@
+"""Driven chains for tests: each shape of drive, on bodies that touch and on bodies that are pressed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from dem_bridge.drive import Drive
+from dem_bridge.scene import Scene, Wall
+
+SINE = Drive(shape="sine", force=2.0, frequency=4000.0, phase=30.0, rise=2e-4)
+#: its sweep ends within the scenes
+CHIRP = Drive(shape="chirp", force=2.0, frequency=1000.0, last_frequency=8000.0, sweep=3e-4)
+TABLE = Drive(shape="table", force=(0.0, 1.5, -0.5, 2.0, 2.0, 0.0), interval=8e-5)
+DRIVES = {drive.shape: drive for drive in (SINE, CHIRP, TABLE)}
+
+#: no body moves but for the drive, no contact is pressed, and nothing stands at the ends
+TOUCHING = Scene(
+    name="touching",
+    duration=4e-4,
+    mass=(8e-3, 1e-2, 5e-3, 2e-2),
+    stiffness=(4e9, 5e9, 3e9),
+    velocity=(0.0,) * 4,
+    drive=SINE,
+    samples=100,
+)
+#: pressed so much that no contact opens: all is smooth
+PRESSED = replace(TOUCHING, name="pressed", precompression=200.0)
+
+
+def driven(scene: Scene, shape: str, **changes: Any) -> Scene:
+    """The scene with the drive of that shape."""
+    return replace(scene, name=f"{scene.name}-{shape}", drive=replace(DRIVES[shape], **changes))
+
+
+def free_body(drive: Drive, *, mass: float = 2e-3, duration: float = 4e-4, samples: int = 50) -> Scene:
+    """One body that touches nothing."""
+    return Scene(
+        name="alone", duration=duration, mass=(mass,), stiffness=(), velocity=(0.0,), drive=drive, samples=samples
+    )
+
+
+def oscillator(frequency: float, *, amplitude: float = 1.0, cycles: float = 6.0) -> tuple[Scene, float]:
+    """One body pressed by 10 N to a wall behind a linear spring, driven from rest; and its own frequency, rad/s."""
+    mass, spring = 5e-3, 2e6
+    own = math.sqrt(spring / mass)
+    scene = Scene(
+        name="oscillator",
+        duration=cycles * 2.0 * math.pi / own,
+        mass=(mass,),
+        stiffness=(),
+        velocity=(0.0,),
+        wall_right=Wall(stiffness=spring, exponent=2.0),
+        precompression=10.0,
+        drive=Drive(shape="sine", force=amplitude, frequency=frequency * own / (2.0 * math.pi)),
+        samples=200,
+    )
+    return scene, own

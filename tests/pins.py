@@ -1,0 +1,11 @@
+"""The program ``.ci/move_pins.py`` as a module: CI's folder is no package."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent / ".ci"))
+
+import move_pins as move_pins
+import parts as parts

@@ -1,0 +1,334 @@
+"""docs/inherit.md is true: what it names exists, its examples run, and a step that is forgotten fails a test.
+
+``python -m tests.follow_the_page`` follows it from end to end in a copy.
+"""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import inspect
+import json
+import re
+import shlex
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+
+import click
+import numpy as np
+import pytest
+
+import dem_bridge as db
+from dem_bridge.backends import base
+from dem_bridge.backends.base import BACKENDS, backend
+from dem_bridge.cli import main
+from dem_bridge.cli_studies import study as study_group
+from dem_bridge.planning.predict import EVALUATIONS
+from dem_bridge.scene import Scene
+from dem_bridge.studies.catalogue import STUDIES
+from dem_bridge.studies.paper.runs import BESIDE
+from dem_bridge.studies.verify import cases_of
+from tests.conftest import Solve
+from tests.pins import move_pins
+from tests.recipes import PAGE, ROOT, Block, blocks, one_more_scene, recipes
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+VERDICTS = json.loads((ROOT / "reports/paper/verdicts.json").read_text(encoding="utf-8"))
+#: in physics each of these is near one that has baselines, and all are in the report
+WITHOUT_BASELINE = {
+    "accelerating-200", "accelerating-40-heavier", "accelerating-40-lighter", "decelerating-200",
+    "decelerating-40-drag", "decelerating-40-exact", "decelerating-40-gaps", "decelerating-40-graded-exponent",
+    "decelerating-40-heavier", "decelerating-40-kuwabara-kono", "decelerating-40-lighter", "decelerating-40-on-base",
+    "decelerating-40-scattered", "decelerating-40-soft-exponent", "homogeneous-cylinders", "stacked-40",
+    "tapered-backward", "tapered-forward",
+}  # fmt: skip
+#: studies that are older than the catalogue, with functions of their own
+BEFORE_THE_CATALOGUE = {"scatter", "styles"}
+MADE = [block for block in blocks() if block.path and block.language != "diff"]
+DIFFS = [block for block in blocks() if block.language == "diff"]
+
+
+def _sources(folder: str, pattern: str = "*.py") -> Iterator[tuple[Path, ast.Module]]:
+    for file in sorted((ROOT / folder).rglob(pattern)):
+        yield file, ast.parse(file.read_text(encoding="utf-8"))
+
+
+# the page
+
+
+def test_every_recipe_has_steps_and_a_test_for_each_but_the_first() -> None:
+    assert set(recipes()) == {"backend", "observable", "scene", "fault", "study"}
+    for name, steps in recipes().items():
+        assert len(steps) > 1, name
+        assert all(step.forgotten for step in steps[1:]), name
+
+
+@pytest.mark.parametrize("name", sorted(set(re.findall(r"`(tests/[\w/.]+::\w+)`", PAGE))))
+def test_every_test_on_the_page_exists(name: str) -> None:
+    file, function = name.split("::")
+    text = (ROOT / file).read_text(encoding="utf-8")
+    assert re.search(rf"^def {function}\(", text, re.MULTILINE), name
+
+
+def test_every_file_on_the_page_exists_and_what_it_makes_does_not() -> None:
+    made = {block.path for block in MADE}
+    for path in made:
+        assert not (ROOT / path).exists(), path
+        assert (ROOT / path).parent.is_dir(), path
+    prose = re.sub(r"^```.*?^```$", "", PAGE, flags=re.MULTILINE | re.DOTALL)
+    named = set(re.findall(r"`((?:[\w.-]+/)+[\w.-]*|[\w-]+\.(?:md|toml|txt))`", prose))
+    named |= {f"docs/{link}" for link in re.findall(r"\]\(([\w./-]+)\)", prose)}
+    of_users = {"my-chain.toml", "reports/latest/pins/pins.md"}
+    assert len(named) > 20
+    assert {path for path in named - made - of_users if not (ROOT / path).exists()} == set()
+
+
+def test_every_make_target_on_the_page_exists() -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = set(re.findall(r"\bmake ([a-z]+)(?=[`\s])", "\n".join([*re.findall(r"`make .*?`", PAGE), *_shell()])))
+    assert {"setup", "lint", "test", "pins", "bench"} == targets
+    assert all(f"\n{target}:" in makefile for target in targets)
+
+
+def _shell() -> list[str]:
+    return [
+        line.split("#")[0].strip() for block in blocks() if block.language == "sh" for line in block.text.splitlines()
+    ]
+
+
+def _commands() -> list[str]:
+    prose = re.findall(r"`(dem-bridge [^`]*)`", PAGE)
+    return [line for line in [*prose, *_shell()] if line.startswith("dem-bridge ")]
+
+
+@pytest.mark.parametrize("line", _commands())
+def test_every_command_on_the_page_is_understood(line: str) -> None:
+    command: click.Command = main
+    words = shlex.split(line)[1:]
+    while isinstance(command, click.Group) and words:
+        assert words[0] in command.commands, line
+        command, words = command.commands[words[0]], words[1:]
+    if "--table" in words:
+        words.insert(0, "decelerating-40")  # in prose
+    if words:
+        command.make_context(line, words)
+
+
+@pytest.mark.parametrize("words", re.findall(r'ARGS="(.*?)"', PAGE))
+def test_every_way_to_move_the_pins_is_understood(words: str) -> None:
+    move_pins.asked(shlex.split(words))
+
+
+@pytest.mark.parametrize("block", DIFFS, ids=lambda block: block.path)
+def test_every_change_on_the_page_fits_the_file_as_it_is(block: Block) -> None:
+    before = (ROOT / block.path).read_text(encoding="utf-8")
+    after = block.patched(before)
+    assert after != before
+    if block.path.endswith(".py"):
+        ast.parse(after)
+
+
+# its examples
+
+
+@pytest.fixture
+def built(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[ModuleType]]:
+    """The modules of a recipe, as if their files were there."""
+
+    def build(name: str) -> list[ModuleType]:
+        found = []
+        for block in (block for step in recipes()[name] for block in step.blocks if block in MADE):
+            module = ModuleType(block.path.removesuffix(".py").replace("/", "."))
+            monkeypatch.setitem(sys.modules, module.__name__, module)
+            exec(compile(block.body, block.path, "exec"), module.__dict__)
+            found.append(module)
+        return found
+
+    return build
+
+
+def _run(modules: list[ModuleType], solved: Solve) -> int:
+    """Run what is a test in them; how many there were."""
+    count = 0
+    for module in modules:
+        results = [
+            doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(one)
+            for one in doctest.DocTestFinder(exclude_empty=True).find(module)
+        ]
+        assert sum(result.failed for result in results) == 0
+        count += sum(result.attempted > 0 for result in results)
+        for name, test in vars(module).items():
+            if name.startswith("test_"):
+                test(**({"solved": solved} if "solved" in inspect.signature(test).parameters else {}))
+                count += 1
+    return count
+
+
+def test_the_example_of_a_backend_runs_within_its_bars(
+    built: Callable[[str], list[ModuleType]], monkeypatch: pytest.MonkeyPatch, solved: Solve
+) -> None:
+    modules = built("backend")
+    more = {"leapfrog": ("dem_bridge.backends.leapfrog", "Leapfrog")}
+    monkeypatch.setattr(base, "BACKENDS", {**BACKENDS, **more})
+    assert _run(modules, solved) == 1
+    scene = Scene(name="pair", duration=2e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=20)
+    run, truth = solved(scene, "leapfrog", dt=1e-7), solved(scene, "reference")
+    error = np.max(np.abs(run.velocity - truth.velocity))
+    assert 0.0 < error <= run.uncertainty["velocity"] + truth.uncertainty["velocity"]
+    counted = {
+        name: int(count) for name, count in re.findall(r'"([\w-]+)": (\d+)', _diff("planning/predict.py").added())
+    }
+    assert counted["leapfrog"] == _evaluations(solved(scene, "leapfrog", dt=1e-7, bars=False))
+
+
+def test_the_example_of_an_observable_runs(built: Callable[[str], list[ModuleType]], solved: Solve) -> None:
+    assert _run(built("observable"), solved) == 2
+
+
+def test_the_example_of_a_study_runs(built: Callable[[str], list[ModuleType]], solved: Solve) -> None:
+    modules = built("study")
+    assert _run(modules, solved) == 1
+    assert "times less" in modules[1].study_halving(modules[1].PRESSED).answer[0]
+
+
+def test_the_example_of_a_scene_loads_and_has_the_hash_that_the_page_says(tmp_path: Path) -> None:
+    [block] = [block for block in MADE if block.language == "toml"]
+    file = tmp_path / Path(block.path).name
+    file.write_text(block.body, encoding="utf-8")
+    scene = db.load_scene(file)
+    assert scene.name == file.stem
+    assert f'"{scene.content_hash}"' in _diff("tests/test_shipped_scenes.py", "twelve").added()
+    assert one_more_scene(README) != README
+
+
+def test_the_example_of_a_fault_is_named_by_the_verdicts_that_the_page_says() -> None:
+    from tests.faults import test_numerics
+    from tests.faults.judging import BENCH
+    from tests.faults.stand_in import runs_of
+
+    planted, line = (_diff("tests/faults/test_numerics.py", text).added() for text in ("class StrongKick", "kicks too"))
+    names = dict(vars(test_numerics))
+    exec(planted, names)
+    [fault] = eval(f"{{{line}}}", names).values()
+    BENCH.check_fault(runs_of(fault.plant), fault)
+
+
+def _diff(path: str, text: str = "") -> Block:
+    [found] = [block for block in DIFFS if block.path.endswith(path) and text in block.added()]
+    return found
+
+
+# what is forgotten is noticed
+
+
+def test_every_backend_says_what_it_shares_with_its_judge() -> None:
+    from tests.studies.test_independence import JUDGED
+
+    assert {judged for judged, judge in JUDGED if judge == "reference"} == set(BACKENDS) - {"reference"}
+
+
+def _evaluations(run: db.Trajectory) -> int:
+    return round(run.cost.force_evaluations / run.cost.steps)
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in BACKENDS if backend(name).order is not None and name not in base.ENGINE_BACKENDS]
+)
+def test_the_planner_knows_what_a_step_of_every_backend_costs(name: str, solved: Solve) -> None:
+    scene = Scene(name="pair", duration=1e-5, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=5)
+    run = solved(scene, name, dt=1e-7, bars=False)
+    assert EVALUATIONS.get(name, 1) == _evaluations(run)
+
+
+def test_the_paper_is_run_through_every_backend() -> None:
+    powers = [db.load_scene(name) for name in ("decelerating-40", "decelerating-40-soft-exponent")]
+    judged = {case.backend for scene in powers for case in cases_of(scene, 1e-4)}
+    assert judged | set(BESIDE) == set(BACKENDS)
+
+
+def test_every_backend_has_tests_of_its_own() -> None:
+    texts = {file.name: file.read_text(encoding="utf-8") for file, _ in _sources("tests/backends", "test_*.py")}
+    del texts["test_contract.py"]
+    for name in BACKENDS:
+        assert any(f'"{name}"' in text for text in texts.values()), f"no test in tests/backends names {name}"
+
+
+def test_every_observable_is_tested() -> None:
+    tests = "\n".join(file.read_text(encoding="utf-8") for file, _ in _sources("tests/observables"))
+    public = [
+        node.name
+        for _, tree in _sources("dem_bridge/observables")
+        for node in tree.body
+        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_")
+    ]
+    assert len(public) > 20
+    assert [name for name in public if not re.search(rf"\b{name}\b", tests)] == []
+
+
+def test_every_scene_has_baselines_or_none_on_purpose() -> None:
+    having = {file.name.split(".")[0] for file in (ROOT / "reports/baselines").glob("*.json")}
+    assert having | WITHOUT_BASELINE == set(db.shipped_scenes()), "regress NAME --update, or WITHOUT_BASELINE"
+    assert not having & WITHOUT_BASELINE
+
+
+def test_the_readme_counts_the_shipped_scenes() -> None:
+    assert re.findall(r"^(\d+) scenes are shipped", README, re.MULTILINE) == [str(len(db.shipped_scenes()))]
+
+
+def test_the_committed_report_has_every_shipped_scene() -> None:
+    found = {one["scene"] for one in VERDICTS["verdicts"]}
+    assert found == set(db.shipped_scenes()), "dem-bridge verify paper --fresh -o reports/paper"
+
+
+def test_the_readme_counts_the_claims_of_the_committed_report() -> None:
+    outcomes = [one["outcome"] for one in VERDICTS["claims"]]
+    told = re.search(r"reads (\d+) statements .*? (\d+) hold: .*? (\d+) do not: ", README, re.DOTALL)
+    assert told is not None
+    assert [*map(int, told.groups())] == [len(outcomes), outcomes.count("PASS"), outcomes.count("FAIL")]
+
+
+def _names(tree: ast.AST) -> set[str]:
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+
+
+def test_every_table_of_faults_is_run() -> None:
+    count = 0
+    for file, tree in _sources("tests/faults", "test_*.py"):
+        run = {
+            name
+            for node in ast.walk(tree)
+            if isinstance(node, ast.FunctionDef)
+            for one in node.decorator_list
+            for name in _names(one)
+        }
+        for node in tree.body:
+            if isinstance(node, ast.AnnAssign) and ast.unparse(node.annotation).startswith("dict["):
+                assert ast.unparse(node.target) in run, f"{file.name}: no test runs {ast.unparse(node.target)}"
+                count += 1
+    assert count >= 8
+
+
+def test_every_fault_is_planted() -> None:
+    for file, tree in _sources("tests/faults", "test_*.py"):
+        classes = {node.name for node in tree.body if isinstance(node, ast.ClassDef)}
+        assert classes <= _names(tree), f"{file.name}: {min(classes - _names(tree))} is planted nowhere"
+
+
+def test_every_command_of_studies_is_in_the_catalogue() -> None:
+    assert set(study_group.commands) == set(STUDIES) | BEFORE_THE_CATALOGUE
+
+
+def test_every_study_stands_in_the_readme_and_is_tested() -> None:
+    tests = "\n".join(file.read_text(encoding="utf-8") for file, _ in _sources("tests/studies", "test_*.py"))
+    for name, (module, _) in STUDIES.items():
+        assert f"dem-bridge study {name} " in README, name
+        package = module.removesuffix(".study")
+        assert package in tests or f'"{name}"' in tests, f"no test of {name} in tests/studies"
+
+
+def test_a_made_up_recipe_that_does_not_fit_is_refused() -> None:
+    block = Block("diff", "README.md\n-no such line\n+another\n")
+    with pytest.raises(AssertionError, match=r"0 times in README\.md"):
+        block.patched(README)
