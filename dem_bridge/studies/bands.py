@@ -16,6 +16,7 @@ import numpy as np
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Case, Progress, run_cases
 from dem_bridge.compare import difference
+from dem_bridge.drive import Drive
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.bands import Bands, measured_bands, unit_cell
@@ -33,8 +34,10 @@ TOLERANCE = 0.01
 SAMPLES = 6
 #: steps of velocity-Verlet in the same: frequencies are off by (2 pi / 200)^2 / 24 = 4e-5
 STEPS = 200
-#: of the highest edge: how far beyond it is looked
-BEYOND = 1.2
+#: edges are looked for from this part of the lowest to this of the highest
+BELOW, BEYOND = 0.5, 1.15
+#: parts of the record between which a chirp must be there: the window hides what is at its ends
+SEEN = (0.005, 0.9)
 #: part of the static overlap beyond which oscillations are no longer small: their square shifts edges by 0.2 %
 SMALL = 0.05
 
@@ -72,6 +75,7 @@ def study_bands(
             " over all edges"
         )
     top = cell.edges[-1] / (2.0 * math.pi)
+    _check_range(scene, scene.drive, cell)
     sampling = Sampling(count=math.ceil(SAMPLES * top * scene.duration))
     step = Resolution(dt=1.0 / (STEPS * top), bars=False)
     cases = [
@@ -99,9 +103,29 @@ def study_bands(
         notes=(
             *failed,
             "Edges are where the trace of the unit cell's transfer matrix, fitted to the spectra of the velocities,"
-            " passes 2 or -2; the bar is half the main lobe of a Hann window as long as the record.",
+            " passes 2 or -2; the bar is the inverse of the record's length.",
         ),
     )
+
+
+def _check_range(scene: Scene, drive: Drive, cell: Cell) -> None:
+    """UnsupportedScene for a sine or chirp that does not go over all edges while the window is open."""
+    low, high = (factor * edge / (2.0 * math.pi) for factor, edge in ((BELOW, cell.edges[0]), (BEYOND, cell.edges[-1])))
+    asked = (
+        f"a chirp that is below {low:.0f} Hz at {SEEN[0] * scene.duration:g} s and above {high:.0f} Hz at"
+        f" {SEEN[1] * scene.duration:g} s"
+    )
+    if drive.shape == "sine":
+        raise UnsupportedScene(f"{scene.name} is driven at one frequency; allowed: {asked}, or a table of forces")
+    if drive.shape == "chirp":
+        assert drive.frequency is not None
+        assert drive.last_frequency is not None
+        assert drive.sweep is not None
+        rate = (drive.last_frequency - drive.frequency) / drive.sweep
+        begin, end = (drive.frequency + rate * min(part * scene.duration, drive.sweep) for part in SEEN)
+        if begin > low or end < high:
+            found = f"its chirp is at {begin:.0f} Hz and {end:.0f} Hz then"
+            raise UnsupportedScene(f"{scene.name} is not driven over all edges: {found}; allowed: {asked}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +149,7 @@ class _Row:
 def _found(scene: Scene, cell: Cell, name: str, run: Trajectory, runs: dict[str, Trajectory]) -> Found:
     assert scene.drive is not None
     top = cell.edges[-1] / (2.0 * math.pi)
-    lowest = 0.5 * cell.edges[0] / (2.0 * math.pi)
+    lowest = BELOW * cell.edges[0] / (2.0 * math.pi)
     links = len(scene.stiffness)
     static = -scene.contacts.gap[:links]
     change = -np.diff(run.displacement, axis=1)
@@ -183,7 +207,7 @@ def _edges(rows: Sequence[_Row], tolerance: float) -> Table:
         id="edges",
         title="Band edges",
         caption=(
-            "Off: measured over theory, minus 1. Resolution: what the length of the record blurs. PASS: both together"
+            "Off: measured over theory, minus 1. Resolution: the inverse of the record's length. PASS: both together"
             f" are within {100 * tolerance:g} %."
         ),
         columns=("code", "edge", "infinite chain (kHz)", "measured (kHz)", "off (%)", "resolution (%)", "outcome"),
