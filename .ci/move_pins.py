@@ -112,14 +112,15 @@ def make(new: Environment, wish: Wish, python: str) -> None:
     # what pyproject.toml does not allow takes the place of what it does
     steps += [("--no-deps", f"{name}=={version}") for name, version in wish.below.items()]
     for words in steps:
-        done = new("python", "-m", "pip", "install", "--quiet", "--only-binary", ":all:", *words)
+        done = new("python", "-m", "pip", "install", "--only-binary", ":all:", *words)  # quiet, it hides reasons
         if done.returncode != 0:
             raise Broken(f"pip finds no versions, as wheels, that fit together: {_reason(done)}")
 
 
 def _reason(done: Done) -> str:
     said = [line.strip() for line in f"{done.stdout}\n{done.stderr}".splitlines()]
-    why = [line for line in said if re.match(r"ERROR|The user requested|\S+ \S+ depends on ", line)]
+    # what conflicts is no error of its own to pip, but what it adds to one
+    why = [line for line in said if re.match(r"ERROR: (?!Resolution)|The user requested|.* depends on ", line)]
     return "; ".join(dict.fromkeys(why)) or last_line(done)
 
 

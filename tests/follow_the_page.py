@@ -1,7 +1,7 @@
 """Follow docs/inherit.md in a copy of the checkout: ``python -m tests.follow_the_page [RECIPE]...``.
 
 Each recipe is followed to its end, and the tests that it names must pass. Then each step is left out in turn, and the
-test that the page names for it must fail. Takes some five minutes; ``--whole`` makes the report of the paper anew, too.
+test that the page names for it must fail. Takes some minutes; ``--whole`` makes the report of the paper anew, too.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def passes(copy: Path, tests: Sequence[str]) -> bool:
         [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests],
         cwd=copy, env=_environment(copy), capture_output=True, text=True, check=False,
     )  # fmt: skip
-    if done.returncode not in (0, 1, 2):
+    if done.returncode not in (0, 1):  # 1: a test failed; what cannot even be collected proves nothing
         raise SystemExit(f"pytest ended with {done.returncode}:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
     return done.returncode == 0
 

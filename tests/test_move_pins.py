@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import json
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
@@ -201,10 +202,11 @@ def test_a_part_that_breaks_is_said_and_ends_no_other(move: Move, answers: dict[
 
 
 def test_versions_that_do_not_fit_together_are_told_in_pips_words(move: Move, root: Path) -> None:
-    said = "WARNING: slow\nnumba 0.62 depends on numpy<2.4\nERROR: ResolutionImpossible: for help visit pip\n"
+    said = "WARNING: slow\nThe conflict is caused by:\n    numba 0.62 depends on numpy<2.4\n"
+    said += "    The user requested (constraint) numpy==2.4.6\nERROR: ResolutionImpossible: for help visit pip\n"
     code, page = move(Played(pip=said), "--only", "numpy", "--write")
     assert code == 3
-    assert "fit together: numba 0.62 depends on numpy<2.4; ERROR: ResolutionImpossible" in page
+    assert "fit together: numba 0.62 depends on numpy<2.4; The user requested (constraint) numpy==2.4.6\n" in page
     assert (root / "constraints.txt").read_text() == PINS
 
 
@@ -274,6 +276,11 @@ def test_the_program_needs_the_standard_library_alone() -> None:
     # -S: no site-packages
     done = subprocess.run(["python3", "-I", "-S", "-c", code], cwd=HERE, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_the_examples_in_its_docstrings_are_true() -> None:
+    assert doctest.testmod(move_pins).failed == 0
+    assert doctest.testmod(move_pins).attempted > 0
 
 
 def test_pins_are_read_and_written_as_they_stand() -> None:
