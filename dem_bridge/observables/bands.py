@@ -7,8 +7,8 @@ matrix, is that of the infinite chain (Brillouin 1946, *Wave Propagation in Peri
 spectra of the velocities, all bodies together, and bands end where it passes 2 or -2: no resonance of a finite chain
 and no threshold enters.
 
-What limits it is the length of the record T: two frequencies closer than 1/T are one. On chains of 24 bodies with one to
-three bodies in a cell edges were off by at most half of that. Motions must be small: the relative shift of frequencies
+What limits it is the length of the record T: two frequencies closer than 1/T are one. On chains of 24 bodies with one
+to three bodies in a cell edges were off by at most half of that. Motions must be small: the relative shift of frequencies
 is of the order of the square of the overlap's oscillation over the static overlap.
 """
 
