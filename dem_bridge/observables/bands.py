@@ -8,8 +8,8 @@ spectra of the velocities, all bodies together, and bands end where it passes 2 
 and no threshold enters.
 
 What limits it is the length of the record T: two frequencies closer than 1/T are one. On chains of 24 bodies with one
-to three bodies in a cell edges were off by at most half of that. Motions must be small: the relative shift of frequencies
-is of the order of the square of the overlap's oscillation over the static overlap.
+to three bodies in a cell edges were off by at most half of that. Motions must be small: the relative shift of
+frequencies is of the order of the square of the overlap's oscillation over the static overlap.
 """
 
 from __future__ import annotations
