@@ -182,3 +182,13 @@ def horizon(scene: str, folder: Path | None, as_json: bool, **settings: Any) -> 
 def extremes(quick: bool, **settings: Any) -> None:
     """Stretch every backend: right within its bar, or refused with the reason, and never wrong in silence."""
     _answer("extremes", quick=quick or None, **settings)
+
+
+@study.command()
+@scene_argument
+@click.option("--tolerance", type=float, metavar="A", help="Of each edge, relative.  [default: 0.01]")
+@engine_options
+@_asked
+def bands(scene: str, folder: Path | None, as_json: bool, **settings: Any) -> None:
+    """Band edges of SCENE, pressed and driven, by three codes, beside the infinite chain's dispersion relation."""
+    _answer("bands", scene=scene, folder=folder, as_json=as_json, **settings)

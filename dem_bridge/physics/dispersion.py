@@ -13,6 +13,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from dem_bridge.physics.valid import above
 
 
@@ -110,3 +112,63 @@ def dispersion(
         band_gap=(math.sqrt(2.0 * spring / heavy), math.sqrt(2.0 * spring / light)),
         masses=(m1, m2),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """Unit cell of an infinite chain: masses (kg) and the springs (N/m) behind each of them, in their order.
+
+    Its frequencies at a phase k per cell are those of a Hermitian matrix (Brillouin 1946, ch. 8); in one dimension each
+    band has its edges at k = 0 and pi.
+
+    >>> cell = Cell(mass=(0.01, 0.04), spring=(8e6, 8e6))
+    >>> [f"{edge:.0f}" for edge in cell.edges]  # sqrt(2 K/m2), sqrt(2 K/m1), sqrt(2 K (1/m1 + 1/m2))
+    ['20000', '40000', '44721']
+    """
+
+    mass: tuple[float, ...]
+    spring: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.mass) != len(self.spring) or not self.mass:
+            raise ValueError(f"{len(self.mass)} masses and {len(self.spring)} springs; allowed: one spring per mass")
+        for name, values, unit in (("mass", self.mass, "kg"), ("spring", self.spring, "N/m")):
+            for value in values:
+                above(0.0, name, value, unit)
+
+    @property
+    def bodies(self) -> int:
+        return len(self.mass)
+
+    def frequencies(self, phase: float) -> tuple[float, ...]:
+        """rad/s, rising, ``(bodies,)``, at ``phase`` (rad per cell)."""
+        count = self.bodies
+        root = 1.0 / np.sqrt(self.mass)
+        matrix = np.zeros((count, count), dtype=complex)
+        for i, k in enumerate(self.spring):
+            j, turn = (i + 1) % count, np.exp(1j * phase) if i + 1 == count else 1.0
+            matrix[i, i] += k
+            matrix[j, j] += k
+            matrix[i, j] -= k * turn
+            matrix[j, i] -= k * np.conj(turn)
+        squares = np.linalg.eigvalsh(matrix * np.outer(root, root))
+        return tuple(np.sqrt(np.maximum(squares, 0.0)).tolist())
+
+    @property
+    def bands(self) -> tuple[tuple[float, float], ...]:
+        """rad/s: lowest and highest of each band, from the acoustic one on, which begins at 0."""
+        long, short = self.frequencies(0.0), self.frequencies(math.pi)
+        found = [(min(pair), max(pair)) for pair in zip(long, short, strict=True)]
+        return ((0.0, found[0][1]), *found[1:])
+
+    @property
+    def edges(self) -> tuple[float, ...]:
+        """rad/s, rising: of all bands but for the 0 at which sound begins; bands that meet have no edge there."""
+        bands = self.bands
+        found = [bands[0][1]]
+        for low, high in bands[1:]:
+            if low - found[-1] > 1e-9 * low:
+                found += [low, high]
+            else:
+                found[-1] = high
+        return tuple(found)

@@ -22,6 +22,7 @@ STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType(
         "rule-of-thumb": ("dem_bridge.studies.rule_of_thumb", "study_rule_of_thumb"),
         "stability": ("dem_bridge.studies.stability.study", "study_stability"),
         "extremes": ("dem_bridge.studies.extremes.study", "study_extremes"),
+        "bands": ("dem_bridge.studies.bands", "study_bands"),
         "horizon": ("dem_bridge.studies.horizon.study", "study_horizon"),
     }
 )

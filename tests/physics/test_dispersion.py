@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import dem_bridge as db
 from dem_bridge.physics.contact import force
-from dem_bridge.physics.dispersion import Dispersion, dispersion
+from dem_bridge.physics.dispersion import Cell, Dispersion, dispersion
 from dem_bridge.scene import Scene, Wall
 from tests.strategies import log_uniform
 
@@ -151,3 +151,52 @@ def test_modes_need_bodies_of_one_kind() -> None:
         _chain((1.0, 2.0)).fixed_modes(3)
     with pytest.raises(ValueError, match="count = 0; allowed: a whole number >= 1"):
         _chain(1.0).fixed_modes(0)
+
+
+@given(m1=masses, m2=masses, k=st.floats(0.0, math.pi))
+def test_a_cell_of_two_has_the_branches_of_two_masses(m1: float, m2: float, k: float) -> None:
+    chain = _chain((m1, m2))
+    cell = Cell(mass=(m1, m2), spring=(chain.tangent_stiffness,) * 2)
+    low, high = cell.frequencies(k)
+    # k per cell is two contacts; eigenvalues are good to an ulp of the largest, which the root of a small one sees
+    if m1 != m2:
+        assert low**2 == pytest.approx(chain.frequency(0.5 * k) ** 2, abs=1e-14 * chain.cutoff**2)
+        assert high**2 == pytest.approx(chain.frequency(0.5 * k, optical=True) ** 2, rel=1e-13)
+
+
+@given(
+    cell=st.lists(st.tuples(masses, st.floats(1e5, 1e7)), min_size=1, max_size=5),
+    k=st.floats(0.05, math.pi - 0.05),
+)
+def test_frequencies_of_a_cell_have_the_trace_of_its_transfer_matrix(cell: list[tuple[float, float]], k: float) -> None:
+    mass, spring = zip(*cell, strict=True)
+    found = Cell(mass=mass, spring=spring)
+    for omega in found.frequencies(k):
+        product = np.eye(2)
+        for m, stiffness in cell:
+            # (displacement, force) behind the body and its spring from those before it
+            product = np.array([[1.0 - omega**2 * m / stiffness, 1.0 / stiffness], [-(omega**2) * m, 1.0]]) @ product
+        size = float(np.max(np.abs(product)))
+        # omega^2 is good to an ulp of the largest of them, the trace is a polynomial of it
+        largest = max(found.frequencies(k)) ** 2
+        slope = sum(m / stiffness for m, stiffness in cell) * largest * max(1.0, size)
+        assert np.trace(product) == pytest.approx(2.0 * math.cos(k), abs=1e-12 * (1.0 + slope) ** len(cell))
+
+
+def test_bands_that_meet_have_no_edge_there() -> None:
+    one, two = Cell(mass=(0.01,), spring=(1e6,)), Cell(mass=(0.01, 0.01), spring=(1e6, 1e6))
+    assert two.edges == pytest.approx(one.edges, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("mass", "spring", "words"),
+    [
+        ((), (), "one spring per mass"),
+        ((0.01,), (1e6, 1e6), "one spring per mass"),
+        ((0.0,), (1e6,), "mass"),
+        ((0.01,), (-1.0,), "spring"),
+    ],
+)
+def test_what_is_no_cell_is_refused(mass: tuple[float, ...], spring: tuple[float, ...], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Cell(mass=mass, spring=spring)

@@ -1,0 +1,292 @@
+"""Which frequencies a driven precompressed chain lets through, beside the infinite chain's dispersion relation.
+
+A chirp goes slowly over all edges of the bands; each code's run is asked where they are. The theory is that of small
+motions in a chain without ends, so what is left between the two is the length of the record, the size of the motions
+and the time step; between codes it is round-off.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.campaign import Case, Progress, run_cases
+from dem_bridge.compare import difference
+from dem_bridge.drive import Drive
+from dem_bridge.errors import UnsupportedScene
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.observables.bands import Bands, measured_bands, unit_cell
+from dem_bridge.physics.dispersion import Cell
+from dem_bridge.scene import Scene
+from dem_bridge.store import Store
+from dem_bridge.studies.exhibits import Exhibit, Panel, Series, Study, Table
+from dem_bridge.trajectory import Trajectory
+from dem_bridge.verdict import Outcome, judge
+
+#: code -> what it is compared with, and what the two then differ by
+COMPARED = {
+    "scipy": ("", ""),
+    "verlet": ("scipy", "time step"),
+    "lammps-granular": ("verlet", "implementation and round-off"),
+}
+_DRAWN = {"scipy": "reference", "verlet": "ode45", "lammps-granular": "lammps-granular"}
+#: relative, of an edge
+TOLERANCE = 0.01
+#: samples in a period of the highest edge; a third of it is the least that :func:`measured_bands` takes
+SAMPLES = 6
+#: steps of velocity-Verlet in the same: frequencies are off by (2 pi / 500)^2 / 24 = 7e-6
+STEPS = 500
+#: edges are looked for from this part of the lowest to this of the highest
+BELOW, BEYOND = 0.5, 1.15
+#: parts of the record between which a chirp must be there: the window hides what is at its ends
+SEEN = (0.005, 0.9)
+#: part of the static overlap beyond which oscillations are no longer small: their square shifts edges by 0.2 %
+SMALL = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """What one code's run says."""
+
+    backend: str
+    bands: Bands
+    oscillation: float
+    """Largest change of an overlap over the static one."""
+    apart: float
+    """Largest difference of a velocity to that of the code that it is compared with, relative to the largest; nan: that
+    did not run."""
+
+
+def study_bands(
+    scene: Scene,
+    *,
+    engine: Engine | None = None,
+    jobs: int | None = None,
+    tell: Progress | None = None,
+    store: Store | None = None,
+    tolerance: float = TOLERANCE,
+) -> Study:
+    """Edges of the bands of ``scene`` by scipy, the twin and LAMMPS beside those of the infinite chain.
+
+    ``tolerance``: relative, of each edge. Raises UnsupportedScene for a chain that is not precompressed, has no unit
+    cell, or is not driven: in a gap nothing moves that is not driven.
+    """
+    cell = unit_cell(scene)[1]
+    if scene.drive is None:
+        raise UnsupportedScene(
+            f"{scene.name} is not driven: in a gap nothing moves by itself; allowed: a [chain.drive] that goes"
+            " over all edges"
+        )
+    top = cell.edges[-1] / (2.0 * math.pi)
+    _check_range(scene, scene.drive, cell)
+    sampling = Sampling(count=math.ceil(SAMPLES * top * scene.duration))
+    step = Resolution(dt=1.0 / (STEPS * top), bars=False)
+    cases = [
+        Case(
+            scene=scene,
+            backend=name,
+            resolution=Resolution(bars=False) if name == "scipy" else step,
+            sampling=sampling,
+            engine=engine if name.startswith("lammps") else None,
+        )
+        for name in COMPARED
+    ]
+    results = run_cases(cases, jobs=jobs, tell=tell, store=store)
+    runs = {one.case.backend: one.trajectory for one in results if one.trajectory is not None}
+    found = [_found(scene, cell, name, run, runs) for name, run in runs.items()]
+    failed = tuple(f"{one.case.backend} did not run: {one.failure}" for one in results if one.failure is not None)
+    rows = [row for one in found for row in _rows(cell, one, tolerance)]
+    return Study(
+        id="bands",
+        title=f"Bands of {scene.name}",
+        answer=tuple(_answer(scene, cell, found, rows, tolerance)),
+        tables=(_edges(rows, tolerance), _codes(found)),
+        exhibits=(_exhibit(cell, found),) if found else (),
+        outcomes=tuple(row.outcome for row in rows) + tuple(Outcome.BROKEN for _ in failed),
+        notes=(
+            *failed,
+            "Edges are where the trace of the unit cell's transfer matrix, fitted to the spectra of the velocities,"
+            " passes 2 or -2; the bar is the inverse of the record's length.",
+        ),
+    )
+
+
+def _check_range(scene: Scene, drive: Drive, cell: Cell) -> None:
+    """UnsupportedScene for a sine or chirp that does not go over all edges while the window is open."""
+    low, high = (factor * edge / (2.0 * math.pi) for factor, edge in ((BELOW, cell.edges[0]), (BEYOND, cell.edges[-1])))
+    asked = (
+        f"a chirp that is below {low:.0f} Hz at {SEEN[0] * scene.duration:g} s and above {high:.0f} Hz at"
+        f" {SEEN[1] * scene.duration:g} s"
+    )
+    if drive.shape == "sine":
+        raise UnsupportedScene(f"{scene.name} is driven at one frequency; allowed: {asked}, or a table of forces")
+    if drive.shape == "chirp":
+        assert drive.frequency is not None
+        assert drive.last_frequency is not None
+        assert drive.sweep is not None
+        rate = (drive.last_frequency - drive.frequency) / drive.sweep
+        begin, end = (drive.frequency + rate * min(part * scene.duration, drive.sweep) for part in SEEN)
+        if begin > low or end < high:
+            found = f"its chirp is at {begin:.0f} Hz and {end:.0f} Hz then"
+            raise UnsupportedScene(f"{scene.name} is not driven over all edges: {found}; allowed: {asked}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Row:
+    backend: str
+    edge: int
+    theory: float
+    """Hz."""
+    measured: float
+    """Hz; nan: not found."""
+    bar: float
+    """Relative."""
+    outcome: Outcome
+
+    @property
+    def off(self) -> float:
+        """Relative."""
+        return self.measured / self.theory - 1.0
+
+
+def _found(scene: Scene, cell: Cell, name: str, run: Trajectory, runs: dict[str, Trajectory]) -> Found:
+    assert scene.drive is not None
+    top = cell.edges[-1] / (2.0 * math.pi)
+    lowest = BELOW * cell.edges[0] / (2.0 * math.pi)
+    links = len(scene.stiffness)
+    static = -scene.contacts.gap[:links]
+    change = -np.diff(run.displacement, axis=1)
+    other = runs.get(COMPARED[name][0])
+    return Found(
+        backend=name,
+        bands=measured_bands(scene, run, lowest=lowest, highest=BEYOND * top),
+        oscillation=float(np.max(np.abs(change) / static)),
+        apart=math.nan if other is None else difference("velocity", run, other).value,
+    )
+
+
+def _rows(cell: Cell, one: Found, tolerance: float) -> Iterator[_Row]:
+    """Edges in their order; where there are more or fewer than there should be none is known by name."""
+    theory = [edge / (2.0 * math.pi) for edge in cell.edges]
+    measured = list(one.bands.edges)
+    alike = len(measured) == len(theory)
+    for nth, there in enumerate(theory):
+        here, bar = (measured[nth] if alike else math.nan), one.bands.resolution / there
+        outcome = judge(abs(here / there - 1.0), bar, tolerance) if alike else Outcome.FAIL
+        yield _Row(backend=one.backend, edge=nth, theory=there, measured=here, bar=bar, outcome=outcome)
+
+
+def _answer(scene: Scene, cell: Cell, found: Sequence[Found], rows: Sequence[_Row], tolerance: float) -> Iterator[str]:
+    if not found:
+        yield f"No code could run {scene.name}."
+        return
+    edges = ", ".join(f"{1e-3 * edge / (2.0 * math.pi):.4g}" for edge in cell.edges)
+    yield (
+        f"The infinite chain with {scene.name}'s cell of {cell.bodies} {'body' if cell.bodies == 1 else 'bodies'} has"
+        f" band edges at {edges} kHz."
+    )
+    known = [row for row in rows if math.isfinite(row.measured)]
+    if known:
+        worst = max(known, key=lambda row: abs(row.off))
+        yield (
+            f"Measured edges are off by at most {100 * abs(worst.off):.2g} % ({worst.backend}, edge {worst.edge}; the"
+            f" record resolves {100 * max(row.bar for row in known):.2g} %; asked: {100 * tolerance:g} %)."
+        )
+    for one in found:
+        if len(one.bands.edges) != len(cell.edges):
+            yield (
+                f"{one.backend} shows {len(one.bands.edges)} edges where there should be {len(cell.edges)}: none is"
+                " known by name."
+            )
+    for one in found:
+        other, isolated = COMPARED[one.backend]
+        if math.isfinite(one.apart):
+            yield f"{one.backend} differs from {other} by {one.apart:.1e} of the largest velocity: {isolated}."
+    largest = max(one.oscillation for one in found)
+    small = "small, as the theory asks" if largest <= SMALL else "not small: edges move with its square"
+    yield f"Overlaps oscillate by {100 * largest:.2g} % of the static ones: {small}."
+
+
+def _edges(rows: Sequence[_Row], tolerance: float) -> Table:
+    return Table(
+        id="edges",
+        title="Band edges",
+        caption=(
+            "Off: measured over theory, minus 1. Resolution: the inverse of the record's length. PASS: both together"
+            f" are within {100 * tolerance:g} %."
+        ),
+        columns=("code", "edge", "infinite chain (kHz)", "measured (kHz)", "off (%)", "resolution (%)", "outcome"),
+        rows=tuple(
+            (
+                row.backend,
+                float(row.edge),
+                1e-3 * row.theory,
+                1e-3 * row.measured,
+                100.0 * row.off,
+                100.0 * row.bar,
+                row.outcome.value,
+            )
+            for row in rows
+        ),
+    )
+
+
+def _codes(found: Sequence[Found]) -> Table:
+    return Table(
+        id="codes",
+        title="The runs",
+        caption="Difference: of velocities, the largest over all samples and bodies, relative to the largest velocity.",
+        columns=("code", "compared with", "isolates", "difference", "oscillation of an overlap (%)"),
+        rows=tuple((one.backend, *COMPARED[one.backend], one.apart, 100.0 * one.oscillation) for one in found),
+    )
+
+
+def _exhibit(cell: Cell, found: Sequence[Found]) -> Exhibit:
+    phases = np.linspace(0.0, math.pi, 101)
+    branches = np.array([cell.frequencies(phase) for phase in phases.tolist()]) / (2e3 * math.pi)
+    theory = tuple(
+        Series(label="infinite chain", style="guide", x=phases / math.pi, y=branches[:, nth])
+        for nth in range(cell.bodies)
+    )
+    edges = [edge / (2e3 * math.pi) for edge in cell.edges]
+    ways = [(one, one.bands.phase / math.pi, 1e-3 * one.bands.frequency) for one in found]
+    levels = [20.0 * np.log10(one.bands.transmission) for one in found]
+    low, high = min(float(np.min(level)) for level in levels), max(float(np.max(level)) for level in levels)
+    return Exhibit(
+        id="bands",
+        title="Bands",
+        caption=(
+            "(a) Phase per unit cell that the runs show, over the dispersion relation of the infinite chain. (b) Speed"
+            " of the last body over that of the first; the lines are the edges of the infinite chain's bands."
+        ),
+        panels=(
+            Panel(
+                title="(a) dispersion",
+                x_label="phase per cell (π)",
+                y_label="frequency (kHz)",
+                series=(
+                    *theory,
+                    *(Series(label=one.backend, style=_DRAWN[one.backend], x=x, y=y) for one, x, y in ways),
+                ),
+            ),
+            Panel(
+                title="(b) transmission",
+                x_label="frequency (kHz)",
+                y_label="last over first body (dB)",
+                series=(
+                    *(
+                        Series(label="band edges", style="guide", x=np.full(2, edge), y=np.array([low, high]))
+                        for edge in edges
+                    ),
+                    *(
+                        Series(label=one.backend, style=_DRAWN[one.backend], x=1e-3 * one.bands.frequency, y=level)
+                        for one, level in zip(found, levels, strict=True)
+                    ),
+                ),
+            ),
+        ),
+    )

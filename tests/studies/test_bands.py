@@ -1,0 +1,93 @@
+"""Bands of driven chains: measured edges are judged by the infinite chain's, and a wrong chain is told."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+import dem_bridge as db
+from dem_bridge import campaign
+from dem_bridge.errors import UnsupportedScene
+from dem_bridge.observables.bands import unit_cell
+from dem_bridge.scene import Scene
+from dem_bridge.scene_file import load_scene
+from dem_bridge.studies import bands
+from dem_bridge.studies.bands import study_bands
+from dem_bridge.studies.exhibits import Study
+from dem_bridge.verdict import Outcome
+
+#: 12 bodies and 200 periods of the highest frequency: half a per cent is resolved
+BAR = replace(
+    load_scene("driven-monomer"),
+    name="bar",
+    duration=25e-3,
+    mass=load_scene("driven-monomer").mass[:12],
+    stiffness=load_scene("driven-monomer").stiffness[:11],
+    velocity=(0.0,) * 12,
+    exponent=2.5,
+    gap=0.0,
+    geometry=None,
+    drive=db.Drive(shape="chirp", force=0.02, frequency=600.0, last_frequency=11.4e3, sweep=25e-3),
+)
+
+
+def edges(study: Study) -> dict[str, dict[str, Any]]:
+    """Rows of the table of edges by code."""
+    table = next(one for one in study.tables if one.id == "edges")
+    return {str(row[0]): dict(zip(table.columns, row, strict=True)) for row in table.rows}
+
+
+@pytest.mark.lammps
+def test_three_codes_have_the_edge_of_the_infinite_chain() -> None:
+    study = study_bands(BAR, jobs=1)
+    found = edges(study)
+    assert set(found) == {"scipy", "verlet", "lammps-granular"}
+    theory = unit_cell(BAR)[1].edges[0] / (2.0 * math.pi)
+    for row in found.values():
+        assert row["infinite chain (kHz)"] == pytest.approx(1e-3 * theory, rel=1e-15)
+        assert row["resolution (%)"] == pytest.approx(100.0 / BAR.duration / theory, rel=1e-3)
+        # half of what is resolved: see observables.bands
+        assert abs(row["off (%)"]) <= 0.5 * row["resolution (%)"]
+        assert row["outcome"] == "PASS"
+    assert study.exit_code == 0
+    codes = {row[0]: row[3] for row in next(one for one in study.tables if one.id == "codes").rows}
+    assert isinstance(codes["lammps-granular"], float)
+    # positions of 12 bodies, 2^-14 m, are known to 7e-21 m and bodies move by 1e-9 m; resonances keep what is lost
+    assert 0.0 < codes["lammps-granular"] < 1e-8
+
+
+def test_another_chain_than_the_one_that_is_driven_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The planted fault: runs of bodies that are 4 % heavier move the edge by 2 %."""
+    heavier = replace(BAR, mass=tuple(1.04 * mass for mass in BAR.mass))
+    honest = campaign.run_cases
+
+    def wrong(cases: Any, **settings: Any) -> Any:
+        return honest([replace(case, scene=heavier) for case in cases if case.backend == "verlet"], **settings)
+
+    monkeypatch.setattr(bands, "run_cases", wrong)
+    study = study_bands(BAR, jobs=1)
+    [row] = edges(study).values()
+    assert row["off (%)"] == pytest.approx(-2.0, abs=0.5)
+    assert study.outcomes == (Outcome.FAIL,)
+    assert study.exit_code == 1
+
+
+@pytest.mark.parametrize(
+    ("scene", "words"),
+    [
+        (replace(BAR, drive=None), "is not driven"),
+        (replace(BAR, precompression=0.0), "not precompressed"),
+        (replace(BAR, drive=db.Drive(shape="sine", force=0.02, frequency=3e3)), "one frequency"),
+        # its end is hidden by the window
+        (
+            replace(BAR, drive=db.Drive(shape="chirp", force=0.02, frequency=600.0, last_frequency=9e3, sweep=25e-3)),
+            "not driven over all edges",
+        ),
+    ],
+)
+def test_chains_that_show_no_bands_are_refused(scene: Scene, words: str) -> None:
+    with pytest.raises(UnsupportedScene, match=words):
+        study_bands(scene, jobs=1)
