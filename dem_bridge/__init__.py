@@ -25,47 +25,47 @@ _HOME = {
     "Wall": "scene",
     "Trajectory": "trajectory",
     "angles_for": "exports.angles",
-    "available": "api",
-    "chain": "scene_bodies",
-    "compare_trajectories": "api_trajectories",
-    "export": "api_export",
+    "available": "api.runs",
+    "chain": "scene_file.bodies",
+    "compare_trajectories": "api.trajectories",
+    "export": "api.tables",
     "law_of": "physics.law",
     "load_scene": "scene_file",
     "load_trajectory": "trajectory",
-    "minimal": "api_studies",
-    "plan": "api",
-    "read_trajectory": "api_trajectories",
-    "regress": "api_regress",
-    "scene_from_csv": "api_import",
-    "scene_from_deck": "api_import",
+    "minimal": "api.studies",
+    "plan": "api.runs",
+    "read_trajectory": "api.trajectories",
+    "regress": "api.regress",
+    "scene_from_csv": "api.scenes",
+    "scene_from_deck": "api.scenes",
     "shipped_scenes": "scene_file",
-    "solve": "api",
-    "study": "api_studies",
-    "study_scatter": "api",
-    "study_styles": "api",
-    "table_of": "api_export",
-    "verify": "api",
-    "write_deck": "api",
-    "write_trajectory": "api_trajectories",
+    "solve": "api.runs",
+    "study": "api.studies",
+    "study_scatter": "api.runs",
+    "study_styles": "api.runs",
+    "table_of": "api.tables",
+    "verify": "api.runs",
+    "write_deck": "api.runs",
+    "write_trajectory": "api.trajectories",
 }
 #: public modules, imported on first use too
 _MODULES = ("plot",)
 
 if TYPE_CHECKING:
     from dem_bridge import plot
-    from dem_bridge.api import available, plan, solve, study_scatter, study_styles, verify, write_deck
-    from dem_bridge.api_export import export, table_of
-    from dem_bridge.api_import import scene_from_csv, scene_from_deck
-    from dem_bridge.api_regress import regress
-    from dem_bridge.api_studies import minimal, study
-    from dem_bridge.api_trajectories import compare_trajectories, read_trajectory, write_trajectory
+    from dem_bridge.api.regress import regress
+    from dem_bridge.api.runs import available, plan, solve, study_scatter, study_styles, verify, write_deck
+    from dem_bridge.api.scenes import scene_from_csv, scene_from_deck
+    from dem_bridge.api.studies import minimal, study
+    from dem_bridge.api.tables import export, table_of
+    from dem_bridge.api.trajectories import compare_trajectories, read_trajectory, write_trajectory
     from dem_bridge.drive import Drive
     from dem_bridge.exports.angles import angles_for
     from dem_bridge.geometry import Body, Geometry, Material
     from dem_bridge.physics.law import ContactLaw, law_of
     from dem_bridge.scene import Damping, Scene, Wall
-    from dem_bridge.scene_bodies import chain
     from dem_bridge.scene_file import load_scene, shipped_scenes
+    from dem_bridge.scene_file.bodies import chain
     from dem_bridge.trajectory import Trajectory, load_trajectory
 
 __all__ = [

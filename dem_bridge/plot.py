@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dem_bridge.api import solve
+from dem_bridge.api.runs import solve
 from dem_bridge.errors import UsageError
 from dem_bridge.report.exhibits import Axes, drawn_on, new_axes
 from dem_bridge.report.figures import LABELS, budget_on, residence_panel, spacetime_panel

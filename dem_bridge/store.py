@@ -53,15 +53,12 @@ VARIABLE = "DEM_BRIDGE_STORE"
 LIMIT = 2_000_000_000
 #: parts of the package that judge, show and tell: no number of a trajectory passes through them
 NOT_IN_RUNS = (
-    "api", "api_export", "api_regress", "api_studies", "api_trajectories", "campaign", "cli", "cli_convert",
-    "cli_export", "cli_options", "cli_plan", "cli_regress", "cli_studies", "cli_terminal", "compare", "doctor",
-    "exports", "planning", "regression", "report", "studies", "verdict",
+    "api", "campaign", "cli", "compare", "doctor", "exports", "notebook", "notebook_sketch", "planning", "plot",
+    "regression", "report", "studies", "verdict",
 )  # fmt: skip
 #: ... and none of a study's
 NOT_IN_STUDIES = (
-    "api", "api_export", "api_regress", "api_studies", "api_trajectories", "cli", "cli_convert", "cli_export",
-    "cli_options", "cli_plan", "cli_regress", "cli_studies", "cli_terminal", "doctor", "exports", "regression",
-    "report",
+    "api", "cli", "doctor", "exports", "notebook", "notebook_sketch", "plot", "regression", "report",
 )  # fmt: skip
 _VARIABLES = ("LD_LIBRARY_PATH", "LD_PRELOAD", "NUMBA_CPU_FEATURES", "NUMBA_CPU_NAME", "NUMBA_DISABLE_JIT", "NUMBA_OPT",
               "OMP_NUM_THREADS", "PYTHONPATH")  # fmt: skip

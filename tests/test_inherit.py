@@ -24,7 +24,7 @@ import dem_bridge as db
 from dem_bridge.backends import base
 from dem_bridge.backends.base import BACKENDS, backend
 from dem_bridge.cli import main
-from dem_bridge.cli_studies import study as study_group
+from dem_bridge.cli.studies import study as study_group
 from dem_bridge.planning.predict import EVALUATIONS
 from dem_bridge.scene import Scene
 from dem_bridge.studies.catalogue import STUDIES
@@ -199,7 +199,7 @@ def test_the_example_of_a_scene_loads_and_has_the_hash_that_the_page_says(tmp_pa
     file.write_text(block.body, encoding="utf-8")
     scene = db.load_scene(file)
     assert scene.name == file.stem
-    assert f'"{scene.content_hash}"' in _diff("tests/test_shipped_scenes.py", "twelve").added()
+    assert f'"{scene.content_hash}"' in _diff("tests/scene_file/test_shipped_scenes.py", "twelve").added()
     assert one_more_scene(README) != README
 
 

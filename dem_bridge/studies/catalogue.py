@@ -1,7 +1,7 @@
 """The studies that exist, by name; each is imported only when asked for.
 
 A study is a function ``(scene, *, engine, jobs, tell, store, **own settings) -> Study``; without a scene where it takes
-a catalogue of its own. Adding one = a module with that function, a line here and a command in ``cli_studies``.
+a catalogue of its own. Adding one = a module with that function, a line here and a command in ``cli.studies``.
 """
 
 from __future__ import annotations

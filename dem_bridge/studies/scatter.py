@@ -19,8 +19,8 @@ from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.geometry import Geometry
 from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.scene import Scene
-from dem_bridge.scene_physical import rounded
-from dem_bridge.scene_physical import scattered as turned_by_chance
+from dem_bridge.scene_file.physical import rounded
+from dem_bridge.scene_file.physical import scattered as turned_by_chance
 from dem_bridge.store import Store
 from dem_bridge.studies.checks import REFERENCE
 from dem_bridge.studies.exhibits import Exhibit, Panel, Series, Table
@@ -153,7 +153,7 @@ def study_scatter(
     tell: Progress | None = None,
     store: Store | None = None,
 ) -> ScatterStudy:
-    """Run a seeded set of chains whose angles scatter; see :func:`dem_bridge.api.study_scatter`."""
+    """Run a seeded set of chains whose angles scatter; see :func:`dem_bridge.study_scatter`."""
     results = run_cases(cases_of(scene, spread=spread, count=count, seed=seed), jobs=jobs, tell=tell, store=store)
     return study_of(scene, results, spread=spread, seed=seed)
 

@@ -101,7 +101,7 @@ def verify_scenes(
     engine: Engine | None = None,
     store: Store | None = None,
 ) -> Verification:
-    """Run and judge scenes; see :func:`dem_bridge.api.verify` for the arguments."""
+    """Run and judge scenes; arguments as of :func:`dem_bridge.verify`."""
     began = time.perf_counter()
     names = [scene.name for scene in scenes]
     if len(set(names)) < len(names):

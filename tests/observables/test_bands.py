@@ -90,8 +90,8 @@ def test_the_phase_is_that_of_the_dispersion_relation() -> None:
     found = measured_bands(scene, run, highest=theory.cutoff / (2.0 * math.pi))
     inside = (found.frequency > 0.1 * found.frequency[-1]) & (found.frequency < 0.95 * found.frequency[-1])
     expected = 2.0 * np.arcsin(2.0 * math.pi * found.frequency[inside] / theory.cutoff)
-    # d k / d omega is largest at the upper end, 2 / sqrt(1 - 0.95^2) over the cutoff; a Hann window mixes what is within
-    # 2/T, twice the resolution
+    # d k / d omega is largest at the upper end, 2 / sqrt(1 - 0.95^2) over the cutoff; a Hann window mixes what is
+    # within 2/T, twice the resolution
     assert np.max(np.abs(found.phase[inside] - expected)) < 2.0 / math.sqrt(1.0 - 0.95**2) * 0.01
 
 

@@ -12,9 +12,8 @@ import pytest
 from click.testing import CliRunner
 
 import dem_bridge as db
-from dem_bridge import cli_terminal
-from dem_bridge.cli import main
-from dem_bridge.cli_studies import study as group
+from dem_bridge.cli import main, terminal
+from dem_bridge.cli.studies import study as group
 from dem_bridge.errors import UsageError
 from dem_bridge.studies import catalogue
 from dem_bridge.studies.exhibits import Exhibit, Panel, Series, Study, Table
@@ -96,8 +95,8 @@ def test_what_was_interrupted_is_written_and_says_so(tmp_path: Path) -> None:
 
 
 def test_the_terminal_knows_all_outcomes(capsys: pytest.CaptureFixture[str]) -> None:
-    assert set(cli_terminal._OUTCOMES) == {outcome.value for outcome in Outcome}
-    cli_terminal.print_study(small())
+    assert set(terminal._OUTCOMES) == {outcome.value for outcome in Outcome}
+    terminal.print_study(small())
     shown = capsys.readouterr().out
     assert "* It <is> so." in shown
     assert "[a]" in shown

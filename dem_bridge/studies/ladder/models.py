@@ -260,7 +260,7 @@ def least_scene(
     tell: Progress | None = None,
     store: Store | None = None,
 ) -> Scene:
-    """See :func:`dem_bridge.api_studies.minimal`."""
+    """See :func:`dem_bridge.api.studies.minimal`."""
     checked_observables(observables)
     ladder = ladder_of(scene, accuracy=accuracy, add=False, window=window, store=store)
     if not ladder.switches:

@@ -17,7 +17,7 @@ import numpy as np
 from dem_bridge.backends.tabled import survey_of
 from dem_bridge.geometry import Body, Geometry
 from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.scene_physical import rounded
+from dem_bridge.scene_file.physical import rounded
 
 GRAVITY = 9.81
 #: holds the chain together before the impact and does nothing else: N

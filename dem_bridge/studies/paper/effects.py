@@ -18,7 +18,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.bca import BinaryCollisions
 from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.scene import Damping, Scene
-from dem_bridge.scene_physical import rounded
+from dem_bridge.scene_file.physical import rounded
 from dem_bridge.studies.exhibits import Table
 from dem_bridge.studies.ladder.switches import (
     DASHPOT,

@@ -11,7 +11,7 @@ from dem_bridge.campaign import Case, Result
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
-from dem_bridge.scene_physical import rounded
+from dem_bridge.scene_file.physical import rounded
 from dem_bridge.studies.checks import REFERENCE, SECOND, engine_for
 from dem_bridge.studies.paper.effects import VARIANTS
 from dem_bridge.trajectory import Trajectory

@@ -102,7 +102,7 @@ def verify_paper(
     store: Store | None = None,
     extent: Extent | None = None,
 ) -> Verification:
-    """Run and judge all shipped scenes and the paper's claims; see :func:`dem_bridge.api.verify` for the arguments."""
+    """Run and judge all shipped scenes and the paper's claims; arguments as of :func:`dem_bridge.verify`."""
     began, extent = time.perf_counter(), extent or Extent()
     check_jobs(jobs)
     checked_accuracy(accuracy)

@@ -1,0 +1,1 @@
+"""The public facade; ``import dem_bridge`` has all of it."""

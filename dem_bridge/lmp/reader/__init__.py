@@ -1,0 +1,1 @@
+"""LAMMPS scripts of others read as scenes: pure, text in, Scene out."""

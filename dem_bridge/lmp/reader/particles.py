@@ -1,0 +1,250 @@
+"""The particles of a LAMMPS script: what ``read_data``, ``create_atoms``, ``set``, ``group`` and ``velocity`` make.
+
+In the units of the script. Spheres alone; a mass is what ``set`` gave, else density times volume. What LAMMPS does with
+a command is done here in the same order, for later commands change what earlier ones made.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+from dem_bridge.lmp.reader.pairs import numbered
+from dem_bridge.lmp.reader.script import Command, Script, read
+
+_SETTABLE = ("type", "mass", "density", "diameter", "x", "y", "z", "vx", "vy", "vz")
+_SECTIONS = ("Atoms", "Velocities")
+
+
+@dataclass
+class Particle:
+    """One sphere."""
+
+    number: int
+    kind: int
+    place: list[float]
+    diameter: float = 1.0
+    mass: float = math.pi / 6.0
+    weighed: bool = False
+    """Whether the mass is one that was given, not a product of density and volume."""
+    velocity: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+
+    @property
+    def radius(self) -> float:
+        return 0.5 * self.diameter
+
+    def made_of(self, density: float) -> None:
+        self.mass, self.weighed = 4.0 * math.pi / 3.0 * self.radius**3 * density, False
+
+
+@dataclass
+class Particles:
+    """All of them, and the box."""
+
+    script: Script
+    types: int = 0
+    boundary: tuple[str, str, str] = ("p", "p", "p")
+    box: list[tuple[float, float]] = field(default_factory=list)
+    atoms: dict[int, Particle] = field(default_factory=dict)
+    groups: dict[str, set[int]] = field(default_factory=dict)
+    _regions: dict[str, Command] = field(default_factory=dict)
+
+    def region(self, command: Command) -> None:
+        if len(command.rest) < 2:
+            raise command.refused("is no region", "region ID block xlo xhi ylo yhi zlo zhi")
+        self._regions[command.rest[0]] = command
+
+    def set_boundary(self, command: Command) -> None:
+        if len(command.rest) != 3:
+            raise command.refused("names no three sides", "boundary x y z")
+        x, y, z = command.rest
+        self.boundary = (x, y, z)
+
+    def create_box(self, command: Command) -> None:
+        if len(command.rest) != 2 or command.rest[1] not in self._regions:
+            raise command.refused("names no region above", "create_box TYPES REGION")
+        region = self._regions[command.rest[1]]
+        words = region.rest[2:]
+        usual = not words[6:] or words[6:] in (("units", "box"), ("units", "lattice"))
+        if region.rest[1] != "block" or len(words) < 6 or not usual:
+            raise region.refused("is not read here", "region ID block xlo xhi ylo yhi zlo zhi")
+        ends = [self.script.number(region, word) for word in words[:6]]
+        self.types = self.script.whole(command, command.rest[0])
+        self.box = [(ends[0], ends[1]), (ends[2], ends[3]), (ends[4], ends[5])]
+
+    def create_atoms(self, command: Command) -> None:
+        words = command.rest
+        if len(words) < 5 or words[1] != "single" or words[5:] not in ((), ("units", "box"), ("units", "lattice")):
+            raise command.refused("is not read here", "create_atoms TYPE single x y z")
+        if not self.box:
+            raise command.refused("stands before the box", "create_box or read_data first")
+        place = [self.script.number(command, word) for word in words[2:5]]
+        for (low, high), one, axis in zip(self.box, place, "xyz", strict=True):
+            if not low <= one <= high:
+                raise command.refused(f"lies outside of the box along {axis}", f"{low:g} to {high:g}")
+        number = max(self.atoms, default=0) + 1
+        self.atoms[number] = Particle(number, self._kind(command, words[0]), place)
+
+    def _kind(self, command: Command, word: str) -> int:
+        kind = self.script.whole(command, word)
+        if not 1 <= kind <= self.types:
+            raise command.refused(f"has the atom type {kind}", f"1 to {self.types}")
+        return kind
+
+    def read_data(self, command: Command) -> None:
+        """As LAMMPS, without the first line."""
+        if len(command.rest) != 1 or self.atoms:
+            raise command.refused("adds to what is there, or changes it", "one read_data FILE, without settings")
+        file = command.rest[0]
+        section, box = "", dict[str, tuple[float, float]]()
+        wanted = 0
+        for number, line in enumerate(read(self.script.opened, command, file).splitlines(), start=1):
+            words = tuple(line.partition("#")[0].split())
+            if number == 1 or not words:
+                continue
+            at = Command(file, number, words)
+            if words[0][0].isalpha():
+                section = words[0]
+                if section not in _SECTIONS or len(words) > 1:
+                    raise at.refused("is a section that is not read here", ", ".join(_SECTIONS))
+                if section == "Atoms" and (style := line.partition("#")[2].split()[:1]) not in ([], ["sphere"]):
+                    raise at.refused(f"is of atom style {style[0]}", "Atoms # sphere")
+            elif section:
+                (self._atom if section == "Atoms" else self._velocity)(at)
+            elif words[1:] == ("atoms",):
+                wanted = self.script.whole(at, words[0])
+            elif words[1:] == ("atom", "types"):
+                self.types = self.script.whole(at, words[0])
+            elif len(words) == 4 and words[2:] in (("xlo", "xhi"), ("ylo", "yhi"), ("zlo", "zhi")):
+                box[words[2]] = (self.script.number(at, words[0]), self.script.number(at, words[1]))
+            elif words[0] != "0":  # no bonds, no angles
+                raise at.refused("is not read here", "N atoms, N atom types, xlo xhi, ylo yhi, zlo zhi")
+        if len(self.atoms) != wanted or len(box) < 3:
+            problem = f"{file} has {len(self.atoms)} atoms and {len(box)} sides of a box"
+            raise command.refused(problem, f"{wanted} atoms, as it says, and xlo xhi, ylo yhi, zlo zhi")
+        self.box = [box["xlo"], box["ylo"], box["zlo"]]
+
+    def _atom(self, at: Command) -> None:
+        """id type diameter density x y z [image flags]."""
+        if len(at.words) not in (7, 10):
+            raise at.refused(f"has {len(at.words)} columns", "id type diameter density x y z, of atom_style sphere")
+        if any(self.script.whole(at, word) for word in at.words[7:]):
+            raise at.refused("has left the box", "image flags of 0")
+        number, place = self.script.whole(at, at.words[0]), [self.script.number(at, word) for word in at.words[4:7]]
+        if number in self.atoms:
+            raise at.refused(f"is atom {number} a second time", "each id once")
+        diameter, density = (self.script.number(at, word) for word in at.words[2:4])
+        if not (diameter > 0.0 and density > 0.0):
+            raise at.refused("has no size or no density", "numbers > 0")
+        atom = Particle(number, self._kind(at, at.words[1]), place, diameter)
+        atom.made_of(density)
+        self.atoms[number] = atom
+
+    def _velocity(self, at: Command) -> None:
+        numbers = [self.script.number(at, word) for word in at.words[1:]]
+        number = self.script.whole(at, at.words[0])
+        if len(numbers) != 6 or number not in self.atoms:
+            raise at.refused("is no velocity of an atom above", "id vx vy vz wx wy wz")
+        if any(numbers[3:]):
+            raise at.refused("turns", "wx wy wz of 0: bodies of a scene do not turn")
+        self.atoms[number].velocity = numbers[:3]
+
+    def members(self, command: Command, name: str) -> set[int]:
+        """Ids of a group."""
+        if name == "all":
+            return set(self.atoms)
+        if name not in self.groups:
+            raise command.refused(f"names the group {name}, which is not defined", f"all, {', '.join(self.groups)}")
+        return self.groups[name]
+
+    def group(self, command: Command) -> None:
+        if len(command.rest) < 2:
+            raise command.refused("is no group", "group ID STYLE ...")
+        name, style, *words = command.rest
+        if style in ("id", "type"):
+            chosen = self._ranged(command, words)
+            found = {one.number for one in self.atoms.values() if (one.number if style == "id" else one.kind) in chosen}
+            self.groups[name] = self.groups.get(name, set()) | found
+        elif style in ("union", "subtract", "intersect") and words:
+            sets = [self.members(command, word) for word in words]
+            joins: dict[str, Callable[..., set[int]]]
+            joins = {"union": set.union, "subtract": set.difference, "intersect": set.intersection}
+            self.groups[name] = self.groups.get(name, set()) | joins[style](*sets)
+        elif style in ("empty", "clear"):
+            self.groups[name] = set()
+        else:
+            raise command.refused("is not read here", "id, type, union, subtract, intersect, empty and clear")
+
+    def _ranged(self, command: Command, words: Iterable[str]) -> set[int]:
+        """``n``, ``n:m`` and ``n:m:step``."""
+        found: set[int] = set()
+        for word in words:
+            parts = [self.script.whole(command, part) for part in word.split(":")]
+            if len(parts) > 3 or (len(parts) == 3 and parts[2] < 1):
+                raise command.refused(f"has {word!r}", "n, n:m or n:m:step")
+            found |= set(range(parts[0], parts[-1] + 1) if len(parts) < 3 else range(parts[0], parts[1] + 1, parts[2]))
+        return found
+
+    def set_values(self, command: Command) -> None:
+        if len(command.rest) < 4 or len(command.rest) % 2 or command.rest[0] not in ("atom", "type", "group"):
+            raise command.refused("is not read here", f"set atom|type|group ID and {', '.join(_SETTABLE)} with a value")
+        style, who, *pairs = command.rest
+        if style == "group":
+            chosen = self.members(command, who)
+        else:
+            most = max(self.atoms, default=0) if style == "atom" else self.types
+            wanted = numbered(self.script, command, who, most)
+            if style == "atom":
+                chosen = {number for number in wanted if number in self.atoms}
+            else:
+                chosen = {atom.number for atom in self.atoms.values() if atom.kind in wanted}
+        if not chosen:
+            raise command.refused("changes no atom", "atoms that are there")
+        for key, word in zip(pairs[::2], pairs[1::2], strict=True):
+            if key not in _SETTABLE:
+                raise command.refused(f"sets {key}, which is not read here", ", ".join(_SETTABLE))
+            rows = self._rows(command, word)
+            for number in sorted(chosen):
+                if rows is not None and number not in rows:
+                    raise command.refused(f"has no value for atom {number}", "one for each")
+                value = self.script.number(command, word) if rows is None else rows[number]
+                self._set(command, self.atoms[number], key, value)
+
+    def _rows(self, command: Command, word: str) -> dict[int, float] | None:
+        """Values by atom, of a variable of style atomfile; None: one value for all."""
+        style, words = self.script.variables.get(word.removeprefix("v_"), ("", ()))
+        if not word.startswith("v_") or style != "atomfile":
+            return None
+        text = read(self.script.opened, command, words[0])
+        lines = [
+            Command(words[0], at, tuple(line.split("#")[0].split())) for at, line in enumerate(text.splitlines(), 1)
+        ]
+        count, *rows = [line for line in lines if line.words]
+        if any(len(row.words) != 2 for row in rows) or self.script.whole(count, count.words[0]) != len(rows):
+            raise count.refused(f"stands above {len(rows)} rows", "the number of rows `id value` that follow")
+        return {self.script.whole(row, row.words[0]): self.script.number(row, row.words[1]) for row in rows}
+
+    def _set(self, command: Command, atom: Particle, key: str, value: float) -> None:
+        if key in ("mass", "density", "diameter") and not value > 0.0:
+            raise command.refused(f"sets {key} to {value:g}", "a number > 0")
+        if key == "type":
+            atom.kind = self._kind(command, f"{value!r}")
+        elif key == "mass":
+            atom.mass, atom.weighed = value, True
+        elif key == "density":
+            atom.made_of(value)
+        elif key == "diameter":  # and the mass stays
+            atom.diameter = value
+        else:
+            where = atom.velocity if key.startswith("v") else atom.place
+            where["xyz".index(key[-1])] = value
+
+    def set_velocity(self, command: Command) -> None:
+        words = command.rest
+        if len(words) < 5 or words[1] != "set" or words[5:] not in ((), ("units", "box"), ("sum", "no")):
+            raise command.refused("is not read here", "velocity GROUP set vx vy vz")
+        for number in self.members(command, words[0]):
+            for axis, word in enumerate(words[2:5]):
+                if word != "NULL":
+                    self.atoms[number].velocity[axis] = self.script.number(command, word)

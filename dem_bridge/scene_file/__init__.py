@@ -1,0 +1,5 @@
+"""Scene files: TOML in, Scene out, and back."""
+
+from dem_bridge.scene_file.load import MAIN_SCENES, load_scene, parse_scene, scene_of, shipped_scenes
+
+__all__ = ["MAIN_SCENES", "load_scene", "parse_scene", "scene_of", "shipped_scenes"]

@@ -1,0 +1,149 @@
+"""A Scene of any bodies in a row: masses and Hertz' stiffnesses follow from what they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import fields
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.checked import checked_number, checked_numbers
+from dem_bridge.errors import SceneError, UsageError
+from dem_bridge.geometry import ANGLE, Body, Geometry, Material
+from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene_file.physical import HERTZ, rounded
+
+Numbers = float | Sequence[float] | NDArray[np.float64]
+#: fields of a Scene that follow from the bodies
+_FOLLOW = ("mass", "stiffness", "exponent", "spacing", "geometry", "law", "content_hash")
+
+
+def chain(
+    *,
+    name: str,
+    duration: float,
+    bodies: Iterable[Body],
+    striker: Body | None = None,
+    velocity: Numbers = 0.0,
+    angles: Numbers | None = None,
+    law: Literal["paper", "exact"] = "exact",
+    gap: Numbers = 0.0,
+    wall_left: Wall | Material | None = None,
+    wall_right: Wall | Material | None = None,
+    **more: Any,
+) -> Scene:
+    """The Scene of ``bodies`` side by side, struck end first, each contact by Hertz with the materials of its two.
+
+    ``striker``: one more body before them. ``velocity`` (m/s): of the first of all bodies, or a list with one for
+    each. ``angles`` (degrees) between the axes where two cylinders meet, one for all or one for each such contact in
+    order, and ``law`` of these: "exact", or "paper" (Chaunsali, Kim & Yang 2018). ``gap`` (m): one, or one for each
+    contact. A wall may be a Material: a flat half space, on which a sphere has Hertz' contact. ``more`` as
+    :class:`Scene` has it: precompression, damping, gravity, drag, samples, description.
+
+    Masses are density times volume, stiffnesses those of :meth:`Geometry.contact`, both to 12 digits; the geometry has
+    the bodies, the spacing is 2 r where those behind the striker have one radius r. Raises SceneError in one line,
+    UsageError for an unknown keyword.
+
+    >>> steel = Material(youngs_modulus=193e9, poissons_ratio=0.3, density=8000.0, name="steel")
+    >>> ptfe = Material(youngs_modulus=1.46e9, poissons_ratio=0.46, density=2200.0, name="PTFE")
+    >>> heavy, light = (Body(shape="sphere", radius=4.76e-3, material=one) for one in (steel, ptfe))
+    >>> dimer = chain(name="dimer", duration=1e-3, striker=heavy, velocity=0.5, bodies=[heavy, light] * 10)
+    >>> dimer.n_body, [f"{beta:.3g}" for beta in dimer.stiffness[:3]], dimer.velocity[:2]
+    (21, ['6.9e+09', '1.19e+08', '1.19e+08'], (0.5, 0.0))
+    """
+    known = {field.name for field in fields(Scene) if field.init} - set(_FOLLOW)
+    if unknown := [key for key in more if key not in known]:
+        why = "follows from the bodies" if unknown[0] in _FOLLOW else "is unknown"
+        allowed = ", ".join(sorted(known | {"bodies", "striker", "angles", "law"}))
+        raise UsageError(f"setting {unknown[0]!r} {why}; allowed: {allowed}")
+    row, all_bodies = _checked_bodies(bodies, striker)
+    links = len(all_bodies) - 1
+    try:
+        geometry = Geometry(bodies=all_bodies, law=law, angles=_checked_angles(all_bodies, angles))
+    except SceneError as error:
+        raise error.at(error.where, error.key.removeprefix("geometry.")) from None
+    radii = {body.radius for body in row}
+    return Scene(
+        name=name,
+        duration=duration,
+        mass=tuple(rounded(body.mass) for body in all_bodies),
+        stiffness=stiffnesses(geometry),
+        exponent=HERTZ,
+        velocity=_checked_velocity(velocity, len(all_bodies)),
+        gap=checked_numbers("gap", gap, "a finite number (m)", count=links, per="contact"),
+        spacing=2.0 * row[0].radius if len(radii) == 1 else None,
+        wall_left=flat(wall_left, all_bodies[0], "wall_left") if isinstance(wall_left, Material) else wall_left,
+        wall_right=flat(wall_right, all_bodies[-1], "wall_right") if isinstance(wall_right, Material) else wall_right,
+        geometry=geometry,
+        **more,
+    )
+
+
+def crossings(bodies: Sequence[Body]) -> tuple[int, ...]:
+    """Contacts in which two cylinders meet."""
+    both = enumerate(pairwise(bodies))
+    return tuple(k for k, (one, other) in both if one.shape == other.shape == "cylinder")
+
+
+def stiffnesses(geometry: Geometry) -> tuple[float, ...]:
+    """Of every contact between the bodies, by the geometry's own law, N/m^1.5, to 12 digits."""
+    found: dict[tuple[object, ...], float] = {}  # unit cells repeat
+    keys = [(*pair, angle) for pair, angle in zip(pairwise(geometry.bodies), geometry.angle, strict=True)]
+    for k, key in enumerate(keys):
+        if key not in found:
+            found[key] = rounded(geometry.contact(k, geometry.law).stiffness)
+    return tuple(found[key] for key in keys)
+
+
+def flat(material: Material, body: Body, side: str, gap: float = 0.0) -> Wall:
+    """The wall that a flat half space of ``material`` is to a sphere (Johnson 1985, section 4.2); ``gap`` in m.
+
+    >>> glass = Material(youngs_modulus=70e9, poissons_ratio=0.2, density=2500.0)
+    >>> f"{flat(glass, Body(shape='sphere', radius=5e-3, material=glass), 'wall_right').stiffness:.4g}"
+    '3.437e+09'
+    """
+    from dem_bridge.physics.hertz import sphere_on_plane
+
+    if body.shape != "sphere":
+        allowed = "a sphere beside it: on a flat wall a cylinder has no point contact; or a wall by its stiffness"
+        raise SceneError(side, problem=f"is a material, and the body beside it is a {body.shape}", allowed=allowed)
+    second = {"young2": material.youngs_modulus, "poisson2": material.poissons_ratio}
+    stiffness = sphere_on_plane(radius=body.radius, **body.material.elastic, **second).stiffness
+    return Wall(stiffness=rounded(stiffness), gap=gap, exponent=HERTZ)
+
+
+def _checked_bodies(bodies: Iterable[Body], striker: Body | None) -> tuple[tuple[Body, ...], tuple[Body, ...]]:
+    """The row, and all bodies."""
+    row = tuple(bodies) if isinstance(bodies, Iterable) else ()
+    if not row or not all(isinstance(one, Body) for one in row):
+        raise SceneError("bodies", problem="is no list of bodies", allowed="one Body or more, struck end first")
+    if not isinstance(striker, Body | None):
+        raise SceneError("striker", found=striker, allowed="a Body or None")
+    return row, row if striker is None else (striker, *row)
+
+
+def _checked_angles(bodies: tuple[Body, ...], angles: Numbers | None) -> tuple[float | None, ...] | None:
+    """An entry for each contact, None where a sphere takes part; None where no two cylinders meet."""
+    where = crossings(bodies)
+    if not where:
+        if angles is not None:
+            raise SceneError("angles", found=angles, allowed="None: no two cylinders meet")
+        return None
+    if angles is None:
+        allowed = f"{ANGLE}, or a list of {len(where)}: one per contact of two cylinders"
+        raise SceneError("angles", problem=f"are missing; bodies {where[0]} and {where[0] + 1} cross", allowed=allowed)
+    given = checked_numbers("angles", angles, ANGLE, count=len(where), per="contact of two cylinders", above=0.0)
+    entries: list[float | None] = [None] * (len(bodies) - 1)
+    for k, angle in zip(where, given, strict=True):
+        entries[k] = angle
+    return tuple(entries)
+
+
+def _checked_velocity(velocity: Numbers, count: int) -> tuple[float, ...]:
+    allowed = "a finite number (m/s)"
+    if isinstance(velocity, int | float | np.number):
+        return (checked_number("velocity", velocity, allowed), *[0.0] * (count - 1))
+    return checked_numbers("velocity", velocity, allowed, count=count, per="body")

@@ -1,0 +1,185 @@
+"""Scene files: TOML in, Scene out, and every mistake named by file, key, value and what is allowed.
+
+Two kinds of form. *Raw*: masses, stiffnesses, gaps and velocities as lists. *Physical*: bodies and maybe a striker,
+from which masses and stiffnesses follow: cylinders and how they cross, or spheres, of one material; or a pattern of
+both, of several. The tables are in :mod:`.forms`, what follows from bodies in :mod:`.physical` and
+:mod:`.pattern`. The structure of a file (keys, types) is checked by the tables; the numbers that reach a Scene by the
+Scene.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping
+from importlib import resources
+from pathlib import Path
+from types import NoneType
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from dem_bridge.errors import SceneError
+from dem_bridge.scene import Scene
+from dem_bridge.scene_file.drive import with_force_of_file
+from dem_bridge.scene_file.forms import CylinderScene, PatternScene, RawScene, SphereScene, from_raw
+from dem_bridge.scene_file.pattern import from_pattern
+from dem_bridge.scene_file.physical import from_cylinders, from_spheres
+
+#: those that everything is shown on: the paper's chains of figures 2 and 3
+MAIN_SCENES = ("accelerating-40", "decelerating-40")
+
+
+def shipped_scenes() -> tuple[str, ...]:
+    """Names of the scenes that come with the package.
+
+    >>> set(MAIN_SCENES) <= set(shipped_scenes())
+    True
+    """
+    files = resources.files("dem_bridge").joinpath("scenes").iterdir()
+    return tuple(sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml")))
+
+
+def scene_of(source: Scene | str | Path) -> Scene:
+    """A Scene as it is; what :func:`load_scene` makes of anything else."""
+    return source if isinstance(source, Scene) else load_scene(source)
+
+
+def load_scene(source: str | Path) -> Scene:
+    """The scene of a shipped name, or of the ``.toml`` file at a path.
+
+    Raises :class:`SceneError` in one line where there is no such scene, or where the file has a mistake.
+
+    >>> load_scene("decelerating-40").stiffness[1]
+    72729932838.4
+    """
+    if not isinstance(source, str | Path):
+        raise SceneError("", found=source, allowed="the name of a shipped scene or the path of a .toml file")
+    name = str(source)
+    if name in shipped_scenes():
+        file = resources.files("dem_bridge").joinpath("scenes", f"{name}.toml")
+        return parse_scene(file.read_text(encoding="utf-8"), where=f"{name}.toml", folder=Path(str(file)).parent)
+    path = Path(source)
+    try:
+        is_file = path.is_file()
+    except (OSError, ValueError):  # a name too long, or with a NUL in it
+        is_file = False
+    if not is_file:
+        raise SceneError(
+            "",
+            problem="no such scene",
+            allowed=f"{', '.join(shipped_scenes())}, or the path of a .toml file",
+            where=name,
+        )
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError("", problem=f"cannot be read: {error}", allowed="a TOML file in UTF-8", where=name) from error
+    return parse_scene(text, where=name, folder=path.parent)
+
+
+def parse_scene(text: str, *, where: str = "scene", folder: str | Path = ".") -> Scene:
+    """The scene in a TOML text; ``where`` names it in errors, and files that it names are in ``folder``."""
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # tomllib's own error is a ValueError
+        raise SceneError("", problem=f"not TOML: {error}", allowed="TOML 1.0", where=where) from error
+    form = _form(table)
+    try:
+        return _SCENE_FROM[form](form.model_validate(with_force_of_file(table, Path(folder))))
+    except ValidationError as error:
+        raise _in_one_line(error, form, where) from None
+    except SceneError as error:
+        raise error.at(where, _file_key(error.key)) from None
+
+
+#: what makes the Scene of each form
+_SCENE_FROM: Mapping[type[BaseModel], Callable[[Any], Scene]] = {
+    RawScene: from_raw,
+    CylinderScene: from_cylinders,
+    SphereScene: from_spheres,
+    PatternScene: from_pattern,
+}
+
+
+def _form(table: Mapping[str, Any]) -> type[BaseModel]:
+    """Which form a file is in, by the keys that only one has."""
+    chain = table.get("chain")
+    keys = chain if isinstance(chain, dict) else {}
+    if "pattern" in keys or "materials" in table:
+        return PatternScene
+    if "spheres" in keys and "cylinders" not in keys:
+        return SphereScene
+    return CylinderScene if "material" in table or "cylinders" in keys else RawScene
+
+
+#: where a Scene's attributes stand in a file, if not in [chain] under their own name
+_FILE_KEYS = {
+    "name": "name",
+    "duration": "duration",
+    "samples": "sampling.count",
+    "gravity": "environment.gravity",
+    "drag": "environment.drag",
+    "precompression": "chain.precompression.force",
+}
+
+
+def _file_key(key: str) -> str:
+    """Where a Scene's attribute stands in a file."""
+    return key if key.startswith(("material.", "materials.")) else _FILE_KEYS.get(key, f"chain.{key}")
+
+
+#: how pydantic names the two forms of a key that takes a number or a list of them
+_ALTERNATIVES = ("float", "list[float]")
+
+
+def _in_one_line(error: ValidationError, form: type[BaseModel], where: str) -> SceneError:
+    """The first of pydantic's findings, unknown keys first: a misspelt key also shows as a missing one."""
+    findings = sorted(error.errors(), key=lambda finding: finding["type"] != "extra_forbidden")
+    finding = findings[0]
+    # a number or a list of them: what was given decides which of the two complaints is meant
+    if isinstance(finding["input"], list) and _ALTERNATIVES[0] in finding["loc"]:
+        finding = next((f for f in findings if _ALTERNATIVES[1] in f["loc"]), finding)
+    meant = {tuple(part for part in f["loc"] if part not in _ALTERNATIVES)[:2] for f in findings}
+    path = [part for part in finding["loc"] if part not in _ALTERNATIVES]
+    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).removeprefix(".")
+    key = key if key.isprintable() else repr(key)
+    more = f"{len(meant) - 1} more to mend after this" if len(meant) > 1 else ""
+    if finding["type"] == "extra_forbidden":
+        return SceneError(key, problem="is an unknown key", allowed=_keys(form, path[:-1]), advice=more, where=where)
+    if finding["type"] == "missing":
+        return SceneError(
+            key,
+            problem="is missing",
+            allowed=f"needed beside {_keys(form, path[:-1])}",
+            advice=more,
+            where=where,
+        )
+    allowed = (
+        finding["msg"]
+        .removeprefix("Input should be ")
+        .replace("a valid integer", "a whole number")
+        .replace("a valid ", "a ")
+    )
+    if finding["type"].startswith("model_"):
+        allowed = f"a table with the keys {_keys(form, path)}"
+    return SceneError(key, found=finding["input"], allowed=allowed, advice=more, where=where)
+
+
+def _keys(form: type[BaseModel], path: list[Any]) -> str:
+    """Keys that the table at ``path`` may have."""
+    inner: Any = form
+    for part in path:
+        # an entry of a list, or of tables by their own names, is what stands last in list[...] and dict[str, ...]
+        inner = _fields(inner)[part].annotation if _is_table(inner) else get_args(inner)[-1]
+        if not _is_table(inner) and NoneType in get_args(inner):
+            inner = get_args(inner)[0]
+    return ", ".join(_fields(inner))
+
+
+def _is_table(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, BaseModel)
+
+
+def _fields(table: type[BaseModel]) -> Mapping[str, Any]:
+    """By the names that they have in a file."""
+    return {field.alias or name: field for name, field in table.model_fields.items()}

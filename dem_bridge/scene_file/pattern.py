@@ -1,0 +1,210 @@
+"""The Scene of a file in pattern form: a unit cell again and again, and what is changed in the row that it makes.
+
+In this order: the cells, from cell ``step.from`` on those of the step; the taper, cell by cell; the decoration, whose
+bodies are not tapered; disorder of all radii, then of the angles. A striker stands before all that and has none of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import accumulate, repeat
+from operator import mul
+
+from dem_bridge.checked import LARGEST, SMALLEST, checked_numbers
+from dem_bridge.errors import SceneError
+from dem_bridge.geometry import ANGLE, Body, Material
+from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene_file.bodies import chain, crossings, flat
+from dem_bridge.scene_file.forms import (
+    BodyTable,
+    Decorate,
+    Disorder,
+    Pattern,
+    PatternScene,
+    PatternStriker,
+    PatternWall,
+    in_common,
+    numbers,
+)
+from dem_bridge.scene_file.physical import HERTZ, check_alone, normal_numbers, scattered, sphere_of, start_velocity
+
+Materials = Mapping[str, Material]
+Bodies = tuple[Body, ...]
+
+
+def from_pattern(file: PatternScene) -> Scene:
+    """The striker and the bodies of the pattern as a :func:`~dem_bridge.scene_file.bodies.chain`."""
+    pattern, table = file.chain.pattern, file.chain.striker
+    materials = dict(_materials(file))
+    row = _row(pattern, materials)
+    gap = checked_numbers(
+        "pattern.gap", numbers(pattern.gap), "a finite number (m)", count=len(row) - 1, per="contact of the chain"
+    )
+    first = () if table is None else (_striker(table, row[0], materials),)
+    scene = chain(
+        bodies=row,
+        striker=first[0] if first else None,
+        velocity=start_velocity(file.chain, len(row)),
+        angles=_angles(pattern, first, row),
+        law=pattern.law,
+        gap=gap if table is None else (table.gap, *gap),
+        **in_common(file) | dict(_flat_walls(file, (*first, *row), materials)),
+    )
+    if table is None:
+        return scene
+    mass = scene.mass[0] if table.mass is None else table.mass
+    stiffness = scene.stiffness[0] if table.stiffness is None else table.stiffness
+    return replace(scene, mass=(mass, *scene.mass[1:]), stiffness=(stiffness, *scene.stiffness[1:]))
+
+
+# bodies
+
+
+def _materials(file: PatternScene) -> Iterator[tuple[str, Material]]:
+    for name, table in file.materials.items():
+        try:
+            yield name, Material(**{**table.model_dump(), "name": table.name or name})
+        except SceneError as error:
+            raise error.at("scene", f"materials.{name}.{error.key.removeprefix('material.')}") from None
+
+
+def _material(name: str | None, materials: Materials, where: str) -> Material:
+    """Of that name; None: the only one."""
+    if name is None:
+        if len(materials) > 1:
+            raise SceneError(where, problem="is missing", allowed=f"one of {', '.join(materials)}")
+        return next(iter(materials.values()))
+    if name not in materials:
+        raise SceneError(where, found=name, allowed=f"{', '.join(materials)}: as in [materials.NAME]")
+    return materials[name]
+
+
+def _body(table: BodyTable, materials: Materials, where: str) -> Body:
+    material = _material(table.material, materials, f"{where}.material")
+    try:
+        return Body(shape=table.shape, radius=table.radius, height=table.height, material=material)
+    except SceneError as error:
+        raise error.at("scene", f"{where}.{error.key.removeprefix('body.')}") from None
+
+
+def _cell(tables: Sequence[BodyTable], materials: Materials, where: str) -> Bodies:
+    return tuple(_body(table, materials, f"{where}[{nth}]") for nth, table in enumerate(tables))
+
+
+def _row(pattern: Pattern, materials: Materials) -> Bodies:
+    """All bodies behind the striker, in the order of steps that the module says."""
+    cells = [_cell(pattern.cell, materials, "pattern.cell")] * pattern.repeat
+    if pattern.step is not None:
+        first = pattern.step.first
+        if first >= pattern.repeat:
+            allowed = f"a cell from 0 to {pattern.repeat - 1}, the last of repeat = {pattern.repeat}"
+            raise SceneError("pattern.step.from", found=first, allowed=allowed)
+        cells[first:] = [_cell(pattern.step.cell, materials, "pattern.step.cell")] * (pattern.repeat - first)
+    row = tuple(body for cell in _tapered(cells, pattern.taper) for body in cell)
+    if pattern.decorate is not None:
+        row = _decorated(row, pattern.decorate, _body(pattern.decorate, materials, "pattern.decorate"))
+    return row if pattern.disorder is None else _of_random_size(row, pattern.disorder)
+
+
+def _tapered(cells: Sequence[Bodies], taper: float) -> Iterator[Bodies]:
+    """All sizes of each cell ``taper`` times what they would be in the cell before."""
+    for nth, share in enumerate(accumulate(repeat(taper, len(cells) - 1), mul, initial=1.0)):
+        if not all(SMALLEST < body.radius * share < LARGEST for body in cells[nth]):
+            problem = f"= {taper!r} gives cell {nth} bodies of a radius of {cells[nth][0].radius * share:g} m"
+            raise SceneError("pattern.taper", problem=problem, allowed=f"{SMALLEST:g} to {LARGEST:g} m")
+        yield tuple(
+            replace(body, radius=body.radius * share, height=None if body.height is None else body.height * share)
+            for body in cells[nth]
+        )
+
+
+def _decorated(row: Bodies, table: Decorate, between: Body) -> Bodies:
+    """``between`` behind each ``every``-th body but the last."""
+    if table.every >= len(row):
+        allowed = f"less than {len(row)}, the number of bodies: a decoration stands between two of them"
+        raise SceneError("pattern.decorate.every", found=table.every, allowed=allowed)
+    out: list[Body] = []
+    for nth, body in enumerate(row, start=1):
+        out += [body, between] if nth % table.every == 0 and nth < len(row) else [body]
+    return tuple(out)
+
+
+def _of_random_size(row: Bodies, table: Disorder) -> Bodies:
+    """Radii to 9 digits; they have random numbers of their own, so that no angle depends on them."""
+    if not table.model_fields_set & {"radius", "angle"}:
+        allowed = "radius (relative), angle (degrees), or both"
+        raise SceneError("pattern.disorder", problem="has neither radius nor angle", allowed=allowed)
+    if table.radius == 0.0:
+        return row
+    out = []
+    for nth, (body, number) in enumerate(zip(row, normal_numbers(f"radius {table.seed}"), strict=False)):
+        radius = float(f"{body.radius * (1.0 + table.radius * number):.9g}")
+        if radius <= 0.0:
+            problem = f"= {table.radius!r} and the seed {table.seed} give body {nth} a radius of {radius:g} m"
+            raise SceneError("pattern.disorder.radius", problem=problem, allowed="what leaves all radii above 0")
+        out.append(replace(body, radius=radius))
+    return tuple(out)
+
+
+# angles, striker, walls
+
+
+def _angles(pattern: Pattern, first: Bodies, row: Bodies) -> tuple[float, ...] | None:
+    """One for each contact of two cylinders; a striker crosses as the first two of the chain do."""
+    own, with_striker = len(crossings(row)), len(crossings((*first, *row[:1])))
+    given = [key for key in ("angle", "angles") if getattr(pattern, key) is not None]
+    scatter = 0.0 if pattern.disorder is None else pattern.disorder.angle
+    if len(given) == 2:
+        raise SceneError("pattern.angles", problem="stands beside angle", allowed="one of the two")
+    if own + with_striker == 0 and given:
+        raise SceneError(f"pattern.{given[0]}", problem="is given", allowed="none: no two cylinders meet")
+    if own == 0 and scatter > 0.0:
+        raise SceneError("pattern.disorder.angle", found=scatter, allowed="0: no two cylinders of the chain meet")
+    if own + with_striker == 0:
+        return None
+    if pattern.angle is not None:
+        angles: tuple[float, ...] = (pattern.angle,) * own
+        of_striker = (pattern.angle,) * with_striker
+    elif pattern.angles is None or own == 0:
+        allowed = f"{ANGLE}, between the axes of two cylinders that meet; or a list angles for {own} contacts"
+        raise SceneError("pattern.angle", problem="is missing", allowed=allowed)
+    else:
+        angles = tuple(pattern.angles)
+        of_striker = angles[:1] * with_striker
+    if len(angles) != own:
+        allowed = f"{own}, one per contact of two cylinders of the chain"
+        raise SceneError("pattern.angles", problem=f"has {len(angles)} entries", allowed=allowed)
+    if pattern.disorder is not None and scatter > 0.0:
+        angles = scattered(angles, scatter=scatter, seed=pattern.disorder.seed)
+    return (*of_striker, *angles)
+
+
+def _striker(table: PatternStriker, first: Body, materials: Materials) -> Body:
+    if table.exponent not in (None, HERTZ):
+        allowed = f"{HERTZ}: the contacts of a pattern are those of Hertz"
+        raise SceneError("striker.exponent", found=table.exponent, allowed=allowed)
+    if table.like is None:
+        material = first.material
+        if table.material is not None:
+            material = _material(table.material, materials, "striker.material")
+        return sphere_of(table, material)
+    check_alone(table)
+    return first
+
+
+def _flat_walls(file: PatternScene, bodies: Bodies, materials: Materials) -> Iterator[tuple[str, Wall]]:
+    """Those that are given by their material."""
+    for side, body in (("wall_left", bodies[0]), ("wall_right", bodies[-1])):
+        table: PatternWall | None = getattr(file.chain, side)
+        if table is None:
+            continue
+        given = table.model_fields_set & {"stiffness", "material"}
+        if len(given) != 1:
+            problem = "has neither stiffness nor material" if not given else "has both stiffness and material"
+            raise SceneError(side, problem=problem, allowed="one of the two")
+        if table.material is None:
+            continue
+        if table.exponent not in (None, HERTZ):
+            raise SceneError(f"{side}.exponent", found=table.exponent, allowed=f"{HERTZ}: a flat wall is Hertz' own")
+        yield side, flat(_material(table.material, materials, f"{side}.material"), body, side, table.gap)

@@ -1,0 +1,330 @@
+"""From bodies to numbers: the Scene of a file in physical form.
+
+Masses are density times volume, stiffnesses those of Hertz' contacts. Both are rounded to 12 significant digits on
+their way into the Scene, so that decks do not depend on the last bit of a library.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from itertools import accumulate, repeat
+from operator import mul
+from statistics import NormalDist
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from dem_bridge.checked import LARGEST, SMALLEST, checked_numbers
+from dem_bridge.errors import SceneError
+from dem_bridge.geometry import ANGLE, Body, Geometry, Material
+from dem_bridge.scene import Scene
+from dem_bridge.scene_file.forms import (
+    CylinderContacts,
+    CylinderScene,
+    PhysicalChain,
+    PhysicalScene,
+    SphereContacts,
+    SphereScene,
+    Striker,
+    in_common,
+    numbers,
+)
+
+#: n of Hertz' contacts
+HERTZ = 2.5
+#: each way to say how cylinders cross, by the keys it takes
+WAYS = (("angle",), ("angles",), ("first_angle", "last_angle", "grading"))
+_PER = "contact between the bodies of the chain"
+
+
+def rounded(value: float) -> float:
+    """To 12 significant digits.
+
+    >>> rounded(2.0 / 3.0)
+    0.666666666667
+    """
+    return float(f"{value:.12g}")
+
+
+def normal_numbers(seed: int | str) -> Iterator[float]:
+    """Independent numbers of standard deviation 1; the same with every release of every library.
+
+    Uniform numbers of :class:`random.Random` through the inverse of the normal distribution.
+    """
+    uniform, normal = random.Random(seed), NormalDist()
+    while True:
+        yield normal.inv_cdf(uniform.random())
+
+
+def scattered(angles: Sequence[float], *, scatter: float, seed: int) -> tuple[float, ...]:
+    """The angles (degrees), each set with a normal error of standard deviation ``scatter`` (degrees).
+
+    Beyond 0 and 90 degrees two axes cross at the mirror image. A seed gives the same angles always, to 9 digits: see
+    :func:`normal_numbers`.
+
+    >>> scattered((2.0, 45.0, 90.0), scatter=2.0, seed=1)
+    (0.211990902, 47.0509779, 88.5630056)
+    """
+
+    def moved(angle: float, number: float) -> float:
+        away = (angle + scatter * number) % 180.0
+        return float(f"{min(away, 180.0 - away):.9g}")
+
+    return tuple(map(moved, angles, normal_numbers(seed)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Chain:
+    """The bodies behind the striker, and what is between them."""
+
+    bodies: tuple[Body, ...]
+    stiffness: tuple[float, ...]
+    """Of each contact by Hertz' law, N/m^1.5, not rounded."""
+    striker_stiffness: Callable[[float], float]
+    """Of a sphere of that radius (m) on the first body, N/m^1.5."""
+    law: Literal["paper", "exact"] = "exact"
+    spacing: float | None = None
+    angles: tuple[float, ...] | None = None
+    """Degrees; None: they follow from the stiffness, or there are none."""
+
+
+def from_cylinders(file: CylinderScene) -> Scene:
+    """Cylinders across the chain; ``mass_gradient`` changes their heights, of which no stiffness knows."""
+    cylinders, contacts, material = file.chain.cylinders, file.chain.contacts, _material(file)
+    growth = [1.0 + cylinders.mass_gradient * i for i in range(1, cylinders.count + 1)]
+    if growth[-1] <= 0.0:
+        raise SceneError(
+            "cylinders.mass_gradient",
+            found=cylinders.mass_gradient,
+            allowed=f"a number > {-1.0 / cylinders.count:g}: the last mass is (1 + count mass_gradient) times m",
+        )
+    angles, stiffness = _crossed(contacts, cylinders.count - 1, radius=cylinders.radius, material=material)
+
+    def under_a_sphere(radius: float) -> float:
+        from dem_bridge.physics.hertz import sphere_on_cylinder
+
+        return sphere_on_cylinder(radius=radius, radius2=cylinders.radius, **material.elastic).stiffness
+
+    made = partial(Body, shape="cylinder", radius=cylinders.radius, material=material)
+    chain = _Chain(
+        bodies=tuple(made(height=cylinders.height * share) for share in growth),
+        stiffness=stiffness,
+        striker_stiffness=under_a_sphere,
+        law=contacts.law,
+        spacing=2.0 * cylinders.radius,
+        angles=angles,
+    )
+    return _scene(file, chain, contacts)
+
+
+def from_spheres(file: SphereScene) -> Scene:
+    """Spheres, the radius of each ``ratio`` times that of the one before; a spacing where all are equal."""
+    from dem_bridge.physics.hertz import sphere_on_sphere
+
+    spheres, material = file.chain.spheres, _material(file)
+    radii = list(accumulate(repeat(spheres.ratio, spheres.count - 1), mul, initial=spheres.radius))
+    if not SMALLEST < radii[-1] < LARGEST:
+        problem = f"= {spheres.ratio!r} gives the last sphere a radius of {radii[-1]:g} m"
+        raise SceneError("spheres.ratio", problem=problem, allowed=f"{SMALLEST:g} to {LARGEST:g} m")
+
+    def touching(radius: float, radius2: float) -> float:
+        return sphere_on_sphere(radius=radius, radius2=radius2, **material.elastic).stiffness
+
+    chain = _Chain(
+        bodies=tuple(Body(shape="sphere", radius=radius, material=material) for radius in radii),
+        stiffness=tuple(map(touching, radii, radii[1:])),
+        striker_stiffness=lambda radius: touching(radius, radii[0]),
+        spacing=2.0 * spheres.radius if spheres.ratio == 1.0 else None,
+    )
+    return _scene(file, chain, file.chain.contacts)
+
+
+def _crossed(
+    contacts: CylinderContacts, links: int, *, radius: float, material: Material
+) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
+    """Angles (None: those that the stiffness has) and stiffness of equal cylinders, ``(links,)`` both."""
+    from dem_bridge.physics.hertz import angle_of_stiffness, crossed_cylinders
+
+    law, elastic = contacts.law, material.elastic
+
+    @cache
+    def stiffness_at(angle: float) -> float:
+        try:
+            return crossed_cylinders(angle=angle, radius=radius, law=law, **elastic).stiffness
+        except ValueError as error:
+            raise SceneError("contacts", problem=f"cross at {angle:g} degrees: {error}", allowed=ANGLE) from None
+
+    _check_way(contacts)
+    angles = _given_angles(contacts, links)
+    if angles is None:
+        first, last = _graded(contacts, links)
+        stiffness = tuple(np.linspace(stiffness_at(first), stiffness_at(last), links).tolist())
+        if contacts.scatter is None:
+            return None, stiffness
+        # near 90 degrees the inverse is ill-conditioned: the ends are as given
+        between = (angle_of_stiffness(beta, radius=radius, law=law, **elastic) for beta in stiffness[1:-1])
+        angles = (first, *between, last)[:links]
+    if contacts.scatter is not None:
+        if contacts.seed is None:
+            allowed = "a whole number >= 0: needed beside scatter, so that the chain can be had again"
+            raise SceneError("contacts.seed", problem="is missing", allowed=allowed)
+        angles = scattered(angles, scatter=contacts.scatter, seed=contacts.seed)
+    return angles, tuple(map(stiffness_at, angles))
+
+
+def _check_way(contacts: CylinderContacts) -> None:
+    """Angles are given in one of three ways, and whole."""
+    allowed = "angle, or angles, or first_angle with last_angle and grading"
+    given = [key for way in WAYS for key in way if getattr(contacts, key) is not None]
+    if not given:
+        raise SceneError("contacts", problem="has no angles", allowed=allowed)
+    way = next(way for way in WAYS if given[0] in way)
+    for key in given:
+        if key not in way:
+            raise SceneError(f"contacts.{key}", problem=f"stands beside {given[0]}", allowed=allowed)
+    for key in way:
+        if key not in given:
+            raise SceneError(f"contacts.{key}", problem="is missing", allowed=f"needed beside {given[0]}")
+
+
+def _given_angles(contacts: CylinderContacts, links: int) -> tuple[float, ...] | None:
+    """None where the stiffness is graded."""
+    if contacts.angle is not None:
+        return (contacts.angle,) * links
+    if contacts.angles is None:
+        return None
+    if len(contacts.angles) != links:
+        problem = f"has {len(contacts.angles)} entries"
+        raise SceneError("contacts.angles", problem=problem, allowed=f"{links}, one per {_PER}")
+    return tuple(contacts.angles)
+
+
+def _graded(contacts: CylinderContacts, links: int) -> tuple[float, float]:
+    """Angles of the first and the last contact."""
+    first, last = contacts.first_angle, contacts.last_angle
+    assert first is not None
+    assert last is not None
+    if links == 1 and first != last:
+        allowed = f"first_angle = {first!r}: two cylinders have one contact"
+        raise SceneError("contacts.last_angle", found=last, allowed=allowed)
+    return first, last
+
+
+def _in_power(stiffness: float, n: float, matching_overlap: float | None) -> float:
+    """Of a contact with n that has the force of Hertz' ``stiffness`` at ``matching_overlap``, N/m^(n-1)."""
+    if n == HERTZ:
+        return rounded(stiffness)
+    if matching_overlap is None:
+        allowed = f"a number > 0 (m): where a contact with n = {n!r} has the force of Hertz"
+        raise SceneError("contacts.matching_overlap", problem="is missing", allowed=allowed)
+    return rounded(stiffness * matching_overlap ** (HERTZ - n))
+
+
+def _scene(file: CylinderScene | SphereScene, chain: _Chain, contacts: SphereContacts) -> Scene:
+    """The striker before the chain, if there is one, and all that does not ask what the bodies are."""
+    links, n_above_1 = len(chain.stiffness), "n > 1, one number or one per contact (2.5 for Hertz)"
+    given = numbers(contacts.exponent), numbers(contacts.gap)
+    exponent = checked_numbers("contacts.exponent", given[0], n_above_1, count=links, per=_PER, above=1.0)
+    gap = checked_numbers("contacts.gap", given[1], "a finite number (m)", count=links, per=_PER)
+    stiffness = tuple(
+        _in_power(beta, n, contacts.matching_overlap) for beta, n in zip(chain.stiffness, exponent, strict=True)
+    )
+    mass = tuple(rounded(body.mass) for body in chain.bodies)
+    first = _struck(file.chain.striker, chain, contacts.matching_overlap, like=(mass[0], stiffness[0], exponent[0]))
+    return Scene(
+        mass=(*(one.mass for one in first), *mass),
+        stiffness=(*(one.stiffness for one in first), *stiffness),
+        exponent=(*(one.exponent for one in first), *exponent),
+        gap=(*(one.gap for one in first), *gap),
+        velocity=start_velocity(file.chain, len(mass)),
+        spacing=chain.spacing,
+        geometry=_geometry(chain, *(one.body for one in first)),
+        **in_common(file),
+    )
+
+
+def start_velocity(chain: PhysicalChain, count: int) -> tuple[float, ...]:
+    """Of all bodies, m/s: the striker's and ``count`` at rest; without one, as ``chain.velocity`` has it."""
+    if chain.striker is None:
+        if isinstance(chain.velocity, list):
+            allowed = "a finite number (m/s)"
+            return checked_numbers("velocity", chain.velocity, allowed, count=count, per="body of the chain")
+        return (chain.velocity or 0.0, *[0.0] * (count - 1))
+    if chain.velocity is not None:
+        allowed = "striker.velocity: all bodies behind a striker are at rest"
+        raise SceneError("velocity", problem="stands beside a striker", allowed=allowed)
+    return (chain.striker.velocity, *[0.0] * count)
+
+
+class _Struck(NamedTuple):
+    """The striker, and its contact."""
+
+    body: Body
+    mass: float
+    stiffness: float
+    exponent: float
+    gap: float
+
+
+def _struck(
+    striker: Striker | None, chain: _Chain, matching_overlap: float | None, *, like: tuple[float, float, float]
+) -> tuple[_Struck, ...]:
+    """None or one; ``like``: mass of the first body, stiffness and exponent of its contact with the second."""
+    if striker is None:
+        return ()
+    if striker.like is not None:
+        check_alone(striker)
+        return (_Struck(chain.bodies[0], *like, striker.gap),)
+    return (_sphere(striker, chain, matching_overlap),)
+
+
+def check_alone(striker: Striker) -> None:
+    """What is like another body has no more properties of its own."""
+    for key in ("radius", "mass", "stiffness", "exponent", "material"):
+        if getattr(striker, key, None) is not None:
+            allowed = f"velocity and gap: all else is that of the {striker.like}"
+            raise SceneError(f"striker.{key}", problem="stands beside like", allowed=allowed)
+
+
+def sphere_of(striker: Striker, material: Material) -> Body:
+    """The striker's body: of its radius, or where that is not given of its mass."""
+    if striker.radius is None:
+        for key in ("mass", "stiffness"):
+            if getattr(striker, key) is None:
+                allowed = "mass and stiffness, or the radius of a sphere, or like = 'first-body'"
+                raise SceneError(f"striker.{key}", problem="is missing", allowed=allowed)
+    radius = striker.radius
+    if radius is None:
+        assert striker.mass is not None
+        radius = math.cbrt(0.75 * striker.mass / (math.pi * material.density))
+    return Body(shape="sphere", radius=radius, material=material)
+
+
+def _sphere(striker: Striker, chain: _Chain, matching_overlap: float | None) -> _Struck:
+    """What is given of it, and the rest as a sphere of the chain's material has it."""
+    body = sphere_of(striker, chain.bodies[0].material)
+    exponent = HERTZ if striker.exponent is None else striker.exponent
+    stiffness = striker.stiffness
+    if stiffness is None:
+        stiffness = _in_power(chain.striker_stiffness(body.radius), exponent, matching_overlap)
+    return _Struck(body, rounded(body.mass) if striker.mass is None else striker.mass, stiffness, exponent, striker.gap)
+
+
+def _geometry(chain: _Chain, *first: Body) -> Geometry:
+    """A contact with a sphere has no angle; that of a ``first`` body like the chain's has that of the next."""
+    bodies = (*first, *chain.bodies)
+    if chain.bodies[0].shape == "sphere":
+        return Geometry(bodies=bodies, law=chain.law)
+    known = chain.stiffness if chain.angles is None else chain.angles
+    entries = (*(None if one.shape == "sphere" else known[0] for one in first), *known)
+    if chain.angles is None:
+        return Geometry(bodies=bodies, law=chain.law, stiffness=entries)
+    return Geometry(bodies=bodies, law=chain.law, angles=entries)
+
+
+def _material(file: PhysicalScene) -> Material:
+    return Material(**file.material.model_dump())

@@ -1,0 +1,100 @@
+"""`dem-bridge convert` and `dem-bridge compare`: files in and out, words, exit codes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import dem_bridge as db
+from dem_bridge.cli import main
+from dem_bridge.cli.convert import UNITS, WRITTEN
+from dem_bridge.scene_file.text import scene_toml
+from tests.exports.chains import RAW
+from tests.exports.runs import foreign_dump, made_up
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """With a scene file, a run of it, the same by another, and one in which a bit is different."""
+    run = made_up(RAW)
+    (tmp_path / "raw.toml").write_text(scene_toml(RAW))
+    run.save(tmp_path / "run.nc")
+    (tmp_path / "theirs.lammpstrj").write_text(foreign_dump(RAW, run, walls=True))
+    velocity = run.velocity.copy()
+    velocity[7, 2] = np.nextafter(velocity[7, 2], 9.0)
+    replace(run, velocity=velocity).save(tmp_path / "other.nc")
+    return tmp_path
+
+
+def _asked(*words: object) -> Result:
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def test_the_words_of_the_commands_are_those_of_the_package() -> None:
+    from dem_bridge.exports.readers import UNITS as KNOWN
+    from dem_bridge.exports.trajectories import SUFFIXES
+
+    assert tuple(KNOWN) == UNITS
+    assert set(WRITTEN) == set(SUFFIXES.values()) - {"traj"}
+
+
+@pytest.mark.parametrize("ending", ["extxyz", "lammpstrj", "csv", "nc"])
+def test_a_run_goes_out_and_in_and_is_the_same(folder: Path, ending: str) -> None:
+    out = folder / f"out.{ending}"
+    done = _asked("convert", folder / "run.nc", "-o", out, "--scene", folder / "raw.toml")
+    assert (done.exit_code, done.stdout, done.stderr) == (0, f"written: {out}\n", "")
+    back = _asked("compare", out, folder / "run.nc", "--scene", folder / "raw.toml", "--tolerance", "0")
+    assert back.exit_code == 0, back.output
+    assert "velocities do not differ at all at 13 samples" in back.stdout
+
+
+def test_a_dump_of_others_becomes_netcdf_with_what_was_assumed(folder: Path) -> None:
+    out = folder / "theirs.nc"
+    done = _asked("convert", folder / "theirs.lammpstrj", "-o", out, "--scene", folder / "raw.toml")
+    assert done.exit_code == 0
+    assert "note: theirs.lammpstrj: displacements are from the first frame" in done.stderr
+    assert db.load_trajectory(out).provenance["file"]["name"] == "theirs.lammpstrj"
+
+
+def test_compare_says_what_where_and_when(folder: Path) -> None:
+    done = _asked("compare", folder / "other.nc", folder / "run.nc")
+    assert done.exit_code == 0
+    assert "velocities first differ at all at 0.000116666667 s, body 2" in done.stdout
+    assert done.stdout.startswith("displacement           0 of ")
+    # a difference is a finding, and a failure where it is said to be one
+    assert _asked("compare", folder / "other.nc", folder / "run.nc", "--tolerance", "0").exit_code == 1
+    within = _asked("compare", folder / "other.nc", folder / "run.nc", "--tolerance", "1e-9")
+    assert within.exit_code == 0
+    assert "velocities do not differ by more than 1e-09 of the largest" in within.stdout
+
+
+def test_without_velocities_nothing_is_decided(folder: Path) -> None:
+    dump = folder / "theirs.lammpstrj"
+    dump.write_text(dump.read_text().replace("z vx fx", "z c_1 fx"))
+    done = _asked("compare", dump, folder / "run.nc", "--scene", folder / "raw.toml", "--tolerance", "1e-6")
+    assert done.exit_code == 4
+    assert "note: velocity is not known in the first" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (("convert", "theirs.lammpstrj", "-o", "x.nc"), "needs the scene that was run"),
+        (("convert", "run.nc", "-o", "x.csv"), "'raw', which is no shipped scene; give the scene"),
+        (("convert", "run.nc", "-o", "x.pdb", "--scene", "raw.toml"), "tells no format"),
+        (("convert", "none.nc", "-o", "x.csv", "--scene", "raw.toml"), "no such file"),
+        (("convert", "run.nc", "-o", "x.csv", "--scene", "decelerating-40"), "the run has 4 bodies and 5 contacts"),
+        (("compare", "run.nc", "theirs.lammpstrj"), "needs the scene that was run"),
+        (("compare", "run.nc", "run.nc", "--tolerance", "-1"), "tolerance = -1.0; allowed"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(folder: Path, words: tuple[str, ...], found: str) -> None:
+    done = _asked(*(folder / word if "." in word else word for word in words))
+    assert done.exit_code == 2
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert found in done.stderr
+    assert not (folder / "x.csv").exists()

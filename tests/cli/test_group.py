@@ -1,0 +1,250 @@
+"""The command line, as a program: what it prints, where, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import dem_bridge as db
+from dem_bridge.cli.terminal import print_scenes
+from tests.fakes import CHAIN
+
+PROGRAM = str(Path(sys.executable).with_name("dem-bridge"))
+
+
+def _run(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([PROGRAM, *words], capture_output=True, text=True, cwd=cwd, timeout=300)
+
+
+def _one_line(done: subprocess.CompletedProcess[str], *parts: str) -> None:
+    assert done.stdout == ""
+    assert "Traceback" not in done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    for part in parts:
+        assert part in done.stderr
+
+
+def test_help_needs_no_numpy(tmp_path: Path) -> None:
+    code = (
+        "import sys; from dem_bridge.cli import main\n"
+        "try: main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "heavy = {'numpy', 'scipy', 'numba', 'rich', 'pydantic', 'matplotlib'} & set(sys.modules)\n"
+        "sys.exit(f'imported {heavy}' if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+def test_scenes_lists_every_shipped_scene(tmp_path: Path) -> None:
+    done = _run("scenes", cwd=tmp_path)
+    assert done.returncode == 0
+    lines = done.stdout.splitlines()
+    assert tuple(line.split()[0] for line in lines) == ("scene", *db.shipped_scenes())
+    assert max(map(len, lines)) <= 124
+    found = {scene["name"]: scene for scene in json.loads(_run("scenes", "--json", cwd=tmp_path).stdout)}
+    assert found["decelerating-40"]["contacts"] == 40
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_scenes_fit_a_terminal(width: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    print_scenes([db.load_scene(name) for name in db.shipped_scenes()])
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= width
+    assert len(lines) > len(db.shipped_scenes()) + 1  # some are wrapped, under what happens in them
+    assert {line[:45].strip() for line in lines if line.startswith(" ")} == {""}
+
+
+def test_run_prints_json_on_stdout_and_nothing_on_stderr_in_a_pipe(tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text(CHAIN)
+    done = _run("run", "small.toml", "--backend", "verlet", "--dt", "1e-7", "--json", "-o", "run.nc", cwd=tmp_path)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    found = json.loads(done.stdout)
+    assert found["settings"]["dt"] == pytest.approx(1e-7)
+    assert 0.0 < found["velocity_bar_m_per_s"] < 1e-3
+    assert (tmp_path / "run.nc").exists()
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_run_takes_the_tolerances_of_an_adaptive_backend(tmp_path: Path) -> None:
+    words = ("run", "accelerating-40", "--backend", "ode45", "--rtol", "1e-5", "--atol", "1e-8", "--json")
+    found = json.loads(_run(*words, cwd=tmp_path).stdout)
+    assert (found["settings"]["rtol"], found["settings"]["atol"]) == (1e-5, 1e-8)
+
+
+def test_a_bad_scene_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
+    (tmp_path / "bad.toml").write_text(CHAIN.replace("8.1e-3", "-8.1e-3"))
+    done = _run("run", "bad.toml", "--backend", "verlet", cwd=tmp_path)
+    assert done.returncode == 2
+    _one_line(done, "bad.toml", "chain.mass[0]", "-0.0081", "allowed")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("run", "nowhere.toml", "--backend", "verlet"),
+        ("run", "decelerating-40", "--backend", "verlet", "--dt", "-1"),
+        ("run", "decelerating-40", "--backend", "verlet", "--dt", "nan"),
+        ("run", "decelerating-40", "--backend", "verlet", "--dt", "1e-8", "--accuracy", "1e-6"),
+        ("run", "decelerating-40", "--backend", "bca", "--accuracy", "1e-6"),
+        ("run", "decelerating-40", "--backend", "verlet", "--samples", "0"),
+        ("run", "decelerating-40", "--backend", "scipy", "--rtol", "1e-3"),
+        ("run", "decelerating-40", "--backend", "ode45", "--atol", "0"),
+        ("verify", "decelerating-40", "--accuracy", "2"),
+        ("run", "decelerating-40", "--backend", "lammps-table", "--geometry", "9mm"),
+        ("run", "decelerating-40", "--backend", "lammps-table", "--types", "one"),
+        ("deck", "decelerating-40", "--style", "lepton", "-o", "deck"),
+        ("deck", "decelerating-40", "--style", "table", "--geometry", "", "-o", "deck"),
+    ],
+)
+def test_wrong_use_is_one_line_and_exit_code_2(words: tuple[str, ...], tmp_path: Path) -> None:
+    done = _run(*words, cwd=tmp_path)
+    assert done.returncode == 2
+    _one_line(done)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_backend_that_cannot_do_the_scene_says_so(tmp_path: Path) -> None:
+    (tmp_path / "steep.toml").write_text(CHAIN.replace("velocity =", "exponent = 3.0\nvelocity ="))
+    done = _run("run", "steep.toml", "--backend", "lammps-granular", cwd=tmp_path)
+    assert done.returncode == 2
+    _one_line(done, "NOT_RUN", "exponent")
+
+
+def test_an_output_folder_that_is_missing_is_found_before_the_run(tmp_path: Path) -> None:
+    done = _run("run", "decelerating-40", "--backend", "scipy", "-o", "no/such/run.nc", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "no/such" in done.stderr
+
+
+def test_deck_writes_the_deck(tmp_path: Path) -> None:
+    done = _run("deck", "accelerating-40", "-o", "deck", cwd=tmp_path)
+    assert done.returncode == 0
+    assert [Path(line).name for line in done.stdout.split()] == ["in.accelerating-40", "data.accelerating-40"]
+
+
+def test_a_deck_may_have_tables_the_scenes_own_radius_and_a_type_for_each_body(tmp_path: Path) -> None:
+    words = ("deck", "accelerating-40", "--dt", "1e-7", "--style", "table")
+    done = _run(*words, "--geometry", "physical", "--types", "per-body", "-o", "deck", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert {Path(line).name for line in done.stdout.split()} == {file.name for file in (tmp_path / "deck").iterdir()}
+    text = (tmp_path / "deck" / "in.accelerating-40").read_text()
+    assert "41 atom types" in text
+    assert "radius R = 0.009 m" in text
+    assert "pair_style      table spline 10000\n" in text
+    assert len(list((tmp_path / "deck").glob("*.table"))) == 41
+
+
+def test_a_scene_without_a_spacing_has_no_deck_of_its_own_radius(tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text(CHAIN)
+    done = _run("deck", "small.toml", "--geometry", "physical", "-o", "deck", cwd=tmp_path)
+    assert done.returncode == 2
+    _one_line(done, "geometry = 'physical' on small", "no spacing", "allowed: 'gauge'")
+    assert not (tmp_path / "deck").exists()
+
+
+@pytest.mark.lammps
+def test_run_solves_any_exponent_by_tables_and_prints_their_errors_and_round_off(tmp_path: Path) -> None:
+    (tmp_path / "steep.toml").write_text(CHAIN.replace("velocity =", "exponent = [3.2, 2.1]\nvelocity ="))
+    words = ("run", "steep.toml", "--backend", "lammps-table", "--types", "per-body", "--dt", "1e-7", "--json")
+    done = _run(*words, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    found = json.loads(done.stdout)
+    assert found["backend"] == "lammps-table"
+    assert 0.0 < found["round_off_floor_relative"] < 1e-10
+    assert 0.0 < found["table_measured_error_relative"] < 2.0 * found["table_predicted_error_relative"] < 1e-6
+    assert 0.0 < found["velocity_bar_m_per_s"] < 1e-3
+
+
+@pytest.mark.lammps
+def test_verify_writes_page_json_and_junit_and_ends_with_0(tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text(CHAIN)
+    words = ("verify", "small.toml", "--accuracy", "1e-4", "-o", "report", "--json", "v.json", "--junit", "v.xml")
+    done = _run(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stderr == ""
+    assert "PASS" in done.stdout
+    assert "\x1b" not in done.stdout
+    assert json.loads((tmp_path / "v.json").read_text())["verdicts"]
+    assert (tmp_path / "report" / "index.html").exists()
+
+
+def test_a_bundle_is_not_written_into_a_folder_with_other_things(tmp_path: Path) -> None:
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "thesis.tex").write_text("years of work")
+    done = _run("verify", "decelerating-40", "-o", "report", "--bundle", "thesis", cwd=tmp_path)
+    assert done.returncode == 2
+    _one_line(done, "thesis", "is there and no bundle", "allowed: a new or empty folder")
+    assert [path.name for path in (tmp_path / "thesis").iterdir()] == ["thesis.tex"]
+    assert not list((tmp_path / "report").iterdir())
+
+
+@pytest.mark.lammps
+def test_verify_writes_a_bundle_and_names_the_command_that_runs_it_again(tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text(CHAIN)
+    done = _run("verify", "small.toml", "--accuracy", "1e-4", "-o", "report", "--bundle", "bundle", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "bundle: bundle; again by: sh bundle/replay.sh" in done.stdout
+    same = (tmp_path / "report/verdicts.json").read_text() == (tmp_path / "bundle/report/verdicts.json").read_text()
+    assert same
+
+
+def test_tab_completion_offers_the_shipped_scenes(tmp_path: Path) -> None:
+    asked = {"_DEM_BRIDGE_COMPLETE": "bash_complete", "COMP_WORDS": "dem-bridge run dec", "COMP_CWORD": "2"}
+    done = subprocess.run(
+        [PROGRAM], capture_output=True, text=True, cwd=tmp_path, env={**os.environ, **asked}, timeout=60
+    )
+    assert "decelerating-40" in done.stdout
+
+
+def test_study_scatter_says_in_words_what_its_json_says(tmp_path: Path) -> None:
+    words = ("study", "scatter", "accelerating-40", "--count", "3", "--spread", "0.5", "--seed", "4", "-j", "1")
+    done = _run(*words, "-o", "found", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    told = json.loads((tmp_path / "found/scatter.json").read_text())
+    assert (told["chains"], told["seed"], told["spread_degrees"]) == (3, 4, 0.5)
+    first, arrival, speed, force, written = done.stdout.splitlines()
+    assert first == "accelerating-40: 3 chains, angles off by 0.5 degrees (standard deviation)"
+    assert f"{100 * told['arrival_shift_mean']:+.2f} % on average" in arrival
+    assert f"standard deviation {100 * told['arrival_shift_deviation']:.2f} %" in arrival
+    for line, key in ((speed, "residence_spread"), (force, "force_spread")):
+        values = sorted(told[key])
+        assert f"{100 * values[len(values) // 2]:.2f} % (median), {100 * values[-1]:.2f} % (largest)" in line
+    assert written == "written: found/scatter.png and, beside it, scatter.csv and scatter.json"
+    again = _run(*words, "--json", cwd=tmp_path)
+    assert (again.returncode, again.stderr, json.loads(again.stdout)) == (0, "", told)
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        (("tapered-forward",), ("tapered-forward has no contact angles", "allowed: a scene in physical form")),
+        (("decelerating-40", "--spread", "0"), ("spread = 0.0", "allowed: a number of degrees > 0")),
+        (("decelerating-40", "--spread", "-1"), ("spread = -1.0",)),
+        (("decelerating-40", "--spread", "nan"), ("spread = nan",)),
+        (("decelerating-40", "--count", "1"), ("count = 1", "from 2 to 100000")),
+        (("decelerating-40", "--seed", "-1"), ("seed = -1", "allowed: a whole number >= 0")),
+        (("nowhere.toml",), ("nowhere.toml",)),
+    ],
+)
+def test_a_scatter_that_cannot_be_is_one_line_and_exit_code_2(
+    words: tuple[str, ...], parts: tuple[str, ...], tmp_path: Path
+) -> None:
+    done = _run("study", "scatter", *words, cwd=tmp_path)
+    assert done.returncode == 2
+    _one_line(done, *parts)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_paper_is_verified_alone(tmp_path: Path) -> None:
+    done = _run("verify", "paper", "decelerating-40", cwd=tmp_path)
+    assert done.returncode == 2
+    _one_line(done, "'paper' is all shipped scenes together", "give it alone")

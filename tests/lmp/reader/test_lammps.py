@@ -1,0 +1,201 @@
+"""LAMMPS runs scripts of others as they are, and the scenes read from them move as it says.
+
+Velocity-Verlet at h, h/2 and h/4: the difference to the reference falls as the step allows, and what is left when the
+two finest are extrapolated is a small part of it. So nothing in a scene differs from its script by more than that.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import dem_bridge as db
+from dem_bridge.lmp.process import run_deck
+from dem_bridge.lmp.reader.deck import UNITS
+from dem_bridge.scene import Scene
+from tests.lmp.scripts import PARTS, script
+
+pytestmark = pytest.mark.lammps
+
+DECKS = Path(__file__).parents[2] / "data" / "decks"
+Floats = NDArray[np.float64]
+
+#: what is left of the finest difference after extrapolation: steps are small, but not infinitely so, and contacts open
+LEFT = 0.05
+
+
+def _velocities(dump: str, column: str, ids: list[int]) -> Floats:
+    """Of atoms in the order of ``ids``, ``(n_t, n_body)``."""
+    frames = []
+    for frame in dump.split("ITEM: ATOMS ")[1:]:
+        heading, *rows = frame.split("ITEM:")[0].strip().splitlines()
+        at = heading.split()
+        table = {int(row.split()[at.index("id")]): float(row.split()[at.index(column)]) for row in rows}
+        frames.append([table[one] for one in ids])
+    return np.array(frames)
+
+
+def _run(folder: Path, files: Mapping[str, str], name: str, changes: Mapping[str, str]) -> str:
+    """The text dump that LAMMPS writes."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    for file, text in files.items():
+        for old, new in changes.items() if file == name else ():
+            assert old in text
+            text = text.replace(old, new)
+        (folder / file).write_text(text)
+    run_deck(folder, name, time_limit=60.0)
+    [dump] = folder.glob("dump.*")
+    return dump.read_text()
+
+
+def _differences(found: list[Floats], scene: Scene, order: int) -> tuple[list[float], float]:
+    """Of each run from the reference, and of the two finest, extrapolated; relative to the largest velocity."""
+    truth = db.solve(scene, backend="reference")
+    scale = float(np.max(np.abs(truth.velocity)))
+    finer = found[-1] + (found[-1] - found[-2]) / (2.0**order - 1.0)
+    assert float(truth.uncertainty["velocity"]) < 1e-10 * scale
+    return (
+        [float(np.max(np.abs(one - truth.velocity))) / scale for one in found],
+        float(np.max(np.abs(finer - truth.velocity))) / scale,
+    )
+
+
+OTHERS = {
+    # its axis, atoms as the scene has them, lines for the steps h, h/2, h/4
+    "brass": (
+        "vz",
+        [7, 6, 5, 4, 3, 2],
+        [{"index 1.0e-8": f"index {1e-8 / k!r}", "index 200": f"index {200 * k}"} for k in (1, 2, 4)],
+    ),
+    "cradle": (
+        "vx",
+        [3, 4, 2, 1],
+        [
+            {
+                "dt index 2.0e-8": f"dt index {2e-8 / k!r}",
+                "every index 100": f"every index {100 * k}",
+                "index 10000": f"index {10000 * k}",
+            }
+            for k in (1, 2, 4)
+        ],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", list(OTHERS))
+def test_a_deck_of_others_and_the_scene_read_from_it_move_alike(name: str, tmp_path: Path) -> None:
+    column, ids, steps = OTHERS[name]
+    files = {file.name: file.read_text() for file in DECKS.glob(f"*.{name}")}
+    scene = db.scene_from_deck(DECKS / f"in.{name}")
+    # both are struck from above
+    found = [-_velocities(_run(tmp_path / "run", files, f"in.{name}", one), column, ids) for one in steps]
+    errors, left = _differences(found, scene, order=2)
+    assert errors[0] < 3e-7
+    for coarse, fine in pairwise(errors):
+        assert 3.8 < coarse / fine < 4.2  # order 1.93 to 2.07
+    assert left < LEFT * errors[-1]
+    for wrong in _faults(scene):
+        assert _differences(found, wrong, order=2)[1] > 10.0 * LEFT * errors[-1], wrong.name
+
+
+def _faults(scene: Scene) -> list[Scene]:
+    """A stiffness and a mass that are off by a millionth, and the chain from its other end."""
+    links = len(scene.stiffness)
+    assert isinstance(scene.gap, tuple)
+    return [
+        replace(scene, name="stiff", stiffness=(*scene.stiffness[:-1], scene.stiffness[-1] * (1.0 + 1e-6))),
+        replace(scene, name="heavy", mass=(*scene.mass[:1], scene.mass[1] * (1.0 + 1e-6), *scene.mass[2:])),
+        replace(scene, name="turned", stiffness=scene.stiffness[::-1], gap=scene.gap[::-1], mass=scene.mass[::-1]),
+        replace(scene, name="apart", gap=(*(0.0,) * (links - 1), 1e-9)),
+    ]
+
+
+GRANULAR = "tangential linear_nohistory 0 0 damping"
+#: what is changed in the small script
+CASES = {
+    "material, mixed": {
+        "coefficients": f"pair_coeff 1 1 hertz/material 2e11 0 0.3 {GRANULAR} velocity\n"
+        f"pair_coeff 2 2 hertz/material 1e11 0 0.2 {GRANULAR} velocity"
+    },
+    "hooke, mixed": {
+        "coefficients": f"pair_coeff 1 1 hooke 2e7 0 {GRANULAR} velocity\n"
+        f"pair_coeff 2 2 hooke 9e7 0 {GRANULAR} velocity"
+    },
+    "types named the other way round": {
+        "coefficients": f"pair_coeff * * hertz 1e11 0 {GRANULAR} velocity\n"
+        f"pair_coeff 2 1 hertz 3e11 0 {GRANULAR} velocity"
+    },
+    "damping, mixed": {
+        "coefficients": f"pair_coeff 1 1 hertz 2e11 10 {GRANULAR} velocity limit_damping\n"
+        f"pair_coeff 2 2 hertz 1e11 90 {GRANULAR} velocity limit_damping"
+    },
+    "mass_velocity": {"coefficients": f"pair_coeff * * hertz 1e11 2e3 {GRANULAR} mass_velocity limit_damping"},
+    "frozen": {
+        "coefficients": f"pair_coeff * * hertz 1e11 2e3 {GRANULAR} mass_velocity limit_damping",
+        "more": "group wall type 2\nfix hold wall freeze",
+    },
+    "viscoelastic": {"coefficients": "pair_coeff * * hertz 1e11 2e7 tangential linear_nohistory 0 0 limit_damping"},
+    "gran/hooke": {
+        "pair": "pair_style gran/hooke 1e7 NULL 2e3 NULL 0.5 1 limit_damping",
+        "coefficients": "pair_coeff * *",
+    },
+    "gran/hertz/history": {
+        "pair": "pair_style gran/hertz/history 1e11 NULL 2e7 NULL 0.5 1 limit_damping",
+        "coefficients": "pair_coeff * *",
+    },
+    "weight, drag": {
+        "more": "fix g all gravity 500 vector 2 0 0\nfix drag bodies langevin 0 0 1e-3 7\n"
+        "fix line bodies setforce NULL 0 0"
+    },
+    "density, types": {
+        "sizes": "set type 1*2 diameter 0.02 density 2500\nset atom 2 diameter 0.018 type 2\n"
+        "set atom 2 x -0.001 vx -0.2",
+        "fixes": "group bodies id 1:3\nfix move bodies nve",
+    },
+}
+#: steps per sample, and of how many seconds
+EVERY, STEP = 20, 1e-7
+
+
+@pytest.mark.parametrize("case", list(CASES))
+def test_each_law_that_is_read_is_that_of_lammps(case: str, tmp_path: Path) -> None:
+    """The twin takes the same steps, with velocities of the half step in damped contacts, so that all that is left is
+    round-off: positions of 4 cm are known to 7e-18 m, of overlaps of 1e-5 m; 1e-10 was found, ten times it allowed."""
+    usual = {"boundary": "boundary f p p\ncomm_modify vel yes", "step": f"timestep {STEP!r}", "run": "run 2000"}
+    usual["dump"] = f"dump d all custom {EVERY} dump.txt id x vx\ndump_modify d sort id format float %.17g"
+    changes = CASES[case]
+    text = script(**{**usual, **changes, "more": "neighbor 0.002 bin\n" + changes.get("more", "")})
+    found = _velocities(_run(tmp_path / "run", {"in.test": text}, "in.test", {}), "vx", [1, 2, 3])
+    scene = db.scene_from_deck(tmp_path / "run" / "in.test")
+    twin = db.solve(scene, backend="verlet", dt=STEP, bars=False)
+    scale = np.max(np.abs(twin.velocity))
+    assert np.max(np.abs(found - twin.velocity)) < 1e-9 * scale
+    # a stiffness or a damping that is off by a millionth is seen
+    off = replace(scene, stiffness=(scene.stiffness[0] * (1.0 + 1e-6), *scene.stiffness[1:]))
+    assert np.max(np.abs(found - db.solve(off, backend="verlet", dt=STEP, bars=False).velocity)) > 1e-8 * scale
+    if scene.damping is not None:
+        assert isinstance(scene.damping.coefficient, tuple)
+        weaker = tuple(one * (1.0 - 1e-5) for one in scene.damping.coefficient)
+        off = replace(scene, damping=replace(scene.damping, coefficient=weaker))
+        assert np.max(np.abs(found - db.solve(off, backend="verlet", dt=STEP, bars=False).velocity)) > 1e-8 * scale
+
+
+@pytest.mark.parametrize("units", list(UNITS))
+def test_a_script_without_a_time_step_has_that_of_its_units(units: str, tmp_path: Path) -> None:
+    slow = PARTS["start"].replace("0.5", "1e-9")  # a step of 2 microseconds would carry it out of its box
+    text = script(
+        units=f"units {units}", boundary="boundary f p p\ncomm_modify vel yes", start=slow, step="", run="run 1"
+    )
+    text = text.replace(PARTS["dump"], "neighbor 0.002 bin\ndump d all custom 1 dump.txt id vx\ndump_modify d time yes")
+    dump = _run(tmp_path / "run", {"in.test": text}, "in.test", {})
+    time = float(dump.split("ITEM: TIME\n")[2].split()[0])
+    scene = db.scene_from_deck(tmp_path / "run" / "in.test")
+    assert scene.duration == pytest.approx(time * UNITS[units][1], rel=1e-12)

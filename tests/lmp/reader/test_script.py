@@ -1,0 +1,116 @@
+"""Text of a script to commands, by LAMMPS' rules."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dem_bridge.errors import SceneError
+from dem_bridge.lmp.reader.script import Script
+from tests.strategies import examples
+
+#: no other files
+NOTHING: dict[str, str] = {}
+
+
+def _words(text: str, files: dict[str, str] | None = None) -> list[tuple[str, ...]]:
+    return [one.words for one in Script((files or {}).__getitem__).commands(text, "in.test")]
+
+
+def _message(text: str, files: dict[str, str] | None = None) -> str:
+    with pytest.raises(SceneError) as caught:
+        _words(text, files)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_comments_continued_lines_and_quotes() -> None:
+    text = "a b # c\n\nd &\n  e 'f # g' \"h i\"  # j\n# k\n\tl\n"
+    assert _words(text) == [("a", "b"), ("d", "e", "f # g", "h i"), ("l",)]
+
+
+def test_a_command_knows_its_file_and_first_line() -> None:
+    found = list(Script({"b": "x\n\ny &\n z\n"}.__getitem__).commands("a\ninclude b\nc\n", "in.a"))
+    assert [(one.file, one.line, one.text) for one in found] == [
+        ("in.a", 1, "a"),
+        ("b", 1, "x"),
+        ("b", 3, "y z"),
+        ("in.a", 3, "c"),
+    ]
+
+
+def test_variables_are_put_in_as_lammps_does() -> None:
+    text = """variable a index 3 4
+variable a index 5
+variable b equal v_a/7
+variable s string hello
+variable t equal 1.0
+variable t equal 2.0*PI
+c ${a} $a ${b} $(v_b) $(1/4:%.3f) "${a}" ${s} $(sqrt(v_a+1)^2) ${t}
+"""
+    third = 3 / 7
+    last = (
+        "c",
+        "3",
+        "3",
+        f"{third:.15g}",
+        f"{float(f'{third:.15g}'):.20g}",
+        "0.250",
+        "${a}",
+        "hello",
+        "4",
+        f"{2 * math.pi:.15g}",
+    )
+    assert _words(text) == [last]
+
+
+def test_a_variable_in_a_formula_has_15_digits() -> None:
+    """As LAMMPS of 2025-07-22 prints it."""
+    text = "variable b equal 1/3\nvariable c equal v_b*3\nc ${c} $(v_b*3:%.17g)"
+    assert _words(text) == [("c", "0.999999999999999", "0.99999999999999889")]
+
+
+def test_the_first_definition_of_an_index_holds_and_so_does_one_from_outside() -> None:
+    script = Script(NOTHING.__getitem__, {"dt": ("index", ("5e-9",))})
+    assert [one.words for one in script.commands("variable dt index 1e-8\ntimestep ${dt}", "in")] == [
+        ("timestep", "5e-9")
+    ]
+
+
+@examples(60)
+@given(st.lists(st.tuples(st.sampled_from("+-*/"), st.integers(1, 9)), min_size=1, max_size=6), st.integers(1, 9))
+def test_formulas_have_the_values_of_arithmetic(rest: list[tuple[str, int]], first: int) -> None:
+    formula = f"{first}" + "".join(f"{sign}{number}" for sign, number in rest)
+    [words] = _words(f"c $({formula}:%.17g)")
+    # whole numbers are no integers to LAMMPS
+    floats = f"{first}.0" + "".join(f"{sign}{number}.0" for sign, number in rest)
+    assert float(words[1]) == eval(floats)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("c ${none}", "line 1: `c ${none}` uses the variable none, which is not defined"),
+        ("variable i loop 3\nc ${i}", "variable i of style loop, whose value only a run has"),
+        ("variable k equal ke\nc ${k}", "formula 'ke', which is no constant"),
+        ("variable k equal v_k\nc ${k}", "formula 'v_k', which is no constant"),
+        ("c $(-2^2)", "no constant"),
+        ("c $(2^3^2)", "no constant"),
+        ("c $(1/0)", "no constant"),
+        ("c $(9^9^9)", "no constant"),
+        ("c $(__import__)", "no constant"),
+        ("c $(1+1", "has $( without its )"),
+        ("c $(1:%s)", "no constant"),
+        ("variable x", "is no definition"),
+        ("include gone", "names the file gone, which cannot be read"),
+    ],
+)
+def test_what_has_no_value_is_refused(text: str, why: str) -> None:
+    assert why in _message(text)
+
+
+def test_a_file_that_includes_itself_is_refused() -> None:
+    assert "cannot be followed" in _message("include a", {"a": "include a"})
