@@ -53,13 +53,11 @@ VARIABLE = "DEM_BRIDGE_STORE"
 LIMIT = 2_000_000_000
 #: parts of the package that judge, show and tell: no number of a trajectory passes through them
 NOT_IN_RUNS = (
-    "api", "campaign", "cli", "compare", "doctor", "exports", "notebook", "notebook_sketch", "planning", "plot",
-    "regression", "report", "studies", "verdict",
+    "api", "campaign", "cli", "compare", "doctor", "exports", "planning", "plot", "regression", "report", "studies",
+    "verdict",
 )  # fmt: skip
 #: ... and none of a study's
-NOT_IN_STUDIES = (
-    "api", "cli", "doctor", "exports", "notebook", "notebook_sketch", "plot", "regression", "report",
-)  # fmt: skip
+NOT_IN_STUDIES = ("api", "cli", "doctor", "exports", "plot", "regression", "report")
 _VARIABLES = ("LD_LIBRARY_PATH", "LD_PRELOAD", "NUMBA_CPU_FEATURES", "NUMBA_CPU_NAME", "NUMBA_DISABLE_JIT", "NUMBA_OPT",
               "OMP_NUM_THREADS", "PYTHONPATH")  # fmt: skip
 _CPU = ("vendor_id", "cpu family", "model", "model name", "flags", "CPU implementer", "CPU part", "Features")

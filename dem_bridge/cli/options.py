@@ -13,7 +13,7 @@ def scene_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> 
     """Tab completion: shipped scenes, then files."""
     from click.shell_completion import CompletionItem
 
-    folder = Path(__file__).with_name("scenes")
+    folder = Path(__file__).parents[1] / "scenes"
     names = sorted(file.stem for file in folder.glob("*.toml") if file.stem.startswith(incomplete))
     return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]
 

@@ -13,8 +13,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from dem_bridge.physics.valid import above
 
 
@@ -142,6 +140,8 @@ class Cell:
 
     def frequencies(self, phase: float) -> tuple[float, ...]:
         """rad/s, rising, ``(bodies,)``, at ``phase`` (rad per cell)."""
+        import numpy as np  # which closed forms do without
+
         count = self.bodies
         root = 1.0 / np.sqrt(self.mass)
         matrix = np.zeros((count, count), dtype=complex)

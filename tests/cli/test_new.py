@@ -124,6 +124,16 @@ IN_PLACE = {
         r"#\[chain.wall_right\](.*)\n#material.*\n",
         r"[chain.wall_right]\1\nstiffness = 3e9\n",
     ),
+    "a chirp": (
+        "pattern cylinders spheres raw",
+        r'#\[chain.drive\]\n#shape = "sine"\n#(force.*\n)#(freq.*\n)#phase.*\n#rise.*\n',
+        r'[chain.drive]\nshape = "chirp"\n\1\2last_frequency = 9e3\n',
+    ),
+    "a table of forces": (
+        "pattern cylinders spheres raw",
+        r'#\[chain.drive\]\n#shape = "sine"\n#force.*\n#freq.*\n#phase.*\n#rise.*\n',
+        '[chain.drive]\nshape = "table"\nforce = [0.0, 1.0, 0.0]\ninterval = 1.0\n',
+    ),
     "other losses": (
         "pattern cylinders spheres raw",
         r'#\[chain.damping\]\n#law = "dashpot"(.*)\n#coefficient = 1.0',

@@ -39,7 +39,7 @@ THREE = Scene(
 
 def _beside(scene: Scene) -> dict[str, Any]:
     """What tables do not have."""
-    keys = ("name", "duration", "description", "gravity", "drag", "precompression", "samples", "spacing")
+    keys = ("name", "duration", "description", "gravity", "drag", "precompression", "samples", "spacing", "drive")
     return {key: getattr(scene, key) for key in keys}
 
 

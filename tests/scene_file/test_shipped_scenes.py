@@ -20,6 +20,7 @@ NONE: set[str] = set()
 NO_PULSE = {"bca", "adiabatic"}
 LOSSY = {*NO_PULSE, "blanes-moan", "ase", "ode45"}
 NO_HERTZ = {"lammps-granular"}
+DRIVEN = {*NO_PULSE, "ase", "ode45"}
 
 #: name -> content hash, backends that refuse. A changed hash is a changed scene: on purpose, and said in the change log
 SHIPPED = {
@@ -41,6 +42,8 @@ SHIPPED = {
     "decelerating-40-scattered": ("1db240547772be32b2a4e757bab4936cb1f1be626e6f6aa59ad49e1a48cc159a", NONE),
     "decelerating-40-soft-exponent": ("dc58d6ffb439b9f9b4de2ae98a6937625efe1a34643a58b767724e6af1575d80", NO_HERTZ),
     "dimer-1-1": ("399a10d8d951eaea6943cf4ab37385b56dbc11dabe3be55f699039ece10a9874", NONE),
+    "driven-dimer": ("c3be171b916a3445973aad93b70882499e8a0b3330674af65f131273c02d3e68", DRIVEN),
+    "driven-monomer": ("2758482a8e2e8589b2c9dcb95f568c275af612b35592192394a752ae1f5b7e5c", DRIVEN),
     "homogeneous-cylinders": ("598d28f01755d98e4181a37ededac3d465cf29643dc756b2d95c38500144625d", NONE),
     "homogeneous-spheres": ("b71ef731114fe2a6acc9388f49def434b4f6c2795e101c6955d1eaca8af2fff0", NONE),
     "sphere-cylinder-sphere": ("75a254ad4486276543a89877eef3f08720fc85fa57dea9b75177bef905163e71", NONE),
@@ -75,13 +78,15 @@ def test_a_shipped_scene_is_refused_by_those_in_the_table_alone(name: str) -> No
 @every_scene
 def test_the_front_passes_the_last_body(name: str, solved: Solve) -> None:
     scene = db.load_scene(name)
-    run = solved(scene, "verlet" if name.removeprefix("decelerating-40") in BY_SCIPY else "reference", bars=False)
+    by_twin = name.removeprefix("decelerating-40") in BY_SCIPY or scene.drive is not None
+    run = solved(scene, "verlet" if by_twin else "reference", bars=False)
     arrival = run.crossing_time[: scene.n_body - 1]
     # the striker's soft contact may be at its deepest after the stiff one behind it; a light sphere swings between its
     # heavy neighbours, so that in a dimer the front is one of cells
     cell = 2 if name == "dimer-1-1" else 1
-    assert np.all(arrival[1 + cell :] > arrival[1:-cell])
     assert arrival[-cell:].max() < scene.duration
+    if scene.drive is None:  # behind a long wave that grows and comes back no maximum is the front's
+        assert np.all(arrival[1 + cell :] > arrival[1:-cell])
 
 
 @every_scene

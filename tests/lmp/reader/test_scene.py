@@ -68,7 +68,8 @@ def _same(found: Scene, scene: Scene, deck: Deck) -> None:
     np.testing.assert_allclose(found.load, scene.load, rtol=ROUND_OFF, atol=0.0)
 
 
-TAKEN = tuple(name for name in shipped_scenes() if not refusal(load_scene(name)))
+DRIVEN = tuple(name for name in shipped_scenes() if load_scene(name).drive is not None)
+TAKEN = tuple(name for name in shipped_scenes() if not refusal(load_scene(name)) and name not in DRIVEN)
 
 
 FORMS = [(name, "gauge") for name in TAKEN] + [(name, "physical") for name in TAKEN if load_scene(name).spacing]
@@ -86,6 +87,14 @@ def test_decks_of_the_shipped_scenes_give_the_shipped_scenes_back(name: str, typ
     assert found.content_hash == scene.content_hash
     assert found.precompression == scene.precompression
     assert found.name == scene.name
+
+
+@pytest.mark.parametrize("name", DRIVEN)
+def test_a_force_that_goes_with_time_is_refused(name: str) -> None:
+    scene = load_scene(name)
+    deck = LammpsGranular().deck(scene, Resolution(dt=1e-6), Sampling(count=scene.samples))
+    with pytest.raises(SceneError, match=r"line \d+: `fix drive driven addforce v_drive 0 0` .*no constant"):
+        _own(deck)
 
 
 HALF = st.sampled_from([2.0, 2.5])
