@@ -7,7 +7,8 @@ LAMMPS minus twin          same algorithm, same step, same tables if any: implem
   ... twin in positions    the same round-off too: implementation alone
 twin minus reference       same equations: the time step
 LAMMPS minus reference     both, the error a user has
-scipy minus reference      nothing: two methods that share no code, each within its bar
+scipy minus reference      nothing: two methods that share no code, each within its bar; where the reference is scipy's
+                           own answer, the method of Blanes & Moan stands for it
 BCA minus reference        other equations: a model difference, never pass or fail
 =========================  ==========================================================================
 """
@@ -21,8 +22,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dem_bridge.accuracy import checked_accuracy
-from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.base import Resolution, Sampling, backend
+from dem_bridge.backends.blanes_moan import PHASE
 from dem_bridge.backends.reference import series_fit
+from dem_bridge.backends.steps import default_step
 from dem_bridge.backends.tabled import survey_of
 from dem_bridge.campaign import Case, Progress, Result, run_cases
 from dem_bridge.compare import difference
@@ -34,7 +37,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.store import Store, study_key
 from dem_bridge.studies import checks
 from dem_bridge.studies.budget import Budget, allowance, budgets
-from dem_bridge.studies.checks import REFERENCE, SECOND, TABLE, THEORY, TWIN, engine_for
+from dem_bridge.studies.checks import FINER, REFERENCE, SECOND, TABLE, THEORY, THIRD, TWIN, engine_for
 from dem_bridge.studies.exhibits import Paper
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome, Verdict, exit_code
@@ -177,9 +180,14 @@ def cases_of(
             store.save_arrays(key, {"dt": np.array(main.dt)})
     assert main.dt is not None
     coarse = [replace(main, dt=factor * main.dt, bars=False) for factor in LADDER if full]
-    # where the series do not fit the reference is scipy's own answer
-    references = (REFERENCE, SECOND) if series_fit(scene) else (REFERENCE,)
-    runs = [(name, Resolution(bars=full or name != SECOND)) for name in (*references, THEORY)]
+    references = [(REFERENCE, Resolution())]
+    if series_fit(scene):
+        references.append((SECOND, Resolution(bars=full)))
+    elif full and backend(THIRD).refusal(scene) is None:
+        # the reference is scipy's own answer
+        step = default_step(scene, sampling, survey_of(scene), PHASE) / FINER
+        references.append((THIRD, Resolution(dt=step)))
+    runs = [*references, (THEORY, Resolution())]
     runs += [(name, settings) for name in (TWIN, judged) for settings in (main, *coarse)]
     # beside the twin, step by step on the way to what LAMMPS does: its tables, if any, then positions
     beside = replace(main, tables=judged == TABLE, bars=False)
@@ -220,6 +228,9 @@ def study_of(scene: Scene, results: tuple[Result, ...], accuracy: float) -> Scen
         failed = _main(results, name)
         if failed.failure is not None:
             verdicts.append(checks.absent(scene, name, failed))
+    second = _second(results)
+    if second.case.backend == THIRD and second.failure is not None:
+        verdicts.append(checks.absent(scene, THIRD, second))
     engine, twin, theory = (_main(results, name).trajectory for name in (judged, TWIN, THEORY))
     *tables, positional = (r.trajectory for r in results if _is_beside(r))
     tabled = tables[0] if tables else None
@@ -237,9 +248,8 @@ def study_of(scene: Scene, results: tuple[Result, ...], accuracy: float) -> Scen
                 for quantity, bound in allowed.items()
             ]
     if truth is not None:
-        second = _main(results, SECOND).trajectory
-        if second is not None:
-            verdicts.append(checks.two_methods(scene, second, truth))
+        if second.trajectory is not None:
+            verdicts.append(checks.two_methods(scene, second.trajectory, truth))
         for name in (TWIN, judged):
             run = _main(results, name).trajectory
             if run is None:
@@ -264,6 +274,12 @@ def _main(results: tuple[Result, ...], backend: str) -> Result:
     # where the reference is scipy's own answer, its run stands for scipy's
     names = (SECOND, REFERENCE) if backend == SECOND else (backend,)
     return next(r for name in names for r in results if r.case.backend == name)
+
+
+def _second(results: tuple[Result, ...]) -> Result:
+    """What stands beside the reference: scipy, or where that is the reference another method, or nothing else."""
+    asked = {r.case.backend for r in results}
+    return _main(results, next(name for name in (SECOND, THIRD, REFERENCE) if name in asked))
 
 
 def _is_beside(result: Result) -> bool:

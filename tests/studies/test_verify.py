@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
+from dem_bridge.backends import scipy_dop853
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.verlet import Verlet
 from dem_bridge.campaign import Case, Result
@@ -374,3 +375,24 @@ def test_where_no_step_decides_velocities_what_is_conserved_is_judged(monkeypatc
     # planted: a run that loses a part in 10,000 of its energy
     made = replace(made, velocity=made.velocity * np.linspace(1.0, 1.0 - 5e-5, len(made.time))[:, None])
     assert verify_scenes([SHORT], accuracy=1e-13).exit_code == 1
+
+
+@pytest.mark.lammps
+def test_where_scipy_is_the_reference_another_method_stands_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    softer = tuple(beta * 5e-6**0.1 for beta in SHORT.stiffness)
+    scene = replace(SHORT, name="softer", exponent=2.4, stiffness=softer)
+    found = db.verify(scene, accuracy=ACCURACY, store=False)
+    assert _outcome(found.verdicts, "velocity", checks.THIRD, REFERENCE) is Outcome.PASS
+    [verdict] = [v for v in found.verdicts if v.backend == checks.THIRD]
+    assert 0.0 < verdict.difference <= verdict.tolerance < 1e-7
+    # the planted fault: a scipy that is off by a little more than both bars
+    sound = scipy_dop853.ScipyDop853.run
+
+    def wrong(self: Any, scene: Scene, *settings: Any) -> Any:
+        run = sound(self, scene, *settings)
+        return replace(run, velocity=run.velocity * (1.0 + 2.0 * verdict.tolerance))
+
+    monkeypatch.setattr(scipy_dop853.ScipyDop853, "run", wrong)
+    found = db.verify(scene, accuracy=ACCURACY, store=False)
+    assert _outcome(found.verdicts, "velocity", checks.THIRD, REFERENCE) is Outcome.FAIL
+    assert found.exit_code == 1
