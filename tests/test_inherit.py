@@ -41,8 +41,8 @@ WITHOUT_BASELINE = {
     "accelerating-200", "accelerating-40-heavier", "accelerating-40-lighter", "decelerating-200",
     "decelerating-40-drag", "decelerating-40-exact", "decelerating-40-gaps", "decelerating-40-graded-exponent",
     "decelerating-40-heavier", "decelerating-40-kuwabara-kono", "decelerating-40-lighter", "decelerating-40-on-base",
-    "decelerating-40-scattered", "decelerating-40-soft-exponent", "homogeneous-cylinders", "stacked-40",
-    "tapered-backward", "tapered-forward",
+    "decelerating-40-scattered", "decelerating-40-soft-exponent", "driven-monomer", "homogeneous-cylinders",
+    "stacked-40", "tapered-backward", "tapered-forward",
 }  # fmt: skip
 #: studies that are older than the catalogue, with functions of their own
 BEFORE_THE_CATALOGUE = {"scatter", "styles"}
