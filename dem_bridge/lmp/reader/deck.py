@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from dem_bridge.lmp.reader.pairs import Pairs
 from dem_bridge.lmp.reader.particles import Particles
@@ -33,6 +34,8 @@ SILENT = frozenset(
 )
 #: ... and fixes
 _SILENT_FIXES = frozenset({"ave/atom", "ave/chunk", "ave/time", "balance", "enforce2d", "print", "vector"})
+#: steps between two looks at who is near: those that LAMMPS has had as defaults are safe with its default skin
+_WAITS = frozenset(map(str, range(11)))
 _FIXES = ("nve", "nve/sphere", "gravity", "addforce", "langevin", "freeze", "setforce")
 
 
@@ -137,6 +140,12 @@ class ReadScript:
     def _neigh_modify(command: Command) -> None:
         if "exclude" in command.rest:
             raise command.refused("leaves out pairs that may touch", "neigh_modify without exclude")
+        said = dict(pairwise(command.rest))
+        waits = any(said.get(key, "0") not in _WAITS for key in ("every", "delay"))
+        if waits or said.get("once") == "yes" or (said.get("check") == "no" and said.get("every", "1") != "1"):
+            raise command.refused(
+                "may miss bodies that meet between two looks", "every and delay of 0 to 10, check yes"
+            )
 
     def _frames(self, command: Command) -> None:
         words = command.rest
