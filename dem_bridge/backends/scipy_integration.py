@@ -82,11 +82,13 @@ class Integration:
         while at < end:
             # a high order needs smooth forces: it ends, too, where a drive bends
             stop = breaks[bisect_right(breaks, at)] if breaks and at < breaks[-1] else end
-            solver = DOP853(self._slope(state), at, y, stop, rtol=self.rtol, atol=self.atol)
+            with np.errstate(over="ignore", invalid="ignore"):  # a trial step may be far too long, and is refused
+                solver = DOP853(self._slope(state), at, y, stop, rtol=self.rtol, atol=self.atol)
             event = None
             while event is None and solver.status == "running":
                 tilt = solver.f
-                message = solver.step()
+                with np.errstate(over="ignore", invalid="ignore"):  # a trial step may be far too long, and is refused
+                    message = solver.step()
                 if solver.status == "failed":
                     raise RunBroken(f"scipy on {self.scene.name}: DOP853 stopped at t = {solver.t:.6g} s: {message}")
                 self.steps += 1

@@ -19,6 +19,7 @@ from dem_bridge.studies.bands import study_bands
 from dem_bridge.studies.exhibits import Study
 from dem_bridge.verdict import Outcome
 
+CHIRP = db.Drive(shape="chirp", force=0.02, frequency=600.0, last_frequency=11.4e3, sweep=25e-3)
 #: 12 bodies and 200 periods of the highest frequency: half a per cent is resolved
 BAR = replace(
     load_scene("driven-monomer"),
@@ -30,7 +31,7 @@ BAR = replace(
     exponent=2.5,
     gap=0.0,
     geometry=None,
-    drive=db.Drive(shape="chirp", force=0.02, frequency=600.0, last_frequency=11.4e3, sweep=25e-3),
+    drive=CHIRP,
 )
 
 
@@ -59,6 +60,20 @@ def test_three_codes_have_the_edge_of_the_infinite_chain() -> None:
     assert 0.0 < codes["lammps-granular"] < 1e-8
 
 
+@pytest.fixture
+def only(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Of all codes one runs."""
+    honest = campaign.run_cases
+
+    def chosen(name: str) -> None:
+        def run(cases: Any, **settings: Any) -> Any:
+            return honest([case for case in cases if case.backend == name], **settings)
+
+        monkeypatch.setattr(bands, "run_cases", run)
+
+    return chosen
+
+
 def test_another_chain_than_the_one_that_is_driven_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     """The planted fault: runs of bodies that are 4 % heavier move the edge by 2 %."""
     heavier = replace(BAR, mass=tuple(1.04 * mass for mass in BAR.mass))
@@ -73,6 +88,34 @@ def test_another_chain_than_the_one_that_is_driven_fails(monkeypatch: pytest.Mon
     assert row["off (%)"] == pytest.approx(-2.0, abs=0.5)
     assert study.outcomes == (Outcome.FAIL,)
     assert study.exit_code == 1
+
+
+DIMER = load_scene("driven-dimer")
+#: right codes, and not the theory's chain, or too little seen of it
+ODD = {
+    "overlaps oscillate by 69 %": replace(BAR, drive=replace(CHIRP, force=1.5)),
+    "the chain is damped": replace(BAR, damping=db.Damping(law="dashpot", coefficient=100.0)),
+    "nothing says that the table": replace(
+        BAR, drive=db.Drive(shape="table", force=(0.0, 0.02) + (0.0,) * 3998, interval=25e-3 / 3999)
+    ),
+    "the record resolves 249 Hz": replace(DIMER, duration=4e-3, drive=replace(CHIRP, last_frequency=13e3, sweep=4e-3)),
+    # a gap of 12 Hz
+    "the record resolves 25 Hz": replace(
+        DIMER,
+        mass=tuple((1.0 + 0.003 * (i % 2)) * DIMER.mass[0] for i in range(24)),
+        geometry=None,
+        drive=replace(CHIRP, frequency=100.0, last_frequency=15.5e3, sweep=40e-3),
+    ),
+}
+
+
+@pytest.mark.parametrize("why", list(ODD))
+def test_codes_are_not_judged_by_edges_that_the_theory_does_not_have(why: str, only: Any) -> None:
+    only("verlet")
+    study = study_bands(ODD[why], jobs=1)
+    assert set(study.outcomes) == {Outcome.UNDECIDED}
+    assert study.exit_code == 4
+    assert f"verlet is not judged by edges that are off or missing: {why}" in " ".join(study.answer)
 
 
 @pytest.mark.parametrize(

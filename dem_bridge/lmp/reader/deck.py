@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from dem_bridge.lmp.reader.pairs import Pairs
 from dem_bridge.lmp.reader.particles import Particles
@@ -27,12 +28,14 @@ SILENT = frozenset(
     {
         *("atom_modify", "balance", "comm_modify", "comm_style", "compute", "compute_modify", "dump", "dump_modify"),
         *("echo", "info", "log", "min_modify", "min_style", "neighbor", "newton", "package", "print", "processors"),
-        *("reset_timestep", "restart", "suffix", "thermo", "thermo_modify", "thermo_style", "timer", "uncompute"),
+        *("restart", "suffix", "thermo", "thermo_modify", "thermo_style", "timer", "uncompute"),
         *("undump", "write_data", "write_dump", "write_restart"),
     }
 )
 #: ... and fixes
 _SILENT_FIXES = frozenset({"ave/atom", "ave/chunk", "ave/time", "balance", "enforce2d", "print", "vector"})
+#: steps between two looks at who is near: those that LAMMPS has had as defaults are safe with its default skin
+_WAITS = frozenset(map(str, range(11)))
 _FIXES = ("nve", "nve/sphere", "gravity", "addforce", "langevin", "freeze", "setforce")
 
 
@@ -66,12 +69,16 @@ class ReadScript:
     duration: float = 0.0
     """In the units of the script."""
     steps: int = 0
+    counter: int = 0
+    """What LAMMPS counts steps by, which a script may set."""
     dump_every: int | None = None
     """Steps between the frames of the first dump."""
     run: Command | None = None
     """The first."""
     last: Command | None = None
     fixes: dict[str, Command] = field(default_factory=dict)
+    acting: Forces | None = None
+    """What fixes do while it runs."""
     _dump: str | None = None
 
     def take(self, command: Command) -> None:
@@ -85,10 +92,10 @@ class ReadScript:
         if command.name not in known:
             allowed = f"{', '.join(known)}, and what changes no motion: {', '.join(sorted(SILENT))}"
             raise command.refused("is a command that is not read here and may change the motion", allowed)
-        if self.run is not None and command.name not in ("run", "timestep"):
+        if self.run is not None and command.name not in ("run", "timestep", "reset_timestep"):
             raise command.refused(
                 f"stands behind the run in line {self.run.line}, and a scene has one start",
-                "run, timestep and what changes no motion",
+                "run, timestep, reset_timestep and what changes no motion",
                 "a state that an earlier run made: write it with write_data, and read that",
             )
         known[command.name](command)
@@ -116,6 +123,7 @@ class ReadScript:
             "fix": self._fix,
             "unfix": self._unfix,
             "timestep": self._timestep,
+            "reset_timestep": self._reset_timestep,
             "run": self._run,
         }
 
@@ -132,6 +140,12 @@ class ReadScript:
     def _neigh_modify(command: Command) -> None:
         if "exclude" in command.rest:
             raise command.refused("leaves out pairs that may touch", "neigh_modify without exclude")
+        said = dict(pairwise(command.rest))
+        waits = any(said.get(key, "0") not in _WAITS for key in ("every", "delay"))
+        if waits or said.get("once") == "yes" or (said.get("check") == "no" and said.get("every", "1") != "1"):
+            raise command.refused(
+                "may miss bodies that meet between two looks", "every and delay of 0 to 10, check yes"
+            )
 
     def _frames(self, command: Command) -> None:
         words = command.rest
@@ -164,20 +178,32 @@ class ReadScript:
         if not self.step > 0.0:
             raise command.refused("is no time step", "timestep DT, a number > 0")
 
+    def _reset_timestep(self, command: Command) -> None:
+        if len(command.rest) != 1:
+            raise command.refused("is not read here", "reset_timestep N")
+        self.counter = self.script.whole(command, command.rest[0])
+
     def _run(self, command: Command) -> None:
         words = list(command.rest)
         steps = self.script.whole(command, words.pop(0)) if words else -1
         if "upto" in words:
             words.remove("upto")
-            steps -= self.steps
+            steps -= self.counter
         options = dict(zip(words[::2], words[1::2], strict=False))
         if steps < 0 or len(words) % 2 or not set(options) <= {"pre", "post"}:
             raise command.refused("is not read here", "run N [upto] [pre yes|no] [post yes|no]")
         if steps:
-            self.run = self.run or command
+            acting = self.forces()
+            if self.run is not None and acting != self.acting:
+                raise command.refused(
+                    f"has other forces than the run in line {self.run.line}: a variable of a fix has changed",
+                    "forces that are the same from the start to the end",
+                )
+            self.run, self.acting = self.run or command, acting
         if self.step is None:
             self.step = _DEFAULT_STEP.get(self.units, 1.0)
         self.steps += steps
+        self.counter += steps
         self.duration += steps * self.step
 
     def forces(self) -> Forces:

@@ -81,8 +81,8 @@ class Particles:
             raise command.refused("stands before the box", "create_box or read_data first")
         place = [self.script.number(command, word) for word in words[2:5]]
         for (low, high), one, axis in zip(self.box, place, "xyz", strict=True):
-            if not low <= one <= high:
-                raise command.refused(f"lies outside of the box along {axis}", f"{low:g} to {high:g}")
+            if not low <= one < high:  # on the upper side LAMMPS makes none, and says nothing
+                raise command.refused(f"lies outside of the box along {axis}", f"{low:g} to {high:g}, below the latter")
         number = max(self.atoms, default=0) + 1
         self.atoms[number] = Particle(number, self._kind(command, words[0]), place)
 

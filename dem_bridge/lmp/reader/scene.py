@@ -158,7 +158,7 @@ class _Line:
 def _line(found: ReadScript, reverse: bool | None) -> _Line:
     said = found.run or found.last
     assert said is not None  # the script has commands
-    forces = found.forces()
+    forces = found.acting or found.forces()
     atoms = list(found.particles.atoms.values())
     axis = _axis(said, atoms)
     atoms.sort(key=lambda one: one.place[axis])

@@ -367,6 +367,17 @@ def test_several_runs_are_one_and_a_fix_may_go_before_them() -> None:
     assert found.gravity == 0.0
 
 
+def test_run_upto_counts_from_where_a_script_sets_the_counter() -> None:
+    assert read(run="reset_timestep 400\nrun 1000 upto").scene.duration == pytest.approx(600 * 1e-7, rel=1e-15)
+    again = read(after="reset_timestep 0\nrun 500 upto").scene
+    assert again.duration == pytest.approx(1500 * 1e-7, rel=1e-15)
+
+
+def test_a_variable_that_changes_behind_the_last_run_changes_nothing() -> None:
+    more = "variable g equal 5\nfix weight all gravity v_g vector 1 0 0"
+    assert read(more=more, after="variable g equal 7").scene == read(more=more).scene
+
+
 def test_a_run_of_no_steps_is_no_start() -> None:
     assert read(start="run 0\n" + PARTS["start"]).scene == read().scene
 
@@ -451,6 +462,9 @@ REFUSED = [
     ({"more": "fix s all setforce 0 0 0\n"}, "which is held by setforce or freeze and has a velocity"),
     ({"more": "minimize 0 0 100 100"}, "is a command that is not read here and may change the motion"),
     ({"more": "neigh_modify exclude type 1 2"}, "leaves out pairs that may touch"),
+    ({"more": "neigh_modify every 1000000 delay 0 check no"}, "may miss bodies that meet between two looks"),
+    ({"more": "neigh_modify delay 5000"}, "may miss bodies that meet between two looks"),
+    ({"more": "neigh_modify once yes"}, "may miss bodies that meet between two looks"),
     ({"more": "run_style respa 2 2"}, "is not read here; allowed: run_style verlet"),
     ({"more": "if 1 then quit"}, "`if 1 then quit` is a command that is not read here"),
     ({"start": "velocity all create 1 1"}, "allowed: velocity GROUP set vx vy vz"),
@@ -469,6 +483,10 @@ REFUSED = [
     ({"run": 'run 100 every 10 "velocity all set 0 0 0"'}, "allowed: run N [upto]"),
     ({"run": ""}, "there is no run; allowed: run N, or a duration"),
     ({"after": "velocity all set 0 0 0\nrun 10"}, "stands behind the run in line 21, and a scene has one start"),
+    ({"more": "variable g equal 5\nfix weight all gravity v_g vector 1 0 0",
+      "after": "variable g equal 7\nrun 100"}, "has other forces than the run in line 22: a variable of a fix has"),
+    ({"more": "reset_timestep 1 time 0.5"}, "is not read here; allowed: reset_timestep N"),
+    ({"atoms": "create_atoms 1 single 0.1 0 0"}, "lies outside of the box along x; allowed: -0.1 to 0.1, below"),
     ({"boundary": "boundary p p p", "run": "run 9000000"}, "periodic along the chain and 0.2 long: its ends may meet"),
     ({"boundary": "boundary f p p", "box": PARTS["box"].replace("-0.1 0.1", "-0.1 0.1", 1).replace(
         "block -0.1 0.1 -0.1 0.1", "block -0.1 0.1 -0.009 0.009")}, "0.018 wide along y, so that atoms meet their"),
