@@ -183,7 +183,7 @@ def cases_of(
     references = [(REFERENCE, Resolution())]
     if series_fit(scene):
         references.append((SECOND, Resolution(bars=full)))
-    elif full and backend(THIRD).refusal(scene) is None:
+    elif backend(THIRD).refusal(scene) is None:
         # the reference is scipy's own answer
         step = default_step(scene, sampling, survey_of(scene), PHASE) / FINER
         references.append((THIRD, Resolution(dt=step)))
@@ -278,8 +278,11 @@ def _main(results: tuple[Result, ...], backend: str) -> Result:
 
 def _second(results: tuple[Result, ...]) -> Result:
     """What stands beside the reference: scipy, or where that is the reference another method, or nothing else."""
-    asked = {r.case.backend for r in results}
-    return _main(results, next(name for name in (SECOND, THIRD, REFERENCE) if name in asked))
+    if any(r.case.backend == SECOND for r in results):
+        return _main(results, SECOND)
+    # it may have been run for other questions, too, without bars
+    with_bars = (r for r in results if r.case.backend == THIRD and r.case.resolution.bars)
+    return next(with_bars, _main(results, REFERENCE))
 
 
 def _is_beside(result: Result) -> bool:
