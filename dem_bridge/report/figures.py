@@ -28,6 +28,7 @@ from dem_bridge.observables.front import (
 )
 from dem_bridge.report.exhibits import drawn
 from dem_bridge.report.strokes import BLACK, BLUE, GREEN, STYLES, VERMILION
+from dem_bridge.scene import Scene
 from dem_bridge.studies.budget import Budget
 from dem_bridge.studies.checks import REFERENCE, THEORY, TWIN
 from dem_bridge.studies.exhibits import Exhibit, Map, Panel, Series
@@ -38,6 +39,17 @@ from dem_bridge.trajectory import Trajectory
 Floats = NDArray[np.float64]
 #: what backends are called in a figure
 LABELS = {**dict.fromkeys(ENGINE_BACKENDS, "LAMMPS"), REFERENCE: "reference", THEORY: "BCA"}
+
+
+def called(scene: Scene) -> str:
+    """What the bodies behind the first are: "cylinder" or "sphere" where all are one of them, else "body".
+
+    >>> import dem_bridge as db
+    >>> [called(db.load_scene(name)) for name in ("decelerating-40", "dimer-1-1", "sphere-cylinder-sphere")]
+    ['cylinder', 'sphere', 'body']
+    """
+    shapes = set() if scene.geometry is None else {body.shape for body in scene.geometry.bodies[1:]}
+    return shapes.pop() if len(shapes) == 1 else "body"
 
 
 def spacetime_maps(studies: Sequence[SceneStudy]) -> Figure | None:
@@ -59,8 +71,8 @@ def spacetime_maps(studies: Sequence[SceneStudy]) -> Figure | None:
                 f"{study.scene.name} ({_who(study)})",
                 fronts={} if theory is None else {THEORY: theory},
                 until=end,
-                first=1,
-                body="cylinder",
+                first=1 if study.scene.drive is None else 0,
+                body=called(study.scene),
             )
         )
     return _drawn([replace(panel, shares_scale_with=tuple(range(len(shown)))) for panel in panels])
@@ -141,15 +153,21 @@ def residence_panel(
 
 def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
     """Residence time and wave speed along each chain (the paper's figure 3) by reference, LAMMPS and BCA."""
-    # one residence time is no line along a chain
-    shown = [study for study in studies if study.scene.n_body > 3 and study.run(REFERENCE) is not None]
+    # one residence time is no line along a chain, and a wave that goes on and comes back has no front to speak of
+    shown = [
+        study
+        for study in studies
+        if study.scene.n_body > 3 and study.scene.drive is None and study.run(REFERENCE) is not None
+    ]
     if not shown:
         return None
     named = [
         {LABELS[name]: run for name in (REFERENCE, THEORY, study.engine) if (run := study.run(name)) is not None}
         for study in shown
     ]
-    rows = [[residence_panel(runs, one.scene.name, body="cylinder") for one, runs in zip(shown, named, strict=True)]]
+    rows = [
+        [residence_panel(runs, one.scene.name, body=called(one.scene)) for one, runs in zip(shown, named, strict=True)]
+    ]
     if all(study.scene.spacing is not None for study in shown):
         rows.append(
             [
@@ -158,7 +176,7 @@ def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
                     one.scene.name,
                     "wave speed (m/s)",
                     partial(wave_speed_by_crossing, one.scene),
-                    body="cylinder",
+                    body=called(one.scene),
                 )
                 for one, runs in zip(shown, named, strict=True)
             ]
