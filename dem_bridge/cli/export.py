@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from dem_bridge.cli import terminal
-from dem_bridge.cli.options import accuracy_option, engine_options, scene_argument, step_option
+from dem_bridge.cli.options import accuracy_option, engine_options, not_the_input, scene_argument, step_option
 
 #: named again here so that --help needs no numpy; a test holds them together
 TABLES = ("contacts", "pair-coeffs", "bodies", "observables", "stiffness-curve", "angles")
@@ -59,6 +59,7 @@ def export_command(backends: tuple[str, ...]) -> click.Command:
         from dem_bridge.api.tables import exported
         from dem_bridge.exports.formats import format_for
 
+        not_the_input(scene, output)
         chosen = format_for("csv" if format is None and output is None else format, output, table)
         if chosen == "parquet" and output is None:
             raise click.UsageError("parquet is no text for a terminal; name a file: -o FILE.parquet.")

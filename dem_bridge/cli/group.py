@@ -26,6 +26,7 @@ from dem_bridge.cli.options import (
     accuracy_option,
     engine_options,
     jobs_option,
+    not_the_input,
     scene_argument,
     scene_names,
     step_option,
@@ -157,6 +158,7 @@ def run(
     if backend is None and accuracy is None:
         raise click.UsageError("Missing option '--backend', or an '--accuracy' from which it follows.")
     if output is not None:
+        not_the_input(scene, output)
         check_file(output)
     asked: dict[str, Any] = {"dt": dt, "accuracy": accuracy, "rtol": rtol, "atol": atol, "samples": samples}
     asked |= {"geometry": geometry, "types": types, "lmp": lmp, "lmp_args": lmp_args, "python": python, "ranks": ranks}

@@ -39,6 +39,8 @@ def new_command(file: Path, form: str, force: bool) -> None:
     It runs as it is; optional parts are commented out. NAME.toml: my-chain.toml where nothing is said; the scene has
     its name.
     """
+    if not file.name:
+        raise UsageError(f"{file}: is a folder; name a file, such as {_NAME}.toml")
     if file.suffix != ".toml":
         file = file.with_name(f"{file.name}.toml")
     if not _NAMES.fullmatch(file.stem):

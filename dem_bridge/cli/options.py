@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from dem_bridge.errors import UsageError
+
 
 def scene_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
     """Tab completion: shipped scenes, then files."""
@@ -27,6 +29,14 @@ accuracy_option = click.option(
 jobs_option = click.option(
     "-j", "jobs", type=click.IntRange(min=1), metavar="N", help="Runs at a time.  [default: as many as cores]"
 )
+
+
+def not_the_input(scene: str, *outputs: Path | None) -> None:
+    """UsageError where an output would take the place of the scene file that is read."""
+    source = Path(scene)
+    for output in outputs:
+        if output is not None and source.is_file() and output.exists() and output.samefile(source):
+            raise UsageError(f"{output}: is the scene file itself, which would be lost; name another file")
 
 
 def engine_options(command: Callable[..., None]) -> Callable[..., None]:

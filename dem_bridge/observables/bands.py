@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import get_window
+from scipy.signal import get_window, medfilt
 
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.interpolate import spacing
@@ -31,6 +31,9 @@ Floats = NDArray[np.float64]
 
 #: neighbours that differ by less than this, relative, are alike
 ALIKE = 1e-9
+#: frequencies in a row that edges are looked for in the median of: deep in a gap, where next to nothing moves, one or
+#: two stand out by what is no motion of small amplitude
+ALONE = 5
 #: a cell is seen so many times at least
 FEWEST_CELLS = 4
 
@@ -123,7 +126,7 @@ def measured_bands(
         frequency=frequency,
         trace=trace,
         transmission=np.abs(spectra[:, -1]) / np.abs(spectra[:, 0]),
-        edges=_crossings(frequency, trace),
+        edges=_crossings(frequency, medfilt(trace, ALONE)),
         resolution=1.0 / length,
     )
 

@@ -17,7 +17,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Case, Progress, run_cases
 from dem_bridge.compare import difference
 from dem_bridge.drive import Drive
-from dem_bridge.errors import UnsupportedScene
+from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.bands import Bands, measured_bands, unit_cell
 from dem_bridge.physics.dispersion import Cell
@@ -77,6 +77,8 @@ def study_bands(
     ``tolerance``: relative, of each edge. Raises UnsupportedScene for a chain that is not precompressed, has no unit
     cell, or is not driven: in a gap nothing moves that is not driven.
     """
+    if not 0.0 < tolerance < 1.0:
+        raise UsageError(f"tolerance = {tolerance!r}; allowed: above 0 and below 1")
     cell = unit_cell(scene)[1]
     if scene.drive is None:
         raise UnsupportedScene(

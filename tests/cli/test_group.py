@@ -80,6 +80,20 @@ def test_run_takes_the_tolerances_of_an_adaptive_backend(tmp_path: Path) -> None
     assert (found["settings"]["rtol"], found["settings"]["atol"]) == (1e-5, 1e-8)
 
 
+@pytest.mark.parametrize(
+    "words",
+    [("run", "own.toml", "--backend", "verlet"), ("export", "own.toml", "--table", "bodies", "--format", "csv")],
+    ids=["run", "export"],
+)
+def test_no_output_takes_the_place_of_the_scene_that_is_read(words: tuple[str, ...], tmp_path: Path) -> None:
+    file = tmp_path / "own.toml"
+    file.write_text(CHAIN, encoding="utf-8")
+    done = _run(*words, "-o", "own.toml", cwd=tmp_path)
+    assert done.returncode == 2
+    _one_line(done, "own.toml: is the scene file itself")
+    assert file.read_text(encoding="utf-8") == CHAIN
+
+
 def test_a_bad_scene_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
     (tmp_path / "bad.toml").write_text(CHAIN.replace("8.1e-3", "-8.1e-3"))
     done = _run("run", "bad.toml", "--backend", "verlet", cwd=tmp_path)

@@ -10,7 +10,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge import campaign
-from dem_bridge.errors import UnsupportedScene
+from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.bands import unit_cell
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
@@ -107,6 +107,32 @@ ODD = {
         drive=replace(CHIRP, frequency=100.0, last_frequency=15.5e3, sweep=40e-3),
     ),
 }
+
+
+def test_single_frequencies_that_stand_out_deep_in_a_gap_are_no_edges(only: Any) -> None:
+    """Between walls this cell of three has four crossings at 11.9 kHz, where the trace is far below -2 all around."""
+    steel = db.Material(youngs_modulus=200e9, poissons_ratio=0.3, density=7800.0)
+    aluminium = db.Material(youngs_modulus=70e9, poissons_ratio=0.33, density=2700.0)
+    brass = db.Material(youngs_modulus=103e9, poissons_ratio=0.34, density=8500.0)
+    cell = [(steel, 9.525e-3), (aluminium, 9.525e-3), (brass, 6e-3)]
+    scene = db.chain(
+        name="three",
+        duration=60e-3,
+        bodies=[db.Body(shape="sphere", radius=radius, material=material) for material, radius in 8 * cell],
+        wall_left=steel,
+        wall_right=aluminium,
+        precompression=20.0,
+        drive=db.Drive(shape="chirp", force=0.02, frequency=500.0, last_frequency=15e3, sweep=60e-3),
+    )
+    only("verlet")
+    study = study_bands(scene, jobs=1)
+    assert study.outcomes == (Outcome.PASS,) * 5
+
+
+@pytest.mark.parametrize("tolerance", [math.nan, 0.0, -1.0, 1.0])
+def test_a_tolerance_that_is_none_is_refused(tolerance: float) -> None:
+    with pytest.raises(UsageError, match=r"tolerance = .*; allowed: above 0 and below 1"):
+        study_bands(BAR, jobs=1, tolerance=tolerance)
 
 
 def test_a_gap_too_narrow_to_be_seen_is_no_pass(only: Any) -> None:
