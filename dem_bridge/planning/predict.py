@@ -14,9 +14,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-import numpy as np
-
 from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.splitting import fits
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.survey import Survey
 from dem_bridge.backends.tabled import survey_of
@@ -65,14 +64,14 @@ OBSERVED: Mapping[str, tuple[float, float]] = MappingProxyType(
         "residence": (2.0, -0.61),
     }
 )
-#: in-house codes at fixed steps where all contacts are elastic with n = 5/2, and elsewhere
-HERTZ, POWERS = "in-house, n = 5/2", "in-house"
+#: in-house codes at fixed steps, by which of their kernels a scene takes
+FAST, PLAIN = "in-house, fast kernel", "in-house, plain kernel"
 #: s of one core, of fixed steps: of any run; of a dense sample, and of a body in it; of an evaluation of the forces,
 #: and of a body in it. Measured on random scenes, within a factor 2 for nine of ten
 COST: Mapping[str, tuple[float, float, float, float, float]] = MappingProxyType(
     {
-        HERTZ: (4.0e-4, 5.0e-8, 6.0e-9, 2.8e-8, 2.2e-10),
-        POWERS: (5.0e-4, 2.0e-8, 2.5e-8, 1.0e-8, 1.0e-8),
+        FAST: (4.0e-4, 5.0e-8, 6.0e-9, 2.8e-8, 2.2e-10),
+        PLAIN: (5.0e-4, 2.0e-8, 2.5e-8, 1.0e-8, 1.0e-8),
         "lammps-granular": (8.8e-3, 7.2e-6, 3.1e-7, 6.1e-7, 2.5e-8),
         "lammps-table": (1.5e-2, 5.5e-6, 8.3e-7, 4.0e-7, 2.8e-8),
         "ase": (5e-2, 0.0, 1e-6, 2e-5, 5e-7),
@@ -150,8 +149,7 @@ class Outlook:
             coarse = self.look.steps * (0.1 if self.scene.damped else 1.0)
             finer = (setting / 1e-6) ** c if c != 0.0 else 1.0
             return float(once + factor * bodies**a * coarse**b * finer)
-        hertz = bool(np.all(self.scene.contacts.exponent == 2.5)) and not self.scene.damped and self.scene.law is None
-        once, row, row_body, evaluation, evaluation_body = COST.get(name, COST[HERTZ if hertz else POWERS])
+        once, row, row_body, evaluation, evaluation_body = COST.get(name, COST[FAST if fits(self.scene) else PLAIN])
         interval = self.scene.duration / self.sampling.count
         steps = self.sampling.count * max(1.0, interval / setting)
         rows = min(steps, self.sampling.count * max(1.0, interval * self.look.frequency / PHASE_PER_DENSE_SAMPLE))
