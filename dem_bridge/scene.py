@@ -321,6 +321,16 @@ class Scene:
         return load
 
     @property
+    def steady_force(self) -> NDArray[np.float64]:
+        """Weight and load of each body, N, ``(n_body,)``."""
+        return np.asarray(np.array(self.mass) * self.gravity + self.load)
+
+    @property
+    def summed_outer_force(self) -> float:
+        """Of all bodies together, N: weight, load and drive, each at its largest and whatever its direction."""
+        return float(np.sum(np.abs(self.steady_force))) + (0.0 if self.drive is None else self.drive.peak)
+
+    @property
     def free_acceleration(self) -> NDArray[np.float64]:
         """Of each body that touches nothing, m/s^2, ``(n_body,)``: gravity and load, without drag and drive."""
         return np.asarray(self.gravity + self.load / np.array(self.mass))

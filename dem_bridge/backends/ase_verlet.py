@@ -117,7 +117,7 @@ def chain_calculator(scene: Scene) -> Any:
             super().__init__()  # type: ignore[no-untyped-call]
             self.implemented_properties = ["forces"]
             self.contacts, self.evaluations = scene.contacts, 0
-            self.weight = np.array(scene.mass) * scene.gravity + scene.load
+            self.weight = scene.steady_force
             self.power = self.contacts.exponent - 1.0
             self.hertz = bool(np.all(self.power == 1.5))
             self.seen: NDArray[np.float64] | None = None

@@ -128,7 +128,9 @@ class LammpsGranular:
         deck, tables = written.deck, None
         if written.tables is not None:
             tables = in_kernel(scene, written.tables, deck.gauge_radius)
-        return twins_of(scene, deck.schedule, look, radius=deck.gauge_radius, summed=deck.outer, tables=tables)
+        return twins_of(
+            scene, deck.schedule, look, radius=deck.gauge_radius, summed=scene.summed_outer_force, tables=tables
+        )
 
     def deck(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Deck:
         """The deck that :meth:`run` runs."""

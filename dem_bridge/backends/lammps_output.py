@@ -48,9 +48,9 @@ def dense_of(scene: Scene, deck: Deck, steps: NDArray[np.int64], values: NDArray
         half = velocity - np.where(steps > 0, 0.5 * deck.schedule.step, 0.0)[:, None] * net * deck.mobility
         mass = np.divide(1.0, deck.mobility, out=np.zeros_like(deck.mobility), where=deck.mobility > 0.0)
         outer = deck.weight - scene.drag * mass * half
-    if deck.drive is not None:
+    if scene.drive is not None:
         outer = np.array(np.broadcast_to(outer, net.shape))
-        outer[:, deck.first_id - 1] += deck.drive.at(steps * deck.schedule.step)
+        outer[:, deck.first_id - 1] += scene.drive.at(steps * deck.schedule.step)
     bodies = slice(deck.first_id - 1, deck.first_id - 1 + scene.n_body)
 
     def at_rest_beside(moving: NDArray[np.float64]) -> NDArray[np.float64]:

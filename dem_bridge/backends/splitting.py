@@ -165,7 +165,7 @@ def _march(
         last,
         bodies(scene.mass, np.inf),
         bodies(scene.velocity),
-        bodies(np.array(scene.mass) * scene.gravity + scene.load),
+        bodies(scene.steady_force),
         along(c.stiffness),
         along(0.0 - c.gap),
         positional,

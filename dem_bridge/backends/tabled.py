@@ -140,11 +140,11 @@ def measured(
     elastic = dense.force - np.where(dense.overlap > 0.0, c.damping * (half[:, c.left] - half[:, c.right]), 0.0)
     # forces are running sums of net forces. An atom's is two contacts' and its weight (one sum each), and is taken from
     # the weight and added up (one each): half an ulp of at most both forces, four times, and of the weight, twice
-    weight = float(np.sum(np.abs(np.array(scene.mass) * scene.gravity + scene.load)))
-    weight += 0.0 if scene.drive is None else scene.drive.peak
     slowed = scene.drag * np.abs(half[:, :-1]) @ np.array(scene.mass)
     summed = np.empty_like(elastic)
-    summed[:, order] = 4.0 * np.cumsum(np.abs(dense.force[:, order]), axis=1) + (weight + 4.0 * slowed)[:, None]
+    summed[:, order] = (
+        4.0 * np.cumsum(np.abs(dense.force[:, order]), axis=1) + (scene.summed_outer_force + 4.0 * slowed)[:, None]
+    )
     # four roundings of a velocity in each rate
     summed += 4.0 * c.damping * float(np.max(np.abs(dense.velocity)))
     worst = rounding = pull = 0.0

@@ -233,7 +233,7 @@ def _from_net(net: Floats, time: Floats, scene: Scene, with_walls: bool) -> Floa
     left, right = scene.wall_left is not None, scene.wall_right is not None
     if scene.drag > 0.0 or (left and right and not with_walls):
         return None
-    outer = np.tile(np.array(scene.mass) * scene.gravity + scene.load, (len(time), 1))
+    outer = np.tile(scene.steady_force, (len(time), 1))
     if scene.drive is not None:
         outer[:, 0] += scene.drive.at(time)
     if with_walls:

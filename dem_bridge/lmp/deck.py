@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.dense import Schedule
-from dem_bridge.drive import Drive
 from dem_bridge.lmp.coefficients import Laws, laws, line_order, pairs, refusal, table_refusal
 from dem_bridge.lmp.driving import drive_file, drive_variables
 from dem_bridge.lmp.encoding import Types, body_types
@@ -59,13 +58,6 @@ class Deck:
 
     more_dumps: tuple[str, ...] = ()
     """Files that go on where the first dump ends."""
-    drive: Drive | None = None
-    """Of body 0, beside its weight."""
-
-    @property
-    def outer(self) -> float:
-        """Sum of the outer forces on all atoms, N, each at its largest."""
-        return float(np.sum(np.abs(self.weight))) + (0.0 if self.drive is None else self.drive.peak)
 
     @property
     def radii(self) -> Floats:
@@ -180,12 +172,11 @@ def deck_of(
         files=MappingProxyType(files),
         gauge_radius=radius,
         line=place,
-        weight=np.pad(np.array(scene.mass) * scene.gravity + scene.load, around),
+        weight=np.pad(scene.steady_force, around),
         mobility=np.pad(1.0 / np.array(scene.mass), around),
         first_id=1 + walls[0],
         types=int(np.max(line.types)),
         schedule=schedule,
-        drive=scene.drive,
     )
 
 

@@ -317,7 +317,7 @@ def tolerances_of(base: Base, deck: Deck, beside: Mapping[str, float]) -> dict[s
     eps, digit = float(np.finfo(float).eps), last_digit(plan)
     # forces are running sums of net forces, and small ones are measured against a thousandth of the largest
     largest = float(np.max(own.peak_force, initial=0.0))
-    sums = 4.0 * largest + deck.outer
+    sums = 4.0 * largest + base.scene.summed_outer_force
     more = {
         # equal increments round alike
         "displacement": 0.5 * plan.steps * eps,

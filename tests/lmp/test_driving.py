@@ -84,9 +84,9 @@ def test_without_its_own_lines_a_driven_deck_is_that_of_the_chain_at_rest() -> N
         assert set(with_it.files) - set(without.files) == ({f"drive.{scene.name}"} if shape == "table" else set())
 
 
-def test_all_forces_on_a_deck_are_summed_each_at_its_largest() -> None:
-    deck = _deck(replace(driven(PRESSED, "sine"), gravity=10.0))
-    assert deck.outer == pytest.approx(sum(np.abs(np.array(PRESSED.mass) * 10.0 + PRESSED.load)) + 2.0)
+def test_all_outer_forces_are_summed_each_at_its_largest() -> None:
+    scene = replace(driven(PRESSED, "sine"), gravity=10.0)
+    assert scene.summed_outer_force == pytest.approx(sum(np.abs(np.array(PRESSED.mass) * 10.0 + PRESSED.load)) + 2.0)
 
 
 def test_the_file_of_a_table_has_short_lines_and_every_digit() -> None:
