@@ -277,8 +277,8 @@ def _acting(scene: Any) -> Iterable[str]:
         yield f"damping by {scene.damping.law}, {spread(scene.damping.coefficient, unit)}"
     if scene.drag > 0.0:
         yield f"drag {scene.drag:g} 1/s"
-    if (drive := getattr(scene, "drive", None)) is not None:
-        yield f"body 0 is driven by a {drive.words}"
+    if scene.drive is not None:
+        yield f"body 0 is driven by a {scene.drive.words}"
     if scene.law is not None:
         yield f"contact laws that are functions ({len(set(map(id, scene.law)))})"
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -90,8 +89,7 @@ def test_a_scene_says_what_else_it_has(more: dict, said: str) -> None:
 
 
 def test_a_drive_is_named_in_its_own_words() -> None:
-    driven = replace(SCENE)
-    object.__setattr__(driven, "drive", SimpleNamespace(words="sine of 2 N at 5000 Hz"))
+    driven = replace(SCENE, drive=db.Drive(shape="sine", force=2.0, frequency=5000.0))
     assert "also acts body 0 is driven by a sine of 2 N at 5000 Hz" in _text(driven._repr_html_())
 
 

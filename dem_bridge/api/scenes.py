@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dem_bridge.errors import SceneError, UsageError
 from dem_bridge.scene import Scene
@@ -107,16 +107,7 @@ def scene_from_deck(
     ).scene
 
 
-def deck_read(
-    path: Path,
-    *,
-    name: str | None = None,
-    description: str | None = None,
-    duration: float | None = None,
-    samples: int | None = None,
-    reverse: bool | None = None,
-    variables: Mapping[str, str] | None = None,
-) -> ReadDeck:
+def deck_read(path: Path, **settings: Any) -> ReadDeck:
     """As :func:`scene_from_deck`, with notes of how it was read."""
     from dem_bridge.lmp.reader.scene import read_deck
 
@@ -124,12 +115,7 @@ def deck_read(
         _text(path, "a LAMMPS input script"),
         file=path.name,
         opened=lambda other: (path.parent / other).read_text(encoding="utf-8"),
-        name=name,
-        description=description,
-        duration=duration,
-        samples=samples,
-        reverse=reverse,
-        variables=variables,
+        **settings,
     )
 
 

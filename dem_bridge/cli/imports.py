@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import dem_bridge
-from dem_bridge.errors import UsageError
-from dem_bridge.files import check_file, write_whole
+from dem_bridge.cli.options import check_new
+from dem_bridge.files import write_whole
 
 if TYPE_CHECKING:
     from dem_bridge.scene import Scene, Wall
@@ -68,7 +68,7 @@ def deck_command(script: Path, output: Path, force: bool, **given: Any) -> None:
     """Write the scene of SCRIPT, a LAMMPS input script in which each body is a sphere on one line."""
     from dem_bridge.api.scenes import deck_read
 
-    _check(output, force)
+    check_new(output, force)
     found = deck_read(script, **given)
     _keep(found.scene, output, found.notes)
 
@@ -87,15 +87,9 @@ def deck_command(script: Path, output: Path, force: bool, **given: Any) -> None:
 def csv_command(bodies: Path, output: Path, force: bool, **given: Any) -> None:
     """Write the scene of BODIES, a CSV with a row per body: mass_kg, velocity_m_per_s, and of its contact to the next
     stiffness_N_per_m^(n-1), exponent, gap_m; or of the tables that `dem-bridge export` writes."""
-    _check(output, force)
+    check_new(output, force)
     scene = dem_bridge.scene_from_csv(bodies, **{key: value for key, value in given.items() if value is not None})
     _keep(scene, output, ())
-
-
-def _check(output: Path, force: bool) -> None:
-    check_file(output)
-    if output.exists() and not force:
-        raise UsageError(f"{output}: is there already; allowed: a new file, or --force to replace it")
 
 
 def _keep(scene: Scene, output: Path, notes: Iterable[str]) -> None:

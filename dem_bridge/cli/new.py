@@ -9,8 +9,9 @@ from pathlib import Path
 
 import click
 
+from dem_bridge.cli.options import check_new
 from dem_bridge.errors import UsageError
-from dem_bridge.files import check_file, write_whole
+from dem_bridge.files import write_whole
 
 #: each form of a scene file with what it is for; a template has its name
 FORMS = {
@@ -45,9 +46,7 @@ def new_command(file: Path, form: str, force: bool) -> None:
         file = file.with_name(f"{file.name}.toml")
     if not _NAMES.fullmatch(file.stem):
         raise UsageError(f"{file}: {file.stem!r} names no scene; allowed: 1 to 100 of A-Z a-z 0-9 . _ -")
-    check_file(file)
-    if file.exists() and not force:
-        raise UsageError(f"{file}: is there already; name another file, or replace it by --force")
+    check_new(file, force)
     write_whole(file.parent, {file.name: template(form, file.stem)})
     path = shlex.quote(str(file))
     click.echo(f"written: {file} ({form}: {FORMS[form]})")

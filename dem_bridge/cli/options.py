@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from dem_bridge.errors import UsageError
+from dem_bridge.files import check_file
 
 
 def scene_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
@@ -29,6 +30,13 @@ accuracy_option = click.option(
 jobs_option = click.option(
     "-j", "jobs", type=click.IntRange(min=1), metavar="N", help="Runs at a time.  [default: as many as cores]"
 )
+
+
+def check_new(path: Path, force: bool) -> None:
+    """Whether a file can be written at ``path``; UsageError if not, or where one is there already."""
+    check_file(path)
+    if path.exists() and not force:
+        raise UsageError(f"{path}: is there already; allowed: a new file, or --force to replace it")
 
 
 def not_the_input(scene: str, *outputs: Path | None) -> None:
