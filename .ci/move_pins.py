@@ -230,11 +230,17 @@ def by_subprocess(words: Sequence[str], settings: Mapping[str, str]) -> Done:
 
 
 def compared(
-    old: Environment, new: Environment, wish: Wish, parts: Sequence[str], *, quick: bool, tell: Callable[[str], None]
+    old: Environment,
+    new: Environment,
+    wish: Wish,
+    parts: Sequence[str],
+    *,
+    quick: bool,
+    progress: Callable[[str], None],
 ) -> Iterator[Answer]:
     """What is known, after the new environment is made and after each part; the last is done."""
     try:
-        tell("the new environment: pip looks for versions")
+        progress("the new environment: pip looks for versions")
         before = versions(old)
         make(new, wish, str(old.folder / "bin" / "python"))
         after = versions(new)
@@ -251,13 +257,13 @@ def compared(
     answer = Answer(moved(wish.pins, after), held, notes=tuple(notes))
     yield answer
     for name, was, now in answer.moves:
-        tell(f"{name} {was or 'none'} -> {now or 'none'}")
+        progress(f"{name} {was or 'none'} -> {now or 'none'}")
     for name in parts if answer.moves else ():
         results = []
         for env in (old, new):
-            tell(f"{name}, {env.name} versions ...")
+            progress(f"{name}, {env.name} versions ...")
             results.append(ran(name, env, quick=quick))
-            tell(f"{name}, {env.name} versions: {results[-1].told}")
+            progress(f"{name}, {env.name} versions: {results[-1].told}")
         answer = replace(answer, parts={**answer.parts, name: (results[0], results[1])})
         yield answer
     yield replace(answer, done=True)
@@ -301,11 +307,11 @@ def main(words: Sequence[str] | None = None, run: Run = by_subprocess) -> int:
     old, new = (Environment(name, getattr(options, name).absolute(), work, run) for name in ("old", "new"))
     parts = [name for name in options.part or PARTS if not (options.quick and PARTS[name][1] is None)]
 
-    def tell(what: str) -> None:
+    def progress(what: str) -> None:
         print(f"[{time.monotonic() - began:5.0f} s] {what}", file=sys.stderr, flush=True)
 
     answer = Answer()
-    for answer in compared(old, new, wish, parts, quick=options.quick, tell=tell):
+    for answer in compared(old, new, wish, parts, quick=options.quick, progress=progress):
         (work / "pins.md").write_text(answer.markdown(), encoding="utf-8")
     if answer.moves:
         (work / "constraints.txt").write_text(as_constraints(versions(new), text), encoding="utf-8")

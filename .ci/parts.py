@@ -113,7 +113,7 @@ def regress(env: Environment, words: Sequence[str]) -> Part:
 
 def paper(env: Environment, words: Sequence[str]) -> Part:
     folder = env.work / f"{env.name}-paper"
-    done = env("dem-bridge", "verify", "paper", "--fresh", "-o", str(folder), *words)
+    done = env("dem-bridge", "verify", "paper", "--no-cache", "-o", str(folder), *words)
     now, was = read_json(folder / "verdicts.json", done), read_json(ROOT / "reports/paper/verdicts.json", done)
     lines = list(_replay().compared(was, now, []))
     other = [text.rpartition(": ") for word, text in lines if word != "SAME"]

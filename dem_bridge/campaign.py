@@ -20,10 +20,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from types import ModuleType
 
-from dem_bridge import progress
 from dem_bridge.backends.base import Backend, Resolution, Sampling, backend
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.progress import listening
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store, run_key
 from dem_bridge.trajectory import Trajectory
@@ -113,17 +113,17 @@ def run_cases(
     cases: Sequence[Case],
     *,
     jobs: int | None = 1,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     store: Store | None = None,
     everything: bool = False,
 ) -> tuple[Result, ...]:
     """Run all cases, ``jobs`` at a time; results in the order of the cases.
 
     ``jobs``: None for as many as there are cores, where what is to be run is worth the start of other processes.
-    ``store``: where trajectories are looked for, and kept as they come. ``tell`` is called with (done, total, label),
-    where done goes with the time that runs are expected to take. UsageError for a law that cannot go to the processes
-    asked for; RunBroken where one of these dies. ``everything``: wrong settings and crashes (:class:`Crashed`) are
-    results, too, and stop nothing.
+    ``store``: where trajectories are looked for, and kept as they come. ``progress`` is called with (done, total,
+    label), where done goes with the time that runs are expected to take. UsageError for a law that cannot go to the
+    processes asked for; RunBroken where one of these dies. ``everything``: wrong settings and crashes
+    (:class:`Crashed`) are results, too, and stop nothing.
     """
     if jobs is not None and jobs > 1:
         for scene in {id(case.scene): case.scene for case in cases}.values():
@@ -148,8 +148,10 @@ def run_cases(
     whole = sum(case.expected for case in left.values())
 
     def say(label: str, part: float = 0.0) -> None:
-        if tell is not None:
-            tell(len(cases) * (1.0 - (sum(case.expected for case in left.values()) - part) / whole), len(cases), label)
+        if progress is not None:
+            progress(
+                len(cases) * (1.0 - (sum(case.expected for case in left.values()) - part) / whole), len(cases), label
+            )
 
     def keep(one: str, result: Result) -> None:
         found[one], case = result, left.pop(one)
@@ -159,8 +161,8 @@ def run_cases(
         say(case.label)
 
     _run_all(left.copy(), jobs, keep, say, partial(run_case, everything=everything))
-    if tell is not None:
-        tell(len(cases), len(cases), "")
+    if progress is not None:
+        progress(len(cases), len(cases), "")
     return tuple(_as_of(case, found[one]) for case, one in zip(cases, same, strict=True))
 
 
@@ -168,11 +170,11 @@ def run_groups(
     groups: Sequence[Sequence[Case]],
     *,
     jobs: int | None = 1,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     store: Store | None = None,
 ) -> list[tuple[Result, ...]]:
     """As :func:`run_cases`, all groups together; the results of each group."""
-    results = iter(run_cases([case for group in groups for case in group], jobs=jobs, tell=tell, store=store))
+    results = iter(run_cases([case for group in groups for case in group], jobs=jobs, progress=progress, store=store))
     return [tuple(next(results) for _ in group) for group in groups]
 
 
@@ -194,7 +196,7 @@ def _run_all(
             continue
         label = cases[one].label
         say(label, 0.0)
-        with progress.listening(partial(_within, say, label, cases[one].expected)):
+        with listening(partial(_within, say, label, cases[one].expected)):
             result = run(cases[one])
         keep(one, result)
 

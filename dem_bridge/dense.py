@@ -277,11 +277,11 @@ def _touch(overlap: Floats, closing: Floats, acceleration: Floats) -> tuple[Floa
     return speed, np.maximum(np.where(closing >= 0.0, coming, turning), 0.0)
 
 
-def rivals(force: Floats) -> Floats:
+def secondary_peak_force(force: Floats) -> Floats:
     """Largest force of each contact, N, outside the collision that has its largest: ``(n_t, n_contact)`` to
     ``(n_contact,)``. A collision ends where the force falls below a tenth of its peak.
 
-    >>> rivals(np.array([[0.0, 5.0, 0.1, 3.0, 4.0, 0.0]]).T).tolist()
+    >>> secondary_peak_force(np.array([[0.0, 5.0, 0.1, 3.0, 4.0, 0.0]]).T).tolist()
     [4.0]
     """
     found = np.zeros(force.shape[1])

@@ -155,7 +155,7 @@ def numba_cache() -> Finding:
     """Where compiled kernels are kept; without such a place they do not even load."""
     remedy = "set NUMBA_CACHE_DIR to a folder that can be written"
     try:
-        path = importlib.import_module("dem_bridge.backends.survey")._run.stats.cache_path
+        path = importlib.import_module("dem_bridge.backends.prescan")._run.stats.cache_path
     except RuntimeError as error:
         return Finding(name="numba cache", fine=False, found=str(error).split("\n")[0], remedy=remedy)
     fine = os.access(path, os.W_OK)

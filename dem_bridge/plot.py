@@ -13,11 +13,11 @@ import numpy as np
 
 from dem_bridge.api.runs import solve
 from dem_bridge.errors import UsageError
-from dem_bridge.report.exhibits import Axes, drawn_on, new_axes
+from dem_bridge.report.drawing import Axes, drawn_on, new_axes
 from dem_bridge.report.figures import LABELS, budget_on, residence_panel, spacetime_panel
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, scene_of, shipped_scenes
-from dem_bridge.studies.exhibits import Panel, Series
+from dem_bridge.studies.study import Panel, Series
 from dem_bridge.studies.verify import SceneStudy, Verification
 from dem_bridge.trajectory import QUANTITIES, Trajectory
 

@@ -128,11 +128,11 @@ def default_folder() -> Path | None:
 class Store:
     """A folder of entries. Whatever is wrong with it is said in ``trouble`` and never stops a run.
 
-    ``limit``: bytes. ``fresh``: nothing is taken out, all is put in anew. Several processes may use one folder.
+    ``limit``: bytes. ``recompute``: nothing is taken out, all is put in anew. Several processes may use one folder.
     """
 
-    def __init__(self, folder: str | Path, *, limit: int = LIMIT, fresh: bool = False) -> None:
-        self.folder, self.limit, self.fresh = Path(os.path.abspath(folder)), limit, fresh
+    def __init__(self, folder: str | Path, *, limit: int = LIMIT, recompute: bool = False) -> None:
+        self.folder, self.limit, self.recompute = Path(os.path.abspath(folder)), limit, recompute
         self.trouble = ""
         """What a user should know, one line; '' if all is well."""
         self._writes = True
@@ -144,7 +144,7 @@ class Store:
             self._cannot_write(error)
 
     @classmethod
-    def opened(cls, asked: object = True, *, fresh: bool = False) -> Store | None:
+    def opened(cls, asked: object = True, *, recompute: bool = False) -> Store | None:
         """The store of True (see :func:`default_folder`), a path, or False: None. UsageError for anything else."""
         if isinstance(asked, bool):
             try:
@@ -155,7 +155,7 @@ class Store:
             folder = Path(asked).expanduser()
         else:
             raise UsageError(f"store = {asked!r}; allowed: True, False or the path of a folder")
-        return None if folder is None else cls(folder, fresh=fresh)
+        return None if folder is None else cls(folder, recompute=recompute)
 
     def load(self, key: str, scene: Scene) -> Trajectory | None:
         """The trajectory of that key, None if there is none. Its provenance has the name of ``scene`` and, in
@@ -190,7 +190,7 @@ class Store:
         return self.folder / f"{key}{_SUFFIX}"
 
     def _read(self, key: str) -> tuple[dict[str, Array], dict[str, Any]] | None:
-        if self.fresh or self._outdated():
+        if self.recompute or self._outdated():
             return None
         path = self._path(key)
         try:

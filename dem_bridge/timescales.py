@@ -1,7 +1,7 @@
 """The times of a scene that DEM users set a time step beside: Rayleigh's and that of a Hertz collision.
 
 Both are known before any run. The third, 2/omega of the stiffest contact, needs the overlaps of one: it is twice one
-over the ``frequency`` of a :class:`~dem_bridge.backends.survey.Survey`.
+over the ``frequency`` of a :class:`~dem_bridge.backends.prescan.Prescan`.
 """
 
 from __future__ import annotations

@@ -20,8 +20,8 @@ from dem_bridge.lmp import process
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
-from tests.strategies import EXPLORE
-from tests.truth import Truth, load_truth
+from tests.helpers.quadruple_truth import Truth, load_truth
+from tests.helpers.strategies import EXPLORE
 
 # the same examples every time; how long one takes says nothing of its truth. HYPOTHESIS_PROFILE=explore looks further.
 hypothesis.settings.register_profile("ci", derandomize=True, deadline=None, database=None, print_blob=True)

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tests.recipes import ROOT, Step, one_more_scene, recipes
+from tests.helpers.recipes import ROOT, Step, one_more_scene, recipes
 
 #: commands that take minutes, and what cannot pass without them
 LONG = "verify paper"

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 import dem_bridge as db
 from dem_bridge.accuracy import MOST_ORDER, grid_convergence_index, observed_order, richardson
 from dem_bridge.errors import NotAsymptotic, UsageError
-from tests.strategies import log_uniform
-from tests.truth import Truth
+from tests.helpers.quadruple_truth import Truth
+from tests.helpers.strategies import log_uniform
 
 #: a fit of a handful of logarithms loses a few units of their last place, each below 50 in magnitude
 ROUND_OFF = 1e-12
@@ -116,7 +116,7 @@ def test_two_resolutions_do_with_a_fit_that_shows_the_order() -> None:
     assert found.order == fit.order
 
 
-LADDER = [8e-8, 4e-8, 2e-8, 1e-8]
+REFINEMENT = [8e-8, 4e-8, 2e-8, 1e-8]
 
 
 @pytest.mark.parametrize(
@@ -131,7 +131,7 @@ LADDER = [8e-8, 4e-8, 2e-8, 1e-8]
     ],
 )
 def test_a_fit_that_does_not_show_the_order_does_not_do(errors: list[float] | None, dt: list[float], says: str) -> None:
-    fit = None if errors is None else observed_order(LADDER[: len(errors)], errors)
+    fit = None if errors is None else observed_order(REFINEMENT[: len(errors)], errors)
     with pytest.raises(NotAsymptotic, match=says) as caught:
         richardson(dt, [5.0, 2.0], order=2, shown=fit)
     assert "\n" not in str(caught.value)

@@ -29,7 +29,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.store import Store
 from dem_bridge.studies.verify import Verification, verify_scenes
 from dem_bridge.trajectory import Trajectory
-from tests.fakes import free_flight
+from tests.helpers.fake_runs import free_flight
 
 SCENE = Scene(
     name="three",
@@ -195,10 +195,10 @@ def test_a_run_is_not_stored_if_its_key_has_changed_meanwhile(
 def test_progress_goes_up_to_the_number_of_cases_with_the_time_that_runs_take(fake: Fake, tmp_path: Path) -> None:
     cases, told = [_case(1e-10), _case(1e-6), _case(1e-6, backend="bca")], list[tuple[float, int, str]]()
 
-    def tell(*news: Any) -> None:
+    def progress(*news: Any) -> None:
         told.append(news)
 
-    run_cases(cases, tell=tell, store=Store(tmp_path))
+    run_cases(cases, progress=progress, store=Store(tmp_path))
     done = [news[0] for news in told]
     assert done == sorted(done)
     assert (done[0], told[-1]) == (0.0, (3, 3, ""))
@@ -207,7 +207,7 @@ def test_progress_goes_up_to_the_number_of_cases_with_the_time_that_runs_take(fa
     assert after_first == pytest.approx(3 * cases[0].expected / sum(case.expected for case in cases))
     assert {news[1] for news in told} == {3}
     told.clear()
-    run_cases(cases, tell=tell, store=Store(tmp_path))
+    run_cases(cases, progress=progress, store=Store(tmp_path))
     assert told == [(3, 3, "")]
 
 
@@ -365,7 +365,7 @@ def test_verify_stores_and_makes_anew_what_is_asked_fresh(tmp_path: Path) -> Non
         return {run["stored"] is not None for run in provenance(found)["runs"]}
 
     assert [stored(store=tmp_path) for _ in range(2)] == [{False}, {True}]
-    assert stored(store=tmp_path, fresh=True) == {False}
+    assert stored(store=tmp_path, recompute=True) == {False}
 
 
 def test_a_store_that_cannot_be_is_a_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -386,9 +386,9 @@ def test_the_command_line_uses_all_cores_and_the_store_unless_told_otherwise_and
         return Verification(studies=(), accuracy=1e-6, wall=0.0, notes=("store: nothing is stored: why",))
 
     monkeypatch.setattr(db, "verify", verify)
-    for words, jobs, fresh in ((), None, False), (("-j", "3", "--fresh"), 3, True):
+    for words, jobs, recompute in ((), None, False), (("-j", "3", "--no-cache"), 3, True):
         done = CliRunner().invoke(main, ["verify", "-o", str(tmp_path), *words])
         assert done.exit_code == 0
         assert done.stderr == "dem-bridge: warning: store: nothing is stored: why\n"
-        assert (asked[-1]["jobs"], asked[-1]["fresh"]) == (jobs, fresh)
+        assert (asked[-1]["jobs"], asked[-1]["recompute"]) == (jobs, recompute)
         assert "store" not in asked[-1]

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from dem_bridge.compare import at_common_times, compared, difference, first_divergence
 from dem_bridge.errors import UsageError
 from dem_bridge.trajectory import Trajectory
-from tests.fakes import NO_BARS, free_flight
-from tests.strategies import log_uniform
+from tests.helpers.fake_runs import NO_BARS, free_flight
+from tests.helpers.strategies import log_uniform
 
 EPS = float(np.finfo(float).eps)
 

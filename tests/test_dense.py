@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from dem_bridge.dense import PHASE_PER_DENSE_SAMPLE, Schedule, extremes, schedule
-from tests.strategies import log_uniform
+from tests.helpers.strategies import log_uniform
 
 Floats = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)

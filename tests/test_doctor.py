@@ -177,7 +177,7 @@ def test_a_cache_that_cannot_be_written(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_no_place_for_a_cache_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(name: str) -> None:
-        raise RuntimeError("cannot cache function '_run': no locator available for file 'survey.py'")
+        raise RuntimeError("cannot cache function '_run': no locator available for file 'prescan.py'")
 
     monkeypatch.setattr("importlib.import_module", refuse)
     found = doctor.numba_cache()

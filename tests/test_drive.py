@@ -15,7 +15,7 @@ from scipy.integrate import quad
 
 from dem_bridge.drive import KEYS, Drive
 from dem_bridge.errors import SceneError
-from tests.driven import CHIRP, DRIVES, SINE, TABLE
+from tests.helpers.driven_chains import CHIRP, DRIVES, SINE, TABLE
 
 EPS = float(np.finfo(float).eps)
 

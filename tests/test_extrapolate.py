@@ -13,7 +13,7 @@ from dem_bridge.backends.twin import solve_plan
 from dem_bridge.dense import Schedule
 from dem_bridge.errors import NotAsymptotic, UsageError
 from dem_bridge.trajectory import QUANTITIES, Trajectory
-from tests.truth import Truth
+from tests.helpers.quadruple_truth import Truth
 
 
 @pytest.mark.parametrize("dt", [1e-7, 2e-8])

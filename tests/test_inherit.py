@@ -31,8 +31,8 @@ from dem_bridge.studies.catalogue import STUDIES
 from dem_bridge.studies.paper.runs import BESIDE
 from dem_bridge.studies.verify import cases_of
 from tests.conftest import Solve
-from tests.pins import move_pins
-from tests.recipes import PAGE, ROOT, Block, blocks, one_more_scene, recipes
+from tests.helpers.move_pins import move_pins
+from tests.helpers.recipes import PAGE, ROOT, Block, blocks, one_more_scene, recipes
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 VERDICTS = json.loads((ROOT / "reports/paper/verdicts.json").read_text(encoding="utf-8"))
@@ -205,8 +205,8 @@ def test_the_example_of_a_scene_loads_and_has_the_hash_that_the_page_says(tmp_pa
 
 def test_the_example_of_a_fault_is_named_by_the_verdicts_that_the_page_says() -> None:
     from tests.faults import test_numerics
-    from tests.faults.judging import BENCH
-    from tests.faults.stand_in import runs_of
+    from tests.helpers.fault_judging import BENCH
+    from tests.helpers.fault_stand_in import runs_of
 
     planted, line = (_diff("tests/faults/test_numerics.py", text).added() for text in ("class StrongKick", "kicks too"))
     names = dict(vars(test_numerics))
@@ -279,7 +279,7 @@ def test_the_readme_counts_the_shipped_scenes() -> None:
 
 def test_the_committed_report_has_every_shipped_scene() -> None:
     found = {one["scene"] for one in VERDICTS["verdicts"]}
-    assert found == set(db.shipped_scenes()), "dem-bridge verify paper --fresh -o reports/paper"
+    assert found == set(db.shipped_scenes()), "dem-bridge verify paper --no-cache -o reports/paper"
 
 
 def test_the_readme_counts_the_claims_of_the_committed_report() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.pins import move_pins, parts
+from tests.helpers.move_pins import move_pins, parts
 
 HERE = Path(__file__).parent.parent
 PYPROJECT = """

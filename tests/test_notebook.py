@@ -16,7 +16,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.notebook import badge, quantity
 from dem_bridge.notebook_sketch import sketch
 from dem_bridge.physics.law import law_of
-from dem_bridge.studies.exhibits import Study, Table
+from dem_bridge.studies.study import Study, Table
 from dem_bridge.studies.verify import Verification, hopeless
 from dem_bridge.trajectory import own_scale
 from dem_bridge.verdict import Outcome

@@ -20,7 +20,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.studies.budget import Budget
 from dem_bridge.studies.verify import SceneStudy, Verification, hopeless
 from tests.conftest import Solve
-from tests.legible import assert_legible
+from tests.helpers.legibility import assert_legible
 
 SCENE = db.Scene(
     name="six",
@@ -117,7 +117,7 @@ def _verified(*scenes: Scene) -> Verification:
         allowed=1e-12,
         scale_name="largest |velocity|",
     )
-    studies = tuple(SceneStudy(scene=scene, results=(), verdicts=(), ladder={}, budgets=(one,)) for scene in scenes)
+    studies = tuple(SceneStudy(scene=scene, results=(), verdicts=(), refinement={}, budgets=(one,)) for scene in scenes)
     return Verification(studies=studies, accuracy=1e-6, wall=1.0)
 
 

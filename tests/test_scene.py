@@ -16,8 +16,8 @@ from dem_bridge.errors import SceneError
 from dem_bridge.physics.law import ContactLaw, power_law
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file import load_scene
-from tests.driven import CHIRP
-from tests.strategies import ANY, scenes
+from tests.helpers.driven_chains import CHIRP
+from tests.helpers.strategies import ANY, scenes
 
 GOOD: dict[str, Any] = {
     "name": "three",

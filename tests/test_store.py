@@ -29,7 +29,7 @@ from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.store import NOT_IN_RUNS, NOT_IN_STUDIES, Store, code_hash, default_folder, run_key, study_key
 from dem_bridge.trajectory import QUANTITIES, VOCABULARY, Trajectory
 from tests.conftest import Solve
-from tests.fakes import free_flight
+from tests.helpers.fake_runs import free_flight
 from tests.test_architecture import INNER, MODULES, PACKAGE, _ours
 
 SCENE = Scene(
@@ -172,7 +172,7 @@ RESOLUTIONS = {
     "dt": st.floats(1e-12, 1e-3),
     "rtol": st.floats(1e-13, 1.0),
     "atol": st.floats(1e-30, 1.0),
-    "gauge_radius": st.floats(1e-9, 1.0),
+    "surrogate_radius": st.floats(1e-9, 1.0),
     "table_lines": st.integers(8, 1_000_000),
     "table_points": st.integers(2, 100_000_000),
     "time_limit": st.floats(1e-3, 1e9),
@@ -446,9 +446,9 @@ def test_a_store_is_opened_by_true_a_path_or_not_at_all(tmp_path: Path, monkeypa
 
 def test_a_fresh_store_gives_nothing_and_takes_all(tmp_path: Path) -> None:
     Store(tmp_path).save(KEY, _run())
-    fresh = Store(tmp_path, fresh=True)
-    assert fresh.load(KEY, SCENE) is None
-    fresh.save(KEY, replace(_run(), time=np.arange(5.0)))
+    recompute = Store(tmp_path, recompute=True)
+    assert recompute.load(KEY, SCENE) is None
+    recompute.save(KEY, replace(_run(), time=np.arange(5.0)))
     found = Store(tmp_path).load(KEY, SCENE)
     assert found is not None
     assert found.time[1] == 1.0

@@ -14,7 +14,7 @@ import pytest
 
 from dem_bridge.errors import UsageError
 from dem_bridge.trajectory import SCHEMA, VOCABULARY, Trajectory, load_trajectory
-from tests.fakes import NO_BARS, free_flight
+from tests.helpers.fake_runs import NO_BARS, free_flight
 
 ARRAYS = ("time", *VOCABULARY)
 

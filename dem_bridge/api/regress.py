@@ -33,7 +33,7 @@ def regress(
     dt: float | None = None,
     since: Mapping[str, Any] | None = None,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     lmp: str | Path | None = None,
     lmp_args: str | None = None,
     python: str | Path | None = None,
@@ -72,7 +72,7 @@ def regress(
         "dt": dt,
         "engine": Engine.chosen(lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks),
         "jobs": jobs,
-        "tell": tell,
+        "progress": progress,
     }
     if against is not None:
         if update:

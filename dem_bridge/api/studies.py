@@ -15,7 +15,7 @@ from dem_bridge.store import Store
 
 if TYPE_CHECKING:
     from dem_bridge.campaign import Progress
-    from dem_bridge.studies.exhibits import Study
+    from dem_bridge.studies.study import Study
 
 
 def study(
@@ -24,9 +24,9 @@ def study(
     *,
     folder: str | Path | None = None,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     store: bool | str | Path = True,
-    fresh: bool = False,
+    recompute: bool = False,
     lmp: str | Path | None = None,
     lmp_args: str | None = None,
     python: str | Path | None = None,
@@ -36,10 +36,10 @@ def study(
     """Ask one of the questions that take many runs, such as "stability" or "horizon".
 
     ``scene``: where the study is of one; some have one of their own, if none is named. ``folder``: where its page
-    (``index.html``), tables, figures and JSON are written (None: nowhere). ``jobs``, ``tell``, ``store``, ``fresh`` and
-    which LAMMPS as in :func:`dem_bridge.verify`. More settings are the study's own. The answer has ``answer``
-    (sentences), ``tables``, ``exhibits`` and ``exit_code``. Raises UsageError for an unknown study or setting, and what
-    the study raises.
+    (``index.html``), tables, figures and JSON are written (None: nowhere). ``jobs``, ``progress``, ``store``,
+    ``recompute`` and which LAMMPS as in :func:`dem_bridge.verify`. More settings are the study's own. The answer has
+    ``answer`` (sentences), ``tables``, ``exhibits`` and ``exit_code``. Raises UsageError for an unknown study or
+    setting, and what the study raises.
     """
     from dem_bridge.studies.catalogue import study_named, takes
 
@@ -54,7 +54,12 @@ def study(
         raise UsageError(f"setting {unknown[0]!r} of study {name!r} is unknown; allowed: {', '.join(own) or 'none'}")
     if folder is not None:
         check_folder(Path(folder))
-    given: dict[str, Any] = {"jobs": jobs, "tell": tell, "store": Store.opened(store, fresh=fresh), **settings}
+    given: dict[str, Any] = {
+        "jobs": jobs,
+        "progress": progress,
+        "store": Store.opened(store, recompute=recompute),
+        **settings,
+    }
     given["engine"] = Engine.chosen(lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
     if scene is not None:
         given["scene"] = scene_of(scene)
@@ -73,7 +78,7 @@ def minimal(
     observables: Sequence[str] = ("arrival", "residence", "peak_velocity", "peak_force"),
     window: str = "passage",
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     store: bool | str | Path = True,
 ) -> Scene:
     """The least scene that tells the same within ``accuracy``: without what the given one has and does not need.
@@ -89,7 +94,7 @@ def minimal(
     body at any sample, until the front is at the end. In ``window`` "passage" nothing that comes back from an end
     counts, nor do the last two bodies, which feel what stands behind them, so that a wall behind a long chain is left
     out; in chains of up to 7 bodies all count, until the scene ends. With "whole" all bodies, the largest forces and
-    the whole duration count. ``jobs``, ``tell`` and ``store`` as in :func:`dem_bridge.verify`.
+    the whole duration count. ``jobs``, ``progress`` and ``store`` as in :func:`dem_bridge.verify`.
 
     Answers with the scene itself where nothing can go; else with one named ``NAME.least``, whose description says what
     went. Raises UsageError for another setting, UnsupportedScene where no impulse runs through the chain.
@@ -99,7 +104,7 @@ def minimal(
     >>> light.name, light.wall_right, light.description.split("; ")[1]
     ('decelerating-40-on-base.least', None, 'without the base, at 1 %')
     """
-    from dem_bridge.studies.ladder.models import least_scene
+    from dem_bridge.studies.model_hierarchy.models import least_scene
 
     scene = scene_of(scene)
     return least_scene(
@@ -108,6 +113,6 @@ def minimal(
         observables=observables,
         window=window,
         jobs=jobs,
-        tell=tell,
+        progress=progress,
         store=Store.opened(store),
     )

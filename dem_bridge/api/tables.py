@@ -76,7 +76,7 @@ def table_of(scene: Scene | str | Path, table: str, *, found: bool = True, **set
 
     "contacts" and "observables" have results in them: of the backend and with the settings of :func:`dem_bridge.solve`
     (default: backend="reference"); with ``found=False`` "contacts" does without a run. "contacts", "bodies" and
-    "pair-coeffs" show a deck and take ``geometry``, ``types`` and ``gauge_radius``, "stiffness-curve" ``angles``
+    "pair-coeffs" show a deck and take ``geometry``, ``types`` and ``surrogate_radius``, "stiffness-curve" ``angles``
     (degrees), "angles" ``law`` and ``within``; the last two ``radius`` (m), ``youngs_modulus`` (Pa) and
     ``poissons_ratio``, where they are not to be those of the scene. Raises UsageError for another table or setting.
 

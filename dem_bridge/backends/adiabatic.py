@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from dem_bridge.backends.bars import UNKNOWN
-from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
+from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.backends.bca import no_single_pulse
 from dem_bridge.physics.adiabatic import adiabatic_wave, checked_exponent
 from dem_bridge.physics.launch import launched
@@ -98,7 +98,7 @@ class AdiabaticWaves:
                 steps=0,
                 force_evaluations=0,
             ),
-            provenance=birth_certificate(self, scene, {"samples": sampling.count}),
+            provenance=run_provenance(self, scene, {"samples": sampling.count}),
         )
 
 

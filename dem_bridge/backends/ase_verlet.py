@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from dem_bridge import progress
 from dem_bridge.backends.base import Availability, Resolution, Sampling
+from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.steps import Dense, fixed_step_plan, read_off
-from dem_bridge.backends.survey import survey
 from dem_bridge.backends.twin_bars import twins_of, with_bars
 from dem_bridge.dense import Schedule
 from dem_bridge.errors import BackendUnavailable
@@ -62,13 +62,13 @@ class AseVerlet:
         missing = self.availability().reason
         if missing:
             raise BackendUnavailable(f"{self.name} cannot run: {missing}")
-        look = survey(scene)
-        plan = fixed_step_plan(scene, resolution, sampling, look)
+        prescan = prescan_hertz(scene)
+        plan = fixed_step_plan(scene, resolution, sampling, prescan)
         run = self._solve(scene, plan)
         if not resolution.bars:
             return run
         # displacements are smaller than positions, so this bounds the round-off
-        return with_bars(run, twins_of(scene, plan, look, radius=look.gauge_radius))
+        return with_bars(run, twins_of(scene, plan, prescan, radius=prescan.surrogate_radius))
 
     def _solve(self, scene: Scene, plan: Schedule) -> Trajectory:
         from ase import Atoms

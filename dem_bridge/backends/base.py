@@ -35,7 +35,7 @@ RTOL_RANGE = (2.3e-14, 1.0)
 MOST_SAMPLES = 10_000_000
 #: settings that are one of a few words
 CHOICES = {
-    "geometry": ("gauge", "physical"),
+    "geometry": ("surrogate", "physical"),
     "types": ("euler", "per-body"),
     "table_style": ("spline", "linear"),
     "tables": (False, True),
@@ -53,12 +53,12 @@ class Resolution:
     """Relative local tolerance of an adaptive integrator. It is not the error: see the bars."""
     atol: float | None = None
     """Absolute local tolerance of ode45, in SI (m and m/s alike), as MATLAB has it."""
-    gauge_radius: float | None = None
+    surrogate_radius: float | None = None
     """Radius written into a LAMMPS deck, m; None: from the overlaps of a coarse run. The twin then keeps absolute
     positions of bodies of this radius; None: overlaps."""
-    geometry: str = "gauge"
-    """Radius of the bodies in a LAMMPS deck where ``gauge_radius`` names none: "gauge", the least that serves, or
-    "physical", half the scene's spacing, with the round-off that comes with it."""
+    geometry: str = "surrogate"
+    """Radius of the bodies in a LAMMPS deck where ``surrogate_radius`` names none: "surrogate", the least that serves,
+    or "physical", half the scene's spacing, with the round-off that comes with it."""
     types: str = "euler"
     """Atom types of a LAMMPS deck: "euler", as few as can be, or "per-body", one for each."""
     table_style: str = "spline"
@@ -79,7 +79,7 @@ class Resolution:
             "dt": (1e-40, 1e40),
             "rtol": RTOL_RANGE,
             "atol": (1e-40, 1e40),
-            "gauge_radius": (1e-40, 1e40),
+            "surrogate_radius": (1e-40, 1e40),
             "time_limit": (1e-3, 1e9),
         }
         for key, (low, high) in limits.items():
@@ -176,7 +176,7 @@ def backend(name: str, engine: Engine | None = None) -> Backend:
     return found
 
 
-def birth_certificate(backend: Named, scene: Scene, settings: Mapping[str, Any]) -> dict[str, Any]:
+def run_provenance(backend: Named, scene: Scene, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Provenance common to all backends: what was run, with which settings and versions. JSON-able."""
     return {
         "backend": backend.name,

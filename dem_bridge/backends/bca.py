@@ -14,7 +14,7 @@ import time
 import numpy as np
 
 from dem_bridge.backends.bars import UNKNOWN
-from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
+from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Cost, Trajectory
@@ -75,7 +75,7 @@ class BinaryCollisions:
                 steps=0,
                 force_evaluations=0,
             ),
-            provenance=birth_certificate(self, scene, {"samples": sampling.count}),
+            provenance=run_provenance(self, scene, {"samples": sampling.count}),
         )
 
 

@@ -21,10 +21,10 @@ from dem_bridge.backends.base import Availability, Resolution, Sampling
 from dem_bridge.backends.curves import CELLS
 from dem_bridge.backends.splitting import Method, solve
 from dem_bridge.backends.steps import fixed_step_plan, peaks_and_crossings
-from dem_bridge.backends.tabled import survey_of
-from dem_bridge.backends.touches import Misses, too_brief, turns_of
+from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.touches import UndetectedGrazes, too_brief, turns_of
 from dem_bridge.backends.twin_bars import Twins, with_bars
-from dem_bridge.dense import MOST_STEPS, rivals
+from dem_bridge.dense import MOST_STEPS, secondary_peak_force
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
@@ -73,15 +73,15 @@ class BlanesMoan:
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve; the bars come from runs at two other steps."""
-        look = survey_of(scene)
-        plan = fixed_step_plan(scene, resolution, sampling, look, PHASE)
+        prescan = prescan_scene(scene)
+        plan = fixed_step_plan(scene, resolution, sampling, prescan, PHASE)
         bars = resolution.bars and plan.steps <= MOST_STEPS / 3
         run, dense = solve(self, SRKN_6B, scene, plan, full=bars)
         if not bars:
             return run
         others, finer = {}, {}
         for ratio in (1 / 2, 1 / 3):
-            other = fixed_step_plan(scene, Resolution(dt=ratio * plan.step), Sampling(count=plan.samples), look)
+            other = fixed_step_plan(scene, Resolution(dt=ratio * plan.step), Sampling(count=plan.samples), prescan)
             finer[other.step / plan.step] = other
             others[other.step / plan.step] = solve(self, SRKN_6B, scene, other, full=False)[0]
         twins = Own(
@@ -94,10 +94,10 @@ class BlanesMoan:
             if scene.law is not None
             else None,
             thinned=peaks_and_crossings(scene, plan, dense, every=2),
-            rivals=rivals(dense.force),
+            secondary_peak_force=secondary_peak_force(dense.force),
             thinning=THINNING,
             unresolved=too_brief(scene, plan, dense, run),
-            misses=Misses(
+            grazes=UndetectedGrazes(
                 scene=scene,
                 seen=turns_of(scene, plan, dense),
                 others=lambda: {

@@ -22,7 +22,7 @@ _LOOK = 16
 
 
 @njit(cache=True, nogil=True)
-def march(  # type: ignore[no-untyped-def]
+def advance(  # type: ignore[no-untyped-def]
     n_body, first, last, mass, velocity, weight, stiffness, overlap, positional, reach, start,
     drifts, kicks, dt, dense_steps, keep, full, resting,
 ):  # fmt: skip

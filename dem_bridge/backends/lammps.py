@@ -17,14 +17,14 @@ from dem_bridge.backends.lammps_output import (
     dump_size,
     engine_certificate,
 )
+from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.steps import fixed_step_plan, radius_of, read_off
-from dem_bridge.backends.survey import Survey
 from dem_bridge.backends.tabled import (
     in_kernel,
     measured,
     predicted_energy_error,
     predicted_error,
-    survey_of,
+    prescan_scene,
     tables_for,
 )
 from dem_bridge.backends.twin_bars import Twins, round_off_floor, twins_of, with_bars
@@ -74,10 +74,10 @@ class LammpsGranular:
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve. The bars come from twins, never from LAMMPS itself."""
         began = time.perf_counter(), time.process_time()
-        look = survey_of(scene)
-        written = self.written(scene, resolution, sampling, look)
+        prescan = prescan_scene(scene)
+        written = self.written(scene, resolution, sampling, prescan)
         # the twins run beside the engine: they need nothing of it
-        bars = started(self._twins, scene, written, look) if resolution.bars else None
+        bars = started(self._twins, scene, written, prescan) if resolution.bars else None
         run = self.run_written(scene, written, time_limit=resolution.time_limit, began=began)
         return run if bars is None else with_bars(run, bars())
 
@@ -100,7 +100,7 @@ class LammpsGranular:
         steps, values = dumps[0] if len(dumps) == 1 else (np.concatenate(part) for part in zip(*dumps, strict=True))
         checked_values(deck, steps, values)
         dense = dense_of(scene, deck, steps, values)
-        settings = {"dt": plan.step, "samples": plan.samples, "gauge_radius": deck.gauge_radius}
+        settings = {"dt": plan.step, "samples": plan.samples, "surrogate_radius": deck.surrogate_radius}
         run = read_off(self, scene, plan, dense, settings, began=began, evaluations=plan.steps + 1)
         told: dict[str, Any] = {
             "lammps": engine_certificate(self.engine, report, scene),
@@ -124,47 +124,49 @@ class LammpsGranular:
         cost = replace(run.cost, cpu=run.cost.cpu + report.cpu)
         return replace(run, cost=cost, provenance={**run.provenance, **told})
 
-    def _twins(self, scene: Scene, written: Written, look: Survey) -> Twins | None:
+    def _twins(self, scene: Scene, written: Written, prescan: Prescan) -> Twins | None:
         deck, tables = written.deck, None
         if written.tables is not None:
-            tables = in_kernel(scene, written.tables, deck.gauge_radius)
+            tables = in_kernel(scene, written.tables, deck.surrogate_radius)
         return twins_of(
-            scene, deck.schedule, look, radius=deck.gauge_radius, summed=scene.summed_outer_force, tables=tables
+            scene, deck.schedule, prescan, radius=deck.surrogate_radius, summed=scene.summed_outer_force, tables=tables
         )
 
     def deck(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Deck:
         """The deck that :meth:`run` runs."""
-        return self.written(scene, resolution, sampling, survey_of(scene)).deck
+        return self.written(scene, resolution, sampling, prescan_scene(scene)).deck
 
-    def written(self, scene: Scene, resolution: Resolution, sampling: Sampling, look: Survey) -> Written:
+    def written(self, scene: Scene, resolution: Resolution, sampling: Sampling, prescan: Prescan) -> Written:
         """As :meth:`deck`. Raises UnsupportedScene or UsageError where there can be none."""
         reason = self.refusal(scene)
         if reason:
             raise UnsupportedScene(f"{self.name} cannot do {scene.name}: {reason}")
-        deepest = float(np.max(look.peak_overlap, initial=0.0))
-        radius = radius_of(scene, resolution, look)
+        deepest = float(np.max(prescan.peak_overlap, initial=0.0))
+        radius = radius_of(scene, resolution, prescan)
         if radius < deepest:
-            raise UsageError(f"gauge_radius = {radius:g} m; allowed: more than the largest overlap, {deepest:.3g} m")
+            raise UsageError(
+                f"surrogate_radius = {radius:g} m; allowed: more than the largest overlap, {deepest:.3g} m"
+            )
         if (grain := float(np.spacing(np.max(np.abs(positions(scene, radius)))))) >= deepest > 0.0:
             raise UnsupportedScene(
                 f"{self.name} cannot do {scene.name}: it keeps positions, which the gaps make so large that they are"
                 f" known to {grain:.2g} m, and overlaps are of {deepest:.2g} m; take backend='reference'"
             )
-        plan = fixed_step_plan(scene, resolution, sampling, look)
-        own = resolution.geometry == "physical" and resolution.gauge_radius is None
-        tables = self._tables(scene, resolution, look)
+        plan = fixed_step_plan(scene, resolution, sampling, prescan)
+        own = resolution.geometry == "physical" and resolution.surrogate_radius is None
+        tables = self._tables(scene, resolution, prescan)
         deck = deck_of(
             scene,
             radius=radius,
             schedule=plan,
             tables=tables,
-            travel=look.highest - look.lowest,
+            travel=prescan.highest - prescan.lowest,
             types=resolution.types,
             floor=round_off_floor(scene, plan, radius) if own else None,
         )
         return Written(deck=deck, tables=tables)
 
-    def _tables(self, scene: Scene, resolution: Resolution, look: Survey) -> TableSet | None:
+    def _tables(self, scene: Scene, resolution: Resolution, prescan: Prescan) -> TableSet | None:
         return None
 
 
@@ -184,5 +186,5 @@ class LammpsTable(LammpsGranular):
     def refusal(self, scene: Scene) -> str | None:
         return table_refusal(scene)
 
-    def _tables(self, scene: Scene, resolution: Resolution, look: Survey) -> TableSet | None:
-        return tables_for(scene, resolution, look)
+    def _tables(self, scene: Scene, resolution: Resolution, prescan: Prescan) -> TableSet | None:
+        return tables_for(scene, resolution, prescan)

@@ -82,10 +82,10 @@ def check_gauge(position: NDArray[np.float64], deck: Deck, steps: NDArray[np.int
         row, atom = np.unravel_index(np.argmin(across), across.shape)
         raise RunBroken(
             f"{found}, and atoms {atom + 1} and {atom + 3}, which are not neighbours, overlap by"
-            f" {-float(across[row, atom]):.6g} m at step {steps[row]}; give a larger gauge_radius"
+            f" {-float(across[row, atom]):.6g} m at step {steps[row]}; give a larger surrogate_radius"
         )
     if beyond[worst] > 0.0:
-        raise RunBroken(f"{found}: bodies that are not neighbours may have touched; give a larger gauge_radius")
+        raise RunBroken(f"{found}: bodies that are not neighbours may have touched; give a larger surrogate_radius")
 
 
 def dump_progress(path: Path, deck: Deck) -> Callable[[], None]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.bars import UNKNOWN, reference_bars
-from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
+from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.backends.dormand_prince import STEP_TOO_SMALL, TOO_MANY_STEPS, integrate
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.compiled import interruptible
@@ -134,7 +134,7 @@ class Ode45:
                 steps=accepted,
                 force_evaluations=6 * (accepted + failed) + 1,
             ),
-            provenance=birth_certificate(self, scene, {}) | {"failed_steps": failed},
+            provenance=run_provenance(self, scene, {}) | {"failed_steps": failed},
         )
 
 

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.bars import UNKNOWN, reference_bars
-from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
+from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.backends.scales import natural_scales, resting_acceleration
 from dem_bridge.backends.scipy_dop853 import ScipyDop853
-from dem_bridge.backends.taylor import follow
+from dem_bridge.backends.taylor import integrate
 from dem_bridge.compiled import interruptible
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene, Wall
@@ -75,7 +75,7 @@ class Reference:
         of_right[c.left[inner_left]] = np.flatnonzero(inner_left)
         of_left[c.right[inner_right]] = np.flatnonzero(inner_right)
         x, v, force, deepest, crossing, steps, openings, closings = interruptible(
-            follow,
+            integrate,
             np.array(scene.mass),
             np.array(scene.velocity),
             c.left,
@@ -113,7 +113,7 @@ class Reference:
                 steps=steps,
                 force_evaluations=steps * (order + 1),
             ),
-            provenance=birth_certificate(self, scene, settings) | {"openings": openings, "closings": closings},
+            provenance=run_provenance(self, scene, settings) | {"openings": openings, "closings": closings},
         )
 
 

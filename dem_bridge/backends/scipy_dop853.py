@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.bars import UNKNOWN, reference_bars
-from dem_bridge.backends.base import Availability, Resolution, Sampling, birth_certificate
+from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.backends.scipy_damped import DampedIntegration
 from dem_bridge.backends.scipy_integration import Integration
 from dem_bridge.errors import UsageError
@@ -79,6 +79,6 @@ class ScipyDop853:
             crossing_time=fine.crossing_time,
             uncertainty=bars,
             cost=Cost(wall=used[0], cpu=used[1], steps=fine.steps, force_evaluations=fine.evaluations),
-            provenance=birth_certificate(self, scene, {"rtol": rtol, "samples": sampling.count})
+            provenance=run_provenance(self, scene, {"rtol": rtol, "samples": sampling.count})
             | {"restarts": fine.restarts},
         )

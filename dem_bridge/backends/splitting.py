@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dem_bridge.backends.base import Named
 from dem_bridge.backends.curves import CELLS, curve_force, curves_of
 from dem_bridge.backends.driven import driven_of, driving_force
-from dem_bridge.backends.fused import PADDING, march
+from dem_bridge.backends.fused import PADDING, advance
 from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.backends.steps import Dense, answer, check_finite, read_off, touching_in_flight
 from dem_bridge.compiled import interruptible
@@ -81,7 +81,7 @@ def solve(
     began = time.perf_counter(), time.process_time()
     settings: dict[str, float] = {"dt": plan.step, "samples": plan.samples}
     if not isinstance(radius, np.ndarray) and radius > 0.0:
-        settings["gauge_radius"] = radius
+        settings["surrogate_radius"] = radius
     if len(tables.law):
         settings["table_points"] = tables.value.shape[1]
     costs: Mapping[str, Any] = {"began": began, "evaluations": len(method.drifts) * plan.steps + 1}
@@ -159,7 +159,7 @@ def _march(
         # the walls' own: where there is none nothing is pressed
         start[0], start[n + 1 :] = (np.sum(wall[one]) for one in (c.left == n, c.right == n))
     v, x, force, a, overlap, top, farthest, where, sides = interruptible(
-        march,
+        advance,
         n,
         first,
         last,

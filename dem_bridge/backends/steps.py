@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.bars import UNKNOWN
-from dem_bridge.backends.base import Named, Resolution, Sampling, birth_certificate
+from dem_bridge.backends.base import Named, Resolution, Sampling, run_provenance
+from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.scales import resting_acceleration
-from dem_bridge.backends.survey import Survey
 from dem_bridge.dense import Schedule, damped_peaks, extremes, schedule
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene import Scene
@@ -42,33 +42,33 @@ def round_step(dt: float) -> float:
     return max(step for step in series if step <= dt * (1.0 + 1e-12))
 
 
-def default_step(scene: Scene, sampling: Sampling, look: Survey, phase: float = DEFAULT_PHASE) -> float:
+def default_step(scene: Scene, sampling: Sampling, prescan: Prescan, phase: float = DEFAULT_PHASE) -> float:
     """Step of a fixed-step run that was asked for none, s; ``phase``: part of 1/omega of the stiffest contact."""
-    if look.frequency > 0.0:
-        return round_step(phase / look.frequency)
+    if prescan.frequency > 0.0:
+        return round_step(phase / prescan.frequency)
     return scene.duration / sampling.count
 
 
 def fixed_step_plan(
-    scene: Scene, resolution: Resolution, sampling: Sampling, look: Survey, phase: float = DEFAULT_PHASE
+    scene: Scene, resolution: Resolution, sampling: Sampling, prescan: Prescan, phase: float = DEFAULT_PHASE
 ) -> Schedule:
     """The steps of a fixed-step run, the same for LAMMPS and twin; ``phase``: as :func:`default_step` has it."""
-    dt = resolution.dt if resolution.dt is not None else default_step(scene, sampling, look, phase)
+    dt = resolution.dt if resolution.dt is not None else default_step(scene, sampling, prescan, phase)
     return schedule(
-        duration=scene.duration, samples=sampling.count, dt=dt, frequency=look.frequency, bodies=scene.n_body
+        duration=scene.duration, samples=sampling.count, dt=dt, frequency=prescan.frequency, bodies=scene.n_body
     )
 
 
-def radius_of(scene: Scene, resolution: Resolution, look: Survey) -> float:
+def radius_of(scene: Scene, resolution: Resolution, prescan: Prescan) -> float:
     """Radius of the bodies of a code that keeps positions, m: what was asked for, by number or as the scene's own."""
-    if resolution.gauge_radius is not None:
-        return resolution.gauge_radius
-    if resolution.geometry == "gauge":
-        return look.gauge_radius
+    if resolution.surrogate_radius is not None:
+        return resolution.surrogate_radius
+    if resolution.geometry == "surrogate":
+        return prescan.surrogate_radius
     if scene.spacing is None:
         raise UsageError(
-            f"geometry = 'physical' on {scene.name}, which has no spacing of its bodies; allowed: 'gauge', a"
-            " gauge_radius, or a scene in physical form"
+            f"geometry = 'physical' on {scene.name}, which has no spacing of its bodies; allowed: 'surrogate', a"
+            " surrogate_radius, or a scene in physical form"
         )
     return 0.5 * scene.spacing
 
@@ -178,5 +178,5 @@ def answer(
             steps=plan.steps,
             force_evaluations=evaluations,
         ),
-        provenance=birth_certificate(code, scene, settings),
+        provenance=run_provenance(code, scene, settings),
     )

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution
 from dem_bridge.backends.driven import rate_of
+from dem_bridge.backends.prescan import Prescan, prescan_hertz
 from dem_bridge.backends.splitting import Tables
 from dem_bridge.backends.steps import Dense, radius_of
-from dem_bridge.backends.survey import Survey, survey
 from dem_bridge.backends.twin import solve_dense
 from dem_bridge.dense import Schedule, schedule
 from dem_bridge.lmp.coefficients import laws, line_order, pairs
@@ -30,8 +30,8 @@ from dem_bridge.scene import Scene
 _STEP = 0.1
 
 
-def survey_of(scene: Scene) -> Survey:
-    """:func:`~dem_bridge.backends.survey.survey` of a scene whose contacts may have laws of their own.
+def prescan_scene(scene: Scene) -> Prescan:
+    """:func:`~dem_bridge.backends.prescan.prescan_hertz` of a scene whose contacts may have laws of their own.
 
     There the coarse run is one of the twin. It steps by the stiffest contact that the energy at hand could make;
     the frequency is that of the overlaps it finds.
@@ -39,11 +39,11 @@ def survey_of(scene: Scene) -> Survey:
     c = scene.contacts
     top = _frequency(scene, c.reach[c.law]) if scene.law is not None else 0.0
     if top == 0.0:
-        return survey(scene)
+        return prescan_hertz(scene)
     plan = schedule(duration=scene.duration, samples=1, dt=_STEP / top, frequency=top, bodies=scene.n_body)
     _, dense = solve_dense(scene, plan, 0.0)
     peak = np.max(dense.overlap, axis=0, initial=0.0)
-    return Survey(
+    return Prescan(
         peak_overlap=peak,
         frequency=_frequency(scene, peak),
         max_acceleration=float(np.max(np.abs(dense.acceleration))),
@@ -65,14 +65,14 @@ def _frequency(scene: Scene, deepest: NDArray[np.float64]) -> float:
     return max(float(np.max(np.sqrt(slope * mobility[touched]), initial=0.0)), float(damped))
 
 
-def tables_for(scene: Scene, resolution: Resolution, look: Survey) -> TableSet:
+def tables_for(scene: Scene, resolution: Resolution, prescan: Prescan) -> TableSet:
     """The tables that a deck of this resolution reads."""
     found = laws(scene)
     types = body_types(found.where, resolution.types)
     return table_set(
         found,
-        radius=radius_of(scene, resolution, look),
-        peak_overlap=look.peak_overlap[line_order(scene)],
+        radius=radius_of(scene, resolution, prescan),
+        peak_overlap=prescan.peak_overlap[line_order(scene)],
         pairs=sum(1 for _ in pairs(types)),
         style=cast(Style, resolution.table_style),
         lines=resolution.table_lines,

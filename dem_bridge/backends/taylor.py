@@ -122,7 +122,7 @@ def _step(order, near, bodies, contacts, closed, overlap, speed, touch, accuracy
 
 
 @njit(cache=True, nogil=True)
-def follow(  # type: ignore[no-untyped-def]
+def integrate(  # type: ignore[no-untyped-def]
     mass, velocity, c_left, c_right, of_left, of_right, stiffness, exponent, gap, free, times, touch, speed,
     resting, order, accuracy, most_steps,
 ):  # fmt: skip

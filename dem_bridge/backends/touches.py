@@ -21,7 +21,7 @@ from dem_bridge.scene import Scene
 
 
 @dataclass(frozen=True, kw_only=True)
-class Misses:
+class UndetectedGrazes:
     """Contacts that turned before they touched, and what a touch would have done."""
 
     scene: Scene

@@ -33,12 +33,12 @@ from numpy.typing import NDArray
 from dem_bridge.backends.bars import Answer, apart, not_below_the_median
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.curves import CELLS
+from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.splitting import EXACT, Tables
 from dem_bridge.backends.steps import fixed_step_plan, order_on, peaks_and_crossings
-from dem_bridge.backends.survey import Survey
-from dem_bridge.backends.touches import Misses, too_brief, turns_of
+from dem_bridge.backends.touches import UndetectedGrazes, too_brief, turns_of
 from dem_bridge.backends.twin import solve_dense, solve_plan
-from dem_bridge.dense import CROSSING_ERROR, MOST_STEPS, PEAK_ERROR, Schedule, rivals
+from dem_bridge.dense import CROSSING_ERROR, MOST_STEPS, PEAK_ERROR, Schedule, secondary_peak_force
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale
 
@@ -58,7 +58,7 @@ THINNING = 0.5
 def twins_of(
     scene: Scene,
     plan: Schedule,
-    look: Survey,
+    prescan: Prescan,
     *,
     radius: float,
     summed: float | None = None,
@@ -79,7 +79,8 @@ def twins_of(
     if plan.steps > min(ratios) * MOST_STEPS:
         return None
     plans = [
-        fixed_step_plan(scene, Resolution(dt=ratio * plan.step), Sampling(count=plan.samples), look) for ratio in ratios
+        fixed_step_plan(scene, Resolution(dt=ratio * plan.step), Sampling(count=plan.samples), prescan)
+        for ratio in ratios
     ]
     positional, dense = solve_dense(scene, plan, radius, tables or EXACT)
     thinned = peaks_and_crossings(scene, plan, dense, every=2)
@@ -92,9 +93,9 @@ def twins_of(
         tabled=None if tables is None else solve_plan(scene, plan, tables=tables),
         halved=solve_plan(scene, plan, cells=CELLS // 2) if scene.law is not None else None,
         thinned=thinned,
-        rivals=rivals(dense.force),
+        secondary_peak_force=secondary_peak_force(dense.force),
         unresolved=too_brief(scene, plan, dense, positional),
-        misses=Misses(
+        grazes=UndetectedGrazes(
             scene=scene,
             seen=turns_of(scene, plan, dense),
             others=lambda: {
@@ -140,11 +141,11 @@ class Twins:
     """As ``own``, with laws that are functions from half as many cells; None: there are none."""
     thinned: tuple[NDArray[np.float64], NDArray[np.float64]]
     """Peak forces and crossing times of ``positional`` from every second dense sample."""
-    rivals: NDArray[np.float64]
+    secondary_peak_force: NDArray[np.float64]
     """Largest force of each contact outside the collision that has its largest, N."""
     unresolved: NDArray[np.bool_] | None = None
     """Contacts whose first compression is briefer than the step; None: not looked for."""
-    misses: Misses | None = None
+    grazes: UndetectedGrazes | None = None
     """Contacts that nearly touch, by the twin in positions and those at other steps; None: not looked for."""
     thinning: float = THINNING
     """Part of what every second dense sample changes that all of them may still miss."""
@@ -200,12 +201,12 @@ def with_bars(run: Trajectory, twins: Twins | None) -> Trajectory:
     bars["crossing_time"] += lost["crossing_time"] + CROSSING_ERROR * plan.spacing
     # a share of the velocities is not known, and so of the force of the next largest collision: it may be the largest
     unknown = min(1.0, float(bars["velocity"]) / speed) if speed > 0.0 else 0.0
-    bars["peak_force"] += np.maximum(0.0, twins.rivals * (1.0 + unknown) - own.peak_force)
+    bars["peak_force"] += np.maximum(0.0, twins.secondary_peak_force * (1.0 + unknown) - own.peak_force)
     if twins.unresolved is not None:
         bars["crossing_time"] = np.where(twins.unresolved, math.inf, bars["crossing_time"])
-    if twins.misses is not None:
+    if twins.grazes is not None:
         safe = {ratio: _safe(ratio, twins.order) for ratio in twins.others}
-        twins.misses.widen(bars, own, safe, REALISATIONS * float(rounding["displacement"]))
+        twins.grazes.widen(bars, own, safe, REALISATIONS * float(rounding["displacement"]))
     if not plan.resolved:
         # all twins look too rarely, so their differences say nothing of what lies between the looks
         bars["peak_force"] = bars["crossing_time"] = math.inf

@@ -3,7 +3,7 @@
 LAMMPS (``fix nve``) half-kicks, drifts, evaluates the forces and half-kicks again (Swope et al. 1982); so does
 this, in the same order of operations. But it carries the overlap of each contact as a variable of its own, so no
 position is ever subtracted from another: what LAMMPS loses there is what the two differ by. Asked for a
-``gauge_radius`` it keeps absolute positions instead, as LAMMPS does, and then loses the same.
+``surrogate_radius`` it keeps absolute positions instead, as LAMMPS does, and then loses the same.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from dem_bridge.backends.base import Availability, Resolution, Sampling
 from dem_bridge.backends.splitting import EXACT
 from dem_bridge.backends.steps import fixed_step_plan, radius_of
-from dem_bridge.backends.tabled import in_kernel, survey_of, tables_for
+from dem_bridge.backends.tabled import in_kernel, prescan_scene, tables_for
 from dem_bridge.backends.twin import TWIN, solve_plan
 from dem_bridge.backends.twin_bars import twins_of, with_bars
 from dem_bridge.scene import Scene
@@ -33,14 +33,14 @@ class Verlet:
         return None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
-        """Solve; with ``gauge_radius`` in absolute positions, as LAMMPS. The bars come from three more runs."""
-        look = survey_of(scene)
-        plan = fixed_step_plan(scene, resolution, sampling, look)
-        radius, tables = radius_of(scene, resolution, look), None
+        """Solve; with ``surrogate_radius`` in absolute positions, as LAMMPS. The bars come from three more runs."""
+        prescan = prescan_scene(scene)
+        plan = fixed_step_plan(scene, resolution, sampling, prescan)
+        radius, tables = radius_of(scene, resolution, prescan), None
         if resolution.tables:
-            tables = in_kernel(scene, tables_for(scene, resolution, look), radius)
-        run = solve_plan(scene, plan, resolution.gauge_radius or 0.0, tables or EXACT)
+            tables = in_kernel(scene, tables_for(scene, resolution, prescan), radius)
+        run = solve_plan(scene, plan, resolution.surrogate_radius or 0.0, tables or EXACT)
         if not resolution.bars:
             return run
-        own = run if resolution.gauge_radius is None and not resolution.tables else None
-        return with_bars(run, twins_of(scene, plan, look, radius=radius, own=own, tables=tables))
+        own = run if resolution.surrogate_radius is None and not resolution.tables else None
+        return with_bars(run, twins_of(scene, plan, prescan, radius=radius, own=own, tables=tables))

@@ -39,10 +39,12 @@ def export_command(backends: tuple[str, ...]) -> click.Command:
     @accuracy_option
     @click.option("--samples", type=int, metavar="N", help="Samples in time (default: the scene's).")
     @click.option("--no-run", is_flag=True, help="Contacts without what a run finds.")
-    @click.option("--geometry", type=click.Choice(["gauge", "physical"]), help="Radius in the deck.  [default: gauge]")
+    @click.option(
+        "--geometry", type=click.Choice(["surrogate", "physical"]), help="Radius in the deck.  [default: surrogate]"
+    )
     @click.option("--types", type=click.Choice(["euler", "per-body"]), help="Atom types of the deck.  [default: euler]")
     @click.option(
-        "--gauge-radius", type=float, metavar="M", help="Radius in the deck, m.  [default: least that serves]"
+        "--surrogate-radius", type=float, metavar="M", help="Radius in the deck, m.  [default: least that serves]"
     )
     @click.option("--law", type=click.Choice(["paper", "exact"]), help="Of angles.  [default: the scene's]")
     @click.option(

@@ -74,8 +74,8 @@ def _form(command: Callable[..., None]) -> Callable[..., None]:
     options = (
         click.option(
             "--geometry",
-            type=click.Choice(["gauge", "physical"]),
-            help="Radius in the deck: the least that serves, or the scene's own with its round-off.  [default: gauge]",
+            type=click.Choice(["surrogate", "physical"]),
+            help="Radius in the deck: the smallest that serves, or the scene's own.  [default: surrogate]",
         ),
         click.option(
             "--types",
@@ -200,7 +200,9 @@ def deck(scene: str, style: str, dt: float | None, geometry: str | None, types: 
 @accuracy_option
 @engine_options
 @jobs_option
-@click.option("--fresh", is_flag=True, help="Make all runs anew, those that are stored from before too.")
+@click.option(
+    "--no-cache", "recompute", is_flag=True, help="Make all runs anew, those that are stored from before too."
+)
 @click.option(
     "-o",
     "folder",
@@ -225,7 +227,7 @@ def verify(
     python: str | None,
     ranks: int | None,
     jobs: int | None,
-    fresh: bool,
+    recompute: bool,
     folder: Path,
     bundle: Path | None,
     json_file: Path | None,
@@ -237,9 +239,15 @@ def verify(
             check_file(file)
     asked = {"accuracy": accuracy, "lmp": lmp, "lmp_args": lmp_args, "python": python, "ranks": ranks}
     settings: dict[str, Any] = {key: value for key, value in asked.items() if value is not None}
-    with terminal.bar() as tell:
+    with terminal.bar() as progress:
         found = dem_bridge.verify(
-            list(scenes) or None, folder=folder, bundle=bundle, jobs=jobs, tell=tell, fresh=fresh, **settings
+            list(scenes) or None,
+            folder=folder,
+            bundle=bundle,
+            jobs=jobs,
+            progress=progress,
+            recompute=recompute,
+            **settings,
         )
     if json_file is not None:
         write_whole(json_file.parent, {json_file.name: (folder / "verdicts.json").read_text(encoding="utf-8")})

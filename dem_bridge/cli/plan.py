@@ -47,7 +47,7 @@ def plan_command(backends: tuple[str, ...]) -> click.Command:
         as_json: bool,
     ) -> None:
         """Say with which backend and settings SCENE is solved to an accuracy at the least cost, and why."""
-        with terminal.bar() as tell:
+        with terminal.bar() as progress:
             found = dem_bridge.plan(
                 scene,
                 accuracy,
@@ -56,7 +56,7 @@ def plan_command(backends: tuple[str, ...]) -> click.Command:
                 budget=budget,
                 predict_only=predict_only,
                 samples=samples,
-                tell=tell,
+                progress=progress,
             )
         if as_json:
             click.echo(json.dumps(found.as_json(), indent=1, allow_nan=False))

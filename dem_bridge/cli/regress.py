@@ -88,7 +88,7 @@ def _regress(
                 "install is given without against; allowed with the version of a wheel to be compared with"
             )
         _install(against)
-    with terminal.bar() as tell:
+    with terminal.bar() as progress:
         found = dem_bridge.regress(
             list(scenes),
             backends=chosen,
@@ -96,7 +96,7 @@ def _regress(
             update=update,
             against=against,
             since=past,
-            tell=tell,
+            progress=progress,
             **settings,
         )
     from dem_bridge.regression.summary import lines, markdown

@@ -19,7 +19,9 @@ def _asked(command: Callable[..., None]) -> Callable[..., None]:
     """The options that every study of :data:`dem_bridge.studies.catalogue.STUDIES` has."""
     options = (
         jobs_option,
-        click.option("--fresh", is_flag=True, help="Make all runs anew, those that are stored from before too."),
+        click.option(
+            "--no-cache", "recompute", is_flag=True, help="Make all runs anew, those that are stored from before too."
+        ),
         click.option(
             "-o", "folder", type=click.Path(path_type=Path), metavar="DIR", help="Keep page, tables, figures."
         ),
@@ -32,9 +34,12 @@ def _asked(command: Callable[..., None]) -> Callable[..., None]:
 
 def _answer(name: str, *, folder: Path | None, as_json: bool, **settings: Any) -> None:
     """Ask, show, and leave with the study's exit code; settings that are None are left to the study."""
-    with terminal.bar() as tell:
+    with terminal.bar() as progress:
         found = dem_bridge.study(
-            name, folder=folder, tell=tell, **{key: value for key, value in settings.items() if value is not None}
+            name,
+            folder=folder,
+            progress=progress,
+            **{key: value for key, value in settings.items() if value is not None},
         )
     if as_json:
         click.echo(json.dumps(found.as_json(), indent=1, allow_nan=False))
@@ -70,8 +75,8 @@ def scatter(
     """Run a seeded set of SCENE's chains whose contact angles are a little off, and say what that does."""
     asked = {"spread": spread, "count": count, "seed": seed}
     settings: dict[str, Any] = {key: value for key, value in asked.items() if value is not None}
-    with terminal.bar() as tell:
-        found = dem_bridge.study_scatter(scene, folder=folder, jobs=jobs, tell=tell, **settings)
+    with terminal.bar() as progress:
+        found = dem_bridge.study_scatter(scene, folder=folder, jobs=jobs, progress=progress, **settings)
     if as_json:
         click.echo(json.dumps(found.as_json(), indent=1, allow_nan=False))
     else:
@@ -91,8 +96,8 @@ def styles(
     scene: str, dt: float | None, lmp: str | None, python: str | None, folder: Path | None, as_json: bool
 ) -> None:
     """Run SCENE through every way LAMMPS has, each beside the twin: styles, walls, suffixes, ranks, a restart."""
-    with terminal.bar() as tell:
-        found = dem_bridge.study_styles(scene, dt=dt, folder=folder, tell=tell, lmp=lmp, python=python)
+    with terminal.bar() as progress:
+        found = dem_bridge.study_styles(scene, dt=dt, folder=folder, progress=progress, lmp=lmp, python=python)
     if as_json:
         click.echo(json.dumps(found.as_json(), indent=1, allow_nan=False))
     else:
@@ -119,9 +124,9 @@ def styles(
 @click.option("--no-numerics", is_flag=True, help="Ask about the physics alone.")
 @engine_options
 @_asked
-def ladder(observables: tuple[str, ...], no_numerics: bool, **settings: Any) -> None:
+def model_hierarchy(observables: tuple[str, ...], no_numerics: bool, **settings: Any) -> None:
     """Say what SCENE requires: each piece of physics and each numerical choice left out, and the least model."""
-    _answer("ladder", observables=observables or None, numerics=False if no_numerics else None, **settings)
+    _answer("model-hierarchy", observables=observables or None, numerics=False if no_numerics else None, **settings)
 
 
 @study.command("rule-of-thumb")

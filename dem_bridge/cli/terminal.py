@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
     from dem_bridge.planning.answer import Plan
     from dem_bridge.scene import Scene
-    from dem_bridge.studies.exhibits import Paper, Study
     from dem_bridge.studies.scatter import ScatterStudy
+    from dem_bridge.studies.study import Paper, Study
     from dem_bridge.studies.styles import StylesStudy
     from dem_bridge.studies.verify import Verification
 
@@ -245,12 +245,12 @@ def bar() -> Iterator[Callable[[float, int, str], None] | None]:
 @contextmanager
 def fraction(label: str) -> Iterator[None]:
     """Show how far one run is, as :func:`bar`."""
-    from dem_bridge import progress
+    from dem_bridge.progress import listening
 
-    with bar() as tell:
-        if tell is None:
+    with bar() as progress:
+        if progress is None:
             yield
             return
-        tell(0.0, 1, label)
-        with progress.listening(lambda part: tell(part, 1, label)):
+        progress(0.0, 1, label)
+        with listening(lambda part: progress(part, 1, label)):
             yield

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution
 from dem_bridge.backends.bca import no_single_pulse
+from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.steps import radius_of
-from dem_bridge.backends.survey import Survey
-from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.exports.table import Column, Table, barred, counts, numbers, texts
 from dem_bridge.lmp.coefficients import Laws, laws, line_order, pairs, refusal
@@ -52,21 +52,23 @@ class _Told:
     resolution: Resolution
 
     @cached_property
-    def look(self) -> Survey:
-        return survey_of(self.scene)
+    def prescan(self) -> Prescan:
+        return prescan_scene(self.scene)
 
     @cached_property
     def radius(self) -> float:
         """m."""
-        deepest, radius = self.deepest, radius_of(self.scene, self.resolution, self.look)
+        deepest, radius = self.deepest, radius_of(self.scene, self.resolution, self.prescan)
         if radius < deepest:
-            raise UsageError(f"gauge_radius = {radius:g} m; allowed: more than the largest overlap, {deepest:.3g} m")
+            raise UsageError(
+                f"surrogate_radius = {radius:g} m; allowed: more than the largest overlap, {deepest:.3g} m"
+            )
         return radius
 
     @property
     def deepest(self) -> float:
         """Largest overlap of all, m."""
-        return float(np.max(self.look.peak_overlap, initial=0.0))
+        return float(np.max(self.prescan.peak_overlap, initial=0.0))
 
     @cached_property
     def laws(self) -> Laws:
@@ -107,7 +109,7 @@ def _kinds(scene: Scene) -> list[str]:
 def contacts(scene: Scene, run: Trajectory | None = None, **form: Any) -> Table:
     """Every contact: geometry, stiffness by both laws, what LAMMPS is told, what is predicted and, with a run, found.
 
-    ``form``: types, geometry and gauge_radius of the deck, as in :class:`~dem_bridge.backends.base.Resolution`.
+    ``form``: types, geometry and surrogate_radius of the deck, as in :class:`~dem_bridge.backends.base.Resolution`.
     """
     told, c = _Told(scene=scene, resolution=Resolution(**form)), scene.contacts
     notes: list[str] = []
@@ -120,7 +122,7 @@ def contacts(scene: Scene, run: Trajectory | None = None, **form: Any) -> Table:
         numbers("gap", "gap", "m", c.gap),
         *_damping(scene),
         *_of_deck(told, notes),
-        *_predicted(scene, told.look, notes),
+        *_predicted(scene, told.prescan, notes),
         *_found(scene, run, notes),
     ]
     return Table(
@@ -181,13 +183,13 @@ def _of_deck(told: _Told, notes: list[str]) -> list[Column]:
         numbers("lammps_k_n", "LAMMPS k_n", _unit_of(model), stiffness, digits=6),
         counts("type_left", "type left", told.types[told.place]),
         counts("type_right", "type right", told.types[told.place + 1]),
-        numbers("gauge_radius", "gauge radius", "m", [told.radius] * scene.n_contact),
+        numbers("surrogate_radius", "gauge radius", "m", [told.radius] * scene.n_contact),
     ]
 
 
-def _predicted(scene: Scene, look: Survey, notes: list[str]) -> list[Column]:
+def _predicted(scene: Scene, prescan: Prescan, notes: list[str]) -> list[Column]:
     """By the coarse run that decks are sized by, and by binary collisions."""
-    c, overlap = scene.contacts, look.peak_overlap
+    c, overlap = scene.contacts, prescan.peak_overlap
     notes.append(
         "the survey is the coarse run by which decks are sized, good to a few per cent; its forces are elastic"
     )
@@ -206,8 +208,8 @@ def _predicted(scene: Scene, look: Survey, notes: list[str]) -> list[Column]:
             )
             force[k], residence[k], speed = hit.peak_force, hit.half_time, hit.exit_velocity[1]
     return [
-        numbers("peak_overlap_survey", "peak overlap, survey", "m", overlap, digits=3),
-        numbers("peak_force_survey", "peak force, survey", "N", c.force(overlap, np.arange(len(overlap))), digits=3),
+        numbers("peak_overlap_prescan", "peak overlap, survey", "m", overlap, digits=3),
+        numbers("peak_force_prescan", "peak force, survey", "N", c.force(overlap, np.arange(len(overlap))), digits=3),
         numbers("peak_force_bca", "peak force, BCA", "N", force),
         numbers("residence_bca", "residence time, BCA", "s", residence),
     ]

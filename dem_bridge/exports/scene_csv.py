@@ -37,7 +37,13 @@ DERIVED = frozenset(
         *("mass_by_density_kg", "shape", "radius_m", "height_m", "material", "youngs_modulus_Pa", "poissons_ratio"),
         *("density_kg_per_m3", "atom_id", "atom_type", "angle_deg", "stiffness_paper_N_per_m1_5"),
         *("stiffness_exact_N_per_m1_5", "paper_over_exact", "lammps_model", "lammps_k_n_SI", "type_left", "type_right"),
-        *("gauge_radius_m", "peak_overlap_survey_m", "peak_force_survey_N", "peak_force_bca_N", "residence_bca_s"),
+        *(
+            "surrogate_radius_m",
+            "peak_overlap_prescan_m",
+            "peak_force_prescan_N",
+            "peak_force_bca_N",
+            "residence_bca_s",
+        ),
         *("peak_overlap_m", "peak_overlap_bar_m", "peak_force_N", "peak_force_bar_N", "semi_major_m", "semi_minor_m"),
         "peak_pressure_Pa",
     }

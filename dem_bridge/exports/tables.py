@@ -25,7 +25,7 @@ TABLES: Mapping[str, Callable[..., Table]] = MappingProxyType(
     }
 )
 #: how a deck is laid out: settings of tables that show it
-FORM = ("geometry", "types", "gauge_radius")
+FORM = ("geometry", "types", "surrogate_radius")
 
 
 def table_named(name: str) -> Callable[..., Table]:

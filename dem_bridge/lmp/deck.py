@@ -41,7 +41,7 @@ class Deck:
     name: str
     files: Mapping[str, str]
     """File name -> text; ``in.NAME`` is the deck, the others are read by it."""
-    gauge_radius: float
+    surrogate_radius: float
     """m."""
     line: Floats
     """Position of each atom at the start, m, as LAMMPS reads it; walls included."""
@@ -62,7 +62,7 @@ class Deck:
     @property
     def radii(self) -> Floats:
         """Of each atom, m."""
-        return np.full(len(self.line), self.gauge_radius) if self.encoded_radii is None else self.encoded_radii
+        return np.full(len(self.line), self.surrogate_radius) if self.encoded_radii is None else self.encoded_radii
 
     @property
     def reach(self) -> Floats:
@@ -170,7 +170,7 @@ def deck_of(
     return Deck(
         name=scene.name,
         files=MappingProxyType(files),
-        gauge_radius=radius,
+        surrogate_radius=radius,
         line=place,
         weight=np.pad(scene.steady_force, around),
         mobility=np.pad(1.0 / np.array(scene.mass), around),

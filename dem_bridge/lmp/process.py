@@ -30,7 +30,7 @@ from dem_bridge.lmp.engine import STYLES, Build, Engine, lacks, remedy
 WORKER = Path(__file__).with_name("worker.py")
 #: where Linux keeps what processes share
 SHARED_MEMORY = Path("/dev/shm")
-LEASH = Path(__file__).with_name("leash.py")
+PARENT_DEATH_GUARD = Path(__file__).with_name("parent_death_guard.py")
 _ANSWER = "answer.json"
 _SILENT_STAGES = {
     "load": "loading the lammps module",
@@ -260,7 +260,7 @@ def _child(
     """Run a command, on the engine's ranks if ``launched``; whatever happens, nothing of it is left."""
     launcher = engine.launcher() if launched else []
     if launcher or engine.lmp:  # the worker looks after itself
-        launcher = [sys.executable, "-IS", str(LEASH), *launcher]
+        launcher = [sys.executable, "-IS", str(PARENT_DEATH_GUARD), *launcher]
     began = time.perf_counter()
     with (folder / "stderr.txt").open("wb") as sink:
         try:

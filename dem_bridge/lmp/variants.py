@@ -84,10 +84,10 @@ def flat_walls(deck: Deck, scene: Scene) -> Deck:
     lines = []
     for side, atom, contact in walls:
         inward = 1.0 if side == "left" else -1.0
-        plane = float(deck.line[atom - 1]) + inward * deck.gauge_radius
+        plane = float(deck.line[atom - 1]) + inward * deck.surrogate_radius
         ends = f"{plane!r} NULL" if side == "left" else f"NULL {plane!r}"
         lines += [
-            f"fix             {side} bodies wall/gran granular {_flat_law(scene, contact, deck.gauge_radius)}"
+            f"fix             {side} bodies wall/gran granular {_flat_law(scene, contact, deck.surrogate_radius)}"
             f" xplane {ends} contacts",
             f"compute         push_{side} bodies reduce sum f_{side}[2]",
             f"variable        reaction_{side} equal -c_push_{side}",
@@ -135,7 +135,7 @@ def hertz_history(deck: Deck, scene: Scene, peak_overlap: NDArray[np.float64]) -
     radii, kn = found
     line = _places(scene, radii)
     data = f"data.{deck.name}"
-    old, lowest, highest = deck.gauge_radius, float(line[0] - radii[0]), float(line[-1] + radii[-1])
+    old, lowest, highest = deck.surrogate_radius, float(line[0] - radii[0]), float(line[-1] + radii[-1])
 
     def sized(row: re.Match[str]) -> str:
         radius, place = float(radii[int(row[1]) - 1]), float(line[int(row[1]) - 1])
@@ -155,7 +155,7 @@ def hertz_history(deck: Deck, scene: Scene, peak_overlap: NDArray[np.float64]) -
     text = _once(r"^# gauge radius .*$", "# the radii carry the stiffness: Kn sqrt(R_eff) = beta", text)
     return replace(
         _changed(deck, {deck.input_file: text, data: rows}),
-        gauge_radius=float(np.min(radii)),
+        surrogate_radius=float(np.min(radii)),
         encoded_radii=radii,
         line=line,
         types=1,

@@ -96,7 +96,7 @@ def _reasons(options: Options, chosen: Option, left_out: Mapping[str, str], yard
     outlook, candidate = options.outlook, chosen.candidate
     if candidate.knob == "dt":
         yield (
-            f"the coarse run found contacts of up to {outlook.look.frequency:.3g} rad/s, and a phase of"
+            f"the coarse run found contacts of up to {outlook.prescan.frequency:.3g} rad/s, and a phase of"
             f" {outlook.phase:.3g} rad in the stiffest of each moment over {options.scene.duration:g} s"
         )
     if chosen.law is not None:

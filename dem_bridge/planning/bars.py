@@ -8,7 +8,7 @@ from dataclasses import replace
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import Backend, Resolution, Sampling
 from dem_bridge.backends.steps import default_step, order_on, radius_of, round_step
-from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.verlet import Verlet
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.scene import Scene
@@ -33,10 +33,10 @@ def resolution_for(
     if reason:
         raise UnsupportedScene(f"accuracy = {accuracy!r} on {scene.name}: {reason}")
     accuracy = checked_accuracy(accuracy)
-    look = survey_of(scene)
-    radius, least = radius_of(scene, resolution, look), math.inf
+    prescan = prescan_scene(scene)
+    radius, least = radius_of(scene, resolution, prescan), math.inf
     # a method of higher order may have longer steps
-    dt = 100.0 * max(1.0, 0.5 * order) * default_step(scene, sampling, look)
+    dt = 100.0 * max(1.0, 0.5 * order) * default_step(scene, sampling, prescan)
     while scene.duration / dt <= MOST_STEPS:
         run = code.run(scene, replace(resolution, dt=dt, bars=True), sampling)
         scale = float(abs(run.velocity).max())
@@ -70,6 +70,6 @@ def _what_no_step_changes(run: Trajectory, radius: float, resolution: Resolution
                 " (take n = 2 or 2.5 in damped contacts, or backend='scipy')"
             )
         return f"tables miss {parts['table']:.2g} of the velocities (take more table_points, or lammps-granular)"
-    remedy = " (take geometry='gauge')" if resolution.geometry == "physical" else ""
+    remedy = " (take geometry='surrogate')" if resolution.geometry == "physical" else ""
     floor = run.provenance["round_off_floor"]
     return f"bodies of {radius:.3g} m round off {floor:.2g} of the velocities at dt = {dt:g} s{remedy}"

@@ -115,9 +115,15 @@ class Judge:
         observable: str,
         truth: Trajectory | None,
         *,
-        tell: Callable[[str], None] = lambda label: None,
+        progress: Callable[[str], None] = lambda label: None,
     ) -> None:
-        self.scene, self.sampling, self.observable, self.truth, self.tell = scene, sampling, observable, truth, tell
+        self.scene, self.sampling, self.observable, self.truth, self.progress = (
+            scene,
+            sampling,
+            observable,
+            truth,
+            progress,
+        )
         self._runs: dict[tuple[str, float], Trajectory] = {}
 
     def snapped(self, candidate: Candidate, setting: float) -> float:
@@ -135,7 +141,7 @@ class Judge:
         key = (candidate.name, setting)
         if key in self._runs:
             return self._runs[key]
-        self.tell(f"{candidate.runs} at {candidate.knob} = {setting:.3g}" if candidate.knob else candidate.runs)
+        self.progress(f"{candidate.runs} at {candidate.knob} = {setting:.3g}" if candidate.knob else candidate.runs)
         settings = {**candidate.given, **({candidate.knob: setting} if candidate.knob else {}), "bars": False}
         run = backend(candidate.runs).run(self.scene, Resolution(**settings), self.sampling)
         if self.truth is None:

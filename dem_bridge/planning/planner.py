@@ -68,7 +68,7 @@ def plan_for(
     sampling: Sampling | None = None,
     budget: float | None = None,
     predict_only: bool = False,
-    tell: Tell | None = None,
+    progress: Tell | None = None,
 ) -> Plan:
     """See :func:`dem_bridge.plan`; ``name`` is that of a backend, None where the choice is free."""
     if budget is not None and not 0.0 < budget < math.inf:
@@ -79,7 +79,7 @@ def plan_for(
         name=name,
         observable=observable,
         sampling=sampling or Sampling(count=scene.samples),
-        tell=tell,
+        progress=progress,
     )
     chosen = planner.options.foreseen() if predict_only else planner.checked()
     if budget is not None and chosen.cost > budget:
@@ -91,17 +91,24 @@ class Planner:
     """One question, and what was found on the way to its answer."""
 
     def __init__(
-        self, scene: Scene, accuracy: float, *, name: str | None, observable: str, sampling: Sampling, tell: Tell | None
+        self,
+        scene: Scene,
+        accuracy: float,
+        *,
+        name: str | None,
+        observable: str,
+        sampling: Sampling,
+        progress: Tell | None,
     ) -> None:
         self.options = Options(scene, accuracy, name, observable, sampling)
         self.outlook, self.left_out = self.options.outlook, dict(self.options.left_out)
         self.scene, self.accuracy, self.observable, self.sampling = scene, accuracy, observable, sampling
-        self.tell, self.began, self.expected, self.yardstick = tell, time.process_time(), 0.0, ""
+        self.progress, self.began, self.expected, self.yardstick = progress, time.process_time(), 0.0, ""
 
     def checked(self) -> Option:
         """The cheapest of those that runs found to serve."""
         truth = self._yardstick()
-        self.judge = Judge(self.scene, self.sampling, self.observable, truth, tell=self._say)
+        self.judge = Judge(self.scene, self.sampling, self.observable, truth, progress=self._say)
         best: Option | None = None
         floors: dict[str, str] = {}
         for one in self.options.found:
@@ -239,7 +246,9 @@ class Planner:
             return None
         # of order 4 against 2
         first = min(2.0 * plain.setting * (1e-4 / self.accuracy) ** 0.25, most)
-        rounds_off = round_off_floor(self.scene, self.outlook.schedule(0.5 * first), candidate.given["gauge_radius"])
+        rounds_off = round_off_floor(
+            self.scene, self.outlook.schedule(0.5 * first), candidate.given["surrogate_radius"]
+        )
         if EXTRAPOLATED_ROUNDING * rounds_off > self.accuracy:
             return None
         settled = settle(trial, first, self.accuracy, order=4.0, least=least, most=most)
@@ -265,7 +274,7 @@ class Planner:
         if candidate.name in ENGINE_BACKENDS and self.accuracy < ROUND_OFF_BELOW:
             # round-off grows with the number of steps: what a shorter run has, a longer one has, too
             dt = max(one.setting, self.scene.duration / FEW_STEPS)
-            radius = radius_of(self.scene, Resolution(), self.outlook.look)
+            radius = radius_of(self.scene, Resolution(), self.outlook.prescan)
             floor = round_off_floor(self.scene, self.outlook.schedule(dt), radius)
             if floor > self.accuracy:
                 raise UsageError(f"bodies of {radius:.3g} m round off {floor:.2g} of the velocities")
@@ -303,7 +312,7 @@ class Planner:
         """A candidate with all settings of the runs that are made for it: LAMMPS' positions and tables."""
         if candidate.name not in ENGINE_BACKENDS:
             return candidate
-        given = {"gauge_radius": radius_of(self.scene, Resolution(), self.outlook.look)}
+        given = {"surrogate_radius": radius_of(self.scene, Resolution(), self.outlook.prescan)}
         if candidate.name != "lammps-table":
             return replace(candidate, given=given)
         plain = replace(candidate, given=given, name="without tables")
@@ -323,7 +332,7 @@ class Planner:
         last = settled.trials[-1]
         least = f"the least error found is {settled.least:.2g}"
         if candidate.name in ENGINE_BACKENDS:
-            radius = candidate.given["gauge_radius"]
+            radius = candidate.given["surrogate_radius"]
             floor = round_off_floor(self.scene, self.outlook.schedule(last.setting), radius)
             if floor > 0.3 * self.accuracy:
                 return f"bodies of {radius:.3g} m round off {floor:.2g} of the velocities, and {least}"
@@ -333,9 +342,9 @@ class Planner:
         return f"{least}, and finer settings do no better"
 
     def _say(self, label: str) -> None:
-        if self.tell is not None:
+        if self.progress is not None:
             spent = time.process_time() - self.began
-            self.tell(min(0.95, spent / max(self.expected, 1e-9)), 1, label)
+            self.progress(min(0.95, spent / max(self.expected, 1e-9)), 1, label)
 
 
 def _told(candidate: Candidate, settled: Settled) -> str:

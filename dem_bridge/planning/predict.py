@@ -1,10 +1,10 @@
 """What a run will err by and cost, before there is one: from a coarse run of the scene and laws of a few numbers each.
 
-The coarse run (:mod:`.backends.survey`) knows the highest frequency omega of a contact, and the phase that the stiffest
-contact of each moment goes through, all moments together. A fixed step of order p errs by ``C phase^b (omega dt)^p``:
-local errors go with (omega dt)^p, and a long run makes more of them than a short one. C and b are fits to 186 random
-scenes (tests/random_plans.py, others than those of its benchmark): what is predicted here is an order of magnitude, to
-be checked by runs.
+The coarse run (:mod:`.backends.prescan`) knows the highest frequency omega of a contact, and the phase that the
+stiffest contact of each moment goes through, all moments together. A fixed step of order p errs by ``C phase^b (omega
+dt)^p``: local errors go with (omega dt)^p, and a long run makes more of them than a short one. C and b are fits to 186
+random scenes (tests/random_plans.py, others than those of its benchmark): what is predicted here is an order of
+magnitude, to be checked by runs.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.splitting import fits
 from dem_bridge.backends.steps import fixed_step_plan
-from dem_bridge.backends.survey import Survey
-from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.dense import PHASE_PER_DENSE_SAMPLE, Schedule
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
@@ -102,24 +102,24 @@ class Outlook:
     """A scene, what its coarse run found, and its samples: all that predictions are made of."""
 
     scene: Scene
-    look: Survey
+    prescan: Prescan
     sampling: Sampling
 
     @classmethod
     def of(cls, scene: Scene, sampling: Sampling) -> Outlook:
         """Makes the coarse run; RunBroken where that would take too long."""
-        return cls(scene=scene, look=survey_of(scene), sampling=sampling)
+        return cls(scene=scene, prescan=prescan_scene(scene), sampling=sampling)
 
     @property
     def phase(self) -> float:
         """rad that the stiffest contact of each moment goes through, all moments together; at least 1."""
         if self.scene.law is not None:
-            return max(1.0, self.look.frequency * self.scene.duration)
-        return max(1.0, self.look.steps * (0.1 * _PHASE if self.scene.damped else _PHASE))
+            return max(1.0, self.prescan.frequency * self.scene.duration)
+        return max(1.0, self.prescan.steps * (0.1 * _PHASE if self.scene.damped else _PHASE))
 
     def schedule(self, dt: float) -> Schedule:
         """The steps that a run with this ``dt`` (s) takes."""
-        return fixed_step_plan(self.scene, Resolution(dt=dt), self.sampling, self.look)
+        return fixed_step_plan(self.scene, Resolution(dt=dt), self.sampling, self.prescan)
 
     def _scale(self, law: ErrorLaw, observable: str) -> float:
         """Error at a knob of 1."""
@@ -132,27 +132,27 @@ class Outlook:
         if law is OF_RTOL:
             return float(scale * setting**law.order)
         digits = EPS * math.sqrt(self.scene.duration / setting)
-        return float(scale * (self.look.frequency * setting) ** law.order) + digits
+        return float(scale * (self.prescan.frequency * setting) ** law.order) + digits
 
     def setting(self, law: ErrorLaw, error: float, observable: str) -> float:
         """The setting that errs by ``error``; inf where nothing touches anything."""
         knob: float = (error / self._scale(law, observable)) ** (1.0 / law.order)
         if law is OF_RTOL:
             return knob
-        return knob / self.look.frequency if self.look.frequency > 0.0 else math.inf
+        return knob / self.prescan.frequency if self.prescan.frequency > 0.0 else math.inf
 
     def cost(self, name: str, setting: float = math.nan) -> float:
         """CPU of a run without bars, s."""
         bodies = self.scene.n_body
         if name in ADAPTIVE:
             once, factor, a, b, c = ADAPTIVE[name]
-            coarse = self.look.steps * (0.1 if self.scene.damped else 1.0)
+            coarse = self.prescan.steps * (0.1 if self.scene.damped else 1.0)
             finer = (setting / 1e-6) ** c if c != 0.0 else 1.0
             return float(once + factor * bodies**a * coarse**b * finer)
         once, row, row_body, evaluation, evaluation_body = COST.get(name, COST[FAST if fits(self.scene) else PLAIN])
         interval = self.scene.duration / self.sampling.count
         steps = self.sampling.count * max(1.0, interval / setting)
-        rows = min(steps, self.sampling.count * max(1.0, interval * self.look.frequency / PHASE_PER_DENSE_SAMPLE))
+        rows = min(steps, self.sampling.count * max(1.0, interval * self.prescan.frequency / PHASE_PER_DENSE_SAMPLE))
         evaluations = steps * EVALUATIONS.get(name, 1)
         return once + rows * (row + row_body * bodies) + evaluations * (evaluation + evaluation_body * bodies)
 
@@ -170,8 +170,8 @@ class Outlook:
             found["rayleigh_time"] = dt / rayleigh
         if (contact := contact_time_of(self.scene)) is not None:
             found["contact_time"] = dt / contact
-        if self.look.frequency > 0.0:
-            found["2/omega"] = dt * self.look.frequency / 2.0
+        if self.prescan.frequency > 0.0:
+            found["2/omega"] = dt * self.prescan.frequency / 2.0
         return found
 
 

@@ -17,8 +17,8 @@ from dem_bridge.errors import BackendUnavailable, RunBroken, SceneError, UsageEr
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.planning.bars import resolution_for
 from dem_bridge.regression.baseline import Baseline, read_baseline
-from dem_bridge.regression.birth import baseline_of, honest_difference
 from dem_bridge.regression.compare import Change, Comparison, accuracy_words, compare, judged
+from dem_bridge.regression.provenance import baseline_of, roundoff_tolerance
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
 from dem_bridge.trajectory import Trajectory
@@ -110,7 +110,7 @@ def regress_scenes(
     dt: float | None = None,
     engine: Engine | None = None,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
 ) -> Regression:
     """Run again what has a baseline in ``folder``, all or only these scenes and backends; what has none is NEW.
 
@@ -127,7 +127,7 @@ def regress_scenes(
     # bars cost runs: what is only compared has those of its baseline
     cases = [one.case(engine, bars=update or one.baseline is None or one.backend == REFERENCE) for one in asked]
     judges = [one.judge for one in asked]
-    results = run_cases([*cases, *judges], jobs=jobs, tell=tell, everything=True)
+    results = run_cases([*cases, *judges], jobs=jobs, progress=progress, everything=True)
     found: list[Comparison] = [*gone]
     texts: dict[str, str] = {}
     for one, result, judge in zip(asked, results[: len(asked)], results[len(asked) :], strict=True):
@@ -161,7 +161,7 @@ def against(
     dt: float | None = None,
     engine: Engine | None = None,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
 ) -> Regression:
     """The same decks through two LAMMPS: ``other`` is what was, ``engine`` what is. Without scenes, those that have
     baselines of LAMMPS in ``folder``."""
@@ -172,7 +172,7 @@ def against(
         raise UsageError(f"{folder}: there are no baselines of LAMMPS; name scenes to compare two LAMMPS on")
     sides = ((other, True), (engine or Engine.chosen(), False))  # bars are those of the settings: one of them is enough
     cases = [one.case(each, bars=bars) for one in asked for each, bars in sides]
-    results = run_cases([*cases, *(one.judge for one in asked)], jobs=jobs, tell=tell, everything=True)
+    results = run_cases([*cases, *(one.judge for one in asked)], jobs=jobs, progress=progress, everything=True)
     judges, found, versions = results[len(cases) :], [], {}
     for side in (results[: len(cases) : 2], results[1 : len(cases) : 2]):
         if isinstance(error := side[0].failure, BackendUnavailable) and not any(one.trajectory for one in side):
@@ -189,7 +189,7 @@ def against(
         if now.trajectory is None:
             found.append(_absent(one, now))
             continue
-        within = honest_difference(one.scene, one.backend, one.resolution, one.sampling, was.trajectory)
+        within = roundoff_tolerance(one.scene, one.backend, one.resolution, one.sampling, was.trajectory)
         basis = baseline_of(
             one.scene, was.trajectory, dt=one.resolution.dt, tolerance=one.tolerance, same_within=within
         )
@@ -362,7 +362,7 @@ def _made(one: Asked, run: Trajectory, reference: Trajectory | None) -> Baseline
         run,
         dt=one.resolution.dt,
         tolerance=one.tolerance,
-        same_within=honest_difference(one.scene, one.backend, one.resolution, one.sampling, run),
+        same_within=roundoff_tolerance(one.scene, one.backend, one.resolution, one.sampling, run),
         accuracy=judged(run, reference, one.tolerance),
         source=one.source,
     )

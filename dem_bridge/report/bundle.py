@@ -22,7 +22,7 @@ from dem_bridge.files import write_whole
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.report.page import report_files, title
 from dem_bridge.scene_file.text import scene_toml
-from dem_bridge.studies.exhibits import Table
+from dem_bridge.studies.study import Table
 from dem_bridge.studies.verify import SceneStudy, Verification
 from dem_bridge.verdict import Verdict, plain
 from dem_bridge.version import __version__

@@ -9,8 +9,8 @@ import math
 from matplotlib.figure import Figure
 from PIL import Image
 
-from dem_bridge.report.exhibits import settled
-from dem_bridge.studies.exhibits import Claim, ClaimValue, Paper, Table
+from dem_bridge.report.drawing import settled
+from dem_bridge.studies.study import Claim, ClaimValue, Paper, Table
 from dem_bridge.verdict import Outcome
 
 #: dots to the inch

@@ -26,12 +26,12 @@ from dem_bridge.observables.front import (
     residence_by_crossing,
     wave_speed_by_crossing,
 )
-from dem_bridge.report.exhibits import drawn
+from dem_bridge.report.drawing import drawn
 from dem_bridge.report.strokes import BLACK, BLUE, GREEN, STYLES, VERMILION
 from dem_bridge.scene import Scene
 from dem_bridge.studies.budget import Budget
 from dem_bridge.studies.checks import REFERENCE, THEORY, TWIN
-from dem_bridge.studies.exhibits import Exhibit, Map, Panel, Series
+from dem_bridge.studies.study import FigureData, Map, Panel, Series
 from dem_bridge.studies.styles import COLUMNS, StylesStudy
 from dem_bridge.studies.verify import SceneStudy
 from dem_bridge.trajectory import Trajectory
@@ -191,7 +191,7 @@ def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
 
 def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
     """Velocity error against step for LAMMPS and twin, with what is left between the two: where an error comes from."""
-    shown = [study for study in studies if any(max(errors) > 0.0 for _, errors in study.ladder.values())]
+    shown = [study for study in studies if any(max(errors) > 0.0 for _, errors in study.refinement.values())]
     if not shown:
         return None
     figure, axes = _panels(1, len(shown), width=5.0, height=3.6)
@@ -200,9 +200,9 @@ def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
             (study.engine, {**STYLES[study.engine], "label": "LAMMPS - reference"}),
             (TWIN, {"color": GREEN, "linestyle": "none", "marker": "x", "label": "twin - reference"}),
         ):
-            if name in study.ladder:
-                ax.loglog(*study.ladder[name], **style)
-        steps, errors = next(iter(study.ladder.values()))
+            if name in study.refinement:
+                ax.loglog(*study.refinement[name], **style)
+        steps, errors = next(iter(study.refinement.values()))
         guide = np.array([max(steps), min(steps)])
         slope = order_on(study.scene)
         line = errors[0] * (guide / steps[0]) ** slope
@@ -318,7 +318,7 @@ def _bars_of(budget: Budget) -> dict[str, float]:
 
 
 def _drawn(panels: Sequence[Panel], columns: int | None = None) -> Figure:
-    return drawn(Exhibit(id="", title="", caption="", panels=tuple(panels), columns=columns or len(panels)))
+    return drawn(FigureData(id="", title="", caption="", panels=tuple(panels), columns=columns or len(panels)))
 
 
 def _panels(

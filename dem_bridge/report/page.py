@@ -36,11 +36,11 @@ from dem_bridge.report.cells import (
     picture,
     sortable,
 )
-from dem_bridge.report.exhibits import csv_texts, drawn
+from dem_bridge.report.drawing import csv_texts, drawn
 from dem_bridge.store import Store, code_hash, study_key
 from dem_bridge.studies.checks import POSITIONAL, REFERENCE, SECOND, THEORY, THIRD, TWIN
-from dem_bridge.studies.exhibits import Exhibit, Paper
 from dem_bridge.studies.independence import ANSWERS_THROUGH, matrix
+from dem_bridge.studies.study import FigureData, Paper
 from dem_bridge.studies.verify import SceneStudy, Verification
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome, Verdict
@@ -225,10 +225,10 @@ def _contents(paper: Paper | None) -> list[tuple[str, str]]:
 
 def _in_full(study: SceneStudy) -> bool:
     """Whether a scene of a paper has its steps in a ladder: the others lend their numbers, and no pictures."""
-    return any(len(steps) > 1 for steps, _ in study.ladder.values())
+    return any(len(steps) > 1 for steps, _ in study.refinement.values())
 
 
-def _shown(exhibit: Exhibit, store: Store | None) -> str:
+def _shown(exhibit: FigureData, store: Store | None) -> str:
     """The picture of an exhibit, which takes half a second to be drawn."""
     # the same numbers, drawn by the same code
     content = hashlib.sha256(exhibit.content()).hexdigest()

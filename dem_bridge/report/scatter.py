@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from dem_bridge.files import write_whole
-from dem_bridge.report.exhibits import png
+from dem_bridge.report.drawing import png
 from dem_bridge.studies.scatter import ScatterStudy, exhibit
 
 

@@ -9,8 +9,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from dem_bridge.files import write_whole
 from dem_bridge.report.cells import number, numeric, sortable
-from dem_bridge.report.exhibits import csv_texts, png
-from dem_bridge.studies.exhibits import Study
+from dem_bridge.report.drawing import csv_texts, png
+from dem_bridge.studies.study import Study
 
 
 def write_study(found: Study, folder: Path) -> tuple[str, ...]:

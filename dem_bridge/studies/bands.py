@@ -23,7 +23,7 @@ from dem_bridge.observables.bands import Bands, measured_bands, unit_cell
 from dem_bridge.physics.dispersion import Cell
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store
-from dem_bridge.studies.exhibits import Exhibit, Panel, Series, Study, Table
+from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome, judge
 
@@ -68,7 +68,7 @@ def study_bands(
     *,
     engine: Engine | None = None,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     store: Store | None = None,
     tolerance: float = TOLERANCE,
 ) -> Study:
@@ -99,7 +99,7 @@ def study_bands(
         )
         for name in COMPARED
     ]
-    results = run_cases(cases, jobs=jobs, tell=tell, store=store)
+    results = run_cases(cases, jobs=jobs, progress=progress, store=store)
     runs = {one.case.backend: one.trajectory for one in results if one.trajectory is not None}
     found = [_found(scene, cell, name, run, runs) for name, run in runs.items()]
     excuses = {one.backend: _excuse(scene, cell, one, tolerance) for one in found}
@@ -289,7 +289,7 @@ def _codes(found: Sequence[Found]) -> Table:
     )
 
 
-def _exhibit(cell: Cell, found: Sequence[Found]) -> Exhibit:
+def _exhibit(cell: Cell, found: Sequence[Found]) -> FigureData:
     phases = np.linspace(0.0, math.pi, 101)
     branches = np.array([cell.frequencies(phase) for phase in phases.tolist()]) / (2e3 * math.pi)
     theory = tuple(
@@ -300,7 +300,7 @@ def _exhibit(cell: Cell, found: Sequence[Found]) -> Exhibit:
     ways = [(one, one.bands.phase / math.pi, 1e-3 * one.bands.frequency) for one in found]
     levels = [20.0 * np.log10(one.bands.transmission) for one in found]
     low, high = min(float(np.min(level)) for level in levels), max(float(np.max(level)) for level in levels)
-    return Exhibit(
+    return FigureData(
         id="bands",
         title="Bands",
         caption=(

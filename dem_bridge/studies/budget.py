@@ -99,7 +99,7 @@ def _allowed(quantity: str, rounding: float, twin: Trajectory, positional: Traje
     allowed = 2.0 * rounding + REALISATIONS * float(twin.provenance["velocity_bar"]["last_digit"])
     if quantity == "displacement":
         # a body that drifts adds the same increment at every step, which may fall on either side of a tie each time
-        farthest = 2.0 * float(positional.provenance["settings"]["gauge_radius"]) * twin.velocity.shape[1]
+        farthest = 2.0 * float(positional.provenance["settings"]["surrogate_radius"]) * twin.velocity.shape[1]
         largest = float(np.max(np.abs(twin.displacement), initial=0.0))
         allowed += twin.cost.steps * float(np.spacing(farthest + largest)) / max(largest, 1e-300)
     return allowed

@@ -1,7 +1,7 @@
 """The studies that exist, by name; each is imported only when asked for.
 
-A study is a function ``(scene, *, engine, jobs, tell, store, **own settings) -> Study``; without a scene where it takes
-a catalogue of its own. Adding one = a module with that function, a line here and a command in ``cli.studies``.
+A study is a function ``(scene, *, engine, jobs, progress, store, **own settings) -> Study``; without a scene where it
+takes a catalogue of its own. Adding one = a module with that function, a line here and a command in ``cli.studies``.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from dem_bridge.errors import UsageError
-from dem_bridge.studies.exhibits import Study
+from dem_bridge.studies.study import Study
 
 #: name -> (module, function)
 STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
-        "ladder": ("dem_bridge.studies.ladder.study", "study_ladder"),
+        "model-hierarchy": ("dem_bridge.studies.model_hierarchy.study", "study_model_hierarchy"),
         "work-precision": ("dem_bridge.studies.work_precision.study", "study_work_precision"),
         "rule-of-thumb": ("dem_bridge.studies.rule_of_thumb", "study_rule_of_thumb"),
         "stability": ("dem_bridge.studies.stability.study", "study_stability"),
@@ -27,7 +27,7 @@ STUDIES: Mapping[str, tuple[str, str]] = MappingProxyType(
     }
 )
 #: settings that every study has
-COMMON = ("scene", "engine", "jobs", "tell", "store")
+COMMON = ("scene", "engine", "jobs", "progress", "store")
 
 
 def study_named(name: str) -> Callable[..., Study]:

@@ -230,7 +230,7 @@ def _residence(scene: Scene, run: Trajectory, truth: Trajectory) -> Difference:
     )
 
 
-def order(scene: Scene, name: str, ladder: tuple[list[float], list[float]], truth: Trajectory) -> Verdict:
+def order(scene: Scene, name: str, refinement: tuple[list[float], list[float]], truth: Trajectory) -> Verdict:
     """Order of convergence over the ladder, without the main run; its bar is the residual over the ladder's length.
 
     Of first order, it is the residual over one rung: a dashpot's contact closes anywhere within a step, and errors of
@@ -238,7 +238,7 @@ def order(scene: Scene, name: str, ladder: tuple[list[float], list[float]], trut
     """
     expected = order_on(scene)
     allowed = ORDER_TOLERANCE[expected]
-    steps, errors = ladder[0][:-1], ladder[1][:-1]
+    steps, errors = refinement[0][:-1], refinement[1][:-1]
     floor = 10.0 * truth.uncertainty["velocity"] / max(float(np.max(np.abs(truth.velocity))), 1e-300)
     fit: ObservedOrder = observed_order(steps, errors, floor=floor)
     away, bar, why, outcome = abs(fit.order - expected), math.inf, "", Outcome.NOT_RUN

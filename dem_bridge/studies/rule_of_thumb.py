@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.campaign import Case, Progress, Result, run_cases
 from dem_bridge.compare import difference
 from dem_bridge.lmp.engine import Engine
@@ -21,7 +21,7 @@ from dem_bridge.observables.conserved import energy_parts, momentum
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
 from dem_bridge.store import Store
-from dem_bridge.studies.exhibits import Exhibit, Panel, Series, Study, Table
+from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.timescales import contact_time_of, rayleigh_time_of
 from dem_bridge.trajectory import Trajectory
 
@@ -73,7 +73,7 @@ def study_rule_of_thumb(
     *,
     engine: Engine | None = None,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     store: Store | None = None,
 ) -> Study:
     """Velocity-Verlet at 5, 10, 20 and 40 % of the Rayleigh time, on ``scene`` (None: on every shipped one).
@@ -83,7 +83,7 @@ def study_rule_of_thumb(
     scenes = [scene] if scene is not None else [load_scene(name) for name in shipped_scenes()]
     own = next((one for one in scenes if one.name == "decelerating-40"), scenes[0])
     asked = [cases_of(one, engine=engine, with_engine=one is own) for one in scenes]
-    results = iter(run_cases([case for cases in asked for case in cases], jobs=jobs, tell=tell, store=store))
+    results = iter(run_cases([case for cases in asked for case in cases], jobs=jobs, progress=progress, store=store))
     judged = [judged_of(one, [next(results) for _ in cases]) for one, cases in zip(scenes, asked, strict=True)]
     return Study(
         id="rule-of-thumb",
@@ -134,7 +134,7 @@ def cases_of(scene: Scene, *, engine: Engine | None = None, with_engine: bool = 
 
 def judged_of(scene: Scene, results: Sequence[Result]) -> Judged:
     """What the results of :func:`cases_of` say; only the coarse run is made here."""
-    frequency = survey_of(scene).frequency
+    frequency = prescan_scene(scene).frequency
     rayleigh, contact = rayleigh_time_of(scene), contact_time_of(scene)
     found: dict[float, Shared] = {}
     engine: dict[float, tuple[float, float]] = {}
@@ -277,7 +277,7 @@ def _span(values: Sequence[float]) -> str:
     return f"{low} %" if low == high else f"{low} to {high} %"
 
 
-def _exhibit(judged: Sequence[Judged]) -> Exhibit:
+def _exhibit(judged: Sequence[Judged]) -> FigureData:
     known = [one for one in judged if one.found]
     main = next((one for one in known if one.scene.name == "decelerating-40"), known[0])
 
@@ -296,7 +296,7 @@ def _exhibit(judged: Sequence[Judged]) -> Exhibit:
     def panel(title: str, series: tuple[Series, ...]) -> Panel:
         return Panel(title=title, x_label="step (% of the Rayleigh time)", y_label="error (%)", series=series, log=True)
 
-    return Exhibit(
+    return FigureData(
         id="rule-of-thumb-errors",
         title="Errors at a share of the Rayleigh time",
         caption="Largest error of a velocity in % of the largest velocity, and beside it what a user looks at.",

@@ -23,7 +23,7 @@ from dem_bridge.scene_file.physical import rounded
 from dem_bridge.scene_file.physical import scattered as turned_by_chance
 from dem_bridge.store import Store
 from dem_bridge.studies.checks import REFERENCE
-from dem_bridge.studies.exhibits import Exhibit, Panel, Series, Table
+from dem_bridge.studies.study import FigureData, Panel, Series, Table
 
 Floats = NDArray[np.float64]
 #: no cylinder is turned closer to its neighbour than this, degrees: at 0 the contact is a line
@@ -150,15 +150,17 @@ def study_scatter(
     count: int = 200,
     seed: int = 0,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     store: Store | None = None,
 ) -> ScatterStudy:
     """Run a seeded set of chains whose angles scatter; see :func:`dem_bridge.study_scatter`."""
-    results = run_cases(cases_of(scene, spread=spread, count=count, seed=seed), jobs=jobs, tell=tell, store=store)
+    results = run_cases(
+        cases_of(scene, spread=spread, count=count, seed=seed), jobs=jobs, progress=progress, store=store
+    )
     return study_of(scene, results, spread=spread, seed=seed)
 
 
-def exhibit(found: ScatterStudy) -> Exhibit:
+def exhibit(found: ScatterStudy) -> FigureData:
     """Residence time and peak force along the chain with the middle 90 % of the set."""
     residence = found.residence / found.wanted["residence"]
     force = found.peak_force[:, : found.scene.n_body - 1] / found.wanted["peak_force"][: found.scene.n_body - 1]
@@ -170,7 +172,7 @@ def exhibit(found: ScatterStudy) -> Exhibit:
         series = tuple(Series(label=label, style=style, x=x, y=y) for label, y, style in parts)
         return Panel(title=title, x_label="cylinder" if first else "contact", y_label=f"{what} / wanted", series=series)
 
-    return Exhibit(
+    return FigureData(
         id=f"scatter-{found.scene.name}",
         title=f"Angles that scatter by {found.spread:g}°: {found.scene.name}",
         caption=f"{len(found.arrival)} chains with seeds from {found.seed} on, by the reference; each over the chain"

@@ -18,11 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge import progress
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.lammps import LammpsGranular, LammpsTable, Written
+from dem_bridge.backends.prescan import Prescan, prescan_hertz
 from dem_bridge.backends.steps import fixed_step_plan
-from dem_bridge.backends.survey import Survey, survey
 from dem_bridge.backends.tabled import in_kernel, tables_for
 from dem_bridge.backends.twin import solve_plan
 from dem_bridge.backends.twin_bars import REALISATIONS, last_digit
@@ -33,6 +32,7 @@ from dem_bridge.lmp.deck import Deck
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import require
 from dem_bridge.lmp.variants import flat_walls, hertz_history, newton_off, with_restart
+from dem_bridge.progress import listening
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, SMALLEST_SCALE, Trajectory
 from dem_bridge.verdict import Outcome, exit_code, judge, plain
@@ -50,7 +50,7 @@ class Base:
     scene: Scene
     backend: LammpsGranular
     resolution: Resolution
-    look: Survey
+    prescan: Prescan
     deck: Deck
     own: Trajectory
     """The twin in overlap variables on the deck's steps."""
@@ -61,7 +61,7 @@ class Base:
         of some realisations, because one alone can be small by chance."""
         key = deck.radii.tobytes()
         if key not in self._floors:
-            radius = deck.gauge_radius if deck.encoded_radii is None else deck.encoded_radii
+            radius = deck.surrogate_radius if deck.encoded_radii is None else deck.encoded_radii
             runs = [solve_plan(self.scene, deck.schedule, factor * radius) for factor in RADIUS_FACTORS]
             self._floors[key] = {name: max(difference(name, run, self.own).value for run in runs) for name in COLUMNS}
         return self._floors[key]
@@ -74,12 +74,12 @@ class Base:
 
     def _written(self, backend: LammpsGranular, resolution: Resolution) -> Deck:
         sampling = Sampling(count=self.deck.schedule.samples)
-        return backend.written(self.scene, resolution, sampling, self.look).deck
+        return backend.written(self.scene, resolution, sampling, self.prescan).deck
 
     def table_error(self, style: str) -> dict[str, float]:
         """What such tables change, relative, by the twin that has them."""
-        tables = tables_for(self.scene, replace(self.resolution, table_style=style), self.look)
-        kernel = in_kernel(self.scene, tables, self.deck.gauge_radius)
+        tables = tables_for(self.scene, replace(self.resolution, table_style=style), self.prescan)
+        kernel = in_kernel(self.scene, tables, self.deck.surrogate_radius)
         run = solve_plan(self.scene, self.deck.schedule, tables=kernel)
         return {name: difference(name, run, self.own).value for name in COLUMNS}
 
@@ -90,7 +90,7 @@ class Base:
             return {}
         coarse = Sampling(count=self.deck.schedule.samples)
         twice = Resolution(dt=2.0 * self.deck.schedule.step)
-        other = solve_plan(self.scene, fixed_step_plan(self.scene, twice, coarse, self.look))
+        other = solve_plan(self.scene, fixed_step_plan(self.scene, twice, coarse, self.prescan))
         return {name: difference(name, other, self.own).value for name in COLUMNS}
 
 
@@ -118,7 +118,7 @@ def _suffixed(suffix: str, package: str, arguments: tuple[str, ...], **more: Any
 
 
 def _history(base: Base) -> Deck:
-    return hertz_history(base.deck, base.scene, base.look.peak_overlap)
+    return hertz_history(base.deck, base.scene, base.prescan.peak_overlap)
 
 
 def _table(style: str) -> Way:
@@ -245,32 +245,32 @@ def study_styles(
     engine: Engine | None = None,
     ways: Sequence[Way] = WAYS,
     time_limit: float = 3600.0,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
 ) -> StylesStudy:
     """Run and judge; the first of ``ways`` is what the others are compared with bit for bit.
 
-    ``dt`` (s): None for the backend's own. ``time_limit`` (s): of each run. ``tell`` is called with (done, total, way).
-    Raises UnsupportedScene where ``pair_style granular`` cannot express the scene, BackendUnavailable where there is no
-    LAMMPS, UsageError for a step that cannot be.
+    ``dt`` (s): None for the backend's own. ``time_limit`` (s): of each run. ``progress`` is called with (done, total,
+    way). Raises UnsupportedScene where ``pair_style granular`` cannot express the scene, BackendUnavailable where there
+    is no LAMMPS, UsageError for a step that cannot be.
     """
     resolution = Resolution(dt=dt, time_limit=time_limit, bars=False)
-    look, backend = survey(scene), LammpsGranular(engine)
+    prescan, backend = prescan_hertz(scene), LammpsGranular(engine)
     found = require(backend.engine, "pair granular")
-    deck = backend.written(scene, resolution, Sampling(count=scene.samples), look).deck
+    deck = backend.written(scene, resolution, Sampling(count=scene.samples), prescan).deck
     own = solve_plan(scene, deck.schedule)
-    base = Base(scene=scene, backend=backend, resolution=resolution, look=look, deck=deck, own=own)
+    base = Base(scene=scene, backend=backend, resolution=resolution, prescan=prescan, deck=deck, own=own)
     rows: list[Row] = []
     first: Trajectory | None = None
     for done, way in enumerate(ways):
 
         def within(part: float, done: int = done, name: str = way.name) -> None:
-            if tell is not None:
-                tell(done + part, len(ways), f"{scene.name}: {name}")
+            if progress is not None:
+                progress(done + part, len(ways), f"{scene.name}: {name}")
 
         within(0.0)
         try:
             # with nobody to be told, nobody looks at the dump while it grows
-            with progress.listening(within) if tell is not None else nullcontext():
+            with listening(within) if progress is not None else nullcontext():
                 run, row = _row(way, base)
         except (UnsupportedScene, BackendUnavailable) as error:
             run, row = None, Row(way=way.name, outcome=Outcome.NOT_RUN, reason=str(error))
@@ -281,8 +281,8 @@ def study_styles(
         if run is not None and first is not None:
             row = replace(row, bitwise=_same_bits(run, first))
         rows.append(row)
-    if tell is not None:
-        tell(len(ways), len(ways), "")
+    if progress is not None:
+        progress(len(ways), len(ways), "")
     return StylesStudy(scene=scene, dt=deck.schedule.step, rows=tuple(rows), lammps=str(found.version))
 
 

@@ -26,7 +26,7 @@ from dem_bridge.backends.base import Resolution, Sampling, backend
 from dem_bridge.backends.blanes_moan import PHASE
 from dem_bridge.backends.reference import series_fit
 from dem_bridge.backends.steps import default_step
-from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.campaign import Case, Progress, Result, run_cases
 from dem_bridge.compare import difference
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
@@ -38,14 +38,14 @@ from dem_bridge.store import Store, study_key
 from dem_bridge.studies import checks
 from dem_bridge.studies.budget import Budget, allowance, budgets
 from dem_bridge.studies.checks import FINER, REFERENCE, SECOND, TABLE, THEORY, THIRD, TWIN, engine_for
-from dem_bridge.studies.exhibits import Paper
+from dem_bridge.studies.study import Paper
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome, Verdict, exit_code
 
 #: wanted accuracy of velocities where none is named; the paper's chains reach it at dt = 1e-8 s
 DEFAULT_ACCURACY = 5e-6
 #: steps of the convergence ladder, in units of the main step
-LADDER = (10.0, 5.0, 2.5, 1.25)
+REFINEMENT = (10.0, 5.0, 2.5, 1.25)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +55,7 @@ class SceneStudy:
     scene: Scene
     results: tuple[Result, ...]
     verdicts: tuple[Verdict, ...]
-    ladder: dict[str, tuple[list[float], list[float]]]
+    refinement: dict[str, tuple[list[float], list[float]]]
     """backend -> (steps in s, velocity errors relative to the reference's largest velocity)."""
     budgets: tuple[Budget, ...] = ()
     """Of LAMMPS' main run, one per quantity."""
@@ -100,7 +100,7 @@ def verify_scenes(
     *,
     accuracy: float = DEFAULT_ACCURACY,
     jobs: int | None = 1,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     engine: Engine | None = None,
     store: Store | None = None,
 ) -> Verification:
@@ -120,7 +120,7 @@ def verify_scenes(
             lost[scene.name] = hopeless(scene, error)
             if isinstance(error, UsageError):
                 cases.append(beyond(scene, engine))
-    results = run_cases(cases, jobs=jobs, tell=tell, store=store)
+    results = run_cases(cases, jobs=jobs, progress=progress, store=store)
     studies = []
     for scene in scenes:
         mine = tuple(r for r in results if r.case.scene.name == scene.name)
@@ -147,7 +147,7 @@ def hopeless(scene: Scene, error: RunBroken | UnsupportedScene | UsageError) -> 
         outcome=outcomes[type(error)],
         sentence=f"{error}.",
     )
-    return SceneStudy(scene=scene, results=(), verdicts=(verdict,), ladder={})
+    return SceneStudy(scene=scene, results=(), verdicts=(verdict,), refinement={})
 
 
 def beyond(scene: Scene, engine: Engine | None = None) -> Case:
@@ -179,20 +179,20 @@ def cases_of(
         if store is not None and key is not None:
             store.save_arrays(key, {"dt": np.array(main.dt)})
     assert main.dt is not None
-    coarse = [replace(main, dt=factor * main.dt, bars=False) for factor in LADDER if full]
+    coarse = [replace(main, dt=factor * main.dt, bars=False) for factor in REFINEMENT if full]
     references = [(REFERENCE, Resolution())]
     if series_fit(scene):
         references.append((SECOND, Resolution(bars=full)))
     elif backend(THIRD).refusal(scene) is None:
         # the reference is scipy's own answer
-        step = default_step(scene, sampling, survey_of(scene), PHASE) / FINER
+        step = default_step(scene, sampling, prescan_scene(scene), PHASE) / FINER
         references.append((THIRD, Resolution(dt=step)))
     runs = [*references, (THEORY, Resolution())]
     runs += [(name, settings) for name in (TWIN, judged) for settings in (main, *coarse)]
     # beside the twin, step by step on the way to what LAMMPS does: its tables, if any, then positions
     beside = replace(main, tables=judged == TABLE, bars=False)
     runs += [(TWIN, beside)] if beside.tables else []
-    runs.append((TWIN, replace(beside, gauge_radius=survey_of(scene).gauge_radius)))
+    runs.append((TWIN, replace(beside, surrogate_radius=prescan_scene(scene).surrogate_radius)))
     return [
         Case(
             scene=scene,
@@ -221,7 +221,7 @@ def study_of(scene: Scene, results: tuple[Result, ...], accuracy: float) -> Scen
     """Judge the results of one scene; nothing is run here."""
     truth = _main(results, REFERENCE).trajectory
     verdicts: list[Verdict] = []
-    ladder: dict[str, tuple[list[float], list[float]]] = {}
+    refinement: dict[str, tuple[list[float], list[float]]] = {}
     budget: tuple[Budget, ...] = ()
     judged = engine_for(scene)
     for name in (REFERENCE, SECOND, TWIN, judged, THEORY):
@@ -255,19 +255,19 @@ def study_of(scene: Scene, results: tuple[Result, ...], accuracy: float) -> Scen
             if run is None:
                 continue
             verdicts += checks.accuracy(scene, name, run, truth, accuracy)
-            ladder[name] = _ladder(results, name, truth)
+            refinement[name] = _refinement(results, name, truth)
             known = truth
             if name == judged and tabled is not None and twin is not None:
                 # what tables miss falls with no step: of errors below it no order can be told
                 bar = truth.uncertainty["velocity"] + float(np.max(np.abs(tabled.velocity - twin.velocity)))
                 known = replace(truth, uncertainty={**truth.uncertainty, "velocity": bar})
-            if len(ladder[name][0]) > 1:
-                verdicts.append(checks.order(scene, name, ladder[name], known))
+            if len(refinement[name][0]) > 1:
+                verdicts.append(checks.order(scene, name, refinement[name], known))
         if theory is not None:
             verdicts += checks.model(scene, theory, truth)
     if engine is not None:
         verdicts += checks.conserved(scene, engine, accuracy, truth)
-    return SceneStudy(scene=scene, results=results, verdicts=tuple(verdicts), ladder=ladder, budgets=budget)
+    return SceneStudy(scene=scene, results=results, verdicts=tuple(verdicts), refinement=refinement, budgets=budget)
 
 
 def _main(results: tuple[Result, ...], backend: str) -> Result:
@@ -288,10 +288,10 @@ def _second(results: tuple[Result, ...]) -> Result:
 def _is_beside(result: Result) -> bool:
     """Whether it is the twin with what LAMMPS has beside the law: tables, positions."""
     how = result.case.resolution
-    return result.case.backend == TWIN and (how.tables or how.gauge_radius is not None)
+    return result.case.backend == TWIN and (how.tables or how.surrogate_radius is not None)
 
 
-def _ladder(results: tuple[Result, ...], name: str, truth: Trajectory) -> tuple[list[float], list[float]]:
+def _refinement(results: tuple[Result, ...], name: str, truth: Trajectory) -> tuple[list[float], list[float]]:
     mine = [r for r in results if r.case.backend == name and not _is_beside(r)]
     runs = [r.trajectory for r in mine if r.trajectory is not None]
     steps = [float(run.provenance["settings"]["dt"]) for run in runs]

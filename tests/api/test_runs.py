@@ -63,8 +63,8 @@ def test_every_setting_that_is_advertised_is_taken() -> None:
         "dt": 1e-7,
         "rtol": 1e-10,
         "atol": 1e-12,
-        "gauge_radius": 1e-3,
-        "geometry": "gauge",
+        "surrogate_radius": 1e-3,
+        "geometry": "surrogate",
         "types": "per-body",
         "table_style": "linear",
         "table_lines": 100,
@@ -81,8 +81,8 @@ def test_every_setting_that_is_advertised_is_taken() -> None:
 @pytest.mark.parametrize(
     ("key", "value", "allowed"),
     [
-        ("geometry", "9mm", "'gauge' or 'physical'"),
-        ("geometry", None, "'gauge' or 'physical'"),
+        ("geometry", "9mm", "'surrogate' or 'physical'"),
+        ("geometry", None, "'surrogate' or 'physical'"),
         ("types", "all", "'euler' or 'per-body'"),
         ("types", 9, "'euler' or 'per-body'"),
         ("table_style", "lookup", "'spline' or 'linear'"),
@@ -94,7 +94,7 @@ def test_every_setting_that_is_advertised_is_taken() -> None:
         ("tables", 1, "False or True"),
         ("tables", "yes", "False or True"),
         ("bars", 0, "True or False"),
-        ("geometry", ["physical"], "'gauge' or 'physical'"),
+        ("geometry", ["physical"], "'surrogate' or 'physical'"),
     ],
 )
 def test_a_wrong_value_of_a_setting_is_one_line_with_what_is_allowed(key: str, value: object, allowed: str) -> None:
@@ -207,7 +207,7 @@ def test_a_deck_written_again_replaces_the_older_one(tmp_path: Path) -> None:
 
 
 def test_steps_samples_and_radius_of_a_deck_can_be_set(tmp_path: Path) -> None:
-    deck, _ = db.write_deck(PAIR, tmp_path, dt=1e-6, samples=4, gauge_radius=2.0**-12)
+    deck, _ = db.write_deck(PAIR, tmp_path, dt=1e-6, samples=4, surrogate_radius=2.0**-12)
     text = deck.read_text()
     assert "variable dt          index 1e-06" in text
     assert "variable steps       index 100\n" in text
@@ -282,7 +282,7 @@ def test_a_scatter_study_is_kept_in_the_store(tmp_path: Path) -> None:
     told: list[str] = []
     settings: dict[str, Any] = {"count": 2, "store": tmp_path, "jobs": 1}
     first = db.study_scatter("accelerating-40", **settings)
-    again = db.study_scatter("accelerating-40", tell=lambda done, total, label: told.append(label), **settings)
+    again = db.study_scatter("accelerating-40", progress=lambda done, total, label: told.append(label), **settings)
     assert told == [""]  # nothing was run
     assert again.as_json() == first.as_json()
 

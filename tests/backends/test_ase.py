@@ -18,8 +18,8 @@ from dem_bridge.backends.ase_verlet import AseVerlet, chain_calculator
 from dem_bridge.errors import BackendUnavailable, RunBroken
 from dem_bridge.scene import Scene, Wall
 from tests.conftest import Solve
-from tests.strategies import ANY, examples, scenes
-from tests.truth import Truth
+from tests.helpers.quadruple_truth import Truth
+from tests.helpers.strategies import ANY, examples, scenes
 
 EPS = float(np.finfo(float).eps)
 

@@ -14,16 +14,16 @@ from hypothesis import given
 import dem_bridge as db
 from dem_bridge.backends.bars import UNKNOWN, apart
 from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.steps import fixed_step_plan
-from dem_bridge.backends.survey import survey
 from dem_bridge.backends.twin import solve_plan
 from dem_bridge.backends.twin_bars import twins_of, with_bars
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, Trajectory
 from tests.conftest import Solve
-from tests.fakes import NO_BARS, free_flight
-from tests.strategies import HALVES, examples, scenes
-from tests.truth import Truth
+from tests.helpers.fake_runs import NO_BARS, free_flight
+from tests.helpers.quadruple_truth import Truth
+from tests.helpers.strategies import HALVES, examples, scenes
 
 EPS = float(np.finfo(float).eps)
 
@@ -63,11 +63,11 @@ PAIR = Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), ve
 
 def _bars_of(change: Callable[[Trajectory], Trajectory]) -> Mapping[str, Any]:
     """Bars that a changed run gets where it is said to come from LAMMPS: those of twins."""
-    look = survey(PAIR)
-    plan = fixed_step_plan(PAIR, Resolution(dt=1e-7), Sampling(count=20), look)
-    born = {"backend": "lammps-granular", "settings": {"dt": 1e-7, "gauge_radius": look.gauge_radius}}
+    prescan = prescan_hertz(PAIR)
+    plan = fixed_step_plan(PAIR, Resolution(dt=1e-7), Sampling(count=20), prescan)
+    born = {"backend": "lammps-granular", "settings": {"dt": 1e-7, "surrogate_radius": prescan.surrogate_radius}}
     run = replace(solve_plan(PAIR, plan), provenance=born)
-    return with_bars(change(run), twins_of(PAIR, plan, look, radius=look.gauge_radius)).uncertainty
+    return with_bars(change(run), twins_of(PAIR, plan, prescan, radius=prescan.surrogate_radius)).uncertainty
 
 
 def test_a_wrong_run_does_not_widen_its_own_bar() -> None:
@@ -92,11 +92,11 @@ def test_the_parts_of_the_velocity_bar_are_in_the_provenance(accelerating: Truth
 
 
 def test_where_dense_samples_are_too_few_nothing_is_said_of_what_lies_between() -> None:
-    look = survey(PAIR)
-    plan = fixed_step_plan(PAIR, Resolution(dt=1e-7), Sampling(count=2), look)
+    prescan = prescan_hertz(PAIR)
+    plan = fixed_step_plan(PAIR, Resolution(dt=1e-7), Sampling(count=2), prescan)
     assert plan.resolved
     poor = replace(plan, subdivisions=1, resolved=False)
-    run = with_bars(solve_plan(PAIR, poor), twins_of(PAIR, poor, look, radius=look.gauge_radius))
+    run = with_bars(solve_plan(PAIR, poor), twins_of(PAIR, poor, prescan, radius=prescan.surrogate_radius))
     assert np.all(np.isinf(run.uncertainty["peak_force"]))
     assert np.all(np.isinf(run.uncertainty["crossing_time"]))
     assert math.isfinite(run.uncertainty["velocity"])

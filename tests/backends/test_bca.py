@@ -20,8 +20,8 @@ from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.scene import Scene, Wall
 from tests.conftest import Solve
-from tests.strategies import log_uniform
-from tests.truth import Truth
+from tests.helpers.quadruple_truth import Truth
+from tests.helpers.strategies import log_uniform
 
 EPS = float(np.finfo(float).eps)
 

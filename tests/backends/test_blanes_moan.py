@@ -18,9 +18,9 @@ from dem_bridge.scene import Damping, Scene
 from dem_bridge.trajectory import QUANTITIES, Trajectory
 from tests.bench.bench_bars import trials
 from tests.conftest import Solve
-from tests.random_scenes import COUNT
-from tests.strategies import ANY, examples, scenes, thirty_two_times_as_fast
-from tests.truth import Truth
+from tests.helpers.quadruple_truth import Truth
+from tests.helpers.random_scenes import COUNT
+from tests.helpers.strategies import ANY, examples, scenes, thirty_two_times_as_fast
 
 EPS = float(np.finfo(float).eps)
 DRIFTS, KICKS = SRKN_6B
@@ -78,11 +78,11 @@ def test_a_step_keeps_areas() -> None:
 
 def test_the_order_is_four_where_no_contact_opens() -> None:
     reference = db.solve(SMOOTH, backend="reference", bars=False)
-    ladder = (4e-6, 2e-6, 1e-6, 5e-7)
-    runs = [_solve(SMOOTH, dt) for dt in ladder]
+    refinement = (4e-6, 2e-6, 1e-6, 5e-7)
+    runs = [_solve(SMOOTH, dt) for dt in refinement]
     assert all(np.all(run.contact_force > 0.0) for run in runs)
     for quantity in ("velocity", "displacement"):
-        fit = observed_order(ladder, [_error(run, reference, quantity) for run in runs])
+        fit = observed_order(refinement, [_error(run, reference, quantity) for run in runs])
         assert (fit.points, fit.order) == (4, pytest.approx(4.0, abs=0.1)), quantity
 
 

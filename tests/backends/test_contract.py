@@ -277,7 +277,7 @@ def test_an_unknown_backend_is_refused_with_the_names_that_exist() -> None:
         backend("lamps")
 
 
-@pytest.mark.parametrize("key", ["dt", "rtol", "atol", "gauge_radius", "time_limit"])
+@pytest.mark.parametrize("key", ["dt", "rtol", "atol", "surrogate_radius", "time_limit"])
 @pytest.mark.parametrize("value", [0.0, -1e-8, math.inf, math.nan, "1e-8"])
 def test_a_resolution_refuses_what_is_no_positive_number(key: str, value: Any) -> None:
     with pytest.raises(UsageError, match=rf"{key} = .*; allowed: a number from"):

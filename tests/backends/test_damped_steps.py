@@ -17,7 +17,7 @@ import dem_bridge as db
 from dem_bridge.accuracy import observed_order
 from dem_bridge.backends import splitting, twin_bars
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.survey import survey
+from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.campaign import Case
 from dem_bridge.lmp import deck as deck_module
 from dem_bridge.observables.conserved import energy, energy_parts, momentum
@@ -26,8 +26,8 @@ from dem_bridge.planning.bars import resolution_for
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, Trajectory
 from tests.conftest import Solve
-from tests.faults.decks import Change, run_with, substituted
-from tests.random_damped import random_damped
+from tests.helpers.fault_decks import Change, run_with, substituted
+from tests.helpers.random_damped import random_damped
 
 EPS = float(np.finfo(float).eps)
 ENGINE, TWIN = "lammps-granular", "verlet"
@@ -84,7 +84,7 @@ def _far(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
 
 
 def _in_positions(scene: Scene, run: Trajectory, solved: Callable[..., Trajectory] = db.solve) -> Trajectory:
-    return solved(scene, TWIN, dt=STEP, gauge_radius=run.provenance["settings"]["gauge_radius"], bars=False)
+    return solved(scene, TWIN, dt=STEP, surrogate_radius=run.provenance["settings"]["surrogate_radius"], bars=False)
 
 
 @pytest.mark.lammps
@@ -128,13 +128,13 @@ def test_masses_from_a_file_are_the_masses_that_are_set_to_the_last_bit(monkeypa
 # the order
 
 
-LADDER = [4e-8, 2e-8, 1e-8, 5e-9]
+REFINEMENT = [4e-8, 2e-8, 1e-8, 5e-9]
 
 
 def _order(scene: Scene, backend: str, solved: Solve) -> float:
     truth = solved(scene, "scipy").velocity
-    errors = [_far(solved(scene, backend, dt=dt, bars=False).velocity, truth) for dt in LADDER]
-    fit = observed_order(LADDER, errors)
+    errors = [_far(solved(scene, backend, dt=dt, bars=False).velocity, truth) for dt in REFINEMENT]
+    fit = observed_order(REFINEMENT, errors)
     # errors of 1e-6 and more are far above the truth's 1e-11
     assert fit.points == 4
     return fit.order
@@ -172,7 +172,7 @@ def _outside(run: Trajectory, truth: Trajectory, quantity: str) -> float:
 def _at_a_random_step(seed: int, *, severe: bool) -> dict[str, float]:
     """Error of the twin over its bar, by quantity."""
     scene = random_damped(seed, severe=severe)
-    dt = 10 ** np.random.default_rng([7, seed]).uniform(-3, -1.5) / survey(scene).frequency
+    dt = 10 ** np.random.default_rng([7, seed]).uniform(-3, -1.5) / prescan_hertz(scene).frequency
     run, truth = db.solve(scene, backend=TWIN, dt=dt), db.solve(scene, backend="scipy")
     return {quantity: _outside(run, truth, quantity) for quantity in QUANTITIES}
 
@@ -265,7 +265,7 @@ def test_energy_only_falls(name: str, solved: Solve) -> None:
     run = solved(scene, TWIN, dt=1e-8, bars=False)
     scale = float(np.max(sum(np.abs(part) for part in energy_parts(scene, run))))
     # elastic energy of velocity-Verlet goes up and down by (omega dt)^2 / 8 of itself
-    slack = (survey(scene).frequency * 1e-8) ** 2 / 8.0
+    slack = (prescan_hertz(scene).frequency * 1e-8) ** 2 / 8.0
     fall = np.diff(energy(scene, run)) / scale
     assert np.max(fall) <= slack
     assert np.sum(fall) < -1e3 * slack

@@ -14,15 +14,15 @@ import dem_bridge as db
 from dem_bridge.accuracy import observed_order
 from dem_bridge.backends.base import BACKENDS, backend
 from dem_bridge.backends.driven import driven_of, driving_force
+from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.scales import natural_scales
-from dem_bridge.backends.survey import survey
-from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.drive import Drive
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, Trajectory
 from tests.conftest import Solve
-from tests.driven import CHIRP, DRIVES, PRESSED, SINE, TABLE, TOUCHING, driven, free_body, oscillator
+from tests.helpers.driven_chains import CHIRP, DRIVES, PRESSED, SINE, TABLE, TOUCHING, driven, free_body, oscillator
 
 EPS = float(np.finfo(float).eps)
 SCENES = {f"{s.name}-{shape}": driven(s, shape) for s, shape in itertools.product((TOUCHING, PRESSED), DRIVES)}
@@ -257,19 +257,19 @@ def test_a_driven_chain_at_rest_has_a_scale() -> None:
 
 @each_scene
 def test_the_coarse_run_finds_overlaps_and_the_rate_of_the_drive(scene: Scene) -> None:
-    look, run = survey(scene), db.solve(scene, backend="verlet", dt=1e-7, bars=False)
+    prescan, run = prescan_hertz(scene), db.solve(scene, backend="verlet", dt=1e-7, bars=False)
     deepest = np.max(run.peak_force / scene.contacts.stiffness) ** (2.0 / 3.0)
-    assert np.max(look.peak_overlap) == pytest.approx(deepest, rel=0.02)
+    assert np.max(prescan.peak_overlap) == pytest.approx(deepest, rel=0.02)
     assert scene.drive is not None
-    assert look.frequency >= scene.drive.rate
+    assert prescan.frequency >= scene.drive.rate
 
 
 def test_a_drive_faster_than_any_contact_decides_the_step() -> None:
     soft: dict[str, Any] = {"stiffness": (1e3,) * 3, "drive": Drive(shape="sine", force=1e-3, frequency=1e6)}
     scene = replace(TOUCHING, **soft)
-    assert survey(scene).frequency == pytest.approx(2e6 * math.pi)
+    assert prescan_hertz(scene).frequency == pytest.approx(2e6 * math.pi)
     law = replace(scene, law=lambda overlap: 1e3 * overlap**1.5)
-    assert survey_of(law).frequency == pytest.approx(2e6 * math.pi)
+    assert prescan_scene(law).frequency == pytest.approx(2e6 * math.pi)
 
 
 # LAMMPS
@@ -279,8 +279,8 @@ def test_a_drive_faster_than_any_contact_decides_the_step() -> None:
 @each_scene
 def test_lammps_is_the_twin_in_positions_to_round_off(scene: Scene, solved: Solve) -> None:
     run = db.solve(scene, backend="lammps-granular", dt=1e-7)
-    radius = run.provenance["settings"]["gauge_radius"]
-    twin = db.solve(scene, backend="verlet", dt=1e-7, gauge_radius=radius, bars=False)
+    radius = run.provenance["settings"]["surrogate_radius"]
+    twin = db.solve(scene, backend="verlet", dt=1e-7, surrogate_radius=radius, bars=False)
     # 4000 steps, each of which rounds velocities of a few last digits; positions are the same numbers
     speed = float(np.max(np.abs(twin.velocity)))
     assert _error(run, twin) < 5e-12 * speed

@@ -17,7 +17,7 @@ import dem_bridge as db
 from dem_bridge.accuracy import observed_order
 from dem_bridge.backends import lammps
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.survey import survey
+from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.dense import schedule
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.output import read_binary_dump
@@ -25,11 +25,11 @@ from dem_bridge.lmp.process import EngineReport, run_deck
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.scene_file import MAIN_SCENES
 from dem_bridge.trajectory import Trajectory
-from tests.backends.test_verlet import LADDER
+from tests.backends.test_verlet import REFINEMENT
 from tests.conftest import Solve
-from tests.lmp.dumps import frame
-from tests.strategies import examples, scenes
-from tests.truth import Truth
+from tests.helpers.dumps import frame
+from tests.helpers.quadruple_truth import Truth
+from tests.helpers.strategies import examples, scenes
 
 EPS = float(np.finfo(float).eps)
 ENGINE, TWIN = "lammps-granular", "verlet"
@@ -68,8 +68,8 @@ def test_lammps_is_a_time_step_away_from_the_reference(free_chain: Truth, solved
 
 @pytest.mark.lammps
 def test_the_order_of_lammps_is_two(free_chain: Truth, solved: Solve) -> None:
-    runs = [solved(free_chain.scene, ENGINE, dt=dt, bars=False) for dt in LADDER]
-    fit = observed_order(LADDER, [float(free_chain.error(run, "velocity")) for run in runs])
+    runs = [solved(free_chain.scene, ENGINE, dt=dt, bars=False) for dt in REFINEMENT]
+    fit = observed_order(REFINEMENT, [float(free_chain.error(run, "velocity")) for run in runs])
     # round-off (2e-9) is three decades below the smallest of these errors
     assert (fit.points, fit.order) == (4, pytest.approx(2.0, abs=0.05))
     assert fit.residual < 0.02
@@ -180,9 +180,9 @@ def test_a_prime_number_of_steps_per_sample_gives_the_right_samples() -> None:
 
 @pytest.mark.lammps
 @pytest.mark.parametrize("radius", [2.0**-16, 3e-5, 1e-3])
-def test_the_gauge_radius_changes_nothing_but_round_off(radius: float) -> None:
-    run, twin = db.solve(PAIR, backend=ENGINE, dt=1e-7, gauge_radius=radius), db.solve(PAIR, backend=TWIN, dt=1e-7)
-    assert run.provenance["settings"]["gauge_radius"] == radius
+def test_the_surrogate_radius_changes_nothing_but_round_off(radius: float) -> None:
+    run, twin = db.solve(PAIR, backend=ENGINE, dt=1e-7, surrogate_radius=radius), db.solve(PAIR, backend=TWIN, dt=1e-7)
+    assert run.provenance["settings"]["surrogate_radius"] == radius
     # positions of 2 R lose ulp(2 R) in each of 1000 steps, against an overlap of 1e-5 m
     assert _apart(run, twin) < 1000 * EPS * (1.0 + 4.0 * radius / 1e-5)
     assert _apart(run, twin) <= run.uncertainty["velocity"] / 0.8
@@ -207,11 +207,11 @@ def test_overlaps_beyond_the_gauge_are_a_broken_run_with_the_numbers(
     share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # a coarse run that sees too little: only the check after the run is left
-    look = survey(PAIR)
-    monkeypatch.setattr(lammps, "survey_of", lambda _: replace(look, peak_overlap=0.1 * look.peak_overlap))
+    prescan = prescan_hertz(PAIR)
+    monkeypatch.setattr(lammps, "prescan_scene", lambda _: replace(prescan, peak_overlap=0.1 * prescan.peak_overlap))
     exact = float((db.solve(PAIR, backend="scipy", bars=False).peak_force[0] / 4e9) ** (2.0 / 3.0))
-    with pytest.raises(RunBroken, match="give a larger gauge_radius") as caught:
-        db.solve(PAIR, backend=ENGINE, dt=1e-7, gauge_radius=share * exact, bars=False)
+    with pytest.raises(RunBroken, match="give a larger surrogate_radius") as caught:
+        db.solve(PAIR, backend=ENGINE, dt=1e-7, surrogate_radius=share * exact, bars=False)
     assert f"gauge radius {share * exact:.6g} m" in str(caught.value)
 
 
@@ -224,20 +224,20 @@ SQUEEZED = Scene(
 @pytest.mark.lammps
 def test_bodies_that_touch_across_another_are_a_broken_run_with_the_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     # the coarse run is told of a tenth: a radius that is too small is not refused, and LAMMPS lets body 0 touch body 2
-    look = survey(SQUEEZED)
-    radius = 0.8 * float(np.max(look.peak_overlap))
-    monkeypatch.setattr(lammps, "survey_of", lambda _: replace(look, peak_overlap=0.1 * look.peak_overlap))
+    prescan = prescan_hertz(SQUEEZED)
+    radius = 0.8 * float(np.max(prescan.peak_overlap))
+    monkeypatch.setattr(lammps, "prescan_scene", lambda _: replace(prescan, peak_overlap=0.1 * prescan.peak_overlap))
     with pytest.raises(RunBroken, match="atoms 1 and 3, which are not neighbours, overlap by") as caught:
-        db.solve(SQUEEZED, backend=ENGINE, dt=1e-7, gauge_radius=radius, bars=False)
+        db.solve(SQUEEZED, backend=ENGINE, dt=1e-7, surrogate_radius=radius, bars=False)
     assert f"exceeds the gauge radius {radius:.6g} m" in str(caught.value)
-    assert "give a larger gauge_radius" in str(caught.value)
+    assert "give a larger surrogate_radius" in str(caught.value)
 
 
 @pytest.mark.parametrize("sound", [True, False])
 def test_the_numbers_are_those_of_the_bodies_that_touch(sound: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    look = survey(SQUEEZED)
-    radius = look.gauge_radius
-    plan = schedule(duration=SQUEEZED.duration, samples=10, dt=1e-6, frequency=look.frequency, bodies=3)
+    prescan = prescan_hertz(SQUEEZED)
+    radius = prescan.surrogate_radius
+    plan = schedule(duration=SQUEEZED.duration, samples=10, dt=1e-6, frequency=prescan.frequency, bodies=3)
     # at the last look the two contacts are closed by 1.3 and 0.9 radii: 0.2 radii more than there is room for
     places = [(0.0, 2.0, 4.0)] * (len(plan.dense_steps) - 1) + [(0.0, 2.0, 4.0) if sound else (1.3, 2.0, 3.1)]
     dump = b"".join(
@@ -253,9 +253,9 @@ def test_the_numbers_are_those_of_the_bodies_that_touch(sound: bool, monkeypatch
         db.solve(SQUEEZED, backend=ENGINE, dt=1e-6, bars=False)
 
 
-def test_a_gauge_radius_below_the_overlap_is_refused_before_the_run() -> None:
-    with pytest.raises(UsageError, match=r"gauge_radius = 1e-06 m; allowed: more than the largest overlap, 1\.5"):
-        db.solve(PAIR, backend=ENGINE, dt=1e-7, gauge_radius=1e-6)
+def test_a_surrogate_radius_below_the_overlap_is_refused_before_the_run() -> None:
+    with pytest.raises(UsageError, match=r"surrogate_radius = 1e-06 m; allowed: more than the largest overlap, 1\.5"):
+        db.solve(PAIR, backend=ENGINE, dt=1e-7, surrogate_radius=1e-6)
 
 
 @pytest.mark.lammps
@@ -281,9 +281,9 @@ def _answering(content: bytes) -> object:
 
 def _frames(**changes: object) -> bytes:
     """A dump as LAMMPS would write it for PAIR at dt = 1e-6: nothing moves."""
-    look = survey(PAIR)
-    plan = schedule(duration=PAIR.duration, samples=10, dt=1e-6, frequency=look.frequency, bodies=2)
-    rows = [[1.0, 1.0, 0.0, 0.0, 0.0, 0.8, 0.0], [2.0, 1.0, 2.0 * look.gauge_radius, 0.0, 0.0, 0.0, 0.0]]
+    prescan = prescan_hertz(PAIR)
+    plan = schedule(duration=PAIR.duration, samples=10, dt=1e-6, frequency=prescan.frequency, bodies=2)
+    rows = [[1.0, 1.0, 0.0, 0.0, 0.0, 0.8, 0.0], [2.0, 1.0, 2.0 * prescan.surrogate_radius, 0.0, 0.0, 0.0, 0.0]]
     return b"".join(frame(int(step), rows, **changes) for step in plan.dense_steps)  # type: ignore[arg-type]
 
 
@@ -309,8 +309,8 @@ def test_a_dump_cut_within_a_frame_is_a_broken_run(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_dump_without_a_number_of_atoms_that_fits_is_a_broken_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    look = survey(PAIR)
-    plan = schedule(duration=PAIR.duration, samples=10, dt=1e-6, frequency=look.frequency, bodies=2)
+    prescan = prescan_hertz(PAIR)
+    plan = schedule(duration=PAIR.duration, samples=10, dt=1e-6, frequency=prescan.frequency, bodies=2)
     one = b"".join(frame(int(step), [[1.0, 1.0, 0.0, 0.0, 0.0, 0.8, 0.0]]) for step in plan.dense_steps)
     monkeypatch.setattr(lammps, "run_deck", _answering(one))
     with pytest.raises(RunBroken, match="frames of 1 atoms; the deck asks for"):

@@ -19,8 +19,8 @@ from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file import MAIN_SCENES
 from dem_bridge.trajectory import Trajectory
 from tests.conftest import Solve
-from tests.faults.judging import FREE
-from tests.strategies import stiffness_for
+from tests.helpers.fault_judging import FREE
+from tests.helpers.strategies import stiffness_for
 
 pytestmark = pytest.mark.lammps
 
@@ -56,7 +56,7 @@ def _same(exponent: float) -> Scene:
 
 def _twin(run: Trajectory, scene: Scene | str, **settings: Any) -> Trajectory:
     """The twin in positions with the same tables, at the same step."""
-    how = {"dt": run.provenance["settings"]["dt"], "gauge_radius": run.provenance["settings"]["gauge_radius"]}
+    how = {"dt": run.provenance["settings"]["dt"], "surrogate_radius": run.provenance["settings"]["surrogate_radius"]}
     return db.solve(scene, backend=TWIN, tables=True, bars=False, **how, **settings)
 
 
@@ -101,7 +101,7 @@ def test_types_and_radius_leave_lammps_its_twin_bit_for_bit(name: str, solved: S
         np.testing.assert_array_equal(getattr(euler, quantity), getattr(per_body, quantity))
     # a radius that is no power of two: positions are rounded from the start on
     physical = solved(scene, ENGINE, dt=1e-7, geometry="physical")
-    assert physical.provenance["settings"]["gauge_radius"] == 0.009
+    assert physical.provenance["settings"]["surrogate_radius"] == 0.009
     _assert_equal(physical, _twin(physical, scene), 40)
 
 
@@ -182,7 +182,7 @@ def test_the_round_off_of_a_sound_run_is_predicted_where_laws_alone_would_predic
     exponent = (2.3, 3.0, 2.8)
     scene = replace(FREE, exponent=exponent, stiffness=tuple(map(stiffness_for, exponent, FREE.stiffness)), samples=150)
     run = db.solve(scene, backend=ENGINE, dt=1e-8)
-    twins = [db.solve(scene, backend=TWIN, dt=1e-8, bars=False, **how) for how in ({}, {"gauge_radius": 2.0**-15})]
+    twins = [db.solve(scene, backend=TWIN, dt=1e-8, bars=False, **how) for how in ({}, {"surrogate_radius": 2.0**-15})]
     round_off = run.provenance["velocity_bar"]["round_off"]
     # three realisations of it, and the last digit
     assert 3.0 * (_apart(*twins) + math.sqrt(15_000) * EPS) < _apart(run, _in_overlaps(run, scene)) <= round_off
@@ -194,7 +194,7 @@ def test_the_round_off_of_a_sound_run_is_predicted_where_laws_alone_would_predic
 def test_a_scene_without_a_spacing_has_no_physical_geometry() -> None:
     for backend in (ENGINE, "lammps-granular"):
         with pytest.raises(
-            UsageError, match=r"geometry = 'physical' on mixed, which has no spacing .* allowed: 'gauge'"
+            UsageError, match=r"geometry = 'physical' on mixed, which has no spacing .* allowed: 'surrogate'"
         ):
             db.solve(replace(MIXED, exponent=2.5), backend=backend, dt=1e-7, geometry="physical")
 
@@ -215,7 +215,7 @@ def test_an_accuracy_below_the_floor_of_9_mm_is_refused_with_the_floor() -> None
         db.solve("decelerating-40", backend=ENGINE, accuracy=1e-7, geometry="physical")
     said = float(str(caught.value).split("round off ")[1].split()[0])
     step = float(str(caught.value).split("at dt = ")[1].split()[0])
-    runs = [db.solve("decelerating-40", backend=TWIN, dt=step, gauge_radius=r, bars=False) for r in (0.009, None)]
+    runs = [db.solve("decelerating-40", backend=TWIN, dt=step, surrogate_radius=r, bars=False) for r in (0.009, None)]
     assert said == pytest.approx(_apart(*runs), rel=0.1)  # two digits are said
     assert "\n" not in str(caught.value)
 

@@ -16,7 +16,7 @@ from dem_bridge.backends import twin
 from dem_bridge.backends.base import BACKENDS, Resolution, Sampling, backend
 from dem_bridge.backends.curves import CELLS, curve_force, curves_of
 from dem_bridge.backends.scales import natural_scales
-from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.campaign import Case, run_cases
 from dem_bridge.dense import Schedule, damped_peaks, schedule
 from dem_bridge.errors import UsageError
@@ -187,8 +187,8 @@ def test_the_bars_of_lammps_hold(what: str, solved: Solve) -> None:
 @every_scene
 def test_lammps_is_the_twin_with_the_same_tables(what: str, solved: Solve) -> None:
     run = solved(SCENES[what], "lammps-table", dt=DT)
-    radius = run.provenance["settings"]["gauge_radius"]
-    beside = solved(SCENES[what], "verlet", dt=DT, tables=True, gauge_radius=radius, bars=False)
+    radius = run.provenance["settings"]["surrogate_radius"]
+    beside = solved(SCENES[what], "verlet", dt=DT, tables=True, surrogate_radius=radius, bars=False)
     # no bit differs undamped; damping may be summed in another order, an ulp a step in 6000 steps
     assert _apart(run, beside) < 6000 * np.finfo(float).eps
 
@@ -364,11 +364,11 @@ def test_the_survey_finds_overlaps_within_a_per_cent_and_none_beyond_what_energy
     what: str, solved: Solve
 ) -> None:
     scene = SCENES[what]
-    c, look = scene.contacts, survey_of(scene)
+    c, prescan = scene.contacts, prescan_scene(scene)
     fine, dense = twin.solve_dense(scene, _fine(scene), 0.0)
-    assert look.peak_overlap == pytest.approx(np.max(dense.overlap, axis=0), rel=0.01)
-    assert np.all(look.peak_overlap <= c.reach[c.law])
-    assert (look.lowest, look.highest) == pytest.approx(
+    assert prescan.peak_overlap == pytest.approx(np.max(dense.overlap, axis=0), rel=0.01)
+    assert np.all(prescan.peak_overlap <= c.reach[c.law])
+    assert (prescan.lowest, prescan.highest) == pytest.approx(
         (np.min(fine.displacement), np.max(fine.displacement)), rel=0.02
     )
 

@@ -19,9 +19,9 @@ from dem_bridge.errors import RunBroken
 from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.trajectory import Trajectory
-from tests.backends import matlab_ode45
 from tests.conftest import Solve
-from tests.truth import Truth
+from tests.helpers import matlab_ode45
+from tests.helpers.quadruple_truth import Truth
 
 EPS = float(np.finfo(float).eps)
 Floats = NDArray[np.float64]

@@ -19,7 +19,7 @@ from dem_bridge.backends import reference, scipy_integration
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.scene import Scene, Wall
-from tests.strategies import HALVES, examples, log_uniform, scenes
+from tests.helpers.strategies import HALVES, examples, log_uniform, scenes
 
 EPS = float(np.finfo(float).eps)
 

@@ -10,7 +10,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.trajectory import QUANTITIES
 from tests.bench.bench_bars import trials
-from tests.random_scenes import COUNT, random_scene, random_truth
+from tests.helpers.random_scenes import COUNT, random_scene, random_truth
 
 SEEDS = range(0, COUNT, 10)
 

@@ -13,8 +13,8 @@ import dem_bridge as db
 from dem_bridge.backends.reference import Reference
 from dem_bridge.observables.conserved import energy
 from dem_bridge.scene import Scene, Wall
-from tests.strategies import examples, scenes
-from tests.truth import Truth
+from tests.helpers.quadruple_truth import Truth
+from tests.helpers.strategies import examples, scenes
 
 EPS = float(np.finfo(float).eps)
 QUANTITIES = ("velocity", "displacement", "peak_force", "crossing_time")

@@ -18,8 +18,8 @@ from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.scene import Scene, Wall
 from tests.conftest import Solve
-from tests.strategies import ANY, examples, log_uniform, scenes, stiffness_for
-from tests.truth import Truth
+from tests.helpers.quadruple_truth import Truth
+from tests.helpers.strategies import ANY, examples, log_uniform, scenes, stiffness_for
 
 EPS = float(np.finfo(float).eps)
 

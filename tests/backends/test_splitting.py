@@ -15,13 +15,13 @@ import dem_bridge as db
 from dem_bridge.backends import fused, splitting
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.blanes_moan import SRKN_6B
+from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.splitting import Method
 from dem_bridge.backends.steps import Dense, fixed_step_plan
-from dem_bridge.backends.survey import survey
 from dem_bridge.backends.twin import TWIN, VERLET
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, Trajectory
-from tests.strategies import examples, scenes
+from tests.helpers.strategies import examples, scenes
 
 METHODS = {"verlet": VERLET, "srkn_6b": SRKN_6B}
 
@@ -29,7 +29,7 @@ METHODS = {"verlet": VERLET, "srkn_6b": SRKN_6B}
 def _run(
     scene: Scene, method: Method, radius: float, *, plain: bool, full: bool = True, dt: float = 5e-7
 ) -> tuple[Trajectory, Dense]:
-    plan = fixed_step_plan(scene, Resolution(dt=dt), Sampling(count=scene.samples), survey(scene))
+    plan = fixed_step_plan(scene, Resolution(dt=dt), Sampling(count=scene.samples), prescan_hertz(scene))
     with pytest.MonkeyPatch.context() as patch:
         if plain:
             patch.setattr(splitting, "fits", lambda *_: False)
@@ -123,11 +123,11 @@ FAULTS = {
 
 def _planted(old: str, new: str) -> Any:
     """The fast kernel with a change in its own source, not compiled."""
-    source = inspect.getsource(fused.march.py_func)
+    source = inspect.getsource(fused.advance.py_func)
     assert old in source, f"the kernel's source has changed: {old!r} is not in it"
     names = dict(vars(fused))
     exec(source.replace(old, new).split("\n", 1)[1], names)
-    return names["march"]
+    return names["advance"]
 
 
 #: all that the faults are about, in few steps: a front that comes to a block's end, weight, turns, many steps to a look
@@ -139,7 +139,7 @@ TRIED = [(SMALL, SRKN_6B, 1e-6), (replace(SMALL, gravity=500.0), SRKN_6B, 1e-6),
 def test_a_fault_in_the_fast_kernel_parts_it_from_the_plain_one(
     old: str, new: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(splitting, "march", _planted(old, new))
+    monkeypatch.setattr(splitting, "advance", _planted(old, new))
     found = {part for scene, method, dt in TRIED for part in _differences(scene, method, 0.0, dt=dt)}
     assert bool(found) == (old != new)
 

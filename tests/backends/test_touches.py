@@ -10,8 +10,8 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.steps import fixed_step_plan
-from dem_bridge.backends.survey import survey
 from dem_bridge.backends.twin_bars import twins_of, with_bars
 from dem_bridge.scene import Scene, Wall
 
@@ -54,12 +54,12 @@ def test_what_clearly_touches_or_clearly_does_not_keeps_its_bars(share: float) -
 
 def test_without_the_look_for_misses_the_bar_would_be_wrong_in_silence() -> None:
     scene = thrown_up(1e-12)
-    look, sampling = survey(scene), Sampling(count=scene.samples)
-    plan = fixed_step_plan(scene, Resolution(dt=4e-7), sampling, look)
-    twins = twins_of(scene, plan, look, radius=look.gauge_radius)
+    prescan, sampling = prescan_hertz(scene), Sampling(count=scene.samples)
+    plan = fixed_step_plan(scene, Resolution(dt=4e-7), sampling, prescan)
+    twins = twins_of(scene, plan, prescan, radius=prescan.surrogate_radius)
     assert twins is not None
     run = db.solve(scene, backend="verlet", dt=4e-7, bars=False)
-    assert np.isfinite(with_bars(run, replace(twins, misses=None)).uncertainty["crossing_time"][0])
+    assert np.isfinite(with_bars(run, replace(twins, grazes=None)).uncertainty["crossing_time"][0])
     assert math.isinf(with_bars(run, twins).uncertainty["crossing_time"][0])
 
 

@@ -14,20 +14,20 @@ from numpy.typing import NDArray
 import dem_bridge as db
 from dem_bridge.accuracy import observed_order
 from dem_bridge.backends.base import Sampling
+from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.steps import default_step, round_step
-from dem_bridge.backends.survey import survey
 from dem_bridge.errors import DemBridgeError, RunBroken
 from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.trajectory import Trajectory
 from tests.conftest import Solve
-from tests.strategies import ANY, HALVES, examples, log_uniform, scenes, thirty_two_times_as_fast
-from tests.truth import Truth
+from tests.helpers.quadruple_truth import Truth
+from tests.helpers.strategies import ANY, HALVES, examples, log_uniform, scenes, thirty_two_times_as_fast
 
 EPS = float(np.finfo(float).eps)
 
 #: halved from 1e-7 s, where order 2 sets in, to 1.25e-8 s
-LADDER = (1e-7, 5e-8, 2.5e-8, 1.25e-8)
+REFINEMENT = (1e-7, 5e-8, 2.5e-8, 1.25e-8)
 
 
 def _solve(scene: Scene, dt: float | None = None, *, bars: bool = False) -> Trajectory:
@@ -38,21 +38,21 @@ def _solve(scene: Scene, dt: float | None = None, *, bars: bool = False) -> Traj
 
 
 def test_the_order_is_two_on_the_papers_chains(free_chain: Truth, solved: Solve) -> None:
-    runs = [solved(free_chain.scene, "verlet", dt=dt) for dt in LADDER]
-    fit = observed_order(LADDER, [float(free_chain.error(run, "velocity")) for run in runs])
+    runs = [solved(free_chain.scene, "verlet", dt=dt) for dt in REFINEMENT]
+    fit = observed_order(REFINEMENT, [float(free_chain.error(run, "velocity")) for run in runs])
     # round-off is at 1e-11, four decades below the smallest of these errors
     assert (fit.points, fit.order) == (4, pytest.approx(2.0, abs=0.05))
     assert fit.residual < 0.02  # a straight line: 2 % over a factor 64 in error
 
 
-@pytest.mark.parametrize("dt", [*LADDER, 1e-8])
+@pytest.mark.parametrize("dt", [*REFINEMENT, 1e-8])
 def test_the_bars_hold_on_the_papers_chains(free_chain: Truth, solved: Solve, dt: float) -> None:
     run = solved(free_chain.scene, "verlet", dt=dt)
     for quantity, bar in run.uncertainty.items():
         assert np.all(free_chain.error(run, quantity) <= bar), quantity
 
 
-@pytest.mark.parametrize("dt", [*LADDER, 1e-8])
+@pytest.mark.parametrize("dt", [*REFINEMENT, 1e-8])
 def test_the_velocity_bar_is_at_most_five_times_the_error(free_chain: Truth, solved: Solve, dt: float) -> None:
     run = solved(free_chain.scene, "verlet", dt=dt)
     assert run.uncertainty["velocity"] <= 5.0 * free_chain.error(run, "velocity")
@@ -246,7 +246,7 @@ def test_steps_are_1_2_or_5_times_a_power_of_ten_and_not_above_what_is_asked(dt:
 def test_the_default_step_of_the_papers_chains_is_a_hundredth_of_a_microsecond(free_chain: Truth) -> None:
     # what the ladder and the committed decks use
     scene = free_chain.scene
-    assert default_step(scene, Sampling(count=scene.samples), survey(scene)) == 1e-8
+    assert default_step(scene, Sampling(count=scene.samples), prescan_hertz(scene)) == 1e-8
 
 
 def test_the_step_is_at_most_what_is_asked_and_in_the_provenance() -> None:

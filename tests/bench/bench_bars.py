@@ -19,7 +19,7 @@ from scipy.stats import binomtest
 
 import dem_bridge as db
 from dem_bridge.trajectory import QUANTITIES
-from tests.random_scenes import COUNT, random_scene, random_truth, shortest_contact
+from tests.helpers.random_scenes import COUNT, random_scene, random_truth, shortest_contact
 
 #: part of the shortest contact time that is taken as the step
 FRACTIONS = (1 / 25, 1 / 50, 1 / 100)

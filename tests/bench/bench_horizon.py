@@ -44,7 +44,7 @@ def main(steps: int = STEPS) -> int:
             between_walls(),
             steps=steps,
             store=False,
-            tell=lambda done, total, label: shown.update(task, completed=done / total, description=label),
+            progress=lambda done, total, label: shown.update(task, completed=done / total, description=label),
         )
     console = Console(width=150)
     for sentence in found.answer:

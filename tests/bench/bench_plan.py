@@ -21,12 +21,12 @@ from rich.table import Table
 import dem_bridge as db
 from dem_bridge.backends.base import backend
 from dem_bridge.backends.reference import series_fit
-from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.planning.answer import Plan
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
-from tests.random_plans import planned_scene
+from tests.helpers.random_plans import planned_scene
 
 COUNT = 60
 ACCURACIES = (1e-2, 1e-4, 1e-6)
@@ -71,7 +71,7 @@ class Bench:
         # where the series do not fit the answer is scipy's, at the least tolerance
         self.truth = db.solve(scene, backend="reference", bars=series_fit(scene))
         self.scale = float(np.abs(self.truth.velocity).max())
-        self.look = survey_of(scene)
+        self.prescan = prescan_scene(scene)
         self._errors: dict[tuple[object, ...], float] = {}
 
     @property
@@ -90,7 +90,7 @@ class Bench:
     def coarsest(self, name: str, accuracy: float, **settings: object) -> Iterator[float]:
         """Steps of a grid that serve, from the coarsest on; a few, for costs need not fall with the step."""
         interval, served = self.scene.duration / self.scene.samples, 0
-        dt = min(interval, 3.0 / self.look.frequency if self.look.frequency > 0.0 else interval)
+        dt = min(interval, 3.0 / self.prescan.frequency if self.prescan.frequency > 0.0 else interval)
         while self.scene.duration / dt < MOST_STEPS and served < 3:
             steps = max(1, math.ceil(interval / dt * (1.0 - 1e-12)))
             key = (name, interval / steps, *settings)
@@ -173,7 +173,7 @@ def _in_turn(
 
 def _of_lammps(seed: int, bench: Bench, accuracy: float) -> Row:
     # the grid is that of the twin in positions, which LAMMPS repeats; its CPU is LAMMPS' own
-    best = max(bench.coarsest("verlet", accuracy, gauge_radius=bench.look.gauge_radius), default=math.nan)
+    best = max(bench.coarsest("verlet", accuracy, surrogate_radius=bench.prescan.surrogate_radius), default=math.nan)
     row = {"seed": seed, "accuracy": accuracy, "asked": LAMMPS, "best": f"{best:.3g}"}
     try:
         plan = db.plan(bench.scene, accuracy, LAMMPS)

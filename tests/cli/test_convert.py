@@ -13,8 +13,8 @@ import dem_bridge as db
 from dem_bridge.cli import main
 from dem_bridge.cli.convert import UNITS, WRITTEN
 from dem_bridge.scene_file.text import scene_toml
-from tests.exports.chains import RAW
-from tests.exports.runs import foreign_dump, made_up
+from tests.helpers.export_chains import RAW
+from tests.helpers.export_runs import foreign_dump, made_up
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ import dem_bridge as db
 from dem_bridge.cli import main
 from dem_bridge.cli.export import FORMATS, TABLES
 from dem_bridge.files import write_whole
-from tests.fakes import CHAIN
+from tests.helpers.fake_runs import CHAIN
 
 Export = Callable[..., Result]
 

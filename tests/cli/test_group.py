@@ -12,7 +12,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.cli.terminal import print_scenes
-from tests.fakes import CHAIN
+from tests.helpers.fake_runs import CHAIN
 
 PROGRAM = str(Path(sys.executable).with_name("dem-bridge"))
 
@@ -161,7 +161,7 @@ def test_a_scene_without_a_spacing_has_no_deck_of_its_own_radius(tmp_path: Path)
     (tmp_path / "small.toml").write_text(CHAIN)
     done = _run("deck", "small.toml", "--geometry", "physical", "-o", "deck", cwd=tmp_path)
     assert done.returncode == 2
-    _one_line(done, "geometry = 'physical' on small", "no spacing", "allowed: 'gauge'")
+    _one_line(done, "geometry = 'physical' on small", "no spacing", "allowed: 'surrogate'")
     assert not (tmp_path / "deck").exists()
 
 

@@ -16,8 +16,8 @@ from dem_bridge.errors import UsageError
 from dem_bridge.exports.angles import CURVE
 from dem_bridge.physics.contact import cylinder_stiffness_paper
 from dem_bridge.physics.hertz import crossed_cylinders
-from tests.exports.chains import CROSSED, ELASTIC, PAIR
-from tests.strategies import examples
+from tests.helpers.export_chains import CROSSED, ELASTIC, PAIR
+from tests.helpers.strategies import examples
 
 QUARTZ: dict[str, Any] = {"radius": 9e-3, "youngs_modulus": 72e9, "poissons_ratio": 0.17}
 LEAST = 4.689197642511e9

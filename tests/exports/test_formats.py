@@ -22,8 +22,8 @@ from pydantic import BaseModel, ConfigDict
 from dem_bridge.errors import UsageError
 from dem_bridge.exports.formats import FORMATS, SUFFIXES, as_csv, as_json, as_markdown, as_parquet, as_tex, format_for
 from dem_bridge.exports.table import UNITS, Cell, Table, barred, counts, numbers, texts
-from tests.exports.readers import NUMBER, read_markdown, read_tex
-from tests.strategies import examples
+from tests.helpers.foreign_readers import NUMBER, read_markdown, read_tex
+from tests.helpers.strategies import examples
 
 #: texts that mean something to one of the formats
 NASTY = ["plain", 'comma, "quote"', "pipe | star *", r"100 % of a_b & {c} # $x$ ~ ^ \ <d>", "é µ", None]

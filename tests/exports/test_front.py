@@ -10,7 +10,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.observables.front import peak_velocity_of_front, residence_by_crossing
 from tests.conftest import Solve
-from tests.exports.chains import CROSSED, PAIR
+from tests.helpers.export_chains import CROSSED, PAIR
 
 
 def test_every_body_has_what_the_run_says_of_it(solved: Solve) -> None:

@@ -23,9 +23,9 @@ from dem_bridge.lmp.process import run_deck
 from dem_bridge.physics.hertz import crossed_cylinders
 from dem_bridge.scene import Scene
 from tests.conftest import Solve
-from tests.exports.chains import CROSSED, CYLINDER, PAIR, QUARTZ, RAW, SPHERE, STEEL
-from tests.exports.readers import read_markdown, read_tex
-from tests.lmp.deck_reader import read_deck
+from tests.helpers.deck_reader import read_deck
+from tests.helpers.export_chains import CROSSED, CYLINDER, PAIR, QUARTZ, RAW, SPHERE, STEEL
+from tests.helpers.foreign_readers import read_markdown, read_tex
 
 
 def _contacts(scene: Scene | str, **settings: Any) -> tuple[Table, pd.DataFrame]:
@@ -81,8 +81,8 @@ def test_what_is_found_is_the_runs_and_the_survey_is_near(solved: Solve) -> None
     upper = beta * (overlap + frame["peak_overlap_bar_m"]) ** 1.5
     assert np.all(upper >= run.peak_force + run.uncertainty["peak_force"] * (1.0 - 1e-2)), "bars hold upwards too"
     # "good to about a per cent": what the survey promises
-    np.testing.assert_allclose(frame["peak_overlap_survey_m"], overlap, rtol=0.02)
-    np.testing.assert_allclose(frame["peak_force_survey_N"], run.peak_force, rtol=0.03)
+    np.testing.assert_allclose(frame["peak_overlap_prescan_m"], overlap, rtol=0.02)
+    np.testing.assert_allclose(frame["peak_force_prescan_N"], run.peak_force, rtol=0.03)
     assert table.provenance["backend"] == "reference"
 
 
@@ -139,7 +139,7 @@ def test_damped_contacts_between_walls_have_forces_and_no_overlaps_of_them() -> 
 
 @pytest.mark.parametrize(
     ("scene", "form"),
-    [(CROSSED, {}), (RAW, {}), (RAW, {"types": "per-body"}), (PAIR, {"gauge_radius": 1e-3})],
+    [(CROSSED, {}), (RAW, {}), (RAW, {"types": "per-body"}), (PAIR, {"surrogate_radius": 1e-3})],
     ids=["crossed", "raw", "per body", "own radius"],
 )
 def test_what_lammps_is_told_is_what_its_deck_says(scene: Scene, form: dict[str, Any], tmp_path: Path) -> None:
@@ -162,7 +162,7 @@ def test_what_lammps_is_told_is_what_its_deck_says(scene: Scene, form: dict[str,
         told = [line for line in _deck_lines(scene, **form) if line.split()[:1] == ["pair_coeff"]]
         [line] = [one for one in told if one.split()[1:3] == [str(min(kinds)), str(max(kinds))]]
         assert (row["lammps_model"], row["lammps_k_n_SI"]) == (line.split()[3], float(line.split()[4]))
-        assert 2.0 * row["gauge_radius_m"] == read.atoms[0].diameter
+        assert 2.0 * row["surrogate_radius_m"] == read.atoms[0].diameter
     bodies = db.table_of(scene, "bodies", **form).to_pandas()
     for i in range(scene.n_body):
         atom = read.atoms[left + i]
@@ -183,7 +183,7 @@ def test_a_law_of_its_own_has_forces_by_the_law() -> None:
     scene = replace(PAIR, law=_stiffer)
     table, frame = _contacts(scene)
     assert frame["peak_overlap_m"].isna().all()
-    np.testing.assert_allclose(frame["peak_force_survey_N"], frame["peak_force_N"], rtol=0.03)
+    np.testing.assert_allclose(frame["peak_force_prescan_N"], frame["peak_force_N"], rtol=0.03)
     assert any("contacts have a law of their own" in note for note in table.notes)
 
 
@@ -248,8 +248,8 @@ def test_lammps_reads_the_include_file_and_runs_the_same_bit_for_bit(tmp_path: P
 
 
 def test_a_radius_below_the_overlap_is_refused() -> None:
-    with pytest.raises(UsageError, match=r"^gauge_radius = 1e-06 m; allowed: more than the largest overlap, 1\."):
-        db.table_of(PAIR, "pair-coeffs", gauge_radius=1e-6)
+    with pytest.raises(UsageError, match=r"^surrogate_radius = 1e-06 m; allowed: more than the largest overlap, 1\."):
+        db.table_of(PAIR, "pair-coeffs", surrogate_radius=1e-6)
 
 
 def test_tables_refuse_what_they_are_not_asked(tmp_path: Path) -> None:

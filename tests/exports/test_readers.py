@@ -23,8 +23,8 @@ from dem_bridge.exports.readers import UNITS
 from dem_bridge.lmp.process import run_deck
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
-from tests.exports.chains import CROSSED, PAIR, RAW
-from tests.exports.runs import foreign_dump, made_up
+from tests.helpers.export_chains import CROSSED, PAIR, RAW
+from tests.helpers.export_runs import foreign_dump, made_up
 
 STACKED = replace(RAW, name="stacked", gravity=9.81, wall_left=None, damping=None)
 PRESSED = replace(STACKED, name="pressed", gap=0.0, gravity=0.0, precompression=20.0)

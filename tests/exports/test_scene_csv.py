@@ -15,8 +15,8 @@ from dem_bridge.errors import DemBridgeError, SceneError, UsageError
 from dem_bridge.exports.scene_csv import BODY, CONTACT, DERIVED, PLACE, scene_of_csv
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file import load_scene, shipped_scenes
-from tests.exports.chains import CROSSED, RAW
-from tests.strategies import ANY, damped_scenes, examples, scenes
+from tests.helpers.export_chains import CROSSED, RAW
+from tests.helpers.strategies import ANY, damped_scenes, examples, scenes
 
 CHAIN = """# three balls
 mass_kg, velocity_m_per_s, stiffness_N_per_m^(n-1), exponent, gap_m

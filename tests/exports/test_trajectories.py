@@ -18,8 +18,8 @@ import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.exports.trajectories import NOMINAL_SPACING, centres, text_of
 from dem_bridge.scene import Scene
-from tests.exports.chains import CROSSED, PAIR, RAW
-from tests.exports.runs import NAMES, made_up
+from tests.helpers.export_chains import CROSSED, PAIR, RAW
+from tests.helpers.export_runs import NAMES, made_up
 
 PRESSED = replace(RAW, name="pressed", gap=0.0, precompression=20.0, velocity=(0.8, 0.0, 0.0, 0.0), wall_left=None,
                   damping=None)  # fmt: skip

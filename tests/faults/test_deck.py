@@ -14,8 +14,8 @@ import pytest
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.studies.checks import POSITIONAL, REFERENCE, TWIN
 from dem_bridge.verdict import Outcome
-from tests.faults.decks import Change, both, run_with, substituted, times
-from tests.faults.judging import (
+from tests.helpers.fault_decks import Change, both, run_with, substituted, times
+from tests.helpers.fault_judging import (
     BENCH,
     ENERGY,
     FREE,
@@ -29,7 +29,7 @@ from tests.faults.judging import (
     minus,
     replaced,
 )
-from tests.faults.tables import hertz, tabulated
+from tests.helpers.fault_tables import hertz, tabulated
 
 pytestmark = pytest.mark.lammps
 
@@ -224,5 +224,5 @@ def test_what_a_run_notices_itself_is_broken_and_says_why(change: Change, why: s
 
 
 def test_a_missing_root_shows_where_bodies_are_large_enough_to_take_it() -> None:
-    run = run_with(without_root, BENCH.engine_cases[0], gauge_radius=1e-3)
+    run = run_with(without_root, BENCH.engine_cases[0], surrogate_radius=1e-3)
     BENCH.check(replaced(BENCH.sound_runs, run), IMPLEMENTATION | USER | ENERGY)

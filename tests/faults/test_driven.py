@@ -8,10 +8,10 @@ import pytest
 
 from dem_bridge.studies.checks import REFERENCE, THIRD
 from dem_bridge.verdict import Outcome
-from tests.driven import SINE, TOUCHING, driven
-from tests.faults.decks import Change, run_with, substituted, times
-from tests.faults.judging import IMPLEMENTATION, TWIN_ERROR, USER, Bench, Fault, minus, replaced
 from tests.faults.test_own_codes import Changes, _faulty, _with_twin
+from tests.helpers.driven_chains import SINE, TOUCHING, driven
+from tests.helpers.fault_decks import Change, run_with, substituted, times
+from tests.helpers.fault_judging import IMPLEMENTATION, TWIN_ERROR, USER, Bench, Fault, minus, replaced
 
 pytestmark = pytest.mark.lammps
 
@@ -68,7 +68,7 @@ def test_sound_driven_runs_have_no_fault(bench: Bench) -> None:
     ids=[*SINE_FAULTS, "a table one cell late"],
 )
 def test_a_fault_in_a_driven_deck_is_named(bench: Bench, fault: Fault[Change]) -> None:
-    run = run_with(fault.plant, bench.engine_cases[0], gauge_radius=ROOMY)
+    run = run_with(fault.plant, bench.engine_cases[0], surrogate_radius=ROOMY)
     bench.check_fault(replaced(bench.sound_runs, run), fault)
 
 

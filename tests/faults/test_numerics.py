@@ -10,8 +10,8 @@ from collections.abc import Callable
 import pytest
 
 from dem_bridge.studies.checks import POSITIONAL, REFERENCE
-from tests.faults.judging import BENCH, ENERGY, IMPLEMENTATION, MOMENTUM, ORDER, USER, Fault, minus
-from tests.faults.stand_in import Code, Net, State, runs_of
+from tests.helpers.fault_judging import BENCH, ENERGY, IMPLEMENTATION, MOMENTUM, ORDER, USER, Fault, minus
+from tests.helpers.fault_stand_in import Code, Net, State, runs_of
 
 
 class StaleForceOnOneBody(Code):

@@ -18,7 +18,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.studies.checks import REFERENCE, SECOND, TWIN
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome
-from tests.faults.judging import (
+from tests.helpers.fault_judging import (
     BENCH,
     FREE,
     HELD_BENCH,
@@ -91,7 +91,7 @@ def _with_twin(bench: Bench, monkeypatch: pytest.MonkeyPatch, changes: Changes) 
     monkeypatch.setattr(splitting, "integrate", names["integrate"])
     monkeypatch.setattr(splitting, "fits", lambda *_: False)
     main, *_, positional = bench.of(TWIN)
-    assert positional.resolution.gauge_radius is not None
+    assert positional.resolution.surrogate_radius is not None
     for case in (main, positional):
         results = with_trajectory(results, case, _faulty(case, results))
     return results

@@ -11,9 +11,9 @@ import pytest
 
 from dem_bridge.backends import lammps, lammps_output, steps
 from dem_bridge.studies.checks import POSITIONAL, REFERENCE, TWIN
-from tests.faults.decks import Change, both, run_with, substituted
-from tests.faults.judging import BENCH, ENERGY, IMPLEMENTATION, USER, Fault, minus, replaced
-from tests.faults.stand_in import Code, run_in_place_of_lammps, runs_of
+from tests.helpers.fault_decks import Change, both, run_with, substituted
+from tests.helpers.fault_judging import BENCH, ENERGY, IMPLEMENTATION, USER, Fault, minus, replaced
+from tests.helpers.fault_stand_in import Code, run_in_place_of_lammps, runs_of
 
 
 def shown(*quantities: str) -> frozenset[str]:
@@ -88,7 +88,7 @@ READINGS: dict[str, Fault[Substitution]] = {
     ),
     # overlaps, and so the energy in contacts, are those of displacements
     "start positions without the gaps": Fault(
-        plant=(DENSE, "position - deck.line", "position - 2.0 * deck.gauge_radius * np.arange(len(deck.line))"),
+        plant=(DENSE, "position - deck.line", "position - 2.0 * deck.surrogate_radius * np.arange(len(deck.line))"),
         shows=shown("displacement") | ENERGY,
     ),
     "peak force of the dense samples alone": Fault(

@@ -15,8 +15,8 @@ from dem_bridge.physics.law import ContactLaw, power_law
 from dem_bridge.scene import Wall
 from dem_bridge.studies.checks import POSITIONAL, REFERENCE, TABLE
 from dem_bridge.verdict import Outcome
-from tests.faults.decks import Change, run_with, substituted
-from tests.faults.judging import ENERGY, FREE, IMPLEMENTATION, ORDER, USER, Bench, Fault, minus, replaced
+from tests.helpers.fault_decks import Change, run_with, substituted
+from tests.helpers.fault_judging import ENERGY, FREE, IMPLEMENTATION, ORDER, USER, Bench, Fault, minus, replaced
 
 pytestmark = pytest.mark.lammps
 
@@ -83,7 +83,7 @@ def reading(law: int, other: int) -> Change:
 
 def cut_before_touch(by: float) -> Change:
     """The cutoff of contact 0 so much (m) before its bodies part."""
-    return lambda deck: substituted(r"(mixed\.0\.table LAW0) ", rf"\g<1> {2.0 * deck.gauge_radius - by!r} ")(deck)
+    return lambda deck: substituted(r"(mixed\.0\.table LAW0) ", rf"\g<1> {2.0 * deck.surrogate_radius - by!r} ")(deck)
 
 
 def without_slopes(deck: Deck) -> dict[str, str]:

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.lammps import LammpsTable
-from dem_bridge.backends.survey import gauge_radius
+from dem_bridge.backends.prescan import surrogate_radius
 from dem_bridge.dense import schedule
 from dem_bridge.errors import SceneError
 from dem_bridge.lmp import deck as deck_module
@@ -25,9 +25,9 @@ from dem_bridge.lmp.coefficients import refusal
 from dem_bridge.lmp.deck import Deck, deck_of
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file import MAIN_SCENES
-from tests.lmp.deck_reader import ReadDeck, read_deck
-from tests.strategies import damped_scenes, examples, log_uniform, scenes
-from tests.truth import Truth
+from tests.helpers.deck_reader import ReadDeck, read_deck
+from tests.helpers.quadruple_truth import Truth
+from tests.helpers.strategies import damped_scenes, examples, log_uniform, scenes
 
 INPUTS = Path(__file__).parents[2] / "lammps_inputs"
 EPS = float(np.finfo(float).eps)
@@ -246,8 +246,8 @@ def test_hertzian_and_linear_scenes_are_not_refused() -> None:
 
 
 @given(peak=log_uniform(1e-12, 1e-2))
-def test_the_gauge_radius_is_the_next_power_of_two_above_five_quarters_of_the_overlap(peak: float) -> None:
-    radius = gauge_radius(peak)
+def test_the_surrogate_radius_is_the_next_power_of_two_above_five_quarters_of_the_overlap(peak: float) -> None:
+    radius = surrogate_radius(peak)
     assert math.frexp(radius)[0] == 0.5  # a power of two: multiples of it are exact
     assert 1.25 * peak < radius * (1.0 + EPS)
     assert radius <= 2.5 * peak * (1.0 + EPS)
@@ -259,13 +259,13 @@ def test_start_positions_are_exact_multiples_of_the_diameter(free_chain: Truth) 
 
 
 def test_a_scene_where_nothing_touches_has_a_radius_all_the_same() -> None:
-    assert gauge_radius(0.0) > 0.0
+    assert surrogate_radius(0.0) > 0.0
 
 
 @pytest.mark.parametrize("peak", [-1e-6, math.inf, math.nan])
 def test_an_overlap_that_is_none_has_no_radius(peak: float) -> None:
     with pytest.raises(ValueError, match="peak overlap"):
-        gauge_radius(peak)
+        surrogate_radius(peak)
 
 
 def test_later_pair_coeffs_override_earlier_ones_in_the_reader_as_in_lammps(tmp_path: Path) -> None:
@@ -322,7 +322,8 @@ def test_a_deck_of_the_scenes_own_radius_says_what_round_off_to_expect(name: str
     text = (INPUTS / f"{name}-physical" / f"in.{name}").read_text()
     [said] = re.findall(r"^# .*expect round-off of (\S+) of the$", text, re.MULTILINE)
     runs = [
-        db.solve(name, backend="verlet", dt=1e-8, gauge_radius=radius, bars=False).velocity for radius in (0.009, None)
+        db.solve(name, backend="verlet", dt=1e-8, surrogate_radius=radius, bars=False).velocity
+        for radius in (0.009, None)
     ]
     # one digit is said
     assert float(said) == pytest.approx(np.max(np.abs(runs[0] - runs[1])) / np.max(np.abs(runs[1])), rel=0.5)
@@ -476,7 +477,7 @@ def test_the_tables_of_a_random_scene_are_its_contacts(scene: Scene) -> None:
             assert len(text.splitlines()) <= 1000
 
 
-@pytest.mark.parametrize("geometry", ["gauge", "physical"])
+@pytest.mark.parametrize("geometry", ["surrogate", "physical"])
 @pytest.mark.parametrize("name", MAIN_SCENES)
 def test_forty_different_contacts_are_41_tables(name: str, geometry: str) -> None:
     scene = db.load_scene(name)

@@ -18,9 +18,9 @@ from dem_bridge.lmp.deck import Deck
 from dem_bridge.lmp.driving import drive_file
 from dem_bridge.lmp.variants import flat_walls, newton_off, with_restart
 from dem_bridge.scene import Scene, Wall
-from tests.driven import CHIRP, PRESSED, SINE, TABLE, TOUCHING, driven
-from tests.lmp.deck_reader import ReadDeck, read_deck
-from tests.strategies import examples
+from tests.helpers.deck_reader import ReadDeck, read_deck
+from tests.helpers.driven_chains import CHIRP, PRESSED, SINE, TABLE, TOUCHING, driven
+from tests.helpers.strategies import examples
 
 EPS = float(np.finfo(float).eps)
 WALLED = replace(driven(TOUCHING, "table"), wall_left=Wall(stiffness=3e9), wall_right=Wall(stiffness=4e9))

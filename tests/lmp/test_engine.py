@@ -23,7 +23,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome
 from tests.conftest import Solve
-from tests.lmp.processes import gone
+from tests.helpers.processes import gone
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
 #: the wheel's own console script: a binary like any other

@@ -25,7 +25,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.studies.checks import accuracy
 from dem_bridge.verdict import Outcome
 from tests.conftest import Solve
-from tests.lmp.processes import gone
+from tests.helpers.processes import gone
 
 pytestmark = pytest.mark.lammps
 

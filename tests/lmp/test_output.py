@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.output import read_binary_dump
-from tests.lmp.dumps import frame
+from tests.helpers.dumps import frame
 
 ROWS = [[1.0, 0.1, -0.8, 1e-300], [2.0, math.pi, 5e-324, -math.inf]]
 

@@ -20,7 +20,7 @@ from dem_bridge.lmp import process, worker
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import probe, require, run_deck
 from dem_bridge.scene import Scene
-from tests.lmp.processes import gone
+from tests.helpers.processes import gone
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
 

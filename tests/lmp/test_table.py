@@ -23,7 +23,7 @@ from dem_bridge.lmp.table import (
 )
 from dem_bridge.physics.contact import Floats
 from dem_bridge.physics.law import ContactLaw, law_of, power_law
-from tests.strategies import examples
+from tests.helpers.strategies import examples
 
 DATE = "2026-11-21"
 GAUGE = 2.0**-14

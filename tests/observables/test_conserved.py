@@ -12,10 +12,10 @@ import dem_bridge as db
 from dem_bridge.observables.conserved import energy, energy_parts, momentum, work
 from dem_bridge.scene import Damping, Scene, Wall
 from tests.conftest import Solve
-from tests.driven import DRIVES, PRESSED, SINE, TOUCHING, driven, free_body
-from tests.fakes import free_flight
-from tests.strategies import examples, scenes
-from tests.truth import Truth
+from tests.helpers.driven_chains import DRIVES, PRESSED, SINE, TOUCHING, driven, free_body
+from tests.helpers.fake_runs import free_flight
+from tests.helpers.quadruple_truth import Truth
+from tests.helpers.strategies import examples, scenes
 
 EPS = float(np.finfo(float).eps)
 

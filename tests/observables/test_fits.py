@@ -26,9 +26,9 @@ from dem_bridge.observables.fits import (
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from tests.conftest import Solve
-from tests.fakes import NO_BARS, free_flight
-from tests.observables.waves import long_chain, tapered_chain, uniform_chain
-from tests.strategies import examples
+from tests.helpers.fake_runs import NO_BARS, free_flight
+from tests.helpers.strategies import examples
+from tests.helpers.waves import long_chain, tapered_chain, uniform_chain
 
 EPS = float(np.finfo(float).eps)
 BODIES = 41

@@ -24,10 +24,10 @@ from dem_bridge.observables.front import (
 )
 from dem_bridge.scene import Scene, Wall
 from tests.conftest import Solve
-from tests.fakes import NO_BARS, free_flight
-from tests.observables.waves import travelling_wave, uniform_chain
-from tests.strategies import examples, log_uniform
-from tests.truth import Truth
+from tests.helpers.fake_runs import NO_BARS, free_flight
+from tests.helpers.quadruple_truth import Truth
+from tests.helpers.strategies import examples, log_uniform
+from tests.helpers.waves import travelling_wave, uniform_chain
 
 EPS = float(np.finfo(float).eps)
 

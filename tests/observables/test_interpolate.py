@@ -14,9 +14,9 @@ from dem_bridge.drive import Drive
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.interpolate import acceleration, hermite, require_forces, root_between, spacing, state_at
 from dem_bridge.scene import Scene, Wall
-from tests.fakes import free_flight
-from tests.observables.waves import travelling_wave
-from tests.strategies import examples
+from tests.helpers.fake_runs import free_flight
+from tests.helpers.strategies import examples
+from tests.helpers.waves import travelling_wave
 
 EPS = float(np.finfo(float).eps)
 

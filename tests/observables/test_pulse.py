@@ -23,9 +23,9 @@ from dem_bridge.observables.pulse import (
 )
 from dem_bridge.scene import Scene, Wall
 from tests.conftest import Solve
-from tests.fakes import NO_BARS, free_flight
-from tests.observables.waves import long_chain, travelling_wave, uniform_chain
-from tests.strategies import examples, log_uniform
+from tests.helpers.fake_runs import NO_BARS, free_flight
+from tests.helpers.strategies import examples, log_uniform
+from tests.helpers.waves import long_chain, travelling_wave, uniform_chain
 
 #: contacts whose pulse is whole, of travelling_wave's 40 bodies
 INNER = slice(6, 33)

@@ -16,9 +16,9 @@ from dem_bridge.observables.spectrum import Spectrum, cascade, frequency_spectru
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from tests.conftest import Solve
-from tests.fakes import free_flight
-from tests.observables.waves import long_chain, uniform_chain
-from tests.strategies import examples
+from tests.helpers.fake_runs import free_flight
+from tests.helpers.strategies import examples
+from tests.helpers.waves import long_chain, uniform_chain
 
 BODIES = 41
 #: of a pulse exp(-t^2 / (2 sigma^2)): the density goes as exp(-(2 pi sigma f)^2)

@@ -17,7 +17,7 @@ from dem_bridge.physics.adiabatic import AdiabaticWave, adiabatic_wave, response
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.physics.solitary import solitary_wave
 from dem_bridge.scene import Scene
-from tests.strategies import examples, log_uniform
+from tests.helpers.strategies import examples, log_uniform
 
 EPS = float(np.finfo(float).eps)
 Floats = NDArray[np.float64]

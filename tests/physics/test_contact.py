@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.special import ellipe, ellipk
 
 from dem_bridge.physics.contact import axis_ratio_paper, cylinder_stiffness_paper, energy, force
-from tests.physics.high_precision import cylinder_stiffness
-from tests.strategies import log_uniform
+from tests.helpers.high_precision import cylinder_stiffness
+from tests.helpers.strategies import log_uniform
 
 QUARTZ = {"radius": 9e-3, "young": 72e9, "poisson": 0.17}
 

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize_scalar
 
 from dem_bridge.physics.dashpot import DashpotCollision, dashpot_collision
-from tests.strategies import examples, log_uniform
+from tests.helpers.strategies import examples, log_uniform
 
 EPS = float(np.finfo(float).eps)
 ratios = st.one_of(st.just(0.0), st.just(1.0), log_uniform(1e-6, 1e3), st.floats(0.9, 1.1), st.floats(0.45, 0.55))

@@ -13,7 +13,7 @@ import dem_bridge as db
 from dem_bridge.physics.contact import force
 from dem_bridge.physics.dispersion import Cell, Dispersion, dispersion
 from dem_bridge.scene import Scene, Wall
-from tests.strategies import log_uniform
+from tests.helpers.strategies import log_uniform
 
 masses = log_uniform(1e-4, 1e2)
 exponents = st.floats(1.2, 5.0)

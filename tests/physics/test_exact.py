@@ -22,8 +22,8 @@ from dem_bridge.physics.exact import (
     wall_rebound,
 )
 from dem_bridge.scene import Scene, Wall
-from tests.strategies import log_uniform, stiffness_for
-from tests.truth import Truth
+from tests.helpers.quadruple_truth import Truth
+from tests.helpers.strategies import log_uniform, stiffness_for
 
 EPS = float(np.finfo(float).eps)
 

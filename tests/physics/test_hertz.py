@@ -27,8 +27,8 @@ from dem_bridge.physics.hertz import (
     sphere_on_sphere,
     stiffness_slope,
 )
-from tests.physics.high_precision import DIGITS, complete_elliptic, cosine, pi
-from tests.strategies import log_uniform
+from tests.helpers.high_precision import DIGITS, complete_elliptic, cosine, pi
+from tests.helpers.strategies import log_uniform
 
 QUARTZ: dict[str, Any] = {"radius": 9e-3, "young": 72e9, "poisson": 0.17}
 LAWS: tuple[AxisRatio, ...] = ("exact", "paper")

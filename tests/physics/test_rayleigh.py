@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dem_bridge.physics.rayleigh import rayleigh_time
-from tests.strategies import log_uniform
+from tests.helpers.strategies import log_uniform
 
 
 def _surface_over_shear(poisson: float) -> float:

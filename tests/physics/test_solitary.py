@@ -18,7 +18,7 @@ from dem_bridge.physics import solitary
 from dem_bridge.physics.solitary import SolitaryWave, solitary_wave, wave_shape
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
-from tests.strategies import examples, log_uniform
+from tests.helpers.strategies import examples, log_uniform
 
 EPS = float(np.finfo(float).eps)
 EXPONENTS = [2.001, 2.1, 2.5, 3.0, 4.5, 12.0, 50.0]

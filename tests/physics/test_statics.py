@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dem_bridge.physics.statics import static_forces, static_overlap
-from tests.strategies import log_uniform
+from tests.helpers.strategies import log_uniform
 
 EPS = 2.0**-52
 

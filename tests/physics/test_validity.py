@@ -25,7 +25,7 @@ from dem_bridge.physics.validity import (
     quasi_static,
     weightless,
 )
-from tests.strategies import log_uniform
+from tests.helpers.strategies import log_uniform
 
 QUARTZ: dict[str, Any] = {"radius": 9e-3, "young": 72e9, "poisson": 0.17}
 MASS = 10.08e-3  # kg, of the paper's cylinder

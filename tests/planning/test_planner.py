@@ -23,8 +23,8 @@ from dem_bridge.planning.check import OBSERVABLES, Trial, relative_error, settle
 from dem_bridge.planning.predict import OF_STEP, Outlook, tidy
 from dem_bridge.scene import Damping, Scene, Wall
 from tests.conftest import Solve
-from tests.driven import PRESSED
-from tests.strategies import examples
+from tests.helpers.driven_chains import PRESSED
+from tests.helpers.strategies import examples
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
 #: contacts that open and close again, a wall and a gap
@@ -62,7 +62,7 @@ def test_a_step_is_told_in_the_units_that_dem_users_think_in() -> None:
     shear = 72e9 / (2.0 * 1.17)
     rayleigh = math.pi * 9e-3 * math.sqrt(2200.0 / shear) / (0.1631 * 0.17 + 0.8766)
     assert found.units["rayleigh_time"] == pytest.approx(dt / rayleigh, rel=1e-12)
-    frequency = Outlook.of(scene, Sampling(count=scene.samples)).look.frequency
+    frequency = Outlook.of(scene, Sampling(count=scene.samples)).prescan.frequency
     assert found.units["2/omega"] == pytest.approx(dt * frequency / 2.0, rel=1e-12)
     pair = db.plan(PAIR, 1e-3, predict_only=True, backend="verlet").units
     exact = two_body_collision(masses=(8.1e-3, 1e-2), velocities=(0.8, 0.0), stiffness=4e9, exponent=2.5)

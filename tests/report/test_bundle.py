@@ -27,7 +27,7 @@ from dem_bridge.report.page import report_files
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import parse_scene
 from dem_bridge.studies.verify import SceneStudy, Verification
-from tests.report.fake_paper import fake_paper
+from tests.helpers.fake_paper import fake_paper
 
 SMALL = Scene(
     name="small",
@@ -164,7 +164,7 @@ def test_a_list_of_files_that_points_elsewhere_deletes_nothing_there(tmp_path: P
 
 def test_scenes_whose_laws_are_functions_are_named_in_one_line(tmp_path: Path) -> None:
     glued = replace(SMALL, name="glued", law=lambda overlap: 4e9 * overlap**1.5)
-    studies = tuple(SceneStudy(scene=one, results=(), verdicts=(), ladder={}) for one in (SMALL, glued))
+    studies = tuple(SceneStudy(scene=one, results=(), verdicts=(), refinement={}) for one in (SMALL, glued))
     files = bundle_files(replace(NOTHING, studies=studies), report={})
     readme, told = str(files["README.md"]), json.loads(files["bundle.json"])
     assert [line for line in readme.splitlines() if line.startswith("Not replayed") and line.endswith(": glued.")]

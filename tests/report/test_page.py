@@ -20,15 +20,15 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Case, Result
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.report.cells import digits_of, number, packed, sortable
-from dem_bridge.report.exhibits import csv_texts, drawn
+from dem_bridge.report.drawing import csv_texts, drawn
 from dem_bridge.report.junit import junit
 from dem_bridge.report.page import SCHEMA, as_json, headline, not_verified, write_report
 from dem_bridge.scene import Damping, Scene
 from dem_bridge.studies.checks import TWIN, engine_for
 from dem_bridge.studies.verify import SceneStudy, Verification, cases_of, study_of
 from dem_bridge.verdict import Outcome
-from tests.fakes import free_flight
-from tests.report.fake_paper import fake_paper
+from tests.helpers.fake_paper import fake_paper
+from tests.helpers.fake_runs import free_flight
 
 PAIR = Scene(
     name="three",
@@ -53,7 +53,7 @@ def _verification(scene: Scene, broken: bool = False) -> Verification:
             continue
         name = TWIN if case.backend == engine_for(scene) else case.backend
         how = case.resolution
-        run = db.solve(scene, backend=name, dt=how.dt, bars=how.bars, gauge_radius=how.gauge_radius)
+        run = db.solve(scene, backend=name, dt=how.dt, bars=how.bars, surrogate_radius=how.surrogate_radius)
         results.append(Result(case=case, trajectory=run))
     return Verification(studies=(study_of(scene, tuple(results), 1e-3),), accuracy=1e-3, wall=1.0)
 
@@ -128,7 +128,7 @@ def test_what_is_not_verified_goes_by_what_was_run(
         Result(case=case, trajectory=replace(run, provenance=provenance)),
         Result(case=truth, trajectory=replace(run, provenance={"answered_by": "scipy"} if changes else {})),
     )
-    study = SceneStudy(scene=scene, results=results, verdicts=(), ladder={})
+    study = SceneStudy(scene=scene, results=results, verdicts=(), refinement={})
     lines = not_verified(Verification(studies=(study,), accuracy=1e-3, wall=1.0))
     assert [line for line in lines if words in line], lines
     assert any("by a second method" in line for line in lines) == bool({"damping", "drag"} & set(changes))

@@ -14,7 +14,7 @@ import pytest
 
 from dem_bridge.report.page import write_report
 from dem_bridge.studies.verify import Verification
-from tests.report.fake_paper import fake_paper
+from tests.helpers.fake_paper import fake_paper
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium")]

@@ -17,7 +17,7 @@ from dem_bridge.errors import SceneError, UsageError
 from dem_bridge.geometry import Body, Material
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file.bodies import chain, crossings
-from tests.strategies import examples, log_uniform
+from tests.helpers.strategies import examples, log_uniform
 
 STEEL = Material(youngs_modulus=193e9, poissons_ratio=0.3, density=8000.0, name="steel")
 PTFE = Material(youngs_modulus=1.46e9, poissons_ratio=0.46, density=2200.0, name="PTFE")

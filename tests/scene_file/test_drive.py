@@ -12,7 +12,7 @@ from dem_bridge.errors import SceneError
 from dem_bridge.scene_file import load_scene, parse_scene
 from dem_bridge.scene_file.drive import read_force
 from dem_bridge.scene_file.text import scene_toml
-from tests.driven import DRIVES, TOUCHING, driven
+from tests.helpers.driven_chains import DRIVES, TOUCHING, driven
 from tests.scene_file.test_load import PHYSICAL, RAW
 
 SINE = '[chain.drive]\nshape = "sine"\nforce = 2.0\nfrequency = 4e3\nphase = 30.0\nrise = 2e-4\n'

@@ -20,7 +20,7 @@ from dem_bridge.physics.contact import cylinder_stiffness_paper
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file import MAIN_SCENES, load_scene, parse_scene, shipped_scenes
 from dem_bridge.scene_file.physical import scattered
-from tests.truth import Truth
+from tests.helpers.quadruple_truth import Truth
 
 RAW = """\
 name = "two-sizes"

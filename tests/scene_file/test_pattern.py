@@ -19,7 +19,7 @@ from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file import parse_scene
 from dem_bridge.scene_file.bodies import chain
 from dem_bridge.scene_file.physical import normal_numbers, scattered
-from tests.strategies import examples
+from tests.helpers.strategies import examples
 
 MATERIALS = """\
 [materials.steel]

@@ -13,8 +13,8 @@ from dem_bridge.errors import UnsupportedScene
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file import load_scene, parse_scene, shipped_scenes
 from dem_bridge.scene_file.text import scene_toml
-from tests.random_scenes import DRAWS, drawn
-from tests.strategies import ANY, HALVES, damped_scenes, examples, scenes
+from tests.helpers.random_scenes import DRAWS, drawn
+from tests.helpers.strategies import ANY, HALVES, damped_scenes, examples, scenes
 
 WHOLE = Scene(
     name="whole",

@@ -16,7 +16,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
 from dem_bridge.studies import bands
 from dem_bridge.studies.bands import study_bands
-from dem_bridge.studies.exhibits import Study
+from dem_bridge.studies.study import Study
 from dem_bridge.verdict import Outcome
 
 CHIRP = db.Drive(shape="chirp", force=0.02, frequency=600.0, last_frequency=11.4e3, sweep=25e-3)

@@ -16,7 +16,7 @@ from dem_bridge.cli import main, terminal
 from dem_bridge.cli.studies import study as group
 from dem_bridge.errors import UsageError
 from dem_bridge.studies import catalogue
-from dem_bridge.studies.exhibits import Exhibit, Panel, Series, Study, Table
+from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.verdict import Outcome
 
 
@@ -29,17 +29,17 @@ def small(*, outcome: Outcome = Outcome.PASS, interrupted: bool = False) -> Stud
         title="A small study",
         answer=("It <is> so.",),
         tables=(Table(id="numbers", title="Numbers", caption="", columns=("who", "x"), rows=(("[a]", float("nan")),)),),
-        exhibits=(Exhibit(id="picture", title="Picture", caption="", panels=(panel,)),),
+        exhibits=(FigureData(id="picture", title="Picture", caption="", panels=(panel,)),),
         outcomes=(outcome,),
         interrupted=interrupted,
     )
 
 
-def of_scene(scene: Any, *, engine: Any, jobs: Any, tell: Any, store: Any, strength: float = 1.0) -> Study:
+def of_scene(scene: Any, *, engine: Any, jobs: Any, progress: Any, store: Any, strength: float = 1.0) -> Study:
     return small(outcome=Outcome.FAIL if strength > 1.0 else Outcome.PASS)
 
 
-def of_none(*, engine: Any, jobs: Any, tell: Any, store: Any) -> Study:
+def of_none(*, engine: Any, jobs: Any, progress: Any, store: Any) -> Study:
     return small(interrupted=True)
 
 

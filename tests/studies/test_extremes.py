@@ -28,7 +28,7 @@ from dem_bridge.studies.extremes.study import rows_of
 from dem_bridge.studies.extremes.truths import apart, galilei, mirrored, two_bodies
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome
-from tests.fakes import free_flight
+from tests.helpers.fake_runs import free_flight
 
 ALL = catalogue()
 #: what the issue of extremes names, by a part of the names of its entries

@@ -14,7 +14,6 @@ from dem_bridge.campaign import Case, Result, run_case
 from dem_bridge.errors import BackendUnavailable, RunBroken
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
-from dem_bridge.studies.exhibits import Study, Table
 from dem_bridge.studies.rule_of_thumb import (
     MOST_SAMPLES,
     SHARES,
@@ -24,8 +23,9 @@ from dem_bridge.studies.rule_of_thumb import (
     study_rule_of_thumb,
     table,
 )
+from dem_bridge.studies.study import Study, Table
 from dem_bridge.timescales import rayleigh_time_of
-from tests.strategies import log_uniform
+from tests.helpers.strategies import log_uniform
 
 CHAIN = replace(load_scene("decelerating-40"), name="short", duration=3e-4)
 RAW = Scene(name="raw", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))

@@ -249,7 +249,7 @@ def test_a_way_that_breaks_is_a_row_and_the_others_go_on() -> None:
 
 def test_progress_is_told_for_each_way() -> None:
     told: list[tuple[float, int, str]] = []
-    study_styles(HELD, dt=DT, ways=(BASE,), tell=lambda *words: told.append(words))
+    study_styles(HELD, dt=DT, ways=(BASE,), progress=lambda *words: told.append(words))
     assert told[0] == (0.0, 1, "held: granular")
     assert told[-1] == (1, 1, "")
 

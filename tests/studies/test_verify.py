@@ -24,7 +24,7 @@ from dem_bridge.studies.checks import REFERENCE, SECOND, TABLE, THEORY, TWIN, en
 from dem_bridge.studies.verify import cases_of, study_of, verify_scenes
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome, Verdict
-from tests.fakes import free_flight
+from tests.helpers.fake_runs import free_flight
 
 SHORT = Scene(
     name="short",
@@ -45,7 +45,9 @@ def results() -> tuple[Result, ...]:
     for case in cases_of(SHORT, ACCURACY):
         backend = TWIN if case.backend == ENGINE else case.backend
         settings = case.resolution
-        run = db.solve(SHORT, backend=backend, dt=settings.dt, bars=settings.bars, gauge_radius=settings.gauge_radius)
+        run = db.solve(
+            SHORT, backend=backend, dt=settings.dt, bars=settings.bars, surrogate_radius=settings.surrogate_radius
+        )
         found.append(Result(case=case, trajectory=run))
     return tuple(found)
 
@@ -172,8 +174,8 @@ def test_the_order_is_two_and_of_forces_that_depend_on_velocities_one(
     changes: dict[str, Any], errors: Callable[[float], float], outcome: Outcome, words: str
 ) -> None:
     steps = [8.0, 4.0, 2.0, 1.0, 0.8]
-    ladder = ([1e-8 * h for h in steps], [1e-6 * errors(h) for h in steps])
-    verdict = checks.order(replace(SHORT, **changes), TWIN, ladder, free_flight())
+    refinement = ([1e-8 * h for h in steps], [1e-6 * errors(h) for h in steps])
+    verdict = checks.order(replace(SHORT, **changes), TWIN, refinement, free_flight())
     assert (verdict.outcome, verdict.reference) == (outcome, f"exact {1 if changes else 2}"), verdict.sentence
     assert words in verdict.sentence
 
@@ -243,7 +245,7 @@ def test_two_scenes_of_one_name_are_refused() -> None:
 @pytest.mark.lammps
 def test_lammps_is_verified_on_a_short_scene_in_two_processes(tmp_path: Path) -> None:
     told: list[tuple[float, int, str]] = []
-    found = db.verify(SHORT, accuracy=ACCURACY, folder=tmp_path, jobs=2, tell=lambda *news: told.append(news))
+    found = db.verify(SHORT, accuracy=ACCURACY, folder=tmp_path, jobs=2, progress=lambda *news: told.append(news))
     assert found.exit_code == 0, [v.sentence for v in found.verdicts]
     assert told[-1][0] == told[-1][1] == 14
     assert {file.name for file in tmp_path.iterdir()} == {"index.html", "verdicts.json"}

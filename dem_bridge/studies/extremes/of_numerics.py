@@ -10,7 +10,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution
 from dem_bridge.backends.lammps import LammpsTable
-from dem_bridge.backends.survey import Survey
+from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.tabled import tables_for
 from dem_bridge.lmp.pairing import TableSet
 from dem_bridge.scene import Scene, Wall
@@ -33,9 +33,9 @@ from dem_bridge.studies.extremes.truths import by_others
 class ShortTable(LammpsTable):
     """Tables that end where the deepest overlap is foreseen, a line short of it."""
 
-    def _tables(self, scene: Scene, resolution: Resolution, look: Survey) -> TableSet | None:
-        found = tables_for(scene, resolution, look)
-        deepest = float(np.max(look.peak_overlap))
+    def _tables(self, scene: Scene, resolution: Resolution, prescan: Prescan) -> TableSet | None:
+        found = tables_for(scene, resolution, prescan)
+        deepest = float(np.max(prescan.peak_overlap))
         cut = {}
         for law, table in found.tables.items():
             kept = table.distance > table.distance[-1] - deepest

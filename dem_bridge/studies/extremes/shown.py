@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dem_bridge.studies.exhibits import Exhibit, Panel, Series, Table
 from dem_bridge.studies.extremes.entry import Entry
 from dem_bridge.studies.extremes.judge import Expected, Finding, Word, outcome
+from dem_bridge.studies.study import FigureData, Panel, Series, Table
 from dem_bridge.verdict import Outcome
 
 NOTES = (
@@ -226,7 +226,7 @@ def _asked(rows: Sequence[Row]) -> Table:
     )
 
 
-def exhibits(rows: Sequence[Row]) -> tuple[Exhibit, ...]:
+def exhibits(rows: Sequence[Row]) -> tuple[FigureData, ...]:
     """Error over both bars, a row for each extreme; nothing without a number to draw."""
     judged = [row for row in rows if not math.isnan(row.found.ratio)]
     names = list(dict.fromkeys(row.entry.name for row in judged))
@@ -258,7 +258,7 @@ def exhibits(rows: Sequence[Row]) -> tuple[Exhibit, ...]:
             )
         )
     return (
-        Exhibit(
+        FigureData(
             id="error-over-bars",
             title="How far from the truth, in bars",
             caption="Of each backend the quantity that is the furthest from a truth, over both bars: right of 1 it is"

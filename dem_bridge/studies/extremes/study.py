@@ -8,18 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend
-from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.campaign import Case, Progress, Result, run_case, run_cases
 from dem_bridge.errors import BackendUnavailable, DemBridgeError, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store
-from dem_bridge.studies.exhibits import Study
 from dem_bridge.studies.extremes.catalogue import catalogue
 from dem_bridge.studies.extremes.entry import Entry, expectation, kinds
 from dem_bridge.studies.extremes.judge import Finding, Standard, Word, judge
 from dem_bridge.studies.extremes.shown import NOTES, Row, answer, exhibits, tables
 from dem_bridge.studies.extremes.truths import Truth, witness
+from dem_bridge.studies.study import Study
 
 #: step of the judged code over that of the twin where that is the truth: a hundredth of the error
 FINER = 10.0
@@ -41,7 +41,7 @@ def study_extremes(
     quick: bool = False,
     engine: Engine | None = None,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     store: Store | None = None,
 ) -> Study:
     """The catalogue of extremes through every backend.
@@ -52,7 +52,7 @@ def study_extremes(
     entries = [one for one in catalogue().values() if (names is None or names in one.name) and not (quick and one.slow)]
     if not entries:
         raise UsageError(f"names = {names!r}; allowed: a part of one of: {', '.join(catalogue())}")
-    rows = rows_of(entries, engine=engine, jobs=jobs, tell=tell, store=store)
+    rows = rows_of(entries, engine=engine, jobs=jobs, progress=progress, store=store)
     return Study(
         id="extremes",
         title="Extremes: right within the bar, or refused with the reason",
@@ -70,7 +70,7 @@ def rows_of(
     *,
     engine: Engine | None = None,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     store: Store | None = None,
 ) -> list[Row]:
     """Run and judge."""
@@ -81,7 +81,7 @@ def rows_of(
         for case in (plan.own, *(one for _, some in plan.truths for one in some))
         if isinstance(case, Case) and not (case is plan.own and plan.backend in plan.entry.instead)
     ]
-    found = run_cases(cases, jobs=jobs, tell=tell, store=store, everything=True)
+    found = run_cases(cases, jobs=jobs, progress=progress, store=store, everything=True)
     results = {id(case): one for case, one in zip(cases, found, strict=True)}
     return [_judged(plan, results, engine) for plan in plans]
 
@@ -90,7 +90,7 @@ def _stepped(entry: Entry) -> tuple[Entry, float | None]:
     """With the time step of codes that have one; None: their own default."""
     if entry.dt is not None:
         return entry, entry.dt
-    frequency = survey_of(entry.scene).frequency
+    frequency = prescan_scene(entry.scene).frequency
     return entry, entry.phase / frequency if frequency > 0.0 else None
 
 

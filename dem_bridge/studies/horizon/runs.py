@@ -27,7 +27,7 @@ KNOWN = 0.01
 _PART = 1_000_000
 
 
-def nudged(scene: Scene, share: float, seed: int) -> Scene:
+def perturbed(scene: Scene, share: float, seed: int) -> Scene:
     """The scene with every mass, velocity and stiffness moved by ``share`` times a normal deviate of its own.
 
     A drive is moved as a whole. What is 0 stays: a body at rest is at rest. Gaps stay, for they are sums of what is
@@ -207,13 +207,15 @@ class LongRun:
         return float(np.sqrt(np.mean(away**2)))
 
 
-def long_run(scene: Scene, dt: float, steps: int, *, samples: int = 10_000, tell: Progress | None = None) -> LongRun:
+def long_run(
+    scene: Scene, dt: float, steps: int, *, samples: int = 10_000, progress: Progress | None = None
+) -> LongRun:
     """So many steps of the twin at ``dt`` (s), looked at ``samples`` times and not in between; the scene's duration
     does not matter.
 
     A million steps at a time, each part from where the last one ended: overlaps and velocities are all that it needs,
     so that the parts are one run to the last digit. A precompressed, damped or driven scene is run as a whole. Ctrl-C
-    leaves what was run until then. ``tell`` is called with (steps done, steps, label).
+    leaves what was run until then. ``progress`` is called with (steps done, steps, label).
     """
     per_sample = max(1, steps // samples)
     count = max(1, steps // per_sample)
@@ -226,8 +228,8 @@ def long_run(scene: Scene, dt: float, steps: int, *, samples: int = 10_000, tell
         part = replace(now, duration=rows * per_sample * dt, samples=rows)
         plan = Schedule(step=dt, per_sample=per_sample, subdivisions=1, samples=rows)
         try:
-            if tell is not None:
-                tell(done * per_sample, count * per_sample, f"{scene.name}: {count * per_sample:.0e} steps")
+            if progress is not None:
+                progress(done * per_sample, count * per_sample, f"{scene.name}: {count * per_sample:.0e} steps")
             run, dense = solve_dense(part, plan, 0.0)
         except KeyboardInterrupt:
             complete, found = False, done
@@ -280,7 +282,7 @@ class Found:
 
     scene: Scene
     plan: Schedule
-    nudge: float
+    perturbation: float
     """Relative."""
     distance: Floats
     """``(n_nudge, n_t)``: largest so far of each nudge, over the largest speed."""

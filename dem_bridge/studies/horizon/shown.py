@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from dem_bridge.studies.checks import REFERENCE, TWIN
-from dem_bridge.studies.exhibits import Exhibit, Panel, Series, Table
 from dem_bridge.studies.horizon.runs import KNOWN, Floats, Found, LongRun, horizon_of
 from dem_bridge.studies.horizon.verdicts import independent_from
+from dem_bridge.studies.study import FigureData, Panel, Series, Table
 from dem_bridge.verdict import Outcome, Verdict
 
 #: points of a line of a long run, and least value that is drawn
@@ -48,7 +48,7 @@ def tables(found: Found, judged: Sequence[Verdict]) -> tuple[Table, ...]:
         id="growth",
         title="How a nudge grows",
         caption=f"{len(found.distance)} runs of the reference with masses, velocities and stiffnesses moved by"
-        f" {found.nudge:g}; bars are 95 % intervals from their scatter.",
+        f" {found.perturbation:g}; bars are 95 % intervals from their scatter.",
         columns=(
             "fits", "rate (1/s) or power", "bar", "e-folding time in contact times", "fitted from (s)", "to (s)",
             "misfit, exponential", "misfit, power", "largest distance / nudge",
@@ -105,7 +105,7 @@ def _long_row(one: LongRun) -> tuple[str | float, ...]:
     )
 
 
-def exhibits(found: Found) -> tuple[Exhibit, ...]:
+def exhibits(found: Found) -> tuple[FigureData, ...]:
     """Distances and bars over time; the energy of the long run; the distribution of velocities beyond the horizon."""
     made = [_parting(found)]
     if len(found.long.time) > 2:
@@ -120,15 +120,15 @@ def _log(values: Floats) -> Floats:
     return np.asarray(np.log10(np.maximum(values, _LEAST)))
 
 
-def _parting(found: Found) -> Exhibit:
+def _parting(found: Found) -> FigureData:
     time = 1e3 * found.truth.time
     middle = np.exp(np.mean(np.log(np.maximum(found.distance, _LEAST)), axis=0))
 
     def line(label: str, style: str, y: Floats) -> Series:
         return Series(label=label, style=style, x=time, y=_log(y))
 
-    nudges = (
-        line(f"inputs moved by {found.nudge:g}", "reference", middle),
+    perturbations = (
+        line(f"inputs moved by {found.perturbation:g}", "reference", middle),
         line("the nearest", "guide", np.min(found.distance, axis=0)),
         line("the farthest", "guide", np.max(found.distance, axis=0)),
     )
@@ -141,20 +141,20 @@ def _parting(found: Found) -> Exhibit:
     ]
     bars.append(Series(label="1 %", style="guide", x=time[[0, -1]], y=np.log10([KNOWN, KNOWN])))
     label = "log10 of distance"
-    return Exhibit(
+    return FigureData(
         id="horizon",
         title="How velocities part",
         caption="Largest distance of velocities so far, over the largest speed. Left: runs of the reference whose"
         " inputs differ a little. Right: bars of each code, and what it differs by from the reference; where a bar"
         " passes 1 % its horizon is.",
         panels=(
-            Panel(title="(a) growth of a nudge", x_label="time (ms)", y_label=label, series=nudges),
+            Panel(title="(a) growth of a nudge", x_label="time (ms)", y_label=label, series=perturbations),
             Panel(title="(b) bars of the codes", x_label="time (ms)", y_label=label, series=tuple(bars)),
         ),
     )
 
 
-def _energy(long: LongRun) -> Exhibit:
+def _energy(long: LongRun) -> FigureData:
     every = max(1, len(long.time) // _POINTS)
     time, drift = long.time[::every], long.drift
     energy, kept = ((one - long.conserved[0]) / long.scale for one in (long.total, long.conserved))
@@ -176,7 +176,7 @@ def _energy(long: LongRun) -> Exhibit:
         series=tuple(series),
         notes=notes,
     )
-    return Exhibit(
+    return FigureData(
         id="horizon-energy",
         title="Energy of the long run",
         caption="The energy of velocity-Verlet swings about what the method conserves; that walks at random by what"
@@ -186,7 +186,7 @@ def _energy(long: LongRun) -> Exhibit:
     )
 
 
-def _distribution(found: Found, first: int) -> Exhibit:
+def _distribution(found: Found, first: int) -> FigureData:
     root = np.sqrt(np.array(found.scene.mass))
     parts = [(one.backend, one.backend, [one.run]) for one in found.trusts[1:]]
     styles = {TWIN: "bca"}
@@ -210,7 +210,7 @@ def _distribution(found: Found, first: int) -> Exhibit:
     ]
     normal = np.exp(-0.5 * middle**2) / math.sqrt(2.0 * math.pi)
     series.append(Series(label="normal", style="guide", x=middle, y=normal))
-    return Exhibit(
+    return FigureData(
         id="horizon-distribution",
         title="Velocities beyond the horizon",
         caption=f"Of all bodies and samples from {1e3 * found.truth.time[first]:.3g} ms on, times the root of the mass,"

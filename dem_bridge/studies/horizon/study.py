@@ -16,7 +16,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.steps import fixed_step_plan
-from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.twin import solve_dense, solve_plan
 from dem_bridge.backends.twin_bars import twins_of
 from dem_bridge.campaign import Case, Progress, run_cases
@@ -26,7 +26,6 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store
 from dem_bridge.studies.checks import REFERENCE, TWIN, engine_for
-from dem_bridge.studies.exhibits import Study
 from dem_bridge.studies.horizon.runs import (
     Found,
     Trust,
@@ -34,18 +33,19 @@ from dem_bridge.studies.horizon.runs import (
     growth_of,
     horizon_of,
     long_run,
-    nudged,
+    perturbed,
     reference_bar,
     round_off_bar,
     step_bar,
 )
 from dem_bridge.studies.horizon.shown import answer, exhibits, tables
 from dem_bridge.studies.horizon.verdicts import verdicts
+from dem_bridge.studies.study import Study
 from dem_bridge.timescales import contact_time_of
 from dem_bridge.trajectory import Trajectory
 
 #: relative nudge of every input, and of one in its last digit
-NUDGE, DIGIT = 1e-10, 2.0**-52
+PERTURBATION, DIGIT = 1e-10, 2.0**-52
 #: realisations of the last digit: of the reference and of the twin
 DIGITS, TWIN_DIGITS = 6, 2
 SAMPLES = 1000
@@ -61,27 +61,27 @@ def study_horizon(
     duration: float | None = None,
     dt: float | None = None,
     steps: int | None = None,
-    nudges: int = 8,
+    perturbations: int = 8,
     seed: int = 0,
     engine: Engine | None = None,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     store: Store | None = None,
 ) -> Study:
     """How long velocities of LAMMPS, of the twin and of the reference are known to 1 %, and what holds beyond.
 
     ``duration`` (s): of the runs that are compared (None: the scene's). ``dt`` (s): of LAMMPS and twin (None: the
     default). ``steps``: of the long run of the twin at that step, from which the drift of its energy is told (None: as
-    many as the duration takes). ``nudges``: chains with inputs moved by 1e-10, from ``seed`` on. Raises UsageError
-    for a setting that makes no sense, and what the reference raises.
+    many as the duration takes). ``perturbations``: chains with inputs moved by 1e-10, from ``seed`` on. Raises
+    UsageError for a setting that makes no sense, and what the reference raises.
     """
-    _check(duration, steps, nudges, seed)
+    _check(duration, steps, perturbations, seed)
     scene = replace(scene, duration=duration or scene.duration, samples=max(SAMPLES, scene.samples))
-    sampling, look = Sampling(count=scene.samples), survey_of(scene)
-    plan = fixed_step_plan(scene, Resolution(dt=dt), sampling, look)
+    sampling, prescan = Sampling(count=scene.samples), prescan_scene(scene)
+    plan = fixed_step_plan(scene, Resolution(dt=dt), sampling, prescan)
     judged = engine_for(scene)
-    moved = [nudged(scene, NUDGE, seed + i) for i in range(nudges)]
-    digits = [nudged(scene, DIGIT, _OTHER + seed + i) for i in range(DIGITS)]
+    moved = [perturbed(scene, PERTURBATION, seed + i) for i in range(perturbations)]
+    digits = [perturbed(scene, DIGIT, _OTHER + seed + i) for i in range(DIGITS)]
     bare = Resolution(bars=False)
     cases = [Case(scene=one, backend=REFERENCE, resolution=bare, sampling=sampling) for one in (scene, *moved, *digits)]
     told = Resolution(dt=plan.step, bars=False)
@@ -89,19 +89,19 @@ def study_horizon(
     wanted = plan.steps if steps is None else steps
     # seconds, roughly: for the share that each part of the work has in its progress
     compared, stepped = sum(case.expected for case in cases), _PER_STEP * scene.n_body * wanted
-    first, second, third = _stages(tell, (compared, stepped, 0.25 * stepped))
-    *references, lmp = run_cases(cases, jobs=jobs, tell=first, store=store)
+    first, second, third = _stages(progress, (compared, stepped, 0.25 * stepped))
+    *references, lmp = run_cases(cases, jobs=jobs, progress=first, store=store)
     for one in references:
         if one.failure is not None:
             raise one.failure
     truth, *others = (one.trajectory for one in references if one.trajectory is not None)
-    ensemble, last = others[:nudges], others[nudges:]
+    ensemble, last = others[:perturbations], others[perturbations:]
     scale = float(np.max(np.abs(truth.velocity)))
     if scale == 0.0:
         raise UsageError(f"nothing moves in {scene.name}, so that nothing can part; allowed: a scene with an impact")
     distance = np.array([apart(one.velocity, truth.velocity, scale) for one in ensemble])
     own, dense = solve_dense(scene, plan, 0.0)
-    twins = twins_of(scene, plan, look, radius=look.gauge_radius, own=own)
+    twins = twins_of(scene, plan, prescan, radius=prescan.surrogate_radius, own=own)
     if twins is None:
         raise UsageError(
             f"dt = {plan.step:g} s takes {plan.steps:.2g} steps, too many for twins at finer ones to make a bar of;"
@@ -128,14 +128,14 @@ def study_horizon(
             collisions=float(np.sum(closed[when <= horizon])) if plan.resolved else math.nan,
         )
 
-    long = long_run(scene, plan.step, wanted, tell=second)
-    halved = long_run(scene, 0.5 * plan.step, max(wanted // 4, 1), tell=third) if long.complete else None
+    long = long_run(scene, plan.step, wanted, progress=second)
+    halved = long_run(scene, 0.5 * plan.step, max(wanted // 4, 1), progress=third) if long.complete else None
     found = Found(
         scene=scene,
         plan=plan,
-        nudge=NUDGE,
+        perturbation=PERTURBATION,
         distance=distance,
-        growth=growth_of(truth.time, distance, NUDGE),
+        growth=growth_of(truth.time, distance, PERTURBATION),
         trusts=tuple(trust(name, run) for name, run in runs.items()),
         ensemble=tuple(ensemble),
         long=long,
@@ -163,17 +163,17 @@ def study_horizon(
             "scene_hash": scene.content_hash,
             "dt": plan.step,
             "steps": long.steps,
-            "nudges": nudges,
+            "perturbations": perturbations,
             "seed": seed,
         },
     )
 
 
-def _stages(tell: Progress | None, sizes: tuple[float, ...]) -> list[Progress | None]:
+def _stages(progress: Progress | None, sizes: tuple[float, ...]) -> list[Progress | None]:
     """Of work in parts of these sizes the progress of each, so that all together go from 0 to 1 once."""
-    if tell is None:
+    if progress is None:
         return [None] * len(sizes)
-    report, whole = tell, sum(sizes)
+    report, whole = progress, sum(sizes)
 
     def stage(before: float, size: float) -> Progress:
         return lambda done, total, label: report((before + size * done / total) / whole, 1, label)
@@ -181,7 +181,7 @@ def _stages(tell: Progress | None, sizes: tuple[float, ...]) -> list[Progress | 
     return [stage(sum(sizes[:nth]), size) for nth, size in enumerate(sizes)]
 
 
-def _check(duration: object, steps: object, nudges: object, seed: object) -> None:
+def _check(duration: object, steps: object, perturbations: object, seed: object) -> None:
     def whole(value: object, least: int, most: int) -> bool:
         return isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
 
@@ -191,7 +191,7 @@ def _check(duration: object, steps: object, nudges: object, seed: object) -> Non
         raise UsageError(f"duration = {duration!r}; allowed: a number > 0 (s), or None for the scene's")
     if steps is not None and not whole(steps, 1, int(MOST_STEPS)):
         raise UsageError(f"steps = {steps!r}; allowed: a whole number from 1 to {MOST_STEPS:.0e}, or None")
-    if not whole(nudges, 2, 1000):
-        raise UsageError(f"nudges = {nudges!r}; allowed: a whole number from 2 to 1000")
+    if not whole(perturbations, 2, 1000):
+        raise UsageError(f"nudges = {perturbations!r}; allowed: a whole number from 2 to 1000")
     if not whole(seed, 0, _OTHER - 1000):
         raise UsageError(f"seed = {seed!r}; allowed: a whole number from 0 to {_OTHER - 1000}")

@@ -11,9 +11,9 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from dem_bridge.studies.checks import REFERENCE
-from dem_bridge.studies.exhibits import Claim, ClaimValue
 from dem_bridge.studies.paper.measures import Measure, inside, measured
 from dem_bridge.studies.paper.runs import Runs
+from dem_bridge.studies.study import Claim, ClaimValue
 from dem_bridge.verdict import Outcome
 
 #: who decides, where both have run

@@ -12,11 +12,11 @@ import numpy as np
 from dem_bridge.observables.pulse import pulse_width_by_force, secondary_fronts
 from dem_bridge.observables.spectrum import cascade, frequency_spectrum, wavenumber_spectrum
 from dem_bridge.scene import Scene
-from dem_bridge.studies.exhibits import Claim, ClaimValue
 from dem_bridge.studies.paper.claims import by, claim, decided, heard, percent, together
 from dem_bridge.studies.paper.claims_wave import KEPT, kept
 from dem_bridge.studies.paper.measures import Measure
 from dem_bridge.studies.paper.runs import LONG, STEEPER, Runs
+from dem_bridge.studies.study import Claim, ClaimValue
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome
 

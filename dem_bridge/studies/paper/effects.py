@@ -19,8 +19,7 @@ from dem_bridge.backends.bca import BinaryCollisions
 from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.scene import Damping, Scene
 from dem_bridge.scene_file.physical import rounded
-from dem_bridge.studies.exhibits import Table
-from dem_bridge.studies.ladder.switches import (
+from dem_bridge.studies.model_hierarchy.model_terms import (
     DASHPOT,
     VISCOELASTIC,
     angles_soften,
@@ -29,6 +28,7 @@ from dem_bridge.studies.ladder.switches import (
     quartz_sphere,
     weighing,
 )
+from dem_bridge.studies.study import Table
 from dem_bridge.trajectory import Trajectory
 
 #: overlaps at which contacts with another exponent have the same force as Hertz', m: small and large ones of the wave

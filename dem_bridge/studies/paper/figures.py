@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dem_bridge.errors import UsageError
-from dem_bridge.studies.exhibits import Exhibit
 from dem_bridge.studies.paper import panels as panel
 from dem_bridge.studies.paper.panels import GUIDE, MAP_DIGITS, MAP_ROWS, ChainRuns, Ratios
+from dem_bridge.studies.study import FigureData
 
 DECELERATING, ACCELERATING = "2° to 90°, decelerating", "90° to 2°, accelerating"
 GRADIENTS = (
@@ -27,11 +27,11 @@ _THINNED = (
 )
 
 
-def figure_2(decelerating: ChainRuns, accelerating: ChainRuns) -> Exhibit:
+def figure_2(decelerating: ChainRuns, accelerating: ChainRuns) -> FigureData:
     """Velocity over cylinder and time with the fronts by theory (panels a and c; b and d are measurements)."""
     chains = (decelerating, accelerating)
     end = panel.window(chains, _SHORT)
-    return Exhibit(
+    return FigureData(
         id="figure-2",
         title="Figure 2: velocity of the cylinders",
         caption="Velocity over cylinder and time, with the front as theories have it. The striker is left out. Panels b"
@@ -43,12 +43,12 @@ def figure_2(decelerating: ChainRuns, accelerating: ChainRuns) -> Exhibit:
     )
 
 
-def figure_3(decelerating: ChainRuns, accelerating: ChainRuns) -> Exhibit:
+def figure_3(decelerating: ChainRuns, accelerating: ChainRuns) -> FigureData:
     """Residence time (a, b) and wave speed (c, d) along the chains, with the power-law fit of the speed."""
     chains = (decelerating, accelerating)
     times = zip(_titles("a", "b"), chains, strict=True)
     speeds = zip(_titles("c", "d"), chains, strict=True)
-    return Exhibit(
+    return FigureData(
         id="figure-3",
         title="Figure 3: residence time and wave speed along the chain",
         caption="Residence time between crossings and wave speed, spacing over residence time. The fit is the paper's"
@@ -60,14 +60,14 @@ def figure_3(decelerating: ChainRuns, accelerating: ChainRuns) -> Exhibit:
     )
 
 
-def figure_4(decelerating_200: ChainRuns, accelerating_200: ChainRuns) -> Exhibit:
+def figure_4(decelerating_200: ChainRuns, accelerating_200: ChainRuns) -> FigureData:
     """Velocity maps (a, d), frequency along the chain (b, e), wavenumber in time (c, f), and the inset of a with its
     like for d."""
     chains = (decelerating_200, accelerating_200)
     end = panel.window(chains, _LONG)
     maps = zip(_titles("a", "d"), chains, strict=True)
     insets = zip(_titles("a, inset", "d, inset"), chains, strict=True)
-    return Exhibit(
+    return FigureData(
         id="figure-4",
         title="Figure 4: spectra of the impulse",
         caption="Velocity, its spectrum in time along the chain, its spectrum along the chain in time. Power is"
@@ -82,13 +82,13 @@ def figure_4(decelerating_200: ChainRuns, accelerating_200: ChainRuns) -> Exhibi
     )
 
 
-def figure_5(decelerating_200: ChainRuns, accelerating_200: ChainRuns) -> Exhibit:
+def figure_5(decelerating_200: ChainRuns, accelerating_200: ChainRuns) -> FigureData:
     """Peak force along the chain (a, b) and against stiffness (c, d), and the insets: force over time in the middle."""
     chains = (decelerating_200, accelerating_200)
     along = zip(_titles("a", "b"), chains, strict=True)
     against = zip(_titles("c", "d"), chains, strict=True)
     insets = zip(_titles("a, inset", "b, inset"), chains, strict=True)
-    return Exhibit(
+    return FigureData(
         id="figure-5",
         title="Figure 5: scaling of the contact force",
         caption="Largest force of each contact along the chain and against its stiffness. The guide has the slope 2/5"
@@ -102,7 +102,7 @@ def figure_5(decelerating_200: ChainRuns, accelerating_200: ChainRuns) -> Exhibi
     )
 
 
-def figure_6(maps: Sequence[ChainRuns], decelerating: Ratios, accelerating: Ratios) -> Exhibit:
+def figure_6(maps: Sequence[ChainRuns], decelerating: Ratios, accelerating: Ratios) -> FigureData:
     """Maps of chains with mass gradients (a, b, d, e) and V_out/V_in against the gradient (c, f).
 
     ``maps``: decelerating with gamma = -0.01 and +0.01, then accelerating with the same; UsageError for another
@@ -113,7 +113,7 @@ def figure_6(maps: Sequence[ChainRuns], decelerating: Ratios, accelerating: Rati
         raise UsageError(f"{len(maps)} maps; figure 6 has {len(GRADIENTS)}: {', '.join(GRADIENTS)}")
     end = panel.window(maps, _SHORT)
     letters = _titles("c", "f")
-    return Exhibit(
+    return FigureData(
         id="figure-6",
         title="Figure 6: mass gradients",
         caption="Velocity in chains whose masses follow m (1 + gamma i), with the front as theories have it, and the"

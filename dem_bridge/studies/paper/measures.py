@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dem_bridge.compare import SAMPLED
 from dem_bridge.errors import DemBridgeError
 from dem_bridge.scene import Scene
-from dem_bridge.studies.exhibits import ClaimValue
+from dem_bridge.studies.study import ClaimValue
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome
 

@@ -19,7 +19,7 @@ from dem_bridge.observables.front import (
 )
 from dem_bridge.observables.spectrum import Spectrum, frequency_spectrum, wavenumber_spectrum
 from dem_bridge.scene import Scene
-from dem_bridge.studies.exhibits import Map, Panel, Series
+from dem_bridge.studies.study import Map, Panel, Series
 from dem_bridge.trajectory import Trajectory
 
 Floats = NDArray[np.float64]

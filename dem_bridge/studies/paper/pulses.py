@@ -11,8 +11,8 @@ from dem_bridge.observables.fits import force_exponent, speed_power_law
 from dem_bridge.observables.pulse import leading_pulse, pulse_width_by_force, reflected, secondary_fronts, speed_ratio
 from dem_bridge.observables.spectrum import Spectrum, cascade, frequency_spectrum, wavenumber_spectrum
 from dem_bridge.scene import Scene
-from dem_bridge.studies.exhibits import Table
 from dem_bridge.studies.paper.runs import Runs
+from dem_bridge.studies.study import Table
 from dem_bridge.trajectory import Trajectory
 
 #: parts of the chain that a pulse is looked at: formed, and before the end

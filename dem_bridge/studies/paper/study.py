@@ -19,10 +19,9 @@ from dem_bridge.scene_file import load_scene
 from dem_bridge.store import Store
 from dem_bridge.studies import rule_of_thumb, scatter
 from dem_bridge.studies.checks import REFERENCE, SECOND
-from dem_bridge.studies.exhibits import Exhibit, Paper, Table
-from dem_bridge.studies.ladder.models import Bench, Ladder, LeftOut, ladder_of, left_out
-from dem_bridge.studies.ladder.passage import JUDGED
-from dem_bridge.studies.ladder.study import question_table
+from dem_bridge.studies.model_hierarchy.models import Bench, LeftOut, ModelHierarchy, left_out, model_hierarchy_of
+from dem_bridge.studies.model_hierarchy.passage import JUDGED
+from dem_bridge.studies.model_hierarchy.study import question_table
 from dem_bridge.studies.paper import figures
 from dem_bridge.studies.paper.claims_force import forces, ratios
 from dem_bridge.studies.paper.claims_numbers import NEGLIGIBLE, numbers
@@ -58,6 +57,7 @@ from dem_bridge.studies.paper.summary import NOT_VERIFIED, answer
 from dem_bridge.studies.paper.theories import split_table, theories_table
 from dem_bridge.studies.paper.validity import contacts_table, scenes_table
 from dem_bridge.studies.scatter import ScatterStudy
+from dem_bridge.studies.study import FigureData, Paper, Table
 from dem_bridge.studies.verify import (
     DEFAULT_ACCURACY,
     SceneStudy,
@@ -79,7 +79,7 @@ class Extent:
     """Scattered chains of each of the two main ones."""
     spread: float = 0.5
     """Standard deviation of their angles, degrees; the paper names none. With more, angles of 2 degrees come near 0."""
-    ladder: bool = True
+    hierarchy: bool = True
     """Whether it asks what may be left out of the two main ones."""
 
 
@@ -97,7 +97,7 @@ def verify_paper(
     *,
     accuracy: float = DEFAULT_ACCURACY,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     engine: Engine | None = None,
     store: Store | None = None,
     extent: Extent | None = None,
@@ -120,25 +120,27 @@ def verify_paper(
             lost[scene.name] = hopeless(scene, error)
             return []
 
-    if tell is not None:
-        tell(0.0, 1, "choosing time steps")
+    if progress is not None:
+        progress(0.0, 1, "choosing time steps")
     # what chooses them is mostly compiled, and leaves the interpreter to others
     with ThreadPoolExecutor(max_workers=jobs or len(os.sched_getaffinity(0))) as threads:
         cases = [case for found in threads.map(planned, scenes) for case in found]
     main = [load_scene(name) for name in MAIN]
     sets = [scatter.cases_of(scene, spread=extent.spread, count=extent.chains) for scene in main]
-    ladders = [ladder_of(scene, accuracy=NEGLIGIBLE, store=store) for scene in main] if extent.ladder else []
-    models = [ladder.cases() for ladder in ladders]
+    hierarchies = (
+        [model_hierarchy_of(scene, accuracy=NEGLIGIBLE, store=store) for scene in main] if extent.hierarchy else []
+    )
+    models = [hierarchy.cases() for hierarchy in hierarchies]
     thumbs = [rule_of_thumb.cases_of(scene) for scene in scenes]
     changed = [*variants(), *mass_gradients(engine), *matched(), *steeper_tapers()]
-    groups = iter(run_groups([cases, changed, *sets, *models, *thumbs], jobs=jobs, tell=tell, store=store))
+    groups = iter(run_groups([cases, changed, *sets, *models, *thumbs], jobs=jobs, progress=progress, store=store))
     of_scenes, of_changed = next(groups), next(groups)
     of_sets, of_models, of_thumbs = ([next(groups) for _ in part] for part in (sets, models, thumbs))
-    if tell is not None:
-        tell(1.0, 1, "reading claims")
+    if progress is not None:
+        progress(1.0, 1, "reading claims")
     runs = Runs.of((*of_scenes, *of_changed))
     scattered = [scatter.study_of(scene, one, spread=extent.spread) for scene, one in zip(main, of_sets, strict=True)]
-    asked = [(ladder, _left_out(ladder, one)) for ladder, one in zip(ladders, of_models, strict=True)]
+    asked = [(hierarchy, _left_out(hierarchy, one)) for hierarchy, one in zip(hierarchies, of_models, strict=True)]
     judged = [rule_of_thumb.judged_of(scene, one) for scene, one in zip(scenes, of_thumbs, strict=True)]
     studies = tuple(lost.get(scene.name) or study_of(scene, _of(of_scenes, scene), wanted(scene)) for scene in scenes)
     notes = (store.trouble,) if store is not None and store.trouble else ()
@@ -156,7 +158,7 @@ def paper_of(
     studies: Sequence[SceneStudy],
     scattered: list[ScatterStudy],
     accuracy: float = DEFAULT_ACCURACY,
-    asked: Sequence[tuple[Ladder, Sequence[LeftOut]]] = (),
+    asked: Sequence[tuple[ModelHierarchy, Sequence[LeftOut]]] = (),
     more: tuple[Table, ...] = (),
 ) -> Paper:
     """What the runs say of the paper; nothing is run here. ``more``: tables that stand behind the others."""
@@ -185,11 +187,11 @@ def paper_of(
     )
 
 
-def _left_out(ladder: Ladder, results: Sequence[Result]) -> tuple[LeftOut, ...]:
+def _left_out(hierarchy: ModelHierarchy, results: Sequence[Result]) -> tuple[LeftOut, ...]:
     """What may be left out of a chain; nothing where a run of it broke, which the other claims say too."""
     if any(result.trajectory is None for result in results):
         return ()
-    bench = Bench(ladder)
+    bench = Bench(hierarchy)
     bench.take(results)
     return left_out(bench, JUDGED)
 
@@ -243,7 +245,7 @@ def coverage_table(runs: Runs, names: Sequence[str], accuracy: float = DEFAULT_A
     )
 
 
-def _exhibits(runs: Runs, scattered: Sequence[ScatterStudy]) -> Iterator[Exhibit]:
+def _exhibits(runs: Runs, scattered: Sequence[ScatterStudy]) -> Iterator[FigureData]:
     """The paper's figures, as far as their scenes have run; then what the scatter of angles does."""
 
     def chain(name: str) -> figures.ChainRuns:

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from dem_bridge.observables.front import peak_velocity_of_front, residence_by_crossing
 from dem_bridge.scene import Scene
-from dem_bridge.studies.exhibits import Table
 from dem_bridge.studies.paper.effects import OBSERVABLES, Effect
 from dem_bridge.studies.paper.runs import Runs
+from dem_bridge.studies.study import Table
 from dem_bridge.trajectory import Trajectory
 
 Floats = NDArray[np.float64]

@@ -21,9 +21,9 @@ from dem_bridge.physics.validity import (
     weightless,
 )
 from dem_bridge.scene import Scene
-from dem_bridge.studies.exhibits import Table
-from dem_bridge.studies.ladder.switches import GRAVITY
+from dem_bridge.studies.model_hierarchy.model_terms import GRAVITY
 from dem_bridge.studies.paper.runs import Runs
+from dem_bridge.studies.study import Table
 from dem_bridge.trajectory import Trajectory
 
 COLUMNS = (

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.prescan import surrogate_radius
 from dem_bridge.backends.reference import Reference
-from dem_bridge.backends.survey import gauge_radius
-from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.coefficients import refusal
 from dem_bridge.lmp.engine import Engine
@@ -180,8 +180,8 @@ def _until_over(scene: Scene) -> float:
 
 def measured(scene: Scene) -> Measured:
     """The truth of a scene and its highest frequencies. Raises UsageError where nothing moves or touches."""
-    look = survey_of(scene)
-    count = math.ceil(math.sqrt(2.0) * look.frequency * scene.duration / PHASE)
+    prescan = prescan_scene(scene)
+    count = math.ceil(math.sqrt(2.0) * prescan.frequency * scene.duration / PHASE)
     sampling = Sampling(count=min(max(count, FEWEST), MOST))
     truth = Reference().run(scene, Resolution(bars=False), sampling)
     scale = in_motion(scene, truth)
@@ -228,8 +228,8 @@ def engine_on(scene: Scene, engine: Engine | None) -> Stepper | None:
     """LAMMPS on a scene; None where ``pair_style granular`` cannot express it."""
     if refusal(scene) is not None:
         return None
-    deepest = float(np.max(survey_of(scene).peak_overlap, initial=0.0))
-    return lammps(GRANULAR, engine, radius=ROOM * gauge_radius(deepest))
+    deepest = float(np.max(prescan_scene(scene).peak_overlap, initial=0.0))
+    return lammps(GRANULAR, engine, radius=ROOM * surrogate_radius(deepest))
 
 
 @dataclass(frozen=True, kw_only=True)

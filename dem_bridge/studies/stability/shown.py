@@ -9,9 +9,9 @@ import numpy as np
 
 from dem_bridge.scene import Scene
 from dem_bridge.studies.checks import GRANULAR, TWIN
-from dem_bridge.studies.exhibits import Exhibit, Map, Panel, Series, Table
 from dem_bridge.studies.stability.points import ACCURACIES, PHASES, STEPS, Family, Floats, Found, Point, Trap
 from dem_bridge.studies.stability.step_limits import FINEST
+from dem_bridge.studies.study import FigureData, Map, Panel, Series, Table
 
 
 def tables(scene: Scene, chosen: Sequence[Family], found: Found) -> tuple[Table, ...]:
@@ -97,10 +97,10 @@ def _limits(name: str, point: Point) -> tuple[str | float, ...]:
     )
 
 
-def exhibits(scene: Scene, chosen: Sequence[Family], found: Found, gain: float) -> tuple[Exhibit, ...]:
+def exhibits(scene: Scene, chosen: Sequence[Family], found: Found, gain: float) -> tuple[FigureData, ...]:
     """The limits over each family, the energy of two bodies over step and phase, and the trap."""
     made = [
-        Exhibit(
+        FigureData(
             id="stability-limits",
             title="Largest steps of velocity-Verlet",
             caption="Between the stable steps and those that are right to 1e-4 lie one to two decades. Below 2/omega of"
@@ -142,7 +142,7 @@ def _family_panel(letter: str, family: Family, points: Sequence[Point]) -> Panel
     )
 
 
-def _gain_exhibit(gains: Floats, called: float) -> Exhibit:
+def _gain_exhibit(gains: Floats, called: float) -> FigureData:
     """Of two bodies: the worst phase over the step, and all phases."""
     finite = np.where(np.isfinite(gains), gains, np.nan)
     edges = [
@@ -152,7 +152,7 @@ def _gain_exhibit(gains: Floats, called: float) -> Exhibit:
         Series(label="gain that is called unstable", style="fit", x=STEPS[[0, -1]], y=np.array([called, called])),
     ]
     size = np.log10(np.maximum(np.abs(finite), 1e-9))
-    return Exhibit(
+    return FigureData(
         id="stability-gain",
         title="Energy of two bodies after their impact",
         caption="One curve for all speeds, masses and stiffnesses of Hertzian pairs. An impact lasts 4.03/omega, two"
@@ -176,7 +176,7 @@ def _gain_exhibit(gains: Floats, called: float) -> Exhibit:
     )
 
 
-def _trap_exhibit(scene: Scene, found: Found) -> Exhibit:
+def _trap_exhibit(scene: Scene, found: Found) -> FigureData:
     runs = [one for one in found.curve if math.isfinite(one.velocity)]
     dt = np.array([one.dt for one in runs])
     shown = (
@@ -194,7 +194,7 @@ def _trap_exhibit(scene: Scene, found: Found) -> Exhibit:
     series.append(Series(label="largest stable step", style="guide", x=np.array([limit] * 2), y=np.array([1e-16, 1.0])))
     known = tuple(one for one in series if np.isfinite(one.y).any())
     panel = Panel(title=scene.name, x_label="time step (s)", y_label="relative error", series=known, log=True)
-    return Exhibit(
+    return FigureData(
         id="stability-trap",
         title="The trap: what conservation does not show",
         caption="Momentum is a sum of equal and opposite kicks: it holds whatever the step. Energy goes up and down"

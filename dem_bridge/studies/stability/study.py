@@ -21,7 +21,6 @@ from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
 from dem_bridge.store import Store
 from dem_bridge.studies.checks import GRANULAR, TWIN
-from dem_bridge.studies.exhibits import Study
 from dem_bridge.studies.stability.points import (
     GAINS,
     MASS,
@@ -42,6 +41,7 @@ from dem_bridge.studies.stability.points import (
 )
 from dem_bridge.studies.stability.shown import answer, exhibits, tables
 from dem_bridge.studies.stability.step_limits import FINEST, RATIO, twin
+from dem_bridge.studies.study import Study
 from dem_bridge.verdict import Outcome
 
 #: a run is unstable whose energy grows for good by more than this share of what was in motion
@@ -60,7 +60,7 @@ def study_stability(
     points: int = 7,
     engine: Engine | None = None,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     store: Store | None = None,
 ) -> Study:
     """Largest stable and largest accurate steps of velocity-Verlet, by the twin and by LAMMPS.
@@ -84,8 +84,8 @@ def study_stability(
     total = points * len(chosen) + 4
     try:
         for done, label in enumerate(_measure(scene, chosen, found, float(gain), engine)):
-            if tell is not None:
-                tell(done, total, label)
+            if progress is not None:
+                progress(done, total, label)
     except KeyboardInterrupt:
         found.interrupted = True
     return Study(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Backend, Resolution, Sampling, backend
-from dem_bridge.backends.survey import Survey
+from dem_bridge.backends.prescan import Prescan
 from dem_bridge.campaign import Case
 from dem_bridge.extrapolate import extrapolated
 from dem_bridge.lmp.engine import Engine
@@ -88,7 +88,7 @@ class Curve:
 
 
 def curves(
-    scene: Scene, sampling: Sampling, look: Survey, engine: Engine | None, wanted: Sequence[str] | None = None
+    scene: Scene, sampling: Sampling, prescan: Prescan, engine: Engine | None, wanted: Sequence[str] | None = None
 ) -> tuple[list[tuple[Curve, Backend]], list[str]]:
     """All curves that can be run here, each with its backend; and why others cannot.
 
@@ -101,14 +101,14 @@ def curves(
         if reason:
             notes.append(f"{name} is not there: {reason}")
             continue
-        found += [(curve, chosen) for curve in _of(chosen, steps(scene, sampling, look), scene)]
+        found += [(curve, chosen) for curve in _of(chosen, steps(scene, sampling, prescan), scene)]
     return found, notes
 
 
-def steps(scene: Scene, sampling: Sampling, look: Survey) -> tuple[float, ...]:
+def steps(scene: Scene, sampling: Sampling, prescan: Prescan) -> tuple[float, ...]:
     """Time steps (s), each half the one before, that fall on the samples; the first below 1/omega."""
     first = scene.duration / sampling.count
-    while first * look.frequency > 1.0:
+    while first * prescan.frequency > 1.0:
         first *= 0.5
     return tuple(first * 0.5**j for j in range(HALVINGS))
 

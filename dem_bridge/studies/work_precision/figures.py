@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from dem_bridge.studies.exhibits import Exhibit, Panel, Series
+from dem_bridge.studies.study import FigureData, Panel, Series
 from dem_bridge.studies.work_precision.curves import STYLES
 from dem_bridge.studies.work_precision.norms import OBSERVABLES
 from dem_bridge.studies.work_precision.pareto import front
@@ -26,10 +26,10 @@ def evaluations(point: Point) -> float:
     return point.evaluations
 
 
-def exhibits(found: Measured) -> Iterator[Exhibit]:
+def exhibits(found: Measured) -> Iterator[FigureData]:
     for observable, scale in OBSERVABLES.items():
         words = observable.replace("_", " ")
-        yield Exhibit(
+        yield FigureData(
             id=f"{ID}-{observable.replace('_', '-')}",
             title=f"Error of {words} against cost",
             caption=(
@@ -44,7 +44,7 @@ def exhibits(found: Measured) -> Iterator[Exhibit]:
         )
     tables = _table_panels(found)
     if tables:
-        yield Exhibit(
+        yield FigureData(
             id=f"{ID}-tables",
             title="What the tables of LAMMPS cost",
             caption="Velocity error of LAMMPS with tables at a fixed step, whose own error nothing here can pass.",

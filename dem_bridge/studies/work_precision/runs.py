@@ -92,10 +92,10 @@ def measured(
     *,
     limit: float,
     repeats: int,
-    tell: Progress | None,
+    progress: Progress | None,
 ) -> Iterator[Point]:
     """Every setting of every curve against ``truth``, as it is measured; arguments as of the study."""
-    clock = Clock(asked, scene, sampling, limit=limit, tell=tell)
+    clock = Clock(asked, scene, sampling, limit=limit, progress=progress)
     for curve, chosen in asked:
         seconds: list[tuple[float, float]] = []
         """Size of a setting, wall time of a run of it."""
@@ -180,9 +180,9 @@ class Clock:
         sampling: Sampling,
         *,
         limit: float,
-        tell: Progress | None,
+        progress: Progress | None,
     ) -> None:
-        self.tell, self.limit, self.scene = tell, limit, scene
+        self.progress, self.limit, self.scene = progress, limit, scene
         self.began, self.fraction, self.label = time.perf_counter(), 0.0, ""
         self.left = {
             (curve.name, place): min(curve.guess(scene, value, sampling), limit)
@@ -192,12 +192,12 @@ class Clock:
 
     def say(self, label: str) -> None:
         self.label = f"{self.scene.name}: {label}"
-        if self.tell is not None:
+        if self.progress is not None:
             spent = time.perf_counter() - self.began
             # each setting two times or so
             left = 2.0 * sum(self.left.values())
             self.fraction = max(self.fraction, spent / (spent + left) if left > 0.0 else 1.0)
-            self.tell(self.fraction, 1, self.label)
+            self.progress(self.fraction, 1, self.label)
 
     def done(self, curve: Curve, place: int, seconds: Sequence[tuple[float, float]]) -> None:
         """The setting at ``place`` of ``curve`` has been, and the next ones are foreseen by what was found."""

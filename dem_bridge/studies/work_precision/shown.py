@@ -9,7 +9,7 @@ from textwrap import shorten
 from typing import NamedTuple
 
 from dem_bridge.backends.base import ENGINE_BACKENDS
-from dem_bridge.studies.exhibits import Study, Table
+from dem_bridge.studies.study import Study, Table
 from dem_bridge.studies.work_precision.curves import STYLES, WHOLE
 from dem_bridge.studies.work_precision.figures import ID, cpu, evaluations, exhibits
 from dem_bridge.studies.work_precision.files import as_csv, as_netcdf

@@ -10,13 +10,13 @@ import math
 from collections.abc import Sequence
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.campaign import Case, Progress, run_cases
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store
-from dem_bridge.studies.exhibits import Study
+from dem_bridge.studies.study import Study
 from dem_bridge.studies.work_precision.curves import curves
 from dem_bridge.studies.work_precision.norms import bars_of
 from dem_bridge.studies.work_precision.runs import REFERENCE, Measured, Point, measured
@@ -32,7 +32,7 @@ def study_work_precision(
     *,
     engine: Engine | None = None,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     store: Store | None = None,
     limit: float = LIMIT,
     repeats: int = REPEATS,
@@ -50,22 +50,24 @@ def study_work_precision(
     if isinstance(repeats, bool) or not isinstance(repeats, int) or not 1 <= repeats <= 1000:
         raise UsageError(f"repeats = {repeats!r}; allowed: a whole number from 1 to 1000")
     sampling = Sampling(count=scene.samples)
-    if tell is not None:
-        tell(0.0, 1, f"{scene.name}: {REFERENCE}")
+    if progress is not None:
+        progress(0.0, 1, f"{scene.name}: {REFERENCE}")
     case = Case(scene=scene, backend=REFERENCE, resolution=Resolution(), sampling=sampling)
     (truth,) = run_cases([case], jobs=jobs, store=store)
     if truth.trajectory is None:
         raise RunBroken(f"{scene.name}: without a run of the reference nothing has an error ({truth.failure})")
-    asked, notes = curves(scene, sampling, survey_of(scene), engine, backends)
+    asked, notes = curves(scene, sampling, prescan_scene(scene), engine, backends)
     points: list[Point] = []
     interrupted = False
     try:
-        for point in measured(asked, scene, sampling, truth.trajectory, limit=limit, repeats=repeats, tell=tell):
+        for point in measured(
+            asked, scene, sampling, truth.trajectory, limit=limit, repeats=repeats, progress=progress
+        ):
             points.append(point)
     except KeyboardInterrupt:
         interrupted = True
-    if tell is not None:
-        tell(1.0, 1, "")
+    if progress is not None:
+        progress(1.0, 1, "")
     found = Measured(
         scene=scene,
         sampling=sampling,

@@ -20,7 +20,7 @@ import dem_bridge as db
 from dem_bridge.lmp.process import run_deck
 from dem_bridge.lmp.reader.deck import UNITS
 from dem_bridge.scene import Scene
-from tests.lmp.scripts import PARTS, script
+from tests.helpers.lammps_scripts import PARTS, script
 
 pytestmark = pytest.mark.lammps
 

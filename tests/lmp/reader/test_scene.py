@@ -25,8 +25,8 @@ from dem_bridge.lmp.reader.scene import ROUND_OFF, plain, read_deck
 from dem_bridge.lmp.variants import hertz_history
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file import load_scene, shipped_scenes
-from tests.lmp.scripts import PARTS, read, script
-from tests.strategies import damped_scenes, examples, scenes
+from tests.helpers.lammps_scripts import PARTS, read, script
+from tests.helpers.strategies import damped_scenes, examples, scenes
 
 #: a script that names no file
 NOTHING: dict[str, str] = {}
@@ -46,7 +46,7 @@ def _deck(scene: Scene, types: str = "euler", radius: float = 2.0**-10) -> Deck:
 def _gaps_within(deck: Deck) -> float:
     """A position is on the grid of the farthest, and so is known to half of that; a gap has two, and the reader takes
     the shortest decimal within two digits of the grid."""
-    return 4.0 * float(np.spacing(np.max(np.abs(deck.line)) + deck.gauge_radius))
+    return 4.0 * float(np.spacing(np.max(np.abs(deck.line)) + deck.surrogate_radius))
 
 
 def _same(found: Scene, scene: Scene, deck: Deck) -> None:
@@ -72,7 +72,7 @@ DRIVEN = tuple(name for name in shipped_scenes() if load_scene(name).drive is no
 TAKEN = tuple(name for name in shipped_scenes() if not refusal(load_scene(name)) and name not in DRIVEN)
 
 
-FORMS = [(name, "gauge") for name in TAKEN] + [(name, "physical") for name in TAKEN if load_scene(name).spacing]
+FORMS = [(name, "surrogate") for name in TAKEN] + [(name, "physical") for name in TAKEN if load_scene(name).spacing]
 
 
 @pytest.mark.parametrize("types", ["euler", "per-body"])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dem_bridge.errors import SceneError
 from dem_bridge.lmp.reader.script import Script
-from tests.strategies import examples
+from tests.helpers.strategies import examples
 
 #: no other files
 NOTHING: dict[str, str] = {}

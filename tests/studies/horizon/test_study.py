@@ -11,13 +11,12 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.steps import fixed_step_plan
-from dem_bridge.backends.survey import survey
 from dem_bridge.backends.twin_bars import twins_of
 from dem_bridge.backends.verlet import Verlet
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
-from dem_bridge.studies.exhibits import Study
 from dem_bridge.studies.horizon import runs as horizon_runs
 from dem_bridge.studies.horizon import study as horizon
 from dem_bridge.studies.horizon import verdicts as horizon_verdicts
@@ -27,19 +26,20 @@ from dem_bridge.studies.horizon.runs import (
     growth_of,
     horizon_of,
     long_run,
-    nudged,
+    perturbed,
     round_off_bar,
     step_bar,
 )
+from dem_bridge.studies.study import Study
 from dem_bridge.verdict import Outcome
 from tests.bench.bench_horizon import between_walls
-from tests.driven import DRIVES, TOUCHING, driven
+from tests.helpers.driven_chains import DRIVES, TOUCHING, driven
 
 SMALL = between_walls(5, duration=0.012)
 
 
 def test_a_nudge_is_seeded_and_leaves_what_is_0() -> None:
-    one, same, other = (nudged(SMALL, 1e-6, seed) for seed in (1, 1, 2))
+    one, same, other = (perturbed(SMALL, 1e-6, seed) for seed in (1, 1, 2))
     assert one.content_hash == same.content_hash != other.content_hash
     assert one.velocity[1:] == SMALL.velocity[1:]
     assert one.gap == SMALL.gap
@@ -74,9 +74,9 @@ def test_growth_is_fitted_where_it_is_small_and_told_from_a_power() -> None:
 
 def test_a_bar_over_time_ends_as_that_of_the_whole_run() -> None:
     scene = db.load_scene("decelerating-40")
-    look, sampling = survey(scene), Sampling(count=50)
-    plan = fixed_step_plan(scene, Resolution(dt=1e-7), sampling, look)
-    twins = twins_of(scene, plan, look, radius=look.gauge_radius)
+    prescan, sampling = prescan_hertz(scene), Sampling(count=50)
+    plan = fixed_step_plan(scene, Resolution(dt=1e-7), sampling, prescan)
+    twins = twins_of(scene, plan, prescan, radius=prescan.surrogate_radius)
     assert twins is not None
     whole = Verlet().run(scene, Resolution(dt=1e-7), sampling)
     speed = float(np.max(np.abs(whole.velocity)))
@@ -98,7 +98,7 @@ def test_parts_of_a_long_run_are_one_run_to_the_last_digit(monkeypatch: pytest.M
     whole = long_run(scene, 1e-7, 20_000, samples=200)
     monkeypatch.setattr(horizon_runs, "_PART", 3_000)
     told: list[float] = []
-    parts = long_run(scene, 1e-7, 20_000, samples=200, tell=lambda done, total, label: told.append(done / total))
+    parts = long_run(scene, 1e-7, 20_000, samples=200, progress=lambda done, total, label: told.append(done / total))
     assert np.array_equal(parts.velocity, whole.velocity)
     np.testing.assert_array_equal(parts.time, whole.time)
     # positions are sums over all steps, overlaps are not
@@ -114,7 +114,7 @@ def test_a_long_run_that_is_stopped_leaves_what_was_run(monkeypatch: pytest.Monk
         if done >= 5_000:
             raise KeyboardInterrupt
 
-    found = long_run(SMALL, 1e-7, 20_000, samples=2_000, tell=stop)
+    found = long_run(SMALL, 1e-7, 20_000, samples=2_000, progress=stop)
     assert not found.complete
     assert found.steps == 5_000
     assert len(found.time) == 501
@@ -155,13 +155,13 @@ def test_energy_less_work_of_a_driven_chain_does_not_drift(shape: str) -> None:
 
 def test_a_nudge_moves_a_drive_as_a_whole() -> None:
     scene = driven(TOUCHING, "table")
-    moved = nudged(scene, 1e-3, 3)
+    moved = perturbed(scene, 1e-3, 3)
     assert scene.drive is not None
     assert moved.drive is not None
     ratio = moved.drive.peak / scene.drive.peak
     assert 0.0 < abs(ratio - 1.0) < 5e-3
     assert moved.drive == scene.drive.times(ratio)
-    assert nudged(replace(scene, drive=None), 1e-3, 3).mass == moved.mass
+    assert perturbed(replace(scene, drive=None), 1e-3, 3).mass == moved.mass
 
 
 @pytest.fixture(scope="module")
@@ -177,8 +177,8 @@ def made() -> tuple[Study, Found]:
         patch.setattr(horizon, "verdicts", keep)
         told: list[float] = []
         study = db.study(
-            "horizon", SMALL, dt=1e-7, steps=200_000, nudges=6, store=False,
-            tell=lambda done, total, label: told.append(done / total),
+            "horizon", SMALL, dt=1e-7, steps=200_000, perturbations=6, store=False,
+            progress=lambda done, total, label: told.append(done / total),
         )  # fmt: skip
     assert told == sorted(told)
     assert 0.9 < told[-1] <= 1.0
@@ -256,7 +256,7 @@ def test_the_virial_theorem_is_asked_only_where_it_holds() -> None:
 def test_where_nothing_parts_there_is_no_horizon_and_no_statistics() -> None:
     # two bodies and one impact
     pair = Scene(name="pair", duration=2e-4, mass=(1e-2,) * 2, stiffness=(4e9,), velocity=(0.8, 0.0), samples=50)
-    study = db.study("horizon", pair, nudges=2, dt=1e-7, steps=2000, store=False)
+    study = db.study("horizon", pair, perturbations=2, dt=1e-7, steps=2000, store=False)
     assert study.exit_code == 0
     assert [row[1] for row in study.tables[0].rows[:2]] == [math.inf, math.inf]
     assert not any("kurtosis" in str(row[1]) for row in study.tables[3].rows)
@@ -264,7 +264,8 @@ def test_where_nothing_parts_there_is_no_horizon_and_no_statistics() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"duration": -1.0}, {"duration": "1"}, {"steps": 0}, {"steps": 10**10}, {"nudges": 1}, {"seed": -1}]
+    "wrong",
+    [{"duration": -1.0}, {"duration": "1"}, {"steps": 0}, {"steps": 10**10}, {"perturbations": 1}, {"seed": -1}],
 )
 def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(UsageError, match=f"{next(iter(wrong))} = .*; allowed: a "):

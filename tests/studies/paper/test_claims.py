@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge.studies.exhibits import Claim, ClaimValue
 from dem_bridge.studies.paper import claims_numbers
 from dem_bridge.studies.paper.claims import by, claim, decided, printed, together
 from dem_bridge.studies.paper.claims_force import forces, ratios
@@ -20,6 +19,7 @@ from dem_bridge.studies.paper.claims_spectrum import spectra
 from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, GRADIENTS, LONG, MAIN, Runs
 from dem_bridge.studies.scatter import ScatterStudy
+from dem_bridge.studies.study import Claim, ClaimValue
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome
 from tests.studies.paper.conftest import GRADIENTS as FEW

@@ -10,7 +10,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.scene import Scene
-from dem_bridge.studies.ladder.switches import hertz_stiffness
+from dem_bridge.studies.model_hierarchy.model_terms import hertz_stiffness
 from dem_bridge.studies.paper.effects import (
     AS_IS,
     NUMERICS,

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.report.exhibits import csv_texts, drawn, png
+from dem_bridge.report.drawing import csv_texts, drawn, png
 from dem_bridge.scene import Scene
-from dem_bridge.studies.exhibits import Exhibit, Panel, Series
 from dem_bridge.studies.paper.figures import ChainRuns, figure_2, figure_3, figure_4, figure_5, figure_6
 from dem_bridge.studies.paper.panels import MAP_ROWS, window
+from dem_bridge.studies.study import FigureData, Panel, Series
 from dem_bridge.trajectory import Trajectory
 from tests.conftest import Solve
-from tests.fakes import NO_BARS, NO_COST
-from tests.truth import Truth
+from tests.helpers.fake_runs import NO_BARS, NO_COST
+from tests.helpers.quadruple_truth import Truth
 
 #: of a map's rounding: half a unit of the last of its five digits
 ROUNDED = 0.5e-5
@@ -217,10 +217,10 @@ def test_ratios_are_handed_on_and_what_is_missing_is_a_gap(chains: tuple[ChainRu
         figure_6((slow, fast), ratios, ratios)
 
 
-Figures = Callable[[ChainRuns, ChainRuns], Exhibit]
+Figures = Callable[[ChainRuns, ChainRuns], FigureData]
 
 
-def _sixth(slow: ChainRuns, fast: ChainRuns) -> Exhibit:
+def _sixth(slow: ChainRuns, fast: ChainRuns) -> FigureData:
     return figure_6((slow, slow, fast, fast), [(0.0, {"reference": 0.3})], [(0.0, {"reference": 3.0})])
 
 

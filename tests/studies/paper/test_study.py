@@ -24,8 +24,7 @@ from dem_bridge.errors import BackendUnavailable, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store
 from dem_bridge.studies.checks import GRANULAR, REFERENCE
-from dem_bridge.studies.exhibits import Paper
-from dem_bridge.studies.ladder.models import Ladder, ladder_of
+from dem_bridge.studies.model_hierarchy.models import ModelHierarchy, model_hierarchy_of
 from dem_bridge.studies.paper import study
 from dem_bridge.studies.paper.runs import (
     GRADIENTS,
@@ -43,12 +42,13 @@ from dem_bridge.studies.paper.runs import (
 )
 from dem_bridge.studies.paper.study import Extent, coverage_table, paper_of, verify_paper
 from dem_bridge.studies.scatter import ScatterStudy
+from dem_bridge.studies.study import Paper
 from dem_bridge.studies.verify import cases_of
 from dem_bridge.verdict import Outcome
 from tests.studies.paper.conftest import cheap_variants, few_gradients, truth_of, without
 
 #: of both chains, with two scattered ones each
-SMALL = Extent(scenes=MAIN, chains=2, ladder=False)
+SMALL = Extent(scenes=MAIN, chains=2, hierarchy=False)
 
 
 @pytest.fixture(scope="module")
@@ -181,12 +181,12 @@ def small(runs: Runs, store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def without_ase(scene: Scene) -> list[Case]:
         return [case for case in beside(scene) if case.backend != "ase"]
 
-    def undamped(*words: Any, **more: Any) -> Ladder:
-        ladder = ladder_of(*words, **more)
-        return replace(ladder, switches=tuple(one for one in ladder.switches if one.id != "damping"))
+    def undamped(*words: Any, **more: Any) -> ModelHierarchy:
+        hierarchy = model_hierarchy_of(*words, **more)
+        return replace(hierarchy, model_terms=tuple(one for one in hierarchy.model_terms if one.id != "damping"))
 
     monkeypatch.setenv("DEM_BRIDGE_STORE", str(store))
-    monkeypatch.setattr(study, "ladder_of", undamped)
+    monkeypatch.setattr(study, "model_hierarchy_of", undamped)
     monkeypatch.setattr(study, "Extent", partial(Extent, scenes=MAIN, chains=2))
     monkeypatch.setattr(study, "variants", cheap_variants)
     monkeypatch.setattr(study, "mass_gradients", lambda engine: few_gradients())
@@ -227,7 +227,7 @@ def test_without_lammps_the_claims_are_read_from_the_reference(small: None, monk
     told: list[str] = []
     # another accuracy than LAMMPS has runs of in the store
     found = verify_paper(
-        accuracy=1e-3, jobs=1, tell=lambda done, total, label: told.append(label), store=Store.opened()
+        accuracy=1e-3, jobs=1, progress=lambda done, total, label: told.append(label), store=Store.opened()
     )
     assert found.paper is not None
     claims = {one.id: one for one in found.paper.claims}

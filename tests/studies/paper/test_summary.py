@@ -10,12 +10,12 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.studies.checks import POSITIONAL, REFERENCE, SECOND
-from dem_bridge.studies.exhibits import Claim
 from dem_bridge.studies.paper.claims_numbers import numbers
 from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.effects import OBSERVABLES, Effect
 from dem_bridge.studies.paper.runs import MAIN, Runs
 from dem_bridge.studies.paper.summary import NOT_VERIFIED, PHYSICAL, SLIPS, answer
+from dem_bridge.studies.study import Claim
 from dem_bridge.studies.verify import SceneStudy
 from dem_bridge.verdict import Outcome, Verdict
 
@@ -34,7 +34,7 @@ def _study(scene: str, error: float, same: float, two: float, *more: Verdict) ->
         _verdict(scene, "verlet", REFERENCE, 0.8),
         *more,
     )
-    return SceneStudy(scene=db.load_scene(scene), results=(), verdicts=verdicts, ladder={})
+    return SceneStudy(scene=db.load_scene(scene), results=(), verdicts=verdicts, refinement={})
 
 
 STUDIES = [

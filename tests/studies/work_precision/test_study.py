@@ -18,11 +18,11 @@ import xarray as xr
 
 import dem_bridge as db
 from dem_bridge.backends.base import Sampling
-from dem_bridge.backends.survey import Survey
-from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.prescan import Prescan
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene import Scene
-from dem_bridge.studies.exhibits import Study
+from dem_bridge.studies.study import Study
 from dem_bridge.studies.work_precision import curves as work_curves
 from dem_bridge.studies.work_precision import figures as work_figures
 from dem_bridge.studies.work_precision.curves import Curve, curves, steps
@@ -66,7 +66,7 @@ def written(small: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[Stud
         repeats=1,
         folder=folder,
         store=False,
-        tell=lambda done, total, label: told.append(done / total),
+        progress=lambda done, total, label: told.append(done / total),
     )
     return found, folder, told
 
@@ -152,21 +152,21 @@ def test_the_cheapest_meets_its_target_and_costs_what_its_row_says(written: tupl
 
 
 def test_steps_fall_on_the_samples_and_begin_below_the_stiffest_contact() -> None:
-    look, sampling = survey_of(SCENE), Sampling(count=7)
-    found = steps(SCENE, sampling, look)
+    prescan, sampling = prescan_scene(SCENE), Sampling(count=7)
+    found = steps(SCENE, sampling, prescan)
     interval = SCENE.duration / 7
     halvings = [math.log2(interval / dt) for dt in found]
     # powers of two are exact
     assert halvings == [round(halvings[0]) + j for j in range(len(found))]
-    assert found[0] * look.frequency <= 1.0
-    assert halvings[0] == 0.0 or 2.0 * found[0] * look.frequency > 1.0
-    free = Survey(peak_overlap=np.zeros(1), frequency=0.0, max_acceleration=0.0, lowest=0.0, highest=1.0, steps=1)
+    assert found[0] * prescan.frequency <= 1.0
+    assert halvings[0] == 0.0 or 2.0 * found[0] * prescan.frequency > 1.0
+    free = Prescan(peak_overlap=np.zeros(1), frequency=0.0, max_acceleration=0.0, lowest=0.0, highest=1.0, steps=1)
     assert steps(SCENE, sampling, free)[0] == interval
 
 
 def test_every_backend_that_does_the_scene_has_a_curve_and_others_a_reason() -> None:
     damped = replace(SCENE, name="damped", drag=10.0)
-    asked, notes = curves(damped, Sampling(count=4), survey_of(damped), None)
+    asked, notes = curves(damped, Sampling(count=4), prescan_scene(damped), None)
     there = {curve.backend for curve, _ in asked}
     assert {"verlet", "scipy", "reference"} <= there
     assert "ode45" not in there
@@ -182,7 +182,7 @@ def _measured(monkeypatch: pytest.MonkeyPatch, run: Any, **settings: Any) -> lis
     curve = Curve(name="verlet", backend="verlet", knob="dt", values=(8e-8, 4e-8, 2e-8, 1e-8))
     asked = [(curve, object())]
     sampling = Sampling(count=SCENE.samples)
-    return list(measured(asked, SCENE, sampling, truth, **{"limit": 5.0, "repeats": 1, "tell": None, **settings}))  # type: ignore[arg-type]
+    return list(measured(asked, SCENE, sampling, truth, **{"limit": 5.0, "repeats": 1, "progress": None, **settings}))  # type: ignore[arg-type]
 
 
 def test_beyond_the_limit_rows_stay_without_numbers_and_without_runs(monkeypatch: pytest.MonkeyPatch) -> None:

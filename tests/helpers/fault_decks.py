@@ -41,8 +41,8 @@ def times(factor: float) -> Callable[[re.Match[str]], str]:
     return lambda match: match[0].replace(match[1], repr(float(match[1]) * factor))
 
 
-def run_with(change: Change, case: Case, *, gauge_radius: float | None = None) -> Result:
-    """LAMMPS on the changed deck; ``gauge_radius`` in m, None: that of the case."""
+def run_with(change: Change, case: Case, *, surrogate_radius: float | None = None) -> Result:
+    """LAMMPS on the changed deck; ``surrogate_radius`` in m, None: that of the case."""
 
     def planted(sound: Callable[..., Deck]) -> Callable[..., Deck]:
         def deck(*of: Any, **how: Any) -> Deck:
@@ -53,4 +53,4 @@ def run_with(change: Change, case: Case, *, gauge_radius: float | None = None) -
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(lammps, "deck_of", planted(deck_of))
-        return run_case(replace(case, resolution=replace(case.resolution, gauge_radius=gauge_radius)))
+        return run_case(replace(case, resolution=replace(case.resolution, surrogate_radius=surrogate_radius)))

@@ -22,7 +22,7 @@ from dem_bridge.campaign import Case, Result, run_case
 from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, deck_of
 from dem_bridge.lmp.process import EngineReport
 from dem_bridge.scene import Scene
-from tests.faults.judging import BENCH, Results
+from tests.helpers.fault_judging import BENCH, Results
 
 #: positions (m), velocities (m/s) and net forces (N) of the bodies
 State = tuple[list[float], list[float], list[float]]
@@ -54,7 +54,7 @@ class Code:
 
     def frames(self, scene: Scene, deck: Deck) -> tuple[np.ndarray, np.ndarray]:
         """Steps ``(n_dense,)`` and x, v, f in LAMMPS' columns ``(n_dense, n_body, 7)``."""
-        dt, diameter = deck.schedule.step, 2.0 * deck.gauge_radius
+        dt, diameter = deck.schedule.step, 2.0 * deck.surrogate_radius
 
         def net(x: list[float]) -> list[float]:
             overlap = [diameter - (right - left) for left, right in pairwise(x)]

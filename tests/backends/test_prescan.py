@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.survey import survey
+from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.errors import RunBroken
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.planning.bars import resolution_for
 from dem_bridge.scene import Damping, Scene, Wall
 from tests.conftest import Solve
-from tests.strategies import examples, scenes
-from tests.truth import Truth
+from tests.helpers.quadruple_truth import Truth
+from tests.helpers.strategies import examples, scenes
 
 PAIR = Scene(name="pair", duration=2e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
 
@@ -28,23 +28,23 @@ COARSE = 1e-2
 @pytest.mark.parametrize("exponent", [1.6, 2.0, 2.5, 3.2])
 def test_one_collision_is_as_deep_and_as_fast_as_the_exact_one(exponent: float) -> None:
     scene = replace(PAIR, exponent=exponent, stiffness=(4e9 * 1e-5 ** (2.5 - exponent),))
-    look = survey(scene)
+    prescan = prescan_hertz(scene)
     hit = two_body_collision(
         masses=(8.1e-3, 1e-2), velocities=(0.8, 0.0), stiffness=scene.stiffness[0], exponent=exponent
     )
-    assert look.peak_overlap[0] == pytest.approx(hit.peak_overlap, rel=COARSE)
+    assert prescan.peak_overlap[0] == pytest.approx(hit.peak_overlap, rel=COARSE)
     mobility = 1.0 / 8.1e-3 + 1.0 / 1e-2
     tangent = (exponent - 1.0) * scene.stiffness[0] * hit.peak_overlap ** (exponent - 2.0)
-    assert look.frequency == pytest.approx(math.sqrt(tangent * mobility), rel=COARSE)
-    assert look.max_acceleration == pytest.approx(hit.peak_force / 8.1e-3, rel=COARSE)
+    assert prescan.frequency == pytest.approx(math.sqrt(tangent * mobility), rel=COARSE)
+    assert prescan.max_acceleration == pytest.approx(hit.peak_force / 8.1e-3, rel=COARSE)
 
 
 def test_overlaps_on_the_papers_chains_are_those_of_the_truth(free_chain: Truth) -> None:
-    look = survey(free_chain.scene)
+    prescan = prescan_hertz(free_chain.scene)
     depth = (free_chain.data["F_peak"] / free_chain.data["beta"]) ** (2.0 / 3.0)
-    assert look.peak_overlap == pytest.approx(depth, rel=2.0 * COARSE)
-    assert look.highest == pytest.approx(float(np.max(free_chain.data["x"])), rel=COARSE)
-    assert look.steps < 1e5
+    assert prescan.peak_overlap == pytest.approx(depth, rel=2.0 * COARSE)
+    assert prescan.highest == pytest.approx(float(np.max(free_chain.data["x"])), rel=COARSE)
+    assert prescan.steps < 1e5
 
 
 @examples(20)
@@ -53,23 +53,23 @@ def test_overlaps_of_random_scenes_are_those_of_a_fine_run(scene: Scene) -> None
     from dem_bridge.backends.base import Resolution, Sampling
     from dem_bridge.backends.verlet import Verlet
 
-    look = survey(scene)
+    prescan = prescan_hertz(scene)
     fine = Verlet().run(scene, Resolution(bars=False), Sampling(count=10))
     depth = (fine.peak_force / scene.contacts.stiffness) ** (2.0 / 3.0)
     # a re-collision may turn out a few times softer or harder in a coarse run; what a deck needs is the deepest
     deepest = float(np.max(depth, initial=0.0))
-    assert float(np.max(look.peak_overlap, initial=0.0)) == pytest.approx(deepest, rel=0.1, abs=1e-12)
+    assert float(np.max(prescan.peak_overlap, initial=0.0)) == pytest.approx(deepest, rel=0.1, abs=1e-12)
 
 
-def test_the_gauge_radius_follows_from_the_deepest_overlap() -> None:
-    look = survey(PAIR)
-    assert 1.25 * look.peak_overlap[0] < look.gauge_radius <= 2.5 * look.peak_overlap[0]
+def test_the_surrogate_radius_follows_from_the_deepest_overlap() -> None:
+    prescan = prescan_hertz(PAIR)
+    assert 1.25 * prescan.peak_overlap[0] < prescan.surrogate_radius <= 2.5 * prescan.peak_overlap[0]
 
 
 def test_a_scene_without_contact_has_no_frequency_and_takes_one_step() -> None:
-    look = survey(replace(PAIR, velocity=(0.0, 0.8)))
-    assert (look.frequency, look.steps, look.peak_overlap.tolist()) == (0.0, 1, [0.0])
-    assert (look.lowest, look.highest) == (0.0, pytest.approx(0.8 * 2e-4, rel=1e-12))
+    prescan = prescan_hertz(replace(PAIR, velocity=(0.0, 0.8)))
+    assert (prescan.frequency, prescan.steps, prescan.peak_overlap.tolist()) == (0.0, 1, [0.0])
+    assert (prescan.lowest, prescan.highest) == (0.0, pytest.approx(0.8 * 2e-4, rel=1e-12))
 
 
 def test_free_fall_onto_a_wall_is_not_stepped_over() -> None:
@@ -87,43 +87,45 @@ def test_free_fall_onto_a_wall_is_not_stepped_over() -> None:
     depth = 0.0
     for _ in range(100):  # all the weight's work is stored: m g (gap + depth) = beta depth^n / n
         depth = (2.5 * 1e-2 * 9.81 * (1e-6 + depth) / 1e9) ** 0.4
-    assert survey(scene).peak_overlap[0] == pytest.approx(depth, rel=COARSE)
+    assert prescan_hertz(scene).peak_overlap[0] == pytest.approx(depth, rel=COARSE)
 
 
 def test_an_initial_overlap_counts_as_an_overlap() -> None:
-    look = survey(replace(PAIR, velocity=(0.0, 0.0), gap=-3e-6))
-    assert look.peak_overlap.tolist() == [3e-6]
-    assert look.frequency > 0.0
+    prescan = prescan_hertz(replace(PAIR, velocity=(0.0, 0.0), gap=-3e-6))
+    assert prescan.peak_overlap.tolist() == [3e-6]
+    assert prescan.frequency > 0.0
 
 
 def test_a_left_wall_and_a_motion_backwards_are_seen(solved: Solve) -> None:
     scene = replace(PAIR, velocity=(-0.5, 0.0), wall_left=Wall(stiffness=1e9, gap=1e-5))
-    look = survey(scene)
+    prescan = prescan_hertz(scene)
     exact = solved(scene, "scipy", bars=False)
-    assert look.peak_overlap[1] == pytest.approx(float((exact.peak_force[1] / 1e9) ** (2.0 / 3.0)), rel=COARSE)
-    assert look.lowest == pytest.approx(-1e-5 - look.peak_overlap[1], rel=COARSE)
+    assert prescan.peak_overlap[1] == pytest.approx(float((exact.peak_force[1] / 1e9) ** (2.0 / 3.0)), rel=COARSE)
+    assert prescan.lowest == pytest.approx(-1e-5 - prescan.peak_overlap[1], rel=COARSE)
 
 
 def test_a_look_that_would_take_too_long_is_refused_with_the_reason() -> None:
     with pytest.raises(RunBroken, match=r"the coarse run of pair needs more than 20 steps.*shorten the duration"):
-        survey(PAIR, max_steps=20)
+        prescan_hertz(PAIR, max_steps=20)
 
 
 def test_what_is_stopped_faster_than_it_swings_sets_the_steps() -> None:
     # 1/s: of drag, of a dashpot c (1/m + 1/M), of Kuwabara-Kono damping gamma beta sqrt(overlap) (1/m + 1/M)
     mobility = 1.0 / PAIR.mass[0] + 1.0 / PAIR.mass[1]
-    plain = survey(PAIR)
-    assert survey(replace(PAIR, drag=1e9)).frequency == 1e9
+    plain = prescan_hertz(PAIR)
+    assert prescan_hertz(replace(PAIR, drag=1e9)).frequency == 1e9
     # slowed on its way by 1e-3 of its time, at most so much less deep
-    assert survey(replace(PAIR, drag=1e-3 * plain.frequency)).frequency == pytest.approx(plain.frequency, rel=1e-3)
+    assert prescan_hertz(replace(PAIR, drag=1e-3 * plain.frequency)).frequency == pytest.approx(
+        plain.frequency, rel=1e-3
+    )
     stiff = replace(PAIR, damping=Damping(law="dashpot", coefficient=1e6))
-    assert survey(stiff).frequency == pytest.approx(1e6 * mobility)
+    assert prescan_hertz(stiff).frequency == pytest.approx(1e6 * mobility)
     viscous = replace(PAIR, damping=Damping(law="kuwabara-kono", coefficient=1e-2))
-    look = survey(viscous)
-    rate = 1e-2 * PAIR.stiffness[0] * float(np.sqrt(look.peak_overlap[0])) * mobility
-    assert look.frequency == pytest.approx(rate)
+    prescan = prescan_hertz(viscous)
+    rate = 1e-2 * PAIR.stiffness[0] * float(np.sqrt(prescan.peak_overlap[0])) * mobility
+    assert prescan.frequency == pytest.approx(rate)
     # a contact that never closes stops nothing
-    assert survey(replace(stiff, gap=1.0)).frequency == survey(replace(PAIR, gap=1.0)).frequency
+    assert prescan_hertz(replace(stiff, gap=1.0)).frequency == prescan_hertz(replace(PAIR, gap=1.0)).frequency
 
 
 def test_a_contact_is_deeper_for_dashpots_behind_it(solved: Solve) -> None:
@@ -132,10 +134,10 @@ def test_a_contact_is_deeper_for_dashpots_behind_it(solved: Solve) -> None:
         name="four", duration=4e-4, mass=(8e-3,) + (1e-2,) * 3, stiffness=(4e9,) * 3, velocity=(0.8, 0.0, 0.0, 0.0)
     )
     damped = replace(chain, name="behind", damping=Damping(law="dashpot", coefficient=(0.0, 300.0, 300.0)))
-    free, look = survey(chain), survey(damped)
-    assert look.peak_overlap[0] > 1.02 * free.peak_overlap[0]
+    free, prescan = prescan_hertz(chain), prescan_hertz(damped)
+    assert prescan.peak_overlap[0] > 1.02 * free.peak_overlap[0]
     exact = solved(damped, "scipy", bars=False)
-    assert look.peak_overlap[0] == pytest.approx(float((exact.peak_force[0] / 4e9) ** (2.0 / 3.0)), rel=COARSE)
+    assert prescan.peak_overlap[0] == pytest.approx(float((exact.peak_force[0] / 4e9) ** (2.0 / 3.0)), rel=COARSE)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene, Wall
-from dem_bridge.studies.ladder.passage import (
+from dem_bridge.studies.model_hierarchy.passage import (
     JUDGED,
     OBSERVABLES,
     Effect,

@@ -17,16 +17,16 @@ from click.testing import CliRunner
 import dem_bridge as db
 from dem_bridge.cli import main
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
-from dem_bridge.report.exhibits import drawn
+from dem_bridge.report.drawing import drawn
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.store import Store
-from dem_bridge.studies.exhibits import Study
-from dem_bridge.studies.ladder import choices as ladder_choices
-from dem_bridge.studies.ladder import study as ladder_study
-from dem_bridge.studies.ladder.models import Bench, LeftOut, judged, ladder_of, least, left_out
-from dem_bridge.studies.ladder.passage import JUDGED, OBSERVABLES, Effect, Reading
-from dem_bridge.studies.ladder.study import LEAST_SHOWN
-from dem_bridge.studies.ladder.switches import Switch
+from dem_bridge.studies.model_hierarchy import choices as hierarchy_choices
+from dem_bridge.studies.model_hierarchy import study as hierarchy_study
+from dem_bridge.studies.model_hierarchy.model_terms import ModelTerm
+from dem_bridge.studies.model_hierarchy.models import Bench, LeftOut, judged, least, left_out, model_hierarchy_of
+from dem_bridge.studies.model_hierarchy.passage import JUDGED, OBSERVABLES, Effect, Reading
+from dem_bridge.studies.model_hierarchy.study import LEAST_SHOWN
+from dem_bridge.studies.study import Study
 from dem_bridge.verdict import Outcome
 
 BODIES = 10
@@ -50,15 +50,15 @@ class Linear:
 
     def __init__(self, effects: Mapping[str, float], *, bears: Mapping[str, frozenset[str]] | None = None) -> None:
         self.effects, self.asked = effects, list[frozenset[str]]()
-        self.switches = tuple(Switch(id=id, what=id) for id in effects)
+        self.model_terms = tuple(ModelTerm(id=id, what=id) for id in effects)
         self.bears = {id: frozenset[str]() for id in effects} | dict(bears or {})
-        self.accuracy, self.ladder = 0.01, self
+        self.accuracy, self.hierarchy = 0.01, self
 
     def model(self, without: frozenset[str] = frozenset()) -> frozenset[str]:
         return without
 
-    def alone(self, switch: Switch) -> tuple[frozenset[str], frozenset[str]]:
-        return self.bears[switch.id], self.bears[switch.id] | {switch.id}
+    def alone(self, term: ModelTerm) -> tuple[frozenset[str], frozenset[str]]:
+        return self.bears[term.id], self.bears[term.id] | {term.id}
 
     def cases(self) -> list[Any]:
         return []
@@ -81,8 +81,8 @@ def _down(bench: Any) -> tuple[tuple[LeftOut, ...], Any]:
 
 def test_what_stays_within_the_accuracy_alone_need_not_together() -> None:
     alone, found = _down(Linear(MADE_UP))
-    assert [one.switch.id for one in alone] == ["d", "e", "b", "a", "c"]
-    assert {one.switch.id: one.outcome for one in alone} == {
+    assert [one.term.id for one in alone] == ["d", "e", "b", "a", "c"]
+    assert {one.term.id: one.outcome for one in alone} == {
         "a": Outcome.PASS, "b": Outcome.PASS, "c": Outcome.PASS, "d": Outcome.FAIL, "e": Outcome.UNDECIDED,
     }  # fmt: skip
     # 0.3 and 0.6 % together are within 1 %, with 0.61 % beside they are not: b is put back
@@ -106,7 +106,7 @@ def test_what_bears_another_goes_after_it_or_not_at_all() -> None:
     assert found.without == {"base", "gravity"}
     heavy = Linear({"base": 0.001, "gravity": 0.02}, bears=bears)
     alone, found = _down(heavy)
-    own = {one.switch.id: one for one in alone}
+    own = {one.term.id: one for one in alone}
     # its own effect is that on the weightless chain, not that of the weight
     assert own["base"].effects["arrival"].value == pytest.approx(0.001 / 1.02)
     assert own["base"].outcome is Outcome.PASS
@@ -120,11 +120,11 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_an_effect_is_that_of_two_runs_made_by_hand() -> None:
-    ladder = ladder_of(RAW)
-    assert [one.id for one in ladder.switches] == ["gaps", "drag", "base", "gravity"]
-    found = {one.switch.id: one for one in left_out(Bench(ladder, jobs=1), JUDGED)}
+    hierarchy = model_hierarchy_of(RAW)
+    assert [one.id for one in hierarchy.model_terms] == ["gaps", "drag", "base", "gravity"]
+    found = {one.term.id: one for one in left_out(Bench(hierarchy, jobs=1), JUDGED)}
     full, without = (
-        db.solve(replace(one, duration=ladder.duration), backend="scipy", samples=4, bars=False)
+        db.solve(replace(one, duration=hierarchy.duration), backend="scipy", samples=4, bars=False)
         for one in (RAW, replace(RAW, gap=0.0))
     )
     # without the gap the front is earlier: by the time that a body takes to cross it, roughly
@@ -136,16 +136,16 @@ def test_an_effect_is_that_of_two_runs_made_by_hand() -> None:
 
 
 def test_runs_last_as_long_as_what_is_asked_about() -> None:
-    passage, whole = ladder_of(RAW), ladder_of(RAW, window="whole")
+    passage, whole = model_hierarchy_of(RAW), model_hierarchy_of(RAW, window="whole")
     assert (whole.duration, whole.model().duration) == (RAW.duration, RAW.duration)
     arrival = float(db.solve(RAW, backend="verlet", samples=1, bars=False).crossing_time[BODIES - 2])
     assert passage.duration == pytest.approx(1.3 * arrival, rel=5e-3)  # three digits
     six: dict[str, Any] = {"mass": RAW.mass[:7], "velocity": RAW.velocity[:7], "stiffness": RAW.stiffness[:6]}
     few = replace(RAW, name="few", exponent=2.5, gap=0.0, **six)
-    assert ladder_of(few).duration == few.duration
+    assert model_hierarchy_of(few).duration == few.duration
     late = replace(RAW, name="late", duration=0.9 * arrival)
-    assert ladder_of(late).duration == late.duration
-    assert judged(Bench(ladder_of(late), jobs=1), JUDGED) == JUDGED[1:]
+    assert model_hierarchy_of(late).duration == late.duration
+    assert judged(Bench(model_hierarchy_of(late), jobs=1), JUDGED) == JUDGED[1:]
 
 
 def test_the_least_scene_is_the_one_without_and_its_deck_has_nothing_more_in_it(store: Path, tmp_path: Path) -> None:
@@ -199,7 +199,7 @@ def test_of_the_whole_run_the_base_is_needed(store: Path) -> None:
 )
 def test_a_setting_that_is_none_is_refused_in_one_line(settings: dict[str, Any], said: str) -> None:
     with pytest.raises(UsageError, match=said):
-        db.study("ladder", RAW, store=False, **settings)
+        db.study("model-hierarchy", RAW, store=False, **settings)
 
 
 def test_a_scene_in_which_nothing_runs_is_refused_in_one_line() -> None:
@@ -209,9 +209,9 @@ def test_a_scene_in_which_nothing_runs_is_refused_in_one_line() -> None:
 
 
 def test_a_run_that_broke_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    ladder = ladder_of(RAW)
-    [first, second, *_] = (case for case in ladder.cases())
-    bench = Bench(ladder, jobs=1)
+    hierarchy = model_hierarchy_of(RAW)
+    [first, second, *_] = (case for case in hierarchy.cases())
+    bench = Bench(hierarchy, jobs=1)
     done = bench.run([first, second])
     with pytest.raises(RunBroken, match="it broke"):
         bench.take([done[0], replace(done[1], trajectory=None, failure=RunBroken("it broke"))])
@@ -223,7 +223,7 @@ def test_a_run_that_broke_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def found(store: Path) -> Study:
-    return db.study("ladder", RAW, jobs=1, store=store)
+    return db.study("model-hierarchy", RAW, jobs=1, store=store)
 
 
 def _rows(study: Study, id: str) -> dict[str, dict[str, Any]]:
@@ -267,9 +267,9 @@ def test_numerical_errors_fall_with_the_step_and_theories_are_of_what_they_know(
 
 
 def test_model_and_numerics_are_measured_together_against_the_fullest(store: Path) -> None:
-    bench = Bench(ladder_of(RAW), jobs=1, store=Store(store))
+    bench = Bench(model_hierarchy_of(RAW), jobs=1, store=Store(store))
     _, below = _down(bench)
-    found = ladder_choices.cheapest(bench, below, JUDGED)
+    found = hierarchy_choices.cheapest(bench, below, JUDGED)
     assert found is not None
     assert found.effects is not None
     # the step's own part is a tenth of what the model leaves out
@@ -315,7 +315,7 @@ def test_without_a_run_there_is_a_reason(monkeypatch: pytest.MonkeyPatch, store:
 
     monkeypatch.setattr("dem_bridge.backends.lammps.LammpsTable.run", broken)
     monkeypatch.setattr("dem_bridge.backends.lammps.LammpsGranular.run", broken)
-    study = db.study("ladder", RAW, jobs=1, store=False)
+    study = db.study("model-hierarchy", RAW, jobs=1, store=False)
     assert study.exit_code == 3
     assert [note for note in study.notes if note.startswith("LAMMPS, pair_style table: it broke")]
     assert _rows(study, "numerics")["LAMMPS, pair_style table"]["within 1 %?"] == "run broke"
@@ -331,14 +331,14 @@ def test_an_upright_chain_is_asked_what_is_suspected_too(monkeypatch: pytest.Mon
         chain, name="short", mass=chain.mass[:9], stiffness=chain.stiffness[:8], exponent=2.5, gap=0.0,
         velocity=chain.velocity[:9], geometry=geometry, duration=4e-4,
     )  # fmt: skip
-    real = ladder_of(short)
+    real = model_hierarchy_of(short)
 
     def undamped(*_: Any, **__: Any) -> Any:
-        return replace(real, switches=tuple(one for one in real.switches if one.id != "damping"))
+        return replace(real, model_terms=tuple(one for one in real.model_terms if one.id != "damping"))
 
-    monkeypatch.setattr(ladder_study, "ladder_of", undamped)
-    monkeypatch.setattr(ladder_choices, "DRAG", 20.0)
-    study = db.study("ladder", short, jobs=1, store=store, numerics=False, draws=2, spread=0.2)
+    monkeypatch.setattr(hierarchy_study, "model_hierarchy_of", undamped)
+    monkeypatch.setattr(hierarchy_choices, "DRAG", 20.0)
+    study = db.study("model-hierarchy", short, jobs=1, store=store, numerics=False, draws=2, spread=0.2)
     assert list(_rows(study, "suspected")) == [
         "drag of 20 1/s on every body",
         "n falling from 2.5 at 90 degrees to 2.2 at the smallest angle, same force at 5 um",
@@ -358,10 +358,10 @@ def test_draws_are_inside_their_bar() -> None:
     def draw(value: float) -> dict[str, Effect]:
         return dict.fromkeys(OBSERVABLES, Effect(value=value, bar=1e-6, at=3))
 
-    found = ladder_choices._median([draw(-0.02), draw(0.011), draw(0.05)])["residence"]
+    found = hierarchy_choices._median([draw(-0.02), draw(0.011), draw(0.05)])["residence"]
     assert (found.value, found.bar, found.at) == (0.02, pytest.approx(0.03 + 1e-6), -1)
-    assert ladder_choices._median([draw(-0.02)]) == draw(-0.02)
-    assert ladder_choices._median([draw(math.inf), draw(math.inf)])["arrival"].value == math.inf
+    assert hierarchy_choices._median([draw(-0.02)]) == draw(-0.02)
+    assert hierarchy_choices._median([draw(math.inf), draw(math.inf)])["arrival"].value == math.inf
 
 
 def test_the_command_prints_and_writes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, store: Path) -> None:
@@ -371,12 +371,12 @@ def test_the_command_prints_and_writes_it(tmp_path: Path, monkeypatch: pytest.Mo
         f'name = "raw"\nduration = {RAW.duration}\n[environment]\ndrag = 1.0\n[chain]\nmass = {list(RAW.mass)}\n'
         f"stiffness = {list(RAW.stiffness)}\nvelocity = {list(RAW.velocity)}\n"
     )
-    words = ["study", "ladder", str(file), "--accuracy", "0.02", "--observable", "arrival", "--no-numerics"]
+    words = ["study", "model-hierarchy", str(file), "--accuracy", "0.02", "--observable", "arrival", "--no-numerics"]
     done = CliRunner().invoke(main, [*words, "-j", "1", "--json", "-o", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
     told = json.loads(done.stdout)
     assert told["answer"][0].startswith("At 2 % raw requires none of its physics; drag may be left out")
     assert list(told["tables"]) == ["physics", "down"]
     assert {one.name for one in (tmp_path / "out").iterdir()} == {
-        "index.html", "ladder.json", "physics.csv", "down.csv", "effects.png", "effects.csv",
+        "index.html", "model-hierarchy.json", "physics.csv", "down.csv", "effects.png", "effects.csv",
     }  # fmt: skip

@@ -10,7 +10,7 @@ import numpy as np
 from dem_bridge.physics.solitary import SolitaryWave, solitary_wave
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
-from tests.fakes import NO_BARS, NO_COST
+from tests.helpers.fake_runs import NO_BARS, NO_COST
 
 #: kg: a cylinder of quartz, r = 9 mm, 18 mm high
 CYLINDER = 2200.0 * math.pi * 9e-3**2 * 18e-3

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dem_bridge.studies.exhibits import Claim, ClaimValue, Exhibit, Map, Panel, Paper, Series, Table
+from dem_bridge.studies.study import Claim, ClaimValue, FigureData, Map, Panel, Paper, Series, Table
 from dem_bridge.verdict import Outcome
 
 _STATEMENT = (
@@ -141,7 +141,7 @@ def _tables() -> tuple[Table, ...]:
     )  # fmt: skip
 
 
-def _exhibit(i: int) -> Exhibit:
+def _exhibit(i: int) -> FigureData:
     x, t = np.arange(1.0, 41.0), np.linspace(0.0, 1.0, 80)
     wave = Map(
         label="velocity (m/s)",
@@ -152,7 +152,7 @@ def _exhibit(i: int) -> Exhibit:
     )
     line = Series(label="reference", style="reference", x=x, y=np.sqrt(x + i), bar=np.full(40, 1e-3))
     fit = Series(label="fit", style="fit", x=x, y=np.sqrt(x))
-    return Exhibit(
+    return FigureData(
         id=f"figure-{i}",
         title=f"Figure {i}: velocity and its power law",
         caption="Left: by the reference. Right: the same along the front, with the fit of the paper. " * 2,

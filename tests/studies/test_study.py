@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge.studies.exhibits import Claim, ClaimValue, Exhibit, Map, Panel, Series, Table
+from dem_bridge.studies.study import Claim, ClaimValue, FigureData, Map, Panel, Series, Table
 from dem_bridge.verdict import Outcome
 
 LINE = Series(label="law", style="guide", x=np.array([1.0, 2.0]), y=np.array([0.1, 1 / 3]))
@@ -22,7 +22,7 @@ WAVE = Map(
 )
 LINES = Panel(title="(a) speed", x_label="cylinder", y_label="V (m/s)", series=(LINE, BARRED), notes=("a note",))
 FIELD = Panel(title="(b) map", x_label="cylinder", y_label="t (ms)", map=WAVE)
-FIGURE = Exhibit(id="figure-3", title="Speed", caption="A caption.", panels=(LINES, FIELD))
+FIGURE = FigureData(id="figure-3", title="Speed", caption="A caption.", panels=(LINES, FIELD))
 
 
 def test_a_row_has_a_cell_for_each_column() -> None:
@@ -65,7 +65,7 @@ def test_an_exhibit_as_csv_has_every_mark_and_every_cell_of_a_map() -> None:
     assert {row["panel"] for row in rows} == {"(a) speed", "(b) map"}
 
 
-def _changed(**panel: Any) -> Exhibit:
+def _changed(**panel: Any) -> FigureData:
     return replace(FIGURE, panels=(replace(LINES, **panel), FIELD))
 
 
@@ -90,7 +90,7 @@ def _changed(**panel: Any) -> Exhibit:
         replace(FIGURE, panels=(LINES, replace(FIELD, map=replace(WAVE, values=WAVE.values.reshape(3, 2))))),
     ],
 )
-def test_the_content_differs_where_anything_does(other: Exhibit) -> None:
+def test_the_content_differs_where_anything_does(other: FigureData) -> None:
     assert other.content() != FIGURE.content()
 
 

@@ -17,10 +17,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
-from dem_bridge.report.exhibits import STYLES, colour_limits, csv_texts, drawn, png
+from dem_bridge.report.drawing import STYLES, colour_limits, csv_texts, drawn, png
 from dem_bridge.report.strokes import style_of
-from dem_bridge.studies.exhibits import Exhibit, Map, Panel, Series
-from tests.legible import assert_legible
+from dem_bridge.studies.study import FigureData, Map, Panel, Series
+from tests.helpers.legibility import assert_legible
 
 X = np.arange(1.0, 41.0)
 LONG = "circles stand for the engine and crosses for another code, in words that fill more than one line of a panel"
@@ -42,8 +42,8 @@ def _panel(title: str, **parts: object) -> Panel:
     return Panel(title=title, x_label="cylinder", y_label="residence time (µs)", **parts)  # type: ignore[arg-type]
 
 
-def _exhibit(*panels: Panel, columns: int = 2) -> Exhibit:
-    return Exhibit(id="figure-9", title="nine", caption="", panels=panels, columns=columns)
+def _exhibit(*panels: Panel, columns: int = 2) -> FigureData:
+    return FigureData(id="figure-9", title="nine", caption="", panels=panels, columns=columns)
 
 
 EVERY_STYLE = tuple(_line(style, 3.0 + np.sin(X / 9.0) + 0.1 * at) for at, style in enumerate(STYLES))

@@ -128,7 +128,7 @@ class Panel:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Exhibit:
+class FigureData:
     """A figure as numbers, such as "figure-2"."""
 
     id: str
@@ -147,7 +147,7 @@ class Exhibit:
 
         >>> line = Series(label="law", style="guide", x=np.array([1.0]), y=np.array([0.1]))
         >>> panel = Panel(title="a", x_label="i", y_label="V (m/s)", series=(line,))
-        >>> print(Exhibit(id="figure-3", title="", caption="", panels=(panel,)).as_csv(), end="")
+        >>> print(FigureData(id="figure-3", title="", caption="", panels=(panel,)).as_csv(), end="")
         panel,series,x,y,value,bar
         a,law,1.0,0.1,,
         """
@@ -179,7 +179,7 @@ class Paper:
     claims: tuple[Claim, ...]
     tables: tuple[Table, ...]
     """In the order of the page; "budget" first: the whole budget, model and parameters included."""
-    exhibits: tuple[Exhibit, ...]
+    exhibits: tuple[FigureData, ...]
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -193,7 +193,7 @@ class Study:
     answer: tuple[str, ...]
     """Sentences, the one that was asked for first."""
     tables: tuple[Table, ...] = ()
-    exhibits: tuple[Exhibit, ...] = ()
+    exhibits: tuple[FigureData, ...] = ()
     outcomes: tuple[Outcome, ...] = ()
     """Of whatever in it can pass or fail; they decide the exit code."""
     notes: tuple[str, ...] = ()

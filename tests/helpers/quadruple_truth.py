@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.trajectory import Trajectory
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parent.parent / "data"
 
 #: what a truth file calls each quantity of a Trajectory
 NAMES = {"velocity": "v", "displacement": "x", "peak_force": "F_peak", "crossing_time": "t_cross"}

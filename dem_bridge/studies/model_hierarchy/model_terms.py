@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.geometry import Body, Geometry
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file.physical import rounded
@@ -158,7 +158,7 @@ def _hertzian(scene: Scene) -> Scene:
     c = scene.contacts
     if hertzian(scene):
         return scene
-    overlap = survey_of(scene).peak_overlap
+    overlap = prescan_scene(scene).peak_overlap
     deepest = float(np.max(overlap, initial=0.0)) or 1e-6  # a scene at rest has no scale
     overlap = np.where(overlap > 0.0, overlap, deepest)
     beta = [rounded(one) for one in (c.force(overlap, np.arange(len(overlap))) / overlap ** (HERTZ - 1.0)).tolist()]
@@ -175,7 +175,7 @@ def _hertzian(scene: Scene) -> Scene:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Switch:
+class ModelTerm:
     """A piece of physics of one scene: what the scene is with it, and without."""
 
     id: str
@@ -217,7 +217,7 @@ def named(ids: Iterable[str]) -> str:
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
-def switches_of(scene: Scene, *, add: bool = True, dashpot: float = DASHPOT) -> tuple[Switch, ...]:
+def model_terms_of(scene: Scene, *, add: bool = True, dashpot: float = DASHPOT) -> tuple[ModelTerm, ...]:
     """Every piece of physics that this scene can be with and without, in the order of :data:`PIECES`.
 
     ``add``: also those that the scene has not, but its geometry tells. An upright chain of crossed cylinders stands on
@@ -228,38 +228,38 @@ def switches_of(scene: Scene, *, add: bool = True, dashpot: float = DASHPOT) -> 
     told = tuple(_told(scene, dashpot)) if add and crossed(scene) else ()
     known = {one.id for one in told}
     found = {one.id: one for one in (*told, *(one for one in _own(scene) if one.id not in known))}
-    switches = tuple(found[id] for id in PIECES if id in found)
+    model_terms = tuple(found[id] for id in PIECES if id in found)
 
-    def does(one: Switch) -> bool:
-        held = frozenset(other.id for other in switches if one.id in needs(scene, switches, other))
-        return model(scene, switches, held).content_hash != model(scene, switches, held | {one.id}).content_hash
+    def does(one: ModelTerm) -> bool:
+        held = frozenset(other.id for other in model_terms if one.id in needs(scene, model_terms, other))
+        return model(scene, model_terms, held).content_hash != model(scene, model_terms, held | {one.id}).content_hash
 
-    return tuple(filter(does, switches))
+    return tuple(filter(does, model_terms))
 
 
-def needs(scene: Scene, switches: Sequence[Switch], one: Switch) -> frozenset[str]:
+def needs(scene: Scene, model_terms: Sequence[ModelTerm], one: ModelTerm) -> frozenset[str]:
     """Ids of what must be there for ``one`` to be: a chain that bears its weight needs what it stands on."""
     if one.id != "gravity":
         return frozenset()
-    side = _stands(model(scene, switches))
+    side = _stands(model(scene, model_terms))
     return frozenset({"base" if side == "wall_right" else "wall"} if side else ())
 
 
-def model(scene: Scene, switches: Sequence[Switch], without: frozenset[str] = frozenset()) -> Scene:
+def model(scene: Scene, model_terms: Sequence[ModelTerm], without: frozenset[str] = frozenset()) -> Scene:
     """The scene with all switches on, but for those ``without``."""
     made = scene
-    for one in switches:
+    for one in model_terms:
         made = (one.off if one.id in without else one.on)(made)
-    parts = [f"no-{one.id}" for one in switches if one.id in without]
+    parts = [f"no-{one.id}" for one in model_terms if one.id in without]
     return replace(made, name=".".join([scene.name, *(parts or ["fullest"])])[:100])
 
 
-def _told(scene: Scene, dashpot: float) -> Iterator[Switch]:
+def _told(scene: Scene, dashpot: float) -> Iterator[ModelTerm]:
     """What the geometry of an upright chain of crossed cylinders tells."""
     geometry = geometry_of(scene)
     exact = geometry.law == "exact"
     if hertzian(scene):
-        yield Switch(
+        yield ModelTerm(
             id="stiffness-law",
             what="the exact Hertz law between cylinders (eq. 3.1's approximation in its place)",
             on=_as_it_is if exact else partial(by_law, law="exact"),
@@ -267,47 +267,47 @@ def _told(scene: Scene, dashpot: float) -> Iterator[Switch]:
         )
     if geometry.angle[0] is None and hertzian(scene):
         stiffness = hertz_stiffness(scene)[0]
-        yield Switch(
+        yield ModelTerm(
             id="striker-stiffness",
             what=f"the striker's exact stiffness, {stiffness:.4g} N/m^1.5 ({scene.stiffness[0]:.4g} in its place)",
             on=lambda s: replace(s, stiffness=(stiffness, *s.stiffness[1:])),
         )
     if geometry.angle[0] is None:
         mass = rounded(geometry.bodies[0].mass)
-        yield Switch(
+        yield ModelTerm(
             id="striker-mass",
             what=f"the true mass of the striker, {1e3 * mass:.3g} g ({1e3 * scene.mass[0]:.3g} g in its place)",
             on=lambda s: replace(s, mass=(mass, *s.mass[1:])),
         )
     if not scene.damped:
-        yield Switch(
+        yield ModelTerm(
             id="damping",
             what=f"dissipation in contacts, a dashpot of {dashpot:g} N s/m",
             on=lambda s: replace(s, damping=Damping(law="dashpot", coefficient=dashpot)),
             supposed=True,
         )
     if scene.wall_right is None:
-        yield Switch(id="base", what="the base behind the last body (a free end in its place)", on=on_base)
+        yield ModelTerm(id="base", what="the base behind the last body (a free end in its place)", on=on_base)
     # a chain with gaps does not stand in touch
     if scene.gravity == 0.0 and not np.any(scene.contacts.gap > 0.0):
-        yield Switch(id="gravity", what="gravity: the static compression by the chain's own weight", on=weighing)
+        yield ModelTerm(id="gravity", what="gravity: the static compression by the chain's own weight", on=weighing)
 
 
-def _own(scene: Scene) -> Iterator[Switch]:
+def _own(scene: Scene) -> Iterator[ModelTerm]:
     """What the scene has and can be without; of what it has not, nothing comes of the change.
 
     Not its drive, without which there may be no wave.
     """
-    yield Switch(id="force-law", what="forces that are no Hertz power (n = 5/2 in its place)", off=_hertzian)
-    yield Switch(id="gaps", what="gaps and overlaps at the start", off=lambda s: replace(s, gap=0.0))
-    yield Switch(id="drag", what=f"drag of {scene.drag:g} 1/s", off=lambda s: replace(s, drag=0.0))
+    yield ModelTerm(id="force-law", what="forces that are no Hertz power (n = 5/2 in its place)", off=_hertzian)
+    yield ModelTerm(id="gaps", what="gaps and overlaps at the start", off=lambda s: replace(s, gap=0.0))
+    yield ModelTerm(id="drag", what=f"drag of {scene.drag:g} 1/s", off=lambda s: replace(s, drag=0.0))
     damping = scene.damping
     kind = f"{damping.law}" if damping is not None else ""
-    yield Switch(id="damping", what=f"dissipation in contacts ({kind})", off=lambda s: replace(s, damping=None))
-    yield Switch(id="wall", what="the wall before the first body", off=partial(_walled, side="wall_left", wall=None))
-    yield Switch(id="base", what="the wall behind the last body", off=partial(_walled, side="wall_right", wall=None))
-    yield Switch(id="gravity", what=f"gravity of {scene.gravity:g} m/s^2", off=_weightless)
-    yield Switch(
+    yield ModelTerm(id="damping", what=f"dissipation in contacts ({kind})", off=lambda s: replace(s, damping=None))
+    yield ModelTerm(id="wall", what="the wall before the first body", off=partial(_walled, side="wall_left", wall=None))
+    yield ModelTerm(id="base", what="the wall behind the last body", off=partial(_walled, side="wall_right", wall=None))
+    yield ModelTerm(id="gravity", what=f"gravity of {scene.gravity:g} m/s^2", off=_weightless)
+    yield ModelTerm(
         id="precompression",
         what=f"precompression of {scene.precompression:g} N",
         off=lambda s: replace(s, precompression=BARELY if _stands(s) else 0.0) if _pressed(s) else s,

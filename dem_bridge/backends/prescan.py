@@ -20,14 +20,14 @@ from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
 
 #: gauge radius over the largest overlap, at least
-GAUGE_MARGIN = 1.25
+SURROGATE_MARGIN = 1.25
 #: fraction of 1/omega taken as the step
 _STEP = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Survey:
-    """Result of :func:`survey`."""
+class Prescan:
+    """Result of :func:`prescan_hertz`."""
 
     peak_overlap: NDArray[np.float64]
     """(n_contact,), m."""
@@ -43,27 +43,27 @@ class Survey:
     steps: int
 
     @property
-    def gauge_radius(self) -> float:
-        """Radius for a code that keeps positions, m; see :func:`gauge_radius`."""
-        return gauge_radius(float(np.max(self.peak_overlap, initial=0.0)))
+    def surrogate_radius(self) -> float:
+        """Radius for a code that keeps positions, m; see :func:`surrogate_radius`."""
+        return surrogate_radius(float(np.max(self.peak_overlap, initial=0.0)))
 
 
-def gauge_radius(peak_overlap: float) -> float:
+def surrogate_radius(peak_overlap: float) -> float:
     """Radius for a deck, m: the next power of two above 1.25 times the largest overlap (m).
 
     Neighbours of neighbours then never touch, and the round-off floor follows the scene's own scale.
 
-    >>> gauge_radius(16e-6) == 2.0**-15
+    >>> surrogate_radius(16e-6) == 2.0**-15
     True
     """
     if not (math.isfinite(peak_overlap) and peak_overlap >= 0.0):
         raise ValueError(f"peak overlap = {peak_overlap!r} m; allowed: finite, >= 0")
     if peak_overlap == 0.0:
         return 2.0**-15  # nothing touches: any radius serves
-    return 2.0 ** (math.floor(math.log2(GAUGE_MARGIN * peak_overlap)) + 1)
+    return 2.0 ** (math.floor(math.log2(SURROGATE_MARGIN * peak_overlap)) + 1)
 
 
-def survey(scene: Scene, *, max_steps: int = 200_000_000) -> Survey:
+def prescan_hertz(scene: Scene, *, max_steps: int = 200_000_000) -> Prescan:
     """Coarse run of the whole scene. Raises RunBroken where it would take more than ``max_steps``."""
     c = scene.contacts
     inverse_mass = np.append(1.0 / np.array(scene.mass), 0.0)
@@ -94,7 +94,7 @@ def survey(scene: Scene, *, max_steps: int = 200_000_000) -> Survey:
         )
     mobility = inverse_mass[c.left] + inverse_mass[c.right]
     damped = np.where(peak > 0.0, c.damping * peak**c.damping_power * mobility, 0.0)
-    return Survey(
+    return Prescan(
         peak_overlap=peak,
         frequency=max(frequency, rate_of(scene), float(np.max(damped, initial=scene.drag))),
         max_acceleration=acceleration,

@@ -17,7 +17,7 @@ import numpy as np
 
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, backend
 from dem_bridge.backends.steps import fixed_step_plan
-from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.twin import solve_plan
 from dem_bridge.backends.twin_bars import REALISATIONS, last_digit
 from dem_bridge.regression.baseline import QUANTITIES, Accuracy, Baseline, Within
@@ -69,7 +69,7 @@ def baseline_of(
     )
 
 
-def honest_difference(
+def roundoff_tolerance(
     scene: Scene, name: str, resolution: Resolution, sampling: Sampling, run: Trajectory
 ) -> dict[str, Within]:
     """``same_within`` of a run, for each quantity, with the reason.
@@ -79,8 +79,8 @@ def honest_difference(
     """
     digit = float(np.finfo(float).eps) * math.sqrt(max(run.cost.steps, 1))
     if name in ENGINE_BACKENDS:
-        plan = fixed_step_plan(scene, resolution, sampling, survey_of(scene))
-        radius = float(run.provenance["settings"]["gauge_radius"])
+        plan = fixed_step_plan(scene, resolution, sampling, prescan_scene(scene))
+        radius = float(run.provenance["settings"]["surrogate_radius"])
         one: Any
         other: Any
         one, other = solve_plan(scene, plan), solve_plan(scene, plan, radius)

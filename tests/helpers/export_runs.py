@@ -8,7 +8,7 @@ import numpy as np
 
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
-from tests.fakes import NO_COST
+from tests.helpers.fake_runs import NO_COST
 
 #: of each run; enough for a lost one to be seen
 SAMPLES = 12

@@ -16,11 +16,20 @@ from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store
-from dem_bridge.studies.exhibits import Exhibit, Panel, Series, Study, Table
-from dem_bridge.studies.ladder.choices import Found, cheapest, choices, doubts
-from dem_bridge.studies.ladder.models import Bench, Ladder, Least, LeftOut, judged, ladder_of, least, left_out
-from dem_bridge.studies.ladder.passage import JUDGED, OBSERVABLES, Effect, Effects, known, largest
-from dem_bridge.studies.ladder.switches import DASHPOT, PIECES, named
+from dem_bridge.studies.model_hierarchy.choices import Found, cheapest, choices, doubts
+from dem_bridge.studies.model_hierarchy.model_terms import DASHPOT, PIECES, named
+from dem_bridge.studies.model_hierarchy.models import (
+    Bench,
+    Least,
+    LeftOut,
+    ModelHierarchy,
+    judged,
+    least,
+    left_out,
+    model_hierarchy_of,
+)
+from dem_bridge.studies.model_hierarchy.passage import JUDGED, OBSERVABLES, Effect, Effects, known, largest
+from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.verdict import Outcome
 
 #: of an observable, in words
@@ -43,7 +52,7 @@ MAY = {
 LEAST_SHOWN = 1e-3
 
 
-def study_ladder(
+def study_model_hierarchy(
     scene: Scene,
     *,
     accuracy: float = 0.01,
@@ -55,14 +64,14 @@ def study_ladder(
     numerics: bool = True,
     engine: Engine | None = None,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     store: Store | None = None,
 ) -> Study:
     """Which physics and which numerics a scene requires at an ``accuracy``, and the least model that keeps it.
 
-    Every piece of physics that the scene has, or that its geometry tells (see :func:`.switches.switches_of`), is left
-    out of the fullest model, alone and then together; ``observables``, of :data:`.passage.OBSERVABLES`, are what must
-    stay within ``accuracy``, and ``window`` ("passage" or "whole") is how long, as told in :mod:`.passage`.
+    Every piece of physics that the scene has, or that its geometry tells (see :func:`.model_terms.model_terms_of`), is
+    left out of the fullest model, alone and then together; ``observables``, of :data:`.passage.OBSERVABLES`, are what
+    must stay within ``accuracy``, and ``window`` ("passage" or "whole") is how long, as told in :mod:`.passage`.
     ``dashpot`` (N s/m): of contacts that have none in the scene, for some is always there. ``spread`` (degrees) and
     ``draws``: of angles that scatter. ``numerics``: whether numerical choices are asked about, too.
 
@@ -70,8 +79,8 @@ def study_ladder(
     """
     if isinstance(draws, bool) or not isinstance(draws, int) or not 1 <= draws <= 1000:
         raise UsageError(f"draws = {draws!r}; allowed: a whole number of chains from 1 to 1000")
-    ladder = ladder_of(scene, accuracy=accuracy, dashpot=dashpot, window=window, store=store)
-    bench = Bench(ladder, jobs=jobs, tell=tell, store=store)
+    hierarchy = model_hierarchy_of(scene, accuracy=accuracy, dashpot=dashpot, window=window, store=store)
+    bench = Bench(hierarchy, jobs=jobs, progress=progress, store=store)
     asked = judged(bench, observables)
     alone = left_out(bench, asked)
     below = least(bench, alone, asked)
@@ -86,13 +95,13 @@ def study_ladder(
         ("numerics", "Numerical choices", _NUMERICS, numerical),
     )
     return Study(
-        id="ladder",
+        id="model-hierarchy",
         title=f"What {scene.name} requires at {_percent(accuracy)}",
-        answer=tuple(_answer(ladder, alone, below, suspected, numerical, coarsest, asked, dashpot)),
-        tables=tuple(_table(ladder, id, title, said, found) for id, title, said, found in parts if found),
-        exhibits=(_exhibit(ladder, pieces, beside),) if pieces or beside else (),
+        answer=tuple(_answer(hierarchy, alone, below, suspected, numerical, coarsest, asked, dashpot)),
+        tables=tuple(_table(hierarchy, id, title, said, found) for id, title, said, found in parts if found),
+        exhibits=(_exhibit(hierarchy, pieces, beside),) if pieces or beside else (),
         outcomes=tuple(one.outcome for one in numerical if one.outcome is Outcome.BROKEN),
-        notes=tuple(_notes(ladder, bench, numerical, asked)),
+        notes=tuple(_notes(hierarchy, bench, numerical, asked)),
         provenance={"scene": scene.name, "scene_hash": scene.content_hash, "least_hash": below.scene.content_hash},
     )
 
@@ -119,8 +128,8 @@ _NUMERICS = (
 def _pieces(alone: Sequence[LeftOut]) -> Iterator[Found]:
     for one in alone:
         borne = f", of a chain without {named(one.bears)}" if one.bears else ""
-        name = one.switch.id.replace("-", " ")
-        yield Found(name=name, what=f"{one.switch.what}{borne}", effects=one.effects, outcome=one.outcome)
+        name = one.term.id.replace("-", " ")
+        yield Found(name=name, what=f"{one.term.what}{borne}", effects=one.effects, outcome=one.outcome)
 
 
 def _down(below: Least) -> Iterator[Found]:
@@ -129,7 +138,7 @@ def _down(below: Least) -> Iterator[Found]:
         yield Found(name=step.tried, what=what, effects=step.effects, outcome=step.outcome)
 
 
-def _table(ladder: Ladder, id: str, title: str, caption: str, found: Sequence[Found]) -> Table:
+def _table(hierarchy: ModelHierarchy, id: str, title: str, caption: str, found: Sequence[Found]) -> Table:
     def cells(effects: Effects | None) -> tuple[str | float, ...]:
         if effects is None:
             return ("",) * (len(OBSERVABLES) + 1)
@@ -144,13 +153,13 @@ def _table(ladder: Ladder, id: str, title: str, caption: str, found: Sequence[Fo
             "what",
             *(f"{WORDS[name]} (%)" for name in OBSERVABLES),
             "largest bar (%)",
-            f"within {_percent(ladder.accuracy)}?",
+            f"within {_percent(hierarchy.accuracy)}?",
         ),
         rows=tuple((one.what, *cells(one.effects), MAY[one.outcome]) for one in found),
     )
 
 
-def question_table(found: Iterable[tuple[Ladder, Sequence[LeftOut]]], accuracy: float) -> Table:
+def question_table(found: Iterable[tuple[ModelHierarchy, Sequence[LeftOut]]], accuracy: float) -> Table:
     """What may be left out of each of several scenes, one line a piece."""
     names = [name for name in OBSERVABLES if name in JUDGED]
     return Table(
@@ -165,8 +174,13 @@ def question_table(found: Iterable[tuple[Ladder, Sequence[LeftOut]]], accuracy: 
         ),
         columns=("left out", "chain", *(f"{WORDS[name]} (%)" for name in names), "may be left out?"),
         rows=tuple(
-            (one.switch.what, ladder.scene.name, *(100.0 * one.effects[name].value for name in names), MAY[one.outcome])
-            for ladder, alone in found
+            (
+                one.term.what,
+                hierarchy.scene.name,
+                *(100.0 * one.effects[name].value for name in names),
+                MAY[one.outcome],
+            )
+            for hierarchy, alone in found
             for one in alone
         ),
     )
@@ -175,23 +189,23 @@ def question_table(found: Iterable[tuple[Ladder, Sequence[LeftOut]]], accuracy: 
 # figure
 
 
-def _exhibit(ladder: Ladder, pieces: Sequence[Found], beside: Sequence[Found]) -> Exhibit:
+def _exhibit(hierarchy: ModelHierarchy, pieces: Sequence[Found], beside: Sequence[Found]) -> FigureData:
     """Sizes of all effects beside the accuracy."""
     parts = (("(a) left out", pieces), ("(b) suspected, and numerical choices", beside))
-    return Exhibit(
+    return FigureData(
         id="effects",
-        title=f"Effects beside the accuracy: {ladder.scene.name}",
+        title=f"Effects beside the accuracy: {hierarchy.scene.name}",
         caption=(
-            f"Size of the change of each observable; the line is the accuracy, {_percent(ladder.accuracy)}. What is"
+            f"Size of the change of each observable; the line is the accuracy, {_percent(hierarchy.accuracy)}. What is"
             f" smaller than {LEAST_SHOWN:g} of it stands at the left edge; the tables have the numbers."
         ),
-        panels=tuple(_panel(title, ladder, found) for title, found in parts if found),
+        panels=tuple(_panel(title, hierarchy, found) for title, found in parts if found),
         columns=1,
     )
 
 
-def _panel(title: str, ladder: Ladder, found: Sequence[Found]) -> Panel:
-    limit = 100.0 * ladder.accuracy
+def _panel(title: str, hierarchy: ModelHierarchy, found: Sequence[Found]) -> Panel:
+    limit = 100.0 * hierarchy.accuracy
     places = np.arange(len(found), dtype=float)
 
     def series(name: str, nth: int) -> Series:
@@ -213,7 +227,7 @@ def _panel(title: str, ladder: Ladder, found: Sequence[Found]) -> Panel:
 
 
 def _answer(
-    ladder: Ladder,
+    hierarchy: ModelHierarchy,
     alone: Sequence[LeftOut],
     below: Least,
     suspected: Sequence[Found],
@@ -222,23 +236,23 @@ def _answer(
     asked: Sequence[str],
     dashpot: float,
 ) -> Iterator[str]:
-    wanted, name = _percent(ladder.accuracy), ladder.scene.name
-    ids = {one.switch.id for one in alone}
+    wanted, name = _percent(hierarchy.accuracy), hierarchy.scene.name
+    ids = {one.term.id for one in alone}
     if not alone:
         yield f"{name} has no physics that could be left out."
     else:
         needed = named(ids - below.without)
         yield f"At {wanted} {name} requires {needed or 'none of its physics'}; {_given_up(below, asked)}."
-        said = "; ".join(f"{named([one.switch.id])} {_said(one.effects, asked)}" for one in alone)
+        said = "; ".join(f"{named([one.term.id])} {_said(one.effects, asked)}" for one in alone)
         yield f"Left out alone, each changes at most: {said}."
     for one in alone:
-        piece = named([one.switch.id])
-        if one.bears and one.outcome is Outcome.PASS and one.switch.id not in below.without:
+        piece = named([one.term.id])
+        if one.bears and one.outcome is Outcome.PASS and one.term.id not in below.without:
             yield f"Without {named(one.bears)} {piece} could go, too: it stays for what it bears."
-        if one.switch.supposed and (worst := abs(largest(one.effects, asked)[1].value)) > 0.0:
+        if one.term.supposed and (worst := abs(largest(one.effects, asked)[1].value)) > 0.0:
             yield (
                 f"Of {piece} nothing is known but that it is there: {dashpot:g} N s/m is supposed, and in proportion"
-                f" {dashpot * ladder.accuracy / worst:.2g} N s/m could be left out."
+                f" {dashpot * hierarchy.accuracy / worst:.2g} N s/m could be left out."
             )
     if suspected:
         said = "; ".join(f"{one.what}: {_said(one.effects, asked)}" for one in suspected if one.effects is not None)
@@ -279,14 +293,15 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:g} %"
 
 
-def _notes(ladder: Ladder, bench: Bench, numerical: Sequence[Found], asked: Sequence[str]) -> Iterator[str]:
-    there = {one.id for one in ladder.switches}
+def _notes(hierarchy: ModelHierarchy, bench: Bench, numerical: Sequence[Found], asked: Sequence[str]) -> Iterator[str]:
+    there = {one.id for one in hierarchy.model_terms}
     judged_by = ", ".join(WORDS[name] for name in asked)
     yield f"Judged: {judged_by}. The velocity trace is late as a whole where its front is."
-    if not ladder.whole:
+    if not hierarchy.whole:
         yield (
             f"Passage of the front: until {1e3 * bench.until:.4g} ms in the fullest model, runs of"
-            f" {1e3 * ladder.duration:g} ms. Bodies and contacts that feel the end do not count, but for the arrival."
+            f" {1e3 * hierarchy.duration:g} ms. Bodies and contacts that feel the end do not count, but for the"
+            " arrival."
         )
     if missing := [id for id in PIECES if id not in there]:
         yield f"Not there, so that there is nothing to switch: {named(missing)}."

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.scene import Scene, Wall
-from tests.random_damped import random_damped
-from tests.random_scenes import drawn
+from tests.helpers.random_damped import random_damped
+from tests.helpers.random_scenes import drawn
 
 #: bodies at most
 MOST_BODIES = 40

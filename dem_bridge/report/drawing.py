@@ -25,7 +25,7 @@ from matplotlib.ticker import FuncFormatter, LogFormatterMathtext, LogLocator, M
 from numpy.typing import NDArray
 
 from dem_bridge.report.strokes import STYLES, style_of, style_on_map
-from dem_bridge.studies.exhibits import Exhibit, Map, Panel, Series
+from dem_bridge.studies.study import FigureData, Map, Panel, Series
 
 #: rises evenly in lightness, alike for all eyes; of either sign too, where a scale of two hues is two-valued in grey
 COLOURS = "cividis"
@@ -39,7 +39,7 @@ _THINNED = "circles and crosses: not all points are marked"
 _MARKS, _MARKS_ON_LINE = 24, 9
 
 
-def drawn(exhibit: Exhibit) -> Figure:
+def drawn(exhibit: FigureData) -> Figure:
     """The figure, panels in rows of ``exhibit.columns``, titles and notes above each, one legend above all.
 
     Panels that share a scale have the same colours, or without map the same y axis. The scale of maps is that of the
@@ -122,7 +122,7 @@ def new_axes(height: float = _HEIGHT["map"]) -> Axes:
     return pyplot.figure(figsize=(0.6 * WIDTH, height), layout="constrained").add_subplot()
 
 
-def png(exhibit: Exhibit, *, dpi: int = 130) -> bytes:
+def png(exhibit: FigureData, *, dpi: int = 130) -> bytes:
     """The picture as a file; the same numbers give the same bytes."""
     buffer = io.BytesIO()
     settled(drawn(exhibit)).savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
@@ -138,14 +138,14 @@ def settled(figure: Figure) -> Figure:
     return figure
 
 
-def csv_texts(exhibit: Exhibit) -> dict[str, str]:
+def csv_texts(exhibit: FigureData) -> dict[str, str]:
     """File name -> CSV: all lines as ``<id>.csv`` in long form, and each map as a matrix in ``<id>-<letter>.csv``.
 
     In long form a map of 200 by 200 is 1.5 MB, as a matrix 0.25 MB. Its first row has x, its first column y.
 
     >>> one = Map(label="velocity (m/s)", x=np.array([1.0, 2.0]), y=np.array([0.5]), values=np.array([[0.1, 0.25]]))
     >>> panel = Panel(title="(a) slow", x_label="cylinder", y_label="time (ms)", map=one)
-    >>> texts = csv_texts(Exhibit(id="figure-2", title="", caption="", panels=(panel,)))
+    >>> texts = csv_texts(FigureData(id="figure-2", title="", caption="", panels=(panel,)))
     >>> print(texts["figure-2-a.csv"], end="")
     velocity (m/s): time (ms) by cylinder,1.0,2.0
     0.5,0.1,0.25

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dem_bridge.lmp.deck import Deck
-from tests.faults.judging import BENCH, FREE
+from tests.helpers.fault_judging import BENCH, FREE
 
 #: overlap (m, < 0: open) and stiffness beta -> force (N) and stored energy (J)
 Law = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
@@ -31,7 +31,7 @@ def tabulated(law: Law, style: str, *, reach: float = 0.0) -> Callable[[Deck], d
         files = dict(deck.files)
         text = files[deck.input_file]
         text = re.sub(r"^pair_style .*$", f"pair_style table {style}", text, flags=re.MULTILINE)
-        diameter = 2.0 * deck.gauge_radius
+        diameter = 2.0 * deck.surrogate_radius
         text = re.sub(
             r"^pair_coeff +\* \* .*$", f"pair_coeff * * none.table LAW {diameter!r}", text, flags=re.MULTILINE
         )

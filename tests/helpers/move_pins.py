@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent.parent / ".ci"))
+sys.path.insert(0, str(Path(__file__).parent.parent.parent / ".ci"))
 
 import move_pins as move_pins
 import parts as parts

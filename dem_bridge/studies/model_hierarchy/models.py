@@ -20,7 +20,8 @@ from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store
 from dem_bridge.studies.checks import REFERENCE, TWIN
-from dem_bridge.studies.ladder.passage import (
+from dem_bridge.studies.model_hierarchy.model_terms import DASHPOT, ModelTerm, model, model_terms_of, named, needs
+from dem_bridge.studies.model_hierarchy.passage import (
     Effects,
     Reading,
     checked_observables,
@@ -31,7 +32,6 @@ from dem_bridge.studies.ladder.passage import (
     last_counted,
     read,
 )
-from dem_bridge.studies.ladder.switches import DASHPOT, Switch, model, named, needs, switches_of
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verdict import Outcome
 
@@ -47,11 +47,11 @@ Pieces = frozenset[str]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Ladder:
-    """The models of one scene, as long as what is asked about lasts. Made by :func:`ladder_of`."""
+class ModelHierarchy:
+    """The models of one scene, as long as what is asked about lasts. Made by :func:`model_hierarchy_of`."""
 
     scene: Scene
-    switches: tuple[Switch, ...]
+    model_terms: tuple[ModelTerm, ...]
     duration: float
     """s."""
     samples: int
@@ -64,7 +64,7 @@ class Ladder:
         """The fullest model but for these pieces; with what they bear, for that cannot be without them."""
         for id in without:
             without |= self.bears[id]
-        return self.cut(model(self.scene, self.switches, without))
+        return self.cut(model(self.scene, self.model_terms, without))
 
     def cut(self, scene: Scene) -> Scene:
         return replace(scene, duration=self.duration)
@@ -75,14 +75,14 @@ class Ladder:
             resolution = Resolution(rtol=min(1e-8, max(3e-14, RTOL * self.accuracy)))
         return Case(scene=scene, backend=backend, resolution=resolution, sampling=Sampling(count=self.samples))
 
-    def alone(self, switch: Switch) -> tuple[Pieces, Pieces]:
+    def alone(self, term: ModelTerm) -> tuple[Pieces, Pieces]:
         """What is left out of the two models whose difference is the effect of this piece alone: a base that bears a
         weight can only go with the weight, so its own effect is that on the weightless chain."""
-        return self.bears[switch.id], self.bears[switch.id] | {switch.id}
+        return self.bears[term.id], self.bears[term.id] | {term.id}
 
     def cases(self) -> list[Case]:
         """The fullest model, and every other that :meth:`alone` asks for."""
-        asked = [frozenset(), *(one for switch in self.switches for one in self.alone(switch))]
+        asked = [frozenset(), *(one for term in self.model_terms for one in self.alone(term))]
         return [self.case(self.model(one)) for one in dict.fromkeys(asked)]
 
 
@@ -90,7 +90,7 @@ class Ladder:
 class LeftOut:
     """One piece left out alone."""
 
-    switch: Switch
+    term: ModelTerm
     effects: Effects
     outcome: Outcome
     """PASS: may be left out."""
@@ -120,7 +120,7 @@ class Least:
     steps: tuple[Step, ...]
 
 
-def ladder_of(
+def model_hierarchy_of(
     scene: Scene,
     *,
     accuracy: float = 0.01,
@@ -128,8 +128,8 @@ def ladder_of(
     dashpot: float = DASHPOT,
     window: str = WINDOWS[0],
     store: Store | None = None,
-) -> Ladder:
-    """All models of a scene; ``add`` and ``dashpot`` as in :func:`.switches.switches_of`.
+) -> ModelHierarchy:
+    """All models of a scene; ``add`` and ``dashpot`` as in :func:`.model_terms.model_terms_of`.
 
     ``window``: "passage", of the front through the chain (a coarse run says how long it takes), or "whole".
     """
@@ -138,12 +138,12 @@ def ladder_of(
     if isinstance(dashpot, bool) or not isinstance(dashpot, int | float) or not 0.0 < dashpot < math.inf:
         raise UsageError(f"dashpot = {dashpot!r}; allowed: a number > 0 (N s/m)")
     accuracy = checked_accuracy(accuracy)
-    switches = switches_of(scene, add=add, dashpot=dashpot)
-    bears: dict[str, set[str]] = {one.id: set() for one in switches}
-    for one in switches:
-        for id in needs(scene, switches, one) & bears.keys():
+    model_terms = model_terms_of(scene, add=add, dashpot=dashpot)
+    bears: dict[str, set[str]] = {one.id: set() for one in model_terms}
+    for one in model_terms:
+        for id in needs(scene, model_terms, one) & bears.keys():
             bears[id].add(one.id)
-    full = model(scene, switches)
+    full = model(scene, model_terms)
     coarse = Case(scene=full, backend=TWIN, resolution=Resolution(bars=False), sampling=Sampling(count=1))
     [result] = run_cases([coarse], store=store)
     crossing = _trajectory(result).crossing_time[: scene.n_body - 1]
@@ -154,9 +154,9 @@ def ladder_of(
     residence = np.diff(crossing)[: last_counted(scene)]
     shortest = float(np.min(residence[residence > 0.0], initial=duration))
     samples = int(np.clip(math.ceil(PER_RESIDENCE * duration / shortest), LEAST_SAMPLES, MOST_SAMPLES))
-    return Ladder(
+    return ModelHierarchy(
         scene=scene,
-        switches=switches,
+        model_terms=model_terms,
         duration=duration,
         samples=samples,
         accuracy=accuracy,
@@ -169,30 +169,35 @@ class Bench:
     """Runs models and reads them, each once."""
 
     def __init__(
-        self, ladder: Ladder, *, jobs: int | None = None, tell: Progress | None = None, store: Store | None = None
+        self,
+        hierarchy: ModelHierarchy,
+        *,
+        jobs: int | None = None,
+        progress: Progress | None = None,
+        store: Store | None = None,
     ) -> None:
-        self.ladder, self._jobs, self._tell, self._store = ladder, jobs, tell, store
+        self.hierarchy, self._jobs, self._tell, self._store = hierarchy, jobs, progress, store
         self._read: dict[str, Readings] = {}
         self.until = math.inf
 
     def run(self, cases: Sequence[Case]) -> tuple[Result, ...]:
-        return run_cases(cases, jobs=self._jobs, tell=self._tell, store=self._store)
+        return run_cases(cases, jobs=self._jobs, progress=self._tell, store=self._store)
 
     def take(self, results: Sequence[Result]) -> None:
-        """Read the results of :meth:`Ladder.cases`, the first of which is the fullest model."""
+        """Read the results of :meth:`ModelHierarchy.cases`, the first of which is the fullest model."""
         if math.isinf(self.until):
             run = _trajectory(results[0])
-            arrival = run.crossing_time[self.ladder.scene.n_body - 2 : self.ladder.scene.n_body - 1]
-            self.until = float(arrival[0]) if len(arrival) and np.isfinite(arrival[0]) else self.ladder.duration
+            arrival = run.crossing_time[self.hierarchy.scene.n_body - 2 : self.hierarchy.scene.n_body - 1]
+            self.until = float(arrival[0]) if len(arrival) and np.isfinite(arrival[0]) else self.hierarchy.duration
         for one in results:
             self._read[one.case.scene.content_hash] = self.read(one.case.scene, _trajectory(one))
 
     def read(self, scene: Scene, run: Trajectory) -> Readings:
-        return read(scene, run, self.until, whole=self.ladder.whole)
+        return read(scene, run, self.until, whole=self.hierarchy.whole)
 
     def of(self, scenes: Sequence[Scene]) -> list[Readings]:
         """By the reference; what has not been run is."""
-        new = [self.ladder.case(one) for one in scenes if one.content_hash not in self._read]
+        new = [self.hierarchy.case(one) for one in scenes if one.content_hash not in self._read]
         if new:
             self.take(self.run(new))
         return [self._read[one.content_hash] for one in scenes]
@@ -200,18 +205,18 @@ class Bench:
 
 def left_out(bench: Bench, observables: Sequence[str]) -> tuple[LeftOut, ...]:
     """Every piece alone, the largest effect first."""
-    ladder = bench.ladder
-    bench.of([case.scene for case in ladder.cases()])
+    hierarchy = bench.hierarchy
+    bench.of([case.scene for case in hierarchy.cases()])
     found = []
-    for switch in ladder.switches:
-        full, other = bench.of([ladder.model(one) for one in ladder.alone(switch)])
+    for term in hierarchy.model_terms:
+        full, other = bench.of([hierarchy.model(one) for one in hierarchy.alone(term)])
         own = effects(full, other)
         found.append(
             LeftOut(
-                switch=switch,
+                term=term,
                 effects=own,
-                outcome=decided(own, observables, ladder.accuracy),
-                bears=ladder.bears[switch.id],
+                outcome=decided(own, observables, hierarchy.accuracy),
+                bears=hierarchy.bears[term.id],
             )
         )
     return tuple(sorted(found, key=lambda one: -abs(largest(one.effects, observables)[1].value)))
@@ -219,33 +224,34 @@ def left_out(bench: Bench, observables: Sequence[str]) -> tuple[LeftOut, ...]:
 
 def least(bench: Bench, alone: Sequence[LeftOut], observables: Sequence[str]) -> Least:
     """The fullest model without all that may be left out together; see the module's docstring."""
-    ladder = bench.ladder
-    [full] = bench.of([ladder.model()])
+    hierarchy = bench.hierarchy
+    [full] = bench.of([hierarchy.model()])
     without, found, steps = frozenset[str](), effects(full, full), []
     may = [one for one in reversed(alone) if one.outcome is Outcome.PASS]
     # what bears another comes after it
     for one in sorted(may, key=lambda one: len(one.bears)):
         if not one.bears <= without:
             continue
-        [readings] = bench.of([ladder.model(without | {one.switch.id})])
+        [readings] = bench.of([hierarchy.model(without | {one.term.id})])
         own = effects(full, readings)
-        outcome = decided(own, observables, ladder.accuracy)
-        steps.append(Step(tried=one.switch.id, without=without | {one.switch.id}, effects=own, outcome=outcome))
+        outcome = decided(own, observables, hierarchy.accuracy)
+        steps.append(Step(tried=one.term.id, without=without | {one.term.id}, effects=own, outcome=outcome))
         if outcome is Outcome.PASS:
-            without, found = without | {one.switch.id}, own
-    return Least(scene=ladder.model(without), without=without, effects=found, steps=tuple(steps))
+            without, found = without | {one.term.id}, own
+    return Least(scene=hierarchy.model(without), without=without, effects=found, steps=tuple(steps))
 
 
 def judged(bench: Bench, observables: object) -> tuple[str, ...]:
     """Those of the ``observables`` that the fullest model has; UnsupportedScene where it has none of them."""
     asked = checked_observables(observables)
-    [full] = bench.of([bench.ladder.model()])
+    [full] = bench.of([bench.hierarchy.model()])
     own = effects(full, full)
     found = tuple(name for name in asked if known(own[name]))
     if not found:
         raise UnsupportedScene(
-            f"{bench.ladder.scene.name}: no impulse runs through the chain within {bench.ladder.scene.duration:g} s, so"
-            f" that there is no {' or '.join(asked)}; allowed: a longer duration, or observables = ('velocity',)"
+            f"{bench.hierarchy.scene.name}: no impulse runs through the chain within"
+            f" {bench.hierarchy.scene.duration:g} s, so that there is no {' or '.join(asked)};"
+            " allowed: a longer duration, or observables = ('velocity',)"
         )
     return found
 
@@ -257,22 +263,22 @@ def least_scene(
     observables: object,
     window: str,
     jobs: int | None = None,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
     store: Store | None = None,
 ) -> Scene:
     """See :func:`dem_bridge.api.studies.minimal`."""
     checked_observables(observables)
-    ladder = ladder_of(scene, accuracy=accuracy, add=False, window=window, store=store)
-    if not ladder.switches:
+    hierarchy = model_hierarchy_of(scene, accuracy=accuracy, add=False, window=window, store=store)
+    if not hierarchy.model_terms:
         return scene
-    bench = Bench(ladder, jobs=jobs, tell=tell, store=store)
+    bench = Bench(hierarchy, jobs=jobs, progress=progress, store=store)
     asked = judged(bench, observables)
     found = least(bench, left_out(bench, asked), asked)
     if not found.without:
         return scene
     gone = f"without {named(found.without)}, at {100.0 * accuracy:g} %"
     return replace(
-        model(scene, ladder.switches, found.without),
+        model(scene, hierarchy.model_terms, found.without),
         name=f"{scene.name[:94]}.least",
         description=f"{scene.description}; {gone}" if scene.description else gone,
     )

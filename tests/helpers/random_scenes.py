@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.trajectory import Trajectory
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parent.parent / "data"
 COUNT = 300
 #: conditions of 1e9 and more: extended precision does not know their truth to nine digits, so no bar can be tried on it
 LEFT_OUT = (

@@ -12,14 +12,14 @@ import numpy as np
 
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, backend
 from dem_bridge.backends.steps import default_step
-from dem_bridge.backends.tabled import survey_of
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.campaign import Result
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
-from dem_bridge.studies.ladder.models import Bench, Ladder, Least, Readings
-from dem_bridge.studies.ladder.passage import OBSERVABLES, Effect, Effects, decided, effects
-from dem_bridge.studies.ladder.switches import angles_soften, crossed, hertzian
+from dem_bridge.studies.model_hierarchy.model_terms import angles_soften, crossed, hertzian
+from dem_bridge.studies.model_hierarchy.models import Bench, Least, ModelHierarchy, Readings
+from dem_bridge.studies.model_hierarchy.passage import OBSERVABLES, Effect, Effects, decided, effects
 from dem_bridge.studies.scatter import scattered
 from dem_bridge.verdict import Outcome
 
@@ -47,7 +47,7 @@ class Found:
 
 def doubts(bench: Bench, asked: Sequence[str], *, spread: float, draws: int) -> Iterator[Found]:
     """What can be added to the fullest model."""
-    ladder, full = bench.ladder, bench.ladder.model()
+    hierarchy, full = bench.hierarchy, bench.hierarchy.model()
     parts: list[tuple[str, str, list[Scene]]] = []
     if crossed(full) and full.drag == 0.0:
         parts.append(("drag", f"drag of {DRAG:g} 1/s on every body", [replace(full, drag=DRAG)]))
@@ -61,7 +61,7 @@ def doubts(bench: Bench, asked: Sequence[str], *, spread: float, draws: int) -> 
     for name, what, scenes in parts:
         own, *others = bench.of([full, *scenes])
         found = _median([effects(own, one) for one in others])
-        yield Found(name=name, what=what, effects=found, outcome=decided(found, asked, ladder.accuracy))
+        yield Found(name=name, what=what, effects=found, outcome=decided(found, asked, hierarchy.accuracy))
 
 
 def _median(found: Sequence[Effects]) -> Effects:
@@ -80,14 +80,14 @@ def _median(found: Sequence[Effects]) -> Effects:
 
 def choices(bench: Bench, asked: Sequence[str], engine: Engine | None) -> Iterator[Found]:
     """Every numerical choice on the fullest model, or on the barest where it cannot do the fullest."""
-    ladder, full = bench.ladder, bench.ladder.model()
-    barest = _barest(ladder)
-    wanted = [*_without_engine(full, ladder.samples), *_of_engine(full, ladder.samples)]
+    hierarchy, full = bench.hierarchy, bench.hierarchy.model()
+    barest = _barest(hierarchy)
+    wanted = [*_without_engine(full, hierarchy.samples), *_of_engine(full, hierarchy.samples)]
     wanted.append(("ode45", "ode45 at MATLAB's default tolerances", "ode45", Resolution(bars=False)))
     cases = []
     for *_, name, resolution in wanted:
         on = full if backend(name).refusal(full) is None else barest
-        cases.append(replace(ladder.case(on, name, resolution), engine=engine if name in ENGINE_BACKENDS else None))
+        cases.append(replace(hierarchy.case(on, name, resolution), engine=engine if name in ENGINE_BACKENDS else None))
     truths = bench.of([case.scene for case in cases])
     for (name, what, *_), case, truth, result in zip(wanted, cases, truths, bench.run(cases), strict=True):
         what = what if case.scene is full else f"{what} (of the barest chain)"
@@ -115,7 +115,7 @@ def _of_engine(scene: Scene, samples: int) -> Iterator[Choice]:
 
 
 def _default_step(scene: Scene, samples: int) -> float:
-    return default_step(scene, Sampling(count=samples), survey_of(scene))
+    return default_step(scene, Sampling(count=samples), prescan_scene(scene))
 
 
 def _numerical(bench: Bench, name: str, what: str, truth: Readings, result: Result, asked: Sequence[str]) -> Found:
@@ -130,22 +130,22 @@ def _numerical(bench: Bench, name: str, what: str, truth: Readings, result: Resu
         name=f"{name}{step}",
         what=f"{what}{step}",
         effects=own,
-        outcome=decided(own, asked, bench.ladder.accuracy),
+        outcome=decided(own, asked, bench.hierarchy.accuracy),
     )
 
 
-def _barest(ladder: Ladder) -> Scene:
+def _barest(hierarchy: ModelHierarchy) -> Scene:
     """All that theories do not know left out; stiffness and the striker's mass as in the fullest model."""
     kept = ("stiffness-law", "striker-stiffness", "striker-mass")
-    return ladder.model(frozenset(one.id for one in ladder.switches if one.id not in kept))
+    return hierarchy.model(frozenset(one.id for one in hierarchy.model_terms if one.id not in kept))
 
 
 def cheapest(bench: Bench, below: Least, asked: Sequence[str]) -> Found | None:
     """The coarsest numerics that keep the accuracy together with all that the least model leaves out."""
-    ladder, scene = bench.ladder, below.scene
-    [full] = bench.of([ladder.model()])
-    wanted = list(_without_engine(scene, ladder.samples))
-    cases = [ladder.case(scene, backend, resolution) for *_, backend, resolution in wanted]
+    hierarchy, scene = bench.hierarchy, below.scene
+    [full] = bench.of([hierarchy.model()])
+    wanted = list(_without_engine(scene, hierarchy.samples))
+    cases = [hierarchy.case(scene, backend, resolution) for *_, backend, resolution in wanted]
     for (name, what, *_), result in zip(wanted, bench.run(cases), strict=True):
         found = _numerical(bench, name, what, full, result, asked)
         if found.outcome is Outcome.PASS:
