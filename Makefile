@@ -33,6 +33,7 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/codespell dem_bridge tests docs .ci README.md CHANGELOG.md pyproject.toml Makefile
 
 # new versions in, everything run beside the old ones, what differs listed; see docs/inherit.md
 pins: $(STAMP)

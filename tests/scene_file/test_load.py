@@ -601,8 +601,8 @@ def test_spheres_that_cannot_be_are_named_in_one_line(old: str, new: str, found:
 
 
 def test_an_unknown_key_comes_before_the_key_it_was_meant_to_be() -> None:
-    message = _refusal(_changed(RAW, "stiffness = [3.98e9", "stifness = [3.98e9"))
-    assert "chain.stifness is an unknown key" in message
+    message = _refusal(_changed(RAW, "stiffness = [3.98e9", "stifness = [3.98e9"))  # codespell:ignore stifness
+    assert "chain.stifness is an unknown key" in message  # codespell:ignore stifness
     assert message.endswith("1 more to mend after this")
 
 

@@ -65,7 +65,7 @@ def test_every_study_has_the_common_settings_a_command_and_says_what_it_does() -
         (("nothing",), {}, "study = 'nothing'; allowed: of-scene, of-none"),
         (("of-scene",), {}, "is of a scene, and none is named"),
         (("of-none", "decelerating-40"), {}, "has scenes of its own, and 'decelerating-40' is named"),
-        (("of-scene", "decelerating-40"), {"strenght": 2.0}, "setting 'strenght' of study 'of-scene' is unknown"),
+        (("of-scene", "decelerating-40"), {"strengths": 2.0}, "setting 'strengths' of study 'of-scene' is unknown"),
     ],
 )
 def test_what_cannot_be_asked_is_said_in_one_line(words: Any, settings: Any, said: str) -> None:
