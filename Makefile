@@ -3,8 +3,9 @@ PYTHON ?= python3
 VENV   := .venv
 STAMP  := $(VENV)/.installed
 BIN    := $(VENV)/bin
+PYTEST := -n auto --dist loadgroup --benchmark-disable
 
-.PHONY: setup verify test bench lint pins clean
+.PHONY: setup verify test test-all bench lint pins clean
 
 setup: $(STAMP)
 
@@ -17,8 +18,14 @@ $(STAMP): pyproject.toml constraints.txt
 verify: $(STAMP)
 	$(BIN)/dem-bridge verify paper -o reports/latest
 
+# the suite for every commit: tests marked "slow" are left to test-all
 test: $(STAMP)
-	$(BIN)/python -m pytest -n auto --dist loadgroup --benchmark-disable
+	$(BIN)/python -m pytest $(PYTEST) -m "not slow"
+
+# all tests, and every recipe of docs/inherit.md followed in a copy of the checkout
+test-all: $(STAMP)
+	$(BIN)/python -m pytest $(PYTEST)
+	$(BIN)/python -m tests.follow_the_page
 
 bench: $(STAMP)
 	$(BIN)/python -m pytest tests/bench/bench_backends.py --benchmark-only --benchmark-columns=median,iqr,rounds -p no:cacheprovider
