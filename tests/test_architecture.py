@@ -29,7 +29,7 @@ LAYERS = {
     5: ("backends", "observables"),
     6: ("compare", "campaign", "store"),
     7: (
-        "verdict",
+        "verification",
         "planning",
         "extrapolate",
         "doctor",

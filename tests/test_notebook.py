@@ -19,7 +19,7 @@ from dem_bridge.physics.law import law_of
 from dem_bridge.studies.study import Study, Table
 from dem_bridge.studies.verify import Verification, hopeless
 from dem_bridge.trajectory import own_scale
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 from tests.conftest import Solve
 
 SCENE = db.Scene(

@@ -17,8 +17,8 @@ import dem_bridge as db
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.front import arrival_by_crossing, residence_bar, residence_by_crossing
 from dem_bridge.scene import Scene
-from dem_bridge.studies.budget import Budget
 from dem_bridge.studies.verify import SceneStudy, Verification, hopeless
+from dem_bridge.verification.budget import Budget
 from tests.conftest import Solve
 from tests.helpers.legibility import assert_legible
 

@@ -21,7 +21,7 @@ import numpy as np
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import UsageError
 from dem_bridge.trajectory import Cost, Floats, Trajectory
-from dem_bridge.verdict import plain
+from dem_bridge.verification.verdict import plain
 
 SCHEMA = "dem-bridge/baseline/1"
 #: what a baseline has of a run

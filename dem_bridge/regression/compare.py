@@ -16,7 +16,7 @@ import numpy as np
 from dem_bridge.compare import UNITS, difference
 from dem_bridge.regression.baseline import QUANTITIES, Accuracy, Baseline
 from dem_bridge.trajectory import Floats, Trajectory, own_scale
-from dem_bridge.verdict import Outcome, judge, plain
+from dem_bridge.verification.verdict import Outcome, judge, plain
 
 
 class Change(StrEnum):

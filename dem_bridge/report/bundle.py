@@ -24,7 +24,7 @@ from dem_bridge.report.page import report_files, title
 from dem_bridge.scene_file.text import scene_toml
 from dem_bridge.studies.study import Table
 from dem_bridge.studies.verify import SceneStudy, Verification
-from dem_bridge.verdict import Verdict, plain
+from dem_bridge.verification.verdict import Verdict, plain
 from dem_bridge.version import __version__
 
 SCHEMA = "dem-bridge/bundle/1"

@@ -11,7 +11,7 @@ from PIL import Image
 
 from dem_bridge.report.drawing import settled
 from dem_bridge.studies.study import Claim, ClaimValue, Paper, Table
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 
 #: dots to the inch
 _DPI = 120

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 from dem_bridge.regression.compare import Change, Comparison
-from dem_bridge.verdict import Outcome, Verdict
+from dem_bridge.verification.verdict import Outcome, Verdict
 
 #: outcome -> element of JUnit; the others are passes
 _ELEMENT = {

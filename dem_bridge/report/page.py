@@ -38,12 +38,12 @@ from dem_bridge.report.cells import (
 )
 from dem_bridge.report.drawing import csv_texts, drawn
 from dem_bridge.store import Store, code_hash, study_key
-from dem_bridge.studies.checks import POSITIONAL, REFERENCE, SECOND, THEORY, THIRD, TWIN
 from dem_bridge.studies.independence import ANSWERS_THROUGH, matrix
 from dem_bridge.studies.study import FigureData, Paper
 from dem_bridge.studies.verify import SceneStudy, Verification
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome, Verdict
+from dem_bridge.verification.checks import POSITIONAL, REFERENCE, SECOND, THEORY, THIRD, TWIN
+from dem_bridge.verification.verdict import Outcome, Verdict
 from dem_bridge.version import __version__
 
 SCHEMA = "dem-bridge/verdicts/1"

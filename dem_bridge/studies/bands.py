@@ -25,7 +25,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.store import Store
 from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome, judge
+from dem_bridge.verification.verdict import Outcome, judge
 
 #: code -> what it is compared with, and what the two then differ by
 COMPARED = {

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.notebook import study_html
-from dem_bridge.verdict import Outcome, exit_code, plain
+from dem_bridge.verification.verdict import Outcome, exit_code, plain
 
 Floats = NDArray[np.float64]
 

@@ -35,7 +35,7 @@ from dem_bridge.lmp.variants import flat_walls, hertz_history, newton_off, with_
 from dem_bridge.progress import listening
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, SMALLEST_SCALE, Trajectory
-from dem_bridge.verdict import Outcome, exit_code, judge, plain
+from dem_bridge.verification.verdict import Outcome, exit_code, judge, plain
 
 #: columns of the matrix
 COLUMNS = QUANTITIES

@@ -35,12 +35,12 @@ from dem_bridge.notebook import verification_html
 from dem_bridge.planning.bars import resolution_for
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store, study_key
-from dem_bridge.studies import checks
-from dem_bridge.studies.budget import Budget, allowance, budgets
-from dem_bridge.studies.checks import FINER, REFERENCE, SECOND, TABLE, THEORY, THIRD, TWIN, engine_for
 from dem_bridge.studies.study import Paper
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome, Verdict, exit_code
+from dem_bridge.verification import checks
+from dem_bridge.verification.budget import Budget, allowance, budgets
+from dem_bridge.verification.checks import FINER, REFERENCE, SECOND, TABLE, THEORY, THIRD, TWIN, engine_for
+from dem_bridge.verification.verdict import Outcome, Verdict, exit_code
 
 #: wanted accuracy of velocities where none is named; the paper's chains reach it at dt = 1e-8 s
 DEFAULT_ACCURACY = 5e-6

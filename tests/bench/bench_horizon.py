@@ -14,7 +14,7 @@ from rich.table import Table
 
 import dem_bridge as db
 from dem_bridge.scene import Scene, Wall
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 
 STEPS = 100_000_000
 

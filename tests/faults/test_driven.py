@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from dem_bridge.studies.checks import REFERENCE, THIRD
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.checks import REFERENCE, THIRD
+from dem_bridge.verification.verdict import Outcome
 from tests.faults.test_own_codes import Changes, _faulty, _with_twin
 from tests.helpers.driven_chains import SINE, TOUCHING, driven
 from tests.helpers.fault_decks import Change, run_with, substituted, times

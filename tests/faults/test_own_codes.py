@@ -15,9 +15,9 @@ from dem_bridge.backends import bca, driven, scipy_integration, splitting
 from dem_bridge.campaign import Case, run_case
 from dem_bridge.physics import exact
 from dem_bridge.scene import Scene
-from dem_bridge.studies.checks import REFERENCE, SECOND, TWIN
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.checks import REFERENCE, SECOND, TWIN
+from dem_bridge.verification.verdict import Outcome
 from tests.helpers.fault_judging import (
     BENCH,
     FREE,

@@ -13,8 +13,8 @@ from dem_bridge.lmp import coefficients
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.physics.law import ContactLaw, power_law
 from dem_bridge.scene import Wall
-from dem_bridge.studies.checks import POSITIONAL, REFERENCE, TABLE
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.checks import POSITIONAL, REFERENCE, TABLE
+from dem_bridge.verification.verdict import Outcome
 from tests.helpers.fault_decks import Change, run_with, substituted
 from tests.helpers.fault_judging import ENERGY, FREE, IMPLEMENTATION, ORDER, USER, Bench, Fault, minus, replaced
 

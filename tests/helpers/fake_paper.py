@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dem_bridge.studies.study import Claim, ClaimValue, FigureData, Map, Panel, Paper, Series, Table
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 
 _STATEMENT = (
     "The residence time of the wave in the decelerating chain grows monotonically along the chain, while the wave"

@@ -10,10 +10,10 @@ from typing import Any, Generic, TypeVar
 from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.campaign import Case, Result, run_case
 from dem_bridge.scene import Scene, Wall
-from dem_bridge.studies.checks import POSITIONAL, REFERENCE, SECOND, THEORY, TWIN, engine_for
 from dem_bridge.studies.verify import cases_of, study_of
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome, Verdict
+from dem_bridge.verification.checks import POSITIONAL, REFERENCE, SECOND, THEORY, TWIN, engine_for
+from dem_bridge.verification.verdict import Outcome, Verdict
 
 Results = tuple[Result, ...]
 Plant = TypeVar("Plant")

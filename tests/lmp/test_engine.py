@@ -21,7 +21,7 @@ from dem_bridge.lmp.engine import VARIABLE, Engine, lacks
 from dem_bridge.lmp.process import probe, require, run_deck
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 from tests.conftest import Solve
 from tests.helpers.processes import gone
 

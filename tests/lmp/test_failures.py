@@ -22,8 +22,8 @@ from dem_bridge.lmp import process
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import run_deck, workspace
 from dem_bridge.scene import Scene
-from dem_bridge.studies.checks import accuracy
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.checks import accuracy
+from dem_bridge.verification.verdict import Outcome
 from tests.conftest import Solve
 from tests.helpers.processes import gone
 

@@ -24,9 +24,9 @@ from dem_bridge.report.drawing import csv_texts, drawn
 from dem_bridge.report.junit import junit
 from dem_bridge.report.page import SCHEMA, as_json, headline, not_verified, write_report
 from dem_bridge.scene import Damping, Scene
-from dem_bridge.studies.checks import TWIN, engine_for
 from dem_bridge.studies.verify import SceneStudy, Verification, cases_of, study_of
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.checks import TWIN, engine_for
+from dem_bridge.verification.verdict import Outcome
 from tests.helpers.fake_paper import fake_paper
 from tests.helpers.fake_runs import free_flight
 

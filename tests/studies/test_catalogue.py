@@ -17,7 +17,7 @@ from dem_bridge.cli.studies import study as group
 from dem_bridge.errors import UsageError
 from dem_bridge.studies import catalogue
 from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 
 
 def small(*, outcome: Outcome = Outcome.PASS, interrupted: bool = False) -> Study:

@@ -27,7 +27,7 @@ from dem_bridge.studies.extremes.shown import Row
 from dem_bridge.studies.extremes.study import rows_of
 from dem_bridge.studies.extremes.truths import apart, galilei, mirrored, two_bodies
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 from tests.helpers.fake_runs import free_flight
 
 ALL = catalogue()

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from dem_bridge.studies.study import Claim, ClaimValue, FigureData, Map, Panel, Series, Table
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 
 LINE = Series(label="law", style="guide", x=np.array([1.0, 2.0]), y=np.array([0.1, 1 / 3]))
 BARRED = replace(LINE, label="run", style="reference", bar=np.array([1e-9, 2e-9]))

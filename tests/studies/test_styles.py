@@ -22,7 +22,7 @@ from dem_bridge.lmp.variants import flat_walls, newton_off, with_restart
 from dem_bridge.report.styles import write_styles
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.studies.styles import COLUMNS, WAYS, Base, Row, StylesStudy, Way, study_styles
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 
 pytestmark = pytest.mark.lammps
 

@@ -19,11 +19,11 @@ from dem_bridge.campaign import Case, Result
 from dem_bridge.drive import Drive
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.studies import checks
-from dem_bridge.studies.checks import REFERENCE, SECOND, TABLE, THEORY, TWIN, engine_for
 from dem_bridge.studies.verify import cases_of, study_of, verify_scenes
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome, Verdict
+from dem_bridge.verification import checks
+from dem_bridge.verification.checks import REFERENCE, SECOND, TABLE, THEORY, TWIN, engine_for
+from dem_bridge.verification.verdict import Outcome, Verdict
 from tests.helpers.fake_runs import free_flight
 
 SHORT = Scene(

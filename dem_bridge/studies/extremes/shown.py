@@ -12,7 +12,7 @@ import numpy as np
 from dem_bridge.studies.extremes.entry import Entry
 from dem_bridge.studies.extremes.judge import Expected, Finding, Word, outcome
 from dem_bridge.studies.study import FigureData, Panel, Series, Table
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 
 NOTES = (
     "right: for velocity, displacement, peak force and crossing time |run - truth| <= bar of the run + bar of the truth"

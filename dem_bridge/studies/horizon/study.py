@@ -25,7 +25,6 @@ from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store
-from dem_bridge.studies.checks import REFERENCE, TWIN, engine_for
 from dem_bridge.studies.horizon.runs import (
     Found,
     Trust,
@@ -43,6 +42,7 @@ from dem_bridge.studies.horizon.verdicts import verdicts
 from dem_bridge.studies.study import Study
 from dem_bridge.timescales import contact_time_of
 from dem_bridge.trajectory import Trajectory
+from dem_bridge.verification.checks import REFERENCE, TWIN, engine_for
 
 #: relative nudge of every input, and of one in its last digit
 PERTURBATION, DIGIT = 1e-10, 2.0**-52

@@ -10,10 +10,10 @@ from scipy.stats import t as student
 from dem_bridge.observables.conserved import energy, energy_parts, momentum, work
 from dem_bridge.observables.drift import BLOCKS
 from dem_bridge.scene import Scene
-from dem_bridge.studies.checks import REFERENCE, TWIN
 from dem_bridge.studies.horizon.runs import KNOWN, Floats, Found, Trust
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome, Verdict, judge
+from dem_bridge.verification.checks import REFERENCE, TWIN
+from dem_bridge.verification.verdict import Outcome, Verdict, judge
 
 #: nudged runs are independent from when the nearest two are this far apart, of the largest speed
 INDEPENDENT = 0.1

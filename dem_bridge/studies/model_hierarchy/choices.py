@@ -21,7 +21,7 @@ from dem_bridge.studies.model_hierarchy.model_terms import angles_soften, crosse
 from dem_bridge.studies.model_hierarchy.models import Bench, Least, ModelHierarchy, Readings
 from dem_bridge.studies.model_hierarchy.passage import OBSERVABLES, Effect, Effects, decided, effects
 from dem_bridge.studies.scatter import scattered
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 
 #: what is only suspected: drag (1/s), the overlap (m) at which softer contacts have Hertz' force
 DRAG, ANCHOR = 10.0, 5e-6

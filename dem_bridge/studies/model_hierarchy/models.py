@@ -19,7 +19,6 @@ from dem_bridge.campaign import Case, Progress, Result, run_cases
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store
-from dem_bridge.studies.checks import REFERENCE, TWIN
 from dem_bridge.studies.model_hierarchy.model_terms import DASHPOT, ModelTerm, model, model_terms_of, named, needs
 from dem_bridge.studies.model_hierarchy.passage import (
     Effects,
@@ -33,7 +32,8 @@ from dem_bridge.studies.model_hierarchy.passage import (
     read,
 )
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.checks import REFERENCE, TWIN
+from dem_bridge.verification.verdict import Outcome
 
 #: of the arrival at the end of the fullest model: another may be so much later
 PASSAGE = 1.3

@@ -31,7 +31,7 @@ from dem_bridge.observables.front import peak_velocity_of_front, residence_bar, 
 from dem_bridge.observables.interpolate import FEWER, NODES, hermite
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory, own_scale
-from dem_bridge.verdict import Outcome, judge
+from dem_bridge.verification.verdict import Outcome, judge
 
 Floats = NDArray[np.float64]
 #: observable -> whether it is of a "body", a "contact", or of the whole chain ("")

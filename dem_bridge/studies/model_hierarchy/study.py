@@ -30,7 +30,7 @@ from dem_bridge.studies.model_hierarchy.models import (
 )
 from dem_bridge.studies.model_hierarchy.passage import JUDGED, OBSERVABLES, Effect, Effects, known, largest
 from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 
 #: of an observable, in words
 WORDS = {

@@ -10,11 +10,11 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from dem_bridge.studies.checks import REFERENCE
 from dem_bridge.studies.paper.measures import Measure, inside, measured
 from dem_bridge.studies.paper.runs import Runs
 from dem_bridge.studies.study import Claim, ClaimValue
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.checks import REFERENCE
+from dem_bridge.verification.verdict import Outcome
 
 #: who decides, where both have run
 DECIDE = (REFERENCE, "lammps")

@@ -12,13 +12,13 @@ from dem_bridge.observables.front import local_speed_constant
 from dem_bridge.observables.pulse import speed_ratio
 from dem_bridge.physics.exact import solitary_wave, two_body_collision
 from dem_bridge.scene import Scene
-from dem_bridge.studies.checks import REFERENCE, engine_for
 from dem_bridge.studies.paper.claims import DECIDE, by, claim, decided, exact, heard, percent, printed, together
 from dem_bridge.studies.paper.measures import THEORIES, Measure
 from dem_bridge.studies.paper.runs import ACCELERATING, COARSE, DECELERATING, GRADIENTS, JUDGES, LONG, Runs
 from dem_bridge.studies.study import Claim, ClaimValue
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.checks import REFERENCE, engine_for
+from dem_bridge.verification.verdict import Outcome
 
 Floats = NDArray[np.float64]
 #: "remarkable agreement" of an exponent is taken as this, relative

@@ -8,7 +8,6 @@ from dem_bridge.geometry import Elastic
 from dem_bridge.observables.front import peak_velocity_of_front
 from dem_bridge.physics.contact import cylinder_stiffness_paper
 from dem_bridge.physics.hertz import crossed_cylinders, sphere_on_cylinder
-from dem_bridge.studies.checks import REFERENCE
 from dem_bridge.studies.model_hierarchy.model_terms import GRAVITY, quartz_sphere
 from dem_bridge.studies.paper.claims import by, claim, decided, exact, heard, percent, printed, together
 from dem_bridge.studies.paper.effects import AS_IS, observables
@@ -16,7 +15,8 @@ from dem_bridge.studies.paper.measures import Measure, inside
 from dem_bridge.studies.paper.runs import DECELERATING, MAIN, Runs
 from dem_bridge.studies.paper.validity import contact_validity
 from dem_bridge.studies.study import Claim, ClaimValue
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.checks import REFERENCE
+from dem_bridge.verification.verdict import Outcome
 
 #: what may be neglected, of any observable of the first passage
 NEGLIGIBLE = 0.01

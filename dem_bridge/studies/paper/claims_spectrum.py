@@ -18,7 +18,7 @@ from dem_bridge.studies.paper.measures import Measure
 from dem_bridge.studies.paper.runs import LONG, STEEPER, Runs
 from dem_bridge.studies.study import Claim, ClaimValue
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 
 #: ratio of a centroid at the end to that at the start that counts as a cascade
 CASCADES = 1.2

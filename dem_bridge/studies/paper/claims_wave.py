@@ -11,7 +11,6 @@ from dem_bridge.observables.fits import speed_power_law
 from dem_bridge.observables.front import peak_velocity_of_front, residence_by_crossing
 from dem_bridge.observables.pulse import leading_pulse, secondary_fronts, speed_ratio
 from dem_bridge.scene import Scene
-from dem_bridge.studies.checks import REFERENCE
 from dem_bridge.studies.paper.claims import by, claim, decided, heard, percent, together
 from dem_bridge.studies.paper.effects import ANCHORS, AS_IS
 from dem_bridge.studies.paper.measures import Measure
@@ -20,7 +19,8 @@ from dem_bridge.studies.paper.theories import FIRST, LAST, deviation
 from dem_bridge.studies.scatter import ScatterStudy
 from dem_bridge.studies.study import Claim, ClaimValue
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.checks import REFERENCE
+from dem_bridge.verification.verdict import Outcome
 
 Floats = NDArray[np.float64]
 #: a front counts as unscattered while it keeps this share of what it carries

@@ -18,7 +18,7 @@ from dem_bridge.errors import DemBridgeError
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import ClaimValue
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 
 #: backends whose errors can be told; of the others (theories) a number has no bar
 THEORIES = ("bca", "adiabatic")

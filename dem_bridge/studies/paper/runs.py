@@ -12,9 +12,9 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
 from dem_bridge.scene_file.physical import rounded
-from dem_bridge.studies.checks import REFERENCE, SECOND, engine_for
 from dem_bridge.studies.paper.effects import VARIANTS
 from dem_bridge.trajectory import Trajectory
+from dem_bridge.verification.checks import REFERENCE, SECOND, engine_for
 
 #: the paper's own chains: verified in full, with a ladder of time steps
 DECELERATING, ACCELERATING = "decelerating-40", "accelerating-40"

@@ -18,7 +18,6 @@ from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
 from dem_bridge.store import Store
 from dem_bridge.studies import rule_of_thumb, scatter
-from dem_bridge.studies.checks import REFERENCE, SECOND
 from dem_bridge.studies.model_hierarchy.models import Bench, LeftOut, ModelHierarchy, left_out, model_hierarchy_of
 from dem_bridge.studies.model_hierarchy.passage import JUDGED
 from dem_bridge.studies.model_hierarchy.study import question_table
@@ -67,6 +66,7 @@ from dem_bridge.studies.verify import (
     hopeless,
     study_of,
 )
+from dem_bridge.verification.checks import REFERENCE, SECOND
 
 
 @dataclass(frozen=True, kw_only=True)

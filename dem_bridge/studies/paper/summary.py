@@ -6,13 +6,13 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
-from dem_bridge.studies.checks import POSITIONAL, REFERENCE, SECOND
 from dem_bridge.studies.paper.claims import by, percent
 from dem_bridge.studies.paper.effects import PARAMETER, PHYSICS, SUPPOSED, THEORY, Effect
 from dem_bridge.studies.paper.runs import MAIN
 from dem_bridge.studies.study import Claim
 from dem_bridge.studies.verify import SceneStudy
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.checks import POSITIONAL, REFERENCE, SECOND
+from dem_bridge.verification.verdict import Outcome
 
 #: beside what no page of this kind shows
 NOT_VERIFIED = (

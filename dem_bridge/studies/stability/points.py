@@ -21,7 +21,6 @@ from dem_bridge.observables.modes import highest_frequencies
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import parse_scene
-from dem_bridge.studies.checks import GRANULAR
 from dem_bridge.studies.stability.step_limits import (
     Limit,
     Stepper,
@@ -37,6 +36,7 @@ from dem_bridge.studies.stability.step_limits import (
 )
 from dem_bridge.timescales import rayleigh_time_of
 from dem_bridge.trajectory import Trajectory
+from dem_bridge.verification.checks import GRANULAR
 
 Floats = NDArray[np.float64]
 #: wanted of velocities

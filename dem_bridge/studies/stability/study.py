@@ -20,7 +20,6 @@ from dem_bridge.lmp.process import require
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
 from dem_bridge.store import Store
-from dem_bridge.studies.checks import GRANULAR, TWIN
 from dem_bridge.studies.stability.points import (
     GAINS,
     MASS,
@@ -42,7 +41,8 @@ from dem_bridge.studies.stability.points import (
 from dem_bridge.studies.stability.shown import answer, exhibits, tables
 from dem_bridge.studies.stability.step_limits import FINEST, RATIO, twin
 from dem_bridge.studies.study import Study
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.checks import GRANULAR, TWIN
+from dem_bridge.verification.verdict import Outcome
 
 #: a run is unstable whose energy grows for good by more than this share of what was in motion
 GAIN = 1.0

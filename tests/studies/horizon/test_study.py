@@ -31,7 +31,7 @@ from dem_bridge.studies.horizon.runs import (
     step_bar,
 )
 from dem_bridge.studies.study import Study
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 from tests.bench.bench_horizon import between_walls
 from tests.helpers.driven_chains import DRIVES, TOUCHING, driven
 

@@ -27,7 +27,7 @@ from dem_bridge.studies.model_hierarchy.passage import (
     read,
 )
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 
 BODIES = 12
 CHAIN = Scene(

@@ -27,7 +27,7 @@ from dem_bridge.studies.model_hierarchy.models import Bench, LeftOut, judged, le
 from dem_bridge.studies.model_hierarchy.passage import JUDGED, OBSERVABLES, Effect, Reading
 from dem_bridge.studies.model_hierarchy.study import LEAST_SHOWN
 from dem_bridge.studies.study import Study
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 
 BODIES = 10
 RAW = Scene(

@@ -21,7 +21,7 @@ from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, GRADIENTS,
 from dem_bridge.studies.scatter import ScatterStudy
 from dem_bridge.studies.study import Claim, ClaimValue
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 from tests.studies.paper.conftest import GRADIENTS as FEW
 from tests.studies.paper.conftest import bars, planted, swapped, truth_of, without
 

@@ -15,7 +15,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.studies.paper.measures import MOVES, Measure, inside, measured
 from dem_bridge.studies.study import ClaimValue
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 from tests.helpers.fake_runs import NO_BARS, free_flight
 
 CHAIN = Scene(name="three", duration=1.0, mass=(1.0,) * 3, stiffness=(1e9,) * 2, velocity=(1.0, 0.0, 0.0))

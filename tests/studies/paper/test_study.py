@@ -23,7 +23,6 @@ from dem_bridge.compare import difference
 from dem_bridge.errors import BackendUnavailable, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store
-from dem_bridge.studies.checks import GRANULAR, REFERENCE
 from dem_bridge.studies.model_hierarchy.models import ModelHierarchy, model_hierarchy_of
 from dem_bridge.studies.paper import study
 from dem_bridge.studies.paper.runs import (
@@ -44,7 +43,8 @@ from dem_bridge.studies.paper.study import Extent, coverage_table, paper_of, ver
 from dem_bridge.studies.scatter import ScatterStudy
 from dem_bridge.studies.study import Paper
 from dem_bridge.studies.verify import cases_of
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.checks import GRANULAR, REFERENCE
+from dem_bridge.verification.verdict import Outcome
 from tests.studies.paper.conftest import cheap_variants, few_gradients, truth_of, without
 
 #: of both chains, with two scattered ones each

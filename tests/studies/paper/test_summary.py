@@ -9,7 +9,6 @@ from dataclasses import replace
 import pytest
 
 import dem_bridge as db
-from dem_bridge.studies.checks import POSITIONAL, REFERENCE, SECOND
 from dem_bridge.studies.paper.claims_numbers import numbers
 from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.effects import OBSERVABLES, Effect
@@ -17,7 +16,8 @@ from dem_bridge.studies.paper.runs import MAIN, Runs
 from dem_bridge.studies.paper.summary import NOT_VERIFIED, PHYSICAL, SLIPS, answer
 from dem_bridge.studies.study import Claim
 from dem_bridge.studies.verify import SceneStudy
-from dem_bridge.verdict import Outcome, Verdict
+from dem_bridge.verification.checks import POSITIONAL, REFERENCE, SECOND
+from dem_bridge.verification.verdict import Outcome, Verdict
 
 
 def _verdict(scene: str, backend: str, reference: str, difference: float, **other: object) -> Verdict:

@@ -18,7 +18,7 @@ from dem_bridge.studies.stability.step_limits import twin
 from dem_bridge.studies.stability.study import study_stability
 from dem_bridge.studies.study import Study
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome
 from tests.helpers.driven_chains import SINE
 
 SCENE = replace(chain("three", (1e-2,) * 3, (4e9,) * 2), samples=20)

@@ -30,7 +30,7 @@ from dem_bridge.observables.conserved import energy, energy_parts, momentum, wor
 from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale
-from dem_bridge.verdict import Outcome, Verdict, judge, numerical_verdict
+from dem_bridge.verification.verdict import Outcome, Verdict, judge, numerical_verdict
 
 Floats = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ import numpy as np
 from dem_bridge.backends.twin_bars import REALISATIONS
 from dem_bridge.compare import difference
 from dem_bridge.trajectory import QUANTITIES, Trajectory
-from dem_bridge.verdict import plain
+from dem_bridge.verification.verdict import plain
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,7 @@ class Budget:
         return not self.unexplained <= self.allowed
 
     def as_json(self) -> dict[str, Any]:
-        """JSON-able, see :func:`dem_bridge.verdict.plain`."""
+        """JSON-able, see :func:`dem_bridge.verification.verdict.plain`."""
         numbers = {name: plain(getattr(self, name)) for name in ("found", "total", "unexplained", "allowed")}
         parts = {name: plain(value) for name, value in self.parts.items()}
         return {"quantity": self.quantity, "scale_name": self.scale_name, **numbers, "parts": parts}

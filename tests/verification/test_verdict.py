@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dem_bridge.compare import Difference
-from dem_bridge.verdict import Outcome, Verdict, exit_code, judge, numerical_verdict
+from dem_bridge.verification.verdict import Outcome, Verdict, exit_code, judge, numerical_verdict
 
 relative = st.floats(0.0, 1e3)
 

@@ -9,8 +9,8 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.scene import Scene
-from dem_bridge.studies.budget import Budget, budgets
 from dem_bridge.trajectory import QUANTITIES, Trajectory
+from dem_bridge.verification.budget import Budget, budgets
 
 #: a light body between heavy ones, hit from both sides: it re-collides some times
 SCENE = Scene(
