@@ -38,7 +38,7 @@ def study(
     ``scene``: where the study is of one; some have one of their own, if none is named. ``folder``: where its page
     (``index.html``), tables, figures and JSON are written (None: nowhere). ``jobs``, ``progress``, ``store``,
     ``recompute`` and which LAMMPS as in :func:`dem_bridge.verify`. More settings are the study's own. The answer has
-    ``answer`` (sentences), ``tables``, ``exhibits`` and ``exit_code``. Raises UsageError for an unknown study or
+    ``answer`` (sentences), ``tables``, ``figures`` and ``exit_code``. Raises UsageError for an unknown study or
     setting, and what the study raises.
     """
     from dem_bridge.studies.catalogue import study_named, takes

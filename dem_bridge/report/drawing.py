@@ -1,4 +1,4 @@
-"""Draws any Exhibit from its data alone, and writes the same numbers as CSV.
+"""Draw any figure (a FigureData), and write the same numbers as CSV.
 
 Lines and marks are those of :mod:`.strokes`; maps have cividis, which colour-blind readers can tell and which rises
 evenly in lightness, so that a page printed in grey keeps its meaning. Every figure has the width of a
@@ -39,13 +39,13 @@ _THINNED = "circles and crosses: not all points are marked"
 _MARKS, _MARKS_ON_LINE = 24, 9
 
 
-def drawn(exhibit: FigureData) -> Figure:
-    """The figure, panels in rows of ``exhibit.columns``, titles and notes above each, one legend above all.
+def drawn(data: FigureData) -> Figure:
+    """The figure, panels in rows of ``data.columns``, titles and notes above each, one legend above all.
 
     Panels that share a scale have the same colours, or without map the same y axis. The scale of maps is that of the
     fronts in them: bodies that are far faster than the rest, as the last one flying off, leave it by an arrow.
     """
-    panels, columns = exhibit.panels, max(1, min(exhibit.columns, len(exhibit.panels)))
+    panels, columns = data.panels, max(1, min(data.columns, len(data.panels)))
     rows = [list(range(at, min(at + columns, len(panels)))) for at in range(0, len(panels), columns)]
     heights = [max(_height(panels[at]) for at in row) for row in rows]
     page = WIDTH if columns > 1 else 0.6 * WIDTH
@@ -122,10 +122,10 @@ def new_axes(height: float = _HEIGHT["map"]) -> Axes:
     return pyplot.figure(figsize=(0.6 * WIDTH, height), layout="constrained").add_subplot()
 
 
-def png(exhibit: FigureData, *, dpi: int = 130) -> bytes:
+def png(data: FigureData, *, dpi: int = 130) -> bytes:
     """The picture as a file; the same numbers give the same bytes."""
     buffer = io.BytesIO()
-    settled(drawn(exhibit)).savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    settled(drawn(data)).savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()
 
 
@@ -138,7 +138,7 @@ def settled(figure: Figure) -> Figure:
     return figure
 
 
-def csv_texts(exhibit: FigureData) -> dict[str, str]:
+def csv_texts(data: FigureData) -> dict[str, str]:
     """File name -> CSV: all lines as ``<id>.csv`` in long form, and each map as a matrix in ``<id>-<letter>.csv``.
 
     In long form a map of 200 by 200 is 1.5 MB, as a matrix 0.25 MB. Its first row has x, its first column y.
@@ -151,16 +151,16 @@ def csv_texts(exhibit: FigureData) -> dict[str, str]:
     0.5,0.1,0.25
     """
     texts = {}
-    if any(panel.series for panel in exhibit.panels):
-        only_lines = tuple(replace(panel, map=None) for panel in exhibit.panels)
-        texts[f"{exhibit.id}.csv"] = replace(exhibit, panels=only_lines).as_csv()
-    for place, panel in enumerate(exhibit.panels, start=1):
+    if any(panel.series for panel in data.panels):
+        only_lines = tuple(replace(panel, map=None) for panel in data.panels)
+        texts[f"{data.id}.csv"] = replace(data, panels=only_lines).as_csv()
+    for place, panel in enumerate(data.panels, start=1):
         if panel.map is None:
             continue
         found = re.match(r"\((\w+)\)", panel.title)
-        name = f"{exhibit.id}-{found[1] if found else place}.csv"
+        name = f"{data.id}-{found[1] if found else place}.csv"
         if name in texts:
-            raise ValueError(f"{exhibit.id}: two maps would be written to {name}; give each panel a letter of its own")
+            raise ValueError(f"{data.id}: two maps would be written to {name}; give each panel a letter of its own")
         texts[name] = _matrix(panel, panel.map)
     return texts
 

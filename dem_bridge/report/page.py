@@ -83,7 +83,7 @@ def report_files(found: Verification, store: Store | None = None) -> dict[str, s
     ``store``: where pictures are kept, so that none is drawn twice.
     """
     record = as_json(found)
-    numbers = {one.id: csv_texts(one) for one in (found.paper.exhibits if found.paper else ())}
+    numbers = {one.id: csv_texts(one) for one in (found.paper.figures if found.paper else ())}
     files = {
         "index.html": render(found, record, store, numbers={id: tuple(texts) for id, texts in numbers.items()}),
         "verdicts.json": json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n",
@@ -150,7 +150,7 @@ def render(
     store: Store | None = None,
     numbers: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
 ) -> str:
-    """The page as text. ``numbers``: the files of each exhibit, by its name."""
+    """The page as text. ``numbers``: the files of each figure, by its name."""
     environment = Environment(
         loader=PackageLoader("dem_bridge.report", "templates"),
         undefined=StrictUndefined,
@@ -216,7 +216,7 @@ def _contents(paper: Paper | None) -> list[tuple[str, str]]:
         first += [("not-verified", "Not verified")]
         first += [("budget", "Whole budget")] * any(one.id == "budget" for one in paper.tables)
         first += [("claims", "Claims")]
-        first += [("figures", "Figures")] * bool(paper.exhibits)
+        first += [("figures", "Figures")] * bool(paper.figures)
         first += [("tables", "Tables")] * any(one.id != "budget" for one in paper.tables)
         last = []
     runs = [("verdicts", "Verdicts"), ("budgets", "Error budgets"), ("pictures", "Pictures")]
@@ -228,15 +228,15 @@ def _in_full(study: SceneStudy) -> bool:
     return any(len(steps) > 1 for steps, _ in study.refinement.values())
 
 
-def _shown(exhibit: FigureData, store: Store | None) -> str:
-    """The picture of an exhibit, which takes half a second to be drawn."""
+def _shown(figure: FigureData, store: Store | None) -> str:
+    """The picture of a figure, which takes half a second to be drawn."""
     # the same numbers, drawn by the same code
-    content = hashlib.sha256(exhibit.content()).hexdigest()
+    content = hashlib.sha256(figure.content()).hexdigest()
     key = study_key("picture", [], content=content, code=code_hash(), matplotlib=version("matplotlib"))
     known = store.load_arrays(key) if store is not None and key is not None else None
     if known is not None:
         return known["picture"].tobytes().decode("ascii")
-    uri = picture(drawn(exhibit))
+    uri = picture(drawn(figure))
     if store is not None and key is not None:
         store.save_arrays(key, {"picture": np.frombuffer(uri.encode("ascii"), dtype=np.uint8)})
     return uri

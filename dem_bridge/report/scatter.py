@@ -7,12 +7,12 @@ from pathlib import Path
 
 from dem_bridge.files import write_whole
 from dem_bridge.report.drawing import png
-from dem_bridge.studies.scatter import ScatterStudy, exhibit
+from dem_bridge.studies.scatter import ScatterStudy, figure
 
 
 def write_scatter(found: ScatterStudy, folder: Path) -> None:
     """Write ``scatter.json``, ``scatter.csv`` and ``scatter.png`` into ``folder``, all or none."""
-    shown = exhibit(found)
+    shown = figure(found)
     write_whole(
         folder,
         {

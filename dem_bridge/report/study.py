@@ -23,14 +23,14 @@ def write_study(found: Study, folder: Path) -> tuple[str, ...]:
 def study_files(found: Study) -> dict[str, str | bytes]:
     """Name -> content: ``index.html``, ``<study>.json``, ``<table>.csv``, each figure as ``.png`` and ``.csv``, and the
     study's own ``files``."""
-    numbers = {one.id: csv_texts(one) for one in found.exhibits}
+    numbers = {one.id: csv_texts(one) for one in found.figures}
     files: dict[str, str | bytes] = {
         "index.html": _page(found, {id: tuple(texts) for id, texts in numbers.items()}),
         f"{found.id}.json": json.dumps(found.as_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
     }
     parts: list[dict[str, str | bytes]] = [{name: content()} for name, content in found.files.items()]
     parts += [{f"{one.id}.csv": one.as_csv()} for one in found.tables]
-    parts += [{f"{one.id}.png": png(one), **numbers[one.id]} for one in found.exhibits]
+    parts += [{f"{one.id}.png": png(one), **numbers[one.id]} for one in found.figures]
     for part in parts:
         if twice := set(part) & set(files):
             raise ValueError(f"study {found.id}: two of its parts would be written to {min(twice)}")

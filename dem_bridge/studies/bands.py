@@ -110,7 +110,7 @@ def study_bands(
         title=f"Bands of {scene.name}",
         answer=(*_answer(scene, cell, found, rows, tolerance), *_undecided(rows, excuses)),
         tables=(_edges(rows, tolerance), _codes(found)),
-        exhibits=(_exhibit(cell, found),) if found else (),
+        figures=(_figure(cell, found),) if found else (),
         outcomes=tuple(row.outcome for row in rows) + tuple(Outcome.BROKEN for _ in failed),
         notes=(
             *failed,
@@ -289,7 +289,7 @@ def _codes(found: Sequence[Found]) -> Table:
     )
 
 
-def _exhibit(cell: Cell, found: Sequence[Found]) -> FigureData:
+def _figure(cell: Cell, found: Sequence[Found]) -> FigureData:
     phases = np.linspace(0.0, math.pi, 101)
     branches = np.array([cell.frequencies(phase) for phase in phases.tolist()]) / (2e3 * math.pi)
     theory = tuple(

@@ -90,7 +90,7 @@ def study_rule_of_thumb(
         title="The rule of thumb judged: time steps as a share of the Rayleigh time",
         answer=tuple(_answer(judged)),
         tables=(table(judged), _engine_table(judged)),
-        exhibits=(_exhibit(judged),) if any(one.found for one in judged) else (),
+        figures=(_figure(judged),) if any(one.found for one in judged) else (),
         notes=(
             "Rayleigh time: pi R sqrt(rho/G) / (0.1631 nu + 0.8766) of the smallest body (Thornton & Randall 1988; Li,"
             " Xu & Thornton 2005). Steps are the largest at most so long that fall on the samples:"
@@ -277,7 +277,7 @@ def _span(values: Sequence[float]) -> str:
     return f"{low} %" if low == high else f"{low} to {high} %"
 
 
-def _exhibit(judged: Sequence[Judged]) -> FigureData:
+def _figure(judged: Sequence[Judged]) -> FigureData:
     known = [one for one in judged if one.found]
     main = next((one for one in known if one.scene.name == "decelerating-40"), known[0])
 

@@ -160,7 +160,7 @@ def study_scatter(
     return study_of(scene, results, spread=spread, seed=seed)
 
 
-def exhibit(found: ScatterStudy) -> FigureData:
+def figure(found: ScatterStudy) -> FigureData:
     """Residence time and peak force along the chain with the middle 90 % of the set."""
     residence = found.residence / found.wanted["residence"]
     force = found.peak_force[:, : found.scene.n_body - 1] / found.wanted["peak_force"][: found.scene.n_body - 1]

@@ -139,7 +139,7 @@ class FigureData:
     """Panels side by side."""
 
     def content(self) -> bytes:
-        """All that the picture is made of: exhibits with the same content look the same."""
+        """All that the picture is made of: figures with the same content look the same."""
         return b"".join(_bytes(self))
 
     def as_csv(self) -> str:
@@ -179,7 +179,7 @@ class Paper:
     claims: tuple[Claim, ...]
     tables: tuple[Table, ...]
     """In the order of the page; "budget" first: the whole budget, model and parameters included."""
-    exhibits: tuple[FigureData, ...]
+    figures: tuple[FigureData, ...]
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -193,7 +193,7 @@ class Study:
     answer: tuple[str, ...]
     """Sentences, the one that was asked for first."""
     tables: tuple[Table, ...] = ()
-    exhibits: tuple[FigureData, ...] = ()
+    figures: tuple[FigureData, ...] = ()
     outcomes: tuple[Outcome, ...] = ()
     """Of whatever in it can pass or fail; they decide the exit code."""
     notes: tuple[str, ...] = ()

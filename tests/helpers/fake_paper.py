@@ -42,7 +42,7 @@ def fake_paper() -> Paper:
         ),
         claims=tuple(_claim(i) for i in range(20)),
         tables=(_budget(), *_tables()),
-        exhibits=tuple(_exhibit(i) for i in range(2, 7)),
+        figures=tuple(_figure(i) for i in range(2, 7)),
         provenance={"paper study": "fake", "store": "3 of 40 runs new"},
     )
 
@@ -141,7 +141,7 @@ def _tables() -> tuple[Table, ...]:
     )  # fmt: skip
 
 
-def _exhibit(i: int) -> FigureData:
+def _figure(i: int) -> FigureData:
     x, t = np.arange(1.0, 41.0), np.linspace(0.0, 1.0, 80)
     wave = Map(
         label="velocity (m/s)",

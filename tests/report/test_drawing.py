@@ -42,12 +42,12 @@ def _panel(title: str, **parts: object) -> Panel:
     return Panel(title=title, x_label="cylinder", y_label="residence time (µs)", **parts)  # type: ignore[arg-type]
 
 
-def _exhibit(*panels: Panel, columns: int = 2) -> FigureData:
+def _figure(*panels: Panel, columns: int = 2) -> FigureData:
     return FigureData(id="figure-9", title="nine", caption="", panels=panels, columns=columns)
 
 
 EVERY_STYLE = tuple(_line(style, 3.0 + np.sin(X / 9.0) + 0.1 * at) for at, style in enumerate(STYLES))
-FULL = _exhibit(
+FULL = _figure(
     _panel("(a) falls", map=_map(0.4), series=(_line("bca", X / 50.0),), notes=(LONG,), shares_scale_with=(1,)),
     _panel("(c) rises", map=_map(0.6), series=(_line("adiabatic", X / 50.0),), notes=("short",)),
     _panel("(b) a title of many words, which has no room on one line of its panel", series=EVERY_STYLE, notes=(LONG,)),
@@ -109,7 +109,7 @@ def test_a_scale_is_never_empty_and_says_where_values_leave_it(values: np.ndarra
 @pytest.mark.parametrize("log", [False, True])
 def test_panels_of_lines_that_share_have_one_axis_that_shows_all(log: bool) -> None:
     low, high = (_panel(f"({at})", series=(_line("reference", at * X),), log=log) for at in (1.0, 7.0))
-    axes = _axes(drawn(_exhibit(low, replace(high, shares_scale_with=(0,)))))
+    axes = _axes(drawn(_figure(low, replace(high, shares_scale_with=(0,)))))
     assert axes[0].get_ylim() == axes[1].get_ylim()
     bottom, top = axes[0].get_ylim()
     assert bottom <= 1.0
@@ -119,15 +119,13 @@ def test_panels_of_lines_that_share_have_one_axis_that_shows_all(log: bool) -> N
 
 def test_zero_is_on_every_linear_axis() -> None:
     for sign in (1.0, -1.0):
-        bottom, top = _axes(drawn(_exhibit(_panel("a", series=(_line("reference", sign * (100.0 + X)),)))))[
-            0
-        ].get_ylim()
+        bottom, top = _axes(drawn(_figure(_panel("a", series=(_line("reference", sign * (100.0 + X)),)))))[0].get_ylim()
         assert bottom <= 0.0 <= top
 
 
 def test_a_first_point_far_above_is_named_and_squeezes_nothing() -> None:
     near, far = (np.concatenate([[first], np.full(39, 10.0)]) for first in (15.0, 300.0))
-    axes = _axes(drawn(_exhibit(*(_panel(at, series=(_line("reference", y),)) for at, y in (("n", near), ("f", far))))))
+    axes = _axes(drawn(_figure(*(_panel(at, series=(_line("reference", y),)) for at, y in (("n", near), ("f", far))))))
     texts = [[one.get_text() for one in ax.texts if "off scale" in one.get_text()] for ax in axes]
     assert texts == [[], ["cylinder 1: 300 µs, off scale"]]
     assert [15.0 < ax.get_ylim()[1] < 20.0 for ax in axes] == [True, False]
@@ -166,7 +164,7 @@ def test_no_two_curves_of_many_codes_are_told_apart_by_colour_alone() -> None:
 def test_the_front_is_behind_all_and_goes_down_where_the_next_is_paid_for() -> None:
     front = Series(label="Pareto front", style="front", x=X[:3], y=np.array([1e-2, 1e-4, 1e-6]))
     below = Series(label="less, not known", style="below", x=X[2:3], y=np.array([1e-6]))
-    figure = drawn(_exhibit(_panel("(a)", series=(front, *COST, below), log=True)))
+    figure = drawn(_figure(_panel("(a)", series=(front, *COST, below), log=True)))
     lines = figure.axes[0].get_lines()
     assert lines[0].get_drawstyle() == "steps-post"
     assert lines[0].get_zorder() < min(line.get_zorder() for line in lines[1:])
@@ -177,7 +175,7 @@ def test_the_front_is_behind_all_and_goes_down_where_the_next_is_paid_for() -> N
 
 def test_a_tall_panel_keeps_its_height_under_a_legend_of_many_rows() -> None:
     def height(*, tall: bool, names: int) -> float:
-        figure = drawn(_exhibit(*(_panel(at, series=COST[:names], log=True, tall=tall) for at in "ab")))
+        figure = drawn(_figure(*(_panel(at, series=COST[:names], log=True, tall=tall) for at in "ab")))
         FigureCanvasAgg(figure).draw()
         return float(figure.axes[0].get_window_extent().height)
 
@@ -227,31 +225,31 @@ NOTHING = np.full(40, np.nan)
     ids=lambda panel: panel.title,
 )
 def test_a_single_panel_with_little_in_it_is_drawn(panel: Panel) -> None:
-    picture = png(_exhibit(panel), dpi=40)
+    picture = png(_figure(panel), dpi=40)
     assert picture.startswith(b"\x89PNG")
-    assert all(text.count("\n") >= 1 for text in csv_texts(_exhibit(panel)).values())
+    assert all(text.count("\n") >= 1 for text in csv_texts(_figure(panel)).values())
 
 
-def test_an_exhibit_without_panels_is_an_empty_page() -> None:
-    assert drawn(_exhibit()).axes == []
+def test_a_figure_without_panels_is_an_empty_page() -> None:
+    assert drawn(_figure()).axes == []
 
 
 def test_a_panel_that_shares_with_none_that_is_there_is_refused() -> None:
     with pytest.raises(ValueError, match="panel 0 shares its scale with 4; the figure has 1 panels"):
-        drawn(_exhibit(_panel("a", shares_scale_with=(4,))))
+        drawn(_figure(_panel("a", shares_scale_with=(4,))))
 
 
 def test_marks_that_are_left_out_are_spoken_of() -> None:
     def said(count: int) -> str:
         many = Series(label="LAMMPS", style="lammps-granular", x=np.arange(float(count)), y=np.ones(count))
-        return drawn(_exhibit(_panel("a", series=(many,)))).legends[0].get_title().get_text()
+        return drawn(_figure(_panel("a", series=(many,)))).legends[0].get_title().get_text()
 
     assert said(20) == ""
     assert "not all points" in said(400)
 
 
 def test_the_same_numbers_give_the_same_bytes() -> None:
-    one = _exhibit(FULL.panels[1])
+    one = _figure(FULL.panels[1])
     assert png(one, dpi=40) == png(one, dpi=40)
 
 
@@ -275,8 +273,8 @@ def test_csv_gives_back_every_number() -> None:
 def test_two_maps_never_share_a_file() -> None:
     panels = (_panel("(a) one", map=_map(1.0)), _panel("(a) other", map=_map(1.0)))
     with pytest.raises(ValueError, match=r"two maps would be written to figure-9-a\.csv"):
-        csv_texts(_exhibit(*panels))
-    assert set(csv_texts(_exhibit(*(replace(p, title="no letter") for p in panels)))) == {
+        csv_texts(_figure(*panels))
+    assert set(csv_texts(_figure(*(replace(p, title="no letter") for p in panels)))) == {
         "figure-9-1.csv",
         "figure-9-2.csv",
     }

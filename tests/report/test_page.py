@@ -232,8 +232,8 @@ def test_every_claim_has_its_anchor_its_words_and_its_values(whole: Path) -> Non
 def test_what_is_drawn_and_tabled_lies_beside_the_page_in_full_precision(whole: Path) -> None:
     paper, text = fake_paper(), _text(whole)
     wanted: dict[str, str] = {}
-    for exhibit in paper.exhibits:
-        wanted |= {f"figures/{name}": content for name, content in csv_texts(exhibit).items()}
+    for figure in paper.figures:
+        wanted |= {f"figures/{name}": content for name, content in csv_texts(figure).items()}
     wanted |= {f"tables/{table.id}.csv": table.as_csv() for table in paper.tables}
     assert {str(path.relative_to(whole)) for path in whole.rglob("*.csv")} == set(wanted)
     for name, content in wanted.items():
@@ -278,7 +278,7 @@ def test_a_heading_stands_to_the_right_where_its_column_has_numbers(whole: Path)
 def test_fewer_bytes_take_no_colour_from_a_picture() -> None:
     """Of 1235 colours 256 are left; the rest move by 4 of 255, where the usual choice moves thin lines by 41."""
     full = io.BytesIO()
-    drawn(fake_paper().exhibits[0]).savefig(full, format="png", dpi=120)
+    drawn(fake_paper().figures[0]).savefig(full, format="png", dpi=120)
     small = packed(full.getvalue())
     before, after = (np.asarray(Image.open(io.BytesIO(one)).convert("RGB"), float) for one in (full.getvalue(), small))
     assert np.max(np.abs(before - after)) <= 12.0

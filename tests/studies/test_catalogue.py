@@ -29,7 +29,7 @@ def small(*, outcome: Outcome = Outcome.PASS, interrupted: bool = False) -> Stud
         title="A small study",
         answer=("It <is> so.",),
         tables=(Table(id="numbers", title="Numbers", caption="", columns=("who", "x"), rows=(("[a]", float("nan")),)),),
-        exhibits=(FigureData(id="picture", title="Picture", caption="", panels=(panel,)),),
+        figures=(FigureData(id="picture", title="Picture", caption="", panels=(panel,)),),
         outcomes=(outcome,),
         interrupted=interrupted,
     )

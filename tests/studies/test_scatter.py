@@ -20,7 +20,7 @@ from dem_bridge.studies.scatter import (
     LEAST_ANGLE,
     ScatterStudy,
     cases_of,
-    exhibit,
+    figure,
     scattered,
     study_of,
     study_scatter,
@@ -147,7 +147,7 @@ def test_the_table_and_the_json_say_the_same(found: ScatterStudy) -> None:
 
 
 def test_the_figure_has_the_middle_and_both_ends_of_the_set(found: ScatterStudy) -> None:
-    shown = exhibit(found)
+    shown = figure(found)
     times, force = shown.panels
     assert shown.id == "scatter-decelerating-40"
     assert (times.series[0].x.tolist(), force.series[0].x.tolist()) == (
@@ -211,7 +211,7 @@ def test_files_appear_whole_or_not_at_all(found: ScatterStudy, tmp_path: Path) -
     write_scatter(found, tmp_path / "new")
     assert {file.name for file in (tmp_path / "new").iterdir()} == {"scatter.json", "scatter.csv", "scatter.png"}
     assert json.loads((tmp_path / "new/scatter.json").read_text()) == found.as_json()
-    assert (tmp_path / "new/scatter.csv").read_text() == exhibit(found).as_csv()
+    assert (tmp_path / "new/scatter.csv").read_text() == figure(found).as_csv()
     assert (tmp_path / "new/scatter.png").read_bytes().startswith(b"\x89PNG")
     (tmp_path / "other" / "scatter.png").mkdir(parents=True)  # a folder is in the way of the last file
     with pytest.raises(UsageError, match=r"scatter\.png"):

@@ -54,7 +54,7 @@ def test_a_claim_as_json_has_null_for_what_is_no_number() -> None:
     assert [(one["value"], one["uncertainty"]) for one in found["values"][1:]] == [(None, None), (2.0, None)]
 
 
-def test_an_exhibit_as_csv_has_every_mark_and_every_cell_of_a_map() -> None:
+def test_a_figure_as_csv_has_every_mark_and_every_cell_of_a_map() -> None:
     rows = list(csv.DictReader(io.StringIO(FIGURE.as_csv())))
     assert len(rows) == 2 + 2 + 6
     assert [(row["series"], float(row["y"]), row["bar"]) for row in rows[:4]] == [

@@ -226,7 +226,7 @@ def _asked(rows: Sequence[Row]) -> Table:
     )
 
 
-def exhibits(rows: Sequence[Row]) -> tuple[FigureData, ...]:
+def figures(rows: Sequence[Row]) -> tuple[FigureData, ...]:
     """Error over both bars, a row for each extreme; nothing without a number to draw."""
     judged = [row for row in rows if not math.isnan(row.found.ratio)]
     names = list(dict.fromkeys(row.entry.name for row in judged))

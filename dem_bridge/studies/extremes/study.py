@@ -17,7 +17,7 @@ from dem_bridge.store import Store
 from dem_bridge.studies.extremes.catalogue import catalogue
 from dem_bridge.studies.extremes.entry import Entry, expectation, kinds
 from dem_bridge.studies.extremes.judge import Finding, Standard, Word, judge
-from dem_bridge.studies.extremes.shown import NOTES, Row, answer, exhibits, tables
+from dem_bridge.studies.extremes.shown import NOTES, Row, answer, figures, tables
 from dem_bridge.studies.extremes.truths import Truth, witness
 from dem_bridge.studies.study import Study
 
@@ -58,7 +58,7 @@ def study_extremes(
         title="Extremes: right within the bar, or refused with the reason",
         answer=answer(rows),
         tables=tables(rows),
-        exhibits=exhibits(rows),
+        figures=figures(rows),
         outcomes=tuple(row.outcome for row in rows),
         notes=NOTES,
     )

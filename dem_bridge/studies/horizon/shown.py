@@ -105,7 +105,7 @@ def _long_row(one: LongRun) -> tuple[str | float, ...]:
     )
 
 
-def exhibits(found: Found) -> tuple[FigureData, ...]:
+def figures(found: Found) -> tuple[FigureData, ...]:
     """Distances and bars over time; the energy of the long run; the distribution of velocities beyond the horizon."""
     made = [_parting(found)]
     if len(found.long.time) > 2:

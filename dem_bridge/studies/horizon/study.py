@@ -37,7 +37,7 @@ from dem_bridge.studies.horizon.runs import (
     round_off_bar,
     step_bar,
 )
-from dem_bridge.studies.horizon.shown import answer, exhibits, tables
+from dem_bridge.studies.horizon.shown import answer, figures, tables
 from dem_bridge.studies.horizon.verdicts import verdicts
 from dem_bridge.studies.study import Study
 from dem_bridge.timescales import contact_time_of
@@ -148,7 +148,7 @@ def study_horizon(
         title=f"How long trajectories of {scene.name} can be trusted",
         answer=answer(found, made),
         tables=tables(found, made),
-        exhibits=exhibits(found),
+        figures=figures(found),
         outcomes=tuple(one.outcome for one in made),
         notes=(
             *(() if lmp.failure is None else (f"LAMMPS was not run: {lmp.failure}.",)),

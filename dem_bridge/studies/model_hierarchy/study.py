@@ -99,7 +99,7 @@ def study_model_hierarchy(
         title=f"What {scene.name} requires at {_percent(accuracy)}",
         answer=tuple(_answer(hierarchy, alone, below, suspected, numerical, coarsest, asked, dashpot)),
         tables=tuple(_table(hierarchy, id, title, said, found) for id, title, said, found in parts if found),
-        exhibits=(_exhibit(hierarchy, pieces, beside),) if pieces or beside else (),
+        figures=(_figure(hierarchy, pieces, beside),) if pieces or beside else (),
         outcomes=tuple(one.outcome for one in numerical if one.outcome is Outcome.BROKEN),
         notes=tuple(_notes(hierarchy, bench, numerical, asked)),
         provenance={"scene": scene.name, "scene_hash": scene.content_hash, "least_hash": below.scene.content_hash},
@@ -189,7 +189,7 @@ def question_table(found: Iterable[tuple[ModelHierarchy, Sequence[LeftOut]]], ac
 # figure
 
 
-def _exhibit(hierarchy: ModelHierarchy, pieces: Sequence[Found], beside: Sequence[Found]) -> FigureData:
+def _figure(hierarchy: ModelHierarchy, pieces: Sequence[Found], beside: Sequence[Found]) -> FigureData:
     """Sizes of all effects beside the accuracy."""
     parts = (("(a) left out", pieces), ("(b) suspected, and numerical choices", beside))
     return FigureData(

@@ -183,7 +183,7 @@ def paper_of(
             scatter.table(scattered),
             *more,
         ),
-        exhibits=tuple(_exhibits(runs, scattered)),
+        figures=tuple(_figures(runs, scattered)),
     )
 
 
@@ -245,7 +245,7 @@ def coverage_table(runs: Runs, names: Sequence[str], accuracy: float = DEFAULT_A
     )
 
 
-def _exhibits(runs: Runs, scattered: Sequence[ScatterStudy]) -> Iterator[FigureData]:
+def _figures(runs: Runs, scattered: Sequence[ScatterStudy]) -> Iterator[FigureData]:
     """The paper's figures, as far as their scenes have run; then what the scatter of angles does."""
 
     def chain(name: str) -> figures.ChainRuns:
@@ -260,4 +260,4 @@ def _exhibits(runs: Runs, scattered: Sequence[ScatterStudy]) -> Iterator[FigureD
     maps = [f"{name}-{way}" for name in MAIN for way in ("lighter", "heavier")]
     if all(runs.has(name) for name in maps):
         yield figures.figure_6([chain(name) for name in maps], *(ratios(runs, name) for name in MAIN))
-    yield from (scatter.exhibit(one) for one in scattered)
+    yield from (scatter.figure(one) for one in scattered)

@@ -97,7 +97,7 @@ def _limits(name: str, point: Point) -> tuple[str | float, ...]:
     )
 
 
-def exhibits(scene: Scene, chosen: Sequence[Family], found: Found, gain: float) -> tuple[FigureData, ...]:
+def figures(scene: Scene, chosen: Sequence[Family], found: Found, gain: float) -> tuple[FigureData, ...]:
     """The limits over each family, the energy of two bodies over step and phase, and the trap."""
     made = [
         FigureData(
@@ -113,9 +113,9 @@ def exhibits(scene: Scene, chosen: Sequence[Family], found: Found, gain: float) 
         )
     ]
     if found.gains is not None:
-        made.append(_gain_exhibit(found.gains, gain))
+        made.append(_gain_figure(found.gains, gain))
     if found.curve:
-        made.append(_trap_exhibit(scene, found))
+        made.append(_trap_figure(scene, found))
     return tuple(one for one in made if one.panels)
 
 
@@ -142,7 +142,7 @@ def _family_panel(letter: str, family: Family, points: Sequence[Point]) -> Panel
     )
 
 
-def _gain_exhibit(gains: Floats, called: float) -> FigureData:
+def _gain_figure(gains: Floats, called: float) -> FigureData:
     """Of two bodies: the worst phase over the step, and all phases."""
     finite = np.where(np.isfinite(gains), gains, np.nan)
     edges = [
@@ -176,7 +176,7 @@ def _gain_exhibit(gains: Floats, called: float) -> FigureData:
     )
 
 
-def _trap_exhibit(scene: Scene, found: Found) -> FigureData:
+def _trap_figure(scene: Scene, found: Found) -> FigureData:
     runs = [one for one in found.curve if math.isfinite(one.velocity)]
     dt = np.array([one.dt for one in runs])
     shown = (

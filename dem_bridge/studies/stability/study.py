@@ -38,7 +38,7 @@ from dem_bridge.studies.stability.points import (
     stable_at,
     trap_of,
 )
-from dem_bridge.studies.stability.shown import answer, exhibits, tables
+from dem_bridge.studies.stability.shown import answer, figures, tables
 from dem_bridge.studies.stability.step_limits import FINEST, RATIO, twin
 from dem_bridge.studies.study import Study
 from dem_bridge.verification.checks import GRANULAR, TWIN
@@ -93,7 +93,7 @@ def study_stability(
         title=f"Stability of velocity-Verlet: four families of small scenes, and {scene.name}",
         answer=answer(scene, chosen, found, float(gain)),
         tables=tables(scene, chosen, found),
-        exhibits=exhibits(scene, chosen, found, float(gain)),
+        figures=figures(scene, chosen, found, float(gain)),
         outcomes=tuple(_agreement(point) for one in found.points.values() for point in one if point.engine is not None),
         notes=(
             *found.notes,

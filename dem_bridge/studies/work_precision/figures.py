@@ -26,7 +26,7 @@ def evaluations(point: Point) -> float:
     return point.evaluations
 
 
-def exhibits(found: Measured) -> Iterator[FigureData]:
+def figures(found: Measured) -> Iterator[FigureData]:
     for observable, scale in OBSERVABLES.items():
         words = observable.replace("_", " ")
         yield FigureData(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.studies.study import Study, Table
 from dem_bridge.studies.work_precision.curves import STYLES, WHOLE
-from dem_bridge.studies.work_precision.figures import ID, cpu, evaluations, exhibits
+from dem_bridge.studies.work_precision.figures import ID, cpu, evaluations, figures
 from dem_bridge.studies.work_precision.files import as_csv, as_netcdf
 from dem_bridge.studies.work_precision.norms import OBSERVABLES
 from dem_bridge.studies.work_precision.pareto import cheapest
@@ -61,7 +61,7 @@ def shown(found: Measured, *, notes: Sequence[str] = (), interrupted: bool = Fal
         title=f"Work-precision: {found.scene.name}",
         answer=tuple(_answer(found)),
         tables=(_cheapest_table(found), _floors_table(found), _runs_table(found)),
-        exhibits=tuple(exhibits(found)),
+        figures=tuple(figures(found)),
         notes=tuple(how),
         interrupted=interrupted,
         provenance=found.provenance,

@@ -208,7 +208,7 @@ def test_between_walls_single_velocities_are_undecided_and_all_else_passes(made:
         # a bar that holds passes 1 % no later than the error
         assert one.horizon <= horizon_of(found.truth.time, one.error)
     assert 5.0 < twin.collisions < 1000.0
-    assert {one.id for one in study.exhibits} == {"horizon", "horizon-energy", "horizon-distribution"}
+    assert {one.id for one in study.figures} == {"horizon", "horizon-energy", "horizon-distribution"}
 
 
 @pytest.mark.lammps

@@ -290,8 +290,8 @@ def test_lammps_takes_the_same_numbers_as_the_twin(found: Study) -> None:
 
 
 def test_the_figure_has_every_effect_beside_the_accuracy(found: Study) -> None:
-    [exhibit] = found.exhibits
-    physics = exhibit.panels[0]
+    [figure] = found.figures
+    physics = figure.panels[0]
     assert physics.rows == ("gaps", "gravity", "base", "drag")
     line, *marks = physics.series
     assert line.x.tolist() == [1.0, 1.0]
@@ -301,7 +301,7 @@ def test_the_figure_has_every_effect_beside_the_accuracy(found: Study) -> None:
         sizes = [abs(row[f"{one.label} (%)"]) for row in rows.values()]
         assert one.x.tolist() == pytest.approx([max(size, LEAST_SHOWN) for size in sizes])
         assert one.y.tolist() == [0.0, 1.0, 2.0, 3.0]
-    axes = drawn(exhibit).axes
+    axes = drawn(figure).axes
     assert [label.get_text() for label in axes[0].get_yticklabels()] == list(physics.rows)
     assert axes[0].get_xscale() == "log"
     assert axes[0].get_xlim() == axes[1].get_xlim()

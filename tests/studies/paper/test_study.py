@@ -131,7 +131,7 @@ def test_a_paper_has_its_tables_and_its_figures_in_order(paper: Paper) -> None:
         "budget", "split", "theories", "pulses", "fits", "coverage", "validity", f"contacts-{MAIN[0]}",
         f"contacts-{MAIN[1]}", "scatter",
     ]  # fmt: skip
-    assert [one.id for one in paper.exhibits] == [
+    assert [one.id for one in paper.figures] == [
         "figure-2", "figure-3", "figure-4", "figure-5", *(f"scatter-{name}" for name in MAIN),
     ]  # fmt: skip
     assert len(paper.answer) == 5
@@ -163,8 +163,8 @@ def test_coverage_is_the_difference_to_the_reference(runs: Runs) -> None:
 
 def test_figures_of_scenes_that_have_not_run_are_left_out(runs: Runs) -> None:
     left = Runs.of(result for (name, _), result in runs.results.items() if name not in (LONG[0], "tapered-forward"))
-    assert [one.id for one in study._exhibits(left, [])] == ["figure-2", "figure-3"]
-    assert list(study._exhibits(Runs.of([]), [])) == []
+    assert [one.id for one in study._figures(left, [])] == ["figure-2", "figure-3"]
+    assert list(study._figures(Runs.of([]), [])) == []
 
 
 # all of it

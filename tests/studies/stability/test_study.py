@@ -73,7 +73,7 @@ def test_what_was_finished_is_there_when_it_is_stopped(monkeypatch: pytest.Monke
     assert isinstance(found, Study)
     assert found.interrupted
     assert len(found.tables[0].rows) == 2
-    assert [one.id for one in found.exhibits] == ["stability-limits"]
+    assert [one.id for one in found.figures] == ["stability-limits"]
     assert any("2 small scenes" in sentence for sentence in found.answer)
 
 

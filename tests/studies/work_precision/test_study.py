@@ -242,7 +242,7 @@ def test_what_is_below_the_bar_is_drawn_at_it_and_marked() -> None:
     found = Measured(
         scene=SCENE, sampling=Sampling(count=4), limit=1.0, points=(point(1e-4, 1e-5), point(1e-13, 1e-14)), bars=bars
     )
-    panel = next(iter(work_figures.exhibits(found))).panels[0]
+    panel = next(iter(work_figures.figures(found))).panels[0]
     by_label = {line.label: line for line in panel.series}
     assert by_label["scipy"].y.tolist() == [1e-5, 1e-12]
     assert by_label["less, not known"].y.tolist() == [1e-12]
@@ -285,5 +285,5 @@ def test_lammps_has_its_knobs_and_errs_as_the_twin_does(monkeypatch: pytest.Monk
     spline = [float(row["velocity"]) for row in rows if row["curve"] == "lammps-table (spline)"]
     assert spline[1] < 0.5 * spline[0]
     assert "lammps-granular (R = 9 mm)" in {row["curve"] for row in rows}
-    assert [exhibit.id for exhibit in found.exhibits][-1] == "work-precision-tables"
+    assert [figure.id for figure in found.figures][-1] == "work-precision-tables"
     assert any("LAMMPS with tables at dt" in sentence for sentence in found.answer)
