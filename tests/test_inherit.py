@@ -29,7 +29,7 @@ from dem_bridge.planning.predict import EVALUATIONS
 from dem_bridge.scene import Scene
 from dem_bridge.studies.catalogue import STUDIES
 from dem_bridge.studies.paper.runs import BESIDE
-from dem_bridge.studies.verify import cases_of
+from dem_bridge.studies.verify import plan_scene
 from tests.conftest import Solve
 from tests.helpers.move_pins import move_pins
 from tests.helpers.recipes import PAGE, ROOT, Block, blocks, one_more_scene, recipes
@@ -244,7 +244,7 @@ def test_the_planner_knows_what_a_step_of_every_backend_costs(name: str, solved:
 
 def test_the_paper_is_run_through_every_backend() -> None:
     powers = [db.load_scene(name) for name in ("decelerating-40", "decelerating-40-soft-exponent")]
-    judged = {case.backend for scene in powers for case in cases_of(scene, 1e-4)}
+    judged = {case.backend for scene in powers for case in plan_scene(scene, 1e-4).cases}
     assert judged | set(BESIDE) == set(BACKENDS)
 
 

@@ -17,7 +17,7 @@ from dem_bridge.notebook import badge, quantity
 from dem_bridge.notebook_sketch import sketch
 from dem_bridge.physics.law import law_of
 from dem_bridge.studies.study import Study, Table
-from dem_bridge.studies.verify import Verification, hopeless
+from dem_bridge.studies.verify import Verification, study_without_runs
 from dem_bridge.trajectory import own_scale
 from dem_bridge.verification.verdict import Outcome
 from tests.conftest import Solve
@@ -154,14 +154,16 @@ def test_bars_that_are_not_known_are_said_to_be(solved: Solve) -> None:
 
 
 def test_a_verification_shows_each_outcome_by_word_and_ground() -> None:
-    study = hopeless(SCENE, REFUSED)
+    study = study_without_runs(SCENE, REFUSED)
     found = Verification(studies=(study,), accuracy=1e-6, wall=1.0, notes=("a <note>",))
     text = _text(found._repr_html_())
     assert "UNDECIDED 1" in text.replace("\u00a0", " ")
     assert "exit code 4" in text
     assert "a <note>" in text
     assert study.verdicts[0].sentence in text
-    several = Verification(studies=(study, hopeless(replace(SCENE, name="other"), REFUSED)), accuracy=1e-6, wall=1.0)
+    several = Verification(
+        studies=(study, study_without_runs(replace(SCENE, name="other"), REFUSED)), accuracy=1e-6, wall=1.0
+    )
     assert several._repr_html_().count("<details") == 2
 
 

@@ -17,7 +17,8 @@ import dem_bridge as db
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.front import arrival_by_crossing, residence_bar, residence_by_crossing
 from dem_bridge.scene import Scene
-from dem_bridge.studies.verify import SceneStudy, Verification, hopeless
+from dem_bridge.studies.verify import Verification, study_without_runs
+from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
 from tests.conftest import Solve
 from tests.helpers.legibility import assert_legible
@@ -117,7 +118,7 @@ def _verified(*scenes: Scene) -> Verification:
         allowed=1e-12,
         scale_name="largest |velocity|",
     )
-    studies = tuple(SceneStudy(scene=scene, results=(), verdicts=(), refinement={}, budgets=(one,)) for scene in scenes)
+    studies = tuple(SceneStudy(scene=scene, verdicts=(), budgets=(one,)) for scene in scenes)
     return Verification(studies=studies, accuracy=1e-6, wall=1.0)
 
 
@@ -178,7 +179,7 @@ def test_nothing_hides_anything(runs: dict[str, Any], theory: str | None) -> Non
             lambda run: db.plot.budget(_verified(SCENE), scene="other"),
             "scene = 'other'; allowed, of what was verified: six",
         ),
-        (lambda run: db.plot.budget(hopeless(SCENE, RunBroken("it fell"))), "six has no budget"),
+        (lambda run: db.plot.budget(study_without_runs(SCENE, RunBroken("it fell"))), "six has no budget"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused_in_a_line(runs: dict[str, Any], call: Any, said: str) -> None:

@@ -23,7 +23,8 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.report.page import report_files, title
 from dem_bridge.scene_file.text import scene_toml
 from dem_bridge.studies.study import Table
-from dem_bridge.studies.verify import SceneStudy, Verification
+from dem_bridge.studies.verify import Verification
+from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.verdict import Verdict, plain
 from dem_bridge.version import __version__
 
@@ -170,7 +171,8 @@ def _decks(found: Verification) -> Iterator[tuple[str, str]]:
         run = study.run(study.engine)
         if run is None or "deck_hash" not in run.provenance:
             continue
-        case = next(one.case for one in study.results if one.case.backend == study.engine)
+        assert study.runs is not None
+        case = study.runs.engine.case
         writer = backend(case.backend, case.engine)
         assert isinstance(writer, LammpsGranular)
         deck = writer.deck(case.scene, case.resolution, case.sampling)

@@ -31,10 +31,10 @@ from dem_bridge.report.strokes import BLACK, BLUE, GREEN, STYLES, VERMILION
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import FigureData, Map, Panel, Series
 from dem_bridge.studies.styles import COLUMNS, StylesStudy
-from dem_bridge.studies.verify import SceneStudy
 from dem_bridge.trajectory import Trajectory
+from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
-from dem_bridge.verification.checks import REFERENCE, THEORY, TWIN
+from dem_bridge.verification.roles import REFERENCE, THEORY, TWIN
 
 Floats = NDArray[np.float64]
 #: what backends are called in a figure

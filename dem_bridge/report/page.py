@@ -40,9 +40,10 @@ from dem_bridge.report.drawing import csv_texts, drawn
 from dem_bridge.store import Store, code_hash, study_key
 from dem_bridge.studies.independence import ANSWERS_THROUGH, matrix
 from dem_bridge.studies.study import FigureData, Paper
-from dem_bridge.studies.verify import SceneStudy, Verification
+from dem_bridge.studies.verify import Verification
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.checks import POSITIONAL, REFERENCE, SECOND, THEORY, THIRD, TWIN
+from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.verification.roles import BLANES_MOAN, POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN
 from dem_bridge.verification.verdict import Outcome, Verdict
 from dem_bridge.version import __version__
 
@@ -52,8 +53,8 @@ NAMES = {
     TWIN: "twin",
     POSITIONAL: "twin in positions",
     REFERENCE: "reference",
-    SECOND: "scipy",
-    THIRD: "Blanes-Moan",
+    SCIPY: "scipy",
+    BLANES_MOAN: "Blanes-Moan",
     THEORY: "BCA",
 }
 #: panels side by side on a page
@@ -258,12 +259,12 @@ def not_verified(found: Verification) -> list[str]:
         study.scene.name
         for study in found.studies
         if (truth := study.run(REFERENCE)) is not None
-        and truth.provenance.get("answered_by") == SECOND
+        and truth.provenance.get("answered_by") == SCIPY
         and study.scene.dissipates
     ]
     if alone:
         lines.append(
-            f"The reference of {', '.join(alone)} by a second method: {SECOND} alone answers where there is damping or"
+            f"The reference of {', '.join(alone)} by a second method: {SCIPY} alone answers where there is damping or"
             " drag."
         )
     return lines

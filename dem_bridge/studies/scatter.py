@@ -23,7 +23,7 @@ from dem_bridge.scene_file.physical import rounded
 from dem_bridge.scene_file.physical import scattered as turned_by_chance
 from dem_bridge.store import Store
 from dem_bridge.studies.study import FigureData, Panel, Series, Table
-from dem_bridge.verification.checks import REFERENCE
+from dem_bridge.verification.roles import REFERENCE
 
 Floats = NDArray[np.float64]
 #: no cylinder is turned closer to its neighbour than this, degrees: at 0 the contact is a line

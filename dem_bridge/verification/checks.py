@@ -25,32 +25,23 @@ from dem_bridge.backends.steps import order_on
 from dem_bridge.campaign import Result
 from dem_bridge.compare import Difference, difference, first_divergence
 from dem_bridge.errors import RunBroken
-from dem_bridge.lmp.coefficients import refusal
 from dem_bridge.observables.conserved import energy, energy_parts, momentum, work
 from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale
+from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, engine_for
 from dem_bridge.verification.verdict import Outcome, Verdict, judge, numerical_verdict
 
 Floats = NDArray[np.float64]
 
-GRANULAR, TABLE = "lammps-granular", "lammps-table"
-TWIN, REFERENCE, SECOND, THEORY = "verlet", "reference", "scipy", "bca"
-#: beside scipy where the reference is scipy's own answer: another method, at steps so much finer than its default
-THIRD, FINER = "blanes-moan", 8
 #: what the order of velocity-Verlet may differ by from 2, and from 1 where forces depend on velocities
 ORDER_TOLERANCE = {2: 0.05, 1: 0.1}
-#: the twin as a code that keeps absolute positions, with the gauge radius of the deck
-POSITIONAL = "verlet in positions"
+#: what the second reference shows beside the first
+INDEPENDENT = "nothing: two methods"
 #: error of scipy where it was not asked for its bars: what they are at most on the shipped scenes, of the largest speed
 SECOND_BAR = 2e-10
 #: measured errors of tables may exceed predicted ones so much: both look at places, and each misses the worst
 TABLE_TOLERANCE = 1.1
-
-
-def engine_for(scene: Scene) -> str:
-    """The LAMMPS that is verified on a scene: ``pair_style granular`` where it has the laws, else ``table``."""
-    return GRANULAR if refusal(scene) is None else TABLE
 
 
 def absent(scene: Scene, name: str, result: Result) -> Verdict:
@@ -132,21 +123,21 @@ def explained(scene: Scene, quantity: str, engine: Trajectory, positional: Traje
     )
 
 
-def two_methods(scene: Scene, second: Trajectory, truth: Trajectory) -> Verdict:
-    """Two references against each other: both must be right within the bars they claim."""
-    name = second.provenance["backend"] if second is not truth else SECOND
-    found = difference("velocity", second, truth)
+def two_methods(scene: Scene, second: Trajectory | None, reference: Trajectory) -> Verdict:
+    """Return the verdict on two references: each must be right within the uncertainty that it states.
+
+    ``second`` is None where only one backend solves the scene to the accuracy of a reference: NOT_RUN.
+    """
+    found = difference("velocity", second or reference, reference)
     if not math.isfinite(found.uncertainty):
         found = replace(found, uncertainty=SECOND_BAR)
     allowed = found.uncertainty + found.reference_uncertainty
-    if name == truth.provenance.get("answered_by"):
-        outcome, sentence = (
-            Outcome.NOT_RUN,
-            f"{REFERENCE} on {scene.name} was answered by {SECOND}: nothing to compare.",
-        )
+    if second is None:
+        name, outcome = SCIPY, Outcome.NOT_RUN
+        sentence = f"{REFERENCE} on {scene.name} was answered by {SCIPY}: nothing to compare."
     else:
-        # each bar is on one side of the comparison already: no doubt is left
-        outcome = judge(found.value, 0.0, allowed)
+        # both uncertainties are in the tolerance already: no doubt is left
+        name, outcome = second.provenance["backend"], judge(found.value, 0.0, allowed)
         sentence = (
             f"velocity of {name} differs from {REFERENCE} by {found.value:.2e} of {found.scale_name};"
             f" their bars together are {allowed:.1e}."
@@ -165,7 +156,7 @@ def two_methods(scene: Scene, second: Trajectory, truth: Trajectory) -> Verdict:
         uncertainty=found.uncertainty,
         reference_uncertainty=found.reference_uncertainty,
         tolerance=allowed,
-        meaning="nothing: two methods",
+        meaning=INDEPENDENT,
     )
 
 

@@ -6,19 +6,19 @@ from dataclasses import replace
 
 import pytest
 
-from dem_bridge.verification.checks import REFERENCE, THIRD
+from dem_bridge.verification.roles import BLANES_MOAN, REFERENCE
 from dem_bridge.verification.verdict import Outcome
 from tests.faults.test_own_codes import Changes, _faulty, _with_twin
 from tests.helpers.driven_chains import SINE, TOUCHING, driven
 from tests.helpers.fault_decks import Change, run_with, substituted, times
-from tests.helpers.fault_judging import IMPLEMENTATION, TWIN_ERROR, USER, Bench, Fault, minus, replaced
+from tests.helpers.fault_judging import IMPLEMENTATION, TWIN_ERROR, USER, Bench, Fault, minus, replaced, with_trajectory
 
 pytestmark = pytest.mark.lammps
 
 #: what is neither lost nor given by the drive
 BALANCE = frozenset({"energy less work - its own start"})
 #: by another method than scipy's, which is the reference where there is a drive
-TWO_METHODS = frozenset({f"{THIRD}: velocity - {REFERENCE}"})
+TWO_METHODS = frozenset({f"{BLANES_MOAN}: velocity - {REFERENCE}"})
 
 #: a sine from 30 degrees that rises; and a table, whose knots fall on steps
 SINE_BENCH = Bench(replace(TOUCHING, name="sine"), 1e-5)
@@ -81,7 +81,7 @@ def test_a_truth_of_another_phase_is_named() -> None:
     [case] = SINE_BENCH.of(REFERENCE)
     other = replace(SINE_BENCH.scene, drive=replace(SINE, phase=30.1))
     run = _faulty(case, SINE_BENCH.sound_runs, scene=other)
-    results = tuple(replace(r, trajectory=run) if r.case == case else r for r in SINE_BENCH.sound_runs)
+    results = with_trajectory(SINE_BENCH.sound_runs, case, run)
     found = SINE_BENCH.verdicts(results)
     failed = {name for name, verdict in found.items() if verdict.outcome is Outcome.FAIL}
     assert failed >= TWIN_ERROR | TWO_METHODS | {f"velocity - {REFERENCE}"}

@@ -16,7 +16,7 @@ from dem_bridge.campaign import Case, run_case
 from dem_bridge.physics import exact
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.checks import REFERENCE, SECOND, TWIN
+from dem_bridge.verification.roles import REFERENCE, SCIPY, TWIN
 from dem_bridge.verification.verdict import Outcome
 from tests.helpers.fault_judging import (
     BENCH,
@@ -138,7 +138,7 @@ def test_a_second_method_that_restarts_late_is_named(monkeypatch: pytest.MonkeyP
         return None if found is None else (float(solver.t), found[1])
 
     monkeypatch.setattr(scipy_integration.Integration, "_first_event", late)
-    [case] = BENCH.of(SECOND)
+    [case] = BENCH.of(SCIPY)
     BENCH.check(with_trajectory(BENCH.sound_runs, case, _faulty(case, BENCH.sound_runs)), TWO_REFERENCES)
 
 
@@ -148,8 +148,8 @@ def test_a_second_method_that_restarts_late_is_named(monkeypatch: pytest.MonkeyP
     [
         # far below what a user would notice, and the two references do not agree any more
         (REFERENCE, 1.0 + 1e-10, TWO_REFERENCES),
-        (SECOND, 1.0 + 1e-10, TWO_REFERENCES),
-        (SECOND, 1.0 + 1e-3, TWO_REFERENCES),
+        (SCIPY, 1.0 + 1e-10, TWO_REFERENCES),
+        (SCIPY, 1.0 + 1e-3, TWO_REFERENCES),
         # against a wrong reference everything is wrong and falls with no step, while LAMMPS and its twin agree
         (REFERENCE, 1.0 + 1e-3, TWO_REFERENCES | TWIN_ERROR | USER | ORDER | TWIN_ORDER),
     ],

@@ -13,7 +13,7 @@ from dem_bridge.lmp import coefficients
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.physics.law import ContactLaw, power_law
 from dem_bridge.scene import Wall
-from dem_bridge.verification.checks import POSITIONAL, REFERENCE, TABLE
+from dem_bridge.verification.roles import POSITIONAL, REFERENCE, TABLE
 from dem_bridge.verification.verdict import Outcome
 from tests.helpers.fault_decks import Change, run_with, substituted
 from tests.helpers.fault_judging import ENERGY, FREE, IMPLEMENTATION, ORDER, USER, Bench, Fault, minus, replaced
@@ -177,7 +177,7 @@ def test_a_fault_in_the_laws_of_tables_shows_against_the_reference(
         return power_law(stiffness * 1e-5**-by, exponent + by)
 
     monkeypatch.setattr(coefficients, "power_law", wrong)
-    found = BENCH.verdicts(tuple(run_case(case) for case in BENCH.cases))
+    found = BENCH.verdicts(BENCH.cases.map(run_case))
     bad = {name: verdict.outcome for name, verdict in found.items() if verdict.outcome is not Outcome.PASS}
     assert set(bad) == minus(REFERENCE, "velocity") | shows
     # of other quantities the bar, which knows the twin with the laws themselves, is the tolerance

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Generic, TypeVar
@@ -10,12 +10,13 @@ from typing import Any, Generic, TypeVar
 from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.campaign import Case, Result, run_case
 from dem_bridge.scene import Scene, Wall
-from dem_bridge.studies.verify import cases_of, study_of
+from dem_bridge.studies.verify import plan_scene
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.checks import POSITIONAL, REFERENCE, SECOND, THEORY, TWIN, engine_for
+from dem_bridge.verification.assess import assess_scene
+from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, Runs, engine_for
 from dem_bridge.verification.verdict import Outcome, Verdict
 
-Results = tuple[Result, ...]
+Results = Runs[Result]
 Plant = TypeVar("Plant")
 
 #: chosen so that everything can show: a light body between two heavy ones collides three times with the striker (peaks
@@ -67,7 +68,7 @@ MOMENTUM, ENERGY, ORDER = (frozenset({law}) for law in ("momentum", "energy", "o
 #: the same without LAMMPS
 TWIN_ERROR = frozenset({f"{TWIN}: velocity - {REFERENCE}"})
 TWIN_ORDER = frozenset({f"{TWIN}: order"})
-TWO_REFERENCES = frozenset({f"{SECOND}: velocity - {REFERENCE}"})
+TWO_REFERENCES = frozenset({f"{SCIPY}: velocity - {REFERENCE}"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,23 +88,38 @@ class Bench:
         self.scene, self.accuracy = scene, accuracy
 
     @cached_property
-    def cases(self) -> tuple[Case, ...]:
-        return tuple(cases_of(self.scene, self.accuracy))
+    def cases(self) -> Runs[Case]:
+        """The cases of the scene, in their roles."""
+        runs = plan_scene(self.scene, self.accuracy).runs
+        assert runs is not None
+        return runs
 
     @property
     def engine_cases(self) -> list[Case]:
-        """LAMMPS', the main one first."""
+        """LAMMPS' cases, the main one first."""
         return self.of(engine_for(self.scene))
 
     @cached_property
-    def our_runs(self) -> Results:
-        """Everything but LAMMPS'."""
-        return tuple(run_case(case) for case in self.cases if case not in self.engine_cases)
+    def _results_of_ours(self) -> dict[int, Result]:
+        engine = engine_for(self.scene)
+        return {id(case): run_case(case) for case in self.cases if case.backend != engine}
+
+    def runs_with(self, run_engine: Callable[[Case], Result]) -> Results:
+        """Results in which ``run_engine`` makes those of LAMMPS; all others are made once."""
+        ours = self._results_of_ours
+        return self.cases.map(lambda case: ours.get(id(case)) or run_engine(case))
 
     @cached_property
     def sound_runs(self) -> Results:
-        """Everything, LAMMPS' ladder too."""
-        return tuple(run_case(case) for case in self.engine_cases) + self.our_runs
+        """Results without a fault, those of LAMMPS at its refinement levels included."""
+        return self.runs_with(run_case)
+
+    @cached_property
+    def reference(self) -> Trajectory:
+        """The reference, for which LAMMPS is not run."""
+        run = self._results_of_ours[id(self.cases.reference)].trajectory
+        assert run is not None
+        return run
 
     def of(self, backend: str) -> list[Case]:
         """Cases of one backend, the main one first."""
@@ -116,7 +132,7 @@ class Bench:
 
     def verdicts(self, results: Results) -> dict[str, Verdict]:
         """Name -> verdict, without those on the theory, which are never pass or fail."""
-        judged = [v for v in study_of(self.scene, results, self.accuracy).verdicts if v.backend != THEORY]
+        judged = [v for v in assess_scene(self.scene, results, self.accuracy).verdicts if v.backend != THEORY]
         found = {named(verdict): verdict for verdict in judged}
         assert len(found) == len(judged), "two verdicts share a name"
         return found
@@ -140,14 +156,14 @@ class Bench:
 
 
 def replaced(results: Results, new: Result) -> Results:
-    """The results with the main run of one backend replaced; its ladder stays."""
-    first = next(i for i, result in enumerate(results) if result.case.backend == new.case.backend)
-    return (*results[:first], new, *results[first + 1 :])
+    """Return the results with the main run of one backend replaced; its refinement levels stay."""
+    main = next(result for result in results if result.case.backend == new.case.backend)
+    return results.map(lambda result: new if result is main else result)
 
 
 def with_trajectory(results: Results, case: Case, run: Trajectory) -> Results:
     """The results with another trajectory for this case."""
-    return tuple(replace(result, trajectory=run) if result.case == case else result for result in results)
+    return results.map(lambda result: replace(result, trajectory=run) if result.case == case else result)
 
 
 #: dt = 1e-8 s, 15,000 steps; sound runs err by 4.8e-7 of the largest velocity

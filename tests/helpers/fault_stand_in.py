@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -98,4 +98,4 @@ def run_in_place_of_lammps(code: Callable[[], Code], case: Case) -> Result:
 @cache
 def runs_of(code: Callable[[], Code]) -> Results:
     """All runs of the free scene, with ``code`` in place of LAMMPS in each of them, the ladder too."""
-    return tuple(run_in_place_of_lammps(code, case) for case in BENCH.engine_cases) + BENCH.our_runs
+    return BENCH.runs_with(partial(run_in_place_of_lammps, code))

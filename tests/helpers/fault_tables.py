@@ -36,7 +36,7 @@ def tabulated(law: Law, style: str, *, reach: float = 0.0) -> Callable[[Deck], d
             r"^pair_coeff +\* \* .*$", f"pair_coeff * * none.table LAW {diameter!r}", text, flags=re.MULTILINE
         )
         files["none.table"] = _table(np.linspace(0.5, 1.0, 3) * diameter, np.zeros(3), np.zeros(3))
-        peak = BENCH.main(BENCH.our_runs, "reference").peak_force
+        peak = BENCH.reference.peak_force
         for k, (beta, force) in enumerate(zip(FREE.stiffness, peak, strict=True)):
             deepest = RANGE * (force / beta) ** (2.0 / 3.0)
             # close together where bodies touch: the law has a kink there

@@ -26,7 +26,8 @@ from dem_bridge.report.bundle import bundle_files, check_bundle, pinned, write_b
 from dem_bridge.report.page import report_files
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import parse_scene
-from dem_bridge.studies.verify import SceneStudy, Verification
+from dem_bridge.studies.verify import Verification
+from dem_bridge.verification.assess import SceneStudy
 from tests.helpers.fake_paper import fake_paper
 
 SMALL = Scene(
@@ -81,13 +82,11 @@ def test_the_decks_are_those_that_were_run(found: Verification) -> None:
 @pytest.mark.lammps
 def test_a_deck_that_is_not_the_one_that_was_run_is_no_part_of_a_bundle(found: Verification) -> None:
     [study] = found.studies
-    results = tuple(
-        replace(one, case=replace(one.case, sampling=Sampling(count=5)))
-        if one.case.backend == "lammps-granular" else one
-        for one in study.results
-    )  # fmt: skip
+    assert study.runs is not None
+    engine = replace(study.runs.engine, case=replace(study.runs.engine.case, sampling=Sampling(count=5)))
+    runs = replace(study.runs, engine=engine)
     with pytest.raises(RunBroken, match="small is not the one that was run"):
-        bundle_files(replace(found, studies=(replace(study, results=results),)), report={})
+        bundle_files(replace(found, studies=(replace(study, runs=runs),)), report={})
 
 
 @pytest.mark.lammps
@@ -164,7 +163,7 @@ def test_a_list_of_files_that_points_elsewhere_deletes_nothing_there(tmp_path: P
 
 def test_scenes_whose_laws_are_functions_are_named_in_one_line(tmp_path: Path) -> None:
     glued = replace(SMALL, name="glued", law=lambda overlap: 4e9 * overlap**1.5)
-    studies = tuple(SceneStudy(scene=one, results=(), verdicts=(), refinement={}) for one in (SMALL, glued))
+    studies = tuple(SceneStudy(scene=one, verdicts=()) for one in (SMALL, glued))
     files = bundle_files(replace(NOTHING, studies=studies), report={})
     readme, told = str(files["README.md"]), json.loads(files["bundle.json"])
     assert [line for line in readme.splitlines() if line.startswith("Not replayed") and line.endswith(": glued.")]

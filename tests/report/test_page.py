@@ -24,8 +24,9 @@ from dem_bridge.report.drawing import csv_texts, drawn
 from dem_bridge.report.junit import junit
 from dem_bridge.report.page import SCHEMA, as_json, headline, not_verified, write_report
 from dem_bridge.scene import Damping, Scene
-from dem_bridge.studies.verify import SceneStudy, Verification, cases_of, study_of
-from dem_bridge.verification.checks import TWIN, engine_for
+from dem_bridge.studies.verify import Verification, plan_scene
+from dem_bridge.verification.assess import SceneStudy, assess_scene
+from dem_bridge.verification.roles import TWIN, engine_for
 from dem_bridge.verification.verdict import Outcome
 from tests.helpers.fake_paper import fake_paper
 from tests.helpers.fake_runs import free_flight
@@ -46,16 +47,17 @@ NOTHING = Verification(studies=(), accuracy=1e-3, wall=0.0)
 
 def _verification(scene: Scene, broken: bool = False) -> Verification:
     """All runs of a small scene, with the twin (or a broken run) standing in for LAMMPS."""
-    results = []
-    for case in cases_of(scene, 1e-3):
+
+    def run(case: Case) -> Result:
         if broken and case.backend == engine_for(scene):
-            results.append(Result(case=case, failure=RunBroken("LAMMPS: ERROR: Lost atoms")))
-            continue
+            return Result(case=case, failure=RunBroken("LAMMPS: ERROR: Lost atoms"))
         name = TWIN if case.backend == engine_for(scene) else case.backend
         how = case.resolution
         run = db.solve(scene, backend=name, dt=how.dt, bars=how.bars, surrogate_radius=how.surrogate_radius)
-        results.append(Result(case=case, trajectory=run))
-    return Verification(studies=(study_of(scene, tuple(results), 1e-3),), accuracy=1e-3, wall=1.0)
+        return Result(case=case, trajectory=run)
+
+    plan = plan_scene(scene, 1e-3)
+    return Verification(studies=(plan.assess([run(case) for case in plan.cases]),), accuracy=1e-3, wall=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +130,7 @@ def test_what_is_not_verified_goes_by_what_was_run(
         Result(case=case, trajectory=replace(run, provenance=provenance)),
         Result(case=truth, trajectory=replace(run, provenance={"answered_by": "scipy"} if changes else {})),
     )
-    study = SceneStudy(scene=scene, results=results, verdicts=(), refinement={})
+    study = SceneStudy(scene=scene, others=results, verdicts=())
     lines = not_verified(Verification(studies=(study,), accuracy=1e-3, wall=1.0))
     assert [line for line in lines if words in line], lines
     assert any("by a second method" in line for line in lines) == bool({"damping", "drag"} & set(changes))
@@ -156,7 +158,8 @@ def test_a_broken_run_stands_in_the_headline_and_is_no_pass() -> None:
 
 def test_a_failed_check_stands_in_the_headline_instead_of_praise(found: Verification) -> None:
     [study] = found.studies
-    strict = study_of(PAIR, study.results, 1e-9)
+    assert study.runs is not None
+    strict = assess_scene(PAIR, study.runs, 1e-9)
     [sentence] = headline(replace(found, studies=(strict,)))
     assert "FAIL" in sentence
     assert "which is round-off" not in sentence

@@ -19,10 +19,11 @@ from dem_bridge.campaign import Case, Result
 from dem_bridge.drive import Drive
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.studies.verify import cases_of, study_of, verify_scenes
+from dem_bridge.studies.verify import plan_scene, verify_scenes
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification import checks
-from dem_bridge.verification.checks import REFERENCE, SECOND, TABLE, THEORY, TWIN, engine_for
+from dem_bridge.verification.assess import assess_scene
+from dem_bridge.verification.roles import BLANES_MOAN, REFERENCE, SCIPY, TABLE, THEORY, TWIN, Runs, engine_for
 from dem_bridge.verification.verdict import Outcome, Verdict
 from tests.helpers.fake_runs import free_flight
 
@@ -39,26 +40,30 @@ ACCURACY, ENGINE = 1e-4, engine_for(SHORT)
 
 
 @pytest.fixture(scope="module")
-def results() -> tuple[Result, ...]:
+def results() -> Runs[Result]:
     """All runs of the short scene, with the twin standing in for LAMMPS: judging needs no engine."""
-    found = []
-    for case in cases_of(SHORT, ACCURACY):
+
+    def run(case: Case) -> Result:
         backend = TWIN if case.backend == ENGINE else case.backend
         settings = case.resolution
         run = db.solve(
             SHORT, backend=backend, dt=settings.dt, bars=settings.bars, surrogate_radius=settings.surrogate_radius
         )
-        found.append(Result(case=case, trajectory=run))
-    return tuple(found)
+        return Result(case=case, trajectory=run)
+
+    runs = plan_scene(SHORT, ACCURACY).runs
+    assert runs is not None
+    return runs.map(run)
 
 
-def _with(results: tuple[Result, ...], backend: str, **changes: Any) -> tuple[Result, ...]:
+def _with(results: Runs[Result], backend: str, **changes: Any) -> Runs[Result]:
     """The results with something planted in every run of one backend."""
-    return tuple(
-        replace(r, trajectory=replace(r.trajectory, **changes))
-        if r.case.backend == backend and r.trajectory is not None
-        else r
-        for r in results
+    return results.map(
+        lambda r: (
+            replace(r, trajectory=replace(r.trajectory, **changes))
+            if r.case.backend == backend and r.trajectory is not None
+            else r
+        )
     )
 
 
@@ -67,8 +72,8 @@ def _outcome(verdicts: tuple[Verdict, ...], quantity: str, backend: str, referen
     return found.outcome
 
 
-def test_runs_without_a_fault_pass_everything(results: tuple[Result, ...]) -> None:
-    verdicts = study_of(SHORT, results, ACCURACY).verdicts
+def test_runs_without_a_fault_pass_everything(results: Runs[Result]) -> None:
+    verdicts = assess_scene(SHORT, results, ACCURACY).verdicts
     outcomes = {v.outcome for v in verdicts}
     assert outcomes == {Outcome.PASS, Outcome.MODEL_DIFFERENCE}, [v.sentence for v in verdicts]
     assert {v.quantity for v in verdicts if v.backend == ENGINE} == {
@@ -77,16 +82,16 @@ def test_runs_without_a_fault_pass_everything(results: tuple[Result, ...]) -> No
     }  # fmt: skip
 
 
-def _main_run(results: tuple[Result, ...], backend: str) -> Trajectory:
+def _main_run(results: Runs[Result], backend: str) -> Trajectory:
     run = next(r for r in results if r.case.backend == backend).trajectory
     assert run is not None
     return run
 
 
-def test_a_late_velocity_fails_against_twin_and_reference_and_says_where(results: tuple[Result, ...]) -> None:
+def test_a_late_velocity_fails_against_twin_and_reference_and_says_where(results: Runs[Result]) -> None:
     velocity = _main_run(results, ENGINE).velocity.copy()
     velocity[30:, 2] += 2e-4 * 0.8
-    verdicts = study_of(SHORT, _with(results, ENGINE, velocity=velocity), ACCURACY).verdicts
+    verdicts = assess_scene(SHORT, _with(results, ENGINE, velocity=velocity), ACCURACY).verdicts
     assert _outcome(verdicts, "velocity", ENGINE, TWIN) is Outcome.FAIL
     assert _outcome(verdicts, "velocity", ENGINE, REFERENCE) is Outcome.FAIL
     assert _outcome(verdicts, "velocity", TWIN, REFERENCE) is Outcome.PASS
@@ -103,34 +108,34 @@ def test_a_late_velocity_fails_against_twin_and_reference_and_says_where(results
         ("crossing_time", "residence_time"),
     ],
 )
-def test_a_wrong_quantity_fails_under_its_own_name(results: tuple[Result, ...], changed: str, quantity: str) -> None:
+def test_a_wrong_quantity_fails_under_its_own_name(results: Runs[Result], changed: str, quantity: str) -> None:
     wrong = getattr(_main_run(results, ENGINE), changed).copy()
     wrong[..., 1] *= 1.0 + 10 * ACCURACY
-    verdicts = study_of(SHORT, _with(results, ENGINE, **{changed: wrong}), ACCURACY).verdicts
+    verdicts = assess_scene(SHORT, _with(results, ENGINE, **{changed: wrong}), ACCURACY).verdicts
     assert _outcome(verdicts, quantity, ENGINE, REFERENCE) is Outcome.FAIL
     assert _outcome(verdicts, "velocity", ENGINE, REFERENCE) is Outcome.PASS
 
 
-def test_a_lost_crossing_fails(results: tuple[Result, ...]) -> None:
+def test_a_lost_crossing_fails(results: Runs[Result]) -> None:
     lost = _main_run(results, ENGINE).crossing_time.copy()
     lost[2] = np.nan
-    verdicts = study_of(SHORT, _with(results, ENGINE, crossing_time=lost), ACCURACY).verdicts
+    verdicts = assess_scene(SHORT, _with(results, ENGINE, crossing_time=lost), ACCURACY).verdicts
     assert _outcome(verdicts, "crossing_time", ENGINE, REFERENCE) is Outcome.FAIL
 
 
-def test_momentum_that_leaks_fails(results: tuple[Result, ...]) -> None:
+def test_momentum_that_leaks_fails(results: Runs[Result]) -> None:
     velocity = _main_run(results, ENGINE).velocity * np.linspace(1.0, 1.0 + 1e-9, 51)[:, None]
-    verdicts = study_of(SHORT, _with(results, ENGINE, velocity=velocity), ACCURACY).verdicts
+    verdicts = assess_scene(SHORT, _with(results, ENGINE, velocity=velocity), ACCURACY).verdicts
     assert _outcome(verdicts, "momentum", ENGINE, "its own start") is Outcome.FAIL
 
 
-def test_energy_that_grows_fails(results: tuple[Result, ...]) -> None:
+def test_energy_that_grows_fails(results: Runs[Result]) -> None:
     velocity = _main_run(results, ENGINE).velocity * np.linspace(1.0, 1.001, 51)[:, None]
-    verdicts = study_of(SHORT, _with(results, ENGINE, velocity=velocity), ACCURACY).verdicts
+    verdicts = assess_scene(SHORT, _with(results, ENGINE, velocity=velocity), ACCURACY).verdicts
     assert _outcome(verdicts, "energy", ENGINE, "its own start") is Outcome.FAIL
 
 
-def test_a_first_order_code_fails_the_order(results: tuple[Result, ...]) -> None:
+def test_a_first_order_code_fails_the_order(results: Runs[Result]) -> None:
     truth = _main_run(results, REFERENCE).velocity
 
     def first_order(run: Trajectory) -> Trajectory:
@@ -138,11 +143,10 @@ def test_a_first_order_code_fails_the_order(results: tuple[Result, ...]) -> None
         shift[25:, 1] = 1e3 * run.provenance["settings"]["dt"]
         return replace(run, velocity=truth + shift)
 
-    planted = tuple(
-        replace(r, trajectory=first_order(r.trajectory)) if r.case.backend == ENGINE and r.trajectory else r
-        for r in results
+    planted = results.map(
+        lambda r: replace(r, trajectory=first_order(r.trajectory)) if r.case.backend == ENGINE and r.trajectory else r
     )
-    verdicts = study_of(SHORT, planted, ACCURACY).verdicts
+    verdicts = assess_scene(SHORT, planted, ACCURACY).verdicts
     assert _outcome(verdicts, "order", ENGINE, "exact 2") is Outcome.FAIL
     assert _outcome(verdicts, "order", TWIN, "exact 2") is Outcome.PASS
 
@@ -190,7 +194,7 @@ def test_a_damped_scene_is_verified_to_the_end_and_its_page_says_so(changes: dic
     assert found.exit_code == 0, [v.sentence for v in found.verdicts]
     left = {(v.quantity, v.backend) for v in found.verdicts if v.outcome is Outcome.NOT_RUN}
     # no second reference, no theory
-    assert left == {("velocity", SECOND), ("velocity", THEORY)}
+    assert left == {("velocity", SCIPY), ("velocity", THEORY)}
     for name in (TWIN, ENGINE):
         assert _outcome(found.verdicts, "order", name, "exact 1") is Outcome.PASS
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
@@ -200,38 +204,36 @@ def test_a_damped_scene_is_verified_to_the_end_and_its_page_says_so(changes: dic
     assert "dt²" not in page
 
 
-def test_a_reference_with_a_wide_bar_decides_nothing(results: tuple[Result, ...]) -> None:
+def test_a_reference_with_a_wide_bar_decides_nothing(results: Runs[Result]) -> None:
     unsure = {**_main_run(results, REFERENCE).uncertainty, "velocity": 1.0}
-    verdicts = study_of(SHORT, _with(results, REFERENCE, uncertainty=unsure), ACCURACY).verdicts
+    verdicts = assess_scene(SHORT, _with(results, REFERENCE, uncertainty=unsure), ACCURACY).verdicts
     assert _outcome(verdicts, "velocity", ENGINE, REFERENCE) is Outcome.UNDECIDED
 
 
-def test_a_broken_run_is_a_verdict_and_the_others_go_on(results: tuple[Result, ...]) -> None:
-    broken = tuple(
-        Result(case=r.case, failure=RunBroken("LAMMPS: ERROR: Lost atoms")) if r.case.backend == ENGINE else r
-        for r in results
-    )
-    verdicts = study_of(SHORT, broken, ACCURACY).verdicts
+def test_a_broken_run_is_a_verdict_and_the_others_go_on(results: Runs[Result]) -> None:
+    failure = RunBroken("LAMMPS: ERROR: Lost atoms")
+    broken = results.map(lambda r: Result(case=r.case, failure=failure) if r.case.backend == ENGINE else r)
+    verdicts = assess_scene(SHORT, broken, ACCURACY).verdicts
     assert _outcome(verdicts, "velocity", ENGINE, REFERENCE) is Outcome.BROKEN
     assert "Lost atoms" in next(v.sentence for v in verdicts if v.outcome is Outcome.BROKEN)
     assert _outcome(verdicts, "velocity", TWIN, REFERENCE) is Outcome.PASS
 
 
-def test_a_model_difference_is_never_pass_or_fail(results: tuple[Result, ...]) -> None:
-    verdicts = study_of(SHORT, results, ACCURACY).verdicts
+def test_a_model_difference_is_never_pass_or_fail(results: Runs[Result]) -> None:
+    verdicts = assess_scene(SHORT, results, ACCURACY).verdicts
     assert {v.outcome for v in verdicts if v.backend == THEORY} == {Outcome.MODEL_DIFFERENCE}
 
 
-def test_a_pulse_that_does_not_arrive_by_theory_is_said_to_be_one(results: tuple[Result, ...]) -> None:
+def test_a_pulse_that_does_not_arrive_by_theory_is_said_to_be_one(results: Runs[Result]) -> None:
     late = _with(results, THEORY, crossing_time=np.array([1e-5, np.nan, np.nan]))
-    said = {v.quantity: v.sentence for v in study_of(SHORT, late, ACCURACY).verdicts if v.backend == THEORY}
+    said = {v.quantity: v.sentence for v in assess_scene(SHORT, late, ACCURACY).verdicts if v.backend == THEORY}
     assert "do not both have the arrival of contact 1 within the duration" in said["arrival"]
     assert "do not both have the residence time of body 1 within the duration" in said["residence_time"]
     assert not any("inf %" in sentence for sentence in said.values())
 
 
 def test_the_main_run_comes_first_and_the_ladder_spans_a_factor_eight() -> None:
-    cases = [case for case in cases_of(SHORT, ACCURACY) if case.backend == ENGINE]
+    cases = [case for case in plan_scene(SHORT, ACCURACY).cases if case.backend == ENGINE]
     steps = [case.resolution.dt or 0.0 for case in cases]
     assert steps[0] == min(steps)
     assert max(steps[1:]) / min(steps[1:]) == pytest.approx(8.0)
@@ -361,12 +363,13 @@ def test_where_no_step_decides_velocities_what_is_conserved_is_judged(monkeypatc
 
     asked: list[Case] = []
 
-    def run(cases: list[Case], **_: Any) -> tuple[Result, ...]:
+    def run(groups: list[list[Case]], **_: Any) -> list[list[Result]]:
+        [cases] = groups
         asked.extend(cases)
-        return (Result(case=cases[0], trajectory=made),)
+        return [[Result(case=cases[0], trajectory=made)]]
 
-    monkeypatch.setattr("dem_bridge.studies.verify.cases_of", none)
-    monkeypatch.setattr("dem_bridge.studies.verify.run_cases", run)
+    monkeypatch.setattr("dem_bridge.studies.verify.main_resolution", none)
+    monkeypatch.setattr("dem_bridge.studies.verify.run_groups", run)
     made = db.solve(SHORT, backend=TWIN, bars=False)
     found = verify_scenes([SHORT], accuracy=1e-13)
     assert [(case.backend, case.resolution.bars) for case in asked] == [(ENGINE, False)]
@@ -384,8 +387,8 @@ def test_where_scipy_is_the_reference_another_method_stands_beside_it(monkeypatc
     softer = tuple(beta * 5e-6**0.1 for beta in SHORT.stiffness)
     scene = replace(SHORT, name="softer", exponent=2.4, stiffness=softer)
     found = db.verify(scene, accuracy=ACCURACY, store=False)
-    assert _outcome(found.verdicts, "velocity", checks.THIRD, REFERENCE) is Outcome.PASS
-    [verdict] = [v for v in found.verdicts if v.backend == checks.THIRD]
+    assert _outcome(found.verdicts, "velocity", BLANES_MOAN, REFERENCE) is Outcome.PASS
+    [verdict] = [v for v in found.verdicts if v.backend == BLANES_MOAN]
     assert 0.0 < verdict.difference <= verdict.tolerance < 1e-7
     # the planted fault: a scipy that is off by a little more than both bars
     sound = scipy_dop853.ScipyDop853.run
@@ -396,5 +399,5 @@ def test_where_scipy_is_the_reference_another_method_stands_beside_it(monkeypatc
 
     monkeypatch.setattr(scipy_dop853.ScipyDop853, "run", wrong)
     found = db.verify(scene, accuracy=ACCURACY, store=False)
-    assert _outcome(found.verdicts, "velocity", checks.THIRD, REFERENCE) is Outcome.FAIL
+    assert _outcome(found.verdicts, "velocity", BLANES_MOAN, REFERENCE) is Outcome.FAIL
     assert found.exit_code == 1

@@ -10,7 +10,7 @@ import numpy as np
 from dem_bridge.studies.horizon.runs import KNOWN, Floats, Found, LongRun, horizon_of
 from dem_bridge.studies.horizon.verdicts import independent_from
 from dem_bridge.studies.study import FigureData, Panel, Series, Table
-from dem_bridge.verification.checks import REFERENCE, TWIN
+from dem_bridge.verification.roles import REFERENCE, TWIN
 from dem_bridge.verification.verdict import Outcome, Verdict
 
 #: points of a line of a long run, and least value that is drawn

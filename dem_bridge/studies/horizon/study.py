@@ -42,7 +42,7 @@ from dem_bridge.studies.horizon.verdicts import verdicts
 from dem_bridge.studies.study import Study
 from dem_bridge.timescales import contact_time_of
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.checks import REFERENCE, TWIN, engine_for
+from dem_bridge.verification.roles import REFERENCE, TWIN, engine_for
 
 #: relative nudge of every input, and of one in its last digit
 PERTURBATION, DIGIT = 1e-10, 2.0**-52

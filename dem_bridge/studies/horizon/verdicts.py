@@ -12,7 +12,7 @@ from dem_bridge.observables.drift import BLOCKS
 from dem_bridge.scene import Scene
 from dem_bridge.studies.horizon.runs import KNOWN, Floats, Found, Trust
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.checks import REFERENCE, TWIN
+from dem_bridge.verification.roles import REFERENCE, TWIN
 from dem_bridge.verification.verdict import Outcome, Verdict, judge
 
 #: nudged runs are independent from when the nearest two are this far apart, of the largest speed

@@ -32,7 +32,7 @@ from dem_bridge.studies.model_hierarchy.passage import (
     read,
 )
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.checks import REFERENCE, TWIN
+from dem_bridge.verification.roles import REFERENCE, TWIN
 from dem_bridge.verification.verdict import Outcome
 
 #: of the arrival at the end of the fullest model: another may be so much later

@@ -13,7 +13,7 @@ from typing import Any
 from dem_bridge.studies.paper.measures import Measure, inside, measured
 from dem_bridge.studies.paper.runs import Runs
 from dem_bridge.studies.study import Claim, ClaimValue
-from dem_bridge.verification.checks import REFERENCE
+from dem_bridge.verification.roles import REFERENCE
 from dem_bridge.verification.verdict import Outcome
 
 #: who decides, where both have run

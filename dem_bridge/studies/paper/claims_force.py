@@ -17,7 +17,7 @@ from dem_bridge.studies.paper.measures import THEORIES, Measure
 from dem_bridge.studies.paper.runs import ACCELERATING, COARSE, DECELERATING, GRADIENTS, JUDGES, LONG, Runs
 from dem_bridge.studies.study import Claim, ClaimValue
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.checks import REFERENCE, engine_for
+from dem_bridge.verification.roles import REFERENCE, engine_for
 from dem_bridge.verification.verdict import Outcome
 
 Floats = NDArray[np.float64]

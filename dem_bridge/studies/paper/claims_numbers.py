@@ -15,7 +15,7 @@ from dem_bridge.studies.paper.measures import Measure, inside
 from dem_bridge.studies.paper.runs import DECELERATING, MAIN, Runs
 from dem_bridge.studies.paper.validity import contact_validity
 from dem_bridge.studies.study import Claim, ClaimValue
-from dem_bridge.verification.checks import REFERENCE
+from dem_bridge.verification.roles import REFERENCE
 from dem_bridge.verification.verdict import Outcome
 
 #: what may be neglected, of any observable of the first passage

@@ -19,7 +19,7 @@ from dem_bridge.studies.paper.theories import FIRST, LAST, deviation
 from dem_bridge.studies.scatter import ScatterStudy
 from dem_bridge.studies.study import Claim, ClaimValue
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.checks import REFERENCE
+from dem_bridge.verification.roles import REFERENCE
 from dem_bridge.verification.verdict import Outcome
 
 Floats = NDArray[np.float64]

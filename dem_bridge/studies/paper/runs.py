@@ -14,7 +14,7 @@ from dem_bridge.scene_file import load_scene, shipped_scenes
 from dem_bridge.scene_file.physical import rounded
 from dem_bridge.studies.paper.effects import VARIANTS
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.checks import REFERENCE, SECOND, engine_for
+from dem_bridge.verification.roles import REFERENCE, SCIPY, engine_for
 
 #: the paper's own chains: verified in full, with a ladder of time steps
 DECELERATING, ACCELERATING = "decelerating-40", "accelerating-40"
@@ -58,9 +58,9 @@ class Runs:
         if name == "lammps":
             name = engine_for(self.scenes[scene])
         result = self.results.get((scene, name))
-        if result is None and name == SECOND:  # where the reference is its own answer
+        if result is None and name == SCIPY:  # where the reference is its own answer
             truth = self.truth(scene)
-            return truth if truth is not None and truth.provenance.get("answered_by") == SECOND else None
+            return truth if truth is not None and truth.provenance.get("answered_by") == SCIPY else None
         return None if result is None else result.trajectory
 
     def truth(self, scene: str) -> Trajectory | None:

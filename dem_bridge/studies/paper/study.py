@@ -6,13 +6,13 @@ import os
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import BACKENDS
 from dem_bridge.campaign import Case, Progress, Result, run_groups
 from dem_bridge.compare import difference
-from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
@@ -57,16 +57,9 @@ from dem_bridge.studies.paper.theories import split_table, theories_table
 from dem_bridge.studies.paper.validity import contacts_table, scenes_table
 from dem_bridge.studies.scatter import ScatterStudy
 from dem_bridge.studies.study import FigureData, Paper, Table
-from dem_bridge.studies.verify import (
-    DEFAULT_ACCURACY,
-    SceneStudy,
-    Verification,
-    cases_of,
-    check_jobs,
-    hopeless,
-    study_of,
-)
-from dem_bridge.verification.checks import REFERENCE, SECOND
+from dem_bridge.studies.verify import DEFAULT_ACCURACY, ScenePlan, Verification, check_jobs, plan_scene
+from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.verification.roles import REFERENCE, SCIPY
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +79,7 @@ class Extent:
 #: errors of codes and theories that stand in the budget: backend -> what it is, kind
 TERMS = {
     "lammps": ("LAMMPS at the time step of this report", NUMERICS),
-    SECOND: ("the second reference", NUMERICS),
+    SCIPY: ("the second reference", NUMERICS),
     "ode45": ("ode45 at MATLAB's default tolerances, the paper's method", NUMERICS),
     "bca": ("binary collisions in place of the equations of motion", THEORY),
     "adiabatic": ("the adiabatic wave in place of the equations of motion", THEORY),
@@ -107,24 +100,25 @@ def verify_paper(
     check_jobs(jobs)
     checked_accuracy(accuracy)
     scenes = scenes_of_paper(extent.scenes)
-    lost: dict[str, SceneStudy] = {}
 
-    def wanted(scene: Scene) -> float:
-        return accuracy if scene.name in MAIN else max(accuracy, OTHER_ACCURACY)
-
-    def planned(scene: Scene) -> list[Case]:
-        full = scene.name in MAIN
-        try:
-            return [*cases_of(scene, wanted(scene), engine, store, full=full), *beside(scene)]
-        except (RunBroken, UnsupportedScene, UsageError) as error:  # this scene's, not the others'
-            lost[scene.name] = hopeless(scene, error)
-            return []
+    def plan(scene: Scene) -> ScenePlan:
+        main = scene.name in MAIN
+        plan = plan_scene(
+            scene,
+            accuracy if main else max(accuracy, OTHER_ACCURACY),
+            engine=engine,
+            store=store,
+            full=main,
+            others=tuple(beside(scene)),
+        )
+        # claims are read off main runs alone
+        return plan if plan.error is None else replace(plan, others=())
 
     if progress is not None:
         progress(0.0, 1, "choosing time steps")
     # what chooses them is mostly compiled, and leaves the interpreter to others
     with ThreadPoolExecutor(max_workers=jobs or len(os.sched_getaffinity(0))) as threads:
-        cases = [case for found in threads.map(planned, scenes) for case in found]
+        plans = list(threads.map(plan, scenes))
     main = [load_scene(name) for name in MAIN]
     sets = [scatter.cases_of(scene, spread=extent.spread, count=extent.chains) for scene in main]
     hierarchies = (
@@ -133,16 +127,16 @@ def verify_paper(
     models = [hierarchy.cases() for hierarchy in hierarchies]
     thumbs = [rule_of_thumb.cases_of(scene) for scene in scenes]
     changed = [*variants(), *mass_gradients(engine), *matched(), *steeper_tapers()]
-    groups = iter(run_groups([cases, changed, *sets, *models, *thumbs], jobs=jobs, progress=progress, store=store))
-    of_scenes, of_changed = next(groups), next(groups)
-    of_sets, of_models, of_thumbs = ([next(groups) for _ in part] for part in (sets, models, thumbs))
+    parts: tuple[list[Sequence[Case]], ...] = ([plan.cases for plan in plans], [changed], [*sets], [*models], [*thumbs])
+    groups = iter(run_groups(list(chain.from_iterable(parts)), jobs=jobs, progress=progress, store=store))
+    of_scenes, [of_changed], of_sets, of_models, of_thumbs = ([next(groups) for _ in part] for part in parts)
     if progress is not None:
         progress(1.0, 1, "reading claims")
-    runs = Runs.of((*of_scenes, *of_changed))
+    runs = Runs.of((*chain.from_iterable(of_scenes), *of_changed))
     scattered = [scatter.study_of(scene, one, spread=extent.spread) for scene, one in zip(main, of_sets, strict=True)]
     asked = [(hierarchy, _left_out(hierarchy, one)) for hierarchy, one in zip(hierarchies, of_models, strict=True)]
     judged = [rule_of_thumb.judged_of(scene, one) for scene, one in zip(scenes, of_thumbs, strict=True)]
-    studies = tuple(lost.get(scene.name) or study_of(scene, _of(of_scenes, scene), wanted(scene)) for scene in scenes)
+    studies = tuple(plan.assess(results) for plan, results in zip(plans, of_scenes, strict=True))
     notes = (store.trouble,) if store is not None and store.trouble else ()
     return Verification(
         studies=studies,
@@ -196,10 +190,6 @@ def _left_out(hierarchy: ModelHierarchy, results: Sequence[Result]) -> tuple[Lef
     return left_out(bench, JUDGED)
 
 
-def _of(results: Sequence[Result], scene: Scene) -> tuple[Result, ...]:
-    return tuple(result for result in results if result.case.scene.name == scene.name)
-
-
 def _effects(runs: Runs) -> Iterator[Effect]:
     """All terms of the budget of both chains."""
     for name in MAIN:
@@ -248,16 +238,16 @@ def coverage_table(runs: Runs, names: Sequence[str], accuracy: float = DEFAULT_A
 def _figures(runs: Runs, scattered: Sequence[ScatterStudy]) -> Iterator[FigureData]:
     """The paper's figures, as far as their scenes have run; then what the scatter of angles does."""
 
-    def chain(name: str) -> figures.ChainRuns:
+    def runs_of(name: str) -> figures.ChainRuns:
         return figures.ChainRuns(runs.scenes[name], runs.by_backend(name))
 
     if all(runs.has(name) for name in MAIN):
-        yield figures.figure_2(chain(DECELERATING), chain(ACCELERATING))
-        yield figures.figure_3(chain(DECELERATING), chain(ACCELERATING))
+        yield figures.figure_2(runs_of(DECELERATING), runs_of(ACCELERATING))
+        yield figures.figure_3(runs_of(DECELERATING), runs_of(ACCELERATING))
     if all(runs.has(name) for name in LONG):
-        yield figures.figure_4(*map(chain, LONG))
-        yield figures.figure_5(*map(chain, LONG))
+        yield figures.figure_4(*map(runs_of, LONG))
+        yield figures.figure_5(*map(runs_of, LONG))
     maps = [f"{name}-{way}" for name in MAIN for way in ("lighter", "heavier")]
     if all(runs.has(name) for name in maps):
-        yield figures.figure_6([chain(name) for name in maps], *(ratios(runs, name) for name in MAIN))
+        yield figures.figure_6([runs_of(name) for name in maps], *(ratios(runs, name) for name in MAIN))
     yield from (scatter.figure(one) for one in scattered)

@@ -10,8 +10,8 @@ from dem_bridge.studies.paper.claims import by, percent
 from dem_bridge.studies.paper.effects import PARAMETER, PHYSICS, SUPPOSED, THEORY, Effect
 from dem_bridge.studies.paper.runs import MAIN
 from dem_bridge.studies.study import Claim
-from dem_bridge.studies.verify import SceneStudy
-from dem_bridge.verification.checks import POSITIONAL, REFERENCE, SECOND
+from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY
 from dem_bridge.verification.verdict import Outcome
 
 #: beside what no page of this kind shows
@@ -59,7 +59,7 @@ def _codes(studies: Sequence[SceneStudy]) -> str:
             if v.quantity == "velocity"
             and v.outcome is not Outcome.NOT_RUN
             and v.reference == reference
-            and (v.backend == study.engine if backend_is_engine else v.backend == SECOND)
+            and (v.backend == study.engine if backend_is_engine else v.backend == SCIPY)
             and math.isfinite(v.difference)
         ]
         return max(found, default=math.nan)

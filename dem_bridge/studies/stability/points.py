@@ -36,7 +36,7 @@ from dem_bridge.studies.stability.step_limits import (
 )
 from dem_bridge.timescales import rayleigh_time_of
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.checks import GRANULAR
+from dem_bridge.verification.roles import GRANULAR
 
 Floats = NDArray[np.float64]
 #: wanted of velocities

@@ -11,7 +11,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.studies.stability.points import ACCURACIES, PHASES, STEPS, Family, Floats, Found, Point, Trap
 from dem_bridge.studies.stability.step_limits import FINEST
 from dem_bridge.studies.study import FigureData, Map, Panel, Series, Table
-from dem_bridge.verification.checks import GRANULAR, TWIN
+from dem_bridge.verification.roles import GRANULAR, TWIN
 
 
 def tables(scene: Scene, chosen: Sequence[Family], found: Found) -> tuple[Table, ...]:

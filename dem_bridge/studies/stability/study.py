@@ -41,7 +41,7 @@ from dem_bridge.studies.stability.points import (
 from dem_bridge.studies.stability.shown import answer, figures, tables
 from dem_bridge.studies.stability.step_limits import FINEST, RATIO, twin
 from dem_bridge.studies.study import Study
-from dem_bridge.verification.checks import GRANULAR, TWIN
+from dem_bridge.verification.roles import GRANULAR, TWIN
 from dem_bridge.verification.verdict import Outcome
 
 #: a run is unstable whose energy grows for good by more than this share of what was in motion

@@ -42,8 +42,8 @@ from dem_bridge.studies.paper.runs import (
 from dem_bridge.studies.paper.study import Extent, coverage_table, paper_of, verify_paper
 from dem_bridge.studies.scatter import ScatterStudy
 from dem_bridge.studies.study import Paper
-from dem_bridge.studies.verify import cases_of
-from dem_bridge.verification.checks import GRANULAR, REFERENCE
+from dem_bridge.studies.verify import ScenePlan, plan_scene
+from dem_bridge.verification.roles import GRANULAR, REFERENCE
 from dem_bridge.verification.verdict import Outcome
 from tests.studies.paper.conftest import cheap_variants, few_gradients, truth_of, without
 
@@ -174,9 +174,9 @@ def test_figures_of_scenes_that_have_not_run_are_left_out(runs: Runs) -> None:
 def small(runs: Runs, store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The command and the facade ask for all of it: here they get two scenes and the runs that are cheap or made."""
 
-    def brief(*words: Any, full: bool, **more: Any) -> list[Case]:
+    def brief(*words: Any, full: bool, **more: Any) -> ScenePlan:
         # without the ladder of steps and scipy's bars, which are not asked about here
-        return cases_of(*words, full=False, **more)
+        return plan_scene(*words, full=False, **more)
 
     def without_ase(scene: Scene) -> list[Case]:
         return [case for case in beside(scene) if case.backend != "ase"]
@@ -190,7 +190,7 @@ def small(runs: Runs, store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study, "Extent", partial(Extent, scenes=MAIN, chains=2))
     monkeypatch.setattr(study, "variants", cheap_variants)
     monkeypatch.setattr(study, "mass_gradients", lambda engine: few_gradients())
-    monkeypatch.setattr(study, "cases_of", brief)
+    monkeypatch.setattr(study, "plan_scene", brief)
     monkeypatch.setattr(study, "beside", without_ase)
 
 
@@ -252,12 +252,12 @@ def test_without_lammps_the_claims_are_read_from_the_reference(small: None, monk
 
 
 def test_a_scene_without_a_time_step_is_a_verdict_and_claims_are_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    def hopeless(*_: object, **__: object) -> list[Case]:
+    def hopeless(*_: object, **__: object) -> Resolution:
         raise UsageError("accuracy = 1e-15 is out of reach; ask for less")
 
     for name in ("variants", "mass_gradients", "matched"):
         monkeypatch.setattr(study, name, lambda *_: [])
-    monkeypatch.setattr(study, "cases_of", hopeless)
+    monkeypatch.setattr("dem_bridge.studies.verify.main_resolution", hopeless)
     found = verify_paper(accuracy=1e-15, jobs=1, extent=SMALL)
     assert {v.outcome for v in found.verdicts} == {Outcome.UNDECIDED}
     assert all("ask for less" in v.sentence for v in found.verdicts)

@@ -15,8 +15,8 @@ from dem_bridge.studies.paper.effects import OBSERVABLES, Effect
 from dem_bridge.studies.paper.runs import MAIN, Runs
 from dem_bridge.studies.paper.summary import NOT_VERIFIED, PHYSICAL, SLIPS, answer
 from dem_bridge.studies.study import Claim
-from dem_bridge.studies.verify import SceneStudy
-from dem_bridge.verification.checks import POSITIONAL, REFERENCE, SECOND
+from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY
 from dem_bridge.verification.verdict import Outcome, Verdict
 
 
@@ -29,12 +29,12 @@ def _study(scene: str, error: float, same: float, two: float, *more: Verdict) ->
     verdicts = (
         _verdict(scene, "lammps-granular", REFERENCE, error),
         _verdict(scene, "lammps-granular", POSITIONAL, same),
-        _verdict(scene, SECOND, REFERENCE, two),
+        _verdict(scene, SCIPY, REFERENCE, two),
         _verdict(scene, "lammps-granular", REFERENCE, 0.9, quantity="peak_force"),
         _verdict(scene, "verlet", REFERENCE, 0.8),
         *more,
     )
-    return SceneStudy(scene=db.load_scene(scene), results=(), verdicts=verdicts, refinement={})
+    return SceneStudy(scene=db.load_scene(scene), verdicts=verdicts)
 
 
 STUDIES = [

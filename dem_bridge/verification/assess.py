@@ -1,0 +1,177 @@
+"""Judge the runs of one scene: pure functions from results in their roles to verdicts. Nothing is run here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dem_bridge.campaign import Result
+from dem_bridge.compare import difference
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
+from dem_bridge.verification import checks
+from dem_bridge.verification.budget import Budget, allowance, budgets
+from dem_bridge.verification.roles import Runs, engine_for
+from dem_bridge.verification.verdict import Verdict
+
+#: time steps in s, coarsest first, and the velocity errors of the runs, relative to the reference's largest velocity
+Refinement = tuple[list[float], list[float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneStudy:
+    """Runs and verdicts of one scene."""
+
+    scene: Scene
+    runs: Runs[Result] | None = None
+    """None: the runs of the roles could not be chosen."""
+    others: tuple[Result, ...] = ()
+    """Results that no check reads."""
+    verdicts: tuple[Verdict, ...]
+    refinement: dict[str, Refinement] = field(default_factory=dict)
+    """Errors at each time step, by backend."""
+    budgets: tuple[Budget, ...] = ()
+    """Error budgets of LAMMPS' main run, one for each quantity."""
+
+    @property
+    def engine(self) -> str:
+        """Name of the LAMMPS backend that is verified."""
+        return engine_for(self.scene)
+
+    @property
+    def results(self) -> tuple[Result, ...]:
+        """All results; of each backend the main run comes first."""
+        return (*(self.runs or ()), *self.others)
+
+    def run(self, backend: str) -> Trajectory | None:
+        """Return the main run of a backend; None where it was not made or failed."""
+        return next((result.trajectory for result in self.results if result.case.backend == backend), None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Trajectories:
+    """Trajectories by their roles, None for those that failed or that the scene has not."""
+
+    reference: Trajectory | None
+    second_reference: Trajectory | None
+    theory: Trajectory | None
+    twin: Trajectory | None
+    engine: Trajectory | None
+    tabled_twin: Trajectory | None
+    positional_twin: Trajectory | None
+
+    @classmethod
+    def of(cls, runs: Runs[Result]) -> _Trajectories:
+        results = {name: getattr(runs, name) for name in cls.__dataclass_fields__}
+        return cls(**{name: result and result.trajectory for name, result in results.items()})
+
+
+def assess_scene(scene: Scene, runs: Runs[Result], accuracy: float) -> SceneStudy:
+    """Judge the runs of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    runs : Runs of Result
+        What became of the cases of :func:`~dem_bridge.verification.roles.list_cases`.
+    accuracy : float
+        Tolerance of velocity errors, relative to the largest velocity.
+    """
+    roles = _Trajectories.of(runs)
+    refinement: dict[str, Refinement] = {}
+    if roles.reference is not None:
+        for main, levels in ((runs.twin, runs.twin_refinements), (runs.engine, runs.engine_refinements)):
+            if main.trajectory is not None:
+                refinement[main.case.backend] = _refinement((main, *levels), roles.reference)
+    verdicts = [
+        *_failures(scene, runs),
+        *_implementation(scene, roles),
+        *_accuracy(scene, runs, roles, refinement, accuracy),
+    ]
+    if roles.engine is not None:
+        verdicts += checks.conserved(scene, roles.engine, accuracy, roles.reference)
+    return SceneStudy(
+        scene=scene,
+        runs=runs,
+        verdicts=tuple(verdicts),
+        refinement=refinement,
+        budgets=_budgets(roles),
+    )
+
+
+def _failures(scene: Scene, runs: Runs[Result]) -> Iterator[Verdict]:
+    """Yield a verdict for each role whose run failed, or that its backend cannot play."""
+    for result in (runs.reference, runs.second_reference, runs.twin, runs.engine, runs.theory):
+        if result is not None and result.failure is not None:
+            yield checks.absent(scene, result.case.backend, result)
+
+
+def _budgets(roles: _Trajectories) -> tuple[Budget, ...]:
+    if roles.engine is None or roles.twin is None or roles.positional_twin is None or roles.reference is None:
+        return ()
+    return budgets(roles.engine, roles.twin, roles.positional_twin, roles.reference, roles.tabled_twin)
+
+
+def _implementation(scene: Scene, roles: _Trajectories) -> Iterator[Verdict]:
+    """Yield the verdicts on LAMMPS against its tables and the twins."""
+    engine, twin, positional = roles.engine, roles.twin, roles.positional_twin
+    if engine is None:
+        return
+    if "table" in engine.provenance:
+        yield from checks.table(scene, engine)
+    if twin is None:
+        return
+    yield checks.implementation(scene, engine, roles.tabled_twin or twin)
+    budget = _budgets(roles)
+    if positional is None or not budget:
+        return
+    allowed = {part.quantity: part.allowed for part in budget}
+    # contact forces have no uncertainty of their own, but their difference must be explained as well
+    allowed["contact_force"] = allowance("contact_force", twin, positional, roles.tabled_twin)
+    for quantity, bound in allowed.items():
+        yield checks.explained(scene, quantity, engine, positional, allowed=bound)
+
+
+def _accuracy(
+    scene: Scene, runs: Runs[Result], roles: _Trajectories, refinement: dict[str, Refinement], accuracy: float
+) -> Iterator[Verdict]:
+    """Yield the verdicts of all runs against the reference."""
+    reference = roles.reference
+    if reference is None:
+        return
+    if runs.second_reference is None or roles.second_reference is not None:
+        yield checks.two_methods(scene, roles.second_reference, reference)
+    for result in (runs.twin, runs.engine):
+        if (run := result.trajectory) is None:
+            continue
+        name = result.case.backend
+        yield from checks.accuracy(scene, name, run, reference, accuracy)
+        known = _reference_with_table_error(roles) if result is runs.engine else reference
+        if len(refinement[name][0]) > 1:
+            yield checks.order(scene, name, refinement[name], known)
+    if roles.theory is not None:
+        yield from checks.model(scene, roles.theory, reference)
+
+
+def _reference_with_table_error(roles: _Trajectories) -> Trajectory:
+    """Return the reference, as uncertain as the tables are wrong: errors below that show no order, for no step changes
+    what tables miss.
+    """
+    reference = roles.reference
+    assert reference is not None
+    if roles.tabled_twin is None or roles.twin is None:
+        return reference
+    missed = float(np.max(np.abs(roles.tabled_twin.velocity - roles.twin.velocity)))
+    velocity = reference.uncertainty["velocity"] + missed
+    return replace(reference, uncertainty={**reference.uncertainty, "velocity": velocity})
+
+
+def _refinement(results: tuple[Result, ...], reference: Trajectory) -> Refinement:
+    """Return steps and velocity errors of the runs of one backend, the coarsest step first."""
+    runs = [result.trajectory for result in results if result.trajectory is not None]
+    steps = [float(run.provenance["settings"]["dt"]) for run in runs]
+    errors = [difference("velocity", run, reference).value for run in runs]
+    order = np.argsort(steps)[::-1]
+    return [steps[i] for i in order], [errors[i] for i in order]

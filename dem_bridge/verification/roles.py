@@ -1,0 +1,175 @@
+"""Roles of a verification: which backend plays which part on a scene, and the runs in these parts.
+
+A verification compares runs pair by pair, and each pair isolates one cause of error:
+
+=========================  ==========================================================================
+engine - twin              implementation and round-off: the same algorithm and step (and tables, if any)
+engine - positional twin   implementation alone: the same round-off, too
+twin - reference           time step: the same equations, solved to round-off
+engine - reference         all of these, the error of a user's run
+second reference           independent check: another integrator, each within its own uncertainty
+theory - reference         model difference: other equations, never PASS or FAIL
+=========================  ==========================================================================
+
+:func:`assign_roles` alone decides who plays which part; :func:`list_cases` writes the parts down as cases.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, fields, replace
+from typing import Generic, TypeVar, cast
+
+from dem_bridge.backends.base import Resolution, Sampling, backend
+from dem_bridge.backends.blanes_moan import PHASE
+from dem_bridge.backends.reference import series_fit
+from dem_bridge.backends.steps import default_step
+from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.campaign import Case
+from dem_bridge.lmp.coefficients import refusal
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.scene import Scene
+
+GRANULAR, TABLE = "lammps-granular", "lammps-table"
+TWIN, REFERENCE, SCIPY, BLANES_MOAN, THEORY = "verlet", "reference", "scipy", "blanes-moan", "bca"
+#: the name that verdicts give to the twin that keeps absolute positions, with the surrogate radius of the deck
+POSITIONAL = "verlet in positions"
+#: time steps of the refinement levels, in units of the main step
+REFINEMENT = (10.0, 5.0, 2.5, 1.25)
+#: as a second reference, the method of Blanes & Moan takes steps that are finer than its default by this factor
+FINER = 8
+
+Item = TypeVar("Item")
+Other = TypeVar("Other")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Roles:
+    """Backends by the part that they play on one scene."""
+
+    engine: str
+    """The LAMMPS backend that is verified: ``pair_style granular`` where it has the laws, otherwise ``table``."""
+    solver: str
+    """The backend that solves for the reference: "reference", or "scipy" where the Taylor series do not fit."""
+    second_reference: str | None
+    """A backend of another method than the solver's; None: no other backend solves the scene to that accuracy."""
+    twin: str = TWIN
+    reference: str = REFERENCE
+    theory: str = THEORY
+
+    @property
+    def takes_tables(self) -> bool:
+        """Whether the engine interpolates forces in tables, so that the twin has a run with these tables, too."""
+        return self.engine == TABLE
+
+
+def assign_roles(scene: Scene) -> Roles:
+    """Decide which backend plays which part on a scene.
+
+    >>> from dem_bridge.scene_file import load_scene
+    >>> roles = assign_roles(load_scene("decelerating-40"))
+    >>> roles.engine, roles.solver, roles.second_reference
+    ('lammps-granular', 'reference', 'scipy')
+    """
+    engine = engine_for(scene)
+    if series_fit(scene):
+        return Roles(engine=engine, solver=REFERENCE, second_reference=SCIPY)
+    fits = backend(BLANES_MOAN).refusal(scene) is None
+    return Roles(engine=engine, solver=SCIPY, second_reference=BLANES_MOAN if fits else None)
+
+
+def engine_for(scene: Scene) -> str:
+    """Return the LAMMPS backend that is verified on a scene."""
+    return GRANULAR if refusal(scene) is None else TABLE
+
+
+@dataclass(frozen=True, kw_only=True)
+class Runs(Generic[Item]):
+    """One item (a case, a result) for each part in the verification of one scene.
+
+    Iteration goes through all items; of each backend the main run comes first.
+    """
+
+    reference: Item
+    second_reference: Item | None = None
+    theory: Item
+    twin: Item
+    engine: Item
+    tabled_twin: Item | None = None
+    """The twin with the deck's tables; None where the engine has none."""
+    positional_twin: Item
+    """The twin in absolute positions, with the deck's surrogate radius and, if there are any, its tables."""
+    twin_refinements: tuple[Item, ...] = ()
+    """Runs at the coarser steps from which the order of convergence follows, the coarsest first."""
+    engine_refinements: tuple[Item, ...] = ()
+
+    def __iter__(self) -> Iterator[Item]:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, tuple):
+                yield from value
+            elif value is not None:
+                yield value
+
+    def map(self, function: Callable[[Item], Other]) -> Runs[Other]:
+        """Return the runs with ``function`` applied to each item."""
+
+        def apply(value: object) -> object:
+            if isinstance(value, tuple):
+                return tuple(function(item) for item in value)
+            return None if value is None else function(cast(Item, value))
+
+        return Runs(**{field.name: apply(getattr(self, field.name)) for field in fields(self)})  # type: ignore[arg-type]
+
+    def filled(self, items: Iterable[Other]) -> Runs[Other]:
+        """Return the same parts with other items, given in the order of iteration."""
+        others = iter(items)
+        return self.map(lambda _: next(others))
+
+
+def list_cases(scene: Scene, main: Resolution, *, engine: Engine | None = None, full: bool = True) -> Runs[Case]:
+    """List the runs that the verification of a scene needs; nothing is run.
+
+    Parameters
+    ----------
+    scene : Scene
+    main : Resolution
+        Settings of the main runs of engine and twin; its ``dt`` is set.
+    engine : Engine, optional
+        Which LAMMPS.
+    full : bool
+        With the refinement levels, and with the uncertainty of the second reference where that is scipy.
+    """
+    assert main.dt is not None
+    roles, sampling = assign_roles(scene), Sampling(count=scene.samples)
+    levels = [replace(main, dt=factor * main.dt, bars=False) for factor in REFINEMENT if full]
+    tabled = replace(main, tables=roles.takes_tables, bars=False)
+    positional = replace(tabled, surrogate_radius=prescan_scene(scene).surrogate_radius)
+
+    def case(name: str, resolution: Resolution) -> Case:
+        lammps = engine if name == roles.engine else None
+        return Case(scene=scene, backend=name, resolution=resolution, sampling=sampling, engine=lammps)
+
+    return Runs(
+        reference=case(roles.reference, Resolution()),
+        second_reference=_second_reference(roles, case, scene, sampling, full),
+        theory=case(roles.theory, Resolution()),
+        twin=case(roles.twin, main),
+        engine=case(roles.engine, main),
+        tabled_twin=case(roles.twin, tabled) if roles.takes_tables else None,
+        positional_twin=case(roles.twin, positional),
+        twin_refinements=tuple(case(roles.twin, level) for level in levels),
+        engine_refinements=tuple(case(roles.engine, level) for level in levels),
+    )
+
+
+def _second_reference(
+    roles: Roles, case: Callable[[str, Resolution], Case], scene: Scene, sampling: Sampling, full: bool
+) -> Case | None:
+    """Return the case of the second reference, None where the scene has none."""
+    if roles.second_reference is None:
+        return None
+    if roles.second_reference == SCIPY:
+        return case(SCIPY, Resolution(bars=full))
+    step = default_step(scene, sampling, prescan_scene(scene), PHASE) / FINER
+    return case(BLANES_MOAN, Resolution(dt=step))
