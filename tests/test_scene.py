@@ -474,7 +474,7 @@ def test_a_law_is_known_by_its_values() -> None:
         (lambda overlap: np.where(overlap < 3e-6, 1e6 * overlap, np.nan), "law[0] = nan N at overlap 3e-06 m"),
         ((_linear, lambda overlap: np.inf * overlap), "law[1] = nan N at overlap 0"),
         (lambda overlap: 1e6 * math.sqrt(overlap), "law[0] raises TypeError on an array of overlaps"),
-        (lambda overlap: 1e6, "law[0] gives an array of shape ()"),
+        (lambda overlap: 1e6, "law[0] returns an array of shape ()"),
         (lambda overlap: 1e7 * overlap * np.exp(-overlap / 1e-6), "law[0] falls from "),
         (lambda overlap: 0.0 * overlap, "law[0] stores 0 J at an overlap of "),
         (ContactLaw(HERTZ.force, power_law(4e9 * (1.0 + 1e-5), 2.5).energy), "law[0] has an energy of "),

@@ -1,1 +1,4 @@
-"""Formulas with their sources. numpy and scipy only; knows nothing of scenes, backends or files."""
+"""Formulas of contact mechanics and wave propagation, each with its source.
+
+The modules import only numpy and scipy; they do not depend on scenes, backends or files.
+"""

@@ -1,33 +1,36 @@
 """The adiabatic solitary wave: the leading pulse of a chain whose masses, stiffnesses and exponents vary slowly.
 
-Locally the pulse is the exact wave of the discrete uniform chain (:mod:`.solitary`), and what it keeps is its energy E.
+Locally the pulse is the exact wave of the discrete uniform chain (:mod:`.solitary`), and it conserves its energy E.
 With A^n = E / (beta e), and R, V, e, p the peak overlap, peak velocity, energy and momentum of the shape at A = 1::
 
     peak force = beta (A R)^(n-1)      speed = sqrt(beta A^(n-2) / m)      shift D = A p
     peak velocity = V sqrt(E / (e m))  momentum P = p sqrt(m E / e)
 
-That is order 0: for one mass and one n, force goes as beta^(1/n) and velocity does not change. Order 1 adds what a
-gradient does, from conservation of momentum and energy alone; nothing in it is fitted.
+This is order 0: for one mass and one n, the force scales as beta^(1/n) and the velocity is constant. Order 1 adds the
+effect of a gradient, derived from conservation of momentum and energy; nothing in it is fitted.
 
-* What the pulse loses in momentum stays with the body passed: u = -(dP/dk) / m, and with it the energy m u^2 / 2. For
-  n -> infinity that is the binary collision, whose rebound it is.
-* Bodies end up shifted by different D, so behind the pulse a contact is left with J = -dD/dk + u / speed: a gap
-  (J < 0), or an overlap with its energy beta J^n / n and that of the body it pushes for 1 / speed.
-* The pulse runs into bodies at rest that touch, and leaves J and u behind. Time and space reversed, the gradient
-  changes its sign, so what is even about the peak has no first order but for the mean of ahead and behind: the local
-  wave is that of a uniform chain pressed by J/2 that moves with u/2, to first order. :func:`response` is that wave.
+* The momentum that the pulse loses stays with the body that it has passed: u = -(dP/dk) / m, and with it the energy
+  m u^2 / 2. In the limit n -> infinity this is the rebound of the binary collision.
+* Bodies are shifted by different D, so behind the pulse a contact is left with J = -dD/dk + u / speed. J < 0 is a gap;
+  J > 0 is an overlap, which holds the energy beta J^n / n and pushes a body for the time 1 / speed.
+* The pulse runs into bodies at rest that touch, and leaves J and u behind. A reversal of time and space changes the
+  sign of the gradient, so a quantity that is even about the peak has no first order, apart from the mean of the states
+  ahead and behind. To first order the local wave is therefore that of a uniform chain that is pressed by J/2 and moves
+  with u/2. :func:`response` computes this wave.
 
-On a chain of one mass and stiffness exp(eps k), n = 5/2, ln of peak force, peak velocity and speed thus have -0.3994,
--0.4891 and +0.2608 times eps beside order 0. Long runs of the reference at eps = -0.01 have -0.3901, -0.4806 and
-+0.2605; what is left goes as eps^2 (-0.9 of it for the force). A chain that softens costs the pulse nothing, one that
-stiffens 0.2 eps^(5/2) of its energy a body. On the paper's 200 cylinders force goes as beta^0.3948 where they soften
-and beta^0.4067 where they stiffen (contacts 5 to 194); the theory has 0.3940 and 0.4057, and 0.0006 of each difference
-is that eps^2.
+On a chain of one mass and stiffness exp(eps k), n = 5/2, ln of peak force, peak velocity and speed thus change by
+-0.3994,
+-0.4891 and +0.2608 times eps relative to order 0. Long runs of the reference at eps = -0.01 give -0.3901, -0.4806 and
++0.2605; the remainder scales as eps^2 (with the coefficient -0.9 for the force). The pulse loses no energy on a chain
+that softens, and 0.2 eps^(5/2) of its energy per body on one that stiffens. On the paper's 200 cylinders the force
+scales as beta^0.3948 where they soften and beta^0.4067 where they stiffen (contacts 5 to 194). The theory gives 0.3940
+and 0.4057;
+0.0006 of each difference is the term in eps^2.
 
-How much of a striker's energy goes into the pulse is a problem of its own: :mod:`.launch`.
+:mod:`.launch` computes the share of a striker's energy that goes into the pulse.
 
-Valid for single pulses into chains at rest that just touch, elastic, n from 2.1 to 50, changes small over the wave's
-width of five bodies; not for the last few bodies before an end. Knows nothing of scenes.
+The theory is valid for single pulses in elastic chains at rest that just touch, for n from 2.1 to 50 and for changes
+that are small over the width of the wave, five bodies. It is not valid for the last few bodies before an end.
 """
 
 from __future__ import annotations
@@ -46,13 +49,13 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-#: below it the wave is tens of bodies wide and takes hundreds to form
+#: below this exponent the wave is tens of bodies wide and needs hundreds of bodies to form
 LEAST_EXPONENT = 2.1
 
 
 @dataclass(frozen=True, eq=False)
 class Local:
-    """What the uniform chain's wave of one exponent is and how it answers, all at m = beta = speed = 1."""
+    """The wave of a uniform chain of one exponent and its first-order response, at m = beta = speed = 1."""
 
     exponent: float
     peak_overlap: float
@@ -60,18 +63,25 @@ class Local:
     momentum: float
     energy: float
     pressed: tuple[float, float, float]
-    """d ln(peak force, peak velocity, speed) at constant energy, by a jump J of the overlap over the peak overlap."""
+    """Derivatives of ln(peak force, peak velocity, speed) at constant energy with respect to J / peak overlap."""
     moving: tuple[float, float, float]
-    """The same by the velocity u left behind over the peak velocity."""
+    """The same derivatives with respect to u / peak velocity."""
 
 
 @functools.lru_cache(maxsize=1024)
 def response(exponent: float) -> Local:
-    """The wave of one exponent, and its answer to being in a chain that is pressed by J/2 and moves with u/2.
+    """Return the wave of one exponent and its response to a chain that is pressed by J/2 and moves with u/2.
 
-    Linearised about the wave, r' = 1 + tent * (n-1) r^(n-2) r' for an overlap of one far ahead and behind; then the
-    amplitude is changed until the energy is the old one.
+    The equation is linearised about the wave, r' = 1 + tent * (n-1) r^(n-2) r' for a unit overlap far ahead and behind.
+    The amplitude is then changed so that the energy stays the same.
 
+    Parameters
+    ----------
+    exponent : float
+        Exponent n of the energy.
+
+    Examples
+    --------
     >>> hertz = response(2.5)
     >>> [f"{x:.4f}" for x in (*hertz.pressed, *hertz.moving)]
     ['-0.5473', '-0.6702', '0.3574', '-0.4685', '0.1096', '-0.0781']
@@ -91,47 +101,53 @@ def response(exponent: float) -> Local:
         return np.asarray(dct(kernel[:, None] * dct(values, type=1, axis=0), type=1, axis=0) / (2 * points))
 
     slope = p * r ** (p - 1.0)
-    more = np.linalg.solve(np.eye(points + 1) - filtered(box**2, np.eye(points + 1)) * slope, np.ones(points + 1))
-    faster = filtered(box, (slope * more)[:, None])[:, 0]
+    overlap_gain = np.linalg.solve(
+        np.eye(points + 1) - filtered(box**2, np.eye(points + 1)) * slope, np.ones(points + 1)
+    )
+    velocity_gain = filtered(box, (slope * overlap_gain)[:, None])[:, 0]
     (top, fastest), energy = shape.peaks, shape.kinetic + shape.potential
 
-    def at_the_same_energy(overlap: float, velocity: float, gained: float) -> tuple[float, float, float]:
-        scale = -gained / (n * energy)  # of the amplitude: energy goes as its n-th power
+    def at_constant_energy(overlap: float, velocity: float, energy_gain: float) -> tuple[float, float, float]:
+        scale = -energy_gain / (n * energy)  # relative change of the amplitude; the energy is its n-th power
         return p * (overlap / top + scale), velocity / fastest + 0.5 * n * scale, (0.5 * n - 1.0) * scale
 
     half = 0.5 * top
-    gained = float(weight @ (r**p * more) + weight @ (v * faster))
+    energy_gain = float(weight @ (r**p * overlap_gain) + weight @ (v * velocity_gain))
     return Local(
         exponent=n,
         peak_overlap=top,
         peak_velocity=fastest,
         momentum=shape.momentum,
         energy=energy,
-        pressed=at_the_same_energy(half * float(more[0]), half * float(faster[0]), half * gained),
-        moving=at_the_same_energy(0.0, 0.5 * fastest, 0.5 * fastest * shape.momentum),
+        pressed=at_constant_energy(half * float(overlap_gain[0]), half * float(velocity_gain[0]), half * energy_gain),
+        moving=at_constant_energy(0.0, 0.5 * fastest, 0.5 * fastest * shape.momentum),
     )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AdiabaticWave:
-    """The leading pulse along a chain. Made by :func:`adiabatic_wave`; of contacts or bodies, ``(n_contact,)``,
-    ``(n_body,)``."""
+    """The leading pulse along a chain, at each contact ``(n_contact,)`` or body ``(n_body,)``.
+
+    :func:`adiabatic_wave` computes it.
+    """
 
     energy: Floats
-    """J, of the pulse as it passes each contact."""
+    """Energy of the pulse as it passes each contact, J."""
     momentum: Floats
-    """kg m/s, as it passes each contact; the impulse that the contact transmits."""
+    """Momentum of the pulse as it passes each contact, kg m/s: the impulse that the contact transmits."""
     peak_force: Floats
-    """N, of each contact."""
+    """Peak force of each contact, N."""
     peak_velocity: Floats
-    """m/s, of each body; of the first and last as if the chain went on."""
+    """Peak velocity of each body, m/s; the first and last are computed as if the chain continued."""
     transit: Floats
-    """s, from the peak of contact i-1 to that of contact i, for each body i; of the first and last as if the chain went
-    on. What the paper calls the residence time."""
+    """Time from the peak of contact i-1 to that of contact i for each body i, s: the paper's residence time.
+
+    The first and last are computed as if the chain continued.
+    """
     left_velocity: Floats
-    """m/s, of each body when the pulse has passed."""
+    """Velocity of each body after the pulse has passed, m/s."""
     left_overlap: Floats
-    """m, of each contact when the pulse has passed; negative: a gap."""
+    """Overlap of each contact after the pulse has passed, m; negative: a gap."""
 
 
 def adiabatic_wave(
@@ -144,14 +160,36 @@ def adiabatic_wave(
     at: int = 0,
     order: int = 1,
 ) -> AdiabaticWave:
-    """The pulse of a chain of ``mass`` (kg, ``(n_body,)``), by what it has at one place.
+    """Return the leading pulse of a chain from its energy or its peak velocity at one place.
 
-    ``stiffness`` (N/m^(n-1), ``(n_body - 1,)``); ``exponent`` n, one or one per contact. Give one of ``energy`` (J, at
-    contact ``at``) and ``peak_velocity`` (m/s, of body ``at``). ``order``: 0, energy is kept and each place has its
-    uniform chain's wave; 1, with what the gradients do. A contact k has its own stiffness and the geometric mean of the
-    masses beside it, a body its own mass and the geometric mean of both contacts' speeds: even about each place, so
-    that nothing of first order in the gradient comes from discretisation. Raises ValueError.
+    A contact k has its own stiffness and the geometric mean of the masses on both sides; a body has its own mass and
+    the geometric mean of the speeds of both contacts. Both are even about their place, so that the discretisation adds
+    no error of first order in the gradient.
 
+    Parameters
+    ----------
+    mass : array_like
+        Masses, kg, ``(n_body,)``.
+    stiffness : array_like
+        Stiffnesses, N/m^(n-1), ``(n_body - 1,)``.
+    exponent : array_like
+        Exponent n: one number, or one per contact.
+    energy : float, optional
+        Energy of the pulse at contact ``at``, J.
+    peak_velocity : float, optional
+        Peak velocity of body ``at``, m/s. Give either this or ``energy``.
+    at : int
+        Contact or body at which the pulse is prescribed.
+    order : int
+        0 conserves the energy and uses the wave of a uniform chain at each place; 1 adds the effect of the gradients.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is outside its range.
+
+    Examples
+    --------
     >>> wave = adiabatic_wave(mass=[1.0] * 9, stiffness=0.9 ** np.arange(8), exponent=2.5, peak_velocity=1.0, order=0)
     >>> [f"{x:.6f}" for x in np.log(wave.peak_force[4:6] / wave.peak_force[3:5]) / np.log(0.9)]
     ['0.400000', '0.400000']
@@ -160,8 +198,8 @@ def adiabatic_wave(
     """
     chain = _Chain.of(mass, stiffness, exponent)
     if (energy is None) == (peak_velocity is None):
-        given = "neither is" if energy is None else "both are"
-        raise ValueError(f"energy, peak_velocity: {given} given; allowed: one, the other follows from it")
+        count = "neither is" if energy is None else "both are"
+        raise ValueError(f"energy, peak_velocity: {count} given; allowed: exactly one, since it determines the other")
     if order not in (0, 1):
         raise ValueError(f"order = {order!r}; allowed: 0 or 1")
     places = len(chain.stiffness) + (energy is None)
@@ -169,16 +207,18 @@ def adiabatic_wave(
         raise ValueError(f"at = {at!r}; allowed: 0 to {places - 1}")
     if energy is not None:
         return chain.wave(above(0.0, "energy", energy, "J"), at, order)
-    wanted = above(0.0, "peak_velocity", peak_velocity, "m/s")
-    start, found = min(at, len(chain.stiffness) - 1), float(chain.mass[at]) * wanted**2
-    for _ in range(6):  # energy goes as velocity squared: exact at once for one n, and nearly so for several
-        found *= (wanted / float(chain.wave(found, start, order).peak_velocity[at])) ** 2
-    return chain.wave(found, start, order)
+    velocity = above(0.0, "peak_velocity", peak_velocity, "m/s")
+    start, start_energy = min(at, len(chain.stiffness) - 1), float(chain.mass[at]) * velocity**2
+    for _ in range(
+        6
+    ):  # energy is proportional to velocity squared: one pass is exact for one n, and nearly so for several
+        start_energy *= (velocity / float(chain.wave(start_energy, start, order).peak_velocity[at])) ** 2
+    return chain.wave(start_energy, start, order)
 
 
 @dataclass(frozen=True, eq=False)
 class _Chain:
-    """A chain's numbers with those of the local wave's shape, all ``(n_contact,)`` but the mass."""
+    """A chain's parameters with those of the local wave's shape, each ``(n_contact,)``; the mass is ``(n_body,)``."""
 
     mass: Floats
     stiffness: Floats
@@ -193,10 +233,11 @@ class _Chain:
 
     @classmethod
     def of(cls, mass: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike) -> _Chain:
+        """Return the checked chain of these masses, stiffnesses and exponents."""
         m, beta = np.array(mass, dtype=float), np.array(stiffness, dtype=float)
         if m.ndim != 1 or beta.shape != (len(m) - 1,) or len(m) < 3:
             raise ValueError(
-                f"mass, stiffness have shapes {m.shape}, {beta.shape}; allowed: three bodies or more, one contact less"
+                f"mass, stiffness have shapes {m.shape}, {beta.shape}; allowed: three bodies or more, one contact fewer"
             )
         for name, values in (("mass", m), ("stiffness", beta)):
             for k, value in enumerate(values.tolist()):
@@ -205,41 +246,45 @@ class _Chain:
         if n.shape not in ((), beta.shape):
             raise ValueError(f"exponent has shape {n.shape}; allowed: one number, or {len(beta)}, one per contact")
         distinct, which = np.unique(np.broadcast_to(n, beta.shape), return_inverse=True)
-        found = [response(checked_exponent(value)) for value in distinct.tolist()]
+        waves = [response(checked_exponent(value)) for value in distinct.tolist()]
 
         def each(name: str) -> Floats:
-            return np.array([getattr(one, name) for one in found]).T[..., which]
+            return np.array([getattr(wave, name) for wave in waves]).T[..., which]
 
         names = ("exponent", "peak_overlap", "peak_velocity", "momentum", "energy", "pressed", "moving")
         return cls(m, beta, *(each(name) for name in names))
 
     def wave(self, energy: float, at: int, order: int) -> AdiabaticWave:
-        """The pulse with this energy at contact ``at``."""
+        """Return the pulse that has ``energy`` (J) at contact ``at``."""
         m, beta, n, between = self.mass, self.stiffness, self.n, np.sqrt(self.mass[1:] * self.mass[:-1])
         at_contact = np.full(len(beta), energy)
-        for _ in range(3 if order else 1):  # shares lost depend on the energy where n varies, and hardly there
+        for _ in range(3 if order else 1):  # where n varies, the lost shares depend weakly on the energy
             scale = (at_contact / (beta * self.shape_energy)) ** (1.0 / n)
             spring = beta * scale ** (n - 2.0)  # mass times speed squared
             speed = np.sqrt(spring / between)
             momentum = self.shape_momentum * np.sqrt(between * at_contact / self.shape_energy)
             left_velocity, left_overlap = np.zeros(len(m)), np.zeros(len(beta))
             if order:
-                # of what a pulse of constant energy loses; its loss of energy is of second order
+                # losses of a pulse of constant energy; the change of its energy is of second order
                 alike = np.sqrt(at_contact[1:] * at_contact[:-1])
                 per_root = momentum / np.sqrt(at_contact)
                 left_velocity[1:-1] = (per_root[:-1] - per_root[1:]) * np.sqrt(alike) / m[1:-1]
                 left_overlap = _left_overlap(self, at_contact) + _at_contacts(left_velocity) / speed
                 pressed = np.maximum(left_overlap, 0.0)
-                pushed = beta * pressed ** (n - 1.0) / (between * speed)  # velocity, by the force left for a transit
+                pushed = (
+                    beta * pressed ** (n - 1.0) / (between * speed)
+                )  # velocity from the remaining force during one transit
                 left = (beta * pressed**n / n + 0.5 * between * pushed**2) / at_contact
                 share = 0.5 * m[1:-1] * left_velocity[1:-1] ** 2 / alike + 0.5 * (left[1:] + left[:-1])
-                lost = np.concatenate([[0.0], np.cumsum(np.log1p(share))])  # of what there is: some is always left
+                lost = np.concatenate(
+                    [[0.0], np.cumsum(np.log1p(share))]
+                )  # relative to the present energy, which stays positive
                 at_contact = energy * np.exp(lost[at] - lost)
-        # small, where the theory holds; where it does not its answers are to stay finite
+        # both are small where the theory is valid; elsewhere tanh keeps the results finite
         jump = np.tanh(left_overlap / (scale * self.top))
         drift = np.tanh(_at_contacts(left_velocity) / (speed * scale * self.fastest))
         force, velocity, faster = np.exp(self.pressed * jump + self.moving * drift)
-        # of a body's velocity and time what its own mass does not decide
+        # the factor of a body's velocity that does not depend on its own mass
         per_mass = self.fastest * np.sqrt(at_contact / self.shape_energy) * velocity
         return AdiabaticWave(
             energy=at_contact,
@@ -253,7 +298,7 @@ class _Chain:
 
 
 def _left_overlap(chain: _Chain, energy: Floats) -> Floats:
-    """-dD/dk at constant energy: of the shifts D on both sides of each contact, half the outer difference."""
+    """Return -dD/dk at constant energy at each contact, from the shifts D of its two neighbours."""
     beta, n = chain.stiffness, chain.n
     padded = np.pad(np.arange(len(beta)), 1, mode="edge")
     before, behind = padded[:-2], padded[2:]
@@ -265,19 +310,25 @@ def _left_overlap(chain: _Chain, energy: Floats) -> Floats:
 
 
 def _at_contacts(of_bodies: Floats) -> Floats:
-    """Means of the inner bodies beside each contact."""
+    """Return the mean of the two inner bodies of each contact."""
     inner = np.pad(of_bodies[1:-1], 1, mode="edge")
     return np.asarray(0.5 * (inner[1:] + inner[:-1]))
 
 
 def _at_bodies(of_contacts: Floats) -> Floats:
-    """Geometric means of both contacts of each body; at the ends of the only one."""
+    """Return the geometric mean of the two contacts of each body; an end body has one contact."""
     padded = np.pad(of_contacts, 1, mode="edge")
     return np.sqrt(padded[1:] * padded[:-1])
 
 
 def checked_exponent(n: float) -> float:
-    """``n``, if the theory knows it; ValueError otherwise."""
+    """Return ``n`` if it is in the range of the theory.
+
+    Raises
+    ------
+    ValueError
+        If ``n`` is outside 2.1 to 50.
+    """
     if not LEAST_EXPONENT <= n <= 50.0:
         why = "at n = 2 every pulse disperses, and near it the wave is too wide to form"
         raise ValueError(f"exponent = {n!r}; allowed: {LEAST_EXPONENT} to 50; {why}")

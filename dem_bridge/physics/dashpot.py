@@ -1,14 +1,15 @@
-"""The linear contact with a dashpot, ``F = beta overlap + c overlap'``: n = 2, exact for every damping.
+"""The collision through a spring and a dashpot, ``F = beta overlap + c overlap'``: n = 2, exact for every damping.
 
 With the reduced mass mu, ``omega_0 = sqrt(beta/mu)`` and the damping ratio ``zeta = c / (2 sqrt(beta mu))``, the
-overlap is that of a damped oscillator struck at rest. Two ends of a contact are in use, with different exit speeds
-(Schwager & Poeschel 2007, *Granul. Matter* 9, 465):
+overlap is that of a damped oscillator struck at rest. Two definitions of the end of a contact are in use; their exit
+speeds differ (Schwager & Poeschel 2007, *Granul. Matter* 9, 465):
 
-* unclipped: the contact pulls until the overlap is zero again, ``e = exp(-pi zeta / sqrt(1 - zeta^2))``, and e = 0
-  from critical damping on: the bodies stick;
-* clipped: the net force never pulls (LAMMPS: ``limit_damping``). It ends where the spring no longer outweighs the
-  dashpot; with ``zeta = cos(theta)`` this is at ``omega_0 t = 2 theta / sin(theta)``, twice the time to the largest
-  overlap, and ``e = exp(-2 zeta theta / sin(theta))``, for all zeta when read as hyperbolic functions beyond 1.
+* unclipped: the contact pulls until the overlap is zero again, ``e = exp(-pi zeta / sqrt(1 - zeta^2))``. From critical
+  damping on e = 0: the bodies stick.
+* clipped: the net force never pulls (LAMMPS: ``limit_damping``). The contact ends when the dashpot force exceeds the
+  spring force. With ``zeta = cos(theta)`` this is at ``omega_0 t = 2 theta / sin(theta)``, twice the time to the
+  largest overlap, and ``e = exp(-2 zeta theta / sin(theta))``. Both hold for all zeta, with hyperbolic functions for
+  zeta > 1.
 """
 
 from __future__ import annotations
@@ -21,24 +22,27 @@ from dem_bridge.physics.valid import above, number
 
 @dataclass(frozen=True, kw_only=True)
 class DashpotCollision:
-    """Body 1 hits body 2 or a wall through a linear contact with a dashpot. Made by :func:`dashpot_collision`."""
+    """Collision of a body with another body or a wall through a spring and a dashpot.
+
+    :func:`dashpot_collision` computes it.
+    """
 
     damping_ratio: float
     """zeta: below 1 under-damped, 1 critical, above 1 over-damped."""
     restitution: float
-    """Speed of separation over speed of approach."""
+    """Coefficient of restitution: speed of separation over speed of approach."""
     exit_velocity: tuple[float, float]
-    """m/s: of body 1 and body 2; where they stick (restitution 0) that of their common centre of mass."""
+    """Velocities of body 1 and body 2 after the contact, m/s; those of their centre of mass where they stick."""
     peak_overlap: float
-    """m."""
+    """Largest overlap, m."""
     peak_force: float
-    """N: the largest net force; at the first touch, c times the closing speed, from zeta = 1/2 on."""
+    """Largest net force, N; for zeta >= 1/2 it is c times the closing speed, at first touch."""
     half_time: float
-    """s: from touch to the largest overlap."""
+    """Time from touch to the largest overlap, s."""
     push_time: float
-    """s: from touch until the net force falls through zero."""
+    """Time from touch until the net force falls through zero, s."""
     contact_time: float
-    """s: from touch until the overlap is zero again; inf where the bodies stick."""
+    """Time from touch until the overlap is zero again, s; inf where the bodies stick."""
 
 
 def dashpot_collision(
@@ -49,12 +53,30 @@ def dashpot_collision(
     damping: float,
     clipped: bool,
 ) -> DashpotCollision:
-    """Head-on collision through a spring (N/m) and a dashpot (N s/m), exact for any ``damping`` >= 0.
+    """Return the head-on collision of two bodies through a spring and a dashpot, exact for any ``damping`` >= 0.
 
-    ``masses`` in kg, the second may be inf: a wall; ``velocities`` in m/s (body 1 must close in on body 2).
-    ``clipped``: the net force is cut at zero, as by LAMMPS' ``limit_damping``. Valid for n = 2 only, bodies free
-    otherwise. Raises ValueError for anything else.
+    It is valid for n = 2 and bodies on which no other force acts.
 
+    Parameters
+    ----------
+    masses : tuple of float
+        Masses of body 1 and 2, kg; the second may be inf, a wall.
+    velocities : tuple of float
+        Velocities of body 1 and 2, m/s; body 1 must approach body 2.
+    stiffness : float
+        Stiffness beta of the spring, N/m.
+    damping : float
+        Coefficient c of the dashpot, N s/m.
+    clipped : bool
+        True if the net force is clipped at zero, as by LAMMPS' ``limit_damping``.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is outside its range.
+
+    Examples
+    --------
     >>> case = dict(masses=(2.0, math.inf), velocities=(1.0, 0.0), stiffness=8.0, damping=2.0)
     >>> for clipped in (True, False):
     ...     hit = dashpot_collision(**case, clipped=clipped)
@@ -69,16 +91,16 @@ def dashpot_collision(
         raise ValueError(f"damping = {damping!r}; allowed: a finite number >= 0 (N s/m)")
     closing = v1 - v2
     if not closing > 0.0:
-        raise ValueError(f"closing velocity = {closing!r} m/s; allowed: > 0, body 1 must catch up with body 2")
+        raise ValueError(f"closing velocity = {closing!r} m/s; allowed: > 0, so that body 1 catches up with body 2")
     reduced = m1 / (1.0 + m1 / m2)
     frequency = math.sqrt(beta / reduced)
     ratio = c / (2.0 * math.sqrt(beta * reduced))
     slowness = _angle_over_sine(ratio)
-    end = math.exp(-2.0 * ratio * slowness)  # speed where the net force is zero, over that of approach
+    end = math.exp(-2.0 * ratio * slowness)  # speed when the net force is zero, over the speed of approach
     push = 2.0 * slowness / frequency
     if clipped:
         restitution = end
-        # from there the bodies fly apart at constant speed; the overlap left is 2 zeta e v / omega_0
+        # then the bodies separate at constant speed; the remaining overlap is 2 zeta e v / omega_0
         contact = push + 2.0 * ratio / frequency
     elif ratio < 1.0:
         sine = math.sqrt((1.0 - ratio) * (1.0 + ratio))
@@ -99,7 +121,7 @@ def dashpot_collision(
 
 
 def _angle_over_sine(ratio: float) -> float:
-    """theta / sin(theta) for cos(theta) = ratio; beyond 1 its continuation theta / sinh(theta), smooth through 1."""
+    """Return theta / sin(theta) for cos(theta) = ratio, and its smooth continuation theta / sinh(theta) above 1."""
     sine = math.sqrt(abs((1.0 - ratio) * (1.0 + ratio)))
     if sine == 0.0:
         return 1.0
@@ -107,7 +129,7 @@ def _angle_over_sine(ratio: float) -> float:
 
 
 def _peak_force(ratio: float) -> float:
-    """Largest net force over mu v omega_0: the extremum at phase 3 theta - pi where there is one, else at touch."""
+    """Return the largest net force over mu v omega_0: at phase 3 theta - pi if an extremum exists, else at touch."""
     if ratio >= 0.5:
         return 2.0 * ratio
     theta = math.acos(ratio)

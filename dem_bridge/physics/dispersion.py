@@ -1,11 +1,11 @@
-"""Small oscillations of a precompressed chain: what is left of the contact law is its tangent stiffness.
+"""Small oscillations of a precompressed chain, whose contacts act as springs of their tangent stiffness.
 
-Under a static force F0 each contact is overlapped by ``delta0 = (F0/beta)^(1/(n-1))`` and small motions see a spring
-``K = (n-1) beta delta0^(n-2)``. A lattice of equal masses then has ``omega = 2 sqrt(K/m) |sin(k/2)|``, of two masses in
-turn an acoustic and an optical branch (Brillouin 1946, *Wave Propagation in Periodic Structures*, ch. 3 and 4;
-Nesterenko 2001, *Dynamics of Heterogeneous Materials*, ch. 1, for the granular chain). Wave numbers k are in radians
-per contact, speeds in grains per second. Valid while the overlap's oscillation is much smaller than delta0: no contact
-opens, and the relative error of K is about (n-2)/2 times their ratio.
+Under a static force F0 each contact has the overlap ``delta0 = (F0/beta)^(1/(n-1))`` and responds to small motions as a
+spring ``K = (n-1) beta delta0^(n-2)``. A lattice of equal masses then has ``omega = 2 sqrt(K/m) |sin(k/2)|``; a lattice
+of two alternating masses has an acoustic and an optical branch (Brillouin 1946, *Wave Propagation in Periodic
+Structures*, ch. 3 and 4; Nesterenko 2001, *Dynamics of Heterogeneous Materials*, ch. 1, for the granular chain). Wave
+numbers k are in radians per contact, speeds in grains per second. The theory is valid while the oscillation of the
+overlap is much smaller than delta0: no contact opens, and the relative error of K is about (n-2)/2 times their ratio.
 """
 
 from __future__ import annotations
@@ -18,23 +18,34 @@ from dem_bridge.physics.valid import above
 
 @dataclass(frozen=True, kw_only=True)
 class Dispersion:
-    """Oscillations of a precompressed chain of one or two masses in turn. Made by :func:`dispersion`."""
+    """Dispersion relation of a precompressed chain of one mass or of two alternating masses.
+
+    :func:`dispersion` computes it.
+    """
 
     static_overlap: float
-    """m: delta0."""
+    """Static overlap delta0, m."""
     tangent_stiffness: float
-    """N/m: K."""
+    """Tangent stiffness K, N/m."""
     sound_speed: float
-    """Grains per second, in the limit of long waves."""
+    """Speed of long waves, grains per second."""
     cutoff: float
-    """rad/s: no wave is faster."""
+    """Largest angular frequency of a wave, rad/s."""
     band_gap: tuple[float, float]
-    """rad/s: from the top of the acoustic to the bottom of the optical branch; for equal masses both are sqrt(2 K/m),
-    and there is no gap."""
+    """Top of the acoustic and bottom of the optical branch, rad/s; for equal masses both are sqrt(2 K/m): no gap."""
     masses: tuple[float, float]
+    """Masses of two successive bodies, kg."""
 
     def frequency(self, wave_number: float, *, optical: bool = False) -> float:
-        """omega(k), rad/s, of the acoustic (or optical) branch; 0 <= k <= pi, for two masses or ``optical`` pi/2."""
+        """Return omega(k) of the acoustic or optical branch, rad/s.
+
+        Parameters
+        ----------
+        wave_number : float
+            k, rad per contact, from 0 to pi; to pi/2 for two masses or ``optical``.
+        optical : bool
+            True for the optical branch.
+        """
         k = self._in_zone(wave_number, folded=optical)
         if self._uniform and not optical:
             return self.cutoff * math.sin(0.5 * k)
@@ -46,7 +57,7 @@ class Dispersion:
         return math.sqrt(larger if optical else product / larger)
 
     def group_velocity(self, wave_number: float) -> float:
-        """d omega / d k, grains per second, of the acoustic branch; k as in :meth:`frequency`."""
+        """Return d omega / d k of the acoustic branch, grains per second; ``wave_number`` as in :meth:`frequency`."""
         k = self._in_zone(wave_number)
         if self._uniform:
             return self.sound_speed * math.cos(0.5 * k)
@@ -58,12 +69,14 @@ class Dispersion:
         return a * b * math.sin(2.0 * k) / (omega * math.hypot(a - b, 2.0 * math.sqrt(a * b) * math.cos(k)))
 
     def fixed_modes(self, count: int) -> tuple[float, ...]:
-        """Frequencies, rad/s, of ``count`` equal bodies between rigid walls (``count`` + 1 contacts, all alike).
+        """Return the angular frequencies of ``count`` equal bodies between rigid walls, rad/s.
 
-        In mode j body i moves as sin(k i) with k = j pi / (count + 1).
+        There are ``count`` + 1 equal contacts. In mode j body i moves as sin(k i) with k = j pi / (count + 1).
         """
         if not self._uniform:
-            raise ValueError(f"masses = {self.masses}; allowed: equal masses, two kinds have no closed form")
+            raise ValueError(
+                f"masses = {self.masses}; allowed: equal masses, since two different masses have no closed form"
+            )
         if isinstance(count, bool) or not isinstance(count, int) or count < 1:
             raise ValueError(f"count = {count!r}; allowed: a whole number >= 1")
         return tuple(self.frequency(j * math.pi / (count + 1)) for j in range(1, count + 1))
@@ -73,6 +86,7 @@ class Dispersion:
         return self.masses[0] == self.masses[1]
 
     def _in_zone(self, wave_number: float, *, folded: bool = False) -> float:
+        """Return the wave number if it lies in the Brillouin zone, which is halved for two masses or ``folded``."""
         edge, text = (math.pi, "pi") if self._uniform and not folded else (0.5 * math.pi, "pi/2")
         if not 0.0 <= wave_number <= edge:
             raise ValueError(f"wave_number = {wave_number!r} rad per grain; allowed: 0 to {text}")
@@ -82,11 +96,26 @@ class Dispersion:
 def dispersion(
     *, mass: float | tuple[float, float], stiffness: float, exponent: float, static_force: float
 ) -> Dispersion:
-    """Dispersion of a chain of ``mass`` (kg; a pair: two kinds in turn) held by ``static_force`` (N).
+    """Return the dispersion relation of a chain that is held by a static force.
 
-    ``stiffness`` in N/m^(n-1), ``exponent`` n > 1. Raises ValueError for anything else: without a static force a chain
-    with n > 2 has no sound at all.
+    Parameters
+    ----------
+    mass : float or tuple of float
+        Mass of each body, kg; a pair for two alternating masses.
+    stiffness : float
+        Stiffness beta, N/m^(n-1).
+    exponent : float
+        Exponent n > 1.
+    static_force : float
+        Static force F0, N.
 
+    Raises
+    ------
+    ValueError
+        If a parameter is outside its range. Without a static force a chain with n > 2 has no sound speed.
+
+    Examples
+    --------
     >>> chain = dispersion(mass=0.01, stiffness=4e9, exponent=2.5, static_force=10.0)
     >>> f"{chain.sound_speed:.6f} grains/s, {chain.cutoff:.6f} rad/s, {chain.static_overlap:.6e} m"
     '28536.385282 grains/s, 57072.770565 rad/s, 1.842016e-06 m'
@@ -95,10 +124,10 @@ def dispersion(
     """
     pair = mass if isinstance(mass, tuple) else (mass, mass)
     if len(pair) != 2:
-        raise ValueError(f"mass = {mass!r}; allowed: one number > 0 (kg) or two, for bodies in turn")
+        raise ValueError(f"mass = {mass!r}; allowed: one number > 0 (kg), or two for alternating masses")
     m1, m2 = (above(0.0, "mass", m, "kg") for m in pair)
     beta, n = above(0.0, "stiffness", stiffness, "N/m^(n-1)"), above(1.0, "exponent", exponent)
-    force = above(0.0, "static_force", static_force, "N", why="a chain that is not pressed together has no sound speed")
+    force = above(0.0, "static_force", static_force, "N", why="a chain without static force has no sound speed")
     overlap = (force / beta) ** (1.0 / (n - 1.0))
     spring = (n - 1.0) * force / overlap
     light, heavy = sorted((m1, m2))
@@ -114,11 +143,13 @@ def dispersion(
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """Unit cell of an infinite chain: masses (kg) and the springs (N/m) behind each of them, in their order.
+    """Unit cell of an infinite chain: masses (kg) and the spring (N/m) behind each of them, in order.
 
-    Its frequencies at a phase k per cell are those of a Hermitian matrix (Brillouin 1946, ch. 8); in one dimension each
-    band has its edges at k = 0 and pi.
+    Its frequencies at a phase k per cell are the eigenvalues of a Hermitian matrix (Brillouin 1946, ch. 8); in one
+    dimension each band has its edges at k = 0 and pi.
 
+    Examples
+    --------
     >>> cell = Cell(mass=(0.01, 0.04), spring=(8e6, 8e6))
     >>> [f"{edge:.0f}" for edge in cell.edges]  # sqrt(2 K/m2), sqrt(2 K/m1), sqrt(2 K (1/m1 + 1/m2))
     ['20000', '40000', '44721']
@@ -136,11 +167,12 @@ class Cell:
 
     @property
     def bodies(self) -> int:
+        """Number of bodies in the cell."""
         return len(self.mass)
 
     def frequencies(self, phase: float) -> tuple[float, ...]:
-        """rad/s, rising, ``(bodies,)``, at ``phase`` (rad per cell)."""
-        import numpy as np  # which closed forms do without
+        """Return the angular frequencies at ``phase`` (rad per cell), rad/s, ascending, ``(bodies,)``."""
+        import numpy as np  # imported here because the closed forms do not need it
 
         count = self.bodies
         root = 1.0 / np.sqrt(self.mass)
@@ -156,19 +188,19 @@ class Cell:
 
     @property
     def bands(self) -> tuple[tuple[float, float], ...]:
-        """rad/s: lowest and highest of each band, from the acoustic one on, which begins at 0."""
+        """Lowest and highest angular frequency of each band, rad/s; the first, acoustic band begins at 0."""
         long, short = self.frequencies(0.0), self.frequencies(math.pi)
-        found = [(min(pair), max(pair)) for pair in zip(long, short, strict=True)]
-        return ((0.0, found[0][1]), *found[1:])
+        ranges = [(min(pair), max(pair)) for pair in zip(long, short, strict=True)]
+        return ((0.0, ranges[0][1]), *ranges[1:])
 
     @property
     def edges(self) -> tuple[float, ...]:
-        """rad/s, rising: of all bands but for the 0 at which sound begins; bands that meet have no edge there."""
+        """Band edges, rad/s, ascending, without the 0 of the acoustic band; bands that meet have no edge there."""
         bands = self.bands
-        found = [bands[0][1]]
+        edges = [bands[0][1]]
         for low, high in bands[1:]:
-            if low - found[-1] > 1e-9 * low:
-                found += [low, high]
+            if low - edges[-1] > 1e-9 * low:
+                edges += [low, high]
             else:
-                found[-1] = high
-        return tuple(found)
+                edges[-1] = high
+        return tuple(edges)

@@ -1,11 +1,11 @@
-"""Exact solutions that need no time stepping, behind one call shape.
+"""Exact solutions that need no time stepping, with uniform signatures.
 
-Every function takes SI numbers by keyword and answers with a frozen dataclass; what is outside its validity is a
-ValueError of one line. Two bodies through ``F = beta overlap^(n-1)`` are one-dimensional motion in a power-law well,
-whose duration is a quotient of Gamma functions (Deresiewicz 1968, *Acta Mech.* 6, 110; for the residence time
+Every function takes SI numbers by keyword, returns a frozen dataclass, and raises a ValueError of one line for
+parameters outside its validity. Two bodies with ``F = beta overlap^(n-1)`` are a one-dimensional motion in a power-law
+well, whose duration is a quotient of Gamma functions (Deresiewicz 1968, *Acta Mech.* 6, 110; for the residence time
 Machado, Rosas & Lindenberg 2013, *Granul. Matter* 15, 735 = the paper's eq. 3.3).
 
-| solution | of | valid for |
+| solution | system | valid for |
 |---|---|---|
 | :func:`two_body_collision` | two free bodies, elastic | n > 1, any masses |
 | :func:`wall_rebound` | a body on a rigid wall | n > 1 |
@@ -45,29 +45,52 @@ __all__ = [
 
 @dataclass(frozen=True)
 class TwoBodyCollision:
-    """Body 1 hits body 2; both free before and after. Made by :func:`two_body_collision`."""
+    """Elastic collision of two bodies that are free before and after it.
+
+    :func:`two_body_collision` computes it.
+    """
 
     peak_overlap: float
-    """m: (n mu v^2 / (2 beta))^(1/n)."""
+    """Largest overlap, m: (n mu v^2 / (2 beta))^(1/n)."""
     peak_force: float
-    """N."""
+    """Largest force, N."""
     half_time: float
-    """s: from touch to the largest overlap; the paper's residence time T_i (eq. 3.3)."""
+    """Time from touch to the largest overlap, s: the paper's residence time T_i (eq. 3.3)."""
     contact_time: float
-    """s: from touch to separation."""
+    """Time from touch to separation, s."""
     exit_velocity: tuple[float, float]
-    """m/s: of body 1 and body 2 after separation."""
+    """Velocities of body 1 and body 2 after separation, m/s."""
 
 
 def two_body_collision(
     *, masses: tuple[float, float], velocities: tuple[float, float], stiffness: float, exponent: float
 ) -> TwoBodyCollision:
-    """Elastic head-on collision of two free bodies, exact for any n > 1, masses and closing velocities.
+    """Return the elastic head-on collision of two free bodies, exact for any n > 1, masses and closing velocity.
 
-    ``masses`` in kg, the second may be inf: a wall; ``velocities`` in m/s (body 1 must close in on body 2),
-    ``stiffness`` in N/m^(n-1). Raises ValueError for anything else. Where the paper's section 4c prints the peak
-    compression with v instead of v^2, the dimensions ask for v^2.
+    The paper's section 4c prints the peak compression with v; the dimensions require v^2, which is used here.
 
+    Parameters
+    ----------
+    masses : tuple of float
+        Masses of body 1 and 2, kg; the second may be inf, a wall.
+    velocities : tuple of float
+        Velocities of body 1 and 2, m/s; body 1 must approach body 2.
+    stiffness : float
+        Stiffness beta, N/m^(n-1).
+    exponent : float
+        Exponent n > 1.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is outside its range.
+
+    References
+    ----------
+    Deresiewicz (1968), *Acta Mech.* 6, 110; Chaunsali, Kim & Yang (2018), eq. 3.3.
+
+    Examples
+    --------
     >>> hit = two_body_collision(masses=(8.1e-3, 2200 * math.pi * 9e-3**2 * 18e-3), velocities=(0.8, 0.0),
     ...                          stiffness=3.98e9, exponent=2.5)
     >>> f"{hit.contact_time:.10e} s, {hit.peak_force:.8f} N, {hit.exit_velocity[0]:.8f} m/s"
@@ -78,7 +101,7 @@ def two_body_collision(
     above(0.0, "stiffness", stiffness, "N/m^(n-1)")
     closing = v1 - v2
     if not 0.0 < closing < math.inf:
-        raise ValueError(f"closing velocity = {closing!r} m/s; allowed: > 0, body 1 must catch up with body 2")
+        raise ValueError(f"closing velocity = {closing!r} m/s; allowed: > 0, so that body 1 catches up with body 2")
     reduced = m1 / (1.0 + m1 / m2)
     overlap = (n * reduced * closing**2 / (2.0 * stiffness)) ** (1.0 / n)
     shape = math.sqrt(math.pi) * math.gamma(1.0 + 1.0 / n) / math.gamma(0.5 + 1.0 / n)
@@ -95,28 +118,50 @@ def two_body_collision(
 
 @dataclass(frozen=True, kw_only=True)
 class WallRebound:
-    """A body on a rigid wall: it leaves as fast as it came. Made by :func:`wall_rebound`."""
+    """Elastic impact of a body on a rigid wall.
+
+    :func:`wall_rebound` computes it.
+    """
 
     peak_overlap: float
-    """m: (n m v^2 / (2 beta))^(1/n)."""
+    """Largest overlap, m: (n m v^2 / (2 beta))^(1/n)."""
     peak_force: float
-    """N."""
+    """Largest force, N."""
     half_time: float
-    """s: from touch to the largest overlap, where the body is at rest."""
+    """Time from touch to the largest overlap, when the body is at rest, s."""
     contact_time: float
-    """s."""
+    """Time from touch to separation, s."""
     exit_velocity: float
-    """m/s: minus the velocity of approach."""
+    """Velocity after separation, m/s: minus the velocity of approach."""
     impulse: float
-    """N s: what the wall takes, 2 m v."""
+    """Impulse on the wall, 2 m v, N s."""
 
 
 def wall_rebound(*, mass: float, velocity: float, stiffness: float, exponent: float) -> WallRebound:
-    """Elastic impact on a rigid wall: the collision with a body of infinite mass, so that mu = m; any n > 1.
+    """Return the elastic impact on a rigid wall: the collision with a body of infinite mass, mu = m, without gravity.
 
-    ``mass`` in kg, ``velocity`` towards the wall in m/s, ``stiffness`` in N/m^(n-1) (Deresiewicz 1968). No gravity.
-    Raises ValueError for anything that is not > 0, or n <= 1.
+    Parameters
+    ----------
+    mass : float
+        Mass of the body, kg.
+    velocity : float
+        Velocity towards the wall, m/s.
+    stiffness : float
+        Stiffness beta, N/m^(n-1).
+    exponent : float
+        Exponent n > 1.
 
+    Raises
+    ------
+    ValueError
+        If a parameter is not > 0, or n <= 1.
+
+    References
+    ----------
+    Deresiewicz (1968), *Acta Mech.* 6, 110.
+
+    Examples
+    --------
     >>> bounce = wall_rebound(mass=2.0, velocity=3.0, stiffness=8.0, exponent=2.0)  # a linear spring: half a period
     >>> f"{bounce.contact_time / math.pi:.12f} s, {bounce.peak_overlap:.12f} m", bounce.exit_velocity
     ('0.500000000000 s, 1.500000000000 m', -3.0)
@@ -137,12 +182,15 @@ def wall_rebound(*, mass: float, velocity: float, stiffness: float, exponent: fl
 def equal_mass_transfer(
     *, mass: float, velocities: tuple[float, float], stiffness: float, exponent: float
 ) -> TwoBodyCollision:
-    """Elastic collision of two equal bodies: they exchange velocities, so a body at rest takes all momentum.
+    """Return the elastic collision of two equal bodies, which exchange their velocities.
 
-    Times, overlap and force are those of :func:`two_body_collision` with mu = m/2; the exit velocities are exchanged
-    and not computed, hence without round-off. What the binary collision approximation rests on: in a chain the next
-    contact is felt before the collision is over, and the transfer is not complete. Units and errors as there.
+    Times, overlap and force are those of :func:`two_body_collision` with mu = m/2. The exit velocities are exchanged
+    rather than computed, so they have no round-off. The binary collision approximation rests on this solution: a body
+    at rest takes all momentum. In a chain the next contact closes before the collision is over, and the transfer is not
+    complete. Parameters and errors are those of :func:`two_body_collision`, with one ``mass``.
 
+    Examples
+    --------
     >>> equal_mass_transfer(mass=0.1, velocities=(0.7, 0.0), stiffness=4e9, exponent=2.5).exit_velocity
     (0.0, 0.7)
     """
@@ -152,32 +200,52 @@ def equal_mass_transfer(
 
 @dataclass(frozen=True, kw_only=True)
 class Scaling:
-    """Factors by which a chain's motion changes. Made by :func:`scaling`."""
+    """Factors by which the quantities of a chain's motion change.
+
+    :func:`scaling` computes them.
+    """
 
     time: float
     displacement: float
     velocity: float
     acceleration: float
-    """Gravity, where there is any, must change by it too."""
+    """Factor of accelerations. For similar motions gravity must change by it too."""
     force: float
     momentum: float
     energy: float
     damping: float
-    """Of a dashpot's coefficient, force over velocity: it too must change for the motion to stay similar."""
+    """Factor of a dashpot's coefficient (force over velocity), which must change by it for similar motions."""
 
 
 def scaling(*, exponent: float, velocity: float = 1.0, stiffness: float = 1.0, mass: float = 1.0) -> Scaling:
-    """Factors of all quantities when all velocities, stiffnesses and masses are multiplied by those given.
+    """Return the factors of all quantities when all velocities, stiffnesses and masses change by the stated factors.
 
-    No length or time is built into a chain of bodies that just touch, so motions are similar (Nesterenko 1983,
-    *J. Appl. Mech. Tech. Phys.* 24, 733; Sen et al. 2008, *Phys. Rep.* 462, 21)::
+    A chain of bodies that just touch has no length or time scale of its own, so its motions are similar::
 
         displacement = (mass velocity^2 / stiffness)^(1/n)       time = displacement / velocity
 
-    Under velocity -> s velocity alone: time by s^(2/n - 1), displacement by s^(2/n), force by s^(2 - 2/n);
-    -1/5, 4/5 and 6/5 for n = 5/2. Exact where one exponent n > 1 holds in the whole chain and gaps and initial
-    overlaps are zero, or are multiplied by the factor of displacement. Raises ValueError for factors that are not > 0.
+    If only the velocity changes, by s, then times change by s^(2/n - 1), displacements by s^(2/n) and forces by s^(2 -
+    2/n), with the exponents -1/5, 4/5 and 6/5 for n = 5/2. The result is exact if one exponent n > 1 holds in the whole
+    chain and gaps and initial overlaps are zero or change by the factor of displacement.
 
+    Parameters
+    ----------
+    exponent : float
+        Exponent n > 1 of all contacts.
+    velocity, stiffness, mass : float
+        Factors, each > 0.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is outside its range.
+
+    References
+    ----------
+    Nesterenko (1983), *J. Appl. Mech. Tech. Phys.* 24, 733; Sen et al. (2008), *Phys. Rep.* 462, 21.
+
+    Examples
+    --------
     >>> faster = scaling(exponent=2.5, velocity=32.0)
     >>> [round(math.log2(f) / 5, 12) for f in (faster.time, faster.displacement, faster.force, faster.energy)]
     [-0.2, 0.8, 1.2, 2.0]

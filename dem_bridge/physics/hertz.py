@@ -1,16 +1,17 @@
-"""Hertz's point contact of any two smooth bodies, by their principal curvatures.
+"""Hertz's point contact of two smooth bodies, from their principal curvatures.
 
-Near touch the bodies part by ``A x^2 + B y^2``, A <= B, and meet on an ellipse of semi-axes a >= b (Johnson 1985,
-*Contact Mechanics*, ch. 4). With k = b/a and e^2 = 1 - k^2 everything follows from the integrals of Jahnke and Emde::
+Near the point of touch the gap between the bodies is ``A x^2 + B y^2``, A <= B, and they meet on an ellipse of
+semi-axes a >= b (Johnson 1985, *Contact Mechanics*, ch. 4). With k = b/a and e^2 = 1 - k^2 everything follows from the
+integrals of Jahnke and Emde::
 
     b(k) = (E - k^2 K)/e^2 = k^2 R_D(0, 1, k^2)/3        d(k) = (K - E)/e^2 = R_D(0, k^2, 1)/3        K = b + d
 
-Johnson's condition on the ellipse (section 4.2) reads ``B/A = b/(k^2 d)`` in them, and the stiffness is ::
+Johnson's condition on the ellipse (section 4.2) is ``B/A = b/(k^2 d)`` in these integrals, and the stiffness is ::
 
     beta = (2 pi E*/3) K^(-3/2) [b d/(k^2 A B)]^(1/4)
 
-The right-hand sides are Carlson's integrals (1979, *Numer. Math.* 33, eq. 4.6; DLMF 19.25.1): the circle (e -> 0) and
-the line (k -> 0) cost no digits.
+The right-hand sides are Carlson's integrals (1979, *Numer. Math.* 33, eq. 4.6; DLMF 19.25.1), which lose no digits at
+the circle (e -> 0) or the line (k -> 0).
 """
 
 from __future__ import annotations
@@ -20,68 +21,64 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from dem_bridge.physics.contact import check_angle
-from dem_bridge.physics.valid import above, number
+from dem_bridge.physics.valid import above, not_negative, number, poisson_ratio
 
-#: where the axis ratio comes from: Hertz's own condition, or the paper's b/a = (A/B)^(2/3)
+#: source of the axis ratio: Hertz's exact condition, or the paper's b/a = (A/B)^(2/3)
 AxisRatio = Literal["exact", "paper"]
-#: degrees; below it :func:`angle_of_stiffness` calls two cylinders parallel: 1 m of them parts by 2e-8 m
+#: degrees; below it :func:`angle_of_stiffness` treats two cylinders as parallel: over 1 m they diverge by 2e-8 m
 SMALLEST_ANGLE = 1e-6
-#: a stiffness may be below the smallest by this part of it: half a unit of the 12th digit, to which scenes round
+#: a stiffness may be below the minimum by this fraction: half a unit of the 12th digit, to which scenes round
 _ROUNDED = 5e-12
-
-
-def not_negative(name: str, value: float, unit: str) -> float:
-    """``value`` as a finite float >= 0; ValueError, in one line, where it is none."""
-    if number(name, value, unit) < 0.0:
-        raise ValueError(f"{name} = {value!r}; allowed: a number >= 0 ({unit})")
-    return float(value)
-
-
-def poisson_ratio(name: str, value: float) -> float:
-    """``value`` as a float above -1 and up to 0.5; ValueError, in one line, where it is none."""
-    if not -1.0 < number(name, value) <= 0.5:
-        raise ValueError(f"{name} = {value!r}; allowed: a number above -1 and up to 0.5")
-    return float(value)
 
 
 @dataclass(frozen=True)
 class HertzContact:
-    """Two bodies on a contact ellipse: ``F = stiffness overlap^1.5``. Made by :func:`hertz_contact` and its kin."""
+    """Two bodies that meet on a contact ellipse, with ``F = stiffness overlap^1.5``.
+
+    :func:`hertz_contact` and the functions for single geometries compute it.
+    """
 
     stiffness: float
-    """beta, N/m^1.5."""
+    """Stiffness beta, N/m^1.5."""
     axis_ratio: float
     """b/a of the contact ellipse, 0 < b/a <= 1."""
     curvatures: tuple[float, float]
-    """Relative curvatures A <= B, 1/m: the bodies part by ``A x^2 + B y^2``."""
+    """Relative curvatures A <= B, 1/m: the gap between the bodies is ``A x^2 + B y^2``."""
     modulus: float
-    """E* of both bodies, Pa."""
+    """Contact modulus E* of both bodies, Pa."""
 
     def force(self, overlap: float) -> float:
-        """N, at an overlap >= 0 in m."""
+        """Return the force at an overlap >= 0 (m), N."""
         return self.stiffness * math.pow(not_negative("overlap", overlap, "m"), 1.5)
 
     def overlap(self, force: float) -> float:
-        """m, under a force >= 0 in N."""
+        """Return the overlap under a force >= 0 (N), m."""
         return math.cbrt(not_negative("force", force, "N") / self.stiffness) ** 2
 
     def semi_axes(self, force: float) -> tuple[float, float]:
-        """Semi-axes a >= b of the contact ellipse under a force (N), m: ``a = 3 F K/(2 pi E* overlap)``."""
+        """Return the semi-axes a >= b of the contact ellipse under a force (N), m: ``a = 3 F K/(2 pi E* overlap)``."""
         major = self._major_of_one_newton() * math.cbrt(not_negative("force", force, "N"))
         return major, self.axis_ratio * major
 
     def peak_pressure(self, force: float) -> float:
-        """Largest pressure under a force (N), Pa: ``3 F/(2 pi a b)``, in the middle of the ellipse."""
+        """Return the pressure at the centre of the ellipse under a force (N), Pa: ``3 F/(2 pi a b)``."""
         area = math.pi * self.axis_ratio * self._major_of_one_newton() ** 2
         return 1.5 * math.cbrt(not_negative("force", force, "N")) / area
 
     def _major_of_one_newton(self) -> float:
+        """Return the semi-major axis under a force of 1 N, m; it scales as the cube root of the force."""
         integral_k = sum(_integrals(self.axis_ratio))
         return float(1.5 * integral_k / (math.pi * self.modulus) * self.stiffness ** (2.0 / 3.0))
 
 
 def compliance(young_name: str, young: float, poisson_name: str, poisson: float) -> float:
-    """``(1 - nu^2)/Y`` of one body, 1/Pa; 0 for a rigid one (Y = inf). The names are for the ValueError's line."""
+    """Return ``(1 - nu^2)/Y`` of one body, 1/Pa; 0 for a rigid body (Y = inf).
+
+    Raises
+    ------
+    ValueError
+        If a value is outside its range; ``young_name`` and ``poisson_name`` are for the message.
+    """
     young = above(0.0, young_name, young, "Pa", infinite="a rigid body")
     return (1.0 - poisson_ratio(poisson_name, poisson) ** 2) / young
 
@@ -89,32 +86,62 @@ def compliance(young_name: str, young: float, poisson_name: str, poisson: float)
 def contact_modulus(
     young1: float, poisson1: float, young2: float | None = None, poisson2: float | None = None
 ) -> float:
-    """E*, Pa: ``1/E* = (1 - nu1^2)/Y1 + (1 - nu2^2)/Y2`` (Johnson 1985, section 4.2).
+    """Return the contact modulus E*, Pa: ``1/E* = (1 - nu1^2)/Y1 + (1 - nu2^2)/Y2``.
 
-    Young's moduli in Pa, inf for a rigid body; what is None is as the first body's. ValueError where both are rigid.
+    Parameters
+    ----------
+    young1, young2 : float
+        Young's moduli, Pa; inf for a rigid body. ``young2=None`` means ``young1``.
+    poisson1, poisson2 : float
+        Poisson's ratios; ``poisson2=None`` means ``poisson1``.
 
+    Raises
+    ------
+    ValueError
+        If both bodies are rigid or a value is outside its range.
+
+    References
+    ----------
+    Johnson (1985), *Contact Mechanics*, section 4.2.
+
+    Examples
+    --------
     >>> round(contact_modulus(72e9, 0.17) / 1e9, 6), round(contact_modulus(72e9, 0.17, math.inf) / 1e9, 6)
     (37.071362, 74.142725)
     """
     young2, poisson2 = young1 if young2 is None else young2, poisson1 if poisson2 is None else poisson2
     soft = compliance("young1", young1, "poisson1", poisson1) + compliance("young2", young2, "poisson2", poisson2)
     if soft == 0.0:
-        raise ValueError("young1 = young2 = inf; allowed: at least one body that yields")
+        raise ValueError("young1 = young2 = inf; allowed: at least one deformable body")
     return 1.0 / soft
 
 
 def relative_curvatures(
     first: tuple[float, float], second: tuple[float, float], angle: float = 0.0
 ) -> tuple[float, float]:
-    """Relative curvatures (A, B), 1/m, A <= B, of two bodies in touch (Johnson 1985, section 4.1).
+    """Return the relative curvatures (A, B), 1/m, A <= B, of two bodies in touch.
 
-    ``first``, ``second``: principal curvatures of each body, 1/m: positive where it bulges, 0 for a flat direction,
-    negative where it is hollow. ``angle`` (degrees, any): between the first of ``first`` and the first of ``second``.
-    ValueError where there is no ellipse: A <= 0.
+    A + B is half the sum of the four curvatures, and 4 A B is the determinant of the sum of the curvature tensors. The
+    code avoids differences of nearly equal terms, so no digits are lost for cylinders at 0.001 degrees.
 
-    A + B is half the sum of the four and 4 A B the determinant of the curvatures' sum; both are written without the
-    differences of nearly equal terms, so cylinders at 0.001 degrees lose nothing.
+    Parameters
+    ----------
+    first, second : tuple of float
+        Principal curvatures of each body, 1/m: positive if convex, 0 in a flat direction, negative if concave.
+    angle : float
+        Angle between the first direction of ``first`` and the first direction of ``second``, degrees; any value.
 
+    Raises
+    ------
+    ValueError
+        If there is no contact ellipse: A <= 0.
+
+    References
+    ----------
+    Johnson (1985), *Contact Mechanics*, section 4.1.
+
+    Examples
+    --------
     >>> relative_curvatures((100.0, 0.0), (100.0, 0.0), 90.0), relative_curvatures((100.0, 100.0), (0.0, 0.0))
     ((50.0, 50.0), (50.0, 50.0))
     """
@@ -127,24 +154,41 @@ def relative_curvatures(
     along, across = one1 - two1 + one2 - two2, one1 - two1 - one2 + two2
     spread = 0.5 * math.hypot(along * cosine, across * sine)
     larger, smaller = 0.5 * (total + spread), 0.5 * (total - spread)
-    if 2.0 * spread > total > 0.0:  # the difference loses digits, the determinant does not
+    if 2.0 * spread > total > 0.0:  # the difference would lose digits; the determinant does not
         alike, unlike = (one1 + one2) * (two1 + two2), (one1 + two2) * (two1 + one2)
         smaller = 0.25 * (alike * cosine * cosine + unlike * sine * sine) / larger
     if not (smaller > 0.0 and larger < math.inf):
         raise ValueError(
             f"relative curvatures A = {smaller:.6g}, B = {larger:.6g} 1/m of {first} and {second} at {angle} degrees; "
-            "allowed: both > 0, or there is no contact ellipse (for parallel cylinders: physics.line_contact)"
+            "allowed: both > 0, since otherwise there is no contact ellipse; use physics.line_contact for parallel "
+            "cylinders"
         )
     return smaller, larger
 
 
 def hertz_contact(curvatures: tuple[float, float], modulus: float, *, law: AxisRatio = "exact") -> HertzContact:
-    """The contact of relative ``curvatures`` (A, B; 1/m, 0 < A <= B) and ``modulus`` E* (Pa).
+    """Return the contact of two bodies with these relative curvatures and this contact modulus.
 
-    ``law``: "exact" solves Hertz's condition on the axis ratio (Johnson 1985, section 4.2); "paper" takes
-    ``b/a = (A/B)^(2/3)`` (Chaunsali, Kim & Yang 2018, below eq. 3.1; Johnson 1985, section 4.2), and is too stiff.
-    ValueError for what is no such number.
+    Parameters
+    ----------
+    curvatures : tuple of float
+        Relative curvatures (A, B), 1/m, 0 < A <= B.
+    modulus : float
+        Contact modulus E*, Pa.
+    law : {"exact", "paper"}
+        "exact" solves Hertz's condition on the axis ratio; "paper" uses ``b/a = (A/B)^(2/3)``, which is too stiff.
 
+    Raises
+    ------
+    ValueError
+        If a parameter is outside its range.
+
+    References
+    ----------
+    Johnson (1985), *Contact Mechanics*, section 4.2 (both); Chaunsali, Kim & Yang (2018), below eq. 3.1 ("paper").
+
+    Examples
+    --------
     >>> contact = hertz_contact((50.0, 50.0), 37e9)  # as a sphere of 10 mm on a plane
     >>> contact.axis_ratio, bool(abs(contact.stiffness / (4 / 3 * 37e9 * 10e-3**0.5) - 1) < 1e-15)
     (1.0, True)
@@ -152,7 +196,7 @@ def hertz_contact(curvatures: tuple[float, float], modulus: float, *, law: AxisR
     _check_law(law)
     smaller, larger = (above(0.0, f"curvatures[{nth}]", value, "1/m") for nth, value in enumerate(curvatures))
     if smaller > larger:
-        raise ValueError(f"curvatures = {curvatures!r}; allowed: the smaller first")
+        raise ValueError(f"curvatures = {curvatures!r}; allowed: the smaller one first")
     modulus = above(0.0, "modulus", modulus, "Pa")
     ratio = math.exp(-_flattening(0.5 * math.log(larger / smaller), law))
     integral_b, integral_d = _integrals(ratio)
@@ -173,10 +217,28 @@ def crossed_cylinders(
     poisson2: float | None = None,
     law: AxisRatio = "exact",
 ) -> HertzContact:
-    """Two cylinders whose axes cross at ``angle`` degrees (0 < angle <= 90); radii in m, Young's moduli in Pa.
+    """Return the contact of two cylinders whose axes cross at an angle.
 
-    What is None is as the first cylinder's. ``law`` as in :func:`hertz_contact`.
+    Parameters
+    ----------
+    angle : float
+        Angle between the axes, degrees, 0 < angle <= 90.
+    radius, radius2 : float
+        Radii, m. The second cylinder's radius, modulus and Poisson's ratio equal the first one's unless they are given.
+    young, young2 : float
+        Young's moduli, Pa.
+    poisson, poisson2 : float
+        Poisson's ratios.
+    law : {"exact", "paper"}
+        Source of the axis ratio; see :func:`hertz_contact`.
 
+    Raises
+    ------
+    ValueError
+        If a parameter is outside its range.
+
+    Examples
+    --------
     >>> quartz = dict(radius=9e-3, young=72e9, poisson=0.17)
     >>> for law in ("exact", "paper"):
     ...     contact = crossed_cylinders(angle=2.0, law=law, **quartz)
@@ -199,8 +261,13 @@ def sphere_on_cylinder(
     poisson2: float | None = None,
     law: AxisRatio = "exact",
 ) -> HertzContact:
-    """A sphere of ``radius`` on the side of a cylinder of ``radius2``, both m. What is None is as the sphere's.
+    """Return the contact of a sphere of ``radius`` with the side of a cylinder of ``radius2``, both m.
 
+    The other parameters are those of :func:`crossed_cylinders`; the cylinder's values equal the sphere's unless they
+    are given.
+
+    Examples
+    --------
     >>> f"{sphere_on_cylinder(radius=9e-3, young=72e9, poisson=0.17).stiffness:.6g}"
     '3.98253e+09'
     """
@@ -217,10 +284,16 @@ def sphere_on_sphere(
     young2: float | None = None,
     poisson2: float | None = None,
 ) -> HertzContact:
-    """Two spheres; radii in m, ``radius2`` < 0 for a hollow one around the first. What is None is as the first's.
+    """Return the contact of two spheres, ``beta = (4/3) E* sqrt(R)`` with 1/R the sum of both curvatures.
 
-    ``beta = (4/3) E* sqrt(R)``, 1/R the sum of both curvatures (Johnson 1985, section 4.2).
+    The parameters are those of :func:`crossed_cylinders`; ``radius2`` < 0 (m) is a hollow sphere around the first one.
 
+    References
+    ----------
+    Johnson (1985), *Contact Mechanics*, section 4.2.
+
+    Examples
+    --------
     >>> two = sphere_on_sphere(radius=9e-3, young=72e9, poisson=0.17)
     >>> f"{two.stiffness:.6g} N/m^1.5, b/a {two.axis_ratio}"
     '3.31576e+09 N/m^1.5, b/a 1.0'
@@ -232,8 +305,13 @@ def sphere_on_sphere(
 def sphere_on_plane(
     *, radius: float, young: float, poisson: float, young2: float | None = None, poisson2: float | None = None
 ) -> HertzContact:
-    """A sphere of ``radius`` (m) on a plane; young2 = inf for a rigid one. What is None is as the sphere's.
+    """Return the contact of a sphere of ``radius`` (m) with a plane.
 
+    The other parameters are those of :func:`crossed_cylinders`; ``young2=inf`` is a rigid plane, and the plane's values
+    equal the sphere's unless they are given.
+
+    Examples
+    --------
     >>> f"{sphere_on_plane(radius=9e-3, young=72e9, poisson=0.17, young2=math.inf).stiffness:.6g}"
     '9.3784e+09'
     """
@@ -244,18 +322,37 @@ def sphere_on_plane(
 def angle_of_stiffness(
     stiffness: float, *, radius: float, young: float, poisson: float, law: AxisRatio = "exact"
 ) -> float:
-    """Angle (degrees) at which two equal crossed cylinders have ``stiffness`` beta (N/m^1.5).
+    """Return the angle (degrees) at which two equal crossed cylinders have the stiffness beta (N/m^1.5).
 
-    Stiffness falls from infinity at 0 to ``2 Y sqrt(r)/(3 (1 - nu^2))`` at 90 degrees. Both laws give angle and
-    stiffness as functions of the axis ratio, so that only one root is sought: of ``sqrt(ln(beta/beta_min))``, which
-    is straight where beta has its minimum. An angle is returned to 1e-12 of itself up to 89.9 degrees. Nearer to 90,
-    ``beta/beta_min = 1 + g^2/3`` for both laws, g = 90 - angle in radians: an error eps of beta is one of
-    ``3 eps/(2 g)`` in the angle, and of ``sqrt(3 eps)`` at its end. All angles above 89.999998 have the same double
-    for beta, and 12 digits of it tell angles from 90 that are 1e-4 degrees off. Stiffnesses down to 5e-12 below the
-    minimum are minima rounded to 12 digits and answered by 90.
+    The stiffness falls from infinity at 0 to ``2 Y sqrt(r)/(3 (1 - nu^2))`` at 90 degrees. Both laws give angle and
+    stiffness as functions of the axis ratio, so that only one root has to be found. The equation is solved for
+    ``sqrt(ln(beta/beta_min))``, which is linear at the minimum of beta. The relative error of the angle is 1e-12 up to
+    89.9 degrees. Nearer to 90, ``beta/beta_min = 1 + g^2/3`` for both laws, with g = 90 - angle in radians: a relative
+    error eps of beta changes the angle by ``3 eps/(2 g)``, and by ``sqrt(3 eps)`` at 90. All angles above 89.999998
+    have the same beta in double precision, and 12 digits of beta distinguish angles from 90 that differ by 1e-4
+    degrees. A stiffness that is below the minimum by at most a fraction of 5e-12 counts as the minimum rounded to 12
+    digits, and the result is 90.
 
-    ValueError for all other stiffnesses below the minimum, and those above the value at 1e-6 degrees.
+    Parameters
+    ----------
+    stiffness : float
+        Stiffness beta, N/m^1.5.
+    radius : float
+        Radius of both cylinders, m.
+    young : float
+        Young's modulus, Pa.
+    poisson : float
+        Poisson's ratio.
+    law : {"exact", "paper"}
+        Source of the axis ratio; see :func:`hertz_contact`.
 
+    Raises
+    ------
+    ValueError
+        If the stiffness is below the minimum or above the value at 1e-6 degrees.
+
+    Examples
+    --------
     >>> quartz = dict(radius=9e-3, young=72e9, poisson=0.17)
     >>> round(angle_of_stiffness(7.27e10, law="paper", **quartz), 6), round(angle_of_stiffness(7.27e10, **quartz), 6)
     (2.000886, 1.648059)
@@ -269,26 +366,36 @@ def angle_of_stiffness(
         most = least * math.exp(_log_stiffness(deepest, law))
         raise ValueError(
             f"stiffness = {stiffness!r} N/m^1.5; allowed: from {least:.12g} (at 90 degrees) to {most:.4g} (at "
-            f"{SMALLEST_ANGLE:g} degrees), which is what two such cylinders have by the {law} law"
+            f"{SMALLEST_ANGLE:g} degrees), the range of two such cylinders by the {law} law"
         )
     if excess <= 0.0:
         return 90.0
     from scipy.optimize import brentq
 
-    wanted = math.sqrt(math.log1p(excess))
-    found = brentq(
-        lambda flattening: math.sqrt(max(_log_stiffness(flattening, law), 0.0)) - wanted, 0.0, deepest, xtol=1e-15
+    root_log = math.sqrt(math.log1p(excess))
+    flattening = brentq(
+        lambda trial: math.sqrt(max(_log_stiffness(trial, law), 0.0)) - root_log, 0.0, deepest, xtol=1e-15
     )
-    return min(math.degrees(2.0 * math.atan(math.exp(-_stretch_of(found, law)))), 90.0)
+    return min(math.degrees(2.0 * math.atan(math.exp(-_stretch_of(flattening, law)))), 90.0)
 
 
 def stiffness_slope(angle: float, *, law: AxisRatio = "exact") -> float:
-    """``d ln(beta)/d(angle)`` of two equal crossed cylinders, per degree; <= 0, and 0 at 90.
+    """Return ``d ln(beta)/d(angle)`` of two equal crossed cylinders, per degree; <= 0, and 0 at 90.
 
-    So 1 % of stiffness is ``0.01/|slope|`` degrees. By the exact law it is ``-(e^2/2) (d/K) cot(angle/2)`` per
-    radian: the elastic energy is stationary in the pressure, so what a curvature changes is its mean under the
-    pressure, F a^2/5 for A and F b^2/5 for B. ``angle`` in degrees, 0 < angle <= 90; any radius and material.
+    A change of the stiffness by 1 % thus corresponds to ``0.01/|slope|`` degrees. By the exact law the slope is
+    ``-(e^2/2) (d/K) cot(angle/2)`` per radian: the elastic energy is stationary in the pressure, so a change of a
+    curvature contributes only through its mean under the pressure, F a^2/5 for A and F b^2/5 for B. The slope does not
+    depend on radius or material.
 
+    Parameters
+    ----------
+    angle : float
+        Angle between the axes, degrees, 0 < angle <= 90.
+    law : {"exact", "paper"}
+        Source of the axis ratio; see :func:`hertz_contact`.
+
+    Examples
+    --------
     >>> [round(stiffness_slope(angle), 5) for angle in (2.0, 30.0, 89.0)]
     [-0.42014, -0.02167, -0.0002]
     """
@@ -313,27 +420,29 @@ def stiffness_slope(angle: float, *, law: AxisRatio = "exact") -> float:
 
 
 def _integrals(ratio: float) -> tuple[float, float]:
-    """b(k) and d(k) of the axis ratio k; their sum is K."""
-    from scipy.special import elliprd  # a fifth of a second, which scenes with stiffnesses do not need
+    """Return b(k) and d(k) for the axis ratio k; their sum is K."""
+    from scipy.special import elliprd  # this import takes 0.2 s; scenes that state stiffnesses do without it
 
     squared = ratio * ratio
     return squared * float(elliprd(0.0, 1.0, squared)) / 3.0, float(elliprd(0.0, squared, 1.0)) / 3.0
 
 
-# Flattening ln(a/b) and stretch ln(B/A)/2 are 0 for the circle and odd there; e^(-stretch) is tan(angle/2) for equal
-# cylinders. Either law is one as a function of the other.
+# The flattening ln(a/b) and the stretch ln(B/A)/2 are 0 for the circle and odd functions about it; e^(-stretch) is
+# tan(angle/2) for equal cylinders. Each law relates the two.
 
 
 def _flattening(stretch: float, law: AxisRatio) -> float:
-    if law == "paper" or stretch < 1e-6:  # to the circle both are the same but for a cube
+    """Return the flattening ln(a/b) of a stretch ln(B/A)/2."""
+    if law == "paper" or stretch < 1e-6:  # near the circle the laws differ by a cubic term
         return 4.0 / 3.0 * stretch
     from scipy.optimize import brentq
 
-    # as b <= d, it is at least the stretch; and at most what the paper takes
+    # as b <= d, the root is at least the stretch; it is at most the paper's value
     return float(brentq(lambda u: _stretch_of(u, law) - stretch, 0.99 * stretch, 1.4 * stretch, xtol=1e-15))
 
 
 def _stretch_of(flattening: float, law: AxisRatio) -> float:
+    """Return the stretch ln(B/A)/2 of a flattening ln(a/b)."""
     if law == "paper":
         return 0.75 * flattening
     integral_b, integral_d = _integrals(math.exp(-flattening))
@@ -341,13 +450,13 @@ def _stretch_of(flattening: float, law: AxisRatio) -> float:
 
 
 def _stretch(angle: float) -> float:
-    """Of two equal cylinders: ``-ln tan(angle/2) = asinh(cot(angle))``, to its last digits at 90 degrees too."""
+    """Return the stretch of two equal cylinders, ``-ln tan(angle/2) = asinh(cot(angle))``, exact also at 90 degrees."""
     sine, cosine = _sine_cosine(angle)
     return math.asinh(cosine / sine)
 
 
 def _log_stiffness(flattening: float, law: AxisRatio) -> float:
-    """ln(beta/beta_min) of two equal cylinders; each term is even in the flattening."""
+    """Return ln(beta/beta_min) of two equal cylinders; each term is even in the flattening."""
     ratio = math.exp(-flattening)
     integral_b, integral_d = _integrals(ratio)
     integral_k = integral_b + integral_d
@@ -360,7 +469,10 @@ def _log_stiffness(flattening: float, law: AxisRatio) -> float:
 
 
 def _sine_cosine(angle: float) -> tuple[float, float]:
-    """Of an angle in degrees, brought to 0..90 first: each to its last digits, and exact at both ends."""
+    """Return sine and cosine of an angle in degrees, to full precision.
+
+    The angle is reduced to 0..90 first, so that both are exact at the ends.
+    """
     acute = abs(math.remainder(number("angle", angle, "degrees"), 180.0))
     if acute <= 45.0:
         return math.sin(math.radians(acute)), math.cos(math.radians(acute))
@@ -368,6 +480,7 @@ def _sine_cosine(angle: float) -> tuple[float, float]:
 
 
 def _sphere(name: str, radius: float | None, otherwise: float = math.nan) -> tuple[float, float]:
+    """Return the two principal curvatures of a sphere, 1/m."""
     radius = number(name, otherwise if radius is None else radius, "m")
     if radius == 0.0:
         raise ValueError(f"{name} = 0.0; allowed: a finite number > 0 (m), or < 0 where the sphere is hollow")
@@ -375,9 +488,11 @@ def _sphere(name: str, radius: float | None, otherwise: float = math.nan) -> tup
 
 
 def _cylinder(name: str, radius: float | None, otherwise: float = math.nan) -> tuple[float, float]:
+    """Return the two principal curvatures of a cylinder, 1/m."""
     return 1.0 / above(0.0, name, otherwise if radius is None else radius, "m"), 0.0
 
 
 def _check_law(law: str) -> None:
+    """Raise ValueError unless ``law`` is one of the laws for the axis ratio."""
     if law not in get_args(AxisRatio):
         raise ValueError(f"law = {law!r}; allowed: {' or '.join(get_args(AxisRatio))}")

@@ -1,7 +1,7 @@
-"""The struck end: how much of a striker's energy goes into the leading pulse of a uniform chain, and when it sets off.
+"""The struck end of a uniform chain: the share of a striker's energy that goes into the leading pulse, and its timing.
 
-No theory gives it, but it is one solution for each exponent and ratio of striker to chain, whatever the sizes: the
-motion of the first bodies, integrated once until the pulse has formed. Knows nothing of scenes.
+No theory gives this share, but for each exponent and ratio of striker to chain one solution holds at all scales: the
+motion of the first bodies, integrated once until the pulse has formed.
 """
 
 from __future__ import annotations
@@ -22,28 +22,31 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-#: contacts at the struck end after which the pulse has formed, beside twice the wave's half length
+#: contacts at the struck end after which the pulse has formed, in addition to twice the wave's half length
 FORMED = 20
-#: samples of the launch, over n, per unit of time; the overlap's corner is as sharp as 1/n
+#: samples of the launch per unit of time, divided by n, because the width of the overlap's corner scales as 1/n
 PER_TIME = 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Launch:
-    """How a striker's energy becomes the leading pulse of a uniform chain. Made by :func:`launched`."""
+    """Formation of the leading pulse of a uniform chain from a striker's energy.
+
+    :func:`launched` computes it.
+    """
 
     energy: float
-    """J, of the leading pulse."""
+    """Energy of the leading pulse, J."""
     share: float
-    """Of the striker's energy."""
+    """Energy of the leading pulse divided by the striker's energy."""
     start: float
-    """s: contact k peaks at ``start + (k + 1/2) / speed`` once the pulse has formed."""
+    """Time offset of the pulse, s: contact k peaks at ``start + (k + 1/2) / speed`` once the pulse has formed."""
     speed: float
-    """Bodies per second, of the formed pulse."""
+    """Speed of the formed pulse, bodies per second."""
     force_ratio: Floats
-    """Peak force of the first contacts over that of the formed pulse."""
+    """Peak force of the first contacts divided by that of the formed pulse."""
     late: Floats
-    """s: by how much the first contacts peak after the time above."""
+    """Delay of the peaks of the first contacts relative to the formula of ``start``, s."""
 
 
 def launched(
@@ -53,19 +56,40 @@ def launched(
     exponents: tuple[float, float],
     velocity: float,
 ) -> Launch:
-    """The pulse that a striker makes in a uniform chain: striker and chain's body, struck contact and chain's contact.
+    """Return the pulse that a striker makes in a uniform chain.
 
-    ``masses`` kg, ``stiffnesses`` N/m^(n-1), ``velocity`` m/s of the striker. The chain's first bodies are integrated
-    (DOP853) until the pulse has formed; one solution for each ratio of masses, ratio of stiffnesses and pair of
-    exponents serves all sizes. For equal masses and stiffnesses the share is a function of n alone: 0.9836 at 2.2,
-    0.99366 at 5/2, 0.99845 at 3, 0.99989 at 4. A two-body estimate, that share of what body 1 would take in a binary
-    collision, is good to 2 % in energy for mass ratios of 0.1 to 1.25 and a struck contact no softer than half the
-    chain's, but 8 % low at a mass ratio of 2 and 70 % high at a contact softer by 20: hence this. A train of several
-    waves (heavy striker, soft struck contact) parts slowly: at a mass ratio of 10 the leading one's velocity is 0.001 %
-    low when it is read off, at a contact softer by 100 0.12 %. Raises ValueError.
+    The chain's first bodies are integrated (DOP853) until the pulse has formed. One solution for each ratio of masses,
+    ratio of stiffnesses and pair of exponents serves all scales. For equal masses and stiffnesses the share is a
+    function of n alone:
+    0.9836 at 2.2, 0.99366 at 5/2, 0.99845 at 3, 0.99989 at 4.
 
-    >>> one = launched(masses=(1.0, 1.0), stiffnesses=(1.0, 1.0), exponents=(2.5, 2.5), velocity=1.0)
-    >>> f"{one.share:.5f} {one.energy:.5f} {one.force_ratio[0]:.4f}"
+    A two-body estimate multiplies that share by the energy that body 1 would take in a binary collision. Its energy is
+    good to 2 % for mass ratios of 0.1 to 1.25 and a struck contact no softer than half the chain's. It is 8 % too low
+    at a mass ratio of 2 and 70 % too high at a contact softer by 20; hence this solution. A train of several waves
+    (heavy striker, soft struck contact) separates slowly: when the leading wave is read off, its velocity is 0.001 %
+    too low at a mass ratio of 10, and
+    0.12 % too low at a contact softer by 100.
+
+    Parameters
+    ----------
+    masses : tuple of float
+        Masses of the striker and of each body of the chain, kg.
+    stiffnesses : tuple of float
+        Stiffnesses of the struck contact and of the chain's contacts, N/m^(n-1).
+    exponents : tuple of float
+        Exponents n of the struck contact and of the chain's contacts.
+    velocity : float
+        Velocity of the striker, m/s.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is outside its range.
+
+    Examples
+    --------
+    >>> launch = launched(masses=(1.0, 1.0), stiffnesses=(1.0, 1.0), exponents=(2.5, 2.5), velocity=1.0)
+    >>> f"{launch.share:.5f} {launch.energy:.5f} {launch.force_ratio[0]:.4f}"
     '0.99366 0.49683 1.1859'
     """
     m0, m1 = (above(0.0, f"masses[{i}]", value, "kg") for i, value in enumerate(masses))
@@ -89,16 +113,16 @@ def launched(
 def _launch(
     mass_ratio: float, stiffness_ratio: float, n0: float, n1: float
 ) -> tuple[float, float, float, Floats, Floats]:
-    """Share, start, speed, force ratios and delays for a chain of m = beta = 1 and a striker of velocity 1."""
+    """Return share, start, speed, force ratios and delays for a chain of m = beta = 1 and a striker of velocity 1."""
     from scipy.integrate import solve_ivp
 
     local, shape = response(n1), wave_shape(n1)
     formed = FORMED + math.ceil(2.0 * shape.half_length)
-    links = formed + math.ceil(shape.half_length) + 2  # so many that the free end is not felt
+    links = formed + math.ceil(shape.half_length) + 2  # enough that the free end has no effect
     mass, beta, power = np.ones(links + 1), np.ones(links), np.full(links, n1 - 1.0)
     mass[0], beta[0], power[0] = mass_ratio, stiffness_ratio, n0 - 1.0
 
-    # a trial step may press bodies deeper than the energy at hand could, with no end at a high n
+    # a trial step may compress contacts beyond the available energy; at a high n its force would overflow
     deepest = 1.1 * (0.5 * (power + 1.0) * mass_ratio / beta) ** (1.0 / (power + 1.0))
 
     def motion(_: float, state: Floats) -> Floats:
@@ -107,7 +131,10 @@ def _launch(
         return np.concatenate([v, -np.diff(force, prepend=0.0, append=0.0) / mass])
 
     def passed(_: float, state: Floats) -> float:
-        """Falls through zero when contact ``formed + 1`` is at its largest overlap; 1e-9: not before it closes."""
+        """Return a value that falls through zero at the largest overlap of contact ``formed + 1``.
+
+        The offset 1e-9 keeps it positive until that contact closes.
+        """
         return float(state[links + 1 + formed + 1] - state[links + 1 + formed + 2]) + 1e-9
 
     passed.terminal, passed.direction = True, -1.0  # type: ignore[attr-defined]
@@ -127,7 +154,7 @@ def _launch(
 
 
 def _first_peak(time: Floats, overlap: Floats, stiffness: float, power: float) -> tuple[float, float]:
-    """Force and time of the first maximum above round-off, by a parabola through the samples about it."""
+    """Return force and time of the first maximum above round-off, from a parabola through three samples."""
     inner = overlap[1:-1]
     j = int(np.argmax((inner > 1e-3 * np.max(overlap)) & (inner >= overlap[:-2]) & (inner > overlap[2:]))) + 1
     before, there, behind = overlap[j - 1 : j + 2]

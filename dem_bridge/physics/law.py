@@ -1,4 +1,4 @@
-"""Contact laws as functions of overlap: powers, and any force with the energy that belongs to it."""
+"""Contact laws as functions of the overlap: power laws, and any force with its energy."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ from dem_bridge.physics.contact import Floats
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """Force (N) and stored energy (J) of a contact as array functions of its overlap (m, >= 0); both 0 at touch."""
+    """Force (N) and stored energy (J) of a contact as functions of its overlap (m, >= 0), both 0 at touch.
+
+    Both functions take and return arrays.
+    """
 
     force: Callable[[Floats], Floats]
     energy: Callable[[Floats], Floats]
@@ -23,22 +26,35 @@ class ContactLaw:
     """Overlaps (m) at which the slope of the force jumps."""
 
 
-#: what a person may give as a law: with its energy, or the force alone, smooth but for touch
+#: a contact law of a scene: with its energy, or the force alone, which is smooth except at touch
 Law = ContactLaw | Callable[[Floats], Floats]
 
-#: an energy is that of the force up to this part of the largest: kinks that nobody told of cost the quadrature 1e-7
+#: allowed difference between energy and work of the force, relative to the largest energy: kinks that the law does not
+#: list cost the quadrature 1e-7
 _ENERGY_FITS = 1e-6
-#: a force may fall by so much of the largest: round-off of a plateau
+#: allowed decrease of the force, relative to the largest force: round-off of a plateau
 _FALLS = 1e-12
-#: doublings of an overlap after which a law counts as too weak: a factor 1e18
+#: doublings of an overlap after which a law counts as too weak: a factor of 1e18
 _DOUBLINGS = 60
 
 
 def power_law(stiffness: float, exponent: float) -> ContactLaw:
-    """``F = beta overlap^(n-1)`` with energy ``beta overlap^n / n``; ``stiffness`` beta in N/m^(n-1), n >= 2.
+    """Return the law ``F = beta overlap^(n-1)`` with energy ``beta overlap^n / n``.
 
-    Raises ValueError for other values.
+    Parameters
+    ----------
+    stiffness : float
+        Stiffness beta, N/m^(n-1).
+    exponent : float
+        Exponent n >= 2.
 
+    Raises
+    ------
+    ValueError
+        If a parameter is outside its range.
+
+    Examples
+    --------
     >>> law = power_law(1e9, 2.5)
     >>> float(law.force(np.array(4e-6)).round(12)), float(law.energy(np.array(4e-6)).round(18))
     (8.0, 1.28e-05)
@@ -54,18 +70,29 @@ def power_law(stiffness: float, exponent: float) -> ContactLaw:
 
 
 def law_of(force: Callable[[Floats], Floats], *, reach: float, kinks: Iterable[float] = ()) -> ContactLaw:
-    """The law of any force on overlaps up to ``reach`` (m); its energy by quadrature, good to 1e-13.
+    """Return the law of a force on overlaps up to ``reach``, with its energy by quadrature (relative error 1e-13).
 
-    ``force``: array function, N of m, smooth but for touch and the overlaps ``kinks``, where its slope jumps.
-    Panels of 10 Gauss points are close together at touch and at kinks as the lines of a file are.
+    The quadrature uses panels of 10 Gauss points, which are clustered at touch and at kinks as the lines of a table
+    file are.
 
+    Parameters
+    ----------
+    force : callable
+        Array function of the overlap (m) that returns the force (N); smooth except at touch and at ``kinks``.
+    reach : float
+        Largest overlap, m.
+    kinks : iterable of float
+        Overlaps at which the slope of the force jumps, m.
+
+    Examples
+    --------
     >>> law = law_of(lambda d: 1e6 * d + 1e9 * d**1.5, reach=1e-5)
     >>> exact = 1e6 * 1e-5**2 / 2 + 1e9 * 1e-5**2.5 / 2.5
     >>> bool(abs(law.energy(np.array([1e-5]))[0] / exact - 1) < 1e-13)
     True
     """
     kinks = tuple(kinks)
-    # halves besides: where an overlap is at least half of a panel's end, any power has all its digits
+    # powers of 1/2 in addition: where an overlap is at least half of a panel's end, any power has full precision
     edges = np.union1d(clustered(reach, kinks, 200), reach * 2.0 ** -np.arange(60.0))
     node, weight = np.polynomial.legendre.leggauss(10)
 
@@ -84,23 +111,23 @@ def law_of(force: Callable[[Floats], Floats], *, reach: float, kinks: Iterable[f
 
 
 def clustered(reach: float, kinks: Iterable[float], intervals: int) -> Floats:
-    """Overlaps from 0 to ``reach``, ascending, close together at touch and on both sides of the kinks.
+    """Return overlaps from 0 to ``reach``, ascending, clustered at touch and on both sides of the kinks.
 
-    Distances grow as the square of the number of steps from there: with that many ``intervals`` at most, a cubic
-    spline through ``F ~ overlap^(n-1)`` has its largest error far from touch for all n >= 2.
+    Distances grow as the square of the number of steps from there. With at most ``intervals`` intervals, a cubic spline
+    through ``F ~ overlap^(n-1)`` then has its largest error far from touch for all n >= 2.
     """
     inner = sorted({kink for kink in kinks if 0.0 < kink < reach})
     ends = [0.0, *inner, reach]
-    share = max(intervals // (len(ends) - 1), 2)
-    u = np.arange(share + 1) / share
-    one, other = u**3, (1.0 - u) ** 3
-    both = one / (one + other)
-    parts = [low + (high - low) * (one if high == reach else both)[:-1] for low, high in pairwise(ends)]
+    steps = max(intervals // (len(ends) - 1), 2)
+    u = np.arange(steps + 1) / steps
+    rising, falling = u**3, (1.0 - u) ** 3
+    eased = rising / (rising + falling)
+    parts = [low + (high - low) * (rising if high == reach else eased)[:-1] for low, high in pairwise(ends)]
     return np.concatenate([*parts, [reach]])
 
 
 def completed(law: Law, *, reach: float) -> ContactLaw:
-    """The law with its energy, on arrays of any shape."""
+    """Return the law with its energy, for arrays of any shape."""
 
     def shaped(function: Callable[[Floats], Floats], overlap: Floats) -> Floats:
         overlap = np.asarray(overlap, dtype=float)
@@ -114,16 +141,31 @@ def completed(law: Law, *, reach: float) -> ContactLaw:
 
 
 def stored(law: Law, overlap: float) -> float:
-    """Energy of the law at an overlap (m), J."""
+    """Return the energy of the law at an overlap (m), J."""
     return float(completed(law, reach=overlap).energy(np.array(overlap))) if overlap > 0.0 else 0.0
 
 
 def reach_of(law: Law, energy: float, *, near: float) -> float:
-    """Overlap (m) at which the law stores ``energy`` (J), or up to an eighth more. ``near`` (m): where to begin.
+    """Return an overlap (m) at which the law stores ``energy`` (J), or up to an eighth more.
 
-    It has few digits, so it does not depend on the last of a force. Raises ValueError, with a text that goes on from
-    the law's name, where the law is none up to there, or never stores so much.
+    The result has few digits, so that it does not depend on the last digits of a force.
 
+    Parameters
+    ----------
+    law : ContactLaw or callable
+        The law.
+    energy : float
+        Energy, J.
+    near : float
+        Overlap at which the search begins, m.
+
+    Raises
+    ------
+    ValueError
+        If the law is invalid up to the result, or never stores that energy. The message continues the law's name.
+
+    Examples
+    --------
     >>> reach = reach_of(lambda overlap: 1e6 * overlap, 5e-5, near=1e-6)
     >>> bool(1e-5 <= reach <= 1.125e-5)
     True
@@ -132,72 +174,72 @@ def reach_of(law: Law, energy: float, *, near: float) -> float:
     most, least = high * 2.0**_DOUBLINGS, high * 2.0**-_DOUBLINGS
     with np.errstate(all="ignore"):
         if energy > 0.0:
-            while high > least and not _stored_if_sound(law, 0.5 * high) < energy:
+            while high > least and not _stored_if_valid(law, 0.5 * high) < energy:
                 high *= 0.5
             if high <= least:
-                check_law(law, near)  # no law anywhere: shown where a person would look
-            while high < most and _stored_if_sound(law, high) < energy:
+                check_law(law, near)  # the law is invalid everywhere: report this near the starting overlap
+            while high < most and _stored_if_valid(law, high) < energy:
                 high *= 2.0
             if high == most:
-                problem = f"stores {stored(law, high):.3g} J at an overlap of {high:.3g} m; {energy:.3g} J are at hand"
-                raise ValueError(problem)
+                problem = f"stores {stored(law, high):.3g} J at an overlap of {high:.3g} m, less than the energy"
+                raise ValueError(f"{problem} of the scene, {energy:.3g} J")
             low, halvings = 0.5 * high, 0
-            # more than enough of them where there is no law behind some overlap
-            while halvings < 4 or (halvings < 50 and math.isnan(_stored_if_sound(law, high))):
+            # up to 50 halvings where the law is invalid beyond some overlap
+            while halvings < 4 or (halvings < 50 and math.isnan(_stored_if_valid(law, high))):
                 middle, halvings = 0.5 * (low + high), halvings + 1
-                low, high = (middle, high) if _stored_if_sound(law, middle) < energy else (low, middle)
+                low, high = (middle, high) if _stored_if_valid(law, middle) < energy else (low, middle)
         check_law(law, high)
     return high
 
 
 def check_law(law: Law, reach: float) -> None:
-    """Raises ValueError, with a text that goes on from the law's name, where it is none on overlaps up to ``reach``."""
-    overlap = _some(reach)
-    _look_at(law, overlap)
+    """Raise ValueError if the law is invalid on overlaps up to ``reach``; the message continues the law's name."""
+    overlap = _probes(reach)
+    _checked_force(law, overlap)
     if isinstance(law, ContactLaw):
-        own = completed(law, reach=reach)
-        told = own.energy(overlap)
-        work = law_of(own.force, reach=reach, kinks=own.kinks).energy(overlap)
-        wrong = ~(np.abs(told - work) <= _ENERGY_FITS * work[-1])
+        complete = completed(law, reach=reach)
+        energy = complete.energy(overlap)
+        work = law_of(complete.force, reach=reach, kinks=complete.kinks).energy(overlap)
+        wrong = ~(np.abs(energy - work) <= _ENERGY_FITS * work[-1])
         if wrong.any():
             at = int(np.argmax(wrong))
-            problem = f"has an energy of {told[at]:.9g} J at overlap {overlap[at]:.6g} m, where its force has done"
+            problem = f"has an energy of {energy[at]:.9g} J at overlap {overlap[at]:.6g} m, where its force has done"
             raise ValueError(f"{problem} {work[at]:.9g} J of work")
 
 
-def _some(reach: float) -> Floats:
-    """Overlaps at which laws are looked at, from 0 to ``reach``."""
+def _probes(reach: float) -> Floats:
+    """Return the overlaps at which laws are checked, from 0 to ``reach``."""
     return np.unique(np.concatenate([clustered(reach, (), 64), np.linspace(0.0, reach, 65)]))
 
 
-def _look_at(law: Law, overlap: Floats) -> Floats:
-    """The force at these overlaps, ascending from 0; ValueError where it is none of a contact."""
+def _checked_force(law: Law, overlap: Floats) -> Floats:
+    """Return the force at these ascending overlaps, or raise ValueError if it cannot be the force of a contact."""
     force = law.force if isinstance(law, ContactLaw) else law
     try:
-        found = np.asarray(force(overlap), dtype=float)
-    except Exception as error:  # whatever a person's function may raise
+        values = np.asarray(force(overlap), dtype=float)
+    except Exception as error:  # a user's function may raise any exception
         text = " ".join(str(error).split())
         raise ValueError(f"raises {type(error).__name__} on an array of overlaps: {text}") from error
-    if found.shape != overlap.shape:
-        raise ValueError(f"gives an array of shape {found.shape} for overlaps of shape {overlap.shape}")
-    wrong = ~np.isfinite(found) | (found < 0.0)
+    if values.shape != overlap.shape:
+        raise ValueError(f"returns an array of shape {values.shape} for overlaps of shape {overlap.shape}")
+    wrong = ~np.isfinite(values) | (values < 0.0)
     if wrong.any():
         at = int(np.argmax(wrong))
-        raise ValueError(f"= {float(found[at])!r} N at overlap {float(overlap[at]):.6g} m")
-    if found[0] != 0.0:
-        raise ValueError(f"= {float(found[0])!r} N at overlap 0")
-    falls = np.diff(found) < -_FALLS * np.max(found)
+        raise ValueError(f"= {float(values[at])!r} N at overlap {float(overlap[at]):.6g} m")
+    if values[0] != 0.0:
+        raise ValueError(f"= {float(values[0])!r} N at overlap 0")
+    falls = np.diff(values) < -_FALLS * np.max(values)
     if falls.any():
         at = int(np.argmax(falls))
-        problem = f"falls from {found[at]:.6g} N at overlap {overlap[at]:.6g} m to {found[at + 1]:.6g} N at"
+        problem = f"falls from {values[at]:.6g} N at overlap {overlap[at]:.6g} m to {values[at + 1]:.6g} N at"
         raise ValueError(f"{problem} {overlap[at + 1]:.6g} m")
-    return found
+    return values
 
 
-def _stored_if_sound(law: Law, reach: float) -> float:
-    """Energy at ``reach``, J; nan where the law is none up to there."""
+def _stored_if_valid(law: Law, reach: float) -> float:
+    """Return the energy at ``reach``, J; nan if the law is invalid up to there."""
     try:
-        _look_at(law, _some(reach))
+        _checked_force(law, _probes(reach))
     except ValueError:
         return math.nan
     return stored(law, reach)

@@ -1,16 +1,16 @@
-"""The solitary wave of a uniform chain of bodies, solved for the discrete chain: no continuum, no time stepping.
+"""The solitary wave of a uniform chain, solved for the discrete chain without a continuum limit or time stepping.
 
-Identical bodies that just touch, ``F = beta overlap^(n-1)`` with n > 2, carry one pulse of unchanging shape
-(existence: Friesecke & Wattis 1994, *Commun. Math. Phys.* 161, 391). With overlap_k(t) = r(k - c t), c in grains per
-second, Newton's law is equivalent to (English & Pego 2005, *Proc. AMS* 133, 1763)::
+Identical bodies that just touch, ``F = beta overlap^(n-1)`` with n > 2, carry one pulse of unchanging shape (existence:
+Friesecke & Wattis 1994, *Commun. Math. Phys.* 161, 391). With overlap_k(t) = r(k - c t), c in grains per second,
+Newton's law is equivalent to (English & Pego 2005, *Proc. AMS* 133, 1763)::
 
     m c^2 r = beta tent * r^(n-1),        tent(x) = max(1 - |x|, 0)
 
-and amplitudes scale: one profile per exponent, here with m = beta = c = 1, serves all. It is positive, even, smooth
-and falls off faster than exponentially, so that a cosine series on a finite domain converges to round-off with some
-tens of points; the convolution is the factor sinc^2 on it. A few of Petviashvili's normalised iterations (1976,
-*Sov. J. Plasma Phys.* 2, 257) from the Gaussian of the limit n -> 2 (James & Pelinovsky 2014, *Proc. R. Soc. A* 470,
-20130462) lead to where Newton's method converges. Knows nothing of scenes or time.
+Amplitudes scale, so one profile per exponent, with m = beta = c = 1, serves all. It is positive, even, smooth and
+decays faster than exponentially; a cosine series on a finite domain therefore converges to round-off with some tens of
+points, and the convolution multiplies the series by sinc^2. A few of Petviashvili's normalised iterations (1976, *Sov.
+J. Plasma Phys.* 2, 257), started from the Gaussian of the limit n -> 2 (James & Pelinovsky 2014, *Proc. R. Soc. A* 470,
+20130462), lead to the region where Newton's method converges.
 """
 
 from __future__ import annotations
@@ -28,38 +28,41 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-#: the fixed point is found when both sides differ by less than this share of the largest overlap
+#: the iteration has converged if both sides differ by less than this fraction of the largest overlap
 CONVERGED = 1e-13
-#: cosine coefficients and the domain's edge must be below this share of their largest: nothing was cut off
+#: the last cosine coefficients and the overlap at the domain's edge must be below this fraction of the largest
 RESOLVED = 1e-14
-#: Newton's last correction must be below this: as n -> 2 the amplitude is less and less determined, like eps/(n - 2)
+#: upper bound of Newton's last correction: as n -> 2 the error of the amplitude grows as eps/(n - 2)
 DETERMINED = 1e-10
-#: largest number of grid points on half the wave; enough up to n = 50
+#: largest number of grid points on half the wave, sufficient up to n = 50
 MOST_POINTS = 1024
 
 
 @dataclass(frozen=True, eq=False)
 class WaveShape:
-    """The wave at m = beta = c = 1, for one exponent. Made by :func:`wave_shape`."""
+    """The wave of one exponent at m = beta = c = 1.
+
+    :func:`wave_shape` computes it.
+    """
 
     exponent: float
     half_length: float
-    """Grains: beyond it from the centre nothing is left (1e-16 of the peak)."""
+    """Half the length of the domain, grains; at its edge the wave is 1e-16 of the peak."""
     overlap: Floats
     """Cosine coefficients ``(n_point,)`` of the overlap: sum of a_j cos(pi j x / half_length)."""
     velocity: Floats
-    """The same of the velocity."""
+    """Cosine coefficients ``(n_point,)`` of the velocity."""
     momentum: float
     kinetic: float
-    """Kinetic energy, mean over a passage from grain to grain."""
+    """Kinetic energy, averaged over the passage from grain to grain."""
     potential: float
     residual: float
-    """Largest |r - tent * r^(n-1)| on the grid over the largest r."""
+    """Largest |r - tent * r^(n-1)| on the grid divided by the largest r."""
     uncertainty: float
-    """Newton's last correction over the largest r: the profile's own error."""
+    """Newton's last correction divided by the largest r: the error of the profile."""
 
     def series(self, coefficients: Floats, grains: ArrayLike) -> Floats:
-        """A cosine series at distances ``grains`` from the centre, any shape; 0 beyond the domain."""
+        """Return a cosine series at distances ``grains`` from the centre, of any shape; 0 beyond the domain."""
         import numpy as np
 
         x = np.asarray(grains, dtype=float)
@@ -68,7 +71,7 @@ class WaveShape:
 
     @functools.cached_property
     def peaks(self) -> tuple[float, float]:
-        """Largest overlap and largest velocity: at the centre every cosine is one."""
+        """Largest overlap and largest velocity, at the centre, where every cosine is 1."""
         return math.fsum(self.overlap), math.fsum(self.velocity)
 
     @functools.cached_property
@@ -78,58 +81,66 @@ class WaveShape:
 
         half = self.peaks[0] * 0.5 ** (1.0 / (self.exponent - 1.0))  # the overlap there
         outside = 0.999 * self.half_length
-        away = brentq(lambda x: float(self.series(self.overlap, x)) - half, 0.0, outside, xtol=1e-14)
-        return 2.0 * float(away)
+        distance = brentq(lambda x: float(self.series(self.overlap, x)) - half, 0.0, outside, xtol=1e-14)
+        return 2.0 * float(distance)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SolitaryWave:
-    """One pulse in a uniform chain. Made by :func:`solitary_wave`."""
+    """One pulse in a uniform chain.
+
+    :func:`solitary_wave` computes it.
+    """
 
     speed: float
-    """Grains per second; times the distance between centres it is m/s."""
+    """Speed, grains per second; multiplied by the distance between centres it is in m/s."""
     peak_velocity: float
-    """m/s: the largest of each body."""
+    """Peak velocity of each body, m/s."""
     peak_force: float
-    """N: the largest in each contact."""
+    """Peak force of each contact, N."""
     peak_overlap: float
-    """m."""
+    """Peak overlap of each contact, m."""
     momentum: float
-    """kg m/s, of the whole pulse."""
+    """Momentum of the whole pulse, kg m/s."""
     energy: float
-    """J, of the whole pulse: constant in time."""
+    """Energy of the whole pulse, J, constant in time."""
     kinetic_to_potential: float
-    """Mean kinetic over mean potential energy: n/2 by the virial theorem, here found and not put in."""
+    """Mean kinetic energy divided by mean potential energy: n/2 by the virial theorem, here a result, not an input."""
     shift: float
-    """m: how far each body has moved once the pulse has passed, momentum / (mass speed)."""
+    """Displacement of each body after the pulse has passed, momentum / (mass speed), m."""
     width: float
-    """Grains between the places where the force is half its largest; over ``speed`` it is a time."""
+    """Distance between the points where the force is half its peak, grains; divided by ``speed`` it is a time."""
     residual: float
-    """Of the fixed point, relative to the largest overlap: at most 1e-13."""
+    """Residual of the fixed point divided by the largest overlap: at most 1e-13."""
     uncertainty: float
-    """Of the profile, relative to its largest value."""
+    """Error of the profile divided by its largest value."""
     stiffness: float = field(repr=False)
     shape: WaveShape = field(repr=False)
 
     def overlap(self, grains: ArrayLike) -> Floats:
-        """Overlap, m, of a contact ``grains`` from the contact at its peak; any shape.
+        """Return the overlap of a contact at ``grains`` from the contact at its peak, m.
 
-        The wave is even: a contact k that peaks at t_k has ``overlap(speed * (t - t_k))`` at time t. Absolute accuracy:
-        ``uncertainty`` times the peak, so that far tails are lost in round-off and cut at zero.
+        The wave is even: a contact k that peaks at t_k has ``overlap(speed * (t - t_k))`` at time t. The absolute error
+        is ``uncertainty`` times the peak, so far tails are lost in round-off; negative values there are set to zero.
+
+        Parameters
+        ----------
+        grains : array_like
+            Distances, grains, of any shape.
         """
         import numpy as np
 
         return np.maximum(self.peak_overlap * self.shape.series(self.shape.overlap, grains) / self.shape.peaks[0], 0.0)
 
     def force(self, grains: ArrayLike) -> Floats:
-        """Contact force, N, of a contact ``grains`` from the contact at its peak."""
+        """Return the force of a contact at ``grains`` from the contact at its peak, N."""
         return self.stiffness * self.overlap(grains) ** (self.shape.exponent - 1.0)
 
     def velocity(self, grains: ArrayLike) -> Floats:
-        """Velocity, m/s, of a body ``grains`` from the body at its peak.
+        """Return the velocity of a body at ``grains`` from the body at its peak, m/s.
 
-        Body k, between contacts k-1 and k, has its peak halfway between theirs: half a grain over ``speed`` before
-        contact k.
+        Body k lies between contacts k-1 and k, and its peak is halfway between theirs: half a grain divided by
+        ``speed`` before the peak of contact k.
         """
         import numpy as np
 
@@ -146,13 +157,36 @@ def solitary_wave(
     peak_velocity: float | None = None,
     peak_force: float | None = None,
 ) -> SolitaryWave:
-    """The solitary wave of a chain of bodies ``mass`` (kg), contacts ``stiffness`` (N/m^(n-1)), by its size.
+    """Return the solitary wave of a uniform chain with a peak velocity or a peak force.
 
-    Give one of ``peak_velocity`` (m/s) and ``peak_force`` (N). Valid for a uniform chain without gaps, precompression,
-    walls or dissipation. Raises ValueError for n <= 2 (a linear chain disperses every pulse) and for exponents whose
-    wave does not converge here (below 2.00001, above 50). For n = 5/2 the speed is
+    It is valid for chains without gaps, precompression, walls or dissipation. For n = 5/2 the speed is
     0.907470078412 (beta/m)^(2/5) v^(1/5) grains per second.
 
+    Parameters
+    ----------
+    mass : float
+        Mass of each body, kg.
+    stiffness : float
+        Stiffness beta of each contact, N/m^(n-1).
+    exponent : float
+        Exponent n.
+    peak_velocity : float, optional
+        Peak velocity of each body, m/s.
+    peak_force : float, optional
+        Peak force of each contact, N. Give either this or ``peak_velocity``.
+
+    Raises
+    ------
+    ValueError
+        If n <= 2 (a linear chain disperses every pulse), if the wave does not converge (n below 2.00001 or above 50),
+        or if another parameter is outside its range.
+
+    References
+    ----------
+    English & Pego (2005), *Proc. AMS* 133, 1763; Friesecke & Wattis (1994), *Commun. Math. Phys.* 161, 391.
+
+    Examples
+    --------
     >>> wave = solitary_wave(mass=1.0, stiffness=1.0, exponent=2.5, peak_velocity=1.0)
     >>> f"{wave.speed:.12f} {wave.kinetic_to_potential:.12f} {wave.momentum:.10f} {wave.energy:.10f}"
     '0.907470078412 1.250000000000 1.6699712493 1.0693229458'
@@ -162,11 +196,13 @@ def solitary_wave(
     """
     m, beta = above(0.0, "mass", mass, "kg"), above(0.0, "stiffness", stiffness, "N/m^(n-1)")
     if (peak_velocity is None) == (peak_force is None):
-        given = "neither is" if peak_force is None else "both are"
-        raise ValueError(f"peak_velocity, peak_force: {given} given; allowed: one, the other follows from it")
+        count = "neither is" if peak_force is None else "both are"
+        raise ValueError(
+            f"peak_velocity, peak_force: {count} given; allowed: exactly one, since it determines the other"
+        )
     shape = wave_shape(exponent)
     n, (top, fastest) = shape.exponent, shape.peaks
-    # overlaps scale by A, with m c^2 = beta A^(n-2); forces then by beta A^(n-1), velocities by c A
+    # overlaps scale with A, where m c^2 = beta A^(n-2); then forces scale with beta A^(n-1), velocities with c A
     if peak_velocity is not None:
         v = above(0.0, "peak_velocity", peak_velocity, "m/s")
         speed = (v / fastest) ** ((n - 2.0) / n) * (beta / m) ** (1.0 / n)
@@ -193,27 +229,31 @@ def solitary_wave(
 
 @functools.lru_cache(maxsize=64)
 def wave_shape(exponent: float) -> WaveShape:
-    """The wave for one exponent n > 2 at m = beta = c = 1, solved once and kept.
+    """Return the wave of one exponent n > 2 at m = beta = c = 1; each is solved once and cached.
 
+    Examples
+    --------
     >>> shape = wave_shape(3.0)
     >>> shape.residual < CONVERGED, f"{shape.kinetic / shape.potential:.12f}"
     (True, '1.500000000000')
     """
     n = above(2.0, "exponent", exponent, why="at n = 2 the chain is linear and disperses every pulse")
-    # a Gaussian of width 1/sqrt(n - 2) near 2, a triangle of one grain for large n; 1e-16 of the peak at the edge
+    # the wave is a Gaussian of width 1/sqrt(n - 2) near 2, a triangle of one grain for large n; 1e-16 of its peak
+    # remains
+    # at the edge
     length = 2.0 + 4.0 / math.sqrt(n - 2.0)
     points = 32
     while points < MOST_POINTS:
         points *= 2
-        found = _solved(n, length, points)
-        if found is not None:
-            return found
+        shape = _solved(n, length, points)
+        if shape is not None:
+            return shape
     why = "the wave is too ill-conditioned as n -> 2" if n < 3.0 else f"its corner is too sharp for {points} points"
     raise ValueError(f"exponent = {exponent!r}: no converged solitary wave, {why}; allowed: 2.00001 to 50")
 
 
 def _solved(n: float, length: float, points: int) -> WaveShape | None:
-    """The fixed point on ``points`` intervals from the centre to ``length``; None where that is not enough."""
+    """Return the fixed point on ``points`` intervals from the centre to ``length``, or None if it is not resolved."""
     import numpy as np
     from scipy.fft import dct
 
@@ -228,7 +268,7 @@ def _solved(n: float, length: float, points: int) -> WaveShape | None:
 
     x = np.linspace(0.0, length, points + 1)
     r = np.exp(-3.0 * (n - 2.0) / p * x**2)
-    for _ in range(100):  # Petviashvili: a power of the mismatch keeps the amplitude from running away
+    for _ in range(100):  # Petviashvili: a power of the mismatch stabilises the amplitude
         image = np.maximum(filtered(box**2, r**p), 0.0)
         mismatch = (weight @ r**2) / (weight @ (r * image))
         before, r = r, mismatch ** (p / (p - 1.0)) * image
@@ -240,7 +280,7 @@ def _solved(n: float, length: float, points: int) -> WaveShape | None:
         step = np.linalg.solve(np.eye(points + 1) - tent * (p * r ** (p - 1.0)), r - filtered(box**2, r**p))
         r = np.maximum(r - step, 0.0)
         last, correction = correction, float(np.max(np.abs(step)) / r[0])
-        if correction >= 0.5 * last:  # round-off: it does not get better
+        if correction >= 0.5 * last:  # round-off is reached
             break
     force = r**p
     residual = float(np.max(np.abs(r - filtered(box**2, force))) / r[0])
@@ -263,10 +303,10 @@ def _solved(n: float, length: float, points: int) -> WaveShape | None:
 
 
 def _coefficients(values: Floats) -> Floats:
-    """Cosine coefficients of grid values, read-only."""
+    """Return the cosine coefficients of grid values as a read-only array."""
     from scipy.fft import dct
 
-    found = dct(values, type=1) / (len(values) - 1)
-    found[[0, -1]] *= 0.5
-    found.flags.writeable = False
-    return found  # type: ignore[no-any-return]
+    coefficients = dct(values, type=1) / (len(values) - 1)
+    coefficients[[0, -1]] *= 0.5
+    coefficients.flags.writeable = False
+    return coefficients  # type: ignore[no-any-return]

@@ -126,10 +126,10 @@ def test_a_pressed_chain_rings_in_its_mode() -> None:
     ("wrong", "says"),
     [
         ({"mass": 0.0}, r"^mass = 0.0; allowed: a finite number > 0 \(kg\)"),
-        ({"mass": (1.0, 2.0, 3.0)}, r"^mass = \(1.0, 2.0, 3.0\); allowed: one number > 0 \(kg\) or two"),
+        ({"mass": (1.0, 2.0, 3.0)}, r"^mass = \(1.0, 2.0, 3.0\); allowed: one number > 0 \(kg\), or two"),
         ({"stiffness": -1.0}, r"^stiffness = -1.0; allowed"),
         ({"exponent": 1.0}, r"^exponent = 1.0; allowed: a finite number > 1"),
-        ({"static_force": 0.0}, r"^static_force = 0.0; allowed: .*; a chain that is not pressed together"),
+        ({"static_force": 0.0}, r"^static_force = 0.0; allowed: .*; a chain without static force"),
     ],
 )
 def test_what_is_outside_is_refused_in_one_line(wrong: dict[str, object], says: str) -> None:

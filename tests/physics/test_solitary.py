@@ -239,7 +239,7 @@ def test_exponents_whose_wave_does_not_converge_are_refused_with_the_reason(n: f
 
 @pytest.mark.parametrize("size", [{}, {"peak_velocity": 1.0, "peak_force": 1.0}])
 def test_the_size_is_given_once(size: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=r"peak_velocity, peak_force: .* given; allowed: one"):
+    with pytest.raises(ValueError, match=r"peak_velocity, peak_force: .* given; allowed: exactly one"):
         solitary_wave(mass=1.0, stiffness=1.0, exponent=2.5, **size)
 
 
