@@ -19,20 +19,27 @@ _HOME = {
     "ContactLaw": "physics.law",
     "Damping": "scene",
     "Drive": "drive",
+    "Engine": "lmp.engine",
     "Geometry": "geometry",
     "Material": "geometry",
+    "Plan": "planning.answer",
+    "Resolution": "backends.base",
+    "Sampling": "backends.base",
     "Scene": "scene",
+    "Study": "studies.study",
     "Wall": "scene",
     "Trajectory": "trajectory",
+    "Verification": "studies.verify",
     "angles_for": "exports.angles",
     "available": "api.runs",
     "chain": "scene_file.bodies",
-    "compare_trajectories": "api.trajectories",
+    "compare": "api.trajectories",
     "export": "api.tables",
     "law_of": "physics.law",
     "load_scene": "scene_file",
     "load_trajectory": "trajectory",
     "minimal": "api.studies",
+    "observed_order": "accuracy",
     "plan": "api.runs",
     "read_trajectory": "api.trajectories",
     "regress": "api.regress",
@@ -49,23 +56,29 @@ _HOME = {
     "write_trajectory": "api.trajectories",
 }
 #: public modules, imported on first use too
-_MODULES = ("plot",)
+_MODULES = ("errors", "plot")
 
 if TYPE_CHECKING:
-    from dem_bridge import plot
+    from dem_bridge import errors, plot
+    from dem_bridge.accuracy import observed_order
     from dem_bridge.api.regress import regress
     from dem_bridge.api.runs import available, plan, solve, study_scatter, study_styles, verify, write_deck
     from dem_bridge.api.scenes import scene_from_csv, scene_from_deck
     from dem_bridge.api.studies import minimal, study
     from dem_bridge.api.tables import export, table_of
-    from dem_bridge.api.trajectories import compare_trajectories, read_trajectory, write_trajectory
+    from dem_bridge.api.trajectories import compare, read_trajectory, write_trajectory
+    from dem_bridge.backends.base import Resolution, Sampling
     from dem_bridge.drive import Drive
     from dem_bridge.exports.angles import angles_for
     from dem_bridge.geometry import Body, Geometry, Material
+    from dem_bridge.lmp.engine import Engine
     from dem_bridge.physics.law import ContactLaw, law_of
+    from dem_bridge.planning.answer import Plan
     from dem_bridge.scene import Damping, Scene, Wall
     from dem_bridge.scene_file import load_scene, shipped_scenes
     from dem_bridge.scene_file.bodies import chain
+    from dem_bridge.studies.study import Study
+    from dem_bridge.studies.verify import Verification
     from dem_bridge.trajectory import Trajectory, load_trajectory
 
 __all__ = [
@@ -73,21 +86,29 @@ __all__ = [
     "ContactLaw",
     "Damping",
     "Drive",
+    "Engine",
     "Geometry",
     "Material",
+    "Plan",
+    "Resolution",
+    "Sampling",
     "Scene",
+    "Study",
     "Trajectory",
+    "Verification",
     "Wall",
     "__version__",
     "angles_for",
     "available",
     "chain",
-    "compare_trajectories",
+    "compare",
+    "errors",
     "export",
     "law_of",
     "load_scene",
     "load_trajectory",
     "minimal",
+    "observed_order",
     "plan",
     "plot",
     "read_trajectory",

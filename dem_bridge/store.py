@@ -53,7 +53,7 @@ VARIABLE = "DEM_BRIDGE_STORE"
 LIMIT = 2_000_000_000
 #: parts of the package that judge, show and tell: no number of a trajectory passes through them
 NOT_IN_RUNS = (
-    "api", "campaign", "cli", "compare", "doctor", "exports", "planning", "plot", "regression", "report", "studies",
+    "api", "campaign", "cli", "differences", "doctor", "exports", "planning", "plot", "regression", "report", "studies",
     "verification",
 )  # fmt: skip
 #: ... and none of a study's

@@ -27,7 +27,7 @@ LAYERS = {
     3: ("scene", "contacts", "geometry", "drive"),
     4: ("lmp", "scene_file", "timescales", "trajectory", "dense"),
     5: ("backends", "observables"),
-    6: ("compare", "campaign", "store"),
+    6: ("differences", "campaign", "store"),
     7: (
         "verification",
         "planning",

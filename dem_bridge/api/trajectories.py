@@ -12,7 +12,7 @@ from dem_bridge.scene_file import load_scene, scene_of, shipped_scenes
 from dem_bridge.trajectory import Trajectory, load_trajectory
 
 if TYPE_CHECKING:
-    from dem_bridge.compare import Comparison
+    from dem_bridge.differences import Comparison
 
 
 def write_trajectory(
@@ -90,7 +90,7 @@ def read_trajectory(
     return read(path, _scene(scene), chosen, units=units, dt=dt)
 
 
-def compare_trajectories(run: Trajectory, reference: Trajectory, *, tolerance: float = 0.0) -> Comparison:
+def compare(run: Trajectory, reference: Trajectory, *, tolerance: float = 0.0) -> Comparison:
     """How far two runs are apart in every quantity that both have, at the times that both have.
 
     ``tolerance``: what velocities may differ by, of the largest, before they count as diverged (0: any bit). Raises
@@ -99,11 +99,11 @@ def compare_trajectories(run: Trajectory, reference: Trajectory, *, tolerance: f
     >>> import dem_bridge as db
     >>> scene = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
     >>> coarse, fine = (db.solve(scene, backend="verlet", dt=dt, samples=10, bars=False) for dt in (2e-6, 1e-6))
-    >>> found = db.compare_trajectories(coarse, fine, tolerance=1e-6)
+    >>> found = db.compare(coarse, fine, tolerance=1e-6)
     >>> found.differences[1].quantity, found.differences[1].value < 1e-2, found.divergence is not None
     ('velocity', True, True)
     """
-    from dem_bridge.compare import compared
+    from dem_bridge.differences import compared
 
     return compared(run, reference, tolerance)
 

@@ -77,7 +77,7 @@ def compare_command(
 ) -> None:
     """Say how far the trajectories A and B are apart, quantity by quantity, relative to B, and where they part."""
     runs = [_read(path, scene, units, dt) for path in (first, second)]
-    found = dem_bridge.compare_trajectories(*runs, tolerance=tolerance or 0.0)
+    found = dem_bridge.compare(*runs, tolerance=tolerance or 0.0)
     for one in found.differences:
         place = f"{'body' if one.quantity in ('velocity', 'displacement') else 'contact'} {one.body}"
         at = f", {one.time:.9g} s" if one.time == one.time else ""

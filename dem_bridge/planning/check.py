@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling, backend
-from dem_bridge.compare import UNITS, difference
+from dem_bridge.differences import UNITS, difference
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.front import arrival_by_crossing, residence_bar, residence_by_crossing
 from dem_bridge.scene import Scene
@@ -46,8 +46,8 @@ FINER = {"dt": 2.0, "damped": 2.618, "rtol": 30.0}
 
 
 def relative_error(observable: str, scene: Scene, run: Trajectory, truth: Trajectory) -> float:
-    """Error of one of ``OBSERVABLES``, relative: as :func:`~dem_bridge.compare.difference` has it; "arrival", of the
-    front at the last body that it reaches, over that time; "residence", the largest of the residence times' own."""
+    """Error of one of ``OBSERVABLES``, relative: as :func:`~dem_bridge.differences.difference` has it; "arrival", of
+    the front at the last body that it reaches, over that time; "residence", the largest of the residence times' own."""
     if observable in UNITS:
         return difference(observable, run, truth).value
     of = arrival_by_crossing if observable == "arrival" else residence_by_crossing

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.compare import UNITS, difference
+from dem_bridge.differences import UNITS, difference
 from dem_bridge.regression.baseline import QUANTITIES, Accuracy, Baseline
 from dem_bridge.trajectory import Floats, Trajectory, own_scale
 from dem_bridge.verification.verdict import Outcome, judge, plain

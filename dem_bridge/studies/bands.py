@@ -15,7 +15,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Case, Progress, run_cases
-from dem_bridge.compare import difference
+from dem_bridge.differences import difference
 from dem_bridge.drive import Drive
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine

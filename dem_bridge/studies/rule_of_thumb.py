@@ -15,7 +15,7 @@ import numpy as np
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.campaign import Case, Progress, Result, run_cases
-from dem_bridge.compare import difference
+from dem_bridge.differences import difference
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.conserved import energy_parts, momentum
 from dem_bridge.scene import Scene

@@ -26,7 +26,7 @@ from dem_bridge.backends.tabled import in_kernel, tables_for
 from dem_bridge.backends.twin import solve_plan
 from dem_bridge.backends.twin_bars import REALISATIONS, last_digit
 from dem_bridge.campaign import Progress
-from dem_bridge.compare import Difference, difference
+from dem_bridge.differences import Difference, difference
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.lmp.engine import Engine

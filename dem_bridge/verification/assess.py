@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dem_bridge.campaign import Result
-from dem_bridge.compare import difference
+from dem_bridge.differences import difference
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification import checks

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from dem_bridge.accuracy import ObservedOrder, observed_order
 from dem_bridge.backends.steps import order_on
 from dem_bridge.campaign import Result
-from dem_bridge.compare import Difference, difference, first_divergence
+from dem_bridge.differences import Difference, difference, first_divergence
 from dem_bridge.errors import RunBroken
 from dem_bridge.observables.conserved import energy, energy_parts, momentum, work
 from dem_bridge.observables.front import residence_by_crossing

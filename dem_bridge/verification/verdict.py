@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
-from dem_bridge.compare import Difference
+from dem_bridge.differences import Difference
 
 
 class Outcome(StrEnum):

@@ -170,7 +170,7 @@ def test_few_digits_are_seen_and_said(tmp_path: Path) -> None:
     # rounded at both ends of the difference, of which the first is on the grid
     assert 1e-9 < off <= 5.001e-9
     assert any("position has few digits: known to 5e-09 m" in one for one in short.provenance["assumed"])
-    found = db.compare_trajectories(short, full)
+    found = db.compare(short, full)
     assert found.divergence is not None
     assert max(one.value * one.scale for one in found.differences if one.quantity == "velocity") <= 5.001e-9
 
@@ -350,7 +350,7 @@ def test_a_dump_that_lammps_wrote_is_our_own_run_to_the_last_digit(scene: Scene,
     found = db.read_trajectory(tmp_path / "run.lammpstrj", scene)
     ours = db.solve(scene, backend="lammps-granular", dt=dt, bars=False)
     assert len(found.time) >= len(ours.time)
-    compared = db.compare_trajectories(found, ours)
+    compared = db.compare(found, ours)
     assert compared.samples == len(ours.time)
     assert compared.divergence is None
     assert {one.quantity: one.value for one in compared.differences if one.quantity != "peak_force"} == {

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dem_bridge.compare import Difference
+from dem_bridge.differences import Difference
 from dem_bridge.verification.verdict import Outcome, Verdict, exit_code, judge, numerical_verdict
 
 relative = st.floats(0.0, 1e3)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.compare import SAMPLED
+from dem_bridge.differences import SAMPLED
 from dem_bridge.errors import DemBridgeError
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import ClaimValue

@@ -12,7 +12,7 @@ from itertools import chain
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import BACKENDS
 from dem_bridge.campaign import Case, Progress, Result, run_groups
-from dem_bridge.compare import difference
+from dem_bridge.differences import difference
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene

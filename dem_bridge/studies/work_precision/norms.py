@@ -40,9 +40,9 @@ NORMS = tuple(_OF_NORM)
 def errors_of(scene: Scene, run: Trajectory, truth: Trajectory) -> dict[tuple[str, str], float]:
     """(observable, norm) -> difference to ``truth``, relative; over all samples and bodies, or over all contacts.
 
-    The scale is that of :mod:`dem_bridge.compare`: of ``velocity`` and ``displacement`` the largest in ``truth``, of
-    the others each contact's or body's own value, or a thousandth of the largest. The norm "max" is its ``value``. inf:
-    only one of the two has a value. Both must have the same samples.
+    The scale is that of :mod:`dem_bridge.differences`: of ``velocity`` and ``displacement`` the largest in ``truth``,
+    of the others each contact's or body's own value, or a thousandth of the largest. The norm "max" is its ``value``.
+    inf: only one of the two has a value. Both must have the same samples.
     """
     found: dict[tuple[str, str], float] = {}
     for name in OBSERVABLES:

@@ -19,7 +19,7 @@ from dem_bridge.backends import lammps
 from dem_bridge.backends.base import BACKENDS, Resolution
 from dem_bridge.campaign import Case
 from dem_bridge.cli import main
-from dem_bridge.compare import difference
+from dem_bridge.differences import difference
 from dem_bridge.errors import BackendUnavailable, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.store import Store

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.compare import difference
+from dem_bridge.differences import difference
 from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.scene_file import load_scene
 from dem_bridge.studies.work_precision.norms import NORMS, OBSERVABLES, bars_of, errors_of

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dem_bridge.compare import at_common_times, compared, difference, first_divergence
+from dem_bridge.differences import at_common_times, compared, difference, first_divergence
 from dem_bridge.errors import UsageError
 from dem_bridge.trajectory import Trajectory
 from tests.helpers.fake_runs import NO_BARS, free_flight
