@@ -48,6 +48,8 @@ UNITS: Mapping[str, Unit] = {
     "N s/m": Unit("N s/m", r"\newton\second\per\metre", "N_s_per_m"),
     "1/s": Unit("1/s", r"\per\second", "per_s"),
     "m/s": Unit("m/s", r"\metre\per\second", "m_per_s"),
+    "kg m/s": Unit("kg m/s", r"\kilogram\metre\per\second", "kg_m_per_s"),
+    "J": Unit("J", r"\joule", "J", prefixed=True),
     "kg/m^3": Unit("kg/m³", r"\kilogram\per\cubic\metre", "kg_per_m3"),
     "N/m^1.5": Unit("N/m^1.5", r"\newton\per\metre\tothe{1.5}", "N_per_m1_5"),
     # those of a number that depend on its row

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.observables.interpolate import NODES, acceleration, hermite
+from dem_bridge.observables.interpolate import NODES, acceleration, contact_motion, hermite
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
@@ -22,14 +22,17 @@ def momentum(scene: Scene, trajectory: Trajectory) -> Floats:
     return np.asarray(trajectory.velocity @ np.array(scene.mass))
 
 
+def momentum_uncertainty(scene: Scene, trajectory: Trajectory) -> Floats:
+    """Return the uncertainty of :func:`momentum` by that of all velocities, kg m/s, ``(n_t,)``."""
+    return np.full(len(trajectory.time), sum(scene.mass) * trajectory.uncertainty["velocity"])
+
+
 def energy_parts(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats, Floats]:
     """Energies, J, ``(n_t,)`` each: kinetic, stored in contacts (``beta overlap^n / n``, or what the
     law says), potential (``-(m g + load) x``)."""
     mass, c = np.array(scene.mass), scene.contacts
     kinetic = 0.5 * trajectory.velocity**2 @ mass
-    # a wall is one more column at rest
-    x = np.concatenate([trajectory.displacement, np.zeros((len(trajectory.time), 1))], axis=1)
-    overlap = np.maximum(x[:, c.left] - x[:, c.right] - c.gap, 0.0)
+    overlap = np.maximum(contact_motion(scene, trajectory)[0], 0.0)
     stored = c.energy(overlap, np.arange(scene.n_contact)).sum(axis=1)
     potential = -scene.gravity * trajectory.displacement @ mass - trajectory.displacement @ scene.load
     return np.asarray(kinetic), np.asarray(stored), np.asarray(potential)
@@ -40,6 +43,22 @@ def energy(scene: Scene, trajectory: Trajectory) -> Floats:
     ``conserves_energy``; falling with damping or drag, and changing by the :func:`work` of a drive."""
     kinetic, stored, potential = energy_parts(scene, trajectory)
     return kinetic + stored + potential
+
+
+def energy_uncertainty(scene: Scene, trajectory: Trajectory) -> Floats:
+    """Return the uncertainty of :func:`energy` by those of velocities and displacements, J, ``(n_t,)``.
+
+    To first order, energy changes by ``m v`` for each velocity, and for each displacement by minus the outer forces and
+    by the forces of both contacts.
+    """
+    u_v, u_x = (trajectory.uncertainty[name] for name in ("velocity", "displacement"))
+    if not np.isfinite(u_v + u_x):
+        return np.full(len(trajectory.time), np.inf)
+    mass, c, n = np.array(scene.mass), scene.contacts, scene.n_body
+    force = c.force(np.maximum(contact_motion(scene, trajectory)[0], 0.0), np.arange(scene.n_contact))
+    ends = (c.left < n).astype(float) + (c.right < n)  # a wall does not move
+    steady = float(np.sum(np.abs(scene.steady_force)))
+    return np.asarray(u_v * (np.abs(trajectory.velocity) @ mass) + u_x * (force @ ends + steady))
 
 
 def work(scene: Scene, trajectory: Trajectory) -> tuple[Floats, float]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from dem_bridge.errors import UsageError
-from dem_bridge.observables.interpolate import acceleration
+from dem_bridge.observables.interpolate import acceleration, contact_motion
 from dem_bridge.observables.modes import tangent_stiffness
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
@@ -88,10 +88,8 @@ def drift_of(time: Floats, series: Floats) -> Drift:
 def swing_of(scene: Scene, run: Trajectory, dt: float) -> Floats:
     """``H~ - H`` at each sample, J, ``(n_t,)``: by how much the energy of velocity-Verlet at the step ``dt`` (s) is off
     what it conserves. UnsupportedScene for n < 2."""
-    c, x = scene.contacts, np.concatenate([run.displacement, np.zeros((len(run.time), 1))], axis=1)
-    v = np.concatenate([run.velocity, np.zeros((len(run.time), 1))], axis=1)
-    stiffness = tangent_stiffness(scene, x[:, c.left] - x[:, c.right] - c.gap)
-    closing = v[:, c.left] - v[:, c.right]
+    overlap, closing = contact_motion(scene, run)
+    stiffness = tangent_stiffness(scene, overlap)
     bent = np.sum(stiffness * closing**2, axis=1) / 12.0
     pushed = acceleration(scene, run) ** 2 @ np.array(scene.mass) / 24.0
     return np.asarray(dt**2 * (bent - pushed))

@@ -89,6 +89,8 @@ class PeakVelocity:
     """m/s: what the samples leave open; nan: not known."""
     bar: Floats
     """m/s: ``sampling`` and the run's bar of velocities together."""
+    time_bar: Floats
+    """s: how far the maximum of a parabola moves where velocities err by ``bar``; inf without an acceleration."""
 
 
 def peak_velocity_of_front(scene: Scene, trajectory: Trajectory) -> PeakVelocity:
@@ -113,7 +115,7 @@ def peak_velocity_of_front(scene: Scene, trajectory: Trajectory) -> PeakVelocity
     until = np.where(np.isnan(until), time[-1], until)
     inside = time[:, None] <= until
     row = np.argmax(np.where(inside, v, -np.inf), axis=0)
-    peak, when, sampling = v[row, bodies].copy(), time[row].copy(), np.zeros(n)
+    peak, when, sampling, bend = v[row, bodies].copy(), time[row].copy(), np.zeros(n), np.zeros(n)
     for beside in (-1, 0):  # before the largest sample and behind it; a body in free flight has its peak at a sample
         early = row + beside
         late = np.minimum(early + 1, len(time) - 1)
@@ -125,13 +127,17 @@ def peak_velocity_of_front(scene: Scene, trajectory: Trajectory) -> PeakVelocity
             higher = moved[1] > peak[turning]
             which = turning[higher]
             when[which], peak[which], sampling[which] = (one[higher] for one in moved)
+            fall = (a[early, bodies] - a[late, bodies])[turning] / (time[late] - time[early])[turning]
+            bend[which] = fall[higher]
     # a pulse that fell between two samples of binary collisions is not known
     missing = np.isnan(came) | ~(peak > 0.0)
     sampling[np.any(np.isnan(a), axis=0)] = np.nan
     for one in (peak, when, sampling):
         one[missing] = np.nan
     bar = sampling + trajectory.uncertainty["velocity"]
-    return PeakVelocity(velocity=peak, time=when, sampling=sampling, bar=bar)
+    # v - bend t^2/2 with an error of either sign has its maximum where 2 bar or less are missing
+    time_bar = np.sqrt(4.0 * np.divide(bar, bend, out=np.full(n, np.inf), where=bend > 0.0))
+    return PeakVelocity(velocity=peak, time=when, sampling=sampling, bar=bar, time_bar=time_bar)
 
 
 def _maximum(

@@ -109,6 +109,14 @@ def _basis(nodes: int, derivative: int) -> Floats:
     return np.asarray(found).transpose(2, 1, 0)
 
 
+def contact_motion(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats]:
+    """Return overlaps (m; < 0: a gap) and closing velocities (m/s) at samples, ``(n_t, n_contact)`` both."""
+    c, at_rest = scene.contacts, np.zeros((len(trajectory.time), 1))
+    x = np.concatenate([trajectory.displacement, at_rest], axis=1)  # a wall is one more body at rest
+    v = np.concatenate([trajectory.velocity, at_rest], axis=1)
+    return x[:, c.left] - x[:, c.right] - c.gap, v[:, c.left] - v[:, c.right]
+
+
 def state_at(scene: Scene, trajectory: Trajectory, when: Floats) -> tuple[Floats, Floats]:
     """Overlaps (m, ``(n_when, n_contact)``; >= 0) and velocities (m/s, ``(n_when, n_body)``) at times ``(n_when,)``."""
     at = when[:, None]

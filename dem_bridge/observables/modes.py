@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigvalsh_tridiagonal
 
 from dem_bridge.errors import UnsupportedScene
+from dem_bridge.observables.interpolate import contact_motion
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
@@ -58,8 +59,7 @@ def highest_frequencies(scene: Scene, trajectory: Trajectory) -> tuple[float, fl
     '1.86e+05 rad/s, 1.27'
     """
     c, mobility = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
-    x = np.concatenate([trajectory.displacement, np.zeros((len(trajectory.time), 1))], axis=1)
-    k = tangent_stiffness(scene, x[:, c.left] - x[:, c.right] - c.gap)
+    k = tangent_stiffness(scene, contact_motion(scene, trajectory)[0])
     # along the line of bodies: the left wall's contact is the first
     links = len(scene.stiffness)
     first = [links] if scene.wall_left is not None else []

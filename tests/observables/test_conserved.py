@@ -9,11 +9,18 @@ import pytest
 from hypothesis import given
 
 import dem_bridge as db
-from dem_bridge.observables.conserved import energy, energy_parts, momentum, work
+from dem_bridge.observables.conserved import (
+    energy,
+    energy_parts,
+    energy_uncertainty,
+    momentum,
+    momentum_uncertainty,
+    work,
+)
 from dem_bridge.scene import Damping, Scene, Wall
 from tests.conftest import Solve
 from tests.helpers.driven_chains import DRIVES, PRESSED, SINE, TOUCHING, driven, free_body
-from tests.helpers.fake_runs import free_flight
+from tests.helpers.fake_runs import NO_BARS, free_flight
 from tests.helpers.quadruple_truth import Truth
 from tests.helpers.strategies import examples, scenes
 
@@ -152,3 +159,15 @@ def test_what_is_conserved() -> None:
     ):  # fmt: skip
         scene = replace(still, **changes)
         assert (scene.conserves_energy, scene.conserves_momentum) == expected, changes
+
+
+def test_uncertainties_are_those_of_all_velocities_and_displacements_together() -> None:
+    run = free_flight(contacts=4, samples=1, uncertainty=NO_BARS | {"velocity": 0.1, "displacement": 0.01})
+    np.testing.assert_allclose(momentum_uncertainty(THREE, run), 10.0 * 0.1, rtol=1e-12)
+    moving = 0.1 * (2.0 * 1.0 + 3.0 * 2.0 + 5.0 * 3.0)
+    weight = 10.0 * 10.0
+    # at the start contact 0, with both bodies, and the left wall's, with one; at the end the right wall's
+    start, end = 2.0 * 7.0 * 0.25**1.5 + 13.0 * 1.0**2, 17.0 * 1.0
+    expected = [moving + 0.01 * (weight + force) for force in (start, end)]
+    np.testing.assert_allclose(energy_uncertainty(THREE, run), expected, rtol=1e-12)
+    assert np.all(np.isinf(energy_uncertainty(THREE, replace(run, uncertainty=dict.fromkeys(NO_BARS, np.inf)))))

@@ -1,0 +1,61 @@
+"""Forces of contacts between samples, and the uncertainty of those at samples."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.observables.interpolate import FEWER, NODES, contact_motion, hermite
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+
+
+def first_peak_force(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats]:
+    """Return the elastic force of each contact at its first maximal compression and its uncertainty, N.
+
+    Dashpots do not act at that moment. The overlap is interpolated between samples (:mod:`.interpolate`), with the
+    difference between six and four samples as one more uncertainty. Theories, whose displacements are not those of
+    forces, know one wave and its peak force.
+
+    Returns
+    -------
+    force, uncertainty : ndarray ``(n_contact,)``
+        In N; nan where the contact is never compressed to a maximum.
+
+    """
+    peak, bar = trajectory.peak_force, np.asarray(trajectory.uncertainty["peak_force"])
+    if trajectory.provenance.get("equations", "hertz") != "hertz":
+        return peak, bar
+    c, time = scene.contacts, trajectory.crossing_time
+
+    overlap, closing = contact_motion(scene, trajectory)
+
+    def force(nodes: int) -> Floats:
+        pressed = np.maximum(hermite(trajectory, overlap, closing, time, nodes=nodes), 0.0)
+        return c.force(pressed, np.arange(len(time)))
+
+    elastic = force(NODES)
+    return elastic, bar + np.abs(elastic - force(FEWER))
+
+
+def contact_force_uncertainty(scene: Scene | None, trajectory: Trajectory) -> Floats:
+    """Return how far contact forces may be off where displacements and velocities are, N, ``(n_t, n_contact)``.
+
+    Both ends of a contact may be off by the uncertainty of the run, on opposite sides. inf without a scene, whose laws
+    are needed for it.
+    """
+    u_x, u_v = (trajectory.uncertainty[name] for name in ("displacement", "velocity"))
+    if scene is None or not np.isfinite(u_x + u_v):
+        return np.full(trajectory.contact_force.shape, np.inf)
+    c, every = scene.contacts, np.arange(scene.n_contact)
+    overlap, closing = contact_motion(scene, trajectory)
+
+    def largest(overlap: Floats, speed: Floats) -> Floats:
+        pressed = np.maximum(overlap, 0.0)
+        damped = np.where(overlap > 0.0, c.damping * pressed**c.damping_power * speed, 0.0)
+        return c.force(pressed, every) + damped
+
+    speed = np.abs(closing)
+    return np.asarray(largest(overlap + 2.0 * u_x, speed + 2.0 * u_v) - largest(overlap, speed))
