@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ from dem_bridge.store import Store
 from dem_bridge.studies.verify import Verification, verify_scenes
 from dem_bridge.trajectory import Trajectory
 from tests.helpers.fake_runs import free_flight
+from tests.helpers.processes import PATIENCE, all_end, running
 
 SCENE = Scene(
     name="three",
@@ -89,8 +91,8 @@ def test_results_stand_in_the_order_of_the_cases_whatever_runs_first(fake: Fake)
 
 def test_wrong_settings_and_crashes_stop_a_campaign_unless_they_are_asked_for(fake: Fake) -> None:
     fake.fails = {1e-7: UsageError("too fine"), 1e-8: KeyError("three")}
-    for dt, error in ((1e-7, UsageError), (1e-8, KeyError)):
-        with pytest.raises(error):
+    for dt, error, words in ((1e-7, UsageError, "too fine"), (1e-8, KeyError, "three")):
+        with pytest.raises(error, match=words):
             run_cases([_case(dt)])
     results = run_cases([_case(1e-7), _case(1e-8), _case(1e-6)], everything=True)
     assert str(results[0].failure) == "too fine"
@@ -170,11 +172,11 @@ def test_failures_are_results_and_are_never_stored(fake: Fake, tmp_path: Path) -
     assert len(list(tmp_path.iterdir())) == 1
 
 
-@pytest.mark.parametrize("end", [KeyboardInterrupt(), UsageError("dt = 1e-06; too coarse")], ids=repr)
+@pytest.mark.parametrize("end", [KeyboardInterrupt("Ctrl-C"), UsageError("dt = 1e-06; too coarse")], ids=repr)
 def test_what_was_finished_before_the_end_is_stored(end: BaseException, fake: Fake, tmp_path: Path) -> None:
     cases = [_case(dt) for dt in (1e-8, 1e-7, 1e-6)]
     fake.fails[1e-6] = end
-    with pytest.raises(type(end)):
+    with pytest.raises(type(end), match=re.escape(str(end))):
         run_cases(cases, store=Store(tmp_path))
     fake.fails.clear()
     run_cases(cases, store=Store(tmp_path))
@@ -287,27 +289,32 @@ def test_a_process_that_dies_is_one_line() -> None:
 
 
 LONG_PROGRAM = """
-import multiprocessing, sys, threading
+from dataclasses import replace
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Case, run_cases
 from dem_bridge.scene import Scene
-def tell_who():
-    while len(workers := multiprocessing.active_children()) < 2:
-        pass
-    print(*(worker.pid for worker in workers), flush=True)
+
+class Announcement:
+    # a law that prints the process that it arrives in; what arrives is no law, so Hertz' law holds there
+    def __call__(self, overlap):
+        return 4e9 * overlap**1.5
+
+    def __reduce__(self):
+        return eval, ("print(__import__('os').getpid(), flush=True)",)
+
 if __name__ == "__main__":
     scene = Scene(name="pair", duration=1.0, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
+    scene = replace(scene, law=Announcement())
     cases = [
         Case(scene=scene, backend="ase", resolution=Resolution(dt=dt), sampling=Sampling(count=4))
         for dt in (1e-8, 2e-8)
     ]
-    threading.Thread(target=tell_who, daemon=True).start()
     run_cases(cases, jobs=2)
 """
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-def test_processes_end_with_the_program_that_asked(how: signal.Signals, tmp_path: Path) -> None:
+def test_processes_end_with_the_program_that_started_them(how: signal.Signals, tmp_path: Path) -> None:
     file = tmp_path / "program.py"
     file.write_text(LONG_PROGRAM)
     with subprocess.Popen(
@@ -319,26 +326,17 @@ def test_processes_end_with_the_program_that_asked(how: signal.Signals, tmp_path
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as program:
         assert program.stdout is not None
-        workers = [int(pid) for pid in program.stdout.readline().split()]
-        program.send_signal(how)
+        # each process says so when its case has arrived: it runs for an hour then, if it is let be
+        workers = [int(program.stdout.readline()) for _ in range(2)]
         try:
-            program.wait(timeout=60.0)
+            assert running(workers) == workers
+            program.send_signal(how)
+            assert program.wait(timeout=PATIENCE) != 0
+            assert all_end(workers)
         finally:
-            program.kill()
-    assert len(workers) == 2
-    # runs of minutes: were they let be, they would be there at the end of this wait
-    until = time.monotonic() + 30.0
-    while (left := [pid for pid in workers if _alive(pid)]) and time.monotonic() < until:
-        time.sleep(0.05)
-    for pid in left:
-        os.kill(pid, signal.SIGKILL)
-    assert not left
-
-
-def _alive(pid: int) -> bool:
-    """A process that has ended may still wait for someone to ask for its exit code."""
-    state = subprocess.run(["ps", "-o", "stat=", "-p", str(pid)], capture_output=True, text=True).stdout
-    return bool(state.strip()) and not state.startswith("Z")
+            for pid in [program.pid, *running(workers)]:
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
 
 
 # verification

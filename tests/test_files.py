@@ -20,14 +20,18 @@ def test_a_name_may_have_folders_in_it(tmp_path: Path) -> None:
     assert (tmp_path / "new/b/c/d.bin").read_bytes() == b"two"
 
 
-@pytest.mark.parametrize("last", ["taken/g.txt", "h", "is-folder"])
-def test_what_cannot_be_written_leaves_nothing_of_the_rest(tmp_path: Path, last: str) -> None:
+@pytest.mark.parametrize(
+    ("last", "reason"),
+    [("taken/g.txt", "there is no folder .*taken"), ("full", "full: is no regular file"), ("empty", "is no regular")],
+)
+def test_what_cannot_be_written_leaves_nothing_of_the_rest(tmp_path: Path, last: str, reason: str) -> None:
     (tmp_path / "taken").write_text("a file where a folder is asked")
-    (tmp_path / "is-folder").mkdir()
-    (tmp_path / "h").mkdir()
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "inside.txt").write_text("kept")
     (tmp_path / "a.txt").write_text("before")
     before = _all(tmp_path)
-    with pytest.raises(UsageError):
+    with pytest.raises(UsageError, match=reason):
         write_whole(tmp_path, {"a.txt": "after", "b/c/d.txt": "new", last: ""})
     assert _all(tmp_path) == before
     assert (tmp_path / "a.txt").read_text() == "before"

@@ -373,19 +373,28 @@ def _planted(monkeypatch: pytest.MonkeyPatch, old: str, new: str) -> None:
     monkeypatch.setattr(splitting, "integrate", names["integrate"])
 
 
+#: the gate of damped runs, of the largest velocity; sound ones are four decades below
+GATE = 5e-9
+
+
 @pytest.mark.lammps
-@pytest.mark.parametrize(
-    ("old", "new", "name"), [*TWIN_FAULTS.values(), ("", "", "dashpots")], ids=[*TWIN_FAULTS, "none"]
-)
+@pytest.mark.parametrize(("old", "new", "name"), TWIN_FAULTS.values(), ids=TWIN_FAULTS)
 def test_a_fault_in_the_twins_damping_parts_it_from_lammps(
     old: str, new: str, name: str, solved: Solve, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = solved(SCENES[name], ENGINE, dt=STEP)
     _planted(monkeypatch, old, new)
-    apart = _far(run.velocity, db.solve(SCENES[name], backend=TWIN, dt=STEP, bars=False).velocity)
-    # the gate of damped runs is 5e-9; sound ones are four decades below
-    assert (apart > 5e-9) == bool(old)
-    assert old or apart <= run.provenance["velocity_bar"]["round_off"]
+    assert _far(run.velocity, db.solve(SCENES[name], backend=TWIN, dt=STEP, bars=False).velocity) > GATE
+
+
+@pytest.mark.lammps
+def test_the_twin_compiled_anew_without_a_fault_repeats_lammps(solved: Solve, monkeypatch: pytest.MonkeyPatch) -> None:
+    # the counterpart of the test above: what parts the two there is the fault and not the way it is planted
+    run = solved(SCENES["dashpots"], ENGINE, dt=STEP)
+    _planted(monkeypatch, "", "")
+    difference = _far(run.velocity, db.solve(SCENES["dashpots"], backend=TWIN, dt=STEP, bars=False).velocity)
+    assert difference < GATE
+    assert difference <= run.provenance["velocity_bar"]["round_off"]
 
 
 def test_damping_with_the_velocity_of_the_full_step_is_of_another_order(
@@ -404,8 +413,8 @@ def test_a_force_that_pulls_misses_the_exact_exit_speed(monkeypatch: pytest.Monk
     scene, hit = _collision(0.5, 0.0)
     _planted(monkeypatch, *TWIN_FAULTS["a force that pulls"][:2])
     run = db.solve(scene, backend=TWIN, dt=1e-3 / OMEGA, bars=False)
-    with pytest.raises(AssertionError):
-        _assert_is(run, hit, 0.0, 1e-3)
+    # 0.065 m/s off; a sound run is within 8e-4 m/s of the clipped collision's exit velocity (_assert_is)
+    assert np.max(np.abs(run.velocity[-1] - hit.exit_velocity)) > 0.03
     # it leaves as the unclipped one, which another closed form gives
     other = dashpot_collision(
         masses=MASSES, velocities=(0.8, 0.0), stiffness=BETA, damping=scene.damping.coefficient[0], clipped=False  # type: ignore[union-attr,index]

@@ -60,10 +60,10 @@ def test_lammps_repeats_its_twin_on_the_papers_chains(free_chain: Truth, solved:
 
 
 @pytest.mark.lammps
-def test_lammps_is_a_time_step_away_from_the_reference(free_chain: Truth, solved: Solve) -> None:
-    run, reference = solved(free_chain.scene, ENGINE, dt=1e-8), solved(free_chain.scene, "scipy")
+def test_lammps_is_a_time_step_away_from_the_truth(free_chain: Truth, solved: Solve) -> None:
+    run = solved(free_chain.scene, ENGINE, dt=1e-8)
     # 1.4e-6 and 1.1e-6 of v0 were measured (LAMMPS.md); three times that is another integrator
-    assert np.max(np.abs(run.velocity - reference.velocity)) < 4e-6 * free_chain.v0
+    assert free_chain.error(run, "velocity") < 4e-6 * free_chain.v0
 
 
 @pytest.mark.lammps
@@ -259,14 +259,20 @@ def test_a_surrogate_radius_below_the_overlap_is_refused_before_the_run() -> Non
 
 
 @pytest.mark.lammps
-@pytest.mark.parametrize("dt", [1e-6, 1e-5, 1e-4])
-def test_a_step_far_too_large_is_broken_or_finite_but_never_nan(decelerating: Truth, dt: float) -> None:
-    try:
-        run = db.solve(decelerating.scene, backend=ENGINE, dt=dt, samples=10, bars=False)
-    except RunBroken:
-        return
-    for name in ("velocity", "displacement", "contact_force", "peak_force"):
+def test_a_large_step_within_stability_gives_a_finite_run_that_is_off_by_a_percent(decelerating: Truth) -> None:
+    run = db.solve(decelerating.scene, backend=ENGINE, dt=1e-6, bars=False)
+    for name in ("displacement", "contact_force", "peak_force"):
         assert np.all(np.isfinite(getattr(run, name))), name
+    # measured: 1.08 % of v0, as for the twin
+    assert decelerating.error(run, "velocity") == pytest.approx(0.0108 * decelerating.v0, rel=0.01)
+
+
+@pytest.mark.lammps
+@pytest.mark.parametrize("dt", [1e-5, 1e-4])
+def test_a_step_beyond_stability_is_a_broken_run_and_never_nan(decelerating: Truth, dt: float) -> None:
+    # LAMMPS itself ends without an error: bodies have passed through each other
+    with pytest.raises(RunBroken, match=r"an overlap of \S+ m exceeds .*not neighbours, overlap by \S+ m at step \d+"):
+        db.solve(decelerating.scene, backend=ENGINE, dt=dt, samples=10, bars=False)
 
 
 def _answering(content: bytes) -> object:
@@ -319,7 +325,7 @@ def test_a_dump_without_a_number_of_atoms_that_fits_is_a_broken_run(monkeypatch:
 
 def test_an_empty_dump_is_a_broken_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lammps, "run_deck", _answering(b""))
-    with pytest.raises(RunBroken):
+    with pytest.raises(RunBroken, match=r"dump\.pair\.bin: the dump is empty"):
         db.solve(PAIR, backend=ENGINE, dt=1e-6, bars=False)
 
 

