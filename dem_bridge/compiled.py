@@ -1,4 +1,4 @@
-"""Compiled kernels: never older than their sources, and run so that a person can still interrupt them."""
+"""Compiled kernels: they are recompiled when a source changes, and a running one can be interrupted."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from typing import Any
 
 
 def forget_stale(package: Path = Path(__file__).parent) -> None:
-    """Forget all kept kernels that are older than any file with a kernel in it: they are compiled anew.
+    """Delete all cached kernels that are older than a source file with a kernel, so that they are compiled again.
 
-    numba compares a kept kernel with its own file alone. What it calls from another file, and has inlined, may have
-    changed since, as after ``git pull``: it would go on with the old one.
+    numba compares a cached kernel with its own source file only. The kernel has inlined functions from other files,
+    which may have changed since, for example after ``git pull``; numba would go on using the old code.
     """
     indexes = list(package.glob("**/__pycache__/*.nbi"))
     sources = {index.parent.parent / f"{index.name.split('.')[0]}.py" for index in indexes}
     newest = max((source.stat().st_mtime for source in sources if source.exists()), default=0.0)
     for index in indexes:
-        with suppress(OSError):  # another process was here, or the folder may only be read
+        with suppress(OSError):  # another process deleted it, or the folder is read-only
             if index.stat().st_mtime < newest:
                 index.unlink()
 
@@ -28,18 +28,18 @@ forget_stale()
 
 
 def interruptible(kernel: Callable[..., Any], *arguments: Any) -> Any:
-    """``kernel(*arguments)``, for a kernel that releases the interpreter's lock; Ctrl-C ends the wait at once.
+    """Return ``kernel(*arguments)`` for a kernel that releases the interpreter lock; Ctrl-C ends the wait at once.
 
-    Compiled code does not look at signals, and one that arrives within it breaks the hand-over of the result: so the
-    kernel runs in a thread that may be left behind, and signals find the main thread waiting.
+    Compiled code does not check for signals, and a signal that arrives during it breaks the return of the result. The
+    kernel therefore runs in a thread that can be abandoned, and signals reach the waiting main thread.
     """
     return started(kernel, *arguments)()
 
 
 def started(work: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
-    """Begin ``work(*arguments)`` in a thread; the answer waits for its result, or raises what it raised.
+    """Start ``work(*arguments)`` in a thread, and return a function that waits for its result.
 
-    Nobody waits for it at the end of the program.
+    The function re-raises what ``work`` raised. The program does not wait for the thread when it ends.
     """
     result: list[Any] = []
     failure: list[BaseException] = []

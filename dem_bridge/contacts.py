@@ -1,4 +1,4 @@
-"""All contacts of a scene as arrays: what those who solve it work with."""
+"""All contacts of a scene as arrays, for the backends."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from dem_bridge.physics.law import ContactLaw
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Contacts:
-    """Every contact of a scene as arrays ``(n_contact,)``: the chain's in order, then wall_left, wall_right.
+    """All contacts of a scene as arrays ``(n_contact,)``: those of the chain in order, then wall_left, wall_right.
 
     ``overlap_k = x[left_k] - x[right_k] - gap_k``; the index ``n_body`` stands for a wall, with x = v = 0. In a
-    precompressed chain ``gap`` is minus the static overlap. The damping force is
-    ``damping overlap^damping_power overlap'``, whatever its law. ``laws``: the distinct laws that are no powers, good
-    for overlaps up to ``reach (n_law,)`` (m), which the energy at hand cannot exceed; contact k has
-    ``laws[law[k]]``. Without them ``laws`` and ``reach`` are empty and ``law`` is -1.
+    precompressed chain ``gap`` is minus the static overlap. The damping force of every law is ``damping
+    overlap^damping_power overlap'``. ``laws`` are the distinct laws that are not powers, valid for overlaps up to
+    ``reach (n_law,)`` (m), which the energy of the scene cannot exceed; contact k has ``laws[law[k]]``. Without such
+    laws ``laws`` and ``reach`` are empty and ``law`` is -1.
     """
 
     left: NDArray[np.int64]
@@ -35,21 +35,29 @@ class Contacts:
     reach: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            if one.name != "laws":
-                getattr(self, one.name).flags.writeable = False
+        for item in fields(self):
+            if item.name != "laws":
+                getattr(self, item.name).flags.writeable = False
 
     def force(self, overlap: NDArray[np.float64], which: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Elastic force, N, of the contacts ``which`` at overlaps >= 0, ``(..., n_which)`` both."""
+        """Return the elastic force of the contacts ``which`` at overlaps >= 0, N.
+
+        Parameters
+        ----------
+        overlap : ndarray
+            Overlaps, m, ``(..., n_which)``.
+        which : ndarray of int
+            Indices of the contacts.
+        """
         if not self.laws:
             return contact.force(overlap, self.stiffness[which], self.exponent[which])
-        return self._by_law([one.force for one in self.laws], overlap, which)
+        return self._by_law([law.force for law in self.laws], overlap, which)
 
     def energy(self, overlap: NDArray[np.float64], which: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Stored energy, J; as :meth:`force`."""
+        """Return the stored energy, J; parameters as in :meth:`force`."""
         if not self.laws:
             return contact.energy(overlap, self.stiffness[which], self.exponent[which])
-        return self._by_law([one.energy for one in self.laws], overlap, which)
+        return self._by_law([law.energy for law in self.laws], overlap, which)
 
     def _by_law(
         self,
@@ -57,8 +65,9 @@ class Contacts:
         overlap: NDArray[np.float64],
         which: NDArray[np.int64],
     ) -> NDArray[np.float64]:
+        """Evaluate each contact by the function of its law."""
         out = np.empty(overlap.shape)
         for law in np.unique(self.law[which]).tolist():
-            own = self.law[which] == law
-            out[..., own] = functions[law](overlap[..., own])
+            columns = self.law[which] == law
+            out[..., columns] = functions[law](overlap[..., columns])
         return out

@@ -1,9 +1,9 @@
-"""Peak forces and crossing times of a fixed-step run, from samples much closer than those that are kept.
+"""Peak forces and crossing times of a fixed-step run, from samples that are much denser than the stored ones.
 
-Used alike for LAMMPS and for the twin, so that the estimator cancels in their difference. Between two dense
-samples the overlap is a quintic Hermite polynomial through overlap, closing rate and closing acceleration
-at both ends; its error is (omega h)^6 / 46080 of the amplitude, 2e-11 at the spacing omega h = 0.1 that
-:func:`schedule` asks for, far below the time-step error of a second-order run.
+LAMMPS and the twin use the same estimator, so that it cancels in their difference. Between two dense samples the
+overlap is a quintic Hermite polynomial through overlap, closing rate and closing acceleration at both ends. Its error
+is (omega h)^6 / 46080 of the amplitude, 2e-11 at the spacing omega h = 0.1 of :func:`schedule`, far below the time-step
+error of a second-order run.
 """
 
 from __future__ import annotations
@@ -22,42 +22,46 @@ from dem_bridge.errors import UsageError
 
 Floats = NDArray[np.float64]
 
-#: what LAMMPS can count in one run
+#: largest number of steps that LAMMPS can count in one run
 MOST_STEPS = 2e9
 #: dense spacing times the highest angular frequency of a contact
 PHASE_PER_DENSE_SAMPLE = 0.1
-#: what the estimator may err by at that spacing: of a peak force, and in units of the spacing for a crossing time.
-#: 3.4e-11 and 2e-8 were found on the paper's chains, but 2e-5 where a neighbour opens between the two samples
+#: bounds of the estimator's error at that spacing: relative for a peak force, in units of the spacing for a crossing
+#: time. Measured: 3.4e-11 and 2e-8 on the paper's chains, but 2e-5 where a neighbour opens between the two samples
 PEAK_ERROR, CROSSING_ERROR = 1e-10, 2.5e-5
 
 
 @dataclass(frozen=True, kw_only=True)
 class Schedule:
-    """Time steps of a run and the steps at which it is looked at. Made by :func:`schedule`."""
+    """Time steps of a run and the steps at which samples are taken.
+
+    :func:`schedule` computes it.
+    """
 
     step: float
-    """s."""
+    """Time step, s."""
     per_sample: int
-    """Time steps between two kept samples."""
+    """Time steps between two stored samples."""
     subdivisions: int
-    """Dense samples per kept sample."""
+    """Dense samples per stored sample."""
     samples: int
+    """Number of stored samples after the start."""
     resolved: bool = True
-    """False: memory allowed fewer dense samples than peaks and crossing times need."""
+    """False if memory allows fewer dense samples than peaks and crossing times need."""
 
     @property
     def steps(self) -> int:
+        """Total number of time steps."""
         return self.per_sample * self.samples
 
     @property
     def spacing(self) -> float:
-        """Between dense samples, s."""
+        """Time between dense samples, s."""
         return self.step * self.per_sample / self.subdivisions
 
     @property
     def dense_steps(self) -> NDArray[np.int64]:
-        """Steps of the dense samples, ``ceil(j * per_sample / subdivisions)``; kept ones are every
-        ``subdivisions``-th of them."""
+        """Steps of the dense samples, ``ceil(j * per_sample / subdivisions)``; every ``subdivisions``-th is stored."""
         j = np.arange(self.samples * self.subdivisions + 1, dtype=np.int64)
         return -((-j * self.per_sample) // self.subdivisions)
 
@@ -65,25 +69,46 @@ class Schedule:
 def schedule(
     *, duration: float, samples: int, dt: float, frequency: float, bodies: int, memory: float = 4e8
 ) -> Schedule:
-    """Steps of at most ``dt`` that fall on the samples, and dense samples for the given top ``frequency``.
+    """Return steps of at most ``dt`` that fall on the samples, and dense samples that resolve ``frequency``.
 
-    ``duration`` and ``dt`` in s; ``frequency`` in rad/s; ``memory`` in bytes bounds the dense samples. The step is
-    ``interval / ceil(interval / dt)``.
+    The step is ``interval / ceil(interval / dt)``.
 
+    Parameters
+    ----------
+    duration : float
+        Duration of the run, s.
+    samples : int
+        Number of stored samples after the start.
+    dt : float
+        Upper bound of the time step, s.
+    frequency : float
+        Highest angular frequency of a contact, rad/s.
+    bodies : int
+        Number of bodies.
+    memory : float
+        Upper bound of the memory for the dense samples, bytes.
+
+    Raises
+    ------
+    UsageError
+        If the run needs more steps than LAMMPS can count.
+
+    Examples
+    --------
     >>> plan = schedule(duration=3e-3, samples=500, dt=1e-8, frequency=2.5e5, bodies=41)
     >>> plan.per_sample, plan.subdivisions, plan.step
     (600, 15, 1e-08)
     """
     if not duration / dt <= MOST_STEPS:
         raise UsageError(
-            f"dt = {dt:g} s needs {duration / dt:.2g} steps; allowed: up to {MOST_STEPS:.0e}, so a larger dt"
+            f"dt = {dt:g} s needs {duration / dt:.2g} steps; allowed: up to {MOST_STEPS:.0e}; choose a larger dt"
         )
     interval = duration / samples
-    # a ratio that is whole up to round-off must not be rounded up to the next step
+    # a ratio that is an integer up to round-off must not be rounded up
     per_sample = max(1, math.ceil(interval / dt * (1.0 - 1e-12)))
-    wanted = math.ceil(interval * frequency / PHASE_PER_DENSE_SAMPLE)
-    needed = max(1, min(wanted, per_sample))
-    # overlap, rate, acceleration, force and position of each body
+    resolving = math.ceil(interval * frequency / PHASE_PER_DENSE_SAMPLE)
+    needed = max(1, min(resolving, per_sample))
+    # five numbers per body: overlap, rate, acceleration, force and position
     affordable = max(1, int(memory / (40.0 * bodies * samples)))
     return Schedule(
         step=interval / per_sample,
@@ -106,13 +131,30 @@ def extremes(
     resting: Floats | float = 0.0,
     laws: Contacts | None = None,
 ) -> tuple[Floats, Floats]:
-    """Largest force (N) and first maximal compression (s; nan: never) of each contact, ``(n_contact,)`` both.
+    """Return the largest force (N) and the time of first maximal compression (s) of each contact.
 
-    ``time (n_t,)``; ``overlap`` (m, negative = open), ``rate`` and ``acceleration`` of closing and the run's own
-    ``force`` (N), all ``(n_t, n_contact)``; ``exponent (n_contact,)``. Overlaps up to ``resolution`` are round-off of
-    the run, not contact, and turns with less closing acceleration than ``resting`` (m/s^2; ``(n_contact,)`` or one
-    for all) those of a contact at rest. The force at a peak is the run's own at the nearer sample, carried to the peak
-    by the law's power, so that a wrong stiffness in the run shows in it; ``laws``: by these in place of powers.
+    Parameters
+    ----------
+    time : ndarray
+        Times of the dense samples, s, ``(n_t,)``.
+    overlap, rate, acceleration : ndarray
+        Overlap (m, negative = open), closing rate (m/s) and closing acceleration (m/s^2), ``(n_t, n_contact)``.
+    force : ndarray
+        Force of the run, N, ``(n_t, n_contact)``. The force at a peak is that of the nearer sample, extrapolated to the
+        peak by the power of the law, so that a wrong stiffness in the run is visible in the result.
+    exponent : ndarray
+        Exponent n, ``(n_contact,)``.
+    resolution : float
+        Overlap up to which a contact counts as open, m: the round-off of the run.
+    resting : float or ndarray
+        Closing acceleration below which a turn is that of a contact at rest, m/s^2, one value or ``(n_contact,)``.
+    laws : Contacts, optional
+        Contacts whose laws replace the powers.
+
+    Returns
+    -------
+    peak_force, crossing_time : ndarray
+        ``(n_contact,)`` both; the time is nan for a contact that never compresses.
     """
     peak_force = np.max(force, axis=0)
     touching = np.maximum(overlap[:-1], overlap[1:]) > resolution
@@ -123,90 +165,103 @@ def extremes(
         contacts,
         time[rows],
         np.asarray(time[rows + 1] - time[rows], dtype=np.float64),
-        *(np.stack((one[rows, contacts], one[rows + 1, contacts])) for one in (overlap, rate, acceleration, force)),
+        *(np.stack((data[rows, contacts], data[rows + 1, contacts])) for data in (overlap, rate, acceleration, force)),
     )
     return at_turns(turns, peak_force, exponent=exponent, resolution=resolution, laws=laws)
 
 
 class Turns(NamedTuple):
-    """Where contacts turn from closing to opening: the dense samples before and after each, in the order of time."""
+    """Turns of contacts from closing to opening: the dense samples before and after each, in the order of time."""
 
     contact: NDArray[np.int64]
-    """(n_turn,)."""
+    """Index of the contact, (n_turn,)."""
     time: NDArray[np.floating[Any]]
-    """(n_turn,), s: of the sample before."""
+    """Time of the sample before, s, (n_turn,)."""
     width: Floats
-    """(n_turn,), s: from there to the sample after."""
+    """Time from the sample before to the sample after, s, (n_turn,)."""
     overlap: Floats
-    """(2, n_turn), m: before and after, as all below."""
+    """Overlap before and after, m, (2, n_turn); the arrays below have the same shape."""
     rate: Floats
+    """Closing rate, m/s."""
     acceleration: Floats
+    """Closing acceleration, m/s^2."""
     force: Floats
+    """Force of the run, N."""
 
 
 def at_turns(
     turns: Turns, largest: Floats, *, exponent: Floats, resolution: float = 0.0, laws: Contacts | None = None
 ) -> tuple[Floats, Floats]:
-    """As :func:`extremes`, where the turns are known; ``largest (n_contact,)``: force of the dense samples, N."""
+    """Return the same as :func:`extremes` for turns that are already known.
+
+    ``largest (n_contact,)`` is the largest force of the dense samples, N; the other parameters are those of
+    :func:`extremes`.
+    """
     peak_force, crossing = largest.copy(), np.full(len(largest), np.nan)
     deep = np.flatnonzero(np.max(turns.overlap, axis=0, initial=-np.inf) > resolution)
     if len(deep) == 0:
         return peak_force, crossing
-    contacts, time, width, overlap, rate, acceleration, force = (np.asarray(one)[..., deep] for one in turns)
+    contacts, time, width, overlap, rate, acceleration, force = (np.asarray(data)[..., deep] for data in turns)
     polynomial = _quintic((overlap[0], overlap[1]), (rate[0], rate[1]), (acceleration[0], acceleration[1]), width)
-    where: Floats = _turning_point(np.array(polynomial))
-    top = np.zeros_like(where)
+    fraction: Floats = _turning_point(np.array(polynomial))
+    top = np.zeros_like(fraction)
     for coefficient in polynomial[::-1]:
-        top = top * where + coefficient
-    first = where < 0.5
-    beside = np.where(first, overlap[0], overlap[1])
-    compressed = (top > resolution) & (beside > 0.0)
-    ratio = np.where(compressed, top / np.where(compressed, beside, 1.0), 0.0)
+        top = top * fraction + coefficient
+    first = fraction < 0.5
+    nearer = np.where(first, overlap[0], overlap[1])
+    compressed = (top > resolution) & (nearer > 0.0)
+    ratio = np.where(compressed, top / np.where(compressed, nearer, 1.0), 0.0)
     if laws is None:
-        grown = ratio ** (exponent[contacts] - 1.0)
+        force_ratio = ratio ** (exponent[contacts] - 1.0)
     else:
-        told = laws.force(np.where(compressed, beside, 0.0), contacts)
-        grown = np.divide(laws.force(np.maximum(top, 0.0), contacts), told, out=ratio, where=told > 0.0)
-    np.maximum.at(peak_force, contacts, np.where(first, force[0], force[1]) * grown)
-    when = time + where * width
-    for contact, moment in zip(contacts[compressed][::-1], when[compressed][::-1], strict=True):
-        crossing[contact] = moment  # backwards in time, so that the first one stays
+        nearer_force = laws.force(np.where(compressed, nearer, 0.0), contacts)
+        force_ratio = np.divide(
+            laws.force(np.maximum(top, 0.0), contacts), nearer_force, out=ratio, where=nearer_force > 0.0
+        )
+    np.maximum.at(peak_force, contacts, np.where(first, force[0], force[1]) * force_ratio)
+    when = time + fraction * width
+    for contact, instant in zip(contacts[compressed][::-1], when[compressed][::-1], strict=True):
+        crossing[contact] = instant  # backwards in time, so that the first maximum remains
     return peak_force, crossing
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Approaches:
-    """Turns of open contacts: how near they came to touch. Arrays ``(n_turn,)``."""
+    """Turns of open contacts and their smallest separations, arrays ``(n_turn,)``."""
 
     contact: NDArray[np.int64]
+    """Index of the contact."""
     time: Floats
-    """s."""
+    """Time of the turn, s."""
     overlap: Floats
-    """m; above 0 where bodies have touched between two samples, and no force was felt."""
+    """Overlap at the turn, m; > 0 if the bodies touched between two samples without any force in the run."""
     bend: Floats
-    """m/s^2: how fast they were turning back, > 0."""
+    """Acceleration of opening at the turn, m/s^2, > 0."""
 
 
 def approaches(*, time: NDArray[np.floating[Any]], overlap: Floats, rate: Floats, acceleration: Floats) -> Approaches:
-    """Where closing rates fall through zero between two samples at which the contact is open; arguments as those of
-    :func:`extremes`.
+    """Return the turns from closing to opening between two samples at which the contact is open.
 
-    Two bodies that turn 1e-9 m apart, looked at every millisecond:
+    The parameters are those of :func:`extremes`.
+
+    Examples
+    --------
+    Two bodies that turn at a distance of 1e-9 m, with samples every millisecond:
 
     >>> t = np.array([[0.0], [1e-3]])
-    >>> told = {"overlap": -1e-9 - 0.5 * (t - 4e-4) ** 2, "rate": 4e-4 - t, "acceleration": 0.0 * t - 1.0}
-    >>> [f"{one[0]:.6g}" for one in vars(approaches(time=t[:, 0], **told)).values()]
+    >>> motion = {"overlap": -1e-9 - 0.5 * (t - 4e-4) ** 2, "rate": 4e-4 - t, "acceleration": 0.0 * t - 1.0}
+    >>> [f"{values[0]:.6g}" for values in vars(approaches(time=t[:, 0], **motion)).values()]
     ['0', '0.0004', '-1e-09', '1']
     """
     rows, contacts = np.nonzero((rate[:-1] > 0.0) & (rate[1:] <= 0.0) & (overlap[:-1] <= 0.0) & (overlap[1:] <= 0.0))
     width = np.asarray(time[rows + 1] - time[rows], dtype=np.float64)
-    value, slope, curve = ((one[rows, contacts], one[rows + 1, contacts]) for one in (overlap, rate, acceleration))
+    value, slope, curve = ((data[rows, contacts], data[rows + 1, contacts]) for data in (overlap, rate, acceleration))
     polynomial = _quintic(value, slope, curve, width)
-    where: Floats = _turning_point(np.array(polynomial))
+    fraction: Floats = _turning_point(np.array(polynomial))
     return Approaches(
         contact=contacts,
-        time=np.asarray(time[rows] + where * width, dtype=np.float64),
-        overlap=np.asarray(sum(c * where**power for power, c in enumerate(polynomial))),
+        time=np.asarray(time[rows] + fraction * width, dtype=np.float64),
+        overlap=np.asarray(sum(c * fraction**power for power, c in enumerate(polynomial))),
         bend=np.maximum(-curve[0], -curve[1]),
     )
 
@@ -220,80 +275,90 @@ def damped_peaks(
     force: Floats,
     contacts: Contacts,
 ) -> Floats:
-    """Largest force of each contact, N, ``(n_contact,)``, where damping is added to the elastic force.
+    """Return the largest force of each contact with damping in addition to the elastic force, N, ``(n_contact,)``.
 
-    It need not be at maximal compression, and a dashpot's may be at touch, where the force jumps, or right behind.
-    It is looked for on the quintic polynomials of :func:`extremes`, at the touch between an open and a closed sample
-    and on a polynomial from there; the run's own force at a sample beside is carried there by the law. Arguments
-    as there.
+    With damping the largest force need not be at maximal compression; that of a dashpot may be at touch, where the
+    force jumps, or just after it. The maximum is searched on the quintic polynomials of :func:`extremes`, at the touch
+    between an open and a closed sample, and on a polynomial that starts there. The run's own force at a neighbouring
+    sample is extrapolated to the maximum by the law. The parameters are those of :func:`extremes`.
     """
-    found: Floats = np.max(force, axis=0)
+    peaks: Floats = np.max(force, axis=0)
     width = np.asarray(np.diff(time), dtype=np.float64)
     part = np.linspace(0.0, 1.0, 17)
-    for k in np.flatnonzero((contacts.damping > 0.0) & (found > 0.0)).tolist():
-        c, power, mine = contacts.damping[k], contacts.damping_power[k], np.array([k])
-        delta, closing, own = np.maximum(overlap[:, k], 0.0), rate[:, k], force[:, k]
-        told = contacts.force(delta[:, None], mine)[:, 0] + c * delta**power * closing
-        share = np.where((own > 0.0) & (told > 0.0), own / np.where(told > 0.0, told, 1.0), 1.0)
-        # polynomials of the overlap, their widths, and the shares at both ends
+    for k in np.flatnonzero((contacts.damping > 0.0) & (peaks > 0.0)).tolist():
+        c, power, which = contacts.damping[k], contacts.damping_power[k], np.array([k])
+        delta, closing, series = np.maximum(overlap[:, k], 0.0), rate[:, k], force[:, k]
+        by_law = contacts.force(delta[:, None], which)[:, 0] + c * delta**power * closing
+        share = np.where((series > 0.0) & (by_law > 0.0), series / np.where(by_law > 0.0, by_law, 1.0), 1.0)
+        # polynomials of the overlap, their widths, and the ratios of force to law at both ends
         pieces: list[tuple[Floats, Floats, Floats, Floats]] = []
         touch = np.flatnonzero((overlap[:-1, k] <= 0.0) & (delta[1:] > 0.0))
         if power == 0.0 and len(touch):
             speed, after = _touch(overlap[touch, k], closing[touch], acceleration[touch, k])
-            found[k] = max(found[k], np.max(share[touch + 1] * c * speed))
+            peaks[k] = max(peaks[k], np.max(share[touch + 1] * c * speed))
             rest = width[touch] - after
-            some = rest > 1e-6 * width[touch]
-            first, rest = touch[some] + 1, rest[some]
-            from_touch = _quartic(speed[some], delta[first], closing[first], acceleration[first, k], rest)
+            long_enough = rest > 1e-6 * width[touch]
+            first, rest = touch[long_enough] + 1, rest[long_enough]
+            from_touch = _quartic(speed[long_enough], delta[first], closing[first], acceleration[first, k], rest)
             pieces.append((from_touch, rest, share[first], share[first]))
         closed = (delta[:-1] > 0.0) & (delta[1:] > 0.0)
-        rows = np.flatnonzero(closed & (np.maximum(own[:-1], own[1:]) > 0.8 * found[k]))
-        value, slope, curve = ((one[rows, k], one[rows + 1, k]) for one in (overlap, rate, acceleration))
+        rows = np.flatnonzero(closed & (np.maximum(series[:-1], series[1:]) > 0.8 * peaks[k]))
+        value, slope, curve = ((data[rows, k], data[rows + 1, k]) for data in (overlap, rate, acceleration))
         pieces.append((np.array(_quintic(value, slope, curve, width[rows])), width[rows], share[rows], share[rows + 1]))
-        # time runs along the rows of the pieces
+        # each row is one piece; time runs along it
         polynomial, span, early, late = (np.concatenate(parts, axis=-1) for parts in zip(*pieces, strict=True))
         if len(span) == 0:
             continue
         between = np.maximum(poly.polyval(part, polynomial), 0.0)
         velocity = poly.polyval(part, poly.polyder(polynomial)) / span[:, None]
-        law = contacts.force(between[..., None], mine)[..., 0] + c * between**power * velocity
-        # a parabola through the largest of them and its two neighbours
+        law = contacts.force(between[..., None], which)[..., 0] + c * between**power * velocity
+        # a parabola through the largest value and its two neighbours
         top = np.clip(np.argmax(law, axis=1), 1, len(part) - 2)
         low, middle, high = (law[np.arange(len(span)), top + side] for side in (-1, 0, 1))
-        bend = 2.0 * middle - low - high
-        inner = (bend > 0.0) & (np.abs(high - low) < bend)
-        most = np.where(inner, middle + (high - low) ** 2 / (8.0 * np.where(inner, bend, 1.0)), np.max(law, axis=1))
-        found[k] = max(found[k], np.max(np.where(top < len(part) // 2, early, late) * most))
-    return found
+        curvature = 2.0 * middle - low - high
+        inner = (curvature > 0.0) & (np.abs(high - low) < curvature)
+        most = np.where(
+            inner, middle + (high - low) ** 2 / (8.0 * np.where(inner, curvature, 1.0)), np.max(law, axis=1)
+        )
+        peaks[k] = max(peaks[k], np.max(np.where(top < len(part) // 2, early, late) * most))
+    return peaks
 
 
 def _touch(overlap: Floats, closing: Floats, acceleration: Floats) -> tuple[Floats, Floats]:
-    """Closing speed at touch (m/s) and the time until then (s), from an open sample on with the acceleration there."""
+    """Return closing speed (m/s) at touch and the time until touch (s), from an open sample and its acceleration."""
     speed = np.sqrt(np.maximum(closing**2 - 2.0 * acceleration * overlap, 0.0))
     both = closing + speed
-    # one of the two ways to write a root, whichever subtracts nothing
+    # of the two forms of the root, use the one without cancellation
     coming = np.where(both > 0.0, -2.0 * overlap / np.where(both > 0.0, both, 1.0), 0.0)
     turning = (speed - closing) / np.where(acceleration != 0.0, acceleration, 1.0)
     return speed, np.maximum(np.where(closing >= 0.0, coming, turning), 0.0)
 
 
 def secondary_peak_force(force: Floats) -> Floats:
-    """Largest force of each contact, N, outside the collision that has its largest: ``(n_t, n_contact)`` to
-    ``(n_contact,)``. A collision ends where the force falls below a tenth of its peak.
+    """Return the largest force of each contact outside the collision with its overall maximum, N.
 
+    A collision ends where the force falls below a tenth of its peak.
+
+    Parameters
+    ----------
+    force : ndarray
+        Forces, N, ``(n_t, n_contact)``.
+
+    Examples
+    --------
     >>> secondary_peak_force(np.array([[0.0, 5.0, 0.1, 3.0, 4.0, 0.0]]).T).tolist()
     [4.0]
     """
-    found = np.zeros(force.shape[1])
+    secondary = np.zeros(force.shape[1])
     top = np.argmax(force, axis=0)
     for contact, row in enumerate(top.tolist()):
         series = force[:, contact]
         low = np.flatnonzero(series < 0.1 * series[row])
-        where = int(np.searchsorted(low, row))
-        before = series[: low[where - 1]] if where > 0 else series[:0]
-        after = series[low[where] :] if where < len(low) else series[:0]
-        found[contact] = max(np.max(before, initial=0.0), np.max(after, initial=0.0))
-    return found
+        end = int(np.searchsorted(low, row))
+        before = series[: low[end - 1]] if end > 0 else series[:0]
+        after = series[low[end] :] if end < len(low) else series[:0]
+        secondary[contact] = max(np.max(before, initial=0.0), np.max(after, initial=0.0))
+    return secondary
 
 
 def _quintic(
@@ -302,7 +367,7 @@ def _quintic(
     curvature: tuple[Floats, Floats],
     width: Floats,
 ) -> list[Floats]:
-    """Coefficients c_0..c_5 in u = (t - t_0)/width of the Hermite quintic."""
+    """Return the coefficients c_0..c_5 in u = (t - t_0)/width of the Hermite quintic."""
     s0, s1 = value
     d0, d1 = slope[0] * width, slope[1] * width
     a0, a1 = 0.5 * curvature[0] * width**2, 0.5 * curvature[1] * width**2
@@ -318,8 +383,10 @@ def _quintic(
 
 
 def _quartic(speed: Floats, value: Floats, slope: Floats, curvature: Floats, width: Floats) -> Floats:
-    """Coefficients c_0..c_5 of an overlap from touch at this ``speed`` on; its acceleration, which jumps there, is
-    known at the end alone."""
+    """Return the coefficients c_0..c_5 of an overlap that starts at touch with this ``speed``.
+
+    The acceleration jumps at touch, so only its value at the end is used.
+    """
     rise, turn, bend = value - speed * width, (slope - speed) * width, 0.5 * curvature * width**2
     c4 = bend + 3.0 * rise - 2.0 * turn
     c3 = turn - 2.0 * rise - 2.0 * c4
@@ -328,17 +395,20 @@ def _quartic(speed: Floats, value: Floats, slope: Floats, curvature: Floats, wid
 
 @njit(cache=True)  # type: ignore[misc,unused-ignore]
 def _turning_point(polynomial):  # type: ignore[no-untyped-def]
-    """Root in [0, 1] of each derivative, ``(6, m)`` to ``(m,)``, by bisection: it is > 0 at 0 and <= 0 at 1."""
-    found = np.zeros(polynomial.shape[1])
-    for one in range(polynomial.shape[1]):
+    """Return the root in [0, 1] of each derivative, ``(6, m)`` to ``(m,)``, by bisection.
+
+    Each derivative is > 0 at 0 and <= 0 at 1.
+    """
+    roots = np.zeros(polynomial.shape[1])
+    for column in range(polynomial.shape[1]):
         low, high = 0.0, 1.0
-        for _ in range(54):  # one bit each, to the last
+        for _ in range(54):  # one bit of the root per bisection
             middle, slope = 0.5 * (low + high), 0.0
             for power in range(5, 0, -1):
-                slope = slope * middle + power * polynomial[power, one]
+                slope = slope * middle + power * polynomial[power, column]
             if slope > 0.0:
                 low = middle
             else:
                 high = middle
-        found[one] = 0.5 * (low + high)
-    return found
+        roots[column] = 0.5 * (low + high)
+    return roots

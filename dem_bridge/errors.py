@@ -1,11 +1,13 @@
-"""The tree of exceptions, each with the exit code of the command line.
+"""The exceptions of the package, each with the exit code of the command line.
+
+::
 
     DemBridgeError
     ├── UsageError           wrong use: unknown name, keyword or setting            exit 2
-    ├── SceneError           a scene or scene file that cannot be accepted          exit 2
-    ├── UnsupportedScene     the scene is sound, but not for this backend           NOT_RUN
+    ├── SceneError           a scene or scene file that is invalid                  exit 2
+    ├── UnsupportedScene     the scene is valid, but not supported by this backend  NOT_RUN
     ├── BackendUnavailable   the backend's engine is missing on this machine        NOT_RUN
-    ├── NotAsymptotic        results from which no extrapolation follows            exit 2
+    ├── NotAsymptotic        results that do not allow an extrapolation             exit 2
     └── RunBroken            a run that started and failed                          exit 3
 
 Every message is one line that says what was asked, what was found, what is allowed and what to do.
@@ -15,19 +17,36 @@ from __future__ import annotations
 
 
 class DemBridgeError(Exception):
-    """Base of all errors that dem_bridge raises on purpose."""
+    """Base class of all errors that dem_bridge raises on purpose."""
 
     exit_code = 2
 
 
 class UsageError(DemBridgeError, ValueError):
-    """A name, keyword or setting that does not exist or does not fit."""
+    """A name, keyword or setting does not exist or does not fit."""
 
 
 class SceneError(DemBridgeError, ValueError):
-    """A scene that cannot be accepted; ``key`` and ``where`` say which entry of which file.
+    """A scene is invalid; ``key`` and ``where`` name the entry and the file.
 
-    >>> print(SceneError("chain.mass[1]", found=-0.01, allowed="a number > 0 (kg)", where="bad.toml"))
+    Parameters
+    ----------
+    key : str
+        Entry of the scene, such as "chain.mass[1]".
+    allowed : str
+        Values that are allowed.
+    value : object
+        Value of the entry.
+    problem : str
+        Description of the problem, where the value alone does not show it.
+    advice : str
+        Further hint.
+    where : str
+        File, or "scene".
+
+    Examples
+    --------
+    >>> print(SceneError("chain.mass[1]", value=-0.01, allowed="a number > 0 (kg)", where="bad.toml"))
     bad.toml: chain.mass[1] = -0.01; allowed: a number > 0 (kg)
     """
 
@@ -36,38 +55,38 @@ class SceneError(DemBridgeError, ValueError):
         key: str,
         *,
         allowed: str,
-        found: object = None,
+        value: object = None,
         problem: str = "",
         advice: str = "",
         where: str = "scene",
     ) -> None:
-        self.key, self.found, self.problem, self.allowed = key, found, problem, allowed
+        self.key, self.value, self.problem, self.allowed = key, value, problem, allowed
         self.advice, self.where = advice, where
-        what = problem or f"= {found!r}"
-        parts = [f"{where}: {key} {what}" if key else f"{where}: {what}", f"allowed: {allowed}"]
+        text = problem or f"= {value!r}"
+        parts = [f"{where}: {key} {text}" if key else f"{where}: {text}", f"allowed: {allowed}"]
         super().__init__("; ".join(parts + ([advice] if advice else [])))
 
     def at(self, where: str, key: str) -> SceneError:
-        """The same error, seen from the file and key that a person wrote."""
+        """Return the same error with the file and the key of a scene file."""
         return SceneError(
-            key, allowed=self.allowed, found=self.found, problem=self.problem, advice=self.advice, where=where
+            key, allowed=self.allowed, value=self.value, problem=self.problem, advice=self.advice, where=where
         )
 
 
 class UnsupportedScene(DemBridgeError):
-    """A backend was asked for physics that it does not have."""
+    """The scene has physics that the backend does not support."""
 
 
 class BackendUnavailable(DemBridgeError):
-    """A backend cannot run on this machine; the message says why and what to install."""
+    """A backend cannot run on this machine; the message gives the reason and what to install."""
 
 
 class NotAsymptotic(DemBridgeError, ValueError):
-    """Resolutions that show no clean order of convergence: what would be extrapolated from them is refused."""
+    """The resolutions show no clean order of convergence, so that no extrapolation is allowed."""
 
 
 class RunBroken(DemBridgeError):
-    """A run started and did not give a result; ``log`` holds the engine's own last words."""
+    """A run started but gave no result; ``log`` holds the last output of the engine."""
 
     exit_code = 3
 

@@ -1,7 +1,7 @@
-"""What the bodies of a chain are: shapes, sizes, materials, and the angles at which cylinders cross.
+"""The bodies of a chain: shapes, sizes, materials, and the angles at which cylinders cross.
 
-It decides nothing of the motion, which follows from a Scene's masses and stiffnesses alone; it is there for what is
-asked about them: how large a contact ellipse is, what another contact law would say, how heavy a body should be.
+The motion does not depend on them; it follows from a Scene's masses and stiffnesses alone. They serve to compute the
+size of a contact ellipse, the stiffness by another contact law, or the mass of a body from its density.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from dem_bridge.errors import SceneError
 if TYPE_CHECKING:
     from dem_bridge.physics.hertz import HertzContact
 
-#: contact laws of two crossed cylinders: the paper's approximate axis ratio, and Hertz' own
+#: contact laws of two crossed cylinders: with the paper's approximate axis ratio, and with Hertz's exact one
 LAWS = ("paper", "exact")
 SHAPES = ("sphere", "cylinder")
-#: what an angle between two axes may be, degrees
+#: allowed angles between two axes
 ANGLE = "a number > 0 and <= 90 (degrees)"
 
 
 class Elastic(TypedDict):
-    """What contact laws ask of a material."""
+    """Elastic constants of a material as keyword arguments of :mod:`dem_bridge.physics.hertz`."""
 
     young: float
     poisson: float
@@ -34,8 +34,15 @@ class Elastic(TypedDict):
 
 @dataclass(frozen=True, kw_only=True)
 class Material:
-    """``youngs_modulus`` in Pa, ``density`` in kg/m^3; SceneError for what no material has.
+    """An elastic material: ``youngs_modulus`` in Pa, ``density`` in kg/m^3.
 
+    Raises
+    ------
+    SceneError
+        If a value is outside the range that a material can have.
+
+    Examples
+    --------
     >>> Material(youngs_modulus=72e9, poissons_ratio=0.17, density=2200.0, name="fused quartz").density
     2200.0
     """
@@ -51,19 +58,23 @@ class Material:
             object.__setattr__(self, key, number)
         ratio = checked_number("material.poissons_ratio", self.poissons_ratio, "-1 < nu <= 0.5")
         if not -1.0 < ratio <= 0.5:
-            raise SceneError("material.poissons_ratio", found=ratio, allowed="-1 < nu <= 0.5")
+            raise SceneError("material.poissons_ratio", value=ratio, allowed="-1 < nu <= 0.5")
         object.__setattr__(self, "poissons_ratio", ratio)
 
     @property
     def elastic(self) -> Elastic:
-        """As :mod:`dem_bridge.physics.hertz` takes it."""
+        """Elastic constants as keyword arguments of :mod:`dem_bridge.physics.hertz`."""
         return {"young": self.youngs_modulus, "poisson": self.poissons_ratio}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
-    """A "sphere", or a "cylinder" lying across the chain; ``radius`` and ``height`` in m, None for a sphere's height.
+    """A sphere, or a cylinder that lies across the chain.
 
+    ``shape`` is "sphere" or "cylinder"; ``radius`` and ``height`` are in m; the height of a sphere is None.
+
+    Examples
+    --------
     >>> quartz = Material(youngs_modulus=72e9, poissons_ratio=0.17, density=2200.0)
     >>> f"{1e3 * Body(shape='sphere', radius=9e-3, material=quartz).mass:.2f} g"
     '6.72 g'
@@ -76,11 +87,11 @@ class Body:
 
     def __post_init__(self) -> None:
         if self.shape not in SHAPES:
-            raise SceneError("body.shape", found=self.shape, allowed=" or ".join(SHAPES))
+            raise SceneError("body.shape", value=self.shape, allowed=" or ".join(SHAPES))
         if not isinstance(self.material, Material):
-            raise SceneError("body.material", found=self.material, allowed="a Material")
+            raise SceneError("body.material", value=self.material, allowed="a Material")
         if (self.height is None) != (self.shape == "sphere"):
-            raise SceneError("body.height", found=self.height, allowed="a number > 0 (m), None for a sphere")
+            raise SceneError("body.height", value=self.height, allowed="a number > 0 (m), None for a sphere")
         for key in ("radius", "height"):
             if (value := getattr(self, key)) is not None:
                 number = checked_number(f"body.{key}", value, "a number > 0 (m)", above=0.0)
@@ -88,7 +99,7 @@ class Body:
 
     @property
     def mass(self) -> float:
-        """Density times volume, kg. What a Scene takes for its mass may be another."""
+        """Density times volume, kg; the mass of the body in the Scene may differ."""
         if self.height is None:
             return self.material.density * 4.0 / 3.0 * math.pi * self.radius**3
         return self.material.density * math.pi * self.radius**2 * self.height
@@ -96,11 +107,16 @@ class Body:
 
 @dataclass(frozen=True, kw_only=True)
 class Geometry:
-    """The bodies of a Scene, in its order, and how its chain's contacts cross.
+    """The bodies of a Scene, in its order, and the angles at which its cylinders cross.
 
-    ``law`` is that of crossed cylinders, "paper" or "exact". How they cross is known by one of two, each with an entry
-    per contact of the chain and None where a sphere takes part: ``angles`` (degrees), or the ``stiffness``
-    (N/m^1.5) that they give by the law. A chain of spheres has neither. Raises SceneError for anything else.
+    ``law`` is the law of crossed cylinders, "paper" or "exact". The crossing is defined by either ``angles`` (degrees)
+    or the ``stiffness`` (N/m^1.5) that they have by the law, each with one entry per contact of the chain and None for
+    a contact with a sphere. A chain of spheres has neither.
+
+    Raises
+    ------
+    SceneError
+        If an entry is invalid.
     """
 
     bodies: tuple[Body, ...]
@@ -109,52 +125,57 @@ class Geometry:
     stiffness: tuple[float | None, ...] | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.bodies, tuple | list) or not all(isinstance(one, Body) for one in self.bodies):
-            raise SceneError("geometry.bodies", problem="is no list of bodies", allowed="a tuple of Body")
+        if not isinstance(self.bodies, tuple | list) or not all(isinstance(body, Body) for body in self.bodies):
+            raise SceneError("geometry.bodies", problem="is not a list of bodies", allowed="a tuple of Body")
         object.__setattr__(self, "bodies", tuple(self.bodies))
         if self.law not in LAWS:
-            raise SceneError("geometry.law", found=self.law, allowed=" or ".join(LAWS))
+            raise SceneError("geometry.law", value=self.law, allowed=" or ".join(LAWS))
         if self.angles is not None and self.stiffness is not None:
-            raise SceneError("geometry", problem="has angles and stiffness", allowed="one of the two")
+            raise SceneError("geometry", problem="has both angles and stiffness", allowed="one of the two")
         if self.angles is None and self.stiffness is None and any(self._crossed):
-            raise SceneError("geometry", problem="has cylinders that cross", allowed="their angles, or their stiffness")
+            raise SceneError(
+                "geometry", problem="has crossed cylinders", allowed="with their angles or their stiffness"
+            )
         for key, allowed in (("angles", ANGLE), ("stiffness", "a number > 0 (N/m^1.5)")):
             if getattr(self, key) is not None:
                 object.__setattr__(self, key, self._checked(key, allowed))
         for k, angle in enumerate(self.angles or ()):
             if angle is not None and angle > 90.0:
-                raise SceneError(f"geometry.angles[{k}]", found=angle, allowed=ANGLE)
+                raise SceneError(f"geometry.angles[{k}]", value=angle, allowed=ANGLE)
 
     @property
     def _crossed(self) -> tuple[bool, ...]:
-        """Whether each contact is one of two cylinders."""
+        """True for each contact of two cylinders."""
         shapes = [body.shape for body in self.bodies]
         return tuple("sphere" not in pair for pair in pairwise(shapes))
 
     def _checked(self, key: str, allowed: str) -> tuple[float | None, ...]:
-        given, name = getattr(self, key), f"geometry.{key}"
-        if not isinstance(given, tuple | list) or len(given) != len(self._crossed):
-            raise SceneError(name, found=given, allowed=f"{len(self._crossed)} entries, one per contact of the chain")
-        for k, (value, crossed) in enumerate(zip(given, self._crossed, strict=True)):
+        """Return the checked entries of ``key``, one per contact of the chain."""
+        entries, name = getattr(self, key), f"geometry.{key}"
+        if not isinstance(entries, tuple | list) or len(entries) != len(self._crossed):
+            raise SceneError(name, value=entries, allowed=f"{len(self._crossed)} entries, one per contact of the chain")
+        for k, (value, crossed) in enumerate(zip(entries, self._crossed, strict=True)):
             if crossed != (value is not None):
-                raise SceneError(f"{name}[{k}]", found=value, allowed=f"{allowed}, None where a sphere takes part")
+                raise SceneError(f"{name}[{k}]", value=value, allowed=f"{allowed}, None for a contact with a sphere")
         return tuple(
             None if value is None else checked_number(f"{name}[{k}]", value, allowed, above=0.0)
-            for k, value in enumerate(given)
+            for k, value in enumerate(entries)
         )
 
     @cached_property
     def angle(self) -> tuple[float | None, ...]:
-        """Between the axes of each two neighbours, degrees; None where a sphere takes part, ``(n_body - 1,)``.
+        """Angle between the axes of neighbouring bodies, degrees, ``(n_body - 1,)``; None for a contact with a sphere.
 
-        Found from the stiffness when asked for, where no angles were given. ValueError for a stiffness that no angle
-        has: below that at 90 degrees.
+        Without ``angles`` it is computed from the stiffness. ValueError is raised for a stiffness below that at 90
+        degrees.
         """
         if self.angles is not None:
             return self.angles
         if self.stiffness is None:
             return (None,) * len(self._crossed)
-        from dem_bridge.physics.hertz import angle_of_stiffness  # elliptic integrals, which no motion needs
+        from dem_bridge.physics.hertz import (
+            angle_of_stiffness,
+        )  # imported here because only angles need elliptic integrals
 
         def crossing(body: Body, stiffness: float | None) -> float | None:
             if stiffness is None:
@@ -164,19 +185,19 @@ class Geometry:
         return tuple(map(crossing, self.bodies, self.stiffness))
 
     def contact(self, k: int, law: Literal["paper", "exact"] = "exact") -> HertzContact:
-        """Hertz' contact of bodies k and k + 1, each of its own material; ``law``: of crossed cylinders."""
+        """Return Hertz's contact of bodies k and k + 1; ``law`` is that of crossed cylinders."""
         from dem_bridge.physics.hertz import crossed_cylinders, sphere_on_cylinder, sphere_on_sphere
 
-        one, other, angle = self.bodies[k], self.bodies[k + 1], self.angle[k]
-        if angle is None and one.shape == "cylinder":
-            one, other = other, one
-        first, second = one.material.elastic, other.material.elastic
+        body, other, angle = self.bodies[k], self.bodies[k + 1], self.angle[k]
+        if angle is None and body.shape == "cylinder":
+            body, other = other, body
+        first, second = body.material.elastic, other.material.elastic
         pair = {"radius2": other.radius, "young2": second["young"], "poisson2": second["poisson"]}
         if angle is not None:
-            return crossed_cylinders(angle=angle, law=law, radius=one.radius, **first, **pair)
-        touching = sphere_on_sphere if one.shape == other.shape else sphere_on_cylinder
-        return touching(radius=one.radius, **first, **pair)
+            return crossed_cylinders(angle=angle, law=law, radius=body.radius, **first, **pair)
+        touching = sphere_on_sphere if body.shape == other.shape else sphere_on_cylinder
+        return touching(radius=body.radius, **first, **pair)
 
     def __getstate__(self) -> dict[str, object]:
-        """What is found again travels to no other process."""
+        """Return the fields alone; cached values are not sent to other processes."""
         return {field.name: getattr(self, field.name) for field in fields(self)}

@@ -1,4 +1,4 @@
-"""How far a run is, for whoever wants to show it; costs nothing when nobody listens."""
+"""Reports of the progress of a run to a listener; without a listener they cost nothing."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ _listener: ContextVar[Callable[[float], None] | None] = ContextVar("listener", d
 
 
 def report(fraction: float) -> None:
-    """Tell the listener that ``fraction`` (0 to 1) of the present run is done."""
+    """Report to the listener that ``fraction`` (0 to 1) of the present run is done."""
     listener = _listener.get()
     if listener is not None:
         listener(min(max(fraction, 0.0), 1.0))
 
 
-def wanted() -> bool:
-    """Whether anybody listens."""
+def has_listener() -> bool:
+    """Return True if a listener is registered."""
     return _listener.get() is not None
 
 
@@ -25,6 +25,8 @@ def wanted() -> bool:
 def listening(listener: Callable[[float], None]) -> Iterator[None]:
     """Call ``listener`` with the fraction done, within this context.
 
+    Examples
+    --------
     >>> seen = []
     >>> with listening(seen.append):
     ...     report(0.5)

@@ -1,7 +1,7 @@
-"""What is to be simulated, and nothing of how: bodies, contacts, walls, start velocities, duration.
+"""The physical problem: bodies, contacts, walls, start velocities and duration, without any numerical settings.
 
-SI throughout. A Scene checks itself when it is made and cannot change afterwards, so whoever holds one need
-not check again. Contact k joins body k and k+1; body 0 is the struck end; positive is away from it.
+All quantities are in SI. A Scene is checked when it is created and cannot change afterwards, so its users need no
+further checks. Contact k joins body k and k+1; body 0 is the struck end; positive is away from it.
 """
 
 from __future__ import annotations
@@ -24,33 +24,38 @@ from dem_bridge.geometry import Geometry
 from dem_bridge.physics.law import ContactLaw, Law, completed, reach_of, stored
 from dem_bridge.physics.statics import static_forces, static_overlap
 
-#: how a contact may lose energy, and the unit of the law's coefficient
+#: damping laws, and the unit of the coefficient of each
 DAMPING_LAWS = {"dashpot": "N s/m", "kuwabara-kono": "s"}
-#: laws of contacts are good for this much more than the energy at hand: time steps make some
+#: contact laws are checked up to this multiple of the scene's energy, because time stepping can add energy
 ENERGY_MARGIN = 1.05
 _LAW = (
-    "a ContactLaw, or its force (N) as array function of the overlap (m); finite, >= 0, never falling, 0 at touch, as"
-    " deep as the energy at hand can press"
+    "a ContactLaw, or its force (N) as array function of the overlap (m); finite, >= 0, never falling, 0 at touch, up"
+    " to the largest overlap that the energy of the scene allows"
 )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wall:
-    """A body at rest with infinite mass, ``gap`` metres from the end body (negative: initial overlap)."""
+    """A body at rest with infinite mass at a distance from the end body.
+
+    ``gap`` is the distance, m; a negative gap is an initial overlap.
+    """
 
     stiffness: float
     gap: float = 0.0
     exponent: float | None = None
-    """None: as the first contact of the chain."""
+    """Exponent n; None means that of the first contact of the chain."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Damping:
-    """Energy lost in contacts, by a force beside the elastic one while the overlap is > 0.
+    """A damping force in contacts, in addition to the elastic one, while the overlap is > 0.
 
-    ``law``: "dashpot", ``c overlap'``, or "kuwabara-kono", ``gamma beta overlap^(n-2) overlap'`` (n >= 2; Kuwabara &
-    Kono 1987, *Jpn. J. Appl. Phys.* 26, 1230, for n = 5/2). ``coefficient``: c (N s/m) or gamma (s), >= 0, one for
-    all or one per contact, walls included. Elastic force and damping together never pull: their sum is clipped at 0.
+    ``law`` is "dashpot", ``c overlap'``, or "kuwabara-kono", ``gamma beta overlap^(n-2) overlap'`` (n >= 2; Kuwabara &
+    Kono 1987,
+    *Jpn. J. Appl. Phys.* 26, 1230, for n = 5/2). ``coefficient`` is c (N s/m) or gamma (s), >= 0, one for all or one
+    per contact,
+    walls included. The sum of elastic and damping force is clipped at zero, so damping never makes a contact tensile.
     """
 
     law: str
@@ -61,26 +66,33 @@ class Damping:
 class Scene:
     """A one-dimensional chain of contacts.
 
-    ``mass`` (kg) and ``velocity`` (m/s) have one entry per body; ``stiffness`` (N/m^(n-1)), ``exponent`` (n, the
-    force goes as overlap^(n-1)) and ``gap`` (m; negative = initial overlap) one per contact of the chain; a single
-    exponent or gap serves all. ``gravity`` (m/s^2) is positive towards the last body. ``spacing`` (m), where the
-    scene has a geometry, is the distance between the centres of neighbouring bodies: a wave speed in m/s needs it.
+    ``mass`` (kg) and ``velocity`` (m/s) have one entry per body; ``stiffness`` (N/m^(n-1)), ``exponent`` (n of the
+    force overlap^(n-1)) and ``gap`` (m; negative = initial overlap) have one per contact of the chain; a single
+    exponent or gap holds for all. ``gravity`` (m/s^2) is positive towards the last body. ``spacing`` (m) is the
+    distance between the centres of neighbouring bodies, which a wave speed in m/s requires; scenes with a geometry have
+    it.
 
-    ``precompression`` (N) above 0 starts the chain in equilibrium: pressed with this force by its walls, or where
-    there is none by a constant load on the end body (see :attr:`load`). A wall that gravity points to bears the
-    weight as well; without such a wall the chain falls freely. The gaps, which must be 0, then are minus the static
-    overlaps. At 0 nothing is pressed, by weight neither. ``damping``: see :class:`Damping`. ``drag`` b (1/s) is a
-    force ``-b m v`` on each body. ``drive`` is a force on body 0 that goes with time: see
-    :class:`~dem_bridge.drive.Drive`.
+    ``precompression`` (N) above 0 starts the chain in equilibrium under this force, which is exerted by its walls or,
+    at an end without a wall, by a constant load on the end body (see :attr:`load`). A wall in the direction of gravity
+    carries the weight as well; without such a wall the chain falls freely. The gaps must be 0; they become minus the
+    static overlaps. With a precompression of 0 no contact is compressed initially, not even by the weight. ``damping``:
+    see :class:`Damping`. ``drag`` b (1/s) is a force ``-b m v`` on each body. ``drive`` is a time-dependent force on
+    body 0: see :class:`~dem_bridge.drive.Drive`.
 
-    ``law``, where the force is no power of the overlap: a :class:`~dem_bridge.physics.law.ContactLaw`, or its force (N)
-    alone as array function of the overlap (m), one for all or one per contact, walls included. It must not fall with
-    the overlap, and where its slope jumps it needs a ContactLaw with the ``kinks`` (``law_of`` finds the energy of a
-    force). ``stiffness`` and ``exponent`` then only say what power is near it. Not with precompression or the damping
-    "kuwabara-kono", whose formulas are those of powers; in Python alone, for scene files have no functions.
+    ``law`` is for forces that are not a power of the overlap: a :class:`~dem_bridge.physics.law.ContactLaw`, or its
+    force (N) alone as array function of the overlap (m), one for all or one per contact, walls included. The force must
+    not decrease with the overlap. If its slope jumps, a ContactLaw with the ``kinks`` is required (``law_of`` computes
+    the energy of a force). ``stiffness`` and ``exponent`` then describe only a power law of similar strength. A law
+    cannot be combined with precompression or with the damping "kuwabara-kono", whose formulas hold for powers. Scene
+    files cannot contain functions, so a law is available in Python only.
 
-    Raises :class:`SceneError` for anything else.
+    Raises
+    ------
+    SceneError
+        If an entry is invalid.
 
+    Examples
+    --------
     >>> scene = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
     >>> scene.n_body, scene.n_contact, scene.exponent, scene.gap
     (2, 1, (2.5,), (0.0,))
@@ -90,7 +102,7 @@ class Scene:
     (array([-4.e-06]), array([ 32., -32.]))
     >>> glued = replace(scene, law=lambda overlap: 4e9 * overlap**1.5 + 2e6 * overlap)
     >>> import dem_bridge as db
-    >>> [round(float(db.solve(one, backend="scipy").peak_force[0])) for one in (scene, glued)]
+    >>> [round(float(db.solve(pair, backend="scipy").peak_force[0])) for pair in (scene, glued)]
     [236, 244]
     """
 
@@ -113,19 +125,19 @@ class Scene:
     spacing: float | None = None
     description: str = ""
     geometry: Geometry | None = field(default=None, compare=False, repr=False)
-    """What the bodies are, where that is known; the motion does not depend on it."""
+    """Shapes and materials of the bodies, if they are known; the motion does not depend on them."""
     content_hash: str = field(init=False, compare=False)
-    """sha256 over all that decides the motion and its samples, without name, description and geometry."""
+    """sha256 of everything that determines the motion and its samples, without name, description and geometry."""
     _static_overlap: tuple[float, ...] = field(init=False, default=(), compare=False, repr=False)
-    """Of every contact, m; empty without precompression."""
+    """Static overlap of each contact, m; empty without precompression."""
     _reach: tuple[float, ...] = field(init=False, default=(), compare=False, repr=False)
-    """Of every distinct law, m."""
+    """Largest overlap of each distinct law, m."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}", self.name):
-            raise SceneError("name", found=self.name, allowed="1 to 100 of A-Z a-z 0-9 . _ -, a letter or digit first")
+            raise SceneError("name", value=self.name, allowed="1 to 100 of A-Z a-z 0-9 . _ -, a letter or digit first")
         if not isinstance(self.description, str) or not self.description.isprintable():
-            raise SceneError("description", found=self.description, allowed="one line of printable text")
+            raise SceneError("description", value=self.description, allowed="one line of printable text")
         bodies = len(checked_numbers("mass", self.mass, "a number > 0 (kg)", positive=True))
         if bodies < 1:
             raise SceneError("mass", problem="is empty", allowed="at least one body")
@@ -156,7 +168,7 @@ class Scene:
             wall: Wall | None = getattr(self, side)
             if wall is not None:
                 if not isinstance(wall, Wall):
-                    raise SceneError(side, found=wall, allowed="a Wall or None")
+                    raise SceneError(side, value=wall, allowed="a Wall or None")
                 exponent = wall.exponent
                 if exponent is None:
                     exponent = exponents[0] if links else 2.5
@@ -166,10 +178,10 @@ class Scene:
                     exponent=checked_number(f"{side}.exponent", exponent, "n > 1 (2.5 for Hertz)", above=1.0),
                 )
         if isinstance(self.samples, bool) or not isinstance(self.samples, int) or self.samples < 1:
-            raise SceneError("samples", found=self.samples, allowed="a whole number >= 1")
+            raise SceneError("samples", value=self.samples, allowed="a whole number >= 1")
         if self.geometry is not None:
             if not isinstance(self.geometry, Geometry):
-                raise SceneError("geometry", found=self.geometry, allowed="a Geometry or None")
+                raise SceneError("geometry", value=self.geometry, allowed="a Geometry or None")
             if len(self.geometry.bodies) != bodies:
                 problem = f"has {len(self.geometry.bodies)} bodies"
                 raise SceneError("geometry", problem=problem, allowed=f"{bodies}, one per mass, or None")
@@ -180,90 +192,103 @@ class Scene:
         object.__setattr__(self, "law", self._checked_law())
         object.__setattr__(self, "_static_overlap", self._checked_statics())
         object.__setattr__(self, "_reach", self._checked_reach())
-        self.__dict__.pop("contacts", None)  # looked at before the static overlaps and laws were known
+        self.__dict__.pop("contacts", None)  # computed above without static overlaps and laws
         object.__setattr__(self, "content_hash", self._hash())
 
     def _checked_damping(self) -> Damping | None:
-        given = self.damping
-        if given is None:
+        """Return the damping with one coefficient per contact."""
+        damping = self.damping
+        if damping is None:
             return None
-        if not isinstance(given, Damping):
-            raise SceneError("damping", found=given, allowed="a Damping or None")
-        if given.law not in DAMPING_LAWS:
-            raise SceneError("damping.law", found=given.law, allowed=" or ".join(DAMPING_LAWS))
-        allowed = f"a number >= 0 ({DAMPING_LAWS[given.law]})"
+        if not isinstance(damping, Damping):
+            raise SceneError("damping", value=damping, allowed="a Damping or None")
+        if damping.law not in DAMPING_LAWS:
+            raise SceneError("damping.law", value=damping.law, allowed=" or ".join(DAMPING_LAWS))
+        allowed = f"a number >= 0 ({DAMPING_LAWS[damping.law]})"
         key, per = "damping.coefficient", "contact, walls included"
-        coefficient = checked_numbers(key, given.coefficient, allowed, count=self.n_contact, per=per, at_least=0.0)
-        if given.law == "kuwabara-kono":
+        coefficient = checked_numbers(key, damping.coefficient, allowed, count=self.n_contact, per=per, at_least=0.0)
+        if damping.law == "kuwabara-kono":
             for k, (gamma, n) in enumerate(zip(coefficient, self._all_exponents, strict=True)):
                 if gamma > 0.0 and n < 2.0:
                     problem = f"has the law kuwabara-kono on contact {k}, whose exponent n is {n!r}"
-                    raise SceneError("damping", problem=problem, allowed="n >= 2: below, it is infinite at touch")
-        return Damping(law=given.law, coefficient=coefficient)
+                    raise SceneError(
+                        "damping", problem=problem, allowed="n >= 2, since the force is infinite at touch below"
+                    )
+        return Damping(law=damping.law, coefficient=coefficient)
 
     def _check_drive(self) -> None:
-        given = self.drive
-        if given is None:
+        """Raise SceneError unless the drive lasts as long as the scene."""
+        drive = self.drive
+        if drive is None:
             return
-        if not isinstance(given, Drive):
-            raise SceneError("drive", found=given, allowed="a Drive or None")
-        # the last value is due at the end, which two roundings may part
-        if given.end < self.duration * (1.0 - 1e-9):
-            problem = f"ends at {given.end:.9g} s: a {given.words}"
+        if not isinstance(drive, Drive):
+            raise SceneError("drive", value=drive, allowed="a Drive or None")
+        # the last value may lie at the end of the run, up to two roundings
+        if drive.end < self.duration * (1.0 - 1e-9):
+            problem = f"ends at {drive.end:.9g} s ({drive.words})"
             raise SceneError(
                 "drive.force", problem=problem, allowed=f"values up to the duration, {self.duration:.9g} s"
             )
 
     def _checked_statics(self) -> tuple[float, ...]:
+        """Return the static overlaps of a precompressed chain, m, or an empty tuple."""
         if self.precompression == 0.0:
             return ()
         c = self.contacts
         if np.any(c.gap != 0.0):
-            problem = f"= {self.precompression!r}, and contact {int(np.flatnonzero(c.gap)[0])} has a gap"
-            allowed = "gaps of 0: in a precompressed chain the initial overlaps follow from the force"
+            problem = f"= {self.precompression!r}, but contact {int(np.flatnonzero(c.gap)[0])} has a gap"
+            allowed = "gaps of 0, since the initial overlaps of a precompressed chain follow from the force"
             raise SceneError("precompression", problem=problem, allowed=allowed)
         forces = self._static_forces
-        # a contact stands in front of the body on its right; that of the right wall stands behind the last body
+        # each contact carries the force in front of the body on its right; the right wall's carries the last force
         carried = [forces[right] for right in c.right.tolist()]
-        found = [static_overlap(*one) for one in zip(carried, c.stiffness.tolist(), c.exponent.tolist(), strict=True)]
-        for k, overlap in enumerate(found):
+        contacts = zip(carried, c.stiffness.tolist(), c.exponent.tolist(), strict=True)
+        overlaps = [static_overlap(force, beta, n) for force, beta, n in contacts]
+        for k, overlap in enumerate(overlaps):
             if not SMALLEST < overlap < LARGEST:
                 problem = f"= {self.precompression!r} gives contact {k} an overlap of {overlap:g} m"
                 raise SceneError("precompression", problem=problem, allowed=f"{SMALLEST:g} to {LARGEST:g} m")
-        return tuple(found)
+        return tuple(overlaps)
 
     def _checked_law(self) -> tuple[Law, ...] | None:
-        given = self.law
-        if given is None:
+        """Return one law per contact, or None."""
+        laws = self.law
+        if laws is None:
             return None
-        if isinstance(given, ContactLaw) or callable(given):
-            given = (given,) * self.n_contact
-        if isinstance(given, str) or not isinstance(given, Sequence):
-            raise SceneError("law", found=given, allowed=f"{_LAW}; or a list of these, or None")
-        if len(given) != self.n_contact:
+        if isinstance(laws, ContactLaw) or callable(laws):
+            laws = (laws,) * self.n_contact
+        if isinstance(laws, str) or not isinstance(laws, Sequence):
+            raise SceneError("law", value=laws, allowed=f"{_LAW}; or a list of these, or None")
+        if len(laws) != self.n_contact:
             allowed = f"{self.n_contact}, one per contact, walls included"
-            raise SceneError("law", problem=f"has {len(given)} entries", allowed=allowed)
-        for k, one in enumerate(given):
-            if not (isinstance(one, ContactLaw) or callable(one)):
-                raise SceneError(f"law[{k}]", found=one, allowed=_LAW)
+            raise SceneError("law", problem=f"has {len(laws)} entries", allowed=allowed)
+        for k, law in enumerate(laws):
+            if not (isinstance(law, ContactLaw) or callable(law)):
+                raise SceneError(f"law[{k}]", value=law, allowed=_LAW)
         if self.precompression > 0.0:
-            problem = f"= {self.precompression!r}, and contacts have laws of their own"
-            raise SceneError("precompression", problem=problem, allowed="0: static overlaps are known for powers only")
+            problem = f"= {self.precompression!r}, but contacts have laws"
+            allowed = "0, since static overlaps are computed for powers only"
+            raise SceneError("precompression", problem=problem, allowed=allowed)
         if self.damping is not None and self.damping.law != "dashpot":
-            problem = f"= {self.damping.law!r}, and contacts have laws of their own"
-            raise SceneError("damping.law", problem=problem, allowed="dashpot: the other is known for powers only")
-        return tuple(given) or None
+            problem = f"= {self.damping.law!r}, but contacts have laws"
+            raise SceneError(
+                "damping.law", problem=problem, allowed="dashpot; kuwabara-kono is defined for powers only"
+            )
+        return tuple(laws) or None
 
     @property
     def _distinct_laws(self) -> tuple[tuple[Law, ...], tuple[int, ...]]:
-        """Laws that are not the same object, and the number among them of each contact's."""
-        assert self.law is None or isinstance(self.law, tuple)  # set when the scene was made
+        """Laws that are different objects, and for each contact the index of its law among them."""
+        assert self.law is None or isinstance(self.law, tuple)  # set in __post_init__
         number: dict[int, int] = {}
-        where = tuple(number.setdefault(id(one), len(number)) for one in self.law or ())
+        where = tuple(number.setdefault(id(law), len(number)) for law in self.law or ())
         return tuple((self.law or ())[where.index(nth)] for nth in range(len(number))), where
 
     def _checked_reach(self) -> tuple[float, ...]:
-        """Overlaps that no energy at hand exceeds; SceneError for what is no law up to there."""
+        """Return the overlap of each distinct law that the energy of the scene cannot exceed, m.
+
+        The laws are checked up to this overlap.
+        """
         distinct, where = self._distinct_laws
         if not distinct:
             return ()
@@ -272,23 +297,23 @@ class Scene:
         try:
             for k, nth in enumerate(where):
                 at, energy = k, energy + stored(distinct[nth], max(-float(c.gap[k]), 0.0))
-            # the weight does work at a rate of at most g sqrt(2 M energy), a drive of peak sqrt(2 energy / m)
+            # power of the weight: at most g sqrt(2 M energy); of a drive: at most peak sqrt(2 energy / m)
             drawn = abs(self.gravity) * self.duration * math.sqrt(0.5 * sum(self.mass))
             drawn += self.drive.peak * self.duration * math.sqrt(0.5 / self.mass[0]) if self.drive is not None else 0.0
             energy = (math.sqrt(energy) + drawn) ** 2
-            found = []
+            reach = []
             for nth, law in enumerate(distinct):
                 at = where.index(nth)
                 beta, n = float(c.stiffness[at]), float(c.exponent[at])
                 near = (n * energy / beta) ** (1.0 / n) or 1e-6  # a scene at rest has no scale
-                found.append(reach_of(law, ENERGY_MARGIN * energy, near=near))
+                reach.append(reach_of(law, ENERGY_MARGIN * energy, near=near))
         except ValueError as error:
             raise SceneError(f"law[{at}]", problem=str(error), allowed=_LAW) from None
-        return tuple(found)
+        return tuple(reach)
 
     @property
     def _static_forces(self) -> tuple[float, ...]:
-        """From the left end to the right, N, ``(n_body + 1,)``."""
+        """Static forces from the left end to the right, N, ``(n_body + 1,)``."""
         return static_forces(
             self.mass,
             force=self.precompression,
@@ -298,22 +323,23 @@ class Scene:
         )
 
     def _repr_html_(self) -> str:
-        from dem_bridge.notebook import scene_html  # text for notebooks alone
+        from dem_bridge.notebook import scene_html  # only notebooks need it
 
         return scene_html(self)
 
     @property
     def n_body(self) -> int:
+        """Number of bodies."""
         return len(self.mass)
 
     @property
     def n_contact(self) -> int:
-        """Contacts of the chain and of the walls."""
+        """Number of contacts of the chain and of the walls."""
         return len(self.stiffness) + (self.wall_left is not None) + (self.wall_right is not None)
 
     @property
     def load(self) -> NDArray[np.float64]:
-        """Constant outer force on each body beside its weight, N, ``(n_body,)``: what presses an end without wall."""
+        """Constant outer force on each body in addition to its weight, N, ``(n_body,)``; it presses free ends."""
         load = np.zeros(self.n_body)
         forces = self._static_forces
         load[0] += 0.0 if self.wall_left else forces[0]
@@ -327,32 +353,35 @@ class Scene:
 
     @property
     def summed_outer_force(self) -> float:
-        """Of all bodies together, N: weight, load and drive, each at its largest and whatever its direction."""
+        """Sum over all bodies of the largest magnitudes of weight, load and drive, N."""
         return float(np.sum(np.abs(self.steady_force))) + (0.0 if self.drive is None else self.drive.peak)
 
     @property
     def free_acceleration(self) -> NDArray[np.float64]:
-        """Of each body that touches nothing, m/s^2, ``(n_body,)``: gravity and load, without drag and drive."""
+        """Acceleration of each body without contacts, drag and drive, m/s^2, ``(n_body,)``: gravity and load."""
         return np.asarray(self.gravity + self.load / np.array(self.mass))
 
     @property
     def damped(self) -> bool:
-        """Whether any contact loses energy."""
+        """True if any contact dissipates energy."""
         return self.damping is not None and any(self._damping_coefficients)
 
     @property
     def dissipates(self) -> bool:
-        """Whether energy is lost anywhere: in contacts or by drag."""
+        """True if energy is dissipated in contacts or by drag."""
         return self.damped or self.drag > 0.0
 
     @property
     def conserves_energy(self) -> bool:
-        """Whether the energy of bodies, contacts, weight and load stays: nothing is lost, and no drive does work."""
+        """True if the energy of bodies, contacts, weight and load is constant.
+
+        Such a scene has no dissipation, and no drive that does work.
+        """
         return not self.dissipates and self.drive is None
 
     @property
     def conserves_momentum(self) -> bool:
-        """Whether the momentum of all bodies stays. Without walls the loads on both ends cancel."""
+        """True if the total momentum is constant. Without walls the loads on both ends cancel."""
         free = self.wall_left is None and self.wall_right is None and self.gravity == 0.0
         return free and self.drag == 0.0 and self.drive is None
 
@@ -367,7 +396,7 @@ class Scene:
             (self.wall_right, (self.n_body - 1, self.n_body)),
         ):
             if wall is not None:
-                assert wall.exponent is not None  # set when the scene was made
+                assert wall.exponent is not None  # set in __post_init__
                 left.append(ends[0])
                 right.append(ends[1])
                 stiffness.append(wall.stiffness)
@@ -380,11 +409,11 @@ class Scene:
         if self.damping is not None:
             damping = np.array(self._damping_coefficients)
             if self.damping.law == "kuwabara-kono":
-                # an elastic contact has no such force, whatever its n
+                # an elastic contact has no damping force, for any n
                 damping, power = damping * beta, np.maximum(n - 2.0, 0.0)
         distinct, where = self._distinct_laws
-        # not known yet while the scene is made
-        known = zip(distinct, self._reach, strict=True) if self._reach else ()
+        # empty until __post_init__ has computed the reach
+        checked_laws = zip(distinct, self._reach, strict=True) if self._reach else ()
         return Contacts(
             left=np.array(left, dtype=np.int64),
             right=np.array(right, dtype=np.int64),
@@ -393,13 +422,13 @@ class Scene:
             gap=np.array(gap),
             damping=damping,
             damping_power=power,
-            laws=tuple(completed(law, reach=reach) for law, reach in known),
+            laws=tuple(completed(law, reach=reach) for law, reach in checked_laws),
             law=np.array(where, dtype=np.int64) if distinct else np.full(self.n_contact, -1),
             reach=np.array(self._reach),
         )
 
     def __getstate__(self) -> dict[str, object]:
-        """What is found again travels to no other process."""
+        """Return the state without the cached contacts, which are not sent to other processes."""
         return {key: value for key, value in self.__dict__.items() if key != "contacts"}
 
     @property
@@ -409,14 +438,14 @@ class Scene:
 
     @property
     def _all_exponents(self) -> tuple[float, ...]:
-        """Of the chain, then of the walls."""
+        """Exponents of the chain, then of the walls."""
         walls = (wall.exponent for wall in (self.wall_left, self.wall_right) if wall is not None)
         return (*self._exponents, *(n for n in walls if n is not None))
 
     @property
     def _damping_coefficients(self) -> tuple[float, ...]:
         assert self.damping is not None
-        assert isinstance(self.damping.coefficient, tuple)  # set when the scene was made
+        assert isinstance(self.damping.coefficient, tuple)  # set in __post_init__
         return self.damping.coefficient
 
     @property
@@ -436,7 +465,7 @@ class Scene:
         for wall in (self.wall_left, self.wall_right):
             parts.append(None if wall is None else (wall.stiffness, wall.gap, wall.exponent))
         parts += [self.gravity, self.samples]
-        # what is not there leaves no trace: a scene keeps its hash when more physics become possible
+        # physics that a scene does not have adds nothing, so that hashes stay the same when the package gains features
         if self.precompression > 0.0:
             parts.append(("precompression", self.precompression))
         if self.damping is not None and self.damped:
@@ -444,16 +473,16 @@ class Scene:
         if self.drag > 0.0:
             parts.append(("drag", self.drag))
         if self.drive is not None:
-            told = (getattr(self.drive, key) for key in KEYS[self.drive.shape])
-            parts.append(("drive", self.drive.shape, self.drive.force, *told))
+            values = (getattr(self.drive, key) for key in KEYS[self.drive.shape])
+            parts.append(("drive", self.drive.shape, self.drive.force, *values))
         if self._reach:
             parts.append(("law", self.contacts.law.tolist(), *self._law_values()))
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
     def _law_values(self) -> Iterator[object]:
-        """What laws are known by: forces at three overlaps per octave, down to 1e-6 of the deepest.
+        """Yield the values that identify the laws: forces at three overlaps per octave, down to 1e-6 of the deepest.
 
-        To 12 digits: the last ones of a power or a sine are those of a library.
+        They have 12 digits, because the last ones of a power or a sine depend on the library.
         """
         for law, reach in zip(self.contacts.laws, self._reach, strict=True):
             force = law.force(reach * 2.0 ** (-np.arange(61) / 3.0))

@@ -1,7 +1,7 @@
-"""The times of a scene that DEM users set a time step beside: Rayleigh's and that of a Hertz collision.
+"""The times of a scene by which DEM users choose a time step: the Rayleigh time and the time of a Hertz collision.
 
-Both are known before any run. The third, 2/omega of the stiffest contact, needs the overlaps of one: it is twice one
-over the ``frequency`` of a :class:`~dem_bridge.backends.prescan.Prescan`.
+Both follow from the scene alone. The third, 2/omega of the stiffest contact, requires the overlaps of a run: it is 2
+divided by the ``frequency`` of a :class:`~dem_bridge.backends.prescan.Prescan`.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ from dem_bridge.scene import Scene
 
 
 def rayleigh_time_of(scene: Scene) -> float | None:
-    """The least :func:`~dem_bridge.physics.rayleigh.rayleigh_time` of the scene's bodies, s.
+    """Return the smallest :func:`~dem_bridge.physics.rayleigh.rayleigh_time` of the scene's bodies, s.
 
-    None where the scene does not say what its bodies are (``geometry``): masses and stiffnesses alone have no such
-    time. A cylinder counts by its radius, as a sphere does.
+    The result is None for a scene without ``geometry``, because masses and stiffnesses alone do not define this time. A
+    cylinder is treated as a sphere of its radius.
 
+    Examples
+    --------
     >>> import dem_bridge as db
     >>> f"{1e6 * rayleigh_time_of(db.load_scene('decelerating-40')):.3f} us"
     '8.360 us'
@@ -37,12 +39,14 @@ def rayleigh_time_of(scene: Scene) -> float | None:
 
 
 def contact_time_of(scene: Scene) -> float | None:
-    """The shortest two-body collision among the scene's contacts, s, at its largest start velocity.
+    """Return the duration of the shortest two-body collision among the scene's contacts, s.
 
-    As DEM codes set it: each contact alone between its own two bodies (a wall is of infinite mass), touched at the
-    fastest speed that the scene starts with. None where nothing moves or touches. A contact with a law of its own
-    counts by the power near it.
+    As is usual in DEM codes, each contact is taken alone with its two bodies (a wall has infinite mass), which collide
+    at the largest start velocity of the scene. The result is None if nothing moves or there are no contacts. A contact
+    with a law of its own is represented by its ``stiffness`` and ``exponent``.
 
+    Examples
+    --------
     >>> import dem_bridge as db
     >>> f"{1e6 * contact_time_of(db.load_scene('decelerating-40')):.2f} us"
     '18.33 us'
@@ -53,6 +57,6 @@ def contact_time_of(scene: Scene) -> float | None:
     c, mass = scene.contacts, np.append(scene.mass, np.inf)
     pairs = zip(np.minimum(mass[c.left], mass[c.right]), np.maximum(mass[c.left], mass[c.right]), strict=True)
     return min(
-        two_body_collision(masses=both, velocities=(speed, 0.0), stiffness=beta, exponent=n).contact_time
-        for both, beta, n in zip(pairs, c.stiffness.tolist(), c.exponent.tolist(), strict=True)
+        two_body_collision(masses=masses, velocities=(speed, 0.0), stiffness=beta, exponent=n).contact_time
+        for masses, beta, n in zip(pairs, c.stiffness.tolist(), c.exponent.tolist(), strict=True)
     )

@@ -1,5 +1,5 @@
-"""The version, for all who print it, and the date of the form in which decks are written."""
+"""The version of the package, and the date of the format of decks."""
 
 __version__ = "0.1.0"
-#: date of the form of decks and tables, not of the day they are written: the same scene gives the same bytes
+#: date of the format of decks and tables, not the day of writing, so that the same scene gives the same bytes
 FORM_DATE = "2026-11-21"

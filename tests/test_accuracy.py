@@ -122,11 +122,15 @@ REFINEMENT = [8e-8, 4e-8, 2e-8, 1e-8]
 @pytest.mark.parametrize(
     ("errors", "dt", "says"),
     [
-        (None, [2e-8, 1e-8], "two resolutions show no order; give three, or a fit"),
+        (None, [2e-8, 1e-8], "two resolutions show no order; give three, or the fit of an order"),
         ([64.0, 16.0, 4.0, 3.9], [2e-8, 1e-8], "4 points that scatter by"),
-        ([64.0, 16.0], [2e-8, 1e-8], "rests on 2 points"),
+        ([64.0, 16.0], [2e-8, 1e-8], "has 2 points"),
         ([8.0, 4.0, 2.0, 1.0], [2e-8, 1e-8], r"observed order 1.000 .*; allowed: 2 \+- 0.1"),
-        ([64.0, 16.0, 4.0, 1.0], [1e-8, 5e-9], "shown over 1e-08 .. 8e-08 s; allowed: steps within"),
+        (
+            [64.0, 16.0, 4.0, 1.0],
+            [1e-8, 5e-9],
+            "the fit of the order covers 1e-08 .. 8e-08 s; allowed: steps within this range",
+        ),
         ([1.0, 4.0, 16.0, 64.0], [2e-8, 1e-8], "observed order -2.000"),
     ],
 )
@@ -142,7 +146,7 @@ def test_a_fit_that_does_not_show_the_order_does_not_do(errors: list[float] | No
     [
         ([17.0, 5.0, 3.0], "observed order 2.585"),
         ([1.0, 2.0, 4.0], "observed order -1.000"),
-        ([1.0, 5.0, 4.0], "back and forth"),
+        ([1.0, 5.0, 4.0], "oscillate under refinement"),
         ([17.0, 5.0, 5.0], "differ by 0 .*; allowed: more than the floor, 0"),
         ([5.0, 5.0, 2.0], "observed order nan"),
         ([[17.0, 0.0], [5.0, 2.0], [2.0, -0.9]], "finer and the coarser pair differ by"),
@@ -173,9 +177,9 @@ def test_what_is_nan_everywhere_stays_nan() -> None:
     [
         ([1.0], [1.0], "1 resolutions with 1 results; allowed: two or three"),
         ([1.0, 2.0], [1.0], "2 resolutions with 1 results"),
-        ([1.0, 1.0], [1.0, 2.0], "allowed: numbers > 0, no two equal"),
-        ([1.0, -2.0], [1.0, 2.0], "allowed: numbers > 0"),
-        ([1.0, 2.0], [[1.0], [1.0, 2.0]], "allowed: as many in every resolution"),
+        ([1.0, 1.0], [1.0, 2.0], "allowed: distinct numbers > 0"),
+        ([1.0, -2.0], [1.0, 2.0], "allowed: distinct numbers > 0"),
+        ([1.0, 2.0], [[1.0], [1.0, 2.0]], "allowed: the same number in every resolution"),
     ],
 )
 def test_resolutions_that_do_not_fit_together_are_wrong_use(dt: list[float], values: list[float], says: str) -> None:
@@ -297,11 +301,11 @@ def test_an_order_above_the_formal_one_is_capped_and_shows_in_the_ratio() -> Non
         ([1.0, 1.0, 1.1], "two values are equal"),
         ([1.0, 1.1, 1.1], "two values are equal"),
         ([1.0, 1.0, 1.0], "two values are equal"),
-        ([1.0, 1.2, 1.3], "move apart under refinement"),
-        ([1.0, 1.1, 1.2], "move apart under refinement"),  # order 0: no limit
+        ([1.0, 1.2, 1.3], "diverge under refinement"),
+        ([1.0, 1.1, 1.2], "diverge under refinement"),  # order 0: no limit
         ([1.0, 1.0 + 1e-9, 2.0], "agree by chance"),
-        ([1.0, math.nan, 2.0], "no finite number"),
-        ([1.0, 1.1, math.inf], "no finite number"),
+        ([1.0, math.nan, 2.0], "not a finite number"),
+        ([1.0, 1.1, math.inf], "not a finite number"),
     ],
 )
 def test_a_bar_that_cannot_be_had_is_inf_and_never_small(values: list[float], says: str) -> None:
@@ -328,7 +332,7 @@ def test_a_value_of_zero_has_an_absolute_bar_only() -> None:
 
 @pytest.mark.parametrize(
     ("spacing", "values", "says"),
-    [([1.0, 2.0], [1.0, 2.0], "2 spacings"), ([1.0, 2.0, 2.0], [1.0, 2.0, 3.0], "no two equal")],
+    [([1.0, 2.0], [1.0, 2.0], "2 spacings"), ([1.0, 2.0, 2.0], [1.0, 2.0, 3.0], "distinct numbers")],
 )
 def test_a_grid_convergence_index_takes_three_and_three(spacing: list[float], values: list[float], says: str) -> None:
     with pytest.raises(UsageError, match=says):

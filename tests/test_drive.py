@@ -124,15 +124,17 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a list for an amplitude": ({"force": (1.0, 2.0)}, "drive.force = (1.0, 2.0);"),
     "a rise backwards": ({"rise": -1e-3}, "drive.rise = -0.001;"),
     "a phase that is no number": ({"phase": math.nan}, "drive.phase = nan;"),
-    "a chirp's key on a sine": ({"sweep": 1e-3}, "drive.sweep stands beside shape = 'sine'; allowed: force, frequency"),
-    "a table's key on a sine": ({"interval": 1e-3}, "it belongs to table"),
+    "a chirp's key on a sine": (
+        {"sweep": 1e-3}, "drive.sweep does not apply to shape = 'sine', only to chirp; allowed: force, frequency"
+    ),
+    "a table's key on a sine": ({"interval": 1e-3}, "only to table"),
     "half a chirp": ({"shape": "chirp", "last_frequency": 1.0}, "drive.sweep is missing; allowed: a number > 0 (s)"),
     "a wave's key on a table": (
-        {"shape": "table", "force": (0.0, 1.0), "interval": 1.0}, "drive.frequency stands beside shape = 'table'",
+        {"shape": "table", "force": (0.0, 1.0), "interval": 1.0}, "drive.frequency does not apply to shape = 'table'",
     ),
     "a table's phase": (
         {"shape": "table", "force": (0.0, 1.0), "interval": 1.0, "frequency": None, "phase": 1.0},
-        "drive.phase stands beside shape = 'table'",
+        "drive.phase does not apply to shape = 'table'",
     ),
     "a table of one value": (
         {"shape": "table", "force": (1.0,), "interval": 1.0, "frequency": None}, "has 1 entries; allowed: at least 2",

@@ -43,7 +43,7 @@ def test_wrong_use_is_also_a_value_error() -> None:
 
 
 def test_a_scene_error_says_where_what_and_what_is_allowed() -> None:
-    error = SceneError("chain.mass[7]", found=-0.01, allowed="a number > 0 (kg)", where="taper.toml", advice="mend it")
+    error = SceneError("chain.mass[7]", value=-0.01, allowed="a number > 0 (kg)", where="taper.toml", advice="mend it")
     assert str(error) == "taper.toml: chain.mass[7] = -0.01; allowed: a number > 0 (kg); mend it"
 
 
@@ -57,10 +57,10 @@ def test_a_scene_error_without_a_key_is_about_the_whole_file() -> None:
 
 
 def test_a_scene_error_seen_from_a_file_keeps_all_but_its_place() -> None:
-    error = SceneError("mass[0]", found=0.0, allowed="a number > 0 (kg)", advice="mend it")
+    error = SceneError("mass[0]", value=0.0, allowed="a number > 0 (kg)", advice="mend it")
     moved = error.at("f.toml", "chain.mass[0]")
     assert str(moved) == "f.toml: chain.mass[0] = 0.0; allowed: a number > 0 (kg); mend it"
-    assert (moved.key, moved.where, moved.found) == ("chain.mass[0]", "f.toml", 0.0)
+    assert (moved.key, moved.where, moved.value) == ("chain.mass[0]", "f.toml", 0.0)
 
 
 def test_a_broken_run_keeps_the_engines_last_words() -> None:

@@ -59,13 +59,19 @@ WRONG = {
     "material.poissons_ratio": (lambda: replace(QUARTZ, poissons_ratio=0.6), "nu <= 0.5"),
     "geometry.bodies": (lambda: Geometry(bodies=(SPHERE, 1)), "a tuple of Body"),  # type: ignore[arg-type]
     "geometry.law": (lambda: Geometry(bodies=(SPHERE,), law="hertz"), "paper or exact"),  # type: ignore[arg-type]
-    "geometry has cylinders that cross": (lambda: Geometry(bodies=(CYLINDER,) * 2), "their angles"),
-    "geometry has angles and": (lambda: Geometry(bodies=(SPHERE,), angles=(), stiffness=()), "one of the two"),
+    "geometry has crossed cylinders": (lambda: Geometry(bodies=(CYLINDER,) * 2), "their angles"),
+    "geometry has both angles and": (lambda: Geometry(bodies=(SPHERE,), angles=(), stiffness=()), "one of the two"),
     "geometry.angles = (1.0, 2.0)": (lambda: Geometry(bodies=(CYLINDER,) * 2, angles=(1.0, 2.0)), "1 entries, one per"),
     "geometry.angles[0] = 91.0": (lambda: Geometry(bodies=(CYLINDER,) * 2, angles=(91.0,)), "<= 90"),
     "geometry.angles[0] = 0.0": (lambda: Geometry(bodies=(CYLINDER,) * 2, angles=(0.0,)), "> 0"),
-    "geometry.angles[0] = None": (lambda: Geometry(bodies=(CYLINDER,) * 2, angles=(None,)), "None where a sphere"),
-    "geometry.angles[0] = 2.0": (lambda: Geometry(bodies=(SPHERE, CYLINDER), angles=(2.0,)), "None where a sphere"),
+    "geometry.angles[0] = None": (
+        lambda: Geometry(bodies=(CYLINDER,) * 2, angles=(None,)),
+        "None for a contact with a sphere",
+    ),
+    "geometry.angles[0] = 2.0": (
+        lambda: Geometry(bodies=(SPHERE, CYLINDER), angles=(2.0,)),
+        "None for a contact with a sphere",
+    ),
     "geometry.stiffness[0]": (lambda: Geometry(bodies=(CYLINDER,) * 2, stiffness=(-1.0,)), "> 0 (N/m^1.5)"),
     "geometry has 3 bodies": (lambda: replace(PAIR, geometry=Geometry(bodies=(SPHERE,) * 3)), "2, one per mass"),
     "geometry = 'spheres'": (lambda: replace(PAIR, geometry="spheres"), "a Geometry or None"),  # type: ignore[arg-type]

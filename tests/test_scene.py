@@ -179,7 +179,7 @@ WRONG_DRIVES = {
     "no Drive": (2.0, "drive = 2.0; allowed: a Drive or None"),
     "a table that ends early": (
         Drive(shape="table", force=(0.0, 1.0), interval=9e-4),
-        "drive.force ends at 0.0009 s: a table of 2 forces, one in 0.0009 s, of up to 1 N; allowed: values up to the"
+        "drive.force ends at 0.0009 s (table of 2 forces, one in 0.0009 s, of up to 1 N); allowed: values up to the"
         " duration, 0.001 s",
     ),
 }
@@ -491,13 +491,13 @@ def test_what_is_no_law_is_refused_in_one_line(law: Any, parts: str) -> None:
 def test_laws_are_refused_beside_physics_that_is_known_for_powers_only() -> None:
     found = _message(law=_linear, precompression=10.0)
     assert found == (
-        "scene: precompression = 10.0, and contacts have laws of their own;"
-        " allowed: 0: static overlaps are known for powers only"
+        "scene: precompression = 10.0, but contacts have laws;"
+        " allowed: 0, since static overlaps are computed for powers only"
     )
     found = _message(law=_linear, damping=Damping(law="kuwabara-kono", coefficient=1e-6))
     assert found == (
-        "scene: damping.law = 'kuwabara-kono', and contacts have laws of their own;"
-        " allowed: dashpot: the other is known for powers only"
+        "scene: damping.law = 'kuwabara-kono', but contacts have laws;"
+        " allowed: dashpot; kuwabara-kono is defined for powers only"
     )
 
 

@@ -460,7 +460,7 @@ def test_a_folder_that_cannot_be_made_is_no_store_and_says_why(tmp_path: Path) -
     store.save(KEY, _run())
     assert store.load(KEY, SCENE) is None
     assert store.trouble == (
-        f"store: nothing is stored: {store.folder}: the folder cannot be written (Not a directory); name another"
+        f"store: nothing is stored: {store.folder}: the folder cannot be written (Not a directory); choose another"
     )
 
 

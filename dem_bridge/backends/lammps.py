@@ -91,7 +91,7 @@ class LammpsGranular:
             for file, text in deck.files.items():
                 (folder / file).write_text(text, encoding="utf-8")
             # the dump grows evenly with the steps: its size tells how far the run is
-            watch = dump_progress(folder / deck.dump_file, deck) if progress.wanted() else None
+            watch = dump_progress(folder / deck.dump_file, deck) if progress.has_listener() else None
             report = run_deck(folder, deck.input_file, time_limit=time_limit, watch=watch, engine=self.engine)
             dumps = [
                 read_binary_dump(folder / file, columns=len(DUMP_COLUMNS))

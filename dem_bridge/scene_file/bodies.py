@@ -119,9 +119,9 @@ def _checked_bodies(bodies: Iterable[Body], striker: Body | None) -> tuple[tuple
     """The row, and all bodies."""
     row = tuple(bodies) if isinstance(bodies, Iterable) else ()
     if not row or not all(isinstance(one, Body) for one in row):
-        raise SceneError("bodies", problem="is no list of bodies", allowed="one Body or more, struck end first")
+        raise SceneError("bodies", problem="is not a list of bodies", allowed="one Body or more, struck end first")
     if not isinstance(striker, Body | None):
-        raise SceneError("striker", found=striker, allowed="a Body or None")
+        raise SceneError("striker", value=striker, allowed="a Body or None")
     return row, row if striker is None else (striker, *row)
 
 
@@ -130,7 +130,7 @@ def _checked_angles(bodies: tuple[Body, ...], angles: Numbers | None) -> tuple[f
     where = crossings(bodies)
     if not where:
         if angles is not None:
-            raise SceneError("angles", found=angles, allowed="None: no two cylinders meet")
+            raise SceneError("angles", value=angles, allowed="None: no two cylinders meet")
         return None
     if angles is None:
         allowed = f"{ANGLE}, or a list of {len(where)}: one per contact of two cylinders"

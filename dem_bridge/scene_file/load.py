@@ -53,7 +53,7 @@ def load_scene(source: str | Path) -> Scene:
     72729932838.4
     """
     if not isinstance(source, str | Path):
-        raise SceneError("", found=source, allowed="the name of a shipped scene or the path of a .toml file")
+        raise SceneError("", value=source, allowed="the name of a shipped scene or the path of a .toml file")
     name = str(source)
     if name in shipped_scenes():
         file = resources.files("dem_bridge").joinpath("scenes", f"{name}.toml")
@@ -162,7 +162,7 @@ def _in_one_line(error: ValidationError, form: type[BaseModel], where: str) -> S
     )
     if finding["type"].startswith("model_"):
         allowed = f"a table with the keys {_keys(form, path)}"
-    return SceneError(key, found=finding["input"], allowed=allowed, advice=more, where=where)
+    return SceneError(key, value=finding["input"], allowed=allowed, advice=more, where=where)
 
 
 def _keys(form: type[BaseModel], path: list[Any]) -> str:

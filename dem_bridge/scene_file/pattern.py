@@ -76,7 +76,7 @@ def _material(name: str | None, materials: Materials, where: str) -> Material:
             raise SceneError(where, problem="is missing", allowed=f"one of {', '.join(materials)}")
         return next(iter(materials.values()))
     if name not in materials:
-        raise SceneError(where, found=name, allowed=f"{', '.join(materials)}: as in [materials.NAME]")
+        raise SceneError(where, value=name, allowed=f"{', '.join(materials)}: as in [materials.NAME]")
     return materials[name]
 
 
@@ -99,7 +99,7 @@ def _row(pattern: Pattern, materials: Materials) -> Bodies:
         first = pattern.step.first
         if first >= pattern.repeat:
             allowed = f"a cell from 0 to {pattern.repeat - 1}, the last of repeat = {pattern.repeat}"
-            raise SceneError("pattern.step.from", found=first, allowed=allowed)
+            raise SceneError("pattern.step.from", value=first, allowed=allowed)
         cells[first:] = [_cell(pattern.step.cell, materials, "pattern.step.cell")] * (pattern.repeat - first)
     row = tuple(body for cell in _tapered(cells, pattern.taper) for body in cell)
     if pattern.decorate is not None:
@@ -123,7 +123,7 @@ def _decorated(row: Bodies, table: Decorate, between: Body) -> Bodies:
     """``between`` behind each ``every``-th body but the last."""
     if table.every >= len(row):
         allowed = f"less than {len(row)}, the number of bodies: a decoration stands between two of them"
-        raise SceneError("pattern.decorate.every", found=table.every, allowed=allowed)
+        raise SceneError("pattern.decorate.every", value=table.every, allowed=allowed)
     out: list[Body] = []
     for nth, body in enumerate(row, start=1):
         out += [body, between] if nth % table.every == 0 and nth < len(row) else [body]
@@ -160,7 +160,7 @@ def _angles(pattern: Pattern, first: Bodies, row: Bodies) -> tuple[float, ...] |
     if own + with_striker == 0 and given:
         raise SceneError(f"pattern.{given[0]}", problem="is given", allowed="none: no two cylinders meet")
     if own == 0 and scatter > 0.0:
-        raise SceneError("pattern.disorder.angle", found=scatter, allowed="0: no two cylinders of the chain meet")
+        raise SceneError("pattern.disorder.angle", value=scatter, allowed="0: no two cylinders of the chain meet")
     if own + with_striker == 0:
         return None
     if pattern.angle is not None:
@@ -183,7 +183,7 @@ def _angles(pattern: Pattern, first: Bodies, row: Bodies) -> tuple[float, ...] |
 def _striker(table: PatternStriker, first: Body, materials: Materials) -> Body:
     if table.exponent not in (None, HERTZ):
         allowed = f"{HERTZ}: the contacts of a pattern are those of Hertz"
-        raise SceneError("striker.exponent", found=table.exponent, allowed=allowed)
+        raise SceneError("striker.exponent", value=table.exponent, allowed=allowed)
     if table.like is None:
         material = first.material
         if table.material is not None:
@@ -206,5 +206,5 @@ def _flat_walls(file: PatternScene, bodies: Bodies, materials: Materials) -> Ite
         if table.material is None:
             continue
         if table.exponent not in (None, HERTZ):
-            raise SceneError(f"{side}.exponent", found=table.exponent, allowed=f"{HERTZ}: a flat wall is Hertz' own")
+            raise SceneError(f"{side}.exponent", value=table.exponent, allowed=f"{HERTZ}: a flat wall is Hertz' own")
         yield side, flat(_material(table.material, materials, f"{side}.material"), body, side, table.gap)

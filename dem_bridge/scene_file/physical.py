@@ -99,7 +99,7 @@ def from_cylinders(file: CylinderScene) -> Scene:
     if growth[-1] <= 0.0:
         raise SceneError(
             "cylinders.mass_gradient",
-            found=cylinders.mass_gradient,
+            value=cylinders.mass_gradient,
             allowed=f"a number > {-1.0 / cylinders.count:g}: the last mass is (1 + count mass_gradient) times m",
         )
     angles, stiffness = _crossed(contacts, cylinders.count - 1, radius=cylinders.radius, material=material)
@@ -210,7 +210,7 @@ def _graded(contacts: CylinderContacts, links: int) -> tuple[float, float]:
     assert last is not None
     if links == 1 and first != last:
         allowed = f"first_angle = {first!r}: two cylinders have one contact"
-        raise SceneError("contacts.last_angle", found=last, allowed=allowed)
+        raise SceneError("contacts.last_angle", value=last, allowed=allowed)
     return first, last
 
 

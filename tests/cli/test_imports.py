@@ -97,7 +97,7 @@ def test_a_deck_becomes_a_scene_file(folder: Path) -> None:
             ("csv", "chain.csv", "--duration", "1", "-o", "in.test"),
             "in.test: is there already; allowed: a new file, or",
         ),
-        (("csv", "chain.csv", "--duration", "1", "-o", "no/mine.toml"), "there is no folder no"),
+        (("csv", "chain.csv", "--duration", "1", "-o", "no/mine.toml"), "the folder no is missing or not writable"),
         (("csv", "chain.csv", "--duration", "1", "-o", "m.toml", "--wall-left", "a"), "allowed: STIFFNESS[,GAP[,EXP"),
         (("csv", "chain.csv", "--duration", "1", "-o", "m.toml", "--wall-left", "1,2,3,4"), "allowed: STIFFNESS[,GAP"),
         (("csv", "chain.csv", "--duration", "1", "-o", "m.toml", "--wall-left=-1"), "wall_left.stiffness = -1.0"),

@@ -226,7 +226,7 @@ def test_nothing_is_replaced_that_is_not_to_be(tmp_path: Path) -> None:
     ("words", "said"),
     [
         (("a b.toml",), "'a b' names no scene; allowed: 1 to 100 of A-Z"),
-        (("nowhere/a.toml",), "there is no folder nowhere"),
+        (("nowhere/a.toml",), "the folder nowhere is missing or not writable"),
         (("a.toml", "--form", "chain"), "'chain' is not one of 'pattern', 'cylinders', 'spheres', 'raw'"),
         (("a.toml", "b.toml"), "unexpected extra argument"),
     ],
@@ -244,4 +244,4 @@ def test_wrong_use_is_one_line_and_exit_code_2(
 def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "own.toml").mkdir()
     done = run(str(tmp_path / "own.toml"), "--force")
-    assert (done.exit_code, "is no regular file" in done.stderr) == (2, True)
+    assert (done.exit_code, "is not a regular file" in done.stderr) == (2, True)

@@ -263,7 +263,7 @@ def test_tables_refuse_what_they_are_not_asked(tmp_path: Path) -> None:
         db.table_of(PAIR, "observables", found=False)
     with pytest.raises(UsageError, match=r"^setting 'tolerance' is unknown; allowed: dt"):
         db.table_of(PAIR, "contacts", tolerance=1.0)
-    with pytest.raises(UsageError, match=r"there is no folder .* that can be written to"):
+    with pytest.raises(UsageError, match=r"the folder .* is missing or not writable"):
         db.export(PAIR, table="bodies", path=tmp_path / "no" / "bodies.csv")
     assert list(tmp_path.iterdir()) == []
 

@@ -82,7 +82,7 @@ def test_a_precompressed_chain_is_said_beside_its_tables() -> None:
     beside = _beside(scene) | {"precompression": 2e-6}
     bodies = str(db.export(scene, table="bodies", format="csv"))
     contacts = str(db.export(scene, table="contacts", format="csv", found=False))
-    with pytest.raises(SceneError, match="precompression = 2e-06, and contact 0 has a gap"):
+    with pytest.raises(SceneError, match="precompression = 2e-06, but contact 0 has a gap"):
         scene_of_csv(bodies, file="b.csv", contacts=contacts, **beside)
 
 

@@ -201,9 +201,9 @@ def test_sizes_moduli_and_densities_scale(rows: list[Body], angle: float, size: 
 
 
 WRONG: dict[str, tuple[dict[str, Any], str, str]] = {
-    "no bodies": ({"bodies": []}, "bodies is no list of bodies", "one Body or more"),
-    "no list": ({"bodies": 3}, "bodies is no list of bodies", "one Body or more"),
-    "a number among them": ({"bodies": [BALL, 3]}, "bodies is no list of bodies", "one Body or more"),
+    "no bodies": ({"bodies": []}, "bodies is not a list of bodies", "one Body or more"),
+    "no list": ({"bodies": 3}, "bodies is not a list of bodies", "one Body or more"),
+    "a number among them": ({"bodies": [BALL, 3]}, "bodies is not a list of bodies", "one Body or more"),
     "a striker by speed": ({"striker": 0.8}, "striker = 0.8", "a Body or None"),
     "no angles": ({"bodies": [BALL, ROD, ROD]}, "angles are missing; bodies 1 and 2 cross", "list of 1"),
     "angles of spheres": ({"angles": 30.0}, "angles = 30.0", "no two cylinders meet"),

@@ -138,7 +138,7 @@ WRONG_KEYS = {
     "no force": (SINE.replace("force = 2.0\n", ""), "chain.drive.force is missing; allowed: a number (N)"),
     "no values": (TABLE.replace("force = [0, 1.5, -0.5]\n", ""), "or a file"),
     "a text for a number": (SINE.replace("4e3", '"4e3"'), "chain.drive.frequency = '4e3'; allowed: a number"),
-    "a key of another shape": (SINE + "sweep = 1e-3\n", "chain.drive.sweep stands beside shape = 'sine'"),
+    "a key of another shape": (SINE + "sweep = 1e-3\n", "chain.drive.sweep does not apply to shape = 'sine'"),
     "no interval": (TABLE.replace("interval = 5e-4\n", ""), "chain.drive.interval is missing"),
     "a table too short": (TABLE.replace("5e-4", "4e-4"), "chain.drive.force ends at 0.0008 s"),
     "a file beside a force": (FILE + "force = [0.0, 1.0]\n", "chain.drive.force stands beside file"),

@@ -403,7 +403,7 @@ WRONG_PRESSED = {
     "force beside a gap": (
         "velocity =",
         "gap = [0, 1e-6]\nvelocity =",
-        "precompression.force = 10.0, and",
+        "precompression.force = 10.0, but",
         "gaps of 0",
     ),
     "unknown law": ("kuwabara-kono", "tsuji", "chain.damping.law = 'tsuji'", "'dashpot' or 'kuwabara-kono'"),
