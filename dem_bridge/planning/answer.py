@@ -1,4 +1,4 @@
-"""What a planner answers: a Plan, with the reasons for each of its numbers; or what a budget buys instead."""
+"""The answer of the planner: a Plan with the reasons for its numbers, or the accuracy that a budget buys instead."""
 
 from __future__ import annotations
 
@@ -15,49 +15,52 @@ from dem_bridge.planning.predict import tidy
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Settings for a wanted accuracy, and why each number is what it is.
+    """Settings for an accuracy, with the reason for each number.
 
     ``db.solve(scene, backend=plan.backend, **plan.resolution)`` makes the run.
     """
 
     scene: str
     accuracy: float
-    """Wanted, relative."""
+    """The accuracy asked for, relative."""
     observable: str
     backend: str
     resolution: Mapping[str, Any]
     """Keywords of :func:`dem_bridge.solve`."""
     predicted_error: float
-    """To be expected of the run, relative: what was found, where it was, else what the model says."""
+    """Expected error of the run, relative: measured where a run was made, otherwise by the model."""
     predicted_cost: float
-    """CPU to be expected of the run without bars, s; likewise."""
+    """Expected CPU time of the run without its uncertainty, s: measured or by the model, likewise."""
     found_error: float | None
-    """Of a run with these settings; None: there was none."""
+    """Measured error of a run with these settings; None: no run was made."""
     found_cost: float | None
-    """None: there was no run with these settings, or its twin's."""
+    """Measured CPU time, s; None: no run was made with these settings, or the twin's was."""
     model_error: float
-    """By the model alone."""
+    """Error by the model alone."""
     model_cost: float
+    """CPU time by the model alone, s."""
     steps: int | None
-    """None: not known beforehand."""
+    """Time steps; None: not known before the run."""
     force_evaluations: int | None
     units: Mapping[str, float]
-    """The step taken (s) as ``dt``, and as a fraction of the times that DEM users think in; empty: no fixed step."""
+    """The time step (s) as ``dt``, and as a fraction of the usual time scales of DEM; empty: no fixed step."""
     reasons: tuple[str, ...]
+    """One sentence for each number."""
 
     def as_json(self) -> dict[str, Any]:
-        """All of it, JSON-able."""
-        told = {one.name: getattr(self, one.name) for one in fields(self)}
-        return told | {key: dict(told[key]) for key in ("resolution", "units")} | {"reasons": list(self.reasons)}
+        """Return all fields as JSON values."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return values | {key: dict(values[key]) for key in ("resolution", "units")} | {"reasons": list(self.reasons)}
 
     def _repr_html_(self) -> str:
         return plan_html(self)
 
 
-def answer(options: Options, chosen: Option, left_out: Mapping[str, str], yardstick: str) -> Plan:
-    """The plan of an option, with its reasons.
+def answer(options: Options, chosen: Option, left_out: Mapping[str, str], measured_against: str) -> Plan:
+    """Return the plan of an option, with its reasons.
 
-    ``left_out``: why which backends are not it; ``yardstick``: what errors were measured against.
+    ``left_out``: for each other backend the reason why it was not chosen; ``measured_against``: what errors were
+    measured against.
     """
     candidate, trial = chosen.candidate, chosen.trial
     resolution, units = dict(candidate.answer), {}
@@ -88,68 +91,70 @@ def answer(options: Options, chosen: Option, left_out: Mapping[str, str], yardst
         steps=steps,
         force_evaluations=evaluations,
         units=MappingProxyType(units),
-        reasons=tuple(_reasons(options, chosen, left_out, yardstick)),
+        reasons=tuple(_reasons(options, chosen, left_out, measured_against)),
     )
 
 
-def _reasons(options: Options, chosen: Option, left_out: Mapping[str, str], yardstick: str) -> Iterator[str]:
+def _reasons(options: Options, chosen: Option, left_out: Mapping[str, str], measured_against: str) -> Iterator[str]:
     outlook, candidate = options.outlook, chosen.candidate
     if candidate.knob == "dt":
         yield (
-            f"the coarse run found contacts of up to {outlook.prescan.frequency:.3g} rad/s, and a phase of"
-            f" {outlook.phase:.3g} rad in the stiffest of each moment over {options.scene.duration:g} s"
+            f"the prescan gives a highest contact frequency of {outlook.prescan.frequency:.3g} rad/s and a phase of"
+            f" {outlook.phase:.3g} rad, integrated over the stiffest contact of each moment over"
+            f" {options.scene.duration:g} s"
         )
     if chosen.law is not None:
         first = outlook.setting(chosen.law, options.accuracy, options.observable)
         yield (
-            f"the model has {options.accuracy:g} at {candidate.knob} = {first:.2g}: errors go with its power"
-            f" {chosen.law.order:g}, and four in five random scenes or more err by"
-            f" no more than {chosen.law.spread:g} times that"
+            f"the error model predicts {options.accuracy:g} at {candidate.knob} = {first:.2g}: it takes errors as"
+            f" proportional to {candidate.knob}^{chosen.law.order:g}, and at least four of five random scenes err by at"
+            f" most {chosen.law.spread:g} times the prediction"
         )
     if chosen.trial is not None:
-        yield chosen.told
+        yield chosen.evidence
         if chosen.law is not None:
-            yield f"errors are measured against {yardstick}"
+            yield f"errors are measured against {measured_against}"
     elif chosen.law is not None:
-        yield f"nothing was run to check it, so the error is planned {chosen.law.spread:g} times smaller"
+        yield f"no run checked the prediction: the settings are chosen for an error {chosen.law.spread:g} times smaller"
     else:
-        yield f"nothing was run to check it: {candidate.name} errs by no more in 95 % of the random scenes tried"
+        yield f"no run checked the prediction: in 95 % of the random scenes {candidate.name} errs by no more"
     if candidate.runs != candidate.name:
         yield (
-            f"{candidate.name} was not run: the twin in positions repeats it to 1e-10, round-off included, and its"
-            " cost is that of bodies, steps and samples"
+            f"{candidate.name} was not run: the positional twin gives the same numbers to 1e-10, round-off included;"
+            " its cost is predicted from the numbers of bodies, steps and samples"
         )
     for reason in dict.fromkeys(left_out.values()):
         yield f"{', '.join(name for name, why in left_out.items() if why == reason)}: {reason}"
 
 
 def _modelled(options: Options, chosen: Option) -> float:
-    """Error by the model alone."""
+    """Return the error by the model alone."""
     if chosen.law is None:
         return options.outlook.known_error(chosen.candidate.name, options.observable)
     return options.outlook.error(chosen.law, chosen.setting, options.observable)
 
 
 def beyond(options: Options, budget: float, chosen: Option) -> str:
-    """What to say where the plan costs more than the budget: the accuracy that this buys."""
+    """Return the message where a plan costs more than the budget, with the accuracy that the budget buys."""
     bought, by = math.inf, ""
-    for one in [*(o for o in options.found if o.candidate.name != chosen.candidate.name), chosen]:
-        if one.law is None:
-            error = one.error if one.cost <= budget else math.inf
+    for option in [*(o for o in options.predicted if o.candidate.name != chosen.candidate.name), chosen]:
+        name = option.candidate.name
+        if option.law is None:
+            error = option.error if option.cost <= budget else math.inf
         else:
-            known, law = one.setting, one.law
-            scale = one.cost / options.outlook.cost(one.candidate.name, known)
-            low, high = known, options.most(one.candidate)
-            if scale * options.outlook.cost(one.candidate.name, high) > budget:
+            setting, law = option.setting, option.law
+            scale = option.cost / options.outlook.cost(name, setting)
+            low, high = setting, options.most(option.candidate)
+            if scale * options.outlook.cost(name, high) > budget:
                 continue
             for _ in range(60):
                 middle = math.sqrt(low * high)
-                dear = scale * options.outlook.cost(one.candidate.name, middle) > budget
-                low, high = (middle, high) if dear else (low, middle)
-            error = one.error * (high / known) ** law.order
+                too_costly = scale * options.outlook.cost(name, middle) > budget
+                low, high = (middle, high) if too_costly else (low, middle)
+            error = option.error * (high / setting) ** law.order
         if error < bought:
-            bought, by = error, one.candidate.name
-    rest = f"it buys about {bought:.1g} by {by}" if bought < 1.0 else "it buys no run that says anything"
+            bought, by = error, name
+    rest = f"it buys an accuracy of about {bought:.1g} by {by}" if bought < 1.0 else "it buys no meaningful run"
     return (
         f"accuracy = {options.accuracy:g} of {options.observable} on {options.scene.name} costs"
         f" {chosen.cost:.2g} s of CPU by {chosen.candidate.name}, and the budget is {budget:g} s; {rest};"

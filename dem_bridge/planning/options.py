@@ -1,4 +1,7 @@
-"""The backends that may answer a question of accuracy, each with what is predicted of it: nothing is run here."""
+"""Candidates for an accuracy: the backends that solve a scene, with predicted settings, errors and costs.
+
+Nothing is run here but the prescan of the scene.
+"""
 
 from __future__ import annotations
 
@@ -14,32 +17,32 @@ from dem_bridge.planning.check import LEAST_RTOL, OBSERVABLES, Candidate, Trial
 from dem_bridge.planning.predict import OF_RTOL, OF_STEP, ErrorLaw, Outlook
 from dem_bridge.scene import Scene
 
-#: fixed-step runs longer than this are not planned
+#: largest number of steps of a planned fixed-step run
 MOST_STEPS = 50_000_000
-#: other equations, which come near in times alone
+#: backends with other equations, which approximate times alone
 THEORIES = ("bca", "adiabatic")
 TIMES = ("arrival", "residence", "crossing_time")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Option:
-    """A candidate with what is known of it: first predicted, then found."""
+    """A candidate with its setting, error and cost: first predicted, then measured."""
 
     candidate: Candidate
     law: ErrorLaw | None
-    """None: it has no setting that decides its error."""
+    """None: no setting of the backend decides its error."""
     setting: float
     error: float
     cost: float
     """CPU, s."""
     trial: Trial | None = None
-    """The run that was found to serve."""
-    told: str = ""
-    """How the error was found."""
+    """The run whose error is within the accuracy; None: nothing was run."""
+    evidence: str = ""
+    """How the error was measured, for the reasons of a plan."""
 
 
 class Options:
-    """What there is for one question, from the cheapest on, as predicted; and what there is not."""
+    """All candidates for one accuracy, the cheapest by prediction first, and the backends that are left out."""
 
     def __init__(self, scene: Scene, accuracy: float, name: str | None, observable: str, sampling: Sampling) -> None:
         if observable not in OBSERVABLES:
@@ -49,30 +52,32 @@ class Options:
         self.left_out: dict[str, str] = {}
         candidates = list(self._candidates())
         self.outlook = Outlook.of(scene, sampling)
-        self.found = sorted(map(self._predicted, candidates), key=lambda one: one.cost)
+        self.predicted = sorted(map(self._predicted, candidates), key=lambda option: option.cost)
 
     def _candidates(self) -> Iterator[Candidate]:
         for name in BACKENDS if self.name is None else (self.name,):
             chosen = backend(name)
-            if (reason := self._unwanted(name) or chosen.refusal(self.scene)) is None:
+            if (reason := self._left_out_reason(name) or chosen.refusal(self.scene)) is None:
                 yield self._candidate(chosen)
             elif self.name is None:
                 self.left_out[name] = reason
             else:
                 raise UnsupportedScene(f"{name} cannot do {self.scene.name}: {reason}")
 
-    def _unwanted(self, name: str) -> str | None:
-        """Why a backend is not among those to choose from; None: it is."""
+    def _left_out_reason(self, name: str) -> str | None:
+        """Return the reason why a backend that could solve the scene is no candidate; None: it is one."""
         if name == "ode45":
-            return "its tolerances say little of its error; take rtol from a convergence study, or another backend"
+            return (
+                "its tolerances do not predict its error; choose rtol by a convergence study, or take another backend"
+            )
         if self.name is not None:
             return None
         if name in (*ENGINE_BACKENDS, "ase"):
-            return "the twin repeats it, and costs less"
+            return "the twin gives the same numbers at lower cost"
         if name in THEORIES and self.observable not in TIMES:
-            return f"its equations are others, and come near in times alone, not in {self.observable}"
+            return f"it solves other equations, which approximate times alone, not {self.observable}"
         if name == "reference" and not series_fit(self.scene):
-            return "its series do not fit, and it would answer through scipy at the least tolerance"
+            return "its Taylor series do not fit the scene, so it would answer by scipy at the smallest tolerance"
         return None
 
     def _candidate(self, chosen: Backend) -> Candidate:
@@ -94,7 +99,7 @@ class Options:
         return self._at(candidate, law, self.outlook.setting(law, self.accuracy, self.observable))
 
     def _at(self, candidate: Candidate, law: ErrorLaw, setting: float) -> Option:
-        """What is predicted of a setting, or of the nearest that can be."""
+        """Return the predictions for a setting, or for the nearest setting in the range."""
         setting = min(max(setting, self.least(candidate)), self.most(candidate))
         return Option(
             candidate=candidate,
@@ -105,28 +110,28 @@ class Options:
         )
 
     def least(self, candidate: Candidate) -> float:
-        """The finest setting that is looked at."""
+        """Return the finest setting that is tried."""
         return self.scene.duration / MOST_STEPS if candidate.knob == "dt" else LEAST_RTOL
 
     def most(self, candidate: Candidate) -> float:
-        """The coarsest there is."""
+        """Return the coarsest setting."""
         return self.interval if candidate.knob == "dt" else LARGEST_RTOL
 
     def foreseen(self) -> Option:
-        """The cheapest as predicted, with settings that nine of ten scenes need no finer."""
-        found: list[Option] = []
-        for one in self.found:
-            if (law := one.law) is not None:
+        """Return the cheapest option by prediction alone, with a margin that suffices in nine of ten scenes."""
+        options: list[Option] = []
+        for option in self.predicted:
+            if (law := option.law) is not None:
                 setting = self.outlook.setting(law, self.accuracy / law.spread, self.observable)
-                careful = self._at(one.candidate, law, setting)
-                if careful.error * law.spread <= 1.01 * self.accuracy:  # last digits are above the law
-                    found.append(careful)
-            elif one.error <= self.accuracy:
-                found.append(one)
-        if not found:
-            least = min(one.error for one in self.found)
+                careful = self._at(option.candidate, law, setting)
+                if careful.error * law.spread <= 1.01 * self.accuracy:  # round-off is added to the law
+                    options.append(careful)
+            elif option.error <= self.accuracy:
+                options.append(option)
+        if not options:
+            least = min(option.error for option in self.predicted)
             raise UsageError(
-                f"accuracy = {self.accuracy:g} on {self.scene.name} is not to be expected of"
-                f" {self.name or 'any backend'}: the least error predicted is {least:.2g}; ask for less"
+                f"accuracy = {self.accuracy:g} on {self.scene.name} is not expected to be reached by"
+                f" {self.name or 'any backend'}: the smallest predicted error is {least:.2g}; ask for less"
             )
-        return min(found, key=lambda one: one.cost)
+        return min(options, key=lambda option: option.cost)

@@ -1,7 +1,7 @@
-"""The cheapest settings for a wanted accuracy: predicted by a model, checked by runs, and said why.
+"""The cheapest settings for an accuracy: predicted by an error model, checked by runs, with the reasons.
 
-Where :mod:`.bars` finds the step whose error *bar* is within an accuracy, this finds what *errs* by no more: a bar is
-some three times an error, so that it holds. What is found is found for these settings and no others.
+:mod:`.bars` finds the step whose *uncertainty* is within an accuracy; the planner finds settings whose *error* is. An
+uncertainty is about three times the error, so that it holds. The answer is valid for the settings that were run.
 """
 
 from __future__ import annotations
@@ -37,26 +37,26 @@ from dem_bridge.planning.predict import OF_RTOL
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
-#: at such accuracies codes that keep positions are asked for their round-off first; steps of a run for it
+#: at accuracies below this the round-off of codes that keep positions is measured first, in a run of so many steps
 ROUND_OFF_BELOW, FEW_STEPS = 1e-7, 5_000_000
-#: at such accuracies LAMMPS' runs may be extrapolated: where that costs less than this part of one run, with so much
-#: more for the finest of the three, which comes with bars
-EXTRAPOLATED_BELOW, EXTRAPOLATED_GAIN, EXTRAPOLATED_BARS = 1e-5, 0.8, 1.4
-#: weights of 4/3 and -1/3 magnify what was rounded
+#: at accuracies below this LAMMPS' runs may be extrapolated, if that costs less than this part of one run; the finest
+#: of the three runs costs so much more because of its uncertainty
+EXTRAPOLATED_BELOW, EXTRAPOLATED_GAIN, EXTRAPOLATED_UNCERTAINTY = 1e-5, 0.8, 1.4
+#: Richardson's weights of 4/3 and -1/3 magnify round-off by this factor
 EXTRAPOLATED_ROUNDING = 5.0 / 3.0
 SAMPLED = ("velocity", "displacement")
-#: what costs more than so many times the least, as predicted, is not tried: the laws of costs are that good
+#: options that are predicted to cost more than so many times the cheapest are not tried; cost laws are that accurate
 WORTH_TRYING = 4.0
-#: s of CPU that a yardstick may take, whatever the runs take
+#: CPU time, s, that the reference may take, however short the runs are
 CHEAP = 1.0
-#: runs that bars take, the run itself included
-WITH_BARS = MappingProxyType({"reference": 7.0, "scipy": 3.0})
-#: part of the accuracy that the bar of the yardstick may be
-YARDSTICK_BAR = 0.1
-#: tables may miss this part of the accuracy; points of a table that are tried beside the default
+#: number of runs that an uncertainty takes, the run itself included
+WITH_UNCERTAINTY = MappingProxyType({"reference": 7.0, "scipy": 3.0})
+#: largest uncertainty of the reference, as a part of the accuracy
+REFERENCE_SHARE = 0.1
+#: largest interpolation error of tables, as a part of the accuracy; numbers of points that are tried
 TABLE_SHARE, TABLE_POINTS = 0.3, (None, 40_000, 160_000, 640_000)
 
-Tell = Callable[[float, int, str], None]
+Progress = Callable[[float, int, str], None]
 
 
 def plan_for(
@@ -68,9 +68,12 @@ def plan_for(
     sampling: Sampling | None = None,
     budget: float | None = None,
     predict_only: bool = False,
-    progress: Tell | None = None,
+    progress: Progress | None = None,
 ) -> Plan:
-    """See :func:`dem_bridge.plan`; ``name`` is that of a backend, None where the choice is free."""
+    """Plan the settings for an accuracy, see :func:`dem_bridge.plan`.
+
+    ``name`` is that of a backend; None: the cheapest one is chosen.
+    """
     if budget is not None and not 0.0 < budget < math.inf:
         raise UsageError(f"budget = {budget!r}; allowed: a number > 0 (s of CPU)")
     planner = Planner(
@@ -84,11 +87,11 @@ def plan_for(
     chosen = planner.options.foreseen() if predict_only else planner.checked()
     if budget is not None and chosen.cost > budget:
         raise UsageError(beyond(planner.options, budget, chosen))
-    return answer(planner.options, chosen, planner.left_out, planner.yardstick)
+    return answer(planner.options, chosen, planner.left_out, planner.measured_against)
 
 
 class Planner:
-    """One question, and what was found on the way to its answer."""
+    """The search for the cheapest settings: predictions, trial runs and the options that were left out."""
 
     def __init__(
         self,
@@ -98,99 +101,102 @@ class Planner:
         name: str | None,
         observable: str,
         sampling: Sampling,
-        progress: Tell | None,
+        progress: Progress | None,
     ) -> None:
         self.options = Options(scene, accuracy, name, observable, sampling)
         self.outlook, self.left_out = self.options.outlook, dict(self.options.left_out)
         self.scene, self.accuracy, self.observable, self.sampling = scene, accuracy, observable, sampling
-        self.progress, self.began, self.expected, self.yardstick = progress, time.process_time(), 0.0, ""
+        self.progress, self.start, self.expected_cpu = progress, time.process_time(), 0.0
+        self.measured_against = ""
 
     def checked(self) -> Option:
-        """The cheapest of those that runs found to serve."""
-        truth = self._yardstick()
-        self.judge = Judge(self.scene, self.sampling, self.observable, truth, progress=self._say)
+        """Return the cheapest option whose error, measured by runs, is within the accuracy."""
+        reference = self._cheap_reference()
+        self.judge = Judge(self.scene, self.sampling, self.observable, reference, progress=self._say)
         best: Option | None = None
         floors: dict[str, str] = {}
-        for one in self.options.found:
-            name = one.candidate.name
-            if best is not None and one.cost > WORTH_TRYING * best.cost:
-                self.left_out[name] = f"predicted to cost {one.cost:.2g} s of CPU"
+        for option in self.options.predicted:
+            name = option.candidate.name
+            if best is not None and option.cost > WORTH_TRYING * best.cost:
+                self.left_out[name] = f"predicted to cost {option.cost:.2g} s of CPU"
                 continue
             try:
-                found = self._tried(one)
+                tried = self._try(option)
             except (UsageError, RunBroken) as error:
                 floors[name] = str(error)
                 continue
-            if best is None or found.cost < best.cost:
+            if best is None or tried.cost < best.cost:
                 if best is not None:
-                    self.left_out[best.candidate.name] = f"found to cost {best.cost:.2g} s of CPU"
-                best = found
+                    self.left_out[best.candidate.name] = f"measured cost {best.cost:.2g} s of CPU"
+                best = tried
             else:
-                self.left_out[name] = f"found to cost {found.cost:.2g} s of CPU"
+                self.left_out[name] = f"measured cost {tried.cost:.2g} s of CPU"
         self.left_out |= floors
         if best is None:
             raise UsageError(
-                f"accuracy = {self.accuracy:g} of {self.observable} on {self.scene.name} cannot be had: "
+                f"accuracy = {self.accuracy:g} of {self.observable} on {self.scene.name} cannot be reached: "
                 + "; ".join(f"{name}: {floor}" for name, floor in floors.items())
                 + "; ask for less"
             )
         return best
 
-    def _yardstick(self) -> Trajectory | None:
-        """A reference where one is cheap, and well enough known for what is asked."""
-        options, outlook = self.options.found, self.outlook
-        worth = [one.cost for one in options if one.cost <= WORTH_TRYING * options[0].cost]
-        cheap = max(CHEAP, 3.0 * min((one.cost for one in options if one.candidate.knob), default=math.inf))
+    def _cheap_reference(self) -> Trajectory | None:
+        """Solve for a reference; None where it would cost too much or would be too uncertain for the accuracy."""
+        options, outlook = self.options.predicted, self.outlook
+        tried_costs = [option.cost for option in options if option.cost <= WORTH_TRYING * options[0].cost]
+        limit = max(CHEAP, 3.0 * min((option.cost for option in options if option.candidate.knob), default=math.inf))
         if series_fit(self.scene):
             name, settings = "reference", [math.nan]
         else:
-            # the finest, or one that is as fine as it must be
-            enough = outlook.setting(OF_RTOL, 0.1 * YARDSTICK_BAR * self.accuracy / OF_RTOL.spread, self.observable)
+            # the finest tolerance, or one that suffices
+            enough = outlook.setting(OF_RTOL, 0.1 * REFERENCE_SHARE * self.accuracy / OF_RTOL.spread, self.observable)
             name, settings = "scipy", [LEAST_RTOL, min(max(enough, LEAST_RTOL), LARGEST_RTOL)]
-        costs = [WITH_BARS[name] * outlook.cost(name, setting) for setting in settings]
-        self.expected = min(costs) + 5.0 * sum(worth)
+        costs = [WITH_UNCERTAINTY[name] * outlook.cost(name, setting) for setting in settings]
+        self.expected_cpu = min(costs) + 5.0 * sum(tried_costs)
         for setting, cost in zip(settings, costs, strict=True):
-            if cost > cheap:
-                self.yardstick = f"finer runs of its own, for {name} would take {cost:.2g} s"
+            if cost > limit:
+                self.measured_against = f"finer runs of the same backend, because {name} would take {cost:.2g} s"
                 continue
-            self._say(f"yardstick: {name}")
+            self._say(f"reference by {name}")
             try:
                 run = backend(name).run(
                     self.scene, Resolution() if name == "reference" else Resolution(rtol=setting), self.sampling
                 )
             except RunBroken as error:
-                self.yardstick = f"finer runs of its own, for {error}"
+                self.measured_against = f"finer runs of the same backend, because {error}"
                 return None
-            bar = relative_bar(self.observable, self.scene, run)
-            if bar <= YARDSTICK_BAR * self.accuracy:
-                self.yardstick = f"{name}, whose bar is {bar:.1g}"
+            uncertainty = relative_bar(self.observable, self.scene, run)
+            if uncertainty <= REFERENCE_SHARE * self.accuracy:
+                self.measured_against = f"{name}, with an uncertainty of {uncertainty:.1g}"
                 return run
-            self.yardstick = f"finer runs of its own, for {name} has a bar of {bar:.2g}"
+            self.measured_against = (
+                f"finer runs of the same backend, because {name} has an uncertainty of {uncertainty:.2g}"
+            )
         return None
 
-    def _tried(self, one: Option) -> Option:
-        """An option with what its runs found; UsageError, with the floor, where none serves."""
-        candidate = one.candidate
+    def _try(self, option: Option) -> Option:
+        """Return an option with measured error and cost. Raises UsageError, with the floor, where no setting serves."""
+        candidate = option.candidate
         if candidate.knob == "":
-            return self._tried_as_it_is(one)
-        candidate = self._completed(candidate, one.setting)
-        one = replace(one, candidate=candidate)
+            return self._try_without_setting(option)
+        candidate = self._completed(candidate, option.setting)
+        option = replace(option, candidate=candidate)
         try:
-            alone = self._settled(one)
+            single = self._settled(option)
         except UsageError:
             # three shorter runs have less round-off than a long one
-            if together := self._extrapolated(replace(one, cost=math.inf)):
-                return together
+            if extrapolated := self._extrapolated(replace(option, cost=math.inf)):
+                return extrapolated
             raise
-        return self._extrapolated(alone) or alone
+        return self._extrapolated(single) or single
 
-    def _settled(self, one: Option) -> Option:
-        """An option with the coarsest setting that serves; UsageError, with the floor, where none does."""
-        self._hopeless(one)
-        candidate = one.candidate
+    def _settled(self, option: Option) -> Option:
+        """Return an option at its coarsest setting that serves. Raises UsageError, with the floor, where none does."""
+        self._check_prospects(option)
+        candidate = option.candidate
         settled = settle(
             lambda setting: self.judge.trial(candidate, setting),
-            one.setting,
+            option.setting,
             self.accuracy,
             order=candidate.order,
             least=self.options.least(candidate),
@@ -200,26 +206,26 @@ class Planner:
         )
         if settled.best is None:
             raise UsageError(self._floor(candidate, settled))
-        best, own = settled.best, candidate.runs == candidate.name
+        best, runs_itself = settled.best, candidate.runs == candidate.name
         return replace(
-            one,
+            option,
             setting=best.setting,
             error=best.error,
             cost=self.judge.cpu(candidate, best.setting, best.cpu)
-            if own
+            if runs_itself
             else self.outlook.cost(candidate.name, best.setting),
             trial=best,
-            told=_told(candidate, settled),
+            evidence=_evidence(candidate, settled),
         )
 
     def _extrapolated(self, plain: Option) -> Option | None:
-        """Three runs of LAMMPS extrapolated, where they cost less than the one that serves alone; None: they do not.
+        """Return the extrapolation of three LAMMPS runs; None where it does not cost less than a single run.
 
-        On random chains they never do at 1e-4, at 1e-6 in a fifth and at 1e-7 in half of those whose order is clean.
+        On random chains whose order is clean it never costs less at 1e-4; at 1e-6 it does in a fifth, at 1e-7 in half.
         """
-        candidate, truth = plain.candidate, self.judge.truth
-        wanted = candidate.name in ENGINE_BACKENDS and candidate.kind == 2 and self.observable in SAMPLED
-        if not wanted or truth is None or self.accuracy > EXTRAPOLATED_BELOW:
+        candidate, reference = plain.candidate, self.judge.truth
+        possible = candidate.name in ENGINE_BACKENDS and candidate.kind == 2 and self.observable in SAMPLED
+        if not possible or reference is None or self.accuracy > EXTRAPOLATED_BELOW:
             return None
 
         def trial(setting: float) -> Trial:
@@ -228,7 +234,7 @@ class Planner:
             try:
                 resolution = Resolution(**candidate.given, dt=setting, bars=False)
                 run = extrapolated(backend(candidate.runs), self.scene, resolution, self.sampling)
-                error = relative_error(self.observable, self.scene, run, truth)
+                error = relative_error(self.observable, self.scene, run, reference)
             except (NotAsymptotic, RunBroken):
                 return Trial(setting=setting, error=math.inf, cpu=math.nan, steps=0, evaluations=0)
             cost = run.cost
@@ -238,18 +244,16 @@ class Planner:
 
         def cost(setting: float) -> float:
             coarse, main, fine = (self.outlook.cost(candidate.name, part * setting) for part in (2.0, 1.0, 0.5))
-            return coarse + main + EXTRAPOLATED_BARS * fine
+            return coarse + main + EXTRAPOLATED_UNCERTAINTY * fine
 
-        # the coarsest of the three has to fall on the samples, too
+        # the coarsest of the three must fall on the samples as well
         least, most = 1.75 * plain.setting, 0.5 * self.options.interval
         if least >= most or cost(most) > plain.cost:
             return None
-        # of order 4 against 2
+        # the order is 4 in place of 2
         first = min(2.0 * plain.setting * (1e-4 / self.accuracy) ** 0.25, most)
-        rounds_off = round_off_floor(
-            self.scene, self.outlook.schedule(0.5 * first), candidate.given["surrogate_radius"]
-        )
-        if EXTRAPOLATED_ROUNDING * rounds_off > self.accuracy:
+        roundoff = round_off_floor(self.scene, self.outlook.schedule(0.5 * first), candidate.given["surrogate_radius"])
+        if EXTRAPOLATED_ROUNDING * roundoff > self.accuracy:
             return None
         settled = settle(trial, first, self.accuracy, order=4.0, least=least, most=most)
         best = settled.best
@@ -262,54 +266,55 @@ class Planner:
             error=best.error,
             cost=cost(best.setting),
             trial=best,
-            told=f"twins extrapolated from steps of 2 dt, dt and dt/2 err by {_tried(settled)} s, and three runs cost"
-            f" {cost(best.setting):.2g} s of CPU"
-            + (f", one that serves alone {plain.cost:.2g} s" if plain.cost < math.inf else "; none serves alone"),
+            evidence=f"twins extrapolated from steps of 2 dt, dt and dt/2 err by {_errors_by_setting(settled)} s;"
+            f" three runs cost {cost(best.setting):.2g} s of CPU"
+            + (f", a single run {plain.cost:.2g} s" if plain.cost < math.inf else ", and no single run serves"),
         )
 
-    def _hopeless(self, one: Option) -> None:
-        """UsageError where what is asked is beyond what is to be expected by more than the model may be wrong."""
-        candidate, law = one.candidate, one.law
+    def _check_prospects(self, option: Option) -> None:
+        """Raise UsageError where round-off, or the model with its margin, rules the accuracy out before any run."""
+        candidate, law = option.candidate, option.law
         assert law is not None
         if candidate.name in ENGINE_BACKENDS and self.accuracy < ROUND_OFF_BELOW:
-            # round-off grows with the number of steps: what a shorter run has, a longer one has, too
-            dt = max(one.setting, self.scene.duration / FEW_STEPS)
+            # round-off grows with the number of steps: a longer run has at least that of a shorter one
+            dt = max(option.setting, self.scene.duration / FEW_STEPS)
             radius = radius_of(self.scene, Resolution(), self.outlook.prescan)
             floor = round_off_floor(self.scene, self.outlook.schedule(dt), radius)
             if floor > self.accuracy:
-                raise UsageError(f"bodies of {radius:.3g} m round off {floor:.2g} of the velocities")
+                raise UsageError(f"round-off with a radius of {radius:.3g} m limits the accuracy to {floor:.2g}")
         if candidate.knob == "dt":
-            plan = self.outlook.schedule(one.setting)
+            plan = self.outlook.schedule(option.setting)
             if (digits := last_digit(plan)) > self.accuracy:
-                raise UsageError(f"the last digits of {plan.steps} steps add up to {digits:.1g}")
-        if one.error > law.spread * self.accuracy:
+                raise UsageError(f"the round-off of {plan.steps} steps adds up to {digits:.1g}")
+        if option.error > law.spread * self.accuracy:
             most = f"{MOST_STEPS:.0e} steps" if candidate.knob == "dt" else f"rtol = {LEAST_RTOL:g}"
-            raise UsageError(f"an error of {one.error:.1g} is predicted with {most}")
+            raise UsageError(f"the predicted error is {option.error:.1g} with {most}")
 
-    def _tried_as_it_is(self, one: Option) -> Option:
-        """What has no setting: it serves or it does not."""
-        candidate, truth = one.candidate, self.judge.truth
+    def _try_without_setting(self, option: Option) -> Option:
+        """Return an option that has no setting, with its error. Raises UsageError where that is above the accuracy."""
+        candidate, reference = option.candidate, self.judge.truth
         name = candidate.name
         if name in THEORIES:
-            if truth is None:
-                raise UsageError("nothing cheap to check it with")
+            if reference is None:
+                raise UsageError("no reference is cheap enough to measure its error")
             run = self.judge.run(candidate, 0.0)
-            error, told = relative_error(self.observable, self.scene, run, truth), f"checked against {self.yardstick}"
+            error = relative_error(self.observable, self.scene, run, reference)
+            evidence = f"its error is measured against {self.measured_against}"
         else:
-            self._say(f"{name} with bars")
-            if truth is not None and truth.provenance["backend"] == name:
-                run = truth
+            self._say(f"{name} with its uncertainty")
+            if reference is not None and reference.provenance["backend"] == name:
+                run = reference
             else:
                 run = backend(name).run(self.scene, Resolution(), self.sampling)
-            error, told = relative_bar(self.observable, self.scene, run), "its own error bar stands for its error"
+            error, evidence = relative_bar(self.observable, self.scene, run), "its uncertainty is taken as its error"
         if not error <= self.accuracy:
-            raise UsageError(f"errs by {error:.2g}" if name in THEORIES else f"its bar is {error:.2g}")
+            raise UsageError(f"its error is {error:.2g}" if name in THEORIES else f"its uncertainty is {error:.2g}")
         cost = self.judge.cpu(candidate, 0.0, run.cost.cpu)
         trial = Trial(setting=0.0, error=error, cpu=cost, steps=run.cost.steps, evaluations=run.cost.force_evaluations)
-        return replace(one, error=error, cost=cost, trial=trial, told=told)
+        return replace(option, error=error, cost=cost, trial=trial, evidence=evidence)
 
     def _completed(self, candidate: Candidate, setting: float) -> Candidate:
-        """A candidate with all settings of the runs that are made for it: LAMMPS' positions and tables."""
+        """Return a candidate with all settings of its runs: for LAMMPS the surrogate radius and the tables."""
         if candidate.name not in ENGINE_BACKENDS:
             return candidate
         given = {"surrogate_radius": radius_of(self.scene, Resolution(), self.outlook.prescan)}
@@ -320,43 +325,43 @@ class Planner:
         for points in TABLE_POINTS:
             answer = {} if points is None else {"table_points": points}
             tabled = replace(candidate, given={**given, **answer, "tables": True}, answer=answer)
-            # named by its points: what other tables gave is not mistaken for theirs
-            beside = self.judge.run(replace(tabled, name=f"{points} points"), setting)
-            error = relative_error(self.observable, self.scene, beside, self.judge.run(plain, setting))
+            # named by its points, so that runs with other tables are told apart
+            run = self.judge.run(replace(tabled, name=f"{points} points"), setting)
+            error = relative_error(self.observable, self.scene, run, self.judge.run(plain, setting))
             if error <= TABLE_SHARE * self.accuracy:
                 return tabled
-        raise UsageError(f"tables of {TABLE_POINTS[-1]} points miss {error:.2g}")
+        raise UsageError(f"tables of {TABLE_POINTS[-1]} points have an interpolation error of {error:.2g}")
 
     def _floor(self, candidate: Candidate, settled: Settled) -> str:
-        """Why no setting serves."""
+        """Return the reason why no setting serves, with the smallest error."""
         last = settled.trials[-1]
-        least = f"the least error found is {settled.least:.2g}"
+        least = f"the smallest measured error is {settled.least:.2g}"
         if candidate.name in ENGINE_BACKENDS:
             radius = candidate.given["surrogate_radius"]
             floor = round_off_floor(self.scene, self.outlook.schedule(last.setting), radius)
             if floor > 0.3 * self.accuracy:
-                return f"bodies of {radius:.3g} m round off {floor:.2g} of the velocities, and {least}"
+                return f"round-off with a radius of {radius:.3g} m limits the accuracy to {floor:.2g}; {least}"
         if last.setting <= self.options.least(candidate) * (1.0 + 1e-9):
             most = f"{MOST_STEPS:.0e} steps" if candidate.knob == "dt" else f"rtol = {LEAST_RTOL:g}"
             return f"{least}, with {most}"
-        return f"{least}, and finer settings do no better"
+        return f"{least}, and finer settings do not reduce it"
 
     def _say(self, label: str) -> None:
         if self.progress is not None:
-            spent = time.process_time() - self.began
-            self.progress(min(0.95, spent / max(self.expected, 1e-9)), 1, label)
+            spent = time.process_time() - self.start
+            self.progress(min(0.95, spent / max(self.expected_cpu, 1e-9)), 1, label)
 
 
-def _told(candidate: Candidate, settled: Settled) -> str:
-    """The runs that were made, and the order that they show."""
+def _evidence(candidate: Candidate, settled: Settled) -> str:
+    """Describe the runs that were made and the order that they show."""
     if candidate.knob == "rtol":
-        return f"runs of {candidate.runs} err by {_tried(settled)} (rtol)"
+        return f"runs of {candidate.runs} err by {_errors_by_setting(settled)} (rtol)"
     order = observed_order(settled.trials)
-    shown = "" if math.isnan(order) else f": order {order:.2f} on the whole"
-    return f"runs of {candidate.runs} err by {_tried(settled)} s{shown}"
+    fitted = "" if math.isnan(order) else f"; the fitted order is {order:.2f}"
+    return f"runs of {candidate.runs} err by {_errors_by_setting(settled)} s{fitted}"
 
 
-def _tried(settled: Settled) -> str:
-    """Errors by settings, from the coarsest on."""
-    runs = sorted({one.setting: one for one in settled.trials}.values(), key=lambda one: -one.setting)
-    return ", ".join(f"{one.error:.2g} at {one.setting:.3g}" for one in runs)
+def _errors_by_setting(settled: Settled) -> str:
+    """List the error at each setting, the coarsest first."""
+    trials = sorted({trial.setting: trial for trial in settled.trials}.values(), key=lambda trial: -trial.setting)
+    return ", ".join(f"{trial.error:.2g} at {trial.setting:.3g}" for trial in trials)

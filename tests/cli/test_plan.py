@@ -31,7 +31,7 @@ def test_a_plan_says_what_to_run_and_why(tmp_path: Path) -> None:
     (command,) = (line for line in done.stdout.splitlines() if line.startswith("run it by"))
     words = command.split("dem-bridge ")[1].split()
     assert words[:4] == ["run", "small.toml", "--backend", "lammps-granular"]
-    assert any("the twin in positions repeats it" in line for line in done.stdout.splitlines())
+    assert any("the positional twin gives the same numbers" in line for line in done.stdout.splitlines())
     assert _run(*words, cwd=tmp_path).returncode == 0
 
 
@@ -64,7 +64,7 @@ def test_a_run_without_a_backend_takes_the_cheapest_and_says_so(tmp_path: Path) 
     [
         (("plan", "small.toml"), "--accuracy"),
         (("plan", "small.toml", "--accuracy", "2"), "a number between 0 and 1"),
-        (("plan", "small.toml", "--accuracy", "1e-15", "--backend", "reference"), "its bar is"),
+        (("plan", "small.toml", "--accuracy", "1e-15", "--backend", "reference"), "its uncertainty is"),
         (("plan", "small.toml", "--accuracy", "1e-6", "--budget", "1e-9"), "the budget is 1e-09 s"),
         (("plan", "small.toml", "--accuracy", "1e-3", "--backend", "ode45"), "ode45 cannot do small"),
         (("run", "small.toml"), "'--backend', or an '--accuracy'"),

@@ -92,7 +92,7 @@ def test_a_prediction_holds_within_the_factor_that_it_states(scene: Scene, solve
     spread = OF_STEP[1 if scene.damped else 2].spread
     # single collisions err by a hundred times less than the law, which is that of chains
     assert 0.01 * found.predicted_error < _error(scene, found, solved) < found.predicted_error * spread
-    assert f"no more than {spread:g} times that" in " ".join(found.reasons)
+    assert f"at most {spread:g} times the prediction" in " ".join(found.reasons)
 
 
 @examples(100)
@@ -165,7 +165,7 @@ def test_a_target_is_met_and_not_at_any_price(name: str | None, accuracy: float,
     error = _error(FIVE, found, solved)
     assert error <= accuracy
     if found.backend == "reference":
-        assert error == 0.0  # it is its own yardstick, and its bar stands for its error
+        assert error == 0.0  # it is compared with itself, and its uncertainty is taken as its error
         return
     assert found.found_error == pytest.approx(error, rel=1e-6)
     assert found.predicted_error == found.found_error
@@ -179,7 +179,7 @@ def test_without_a_reference_two_resolutions_serve(
     scene: Scene, monkeypatch: pytest.MonkeyPatch, solved: Solve
 ) -> None:
     monkeypatch.setattr(planner, "CHEAP", -math.inf)
-    monkeypatch.setattr(planner, "WITH_BARS", dict.fromkeys(planner.WITH_BARS, math.inf))
+    monkeypatch.setattr(planner, "WITH_UNCERTAINTY", dict.fromkeys(planner.WITH_UNCERTAINTY, math.inf))
     for accuracy in (1e-3, 1e-5):
         found = db.plan(scene, accuracy, backend="verlet")
         assert "measured against finer runs" in " ".join(found.reasons)
@@ -232,7 +232,7 @@ def test_ten_per_cent_of_an_arrival_time_take_no_time_stepping() -> None:
     assert found.found_error is not None
     assert found.found_error < 0.1
     # the first residence time of this chain is a third of what binary collisions say
-    with pytest.raises(UsageError, match=r"bca: errs by 2\.1"):
+    with pytest.raises(UsageError, match=r"bca: its error is 2\.1"):
         db.plan(scene, 0.1, "bca", observable="residence")
 
 
@@ -278,10 +278,16 @@ def test_a_scene_in_which_nothing_happens_is_planned() -> None:
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        ({"accuracy": 1e-14}, r"cannot be had: .*reference: its bar is \d.*ask for less"),
-        ({"accuracy": 1e-12, "backend": "lammps-granular"}, r"round off \S+ of the velocities"),
-        ({"accuracy": 1e-14, "backend": "reference"}, r"its bar is"),
-        ({"accuracy": 1e-14, "predict_only": True}, r"is not to be expected of any backend: the least error"),
+        ({"accuracy": 1e-14}, r"cannot be reached: .*reference: its uncertainty is \d.*ask for less"),
+        (
+            {"accuracy": 1e-12, "backend": "lammps-granular"},
+            r"round-off with a radius of \S+ m limits the accuracy to \d",
+        ),
+        ({"accuracy": 1e-14, "backend": "reference"}, r"its uncertainty is"),
+        (
+            {"accuracy": 1e-14, "predict_only": True},
+            r"is not expected to be reached by any backend: the smallest predicted error",
+        ),
         ({"accuracy": 2.0}, r"accuracy = 2.0; allowed"),
         ({"accuracy": 1e-3, "observable": "speed"}, r"observable = 'speed'; allowed: .*velocity, .*residence"),
         ({"accuracy": 1e-3, "budget": -1.0}, r"budget = -1.0; allowed"),
@@ -305,11 +311,11 @@ def test_a_budget_that_is_too_small_says_what_it_buys(solved: Solve) -> None:
     whole = db.plan(scene, 1e-7, "verlet")
     assert whole.found_cost is not None
     assert db.plan(scene, 1e-7, "verlet", budget=10.0 * whole.found_cost + 1.0).backend == "verlet"
-    with pytest.raises(UsageError, match=r"the budget is .* s; it buys about (\S+) by verlet") as caught:
+    with pytest.raises(UsageError, match=r"the budget is .* s; it buys an accuracy of about (\S+) by verlet") as caught:
         db.plan(scene, 1e-7, "verlet", budget=0.25 * whole.found_cost)
-    bought = float(str(caught.value).split("buys about ")[1].split()[0])
+    bought = float(str(caught.value).split("accuracy of about ")[1].split()[0])
     assert 1e-7 < bought < 1.0
-    with pytest.raises(UsageError, match="it buys no run"):
+    with pytest.raises(UsageError, match="it buys no meaningful run"):
         db.plan(scene, 1e-7, "verlet", budget=1e-9)
 
 
