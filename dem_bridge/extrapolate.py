@@ -12,7 +12,7 @@ from dem_bridge.accuracy import Extrapolation, richardson
 from dem_bridge.backends.base import Backend, Resolution, Sampling
 from dem_bridge.errors import NotAsymptotic, UsageError
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import QUANTITIES, Cost, Trajectory
+from dem_bridge.trajectory import QUANTITIES, UNKNOWN, Cost, Trajectory
 
 
 def extrapolated(chosen: Backend, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
@@ -34,7 +34,7 @@ def extrapolated(chosen: Backend, scene: Scene, resolution: Resolution, sampling
     fine = chosen.run(scene, replace(resolution, dt=0.5 * step, bars=True), sampling)
     runs = (coarse, main, fine)
     steps = [float(run.provenance["settings"]["dt"]) for run in runs]
-    rounding = float(fine.provenance["velocity_bar"]["round_off"])
+    rounding = fine.uncertainty.parts["round_off"]
 
     def of(quantity: str) -> Extrapolation:
         rows = [getattr(run, quantity).ravel().tolist() for run in runs]
@@ -63,7 +63,7 @@ def extrapolated(chosen: Backend, scene: Scene, resolution: Resolution, sampling
         fine,
         **values,
         contact_force=np.maximum(force, 0.0),
-        uncertainty=bars if resolution.bars else dict.fromkeys(bars, np.inf),
+        uncertainty=replace(fine.uncertainty, **bars) if resolution.bars else UNKNOWN,
         cost=Cost(
             wall=sum(run.cost.wall for run in runs),
             cpu=sum(run.cost.cpu for run in runs),

@@ -44,9 +44,9 @@ from dem_bridge.errors import UsageError
 from dem_bridge.files import check_folder, write_whole
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import QUANTITIES, VOCABULARY, Cost, Trajectory
+from dem_bridge.trajectory import QUANTITIES, VOCABULARY, Cost, Trajectory, Uncertainty
 
-SCHEMA = "dem-bridge/store/1"
+SCHEMA = "dem-bridge/store/2"
 #: names the folder; empty: no store
 VARIABLE = "DEM_BRIDGE_STORE"
 #: bytes; beyond, what was not used for the longest time goes first
@@ -166,7 +166,9 @@ class Store:
         arrays, told = found
         return Trajectory(
             **{name: arrays[name] for name in ("time", *VOCABULARY)},
-            uncertainty={name: arrays[f"{name}_bar"] for name in QUANTITIES},
+            uncertainty=Uncertainty.from_json(
+                {name: arrays[f"{name}_uncertainty"] for name in QUANTITIES}, told["uncertainty"]
+            ),
             cost=Cost(**told["cost"]),
             provenance=told["provenance"] | {"scene": scene.name, "stored": told["made"]},
         )
@@ -174,8 +176,9 @@ class Store:
     def save(self, key: str, run: Trajectory) -> None:
         """Keep a trajectory."""
         arrays = {name: getattr(run, name) for name in ("time", *VOCABULARY)}
-        arrays |= {f"{name}_bar": bar for name, bar in run.uncertainty.items()}
-        self._write(key, arrays, {"cost": asdict(run.cost), "provenance": dict(run.provenance)})
+        arrays |= {f"{name}_uncertainty": value for name, value in run.uncertainty.items()}
+        told = {"cost": asdict(run.cost), "uncertainty": run.uncertainty.as_json()}
+        self._write(key, arrays, {**told, "provenance": dict(run.provenance)})
 
     def load_arrays(self, key: str) -> dict[str, Array] | None:
         """What :meth:`save_arrays` kept, None if there is nothing."""

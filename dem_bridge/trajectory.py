@@ -1,6 +1,6 @@
-"""The one result: what every backend answers with, complete and read-only, and how it is kept on disk.
+"""The result of a run, complete and read-only, with its uncertainty and cost, and its file format (netCDF-4).
 
-Knows numpy arrays and netCDF; nothing of how a trajectory was made.
+This module knows numpy arrays and netCDF and nothing of how a trajectory was computed.
 """
 
 from __future__ import annotations
@@ -8,8 +8,8 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -23,9 +23,10 @@ from dem_bridge.files import check_file
 if TYPE_CHECKING:
     import xarray as xr
 
-SCHEMA = "dem-bridge/trajectory/1"
-#: what has error bars: two sampled in time, two per contact
-QUANTITIES = ("velocity", "displacement", "peak_force", "crossing_time")
+SCHEMA = "dem-bridge/trajectory/2"
+#: quantities with an uncertainty: two are sampled in time, two have one value per contact
+SAMPLED, PER_CONTACT = ("velocity", "displacement"), ("peak_force", "crossing_time")
+QUANTITIES = (*SAMPLED, *PER_CONTACT)
 #: no scale of a contact or body is smaller than this part of the largest in the chain
 SMALLEST_SCALE = 1e-3
 Floats = NDArray[np.float64]
@@ -44,7 +45,10 @@ VOCABULARY: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """What a run cost. ``wall`` and ``cpu`` in s, with what was needed to set it up; nan: not measured."""
+    """The cost of a run.
+
+    ``wall`` and ``cpu`` (s) include the preparation of the run, such as a prescan or a deck; nan: not measured.
+    """
 
     wall: float
     cpu: float
@@ -52,17 +56,121 @@ class Cost:
     force_evaluations: int
 
 
+#: the cost of a result for which nothing was computed
+FREE = Cost(wall=0.0, cpu=0.0, steps=0, force_evaluations=0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Uncertainty(Mapping[str, Any]):
+    """The estimated numerical error of a run: a mapping from each quantity to its uncertainty, in its own unit.
+
+    Parameters
+    ----------
+    velocity, displacement : float
+        Largest error over all samples and bodies, m/s and m; inf where no estimate exists.
+    peak_force, crossing_time : float or array, shape (n_contact,)
+        Error of each contact, N and s.
+    parts : mapping
+        Parts of the velocity uncertainty by cause, relative to the largest velocity: ``time_step``, ``round_off``,
+        ``table``, ``summation`` and ``last_digit`` for codes with a fixed step; empty for others.
+    roundoff_floor : float
+        Round-off of absolute positions in the velocities, relative to the largest; nan where it was not measured.
+    sampling : mapping
+        Part of each quantity's uncertainty that comes from reading it between time steps, relative to its scale.
+    cost : Cost
+        Cost of the estimate, in addition to that of the run.
+
+    Examples
+    --------
+    >>> estimate = Uncertainty(velocity=1e-6, displacement=1e-9, peak_force=[0.1, 0.2], crossing_time=1e-9)
+    >>> estimate["velocity"], estimate["peak_force"].tolist(), list(estimate)
+    (1e-06, [0.1, 0.2], ['velocity', 'displacement', 'peak_force', 'crossing_time'])
+    """
+
+    velocity: float
+    displacement: float
+    peak_force: Any
+    crossing_time: Any
+    parts: Mapping[str, float] = field(default_factory=dict)
+    roundoff_floor: float = math.nan
+    sampling: Mapping[str, float] = field(default_factory=dict)
+    cost: Cost = FREE
+    # a mapping of arrays has no equality of its own: two estimates are equal if they are one object
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
+
+    def __post_init__(self) -> None:
+        for name in SAMPLED:
+            object.__setattr__(self, name, float(getattr(self, name)))
+        for name in PER_CONTACT:
+            values = np.array(getattr(self, name), dtype=np.float64)
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
+        for name in ("parts", "sampling"):
+            numbers = {key: float(value) for key, value in getattr(self, name).items()}
+            object.__setattr__(self, name, MappingProxyType(numbers))
+
+    def __getitem__(self, quantity: str) -> Any:
+        if quantity not in QUANTITIES:
+            raise KeyError(quantity)
+        return getattr(self, quantity)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(QUANTITIES)
+
+    def __len__(self) -> int:
+        return len(QUANTITIES)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle plain mappings: read-only ones cannot be pickled."""
+        return _rebuild, (Uncertainty, self._as_dict())
+
+    def of_contacts(self, count: int) -> Uncertainty:
+        """Return this uncertainty with one value per contact for each of ``count`` contacts."""
+        values = {name: np.broadcast_to(self[name], (count,)) for name in PER_CONTACT}
+        return Uncertainty(**{**self._as_dict(), **values})
+
+    def as_json(self) -> dict[str, Any]:
+        """Return all parts but the four quantities, JSON-able; a number that is not finite becomes null."""
+        floor = self.roundoff_floor
+        return {
+            "parts": dict(self.parts),
+            "roundoff_floor": floor if math.isfinite(floor) else None,
+            "sampling": dict(self.sampling),
+            "cost": cost_as_json(self.cost),
+        }
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any], about: Mapping[str, Any]) -> Uncertainty:
+        """Return the uncertainty of four ``values`` and what :meth:`as_json` wrote ``about`` them."""
+        floor = about["roundoff_floor"]
+        return cls(
+            **{name: values[name] for name in QUANTITIES},
+            parts=about["parts"],
+            roundoff_floor=math.nan if floor is None else floor,
+            sampling=about["sampling"],
+            cost=cost_from_json(about["cost"]),
+        )
+
+    def _as_dict(self) -> dict[str, Any]:
+        found = {each.name: getattr(self, each.name) for each in fields(self)}
+        return found | {name: dict(found[name]) for name in ("parts", "sampling")}
+
+
+#: the uncertainty of a run for which none was estimated
+UNKNOWN = Uncertainty(velocity=math.inf, displacement=math.inf, peak_force=math.inf, crossing_time=math.inf)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectory:
-    """Motion of every body and force of every contact, with bars, cost and provenance.
+    """The motion of every body and the force of every contact, with uncertainty, cost and provenance.
 
-    Arrays (float64, read-only): ``time (n_t,)`` in s, starting at 0; ``displacement`` and ``velocity``
-    ``(n_t, n_body)``; ``contact_force (n_t, n_contact)``, columns as :attr:`Scene.contacts`; ``peak_force`` and
-    ``crossing_time (n_contact,)`` at the accuracy of the run, not of the sample spacing.
+    Arrays are float64 and read-only. ``time (n_t,)`` in s starts at 0; ``displacement`` (m) and ``velocity`` (m/s) are
+    ``(n_t, n_body)``; ``contact_force`` (N) is ``(n_t, n_contact)`` with columns as in :attr:`Scene.contacts`.
+    ``peak_force`` (N) and ``crossing_time`` (s), ``(n_contact,)``, have the accuracy of the run, not that of the
+    sample spacing.
 
-    ``uncertainty``: bars in the unit of each quantity. ``velocity`` and ``displacement`` are one number each, the
-    largest error over all samples and bodies; ``peak_force`` and ``crossing_time`` have one per contact. inf: nothing
-    can be said.
+    ``uncertainty``: the estimated error of each quantity, see :class:`Uncertainty`; inf where no estimate exists.
     """
 
     time: Floats
@@ -71,7 +179,7 @@ class Trajectory:
     contact_force: Floats
     peak_force: Floats
     crossing_time: Floats
-    uncertainty: Mapping[str, Any]
+    uncertainty: Uncertainty = UNKNOWN
     cost: Cost
     provenance: Mapping[str, Any]
 
@@ -85,25 +193,16 @@ class Trajectory:
                 raise ValueError(f"{name} has shape {array.shape}; a trajectory needs {expected}")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        bars: dict[str, Any] = {}
-        for name in QUANTITIES:
-            bar = self.uncertainty[name]
-            if name in ("velocity", "displacement"):
-                bars[name] = float(bar)
-            else:
-                bars[name] = np.broadcast_to(np.asarray(bar, dtype=np.float64), (n_contact,)).copy()
-                bars[name].setflags(write=False)
-        object.__setattr__(self, "uncertainty", MappingProxyType(bars))
+        object.__setattr__(self, "uncertainty", self.uncertainty.of_contacts(n_contact))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Read-only mappings cannot be pickled: travel as plain ones, and be checked again on arrival."""
-        parts = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        parts |= {name: dict(parts[name]) for name in ("uncertainty", "provenance")}
-        return _arrive, (parts,)
+        """Pickle a plain mapping as provenance: a read-only one cannot be pickled."""
+        parts = {each.name: getattr(self, each.name) for each in fields(self)}
+        return _rebuild, (Trajectory, parts | {"provenance": dict(self.provenance)})
 
     def _repr_html_(self) -> str:
-        """Shown in notebooks: who solved what, with which bars, at what cost."""
+        """Return the card of a notebook: backend, scene, uncertainty and cost."""
         from dem_bridge.notebook import trajectory_html
 
         sampled = {name: np.max(np.abs(getattr(self, name)), initial=0.0) for name in ("velocity", "displacement")}
@@ -111,19 +210,16 @@ class Trajectory:
         return trajectory_html(self, sampled | owned, {name: VOCABULARY[name][0] for name in QUANTITIES})
 
     def to_xarray(self) -> xr.Dataset:
-        """Labelled dataset: dimensions time, body, contact; units and bars as attributes and ``*_bar``."""
+        """Return a labelled dataset: dimensions time, body and contact, units as attributes, ``*_uncertainty``."""
         import xarray as xr
 
         data: dict[str, Any] = {}
         for name, (unit, meaning, dims) in VOCABULARY.items():
             data[name] = (dims, getattr(self, name), {"units": unit, "long_name": meaning})
-        for name, bar in self.uncertainty.items():
-            dims = ("contact",) if np.ndim(bar) else ()
-            data[f"{name}_bar"] = (
-                dims,
-                bar,
-                {"units": VOCABULARY[name][0], "long_name": f"error bar of {name}"},
-            )
+        for name, value in self.uncertainty.items():
+            dims = ("contact",) if np.ndim(value) else ()
+            about = {"units": VOCABULARY[name][0], "long_name": f"uncertainty of {name}"}
+            data[f"{name}_uncertainty"] = (dims, value, about)
         return xr.Dataset(
             data,
             coords={
@@ -138,14 +234,13 @@ class Trajectory:
             attrs={
                 "schema": SCHEMA,
                 "provenance": json.dumps(dict(self.provenance), sort_keys=True),
-                "cost": json.dumps(
-                    {name: None if value != value else value for name, value in asdict(self.cost).items()}
-                ),
+                "cost": json.dumps(cost_as_json(self.cost)),
+                "uncertainty": json.dumps(self.uncertainty.as_json()),
             },
         )
 
     def save(self, path: str | Path) -> None:
-        """Write netCDF-4; the file appears whole or not at all."""
+        """Write netCDF-4; the file appears complete or not at all."""
         path = Path(path)
         check_file(path)
         part = path.with_name(f"{path.name}.{os.getpid()}.part")
@@ -159,8 +254,9 @@ class Trajectory:
 
 
 def own_scale(values: Floats) -> Floats:
-    """Scale of each contact's or body's own value: its magnitude, or a thousandth of the largest where that is more,
-    because one that is hardly felt is measured against the chain and not against its own nothing.
+    """Return the scale of each contact's or body's value: its magnitude, at least a thousandth of the largest.
+
+    A contact or body with almost no force or motion is thus measured against the chain.
 
     >>> own_scale(np.array([-4.0, 1e-9, np.nan])).tolist()
     [4.0, 0.004, 0.004]
@@ -169,12 +265,29 @@ def own_scale(values: Floats) -> Floats:
     return np.asarray(np.maximum(size, SMALLEST_SCALE * float(np.max(size, initial=0.0))))
 
 
-def _arrive(parts: dict[str, Any]) -> Trajectory:
-    return Trajectory(**parts)
+def cost_as_json(cost: Cost) -> dict[str, Any]:
+    """Return the cost as JSON has it: nan becomes null."""
+    return {name: None if value != value else value for name, value in asdict(cost).items()}
+
+
+def cost_from_json(cost: Mapping[str, Any]) -> Cost:
+    """Return the cost that :func:`cost_as_json` wrote."""
+    numbers: dict[str, Any] = {name: math.nan if value is None else value for name, value in cost.items()}
+    return Cost(**numbers)
+
+
+def _rebuild(kind: type[Any], parts: dict[str, Any]) -> Any:
+    return kind(**parts)
 
 
 def load_trajectory(path: str | Path) -> Trajectory:
-    """Read what :meth:`Trajectory.save` wrote; another schema is refused by name."""
+    """Read a file that :meth:`Trajectory.save` wrote.
+
+    Raises
+    ------
+    UsageError
+        For a missing file, a file of another kind, or another version of the schema, which is named.
+    """
     import xarray as xr
 
     path = Path(path)
@@ -194,12 +307,11 @@ def load_trajectory(path: str | Path) -> Trajectory:
 
 
 def _from_dataset(dataset: xr.Dataset) -> Trajectory:
-    cost: dict[str, Any] = json.loads(dataset.attrs["cost"])
-    known = {name: value for name, value in cost.items() if value is not None}  # JSON has no nan
+    estimates = {name: dataset[f"{name}_uncertainty"].values for name in QUANTITIES}
     return Trajectory(
         time=dataset["time"].values,
         **{name: dataset[name].values for name in VOCABULARY},
-        uncertainty={name: dataset[f"{name}_bar"].values for name in QUANTITIES},
-        cost=Cost(**{"wall": math.nan, "cpu": math.nan, **known}),
+        uncertainty=Uncertainty.from_json(estimates, json.loads(dataset.attrs["uncertainty"])),
+        cost=cost_from_json(json.loads(dataset.attrs["cost"])),
         provenance=json.loads(dataset.attrs["provenance"]),
     )

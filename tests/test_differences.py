@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from dem_bridge.differences import at_common_times, compared, difference, first_divergence
 from dem_bridge.errors import UsageError
 from dem_bridge.trajectory import Trajectory
-from tests.helpers.fake_runs import NO_BARS, free_flight
+from tests.helpers.fake_runs import free_flight, uncertain
 from tests.helpers.strategies import log_uniform
 
 EPS = float(np.finfo(float).eps)
@@ -75,8 +75,8 @@ def test_a_crossing_that_only_one_has_is_infinitely_far() -> None:
 
 
 def test_bars_of_both_are_relative_to_the_same_scale() -> None:
-    reference = free_flight(uncertainty=NO_BARS | {"velocity": 0.3, "peak_force": [0.1, 0.4]})
-    run = free_flight(uncertainty=NO_BARS | {"velocity": 0.6, "peak_force": [0.5, 0.2]})
+    reference = free_flight(uncertainty=uncertain(velocity=0.3, peak_force=[0.1, 0.4]))
+    run = free_flight(uncertainty=uncertain(velocity=0.6, peak_force=[0.5, 0.2]))
     found = difference("velocity", run, reference)
     assert (found.uncertainty, found.reference_uncertainty) == (pytest.approx(0.2), pytest.approx(0.1))
     peaks = difference("peak_force", run, reference)
@@ -193,7 +193,7 @@ def test_what_one_does_not_know_is_said_and_not_compared() -> None:
         reference,
         velocity=nothing,
         crossing_time=np.full(2, math.nan),
-        uncertainty=NO_BARS | {"crossing_time": math.inf},
+        uncertainty=uncertain(crossing_time=math.inf),
     )
     found = compared(blind, reference)
     assert found.unknown == ("velocity is not known in the first", "crossing_time is not known in the first")

@@ -27,7 +27,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.store import NOT_IN_RUNS, NOT_IN_STUDIES, Store, code_hash, default_folder, run_key, study_key
-from dem_bridge.trajectory import QUANTITIES, VOCABULARY, Trajectory
+from dem_bridge.trajectory import QUANTITIES, VOCABULARY, Trajectory, Uncertainty
 from tests.conftest import Solve
 from tests.helpers.fake_runs import free_flight
 from tests.test_architecture import INNER, MODULES, PACKAGE, _ours
@@ -53,7 +53,14 @@ def _key(scene: Scene = SCENE, backend: str = "verlet", samples: int = 20, **set
 
 def _run() -> Trajectory:
     flight = free_flight(provenance={"backend": "fake", "scene": "three", "settings": {"dt": 1e-7, "note": None}})
-    bars = {"velocity": 1e-300, "displacement": np.inf, "peak_force": [0.1, np.nan], "crossing_time": 0.0}
+    bars = Uncertainty(
+        velocity=1e-300,
+        displacement=np.inf,
+        peak_force=[0.1, np.nan],
+        crossing_time=0.0,
+        parts={"time_step": 0.1},
+        sampling={"velocity": 0.0},
+    )
     return replace(flight, contact_force=np.resize(HARD, flight.contact_force.shape), uncertainty=bars)
 
 
@@ -62,6 +69,7 @@ def _same_bits(one: Trajectory, other: Trajectory) -> None:
         assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
     for name in QUANTITIES:
         assert np.asarray(one.uncertainty[name]).tobytes() == np.asarray(other.uncertainty[name]).tobytes(), name
+    assert one.uncertainty.as_json() == other.uncertainty.as_json()
     assert one.cost == other.cost
 
 

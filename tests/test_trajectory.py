@@ -13,8 +13,17 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.trajectory import SCHEMA, VOCABULARY, Trajectory, load_trajectory
-from tests.helpers.fake_runs import NO_BARS, free_flight
+from dem_bridge.trajectory import (
+    QUANTITIES,
+    SCHEMA,
+    UNKNOWN,
+    VOCABULARY,
+    Cost,
+    Trajectory,
+    Uncertainty,
+    load_trajectory,
+)
+from tests.helpers.fake_runs import free_flight, uncertain
 
 ARRAYS = ("time", *VOCABULARY)
 
@@ -76,16 +85,25 @@ def test_a_shape_that_does_not_fit_the_others_is_refused(name: str, shape: tuple
 
 
 def test_one_bar_per_contact_is_kept_and_one_for_all_is_spread() -> None:
-    bars = NO_BARS | {"peak_force": [1.0, 2.0], "crossing_time": math.inf}
+    bars = uncertain(peak_force=[1.0, 2.0], crossing_time=math.inf)
     run = free_flight(uncertainty=bars)
     assert run.uncertainty["peak_force"].tolist() == [1.0, 2.0]
     assert run.uncertainty["crossing_time"].tolist() == [math.inf, math.inf]
     assert isinstance(run.uncertainty["velocity"], float)
 
 
-def test_a_trajectory_without_bars_is_not_complete() -> None:
+def test_an_uncertainty_has_all_four_quantities() -> None:
+    with pytest.raises(TypeError, match="displacement"):
+        Uncertainty(velocity=0.0)  # type: ignore[call-arg]
     with pytest.raises(KeyError):
-        free_flight(uncertainty={"velocity": 0.0})
+        UNKNOWN["contact_force"]
+
+
+def test_a_run_for_which_nothing_was_estimated_has_an_infinite_uncertainty() -> None:
+    run = free_flight(uncertainty=UNKNOWN)
+    assert set(run.uncertainty) == set(QUANTITIES)
+    assert all(np.all(np.isinf(value)) for value in run.uncertainty.values())
+    assert run.uncertainty["peak_force"].shape == (2,)
 
 
 def test_a_pickled_trajectory_arrives_the_same() -> None:
@@ -100,7 +118,9 @@ def test_the_dataset_has_labels_units_and_bars() -> None:
         assert dataset[name].attrs["units"] == unit
         assert dataset[name].dims == dims
     assert dataset["time"].attrs["units"] == "s"
-    assert {name for name in dataset.data_vars if str(name).endswith("_bar")} == {f"{name}_bar" for name in NO_BARS}
+    assert {name for name in dataset.data_vars if str(name).endswith("_uncertainty")} == {
+        f"{name}_uncertainty" for name in QUANTITIES
+    }
     assert dataset.attrs["schema"] == SCHEMA
     assert json.loads(dataset.attrs["provenance"]) == {"backend": "fake"}
 
@@ -109,13 +129,21 @@ def test_the_dataset_has_labels_units_and_bars() -> None:
     "changes",
     [
         {},
-        {"uncertainty": NO_BARS | {"velocity": math.inf, "peak_force": [1e-300, math.inf]}},
+        {"uncertainty": uncertain(velocity=math.inf, peak_force=[1e-300, math.inf])},
+        {
+            "uncertainty": uncertain(
+                parts={"time_step": 0.1},
+                roundoff_floor=1e-300,
+                sampling={"velocity": 0.0},
+                cost=Cost(wall=1.0, cpu=math.nan, steps=2, force_evaluations=3),
+            )
+        },
         {"crossing_time": [math.nan, 0.1], "contact_force": np.full((5, 2), np.nan)},
         {"provenance": {"backend": "fake", "settings": {"dt": 1e-8}, "lammps": {"packages": ["GRANULAR"]}}},
         {"contacts": 0},
         {"bodies": 1, "contacts": 0, "samples": 1},
     ],
-    ids=["plain", "bars", "nan", "provenance", "no contacts", "smallest"],
+    ids=["plain", "uncertainty", "parts of the uncertainty", "nan", "provenance", "no contacts", "smallest"],
 )
 def test_what_is_saved_is_loaded_bit_for_bit(tmp_path: Path, changes: dict[str, Any]) -> None:
     run = free_flight(**changes)
@@ -168,10 +196,11 @@ def test_half_a_file_is_refused_by_name(tmp_path: Path) -> None:
         load_trajectory(file)
 
 
-def test_another_schema_is_refused_by_its_name(tmp_path: Path) -> None:
+@pytest.mark.parametrize("version", [1, 99])
+def test_another_schema_is_refused_by_its_name(tmp_path: Path, version: int) -> None:
     file = tmp_path / "run.nc"
     dataset = free_flight().to_xarray()
-    dataset.attrs["schema"] = "dem-bridge/trajectory/99"
+    dataset.attrs["schema"] = f"dem-bridge/trajectory/{version}"
     dataset.to_netcdf(file, engine="h5netcdf")
-    with pytest.raises(UsageError, match="'dem-bridge/trajectory/99'; this version reads 'dem-bridge/trajectory/1'"):
+    with pytest.raises(UsageError, match=f"trajectory/{version}'; this version reads 'dem-bridge/trajectory/2'"):
         load_trajectory(file)

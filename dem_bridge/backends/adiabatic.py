@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-from dem_bridge.backends.bars import UNKNOWN
 from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.backends.bca import no_single_pulse
 from dem_bridge.physics.adiabatic import adiabatic_wave, checked_exponent
@@ -91,7 +90,6 @@ class AdiabaticWaves:
             contact_force=force,
             peak_force=peak_force,
             crossing_time=np.where(peak_time <= scene.duration, peak_time, np.nan),
-            uncertainty=UNKNOWN,
             cost=Cost(
                 wall=time.perf_counter() - wall,
                 cpu=time.process_time() - cpu,

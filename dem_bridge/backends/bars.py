@@ -6,7 +6,6 @@ Bars of fixed-step runs: :mod:`.twin_bars`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any, Protocol
 
@@ -15,8 +14,6 @@ from numpy.typing import NDArray
 
 from dem_bridge.trajectory import QUANTITIES
 
-#: no bars at all
-UNKNOWN = dict.fromkeys(QUANTITIES, math.inf)
 #: 16 units in the last place: what a few thousand steps of a reference may lose whatever its second run says
 _LEAST = 16.0 * 2.0**-52
 

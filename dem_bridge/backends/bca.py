@@ -13,7 +13,6 @@ import time
 
 import numpy as np
 
-from dem_bridge.backends.bars import UNKNOWN
 from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.scene import Scene
@@ -68,7 +67,6 @@ class BinaryCollisions:
             contact_force=np.full((len(times), scene.n_contact), np.nan),
             peak_force=peak_force,
             crossing_time=crossing,
-            uncertainty=UNKNOWN,
             cost=Cost(
                 wall=time.perf_counter() - wall,
                 cpu=time.process_time() - cpu,

@@ -13,14 +13,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.backends.bars import UNKNOWN, reference_bars
+from dem_bridge.backends.bars import reference_bars
 from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.backends.dormand_prince import STEP_TOO_SMALL, TOO_MANY_STEPS, integrate
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.compiled import interruptible
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.trajectory import Cost, Trajectory, Uncertainty
 
 #: those of MATLAB: RelTol, and AbsTol in m and m/s
 DEFAULT_RTOL, DEFAULT_ATOL = 1e-3, 1e-6
@@ -85,7 +85,7 @@ class Ode45:
         speed = float(np.max(np.abs(run.velocity)))
         share = bars["velocity"] / speed if speed > 0.0 else 0.0
         bars["peak_force"] = np.maximum(bars["peak_force"], share * run.peak_force)
-        return replace(run, uncertainty=bars)
+        return replace(run, uncertainty=Uncertainty(**bars))
 
     def _solve(
         self, scene: Scene, sampling: Sampling, rtol: float, atol: NDArray[np.float64], share: float, wary: bool
@@ -127,7 +127,6 @@ class Ode45:
             contact_force=force,
             peak_force=peak,
             crossing_time=crossing,
-            uncertainty=UNKNOWN,
             cost=Cost(
                 wall=time.perf_counter() - wall,
                 cpu=time.process_time() - cpu,

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.backends.bars import UNKNOWN, reference_bars
+from dem_bridge.backends.bars import reference_bars
 from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.backends.scales import natural_scales, resting_acceleration
 from dem_bridge.backends.scipy_dop853 import ScipyDop853
@@ -22,7 +22,7 @@ from dem_bridge.backends.taylor import integrate
 from dem_bridge.compiled import interruptible
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene, Wall
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.trajectory import Cost, Trajectory, Uncertainty
 
 #: order of the series and what its last coefficients may contribute; 28 and 1e-16 are the fastest of 20..28 and
 #: 1e-16..1e-18 that reach 1e-13 on the paper's chains
@@ -64,7 +64,8 @@ class Reference:
             return run
         directions = np.random.default_rng(20180305)
         others = [self._solve(_nudged(scene, directions), sampling, SECOND_ORDER) for _ in range(REALISATIONS)]
-        return replace(run, uncertainty=reference_bars(run, others, factor=SAFETY, duration=scene.duration))
+        bars = reference_bars(run, others, factor=SAFETY, duration=scene.duration)
+        return replace(run, uncertainty=Uncertainty(**bars))
 
     def _solve(self, scene: Scene, sampling: Sampling, order: int) -> Trajectory:
         wall, cpu = time.perf_counter(), time.process_time()
@@ -106,7 +107,6 @@ class Reference:
             contact_force=force,
             peak_force=c.stiffness * deepest ** (c.exponent - 1.0),
             crossing_time=crossing,
-            uncertainty=UNKNOWN,
             cost=Cost(
                 wall=time.perf_counter() - wall,
                 cpu=time.process_time() - cpu,

@@ -7,17 +7,16 @@ with the twin.
 from __future__ import annotations
 
 import time
-from typing import Any
 
 import numpy as np
 
-from dem_bridge.backends.bars import UNKNOWN, reference_bars
+from dem_bridge.backends.bars import reference_bars
 from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.backends.scipy_damped import DampedIntegration
 from dem_bridge.backends.scipy_integration import Integration
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.trajectory import UNKNOWN, Cost, Trajectory, Uncertainty
 
 #: local tolerance, near the smallest that DOP853 takes (100 eps)
 DEFAULT_RTOL = 3e-14
@@ -57,7 +56,7 @@ class ScipyDop853:
         kind = DampedIntegration if scene.damped else Integration
         fine = kind(scene, sampling, rtol, share=share)
         fine.run()
-        bars: dict[str, Any] = dict(UNKNOWN)
+        estimate = UNKNOWN
         used = (time.perf_counter() - wall, time.process_time() - cpu)
         if resolution.bars:
             coarse = [
@@ -70,6 +69,7 @@ class ScipyDop853:
             # beyond an open contact displacements follow from its gap, which every step rounds, and all runs alike
             farthest = float(np.max(np.abs(scene.contacts.gap), initial=0.0))
             bars["displacement"] += 0.5 * fine.steps * float(np.finfo(float).eps) * farthest
+            estimate = Uncertainty(**bars)
         return Trajectory(
             time=fine.times,
             displacement=fine.displacement,
@@ -77,7 +77,7 @@ class ScipyDop853:
             contact_force=fine.contact_force,
             peak_force=fine.peak_force,
             crossing_time=fine.crossing_time,
-            uncertainty=bars,
+            uncertainty=estimate,
             cost=Cost(wall=used[0], cpu=used[1], steps=fine.steps, force_evaluations=fine.evaluations),
             provenance=run_provenance(self, scene, {"rtol": rtol, "samples": sampling.count})
             | {"restarts": fine.restarts},

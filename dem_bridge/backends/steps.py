@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.backends.bars import UNKNOWN
 from dem_bridge.backends.base import Named, Resolution, Sampling, run_provenance
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.scales import resting_acceleration
@@ -165,13 +164,12 @@ def answer(
     *,
     began: tuple[float, float],
     evaluations: int,
-    **found: NDArray[np.float64],
+    **found: Any,
 ) -> Trajectory:
     """As :func:`read_off`, where all that a trajectory has is ``found``."""
     return Trajectory(
         time=Sampling(count=plan.samples).times(scene.duration),
         **found,
-        uncertainty=UNKNOWN,
         cost=Cost(
             wall=time.perf_counter() - began[0],
             cpu=time.process_time() - began[1],

@@ -40,7 +40,7 @@ from dem_bridge.backends.touches import UndetectedGrazes, too_brief, turns_of
 from dem_bridge.backends.twin import solve_dense, solve_plan
 from dem_bridge.dense import CROSSING_ERROR, MOST_STEPS, PEAK_ERROR, Schedule, secondary_peak_force
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale
+from dem_bridge.trajectory import QUANTITIES, Trajectory, Uncertainty, own_scale
 
 #: one realisation of round-off stands for others up to this factor
 REALISATIONS = 3.0
@@ -167,7 +167,7 @@ def with_bars(run: Trajectory, twins: Twins | None) -> Trajectory:
     step, rounding = twins.of_step(), apart(twins.tabled or own, twins.positional)
     speed = float(np.max(np.abs(own.velocity)))
     digit = last_digit(plan)
-    bars: dict[str, NDArray[np.float64] | float] = {}
+    bars: dict[str, Any] = {}
     for name in QUANTITIES:
         size = np.nan_to_num(np.abs(getattr(own, name)))
         if name in ("velocity", "displacement"):
@@ -223,9 +223,4 @@ def with_bars(run: Trajectory, twins: Twins | None) -> Trajectory:
         name: float(np.max(amount / np.maximum(own_scale(getattr(own, name)), 1e-300), initial=0.0))
         for name, amount in lost.items()
     }
-    told = {
-        "velocity_bar": {name: float(part) for name, part in parts.items()},
-        "round_off_floor": floor,
-        "sampling": sampling,
-    }
-    return replace(run, uncertainty=bars, provenance={**run.provenance, **told})
+    return replace(run, uncertainty=Uncertainty(**bars, parts=parts, roundoff_floor=floor, sampling=sampling))

@@ -304,11 +304,12 @@ def _summary(run: Trajectory) -> dict[str, Any]:
     """What a person asks first of a trajectory; JSON-able."""
     import numpy as np
 
-    def bar(name: str) -> float | None:
+    def estimate(name: str) -> float | None:
         value = float(np.nanmax(run.uncertainty[name], initial=0.0))
         return value if np.isfinite(value) else None
 
     errors = ("predicted_error", "measured_error") if "table" in run.provenance else ()
+    floor = run.uncertainty.roundoff_floor
     crossed = run.crossing_time[np.isfinite(run.crossing_time)]
     return {
         "scene": run.provenance["scene"],
@@ -316,12 +317,12 @@ def _summary(run: Trajectory) -> dict[str, Any]:
         "settings": run.provenance["settings"],
         "samples": len(run.time) - 1,
         "largest_velocity_m_per_s": float(np.max(np.abs(run.velocity))),
-        "velocity_bar_m_per_s": bar("velocity"),
+        "velocity_uncertainty_m_per_s": estimate("velocity"),
         "largest_force_N": float(np.max(run.peak_force, initial=0.0)),
-        "force_bar_N": bar("peak_force"),
+        "force_uncertainty_N": estimate("peak_force"),
         "last_crossing_s": float(crossed[-1]) if len(crossed) else None,
-        "crossing_bar_s": bar("crossing_time"),
-        "round_off_floor_relative": run.provenance.get("round_off_floor"),
+        "crossing_uncertainty_s": estimate("crossing_time"),
+        "roundoff_floor_relative": floor if np.isfinite(floor) else None,
         **{f"table_{name}_relative": run.provenance["table"][name] for name in errors},
         "steps": run.cost.steps,
         "force_evaluations": run.cost.force_evaluations,

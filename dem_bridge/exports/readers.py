@@ -335,7 +335,6 @@ def _trajectory(path: Path, found: _Found, scene: Scene, format: str) -> Traject
         contact_force=force,
         peak_force=np.max(force, axis=0),
         crossing_time=np.full(scene.n_contact, math.nan),
-        uncertainty=dict.fromkeys(("velocity", "displacement", "peak_force", "crossing_time"), math.inf),
         cost=Cost(wall=math.nan, cpu=math.nan, steps=0, force_evaluations=0),
         provenance={
             "backend": "file",

@@ -44,7 +44,7 @@ def resolution_for(
         if bar <= accuracy:
             return replace(resolution, dt=dt)
         least = min(least, bar)
-        parts = run.provenance["velocity_bar"]
+        parts = run.uncertainty.parts
         if max(accuracy, parts["time_step"]) < parts["round_off"] + parts["table"]:
             # round-off grows with the number of steps, and tables err whatever it is: no smaller step helps
             raise UsageError(
@@ -62,7 +62,7 @@ def resolution_for(
 
 def _what_no_step_changes(run: Trajectory, radius: float, resolution: Resolution) -> str:
     """The larger of round-off and tables, with what would make it smaller."""
-    parts, dt = run.provenance["velocity_bar"], run.provenance["settings"]["dt"]
+    parts, dt = run.uncertainty.parts, run.provenance["settings"]["dt"]
     if parts["table"] > parts["round_off"]:
         if run.contact_force.min(initial=0.0) < 0.0:
             return (
@@ -71,5 +71,5 @@ def _what_no_step_changes(run: Trajectory, radius: float, resolution: Resolution
             )
         return f"tables miss {parts['table']:.2g} of the velocities (take more table_points, or lammps-granular)"
     remedy = " (take geometry='surrogate')" if resolution.geometry == "physical" else ""
-    floor = run.provenance["round_off_floor"]
+    floor = run.uncertainty.roundoff_floor
     return f"bodies of {radius:.3g} m round off {floor:.2g} of the velocities at dt = {dt:g} s{remedy}"

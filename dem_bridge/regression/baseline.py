@@ -20,7 +20,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import UsageError
-from dem_bridge.trajectory import Cost, Floats, Trajectory
+from dem_bridge.trajectory import Cost, Floats, Trajectory, Uncertainty
 from dem_bridge.verification.verdict import plain
 
 SCHEMA = "dem-bridge/baseline/1"
@@ -109,7 +109,7 @@ class Baseline:
             contact_force=np.full((len(self.time), len(self.peak_force)), math.nan),
             peak_force=self.peak_force,
             crossing_time=self.crossing_time,
-            uncertainty={"displacement": math.inf, **self.bars},
+            uncertainty=Uncertainty(displacement=math.inf, **self.bars),
             cost=_UNKNOWN,
             provenance=dict(self.birth),
         )

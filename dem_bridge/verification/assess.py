@@ -165,7 +165,7 @@ def _reference_with_table_error(roles: _Trajectories) -> Trajectory:
         return reference
     missed = float(np.max(np.abs(roles.tabled_twin.velocity - roles.twin.velocity)))
     velocity = reference.uncertainty["velocity"] + missed
-    return replace(reference, uncertainty={**reference.uncertainty, "velocity": velocity})
+    return replace(reference, uncertainty=replace(reference.uncertainty, velocity=velocity))
 
 
 def _refinement(results: tuple[Result, ...], reference: Trajectory) -> Refinement:

@@ -68,7 +68,7 @@ def budgets(
     for quantity in QUANTITIES:
         error, step = difference(quantity, engine, truth), difference(quantity, twin, truth)
         rounding = difference(quantity, positional, same).value
-        sampling = float(twin.provenance["sampling"][quantity])
+        sampling = twin.uncertainty.sampling[quantity]
         found.append(
             Budget(
                 quantity=quantity,
@@ -96,7 +96,7 @@ def allowance(quantity: str, twin: Trajectory, positional: Trajectory, tabled: T
 
 def _allowed(quantity: str, rounding: float, twin: Trajectory, positional: Trajectory) -> float:
     # two realisations of a round-off, each as far from none as the one that is known
-    allowed = 2.0 * rounding + REALISATIONS * float(twin.provenance["velocity_bar"]["last_digit"])
+    allowed = 2.0 * rounding + REALISATIONS * twin.uncertainty.parts["last_digit"]
     if quantity == "displacement":
         # a body that drifts adds the same increment at every step, which may fall on either side of a tie each time
         farthest = 2.0 * float(positional.provenance["settings"]["surrogate_radius"]) * twin.velocity.shape[1]

@@ -58,11 +58,11 @@ def absent(scene: Scene, name: str, result: Result) -> Verdict:
 
 def implementation(scene: Scene, engine: Trajectory, twin: Trajectory) -> Verdict:
     """LAMMPS against the twin: no more than the round-off that twins predict for a code that keeps positions."""
-    expected = engine.provenance["velocity_bar"]
-    tolerance = float(expected["round_off"])
+    expected = engine.uncertainty.parts
+    tolerance = expected["round_off"]
     # the same algorithm at the same step: the bars of the time step are common to both and drop out
     found = replace(
-        difference("velocity", engine, twin), uncertainty=tolerance, reference_uncertainty=float(expected["last_digit"])
+        difference("velocity", engine, twin), uncertainty=tolerance, reference_uncertainty=expected["last_digit"]
     )
     return numerical_verdict(
         found,
@@ -110,7 +110,7 @@ def table(scene: Scene, engine: Trajectory) -> list[Verdict]:
 
 def explained(scene: Scene, quantity: str, engine: Trajectory, positional: Trajectory, *, allowed: float) -> Verdict:
     """What a budget leaves unexplained: the twin in positions shares the step and the round-off."""
-    digit = float(engine.provenance["velocity_bar"]["last_digit"])
+    digit = engine.uncertainty.parts["last_digit"]
     found = replace(difference(quantity, engine, positional), uncertainty=allowed, reference_uncertainty=digit)
     return numerical_verdict(
         found,

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 
 import dem_bridge as db
-from dem_bridge.backends.bars import UNKNOWN, apart
+from dem_bridge.backends.bars import apart
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.steps import fixed_step_plan
@@ -21,7 +21,7 @@ from dem_bridge.backends.twin_bars import twins_of, with_bars
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, Trajectory
 from tests.conftest import Solve
-from tests.helpers.fake_runs import NO_BARS, free_flight
+from tests.helpers.fake_runs import free_flight
 from tests.helpers.quadruple_truth import Truth
 from tests.helpers.strategies import HALVES, examples, scenes
 
@@ -83,9 +83,9 @@ def test_a_wrong_displacement_does_not_widen_its_own_bar() -> None:
     assert wide["displacement"] == narrow["displacement"]
 
 
-def test_the_parts_of_the_velocity_bar_are_in_the_provenance(accelerating: Truth, solved: Solve) -> None:
+def test_the_parts_of_the_velocity_bar_add_up_to_it(accelerating: Truth, solved: Solve) -> None:
     run = solved(accelerating.scene, "verlet", dt=1e-8)
-    parts = run.provenance["velocity_bar"]
+    parts = run.uncertainty.parts
     assert parts["time_step"] > parts["round_off"] > 0.0
     total = parts["time_step"] + parts["round_off"] + parts["summation"]
     assert run.uncertainty["velocity"] == pytest.approx(total * float(np.max(np.abs(run.velocity))), rel=1e-9)
@@ -117,11 +117,6 @@ def test_a_crossing_that_only_one_run_has_leaves_nothing_to_say() -> None:
     one = free_flight(crossing_time=[0.1, math.nan])
     assert apart(one, free_flight())["crossing_time"].tolist() == [0.0, math.inf]
     assert apart(one, one)["crossing_time"].tolist() == [0.0, 0.0]
-
-
-def test_unknown_bars_cover_every_quantity() -> None:
-    assert set(UNKNOWN) == set(QUANTITIES) == set(NO_BARS)
-    assert all(math.isinf(bar) for bar in UNKNOWN.values())
 
 
 WALLED_PAIR: dict[str, Any] = {

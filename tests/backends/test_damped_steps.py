@@ -92,7 +92,7 @@ def _in_positions(scene: Scene, run: Trajectory, solved: Callable[..., Trajector
 def test_lammps_repeats_its_twin_with_damping_and_drag(scene: Scene, solved: Solve) -> None:
     run = solved(scene, ENGINE, dt=STEP)
     twin, same = solved(scene, TWIN, dt=STEP), _in_positions(scene, run, solved)
-    round_off = run.provenance["velocity_bar"]["round_off"]
+    round_off = run.uncertainty.parts["round_off"]
     # measured: 2.4e-13 at most, and predicted 1.1e-12 at most
     assert _far(run.velocity, twin.velocity) <= round_off < 5e-12
     # in positions both round alike: half a unit in the last place a step if all go one way. Measured 7e-14 in 40,000
@@ -110,7 +110,7 @@ def test_lammps_repeats_its_twin_with_damping_and_drag(scene: Scene, solved: Sol
 def test_lammps_repeats_its_twin_on_random_damped_scenes(seed: int) -> None:
     scene = random_damped(seed)
     run, twin = (db.solve(scene, backend=name, dt=scene.duration / 12 / 500) for name in (ENGINE, TWIN))
-    assert _far(run.velocity, twin.velocity) <= run.provenance["velocity_bar"]["round_off"]
+    assert _far(run.velocity, twin.velocity) <= run.uncertainty.parts["round_off"]
 
 
 @pytest.mark.lammps
@@ -394,7 +394,7 @@ def test_the_twin_compiled_anew_without_a_fault_repeats_lammps(solved: Solve, mo
     _planted(monkeypatch, "", "")
     difference = _far(run.velocity, db.solve(SCENES["dashpots"], backend=TWIN, dt=STEP, bars=False).velocity)
     assert difference < GATE
-    assert difference <= run.provenance["velocity_bar"]["round_off"]
+    assert difference <= run.uncertainty.parts["round_off"]
 
 
 def test_damping_with_the_velocity_of_the_full_step_is_of_another_order(

@@ -285,7 +285,7 @@ def test_lammps_is_the_twin_in_positions_to_round_off(scene: Scene, solved: Solv
     speed = float(np.max(np.abs(twin.velocity)))
     assert _error(run, twin) < 5e-12 * speed
     assert _error(run, db.solve(scene, backend="verlet", dt=1e-7, bars=False)) <= (
-        run.provenance["velocity_bar"]["round_off"] * speed
+        run.uncertainty.parts["round_off"] * speed
     )
     truth = solved(scene, "scipy")
     for quantity in QUANTITIES:
@@ -313,5 +313,5 @@ def test_walls_drag_and_damping_stand_beside_a_drive_in_lammps() -> None:
     )  # fmt: skip
     run = db.solve(scene, backend="lammps-granular", dt=1e-7)
     twin = db.solve(scene, backend="verlet", dt=1e-7, bars=False)
-    assert _error(run, twin) <= run.provenance["velocity_bar"]["round_off"] * np.max(np.abs(twin.velocity))
+    assert _error(run, twin) <= run.uncertainty.parts["round_off"] * np.max(np.abs(twin.velocity))
     assert _error(run, twin, "contact_force") < 1e-9 * np.max(twin.contact_force)

@@ -89,7 +89,7 @@ def test_the_ill_conditioned_wall_is_within_its_bars(walled: Truth, solved: Solv
     for quantity, bar in run.uncertainty.items():
         assert np.all(walled.error(run, quantity) <= bar), quantity
     # round-off is magnified by the scene's condition, which the bar knows
-    round_off = run.provenance["velocity_bar"]["round_off"] * float(np.max(np.abs(twin.velocity)))
+    round_off = run.uncertainty.parts["round_off"] * float(np.max(np.abs(twin.velocity)))
     assert np.max(np.abs(run.velocity - twin.velocity)) <= round_off
     assert round_off < 1e-5 * walled.v0
 
@@ -159,7 +159,7 @@ def test_lammps_repeats_its_twin_on_every_kind_of_scene(scene: Scene) -> None:
 @given(scene=scenes(bodies=(1, 6), walls=True, gravity=True))
 def test_lammps_repeats_its_twin_on_random_scenes(scene: Scene) -> None:
     run, twin = (db.solve(scene, backend=name, dt=1e-7) for name in (ENGINE, TWIN))
-    parts = run.provenance["velocity_bar"]
+    parts = run.uncertainty.parts
     speed = float(np.max(np.abs(twin.velocity)))
     assert np.max(np.abs(run.velocity - twin.velocity)) <= parts["round_off"] * speed
     assert parts["round_off"] < 1e-9

@@ -155,7 +155,7 @@ def test_lammps_is_its_twin_bit_for_bit_on_every_kind_of_contact(scene: Scene) -
 def test_lammps_is_its_twin_but_for_the_order_of_sums(scene: Scene) -> None:
     run = db.solve(scene, backend=ENGINE, dt=1e-7)
     twin = _twin(run, scene)
-    predicted = run.provenance["velocity_bar"]["round_off"]
+    predicted = run.uncertainty.parts["round_off"]
     assert _apart(run, twin) <= predicted < 1e-11
     # against the truth the bar also covers that dashpots beside tables may pull
     truth = db.solve(scene, backend="scipy", bars=False)
@@ -171,7 +171,7 @@ def test_a_dashpot_beside_a_table_pulls_where_granular_clips_and_the_bar_says_so
     run, truth = db.solve(scene, backend=ENGINE, dt=1e-7), db.solve(scene, backend="scipy", bars=False)
     assert np.min(run.contact_force) < 0.0 <= np.min(truth.contact_force)
     # a pull that is far more than time step and round-off: without it the bar would not hold
-    parts = run.provenance["velocity_bar"]
+    parts = run.uncertainty.parts
     assert parts["table"] > 10.0 * (parts["time_step"] + parts["round_off"])
     assert _inside(run, truth, "velocity")
     clipped = replace(scene, exponent=2.5, stiffness=(4e9,))
@@ -183,7 +183,7 @@ def test_the_round_off_of_a_sound_run_is_predicted_where_laws_alone_would_predic
     scene = replace(FREE, exponent=exponent, stiffness=tuple(map(stiffness_for, exponent, FREE.stiffness)), samples=150)
     run = db.solve(scene, backend=ENGINE, dt=1e-8)
     twins = [db.solve(scene, backend=TWIN, dt=1e-8, bars=False, **how) for how in ({}, {"surrogate_radius": 2.0**-15})]
-    round_off = run.provenance["velocity_bar"]["round_off"]
+    round_off = run.uncertainty.parts["round_off"]
     # three realisations of it, and the last digit
     assert 3.0 * (_apart(*twins) + math.sqrt(15_000) * EPS) < _apart(run, _in_overlaps(run, scene)) <= round_off
 
@@ -204,7 +204,7 @@ def test_a_scene_without_a_spacing_has_no_physical_geometry() -> None:
 def test_the_round_off_of_9_mm_is_that_predicted_within_a_factor_3(name: str, dt: float, solved: Solve) -> None:
     scene = db.load_scene(name)
     run = solved(scene, ENGINE, dt=dt, geometry="physical")
-    floor = run.provenance["round_off_floor"]
+    floor = run.uncertainty.roundoff_floor
     assert floor / 3.0 < _apart(run, _in_overlaps(run, scene)) < 3.0 * floor
 
 
@@ -268,7 +268,7 @@ def test_the_bars_hold_on_random_scenes_of_any_exponents() -> None:
     for seed in range(15):
         scene = _random(seed)
         run, truth = db.solve(scene, backend=ENGINE, dt=1e-7), db.solve(scene, backend="scipy", bars=False)
-        round_off = run.provenance["velocity_bar"]["round_off"]
+        round_off = run.uncertainty.parts["round_off"]
         assert _apart(run, _twin(run, scene)) <= round_off
         # a distance that is looked up in a table is rounded, too
         assert _apart(run, _in_overlaps(run, scene)) <= round_off

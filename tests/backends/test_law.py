@@ -98,7 +98,7 @@ def test_the_twins_splines_add_less_than_its_bar_for_them(solved: Solve) -> None
     run, powers = solved(FUNCTIONS, "verlet", dt=DT), solved(POWERS, "verlet", dt=DT)
     # overlap^1.5 is a cubic of the root; overlap^1.7 is missed by 1e-9 of the force within 1e-7 of its range
     assert _apart(run, powers) < 1e-12
-    assert run.provenance["velocity_bar"]["table"] < 1e-12
+    assert run.uncertainty.parts["table"] < 1e-12
     assert run.uncertainty["velocity"] == pytest.approx(powers.uncertainty["velocity"], rel=1e-3)
 
 
@@ -132,7 +132,7 @@ def test_a_kink_that_nobody_told_of_is_seen_in_the_splines_and_in_the_bars() -> 
     scene = replace(POWERS, name="undeclared", law=bilinear)
     # a spline across a kink errs by about a tenth of what the slope's jump makes of the width of a cell, 1e-9 m
     assert 1e-7 < _curve_error(scene) < 1e-5
-    told = db.solve(scene, backend="verlet", dt=DT).provenance["velocity_bar"]["table"]
+    told = db.solve(scene, backend="verlet", dt=DT).uncertainty.parts["table"]
     assert 1e-9 < told < 1e-6
 
 

@@ -159,7 +159,7 @@ def test_the_twin_follows_a_pulse_through_a_pressed_chain_within_its_bars(wall: 
 def test_lammps_follows_it_as_the_twin_does(wall: Wall | None) -> None:
     scene = replace(PULSE, wall_right=wall)
     twin, lammps = (db.solve(scene, backend=name, dt=1e-7) for name in ("verlet", "lammps-granular"))
-    assert np.max(np.abs(twin.velocity - lammps.velocity)) <= 0.5 * lammps.provenance["velocity_bar"]["round_off"]
+    assert np.max(np.abs(twin.velocity - lammps.velocity)) <= 0.5 * lammps.uncertainty.parts["round_off"]
 
 
 @pytest.mark.parametrize("name", ["scipy", "reference", "verlet"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,5 +41,6 @@ def test_a_bar_that_is_too_narrow_is_noticed(quantity: str) -> None:
     scene, truth = random_scene(0), random_truth(0)
     run = db.solve(scene, backend="verlet", dt=scene.duration / 1e4, bars=False)
     error = truth.error(run, quantity)
-    narrow = replace(run, uncertainty={**run.uncertainty, quantity: 0.9 * error if error.size > 1 else 0.9 * error[0]})
+    too_narrow: Any = 0.9 * error if error.size > 1 else 0.9 * error[0]
+    narrow = replace(run, uncertainty=replace(run.uncertainty, **{quantity: too_narrow}))
     assert truth.outside(narrow, quantity) == pytest.approx(1.0 / 0.9)

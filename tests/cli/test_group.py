@@ -69,7 +69,7 @@ def test_run_prints_json_on_stdout_and_nothing_on_stderr_in_a_pipe(tmp_path: Pat
     assert done.stderr == ""
     found = json.loads(done.stdout)
     assert found["settings"]["dt"] == pytest.approx(1e-7)
-    assert 0.0 < found["velocity_bar_m_per_s"] < 1e-3
+    assert 0.0 < found["velocity_uncertainty_m_per_s"] < 1e-3
     assert (tmp_path / "run.nc").exists()
     assert not list(tmp_path.glob("*.part"))
 
@@ -173,9 +173,9 @@ def test_run_solves_any_exponent_by_tables_and_prints_their_errors_and_round_off
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads(done.stdout)
     assert found["backend"] == "lammps-table"
-    assert 0.0 < found["round_off_floor_relative"] < 1e-10
+    assert 0.0 < found["roundoff_floor_relative"] < 1e-10
     assert 0.0 < found["table_measured_error_relative"] < 2.0 * found["table_predicted_error_relative"] < 1e-6
-    assert 0.0 < found["velocity_bar_m_per_s"] < 1e-3
+    assert 0.0 < found["velocity_uncertainty_m_per_s"] < 1e-3
 
 
 @pytest.mark.lammps

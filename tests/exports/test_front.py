@@ -46,7 +46,7 @@ def test_a_bar_as_long_as_the_residence_leaves_no_bar_of_the_speed(monkeypatch: 
     assert frame["front_speed_per_s"][1] > 0.0
     assert frame["front_speed_bar_per_s"].isna().all()
     bar = np.full(CROSSED.n_contact, 0.25 * residence_by_crossing(CROSSED, run)[0])
-    half = replace(run, uncertainty={**run.uncertainty, "crossing_time": bar})
+    half = replace(run, uncertainty=replace(run.uncertainty, crossing_time=bar))
     frame = observables(CROSSED, half).to_pandas()
     # a residence time that may be half as long has a speed that may be twice as much
     assert frame["front_speed_bar_per_s"][1] == pytest.approx(frame["front_speed_per_s"][1], rel=1e-14)

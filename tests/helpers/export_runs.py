@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Trajectory, Uncertainty
 from tests.helpers.fake_runs import NO_COST
 
 #: of each run; enough for a lost one to be seen
@@ -33,7 +33,7 @@ def made_up(scene: Scene, *, seed: int = 1, forces: bool = True) -> Trajectory:
         contact_force=force,
         peak_force=np.max(force, axis=0),
         crossing_time=rng.random(scene.n_contact) * scene.duration,
-        uncertainty={"velocity": 1e-9, "displacement": 1e-12, "peak_force": 1e-6, "crossing_time": 1e-9},
+        uncertainty=Uncertainty(velocity=1e-9, displacement=1e-12, peak_force=1e-6, crossing_time=1e-9),
         cost=NO_COST,
         provenance={"backend": "made up", "scene": scene.name, "scene_hash": scene.content_hash},
     )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.trajectory import Cost, Trajectory, Uncertainty
 
 #: a scene file of three bodies
 CHAIN = """\
@@ -21,7 +22,12 @@ count = 20
 """
 
 NO_COST = Cost(wall=0.0, cpu=0.0, steps=0, force_evaluations=0)
-NO_BARS = {"velocity": 0.0, "displacement": 0.0, "peak_force": 0.0, "crossing_time": 0.0}
+NO_ERROR = Uncertainty(velocity=0.0, displacement=0.0, peak_force=0.0, crossing_time=0.0)
+
+
+def uncertain(**values: Any) -> Uncertainty:
+    """An uncertainty with these values, 0 for the other quantities."""
+    return replace(NO_ERROR, **values)
 
 
 def free_flight(
@@ -37,7 +43,7 @@ def free_flight(
         "contact_force": np.zeros((samples + 1, contacts)),
         "peak_force": 10.0 * np.arange(1, contacts + 1),
         "crossing_time": 0.1 * np.arange(1, contacts + 1),
-        "uncertainty": NO_BARS,
+        "uncertainty": NO_ERROR,
         "cost": NO_COST,
         "provenance": {"backend": "fake"},
     }

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from dem_bridge.physics.solitary import SolitaryWave, solitary_wave
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
-from tests.helpers.fake_runs import NO_BARS, NO_COST
+from dem_bridge.trajectory import Trajectory, Uncertainty
+from tests.helpers.fake_runs import NO_COST, NO_ERROR
 
 #: kg: a cylinder of quartz, r = 9 mm, 18 mm high
 CYLINDER = 2200.0 * math.pi * 9e-3**2 * 18e-3
@@ -26,7 +25,7 @@ def travelling_wave(
     stiffness: float = 4e9,
     exponent: float = 2.5,
     peak_velocity: float = 0.5,
-    uncertainty: dict[str, Any] | None = None,
+    uncertainty: Uncertainty = NO_ERROR,
 ) -> tuple[Scene, Trajectory, SolitaryWave]:
     """The exact solitary wave through a uniform chain, which it enters from the left and leaves on the right.
 
@@ -60,7 +59,7 @@ def travelling_wave(
         contact_force=wave.force(centre - contact),
         peak_force=np.full(bodies - 1, wave.peak_force),
         crossing_time=(contact + reach) / wave.speed,
-        uncertainty=NO_BARS if uncertainty is None else uncertainty,
+        uncertainty=uncertainty,
         cost=NO_COST,
         provenance={"backend": "fake"},
     )

@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 
 import dem_bridge as db
-from dem_bridge.backends.bars import UNKNOWN
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.bands import measured_bands, unit_cell
 from dem_bridge.physics.dispersion import dispersion
@@ -66,7 +65,6 @@ def trajectory(scene: Scene, time: NDArray[np.float64], velocity: NDArray[np.flo
         contact_force=np.zeros((len(time), scene.n_contact)),
         peak_force=np.zeros(scene.n_contact),
         crossing_time=np.full(scene.n_contact, np.nan),
-        uncertainty=UNKNOWN,
         cost=Cost(wall=0.0, cpu=0.0, steps=0, force_evaluations=0),
         provenance={},
     )

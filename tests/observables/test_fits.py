@@ -26,7 +26,7 @@ from dem_bridge.observables.fits import (
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from tests.conftest import Solve
-from tests.helpers.fake_runs import NO_BARS, free_flight
+from tests.helpers.fake_runs import free_flight, uncertain
 from tests.helpers.strategies import examples
 from tests.helpers.waves import long_chain, tapered_chain, uniform_chain
 
@@ -47,7 +47,7 @@ def _run(*, speed: np.ndarray | None = None, force: np.ndarray | None = None, **
         changes["crossing_time"] = np.concatenate([[1e-5], 1e-5 + np.cumsum(18e-3 / speed)])
     if force is not None:
         changes["peak_force"] = force
-    return free_flight(bodies=BODIES, contacts=BODIES - 1, uncertainty=NO_BARS | bars, **changes)
+    return free_flight(bodies=BODIES, contacts=BODIES - 1, uncertainty=uncertain(**bars), **changes)
 
 
 BODY = np.arange(1.0, BODIES - 1.0)

@@ -24,7 +24,7 @@ from dem_bridge.observables.front import (
 )
 from dem_bridge.scene import Scene, Wall
 from tests.conftest import Solve
-from tests.helpers.fake_runs import NO_BARS, free_flight
+from tests.helpers.fake_runs import free_flight, uncertain
 from tests.helpers.quadruple_truth import Truth
 from tests.helpers.strategies import examples, log_uniform
 from tests.helpers.waves import travelling_wave, uniform_chain
@@ -94,7 +94,7 @@ def test_the_wave_slows_down_and_speeds_up_as_the_scenes_are_named(solved: Solve
 
 
 def test_the_bar_of_a_residence_is_that_of_both_crossings() -> None:
-    run = free_flight(uncertainty=NO_BARS | {"crossing_time": [1e-3, 5e-3]})
+    run = free_flight(uncertainty=uncertain(crossing_time=[1e-3, 5e-3]))
     assert residence_bar(THREE, run) == pytest.approx([6e-3], rel=4 * EPS)
 
 
@@ -121,7 +121,7 @@ def test_the_peak_velocity_of_a_wave_is_found_between_samples_within_what_is_sai
 
 
 def test_the_bar_of_a_peak_velocity_is_that_of_the_run_and_of_the_samples() -> None:
-    scene, run, _ = travelling_wave(uncertainty=NO_BARS | {"velocity": 1e-3})
+    scene, run, _ = travelling_wave(uncertainty=uncertain(velocity=1e-3))
     peak = peak_velocity_of_front(scene, run)
     assert np.all(peak.bar == peak.sampling + 1e-3)
 
@@ -177,7 +177,7 @@ def test_a_solitary_wave_of_any_size_has_the_constant_of_solitary_waves(
 
 def test_bars_reach_the_constant_by_the_powers_that_they_have_in_it() -> None:
     crossing, force = np.linspace(1.0, 2.0, 39) * 1e-10, np.linspace(1.0, 2.0, 39) * 1e-3
-    bars = {"velocity": 1e-4, "displacement": 0.0, "peak_force": force, "crossing_time": crossing}
+    bars = uncertain(velocity=1e-4, peak_force=force, crossing_time=crossing)
     scene, run, wave = travelling_wave(uncertainty=bars)
     found = local_speed_constant(scene, run)
     of_speed = (crossing[1:] + crossing[:-1]) * wave.speed

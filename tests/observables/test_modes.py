@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dem_bridge as db
-from dem_bridge.backends.bars import UNKNOWN
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.observables.modes import highest_frequencies, tangent_stiffness
 from dem_bridge.physics.dispersion import dispersion
@@ -29,7 +28,6 @@ def at_rest(scene: Scene, displacement: list[float]) -> Trajectory:
         contact_force=nothing,
         peak_force=nothing[0],
         crossing_time=nothing[0],
-        uncertainty=UNKNOWN,
         cost=Cost(wall=0.0, cpu=0.0, steps=0, force_evaluations=0),
         provenance={},
     )

@@ -23,7 +23,7 @@ from dem_bridge.observables.pulse import (
 )
 from dem_bridge.scene import Scene, Wall
 from tests.conftest import Solve
-from tests.helpers.fake_runs import NO_BARS, free_flight
+from tests.helpers.fake_runs import NO_ERROR, free_flight, uncertain
 from tests.helpers.strategies import examples, log_uniform
 from tests.helpers.waves import long_chain, travelling_wave, uniform_chain
 
@@ -154,7 +154,7 @@ def test_a_wall_behind_the_striker_is_behind_the_pulse() -> None:
     assert run.displacement[-1, 0] < 4e-5
     run = replace(run, contact_force=np.hstack([run.contact_force, column]), peak_force=np.append(run.peak_force, 0.0),
                   crossing_time=np.append(run.crossing_time, np.nan),
-                  uncertainty=NO_BARS)  # fmt: skip
+                  uncertainty=NO_ERROR)  # fmt: skip
     assert leading_pulse(walled, run).energy[INNER] == pytest.approx(wave.energy, rel=1e-11)
     stored = 4e9 * (4e-5 - run.displacement[-1, 0]) ** 2.5 / 2.5
     assert reflected(walled, run).energy[INNER] == pytest.approx(stored, rel=1e-6)
@@ -221,7 +221,7 @@ def test_only_the_decelerating_chain_of_the_paper_has_further_fronts(solved: Sol
 
 
 def test_the_speed_ratio_is_that_of_two_stated_bodies() -> None:
-    scene, run, _ = travelling_wave(uncertainty=NO_BARS | {"crossing_time": 1e-9})
+    scene, run, _ = travelling_wave(uncertainty=uncertain(crossing_time=1e-9))
     residence = np.geomspace(1e-5, 4e-5, 38)
     graded = replace(run, crossing_time=np.concatenate([[0.0], np.cumsum(residence)]))
     found = speed_ratio(scene, graded)

@@ -26,7 +26,7 @@ from dem_bridge.studies.extremes.judge import Expected, Standard, Word, judge, o
 from dem_bridge.studies.extremes.shown import Row
 from dem_bridge.studies.extremes.study import rows_of
 from dem_bridge.studies.extremes.truths import apart, galilei, mirrored, two_bodies
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import UNKNOWN, Trajectory, Uncertainty
 from dem_bridge.verification.verdict import Outcome
 from tests.helpers.fake_runs import free_flight
 
@@ -110,7 +110,7 @@ def planted(change: Callable[[Trajectory], Trajectory]) -> Callable[[Any], Any]:
 
 
 def narrow(run: Trajectory) -> Trajectory:
-    return replace(run, uncertainty={name: 0.1 * bar for name, bar in run.uncertainty.items()})
+    return replace(run, uncertainty=Uncertainty(**{name: 0.1 * bar for name, bar in run.uncertainty.items()}))
 
 
 def zeros(run: Trajectory) -> Trajectory:
@@ -118,7 +118,7 @@ def zeros(run: Trajectory) -> Trajectory:
 
 
 def mute(run: Trajectory) -> Trajectory:
-    return replace(run, uncertainty=dict.fromkeys(run.uncertainty, math.inf))
+    return replace(run, uncertainty=UNKNOWN)
 
 
 def blind(run: Trajectory) -> Trajectory:
@@ -163,11 +163,11 @@ def test_what_must_be_the_same_to_the_last_bit_may_not_differ_by_one() -> None:
 def _judged(**changes: Any) -> Word:
     run = free_flight(**changes)
     case = Case(scene=ALL["bodies-2"].scene, backend="verlet", resolution=Resolution(), sampling=Sampling(count=4))
-    truth = Standard(says="truth", run=free_flight(uncertainty={**_BARS, "velocity": 0.01}))
+    truth = Standard(says="truth", run=free_flight(uncertainty=replace(_BARS, velocity=0.01)))
     return judge(Result(case=case, trajectory=run), [truth], model=False).word
 
 
-_BARS = {"velocity": 0.1, "displacement": 0.1, "peak_force": 0.1, "crossing_time": 0.01}
+_BARS = Uncertainty(velocity=0.1, displacement=0.1, peak_force=0.1, crossing_time=0.01)
 
 
 def test_both_bars_are_allowed_and_no_more() -> None:
@@ -176,16 +176,16 @@ def test_both_bars_are_allowed_and_no_more() -> None:
     assert _judged(uncertainty=_BARS, velocity=speed + 0.111) is Word.WRONG
     assert _judged(uncertainty=_BARS, velocity=speed * np.nan) is Word.WRONG
     # of contacts each its own, and an infinite bar says nothing of its own contact alone
-    late = {**_BARS, "crossing_time": [math.inf, 0.01]}
+    late = replace(_BARS, crossing_time=[math.inf, 0.01])
     assert _judged(uncertainty=late, crossing_time=[5.0, 0.2]) is Word.RIGHT
     assert _judged(uncertainty=late, crossing_time=[0.1, 0.3]) is Word.WRONG
-    assert _judged(uncertainty={**_BARS, "velocity": 3.0}) is Word.NO_BAR
+    assert _judged(uncertainty=replace(_BARS, velocity=3.0)) is Word.NO_BAR
 
 
 def test_without_a_truth_nothing_is_right() -> None:
     case = Case(scene=ALL["bodies-2"].scene, backend="verlet", resolution=Resolution(), sampling=Sampling(count=4))
     result = Result(case=case, trajectory=free_flight())
-    vague = free_flight(uncertainty=dict.fromkeys(_BARS, math.inf))
+    vague = free_flight(uncertainty=UNKNOWN)
     for standard in (Standard(says="truth", run=None, reason="it broke"), Standard(says="truth", run=vague)):
         found = judge(result, [standard], model=False)
         assert found.word is Word.NO_TRUTH

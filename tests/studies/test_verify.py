@@ -205,7 +205,7 @@ def test_a_damped_scene_is_verified_to_the_end_and_its_page_says_so(changes: dic
 
 
 def test_a_reference_with_a_wide_bar_decides_nothing(results: Runs[Result]) -> None:
-    unsure = {**_main_run(results, REFERENCE).uncertainty, "velocity": 1.0}
+    unsure = replace(_main_run(results, REFERENCE).uncertainty, velocity=1.0)
     verdicts = assess_scene(SHORT, _with(results, REFERENCE, uncertainty=unsure), ACCURACY).verdicts
     assert _outcome(verdicts, "velocity", ENGINE, REFERENCE) is Outcome.UNDECIDED
 

@@ -18,7 +18,7 @@ from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.reference import series_fit
 from dem_bridge.physics.exact import scaling, two_body_collision
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import QUANTITIES, Cost, Trajectory
+from dem_bridge.trajectory import FREE, Trajectory, Uncertainty
 
 Floats = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
@@ -26,7 +26,6 @@ EPS = float(np.finfo(float).eps)
 WITNESSES = ("reference", "scipy", "verlet")
 #: closed forms take a few dozen operations, each good to half a unit in the last place
 _CLOSED = 32.0 * EPS
-_NO_COST = Cost(wall=0.0, cpu=0.0, steps=0, force_evaluations=0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,10 +86,7 @@ def mirrored(scene: Scene) -> Truth:
             velocity=-run.velocity[:, ::-1],
             contact_force=run.contact_force[:, places],
             **{name: getattr(run, name)[places] for name in per_contact},
-            uncertainty={
-                name: run.uncertainty[name][places] if name in per_contact else run.uncertainty[name]
-                for name in QUANTITIES
-            },
+            uncertainty=replace(run.uncertainty, **{name: run.uncertainty[name][places] for name in per_contact}),
         )
 
     other = replace(
@@ -115,7 +111,7 @@ def scaled(scene: Scene, factor: float, to_the_bit: tuple[str, ...] = ()) -> Tru
         by = replace(by, **{name: _to_power_of_two(value) for name, value in vars(by).items()})
 
     def make(runs: Sequence[Trajectory]) -> Trajectory:
-        run, bars = runs[0], runs[0].uncertainty
+        run, estimate = runs[0], runs[0].uncertainty
         return replace(
             run,
             time=run.time * by.time,
@@ -124,12 +120,12 @@ def scaled(scene: Scene, factor: float, to_the_bit: tuple[str, ...] = ()) -> Tru
             contact_force=run.contact_force * by.force,
             peak_force=run.peak_force * by.force,
             crossing_time=run.crossing_time * by.time,
-            uncertainty={
-                "velocity": bars["velocity"] * by.velocity,
-                "displacement": bars["displacement"] * by.displacement,
-                "peak_force": bars["peak_force"] * by.force,
-                "crossing_time": bars["crossing_time"] * by.time,
-            },
+            uncertainty=Uncertainty(
+                velocity=estimate.velocity * by.velocity,
+                displacement=estimate.displacement * by.displacement,
+                peak_force=estimate.peak_force * by.force,
+                crossing_time=estimate.crossing_time * by.time,
+            ),
         )
 
     slower = replace(
@@ -172,14 +168,14 @@ def apart(scene: Scene, at: int) -> Truth:
             name: np.concatenate([getattr(left, name), other, getattr(right, name)], axis=-1)
             for name, other in nothing.items()
         }
-        bars: dict[str, Any] = {
+        uncertainty: dict[str, Any] = {
             name: np.concatenate([left.uncertainty[name], [0.0], right.uncertainty[name]])
             for name in ("peak_force", "crossing_time")
         }
         for name in ("velocity", "displacement"):
             parts[name] = np.concatenate([getattr(left, name), getattr(right, name)], axis=1)
-            bars[name] = max(left.uncertainty[name], right.uncertainty[name])
-        return replace(left, **parts, uncertainty=bars)
+            uncertainty[name] = max(left.uncertainty[name], right.uncertainty[name])
+        return replace(left, **parts, uncertainty=Uncertainty(**uncertainty))
 
     return Truth(says="its own runs of the two chains alone", make=make, scenes=scenes)
 
@@ -192,17 +188,20 @@ def shorter(scene: Scene, bodies: int, *, own: bool = True) -> Truth:
 
     def make(runs: Sequence[Trajectory]) -> Trajectory:
         run, more = runs[0], scene.n_body - bodies
-        bars, sampled = dict(run.uncertainty), ("displacement", "velocity", "contact_force")
+        sampled = ("displacement", "velocity", "contact_force")
         still: dict[str, Any] = {name: np.pad(getattr(run, name), ((0, 0), (0, more))) for name in sampled}
         # ahead of a front forces fall from contact to contact, so no other has more than the last
-        bars["peak_force"] = np.pad(run.uncertainty["peak_force"], (0, more), constant_values=run.peak_force[-1])
-        bars["crossing_time"] = np.pad(run.uncertainty["crossing_time"], (0, more))
+        uncertainty = replace(
+            run.uncertainty,
+            peak_force=np.pad(run.uncertainty.peak_force, (0, more), constant_values=run.peak_force[-1]),
+            crossing_time=np.pad(run.uncertainty.crossing_time, (0, more)),
+        )
         return replace(
             run,
             **still,
             peak_force=np.pad(run.peak_force, (0, more)),
             crossing_time=np.pad(run.crossing_time, (0, more), constant_values=math.nan),
-            uncertainty=bars,
+            uncertainty=uncertainty,
         )
 
     short = replace(
@@ -234,16 +233,16 @@ def back_again(forward: Trajectory, start: Scene) -> tuple[Scene, Truth]:
 
     def make(runs: Sequence[Trajectory]) -> Trajectory:
         digits = forward.uncertainty["velocity"] / (EPS * float(np.max(np.abs(forward.velocity))))
-        bars = {name: (1.0 + digits) * forward.uncertainty[name] for name in ("velocity", "displacement")}
+        known = ("velocity", "displacement", "peak_force")
+        uncertainty = {name: (1.0 + digits) * forward.uncertainty[name] for name in known}
         return replace(
             forward,
             displacement=forward.displacement[::-1] - x,
             velocity=-forward.velocity[::-1],
             contact_force=forward.contact_force[::-1],
-            # the first compression on the way back is the last on the way there, of which nothing is told
-            uncertainty={**bars, "peak_force": (1.0 + digits) * forward.uncertainty["peak_force"],
-                         "crossing_time": math.inf},
-        )  # fmt: skip
+            # the first compression on the way back is the last on the way there, whose time is not recorded
+            uncertainty=Uncertainty(**uncertainty, crossing_time=math.inf),
+        )
 
     return back, Truth(says="the way there, backwards", make=make)
 
@@ -278,13 +277,13 @@ def two_bodies(scene: Scene) -> Truth:
         contact_force=np.zeros((len(times), 1)),
         peak_force=np.array([hit.peak_force]),
         crossing_time=np.array([meet + hit.half_time]),
-        uncertainty={
-            "velocity": _CLOSED * float(np.max(np.abs(velocity))),
-            "displacement": _CLOSED * largest,
-            "peak_force": _CLOSED * hit.peak_force,
-            "crossing_time": _CLOSED * scene.duration,
-        },
-        cost=_NO_COST,
+        uncertainty=Uncertainty(
+            velocity=_CLOSED * float(np.max(np.abs(velocity))),
+            displacement=_CLOSED * largest,
+            peak_force=_CLOSED * hit.peak_force,
+            crossing_time=_CLOSED * scene.duration,
+        ),
+        cost=FREE,
         provenance={"backend": "closed form"},
     )
     return Truth(says="the closed form of two bodies", make=lambda runs: run)
@@ -303,11 +302,12 @@ def nothing_happens(scene: Scene) -> Truth:
         contact_force=np.tile(force, (len(times), 1)),
         peak_force=force,
         crossing_time=np.full(scene.n_contact, math.nan),
-        uncertainty={"velocity": 0.0, "displacement": EPS * float(np.max(np.abs(way))), "peak_force": EPS * force,
-                     "crossing_time": 0.0},
-        cost=_NO_COST,
+        uncertainty=Uncertainty(
+            velocity=0.0, displacement=EPS * float(np.max(np.abs(way))), peak_force=EPS * force, crossing_time=0.0
+        ),
+        cost=FREE,
         provenance={"backend": "closed form"},
-    )  # fmt: skip
+    )
     return Truth(says="uniform flight", make=lambda runs: run)
 
 

@@ -22,7 +22,7 @@ from dem_bridge.store import Store
 from dem_bridge.studies import scatter
 from dem_bridge.studies.paper.runs import LONG, MAIN, Runs, matched, quick, variants, with_mass_gradient
 from dem_bridge.studies.scatter import ScatterStudy
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Trajectory, Uncertainty
 
 OTHERS = ("tapered-forward", "tapered-backward", "homogeneous-cylinders")
 THEORIES = ("bca", "adiabatic")
@@ -34,7 +34,7 @@ DEAR = (
     *(f"{MAIN[1]}.{id}" for id in ("kuwabara-kono", "drag")),
 )
 #: of the reference on the chains of 200, m, m/s, N, s: 3.9e-11 N, 8.4e-12 m/s
-LONG_BARS = {"velocity": 1e-11, "displacement": 1e-14, "peak_force": 1e-10, "crossing_time": 1e-16}
+LONG_BARS = Uncertainty(velocity=1e-11, displacement=1e-14, peak_force=1e-10, crossing_time=1e-16)
 
 
 def cheap_variants() -> list[Case]:

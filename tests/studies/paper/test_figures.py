@@ -20,7 +20,7 @@ from dem_bridge.studies.paper.panels import MAP_ROWS, window
 from dem_bridge.studies.study import FigureData, Panel, Series
 from dem_bridge.trajectory import Trajectory
 from tests.conftest import Solve
-from tests.helpers.fake_runs import NO_BARS, NO_COST
+from tests.helpers.fake_runs import NO_COST, NO_ERROR
 from tests.helpers.quadruple_truth import Truth
 
 #: of a map's rounding: half a unit of the last of its five digits
@@ -67,7 +67,7 @@ def _made_up(*, bodies: int = 61, width: float = 12e-6, power: float = 0.37, sec
         contact_force=np.zeros((2001, bodies - 1)) + np.arange(bodies - 1),
         peak_force=300.0 * (stiffness / 1e10) ** power,
         crossing_time=crossing,
-        uncertainty=NO_BARS,
+        uncertainty=NO_ERROR,
         cost=NO_COST,
         provenance={"backend": "made up"},
     )
@@ -131,7 +131,7 @@ def test_bars_are_those_of_both_crossings_and_none_where_nothing_is_known(
 ) -> None:
     run = chains[0].reference
     bars = np.linspace(1e-9, 2e-9, 40)
-    barred = replace(run, uncertainty={**run.uncertainty, "crossing_time": bars})
+    barred = replace(run, uncertainty=replace(run.uncertainty, crossing_time=bars))
     times, _, speeds, _ = figure_3(ChainRuns(chains[0].scene, {"reference": barred}), chains[1]).panels
     line, speed = _series(times, "reference"), _series(speeds, "reference")
     assert line.bar is not None

@@ -16,7 +16,7 @@ from dem_bridge.studies.paper.measures import MOVES, Measure, inside, measured
 from dem_bridge.studies.study import ClaimValue
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.verdict import Outcome
-from tests.helpers.fake_runs import NO_BARS, free_flight
+from tests.helpers.fake_runs import free_flight, uncertain
 
 CHAIN = Scene(name="three", duration=1.0, mass=(1.0,) * 3, stiffness=(1e9,) * 2, velocity=(1.0, 0.0, 0.0))
 RUN = free_flight()
@@ -26,7 +26,7 @@ sizes = st.floats(0.0, 1e3)
 
 
 def _with(**bars: object) -> Trajectory:
-    return replace(RUN, uncertainty={**NO_BARS, **bars})
+    return replace(RUN, uncertainty=uncertain(**bars))
 
 
 @given(w=st.tuples(numbers, numbers, numbers, numbers), b=st.tuples(sizes, sizes, sizes, sizes))
