@@ -18,9 +18,10 @@ from dem_bridge.observables.conserved import (
     work,
 )
 from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.trajectory import UNKNOWN
 from tests.conftest import Solve
 from tests.helpers.driven_chains import DRIVES, PRESSED, SINE, TOUCHING, driven, free_body
-from tests.helpers.fake_runs import NO_BARS, free_flight
+from tests.helpers.fake_runs import free_flight, uncertain
 from tests.helpers.quadruple_truth import Truth
 from tests.helpers.strategies import examples, scenes
 
@@ -162,7 +163,7 @@ def test_what_is_conserved() -> None:
 
 
 def test_uncertainties_are_those_of_all_velocities_and_displacements_together() -> None:
-    run = free_flight(contacts=4, samples=1, uncertainty=NO_BARS | {"velocity": 0.1, "displacement": 0.01})
+    run = free_flight(contacts=4, samples=1, uncertainty=uncertain(velocity=0.1, displacement=0.01))
     np.testing.assert_allclose(momentum_uncertainty(THREE, run), 10.0 * 0.1, rtol=1e-12)
     moving = 0.1 * (2.0 * 1.0 + 3.0 * 2.0 + 5.0 * 3.0)
     weight = 10.0 * 10.0
@@ -170,4 +171,4 @@ def test_uncertainties_are_those_of_all_velocities_and_displacements_together() 
     start, end = 2.0 * 7.0 * 0.25**1.5 + 13.0 * 1.0**2, 17.0 * 1.0
     expected = [moving + 0.01 * (weight + force) for force in (start, end)]
     np.testing.assert_allclose(energy_uncertainty(THREE, run), expected, rtol=1e-12)
-    assert np.all(np.isinf(energy_uncertainty(THREE, replace(run, uncertainty=dict.fromkeys(NO_BARS, np.inf)))))
+    assert np.all(np.isinf(energy_uncertainty(THREE, replace(run, uncertainty=UNKNOWN))))

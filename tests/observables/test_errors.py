@@ -23,7 +23,7 @@ from dem_bridge.observables.errors import (
 from dem_bridge.observables.registry import LARGEST, OBSERVABLES, Observable
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
-from tests.helpers.fake_runs import NO_BARS, free_flight
+from tests.helpers.fake_runs import free_flight, uncertain
 
 SCENE = Scene(name="three", duration=1.0, mass=(1.0, 1.0, 1.0), stiffness=(1.0, 1.0), velocity=(1.0, 2.0, 3.0))
 
@@ -98,13 +98,13 @@ def test_nothing_is_nothing_of_nothing_and_anything_else_infinite() -> None:
 
 
 def test_an_uncertainty_is_relative_to_the_same_scale_and_counts_where_there_is_a_value() -> None:
-    bars = NO_BARS | {"velocity": 0.3, "crossing_time": [0.01, 5.0]}
+    bars = uncertain(velocity=0.3, crossing_time=[0.01, 5.0])
     run = free_flight(uncertainty=bars)
     assert relative_uncertainty("velocity", SCENE, run) == pytest.approx(0.1)
     assert relative_uncertainty("crossing_time", SCENE, run) == pytest.approx(25.0)
     never = replace(run, crossing_time=np.array([0.1, np.nan]))
     assert relative_uncertainty("crossing_time", SCENE, never) == pytest.approx(0.1)
-    unknown = free_flight(uncertainty=NO_BARS | {"crossing_time": [np.nan, 0.0]})
+    unknown = free_flight(uncertainty=uncertain(crossing_time=[np.nan, 0.0]))
     assert relative_uncertainty("crossing_time", SCENE, unknown) == math.inf
 
 

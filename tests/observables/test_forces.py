@@ -10,8 +10,9 @@ import pytest
 from dem_bridge.observables.forces import contact_force_uncertainty, first_peak_force
 from dem_bridge.observables.interpolate import contact_motion
 from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.trajectory import UNKNOWN
 from tests.conftest import Solve
-from tests.helpers.fake_runs import NO_BARS, free_flight
+from tests.helpers.fake_runs import free_flight, uncertain
 
 #: two bodies between a wall and nothing, n = 2: forces are linear in overlaps
 SPRINGS = Scene(
@@ -34,13 +35,13 @@ def test_a_wall_is_a_body_at_rest() -> None:
 
 
 def test_forces_may_be_off_by_twice_the_uncertainty_of_positions_and_of_velocities() -> None:
-    run = free_flight(bodies=2, contacts=2, samples=1, uncertainty=NO_BARS | {"displacement": 0.01, "velocity": 0.1})
+    run = free_flight(bodies=2, contacts=2, samples=1, uncertainty=uncertain(displacement=0.01, velocity=0.1))
     # the wall's contact is open at the start and stays so within its uncertainty
     np.testing.assert_allclose(contact_force_uncertainty(SPRINGS, run), [[0.2, 0.0], [0.2, 0.14]], rtol=1e-12)
     damped = replace(SPRINGS, damping=Damping(law="dashpot", coefficient=3.0))
     np.testing.assert_allclose(contact_force_uncertainty(damped, run), [[0.8, 0.0], [0.8, 0.74]], rtol=1e-12)
     assert np.all(np.isinf(contact_force_uncertainty(None, run)))
-    unknown = replace(run, uncertainty=dict.fromkeys(NO_BARS, np.inf))
+    unknown = replace(run, uncertainty=UNKNOWN)
     assert np.all(np.isinf(contact_force_uncertainty(SPRINGS, unknown)))
 
 
