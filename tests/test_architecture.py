@@ -210,7 +210,7 @@ def test_physics_knows_nothing_of_ours() -> None:
 
 
 def test_the_reference_and_the_twin_share_only_what_they_answer_with() -> None:
-    parts = ("scipy_dop853", "scipy_integration", "scipy_damped")
+    parts = ("scipy_dop853", "scipy_integration", "scipy_damped", "scipy_kernels")
     scipy = {found for name in parts for found in _ours(f"dem_bridge.backends.{name}")}
     scipy -= {f"dem_bridge.backends.{name}" for name in parts}
     twin = _ours("dem_bridge.backends.verlet")

@@ -298,7 +298,7 @@ def test_bodies_at_rest_in_touch_stay_there_and_fall_off_a_wall_without_sticking
 
 def test_a_contact_that_chatters_is_a_broken_run(monkeypatch: pytest.MonkeyPatch) -> None:
     def stuck(self: scipy_damped.DampedIntegration, *_: object) -> NDArray[np.float64]:
-        return np.full((len(scipy_damped.LOOKS), self.k), -2.0)
+        return np.full((len(scipy_damped.PROBES), self.k), -2.0)
 
     monkeypatch.setattr(scipy_damped.DampedIntegration, "_margins", stuck)
     with pytest.raises(RunBroken, match="contact 0 chatters at t = 0 s"):

@@ -1,0 +1,189 @@
+"""Compiled right-hand side of the ``scipy`` backend: its own writing of contact forces and equations of motion.
+
+scipy's DOP853 drives the integration; these kernels evaluate what it asks for 15 to 25 times a step. Nothing here is
+shared with the kernels of the twin or with those of ``reference``. State of a scene with k contacts and n bodies:
+overlap of every contact (m), velocity of every body (m/s), displacement of body 0 (m).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dem_bridge.scene import Scene
+
+Floats = NDArray[np.float64]
+
+#: states of a contact; slack: it overlaps, but damping would make it pull
+OPEN, PRESSING, SLACK = range(3)
+#: why a contact needs a closer examination within a step, as bits
+ENDS, TURNS, FALLS, DIPS, BUMPS, STARTS = (1 << bit for bit in range(6))
+
+#: a contact as kernels take it; ``power``: force exponent n - 1; the index n stands for a wall, which rests
+CONTACT = np.dtype(
+    [
+        ("left", "i8"),
+        ("right", "i8"),
+        ("stiffness", "f8"),
+        ("power", "f8"),
+        ("damping", "f8"),
+        ("damping_power", "f8"),
+    ]
+)
+#: a body: inverse mass (1/kg), acceleration without contact (m/s^2)
+BODY = np.dtype([("mobility", "f8"), ("free", "f8")])
+
+
+def contact_table(scene: Scene) -> NDArray[Any]:
+    """Return the contacts of a scene as one array of :data:`CONTACT`.
+
+    The damping force is ``damping overlap^damping_power rate``: c times the closing rate for a dashpot, and
+    ``gamma beta overlap^(n-2)`` times it for the law of Kuwabara & Kono.
+    """
+    contacts, table = scene.contacts, np.zeros(scene.n_contact, CONTACT)
+    table["left"], table["right"] = contacts.left, contacts.right
+    table["stiffness"], table["power"] = contacts.stiffness, contacts.exponent - 1.0
+    if scene.damping is not None:
+        coefficient = np.array(scene.damping.coefficient)
+        if scene.damping.law == "dashpot":
+            table["damping"] = coefficient
+        else:
+            table["damping"] = coefficient * contacts.stiffness
+            # an undamped contact has no such force, whatever its exponent
+            table["damping_power"] = np.maximum(contacts.exponent - 2.0, 0.0)
+    return table
+
+
+def body_table(scene: Scene) -> NDArray[Any]:
+    """Return the bodies of a scene as one array of :data:`BODY`."""
+    table = np.zeros(scene.n_body, BODY)
+    table["mobility"], table["free"] = 1.0 / np.array(scene.mass), scene.free_acceleration
+    return table
+
+
+@njit(cache=True)
+def derivative(y, state, elastic, contacts, bodies, drag, push, out):  # type: ignore[no-untyped-def]
+    """Write the time derivative of the state ``y`` into ``out``, with forces at the contacts that are PRESSING.
+
+    ``elastic (n_contact,)``: elastic forces (N) where laws are functions, else empty; ``push``: force on body 0 (N).
+    """
+    k, n = len(contacts), len(bodies)
+    out[k:] = 0.0
+    for i in range(k):
+        out[i] = closing_rate(y, contacts[i], k, n)
+        if state[i] == PRESSING:
+            force = contact_force(y[i], out[i], elastic, contacts, i)
+            # what acts on a wall, index n, is written where the displacement's rate will be, and overwritten by it
+            out[k + contacts[i].left] -= force
+            out[k + contacts[i].right] += force
+    for i in range(n):
+        out[k + i] = out[k + i] * bodies[i].mobility + bodies[i].free
+        if drag > 0.0:
+            out[k + i] -= drag * y[k + i]
+    out[k] += push * bodies[0].mobility
+    out[k + n] = y[k]
+
+
+@njit(cache=True)
+def contact_forces(rows, elastic, contacts, n, out):  # type: ignore[no-untyped-def]
+    """Write elastic and damping force of every contact, whatever the sign of their sum, for each state in ``rows``.
+
+    ``elastic``, ``out``: ``(n_row, n_contact)``; the former has no columns where no law is a function.
+    """
+    for row in range(len(rows)):
+        for i in range(len(contacts)):
+            rate = closing_rate(rows[row], contacts[i], len(contacts), n)
+            out[row, i] = contact_force(rows[row, i], rate, elastic[row], contacts, i)
+
+
+@njit(cache=True)
+def closing_rates(y, contacts, n, out):  # type: ignore[no-untyped-def]
+    """Write the closing rate of every contact into ``out``; the closing acceleration where ``y`` is a derivative."""
+    for i in range(len(contacts)):
+        out[i] = closing_rate(y, contacts[i], len(contacts), n)
+
+
+@njit(cache=True)
+def examine(  # type: ignore[no-untyped-def]
+    before, after, begin, end, width, state, contacts, n, touch, resting, marks
+):
+    """Mark in ``marks`` which contacts need the dense output of a step of ``width`` s; 0 where none is needed.
+
+    ``before``, ``after``: states at both ends of the step; ``begin``, ``end``: their derivatives. The bits: ENDS, the
+    overlap has left its side by more than ``touch`` (m); TURNS, it approached touch and went back, and may have been
+    beyond it; FALLS, the closing rate is no longer positive; DIPS, BUMPS, both its values have one sign, but it may
+    have two zeros between, as zero lies between both tangents and more than ``resting`` (m/s^2), the round-off of a
+    static force, ends the compression; STARTS, it begins at exactly zero, and may turn at once.
+    """
+    k = len(contacts)
+    for i in range(k):
+        contact, mark = contacts[i], 0
+        first, last = closing_rate(before, contact, k, n), closing_rate(after, contact, k, n)
+        bend, last_bend = closing_rate(begin, contact, k, n), closing_rate(end, contact, k, n)
+        side = -1.0 if state[i] == OPEN else 1.0  # side * overlap >= 0 as long as nothing happens
+        if side * after[i] < -touch[i]:
+            mark |= ENDS
+        # far more than any overlap changes by within the step
+        change = width * (abs(first) + abs(last) + width * (abs(bend) + abs(last_bend)))
+        if first * last < 0.0 and (mark != 0 or (side * first < 0.0 and side * before[i] < change)):
+            mark |= TURNS
+        if first > 0.0 and last <= 0.0:
+            mark |= FALLS
+        if first * (first + bend * width) < 0.0 and last * (last - last_bend * width) < 0.0:
+            if first > 0.0 and last > 0.0 and bend <= -resting[i]:
+                mark |= DIPS
+            if first < 0.0 and last < 0.0 and last_bend <= -resting[i]:
+                mark |= BUMPS
+        if first == 0.0 and (last != 0.0 or bend != 0.0 or last_bend != 0.0):
+            mark |= STARTS
+        marks[i] = mark
+
+
+@njit(cache=True)
+def margins(rows, state, elastic, contacts, n, touch, unnoticed, out):  # type: ignore[no-untyped-def]
+    """Write how far each contact is from a change of its state, for each state in ``rows``; arrays as above.
+
+    Positive while it keeps its state; in units of the overlap ``touch`` (m) and the force ``unnoticed`` (N). An
+    undamped contact ends with its overlap: its force is no second condition.
+    """
+    for row in range(len(rows)):
+        for i in range(len(contacts)):
+            rate = closing_rate(rows[row], contacts[i], len(contacts), n)
+            total = contact_force(rows[row, i], rate, elastic[row], contacts, i) / unnoticed[i]
+            overlap = rows[row, i] / touch[i]
+            if state[i] == OPEN:
+                out[row, i] = -overlap
+            elif state[i] == SLACK:
+                out[row, i] = min(overlap, -total)
+            elif contacts[i].damping > 0.0:
+                out[row, i] = min(overlap, total)
+            else:
+                out[row, i] = overlap
+
+
+@njit(cache=True)
+def closing_rate(y, contact, k, n):  # type: ignore[no-untyped-def]
+    """Return the velocity of the left body less that of the right one; a wall rests."""
+    left = y[k + contact.left] if contact.left < n else 0.0
+    return left - (y[k + contact.right] if contact.right < n else 0.0)
+
+
+@njit(cache=True)
+def contact_force(overlap, rate, elastic, contacts, i):  # type: ignore[no-untyped-def]
+    """Return elastic and damping force of contact ``i``, N, whatever the sign of their sum; 0 below no overlap."""
+    contact, depth = contacts[i], max(overlap, 0.0)
+    if len(elastic) > 0:
+        force = elastic[i]
+    elif contact.power == 1.5:
+        force = contact.stiffness * depth * np.sqrt(depth)
+    else:
+        force = contact.stiffness * depth**contact.power
+    if contact.damping > 0.0:
+        if contact.damping_power > 0.0:
+            force += contact.damping * depth**contact.damping_power * rate
+        else:
+            force += contact.damping * rate
+    return force

@@ -1,0 +1,137 @@
+"""The compiled right-hand side of scipy: against the equations as written, and what is skipped for its sake."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.integrate import DOP853
+
+import dem_bridge as db
+from dem_bridge.backends import scipy_integration
+from dem_bridge.backends.base import Sampling
+from dem_bridge.backends.scipy_damped import DampedIntegration
+from dem_bridge.backends.scipy_integration import Integration, Step
+from dem_bridge.backends.scipy_kernels import OPEN, PRESSING
+from dem_bridge.drive import Drive
+from dem_bridge.scene import Scene, Wall
+from tests.helpers.strategies import ANY, damped_scenes, examples, scenes
+
+Floats = NDArray[np.float64]
+EPS = float(np.finfo(float).eps)
+
+CHAIN = Scene(
+    name="chain",
+    duration=3e-4,
+    mass=(8e-3, 1e-2, 2e-2, 5e-3),
+    stiffness=(4e9, 5e9, 6e9),
+    velocity=(0.8, 0.0, 0.1, -0.3),
+    gap=(1e-6, 0.0, -5e-7),
+    wall_left=Wall(stiffness=3e9, gap=2e-6),
+    wall_right=Wall(stiffness=2e9, gap=1e-5),
+    samples=50,
+)
+
+
+def _as_written(scene: Scene, t: float, y: Floats) -> Floats:
+    """Derivative of the state with all contacts pressing, in arrays, by the equations of the Scene."""
+    c, n, k = scene.contacts, scene.n_body, scene.n_contact
+    overlap, v = np.maximum(y[:k], 0.0), np.append(y[k:-1], 0.0)
+    rate = v[c.left] - v[c.right]
+    force = c.force(overlap, np.arange(k)) + c.damping * overlap**c.damping_power * rate
+    inverse = np.append(1.0 / np.array(scene.mass), 0.0)
+    a = np.append(scene.free_acceleration - scene.drag * v[:n], 0.0)
+    a[0] += 0.0 if scene.drive is None else float(scene.drive.at(t)) * inverse[0]
+    np.add.at(a, c.right, force * inverse[c.right])
+    np.add.at(a, c.left, -force * inverse[c.left])
+    return np.concatenate([rate, a[:n], y[k : k + 1]])
+
+
+@examples(20)
+@given(
+    scene=st.one_of(
+        scenes(bodies=(1, 5), exponents=ANY, walls=True, gravity=True, samples=1),
+        damped_scenes(bodies=(2, 5), samples=1),
+    ),
+    seed=st.integers(0, 2**32 - 1),
+    drag=st.sampled_from([0.0, 30.0]),
+    driven=st.booleans(),
+)
+def test_the_derivative_is_that_of_the_equations(scene: Scene, seed: int, drag: float, driven: bool) -> None:
+    drive = Drive(shape="sine", force=3.0, frequency=2e3) if driven else None
+    scene, random = replace(scene, drag=drag, drive=drive), np.random.default_rng(seed)
+    k, n = scene.n_contact, scene.n_body
+    y = np.concatenate([1e-6 * random.normal(size=k), random.normal(size=n), [0.1]])
+    kind = DampedIntegration if scene.damped else Integration
+    compiled = kind(scene, Sampling(count=1), 1e-9)._slope(np.full(k, PRESSING))(2e-4, y)
+    written = _as_written(scene, 2e-4, y)
+    # forces of both neighbours, weight, drag and drive may cancel in an acceleration: a few ulp of the largest
+    largest = np.max(np.abs(_as_written(scene, 2e-4, np.abs(y)))) + np.max(np.abs(written))
+    assert compiled == pytest.approx(written, abs=64.0 * EPS * largest)
+
+
+def test_an_open_contact_has_no_force_and_a_wall_gets_none() -> None:
+    run = Integration(CHAIN, Sampling(count=1), 1e-9)
+    y = np.concatenate([np.full(5, 1e-6), CHAIN.velocity, [7.0]])
+    assert np.all(run._slope(np.full(5, OPEN))(0.0, y)[5:-1] == 0.0)
+    # the last entry is the rate of body 0's displacement, whatever presses on a wall
+    assert run._slope(np.full(5, PRESSING))(0.0, y)[-1] == 0.8
+
+
+def test_one_component_of_the_dense_output_is_scipys_to_the_last_digit() -> None:
+    run = Integration(CHAIN, Sampling(count=1), 1e-12)
+    y = np.concatenate([-run.gap, CHAIN.velocity, [0.0]])
+    solver = DOP853(run._slope(run._start(y)), 0.0, y, CHAIN.duration, rtol=1e-12, atol=run.atol)
+    for _ in range(5):
+        solver.step()
+    step, times = Step(solver, run.contacts), np.linspace(solver.t_old, solver.t, 9)
+    for t in times.tolist():
+        state = step.dense(t)
+        assert [step.component(i)(t) for i in range(len(y))] == state.tolist()
+        assert [step.closing_rate(contact)(t) for contact in range(5)] == run._closing(state).tolist()
+
+
+@pytest.mark.parametrize("overshoot", [1e-1, 1e-3, 1e-6])
+def test_a_touch_between_both_ends_of_a_step_is_located(overshoot: float) -> None:
+    # thrown against its weight to just beyond a wall: in free flight a step is far longer than that touch
+    speed = math.sqrt(2.0 * 9.81 * 1e-4 * (1.0 + overshoot))
+    wall = Wall(stiffness=1e9, gap=1e-4)
+    scene = Scene(
+        name="thrown", duration=1.9 * speed / 9.81, mass=(1e-2,), stiffness=(), velocity=(speed,), wall_right=wall,
+        gravity=-9.81, samples=1,
+    )  # fmt: skip
+    run = db.solve(scene, backend="scipy", bars=False)
+    assert run.provenance["restarts"] == 2
+    assert run.peak_force[0] > 0.0
+
+
+def test_a_dense_output_is_made_for_few_steps_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Counted(DOP853):
+        made = 0
+
+        def dense_output(self) -> Any:
+            Counted.made += 1
+            return super().dense_output()
+
+    monkeypatch.setattr(scipy_integration, "DOP853", Counted)
+    run = db.solve(CHAIN, backend="scipy", samples=5, bars=False)
+    # one for each sample and event, and for each maximum; 20 or so steps lie between two events
+    assert Counted.made < 0.2 * run.cost.steps
+
+
+def test_a_law_that_is_a_function_is_called_and_not_compiled() -> None:
+    law = Mock(side_effect=lambda overlap: 4e9 * overlap**1.5)
+    scene = replace(CHAIN, law=law, wall_left=None, wall_right=None)
+    run = Integration(scene, Sampling(count=1), 1e-9)
+    law.reset_mock()
+    derivative = run._slope(np.full(3, PRESSING))(0.0, np.array([1e-6, -1e-6, 2e-6, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    forces = 4e9 * np.array([0.0, 1e-6, 0.0, 2e-6, 0.0]) ** 1.5
+    assert derivative[3:-1] == pytest.approx(-np.diff(forces) / np.array(scene.mass), rel=4.0 * EPS)
+    law.assert_called_once()
