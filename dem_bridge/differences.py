@@ -54,13 +54,13 @@ def difference(quantity: str, run: Trajectory, reference: Trajectory) -> Differe
     mine, other = getattr(run, quantity), getattr(reference, quantity)
     if mine.shape[1:] != other.shape[1:] or run.velocity.shape[1:] != reference.velocity.shape[1:]:
         raise UsageError(
-            f"trajectories of {run.velocity.shape[1]} and {reference.velocity.shape[1]} bodies do not compare;"
-            " solve the same scene with both"
+            f"the runs have {run.velocity.shape[1]} and {reference.velocity.shape[1]} bodies and cannot be compared;"
+            " give two runs of the same scene"
         )
     if mine.shape != other.shape or not np.array_equal(run.time, reference.time):
         raise UsageError(
-            f"trajectories of {len(run.time)} and {len(reference.time)} samples do not share their times;"
-            " solve both with the same samples"
+            f"the runs have {len(run.time)} and {len(reference.time)} samples at different times; solve both with the"
+            " same samples"
         )
     if quantity in SAMPLED:
         scale = float(np.max(np.abs(other), initial=0.0))
@@ -137,27 +137,27 @@ def compared(run: Trajectory, reference: Trajectory, tolerance: float = 0.0) -> 
     ``tolerance`` of the largest (0: at all). Raises UsageError for runs that share no bodies or times."""
     if not 0.0 <= tolerance < math.inf:
         raise UsageError(f"tolerance = {tolerance!r}; allowed: a number >= 0")
-    mine, other, notes = at_common_times(run, reference)
-    hashes = [one.provenance.get("scene_hash") for one in (mine, other)]
+    first, second, notes = at_common_times(run, reference)
+    labelled = (("the first run", first), ("the second run", second))
+    hashes = [trajectory.provenance.get("scene_hash") for _, trajectory in labelled]
     if None not in hashes and hashes[0] != hashes[1]:
-        notes += (f"these are runs of two scenes, {mine.provenance['scene']} and {other.provenance['scene']}",)
-    sampled = [one.provenance.get("peaks") == "samples" for one in (mine, other)]
-    if any(sampled):
-        whose = "both" if all(sampled) else "the first" if sampled[0] else "the second"
-        notes += (f"peak forces of {whose} are the largest of its own samples, at most the true ones",)
-    found, unknown = [], []
+        notes += (f"the runs are of different scenes, {first.provenance['scene']} and {second.provenance['scene']}",)
+    sampled = [label for label, trajectory in labelled if trajectory.provenance.get("peaks") == "samples"]
+    if sampled:
+        notes += (f"the peak forces of {' and '.join(sampled)} come from samples and may be too low",)
+    differences, unknown = [], []
     for name in UNITS:
-        missing = [label for label, one in (("the first", mine), ("the second", other)) if not _known(one, name)]
+        missing = [label for label, trajectory in labelled if not _known(trajectory, name)]
         if missing:
-            unknown.append(f"{name} is not known in {' and '.join(missing)}")
+            unknown.append(f"{name} is not compared, because it is unknown in {' and '.join(missing)}")
         else:
-            found.append(difference(name, mine, other))
-    velocities = all(_known(one, "velocity") for one in (mine, other))
+            differences.append(difference(name, first, second))
+    velocities = all(_known(trajectory, "velocity") for _, trajectory in labelled)
     return Comparison(
-        differences=tuple(found),
+        differences=tuple(differences),
         unknown=tuple(unknown),
-        divergence=first_divergence(mine, other, tolerance) if velocities else None,
-        samples=len(mine.time),
+        divergence=first_divergence(first, second, tolerance) if velocities else None,
+        samples=len(first.time),
         notes=notes,
     )
 
@@ -174,18 +174,18 @@ def at_common_times(run: Trajectory, reference: Trajectory) -> tuple[Trajectory,
     here = np.flatnonzero(off <= SAME_TIME * interval)
     if len(here) < 2:
         raise UsageError(
-            f"runs of {len(run.time)} samples up to {run.time[-1]:g} s and {len(reference.time)} up to"
-            f" {reference.time[-1]:g} s share no time but the start, and nothing is interpolated; solve one at the"
-            " times of the other"
+            f"the runs, of {len(run.time)} samples up to {run.time[-1]:g} s and {len(reference.time)} samples up to"
+            f" {reference.time[-1]:g} s, have no sample times in common except the start; allowed: at least one common"
+            " time (samples are not interpolated); solve both with the same samples"
         )
     there, notes = near[here], []
     if len(here) < max(len(run.time), len(reference.time)):
         notes.append(
-            f"compared at the {len(here)} times, up to {run.time[here[-1]]:g} s, that are in both, of {len(run.time)}"
-            f" and {len(reference.time)}"
+            f"the runs are compared at their {len(here)} common sample times up to {run.time[here[-1]]:g} s, of"
+            f" {len(run.time)} and {len(reference.time)} samples"
         )
     if np.any(off[here] > 0.0):
-        notes.append(f"times agree to {float(np.max(off[here])):.1e} s")
+        notes.append(f"the common sample times differ by up to {float(np.max(off[here])):.1e} s")
     return _rows(run, here, reference.time[there]), _rows(reference, there, reference.time[there]), tuple(notes)
 
 

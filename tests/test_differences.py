@@ -97,7 +97,7 @@ def test_a_scene_without_contacts_has_no_difference_of_forces() -> None:
 
 @pytest.mark.parametrize("other", [{"samples": 5}, {"duration": 2.0}], ids=str)
 def test_other_times_are_refused(other: dict[str, Any]) -> None:
-    with pytest.raises(UsageError, match="do not share their times; solve both with the same samples"):
+    with pytest.raises(UsageError, match="samples at different times; solve both with the same samples"):
         difference("velocity", free_flight(), free_flight(**other))
 
 
@@ -155,7 +155,7 @@ def test_runs_are_compared_at_the_times_that_both_have(every: int) -> None:
     assert np.array_equal(mine.time, coarse.time)
     np.testing.assert_array_equal(mine.velocity, fine.velocity[::every])
     np.testing.assert_array_equal(mine.displacement, fine.displacement[::every])
-    assert f"the {8 // every + 1} times, up to 1 s, that are in both, of 9 and {8 // every + 1}" in notes[0]
+    assert f"their {8 // every + 1} common sample times up to 1 s, of 9 and {8 // every + 1} samples" in notes[0]
     assert compared(coarse, fine).samples == 8 // every + 1
 
 
@@ -182,7 +182,7 @@ def test_a_sample_that_one_lacks_is_left_out_and_the_rest_stays_in_step(lost: in
 
 
 def test_runs_that_share_the_start_alone_are_refused() -> None:
-    with pytest.raises(UsageError, match="share no time but the start, and nothing is interpolated"):
+    with pytest.raises(UsageError, match=r"have no sample times in common except the start; .* not interpolated"):
         compared(free_flight(duration=1.0), free_flight(duration=1.01))
 
 
@@ -196,7 +196,9 @@ def test_what_one_does_not_know_is_said_and_not_compared() -> None:
         uncertainty=uncertain(crossing_time=math.inf),
     )
     found = compared(blind, reference)
-    assert found.unknown == ("velocity is not known in the first", "crossing_time is not known in the first")
+    assert found.unknown == tuple(
+        f"{name} is not compared, because it is unknown in the first run" for name in ("velocity", "crossing_time")
+    )
     assert [one.quantity for one in found.differences] == ["displacement", "contact_force", "peak_force"]
     assert found.divergence is None
     # a contact that is never pressed has no crossing time either, and that is known
@@ -213,19 +215,19 @@ def test_any_bit_is_a_divergence_unless_a_tolerance_is_given() -> None:
         compared(run, reference, -1.0)
 
 
-@pytest.mark.parametrize(("peaks", "whose"), [((True, False), "the first"), ((True, True), "both")])
+@pytest.mark.parametrize(
+    ("peaks", "whose"), [((True, False), "the first run"), ((True, True), "the first run and the second run")]
+)
 def test_peaks_of_samples_are_said_to_be_so(peaks: tuple[bool, bool], whose: str) -> None:
     first, second = (
         free_flight(provenance={"backend": "file"} | ({"peaks": "samples"} if one else {})) for one in peaks
     )
-    assert compared(first, second).notes == (
-        f"peak forces of {whose} are the largest of its own samples, at most the true ones",
-    )
+    assert compared(first, second).notes == (f"the peak forces of {whose} come from samples and may be too low",)
 
 
 def test_runs_of_two_scenes_are_compared_with_a_word_of_warning() -> None:
     one, other = (
         free_flight(provenance={"backend": "fake", "scene": name, "scene_hash": name}) for name in ("this", "that")
     )
-    assert compared(one, other).notes == ("these are runs of two scenes, this and that",)
+    assert compared(one, other).notes == ("the runs are of different scenes, this and that",)
     assert compared(one, one).notes == ()

@@ -1,4 +1,4 @@
-"""The public facade for scenes that are no scene files: CSV, and the input scripts of LAMMPS."""
+"""The public functions that make scenes from CSV files and from LAMMPS input scripts."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from dem_bridge.scene import Scene
 if TYPE_CHECKING:
     from dem_bridge.lmp.reader.scene import ReadDeck
 
-#: what a Scene takes and a table of bodies and contacts has
+#: fields of a Scene that are columns of a table or parameters of scene_from_csv
 _IN_TABLES = ("mass", "velocity", "stiffness", "exponent", "gap", "name", "duration", "law")
-_BESIDE = tuple(one.name for one in fields(Scene) if one.init and one.name not in _IN_TABLES)
+_SCENE_FIELDS = tuple(entry.name for entry in fields(Scene) if entry.init and entry.name not in _IN_TABLES)
 
 
 def scene_from_csv(
@@ -24,23 +24,45 @@ def scene_from_csv(
     duration: float,
     contacts: str | Path | None = None,
     name: str | None = None,
-    **beside: object,
+    **scene_fields: object,
 ) -> Scene:
-    """The scene of a table with a row per body.
+    r"""Return the scene of a CSV table with a row per body.
 
-    Columns ``mass_kg``, ``velocity_m_per_s`` and, of the contact to the next body and empty in the last row,
-    ``stiffness_N_per_m^(n-1)``, and if need be ``exponent`` (2.5), ``gap_m`` (0) and ``damping_N_s_per_m`` (dashpot)
-    or ``damping_s`` (Kuwabara-Kono). ``contacts``: a second table with those of contacts, and ``where`` ("chain",
-    "wall_left", "wall_right"). Both tables may be those of :func:`dem_bridge.export`, "bodies" and "contacts". Lines
-    that begin with # are comments.
+    The table has the columns ``mass_kg`` and ``velocity_m_per_s``. For the contact to the next body it has
+    ``stiffness_N_per_m^(n-1)`` and may have ``exponent`` (default 2.5), ``gap_m`` (default 0) and
+    ``damping_N_s_per_m`` (dashpot) or ``damping_s`` (Kuwabara-Kono); these are empty in the last row. Lines that begin
+    with # are comments.
 
-    ``duration`` in s; ``name``: None for that of the file; ``beside``: what else a :class:`Scene` takes, by its names,
-    such as ``gravity``, ``wall_right``, ``precompression`` or ``samples``. Raises SceneError in one line with file,
-    line and column.
+    Parameters
+    ----------
+    path : str or Path
+        CSV file with a row per body.
+    duration : float
+        Duration of the scene, s.
+    contacts : str or Path, optional
+        Second CSV file with a row per contact. It has the columns of contacts, and ``where`` with "chain", "wall_left"
+        or "wall_right". Both files may be tables of :func:`dem_bridge.export`, "bodies" and "contacts".
+    name : str, optional
+        Name of the scene; the default is that of the file.
+    **scene_fields
+        Further fields of :class:`Scene`, such as ``gravity``, ``wall_right``, ``precompression`` or ``samples``.
 
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    SceneError
+        If a table or a number in it is not allowed; the message states file, line and column.
+    UsageError
+        If a keyword is not a field of :class:`Scene`.
+
+    Examples
+    --------
     >>> import dem_bridge as db, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     text = "mass_kg,velocity_m_per_s,stiffness_N_per_m^(n-1)\\n8e-3,0.8,4e9\\n1e-2,0,\\n"
+    ...     text = "mass_kg,velocity_m_per_s,stiffness_N_per_m^(n-1)\n8e-3,0.8,4e9\n1e-2,0,\n"
     ...     _ = Path(folder, "pair.csv").write_text(text)
     ...     scene = db.scene_from_csv(f"{folder}/pair.csv", duration=1e-4, gravity=9.81)
     >>> scene.name, scene.mass, scene.stiffness, scene.gravity
@@ -49,9 +71,9 @@ def scene_from_csv(
     from dem_bridge.exports.scene_csv import scene_of_csv
     from dem_bridge.lmp.reader.scene import scene_name
 
-    for key in beside:
-        if key not in _BESIDE:
-            raise UsageError(f"scene_from_csv: {key!r} is unknown; allowed: {', '.join(_BESIDE)}")
+    for key in scene_fields:
+        if key not in _SCENE_FIELDS:
+            raise UsageError(f"scene_from_csv has no keyword {key!r}; allowed: {', '.join(_SCENE_FIELDS)}")
     file = Path(path)
     return scene_of_csv(
         _text(file, "a CSV file"),
@@ -60,7 +82,7 @@ def scene_from_csv(
         contacts_file="" if contacts is None else Path(contacts).name,
         name=scene_name(file.name) if name is None else name,
         duration=duration,
-        **beside,
+        **scene_fields,
     )
 
 
@@ -74,19 +96,43 @@ def scene_from_deck(
     reverse: bool | None = None,
     variables: Mapping[str, str] | None = None,
 ) -> Scene:
-    """The scene of a LAMMPS input script in which each body is a sphere on one line.
+    """Return the scene of a LAMMPS input script in which every body is a sphere on one line.
 
-    Read are ``pair_style granular`` (hertz, hertz/material, hooke) and ``gran/hertz/history``, ``gran/hooke`` and
-    ``gran/hooke/history``, with types that contacts share or not; atoms of ``read_data`` or ``create_atoms single``;
-    ``set``, ``group``, ``velocity set``; frozen atoms at the ends as walls; ``fix`` gravity, addforce at the ends
-    (precompression, with a start in equilibrium), langevin at zero temperature (drag); units si, cgs, micro and nano.
-    What may change the motion and is not understood is refused.
+    The reader knows ``pair_style granular`` (hertz, hertz/material, hooke), ``gran/hertz/history``, ``gran/hooke`` and
+    ``gran/hooke/history``; atoms from ``read_data`` or ``create_atoms single``; ``set``, ``group`` and ``velocity
+    set``; frozen atoms at the ends, which become walls; ``fix gravity``, ``fix addforce`` at the ends (precompression
+    of a chain that starts in equilibrium) and ``fix langevin`` at zero temperature (drag); the units si, cgs, micro
+    and nano. It raises an error for any other command that may change the motion.
 
-    The chain lies along x, y or z. Body 0 is the end that moves, else the one of lowest coordinate; ``reverse`` True:
-    the other end, of highest coordinate; False: that of lowest. The duration is that of all ``run``; the samples are
-    the frames of the first ``dump``; both may be given instead. ``description`` None: where the scene is from and how
-    it lies. ``variables``: as LAMMPS takes them by ``-var``. Raises SceneError in one line with file and line.
+    Parameters
+    ----------
+    path : str or Path
+        LAMMPS input script. The chain lies along x, y or z.
+    name : str, optional
+        Name of the scene; the default is that of the file.
+    description : str, optional
+        Description of the scene; the default states the file and the direction of the chain.
+    duration : float, optional
+        Duration, s; the default is that of all ``run`` commands.
+    samples : int, optional
+        Number of samples; the default is that of the frames of the first ``dump``.
+    reverse : bool, optional
+        True: body 0 is at the highest coordinate. False: at the lowest. The default is the end that moves, or the
+        lowest coordinate if neither or both move.
+    variables : mapping of str to str, optional
+        Values of variables, as LAMMPS accepts them by ``-var``.
 
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    SceneError
+        If the script cannot be read as a scene; the message states file and line.
+
+    Examples
+    --------
     >>> import dem_bridge as db, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = db.write_deck("decelerating-40", folder)
@@ -108,7 +154,7 @@ def scene_from_deck(
 
 
 def deck_read(path: Path, **settings: Any) -> ReadDeck:
-    """As :func:`scene_from_deck`, with notes of how it was read."""
+    """Return the scene of a LAMMPS input script, as :func:`scene_from_deck`, with notes on how it was read."""
     from dem_bridge.lmp.reader.scene import read_deck
 
     return read_deck(
@@ -119,9 +165,11 @@ def deck_read(path: Path, **settings: Any) -> ReadDeck:
     )
 
 
-def _text(path: Path, what: str) -> str:
+def _text(path: Path, allowed: str) -> str:
+    """Return the text of a file; raise SceneError if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:  # a name with a NUL, bytes that are no text
-        why = error.strerror if isinstance(error, OSError) else "no text"
-        raise SceneError("", problem=f"cannot be read ({why})", allowed=what, where=str(path)) from None
+    except (OSError, ValueError) as error:  # ValueError: a path with a NUL, or bytes that are not text
+        reason = error.strerror if isinstance(error, OSError) else "not a text file"
+        problem = f"the file cannot be read ({reason})"
+        raise SceneError("", problem=problem, allowed=allowed, where=str(path)) from None

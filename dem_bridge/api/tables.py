@@ -1,4 +1,4 @@
-"""The public facade for tables of parameters and results, in the formats of other programs."""
+"""The public functions for tables of parameters and results, in the formats of other programs."""
 
 from __future__ import annotations
 
@@ -24,18 +24,42 @@ def export(
     columns: Sequence[str] | None = None,
     **settings: Any,
 ) -> str | bytes:
-    """A table of a scene as text (``parquet``: as bytes), written to ``path`` where one is given.
+    """Return a table of a scene as text or bytes, and write it to a file if ``path`` is given.
 
-    ``table``: "contacts", "pair-coeffs", "bodies", "observables", "stiffness-curve" or "angles"; see :func:`table_of`
-    for ``settings``. ``format``: "csv", "json" and "parquet" with every digit, "md" and "tex" (booktabs, siunitx)
-    rounded and with units, and of pair-coeffs "lammps", which LAMMPS reads by ``include``; None: by the ending of
-    ``path``. ``columns``: only these, in this order, by their names in csv. Raises UsageError for anything else, and
-    what the run in a table raises.
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Scene, name of a shipped scene, or path of a scene file.
+    table : {"contacts", "pair-coeffs", "bodies", "observables", "stiffness-curve", "angles"}
+        Name of the table; see :func:`table_of`.
+    format : {"csv", "json", "parquet", "md", "tex", "lammps"}, optional
+        "csv", "json" and "parquet" keep every digit. "md" and "tex" (booktabs, siunitx) are rounded and have units in
+        the headings. "lammps", for the table pair-coeffs only, is read by the LAMMPS command ``include``. The default
+        follows from the ending of ``path``.
+    path : str or Path, optional
+        File to write.
+    columns : sequence of str, optional
+        Names of the columns to keep, in this order, as in the CSV format. The default is all columns.
+    **settings
+        Settings of the table and of its run; see :func:`table_of`.
 
+    Returns
+    -------
+    str or bytes
+        Contents of the file; bytes for the format "parquet".
+
+    Raises
+    ------
+    UsageError
+        If a table, format, column or setting is unknown or does not fit. A run in a table raises the errors of
+        :func:`dem_bridge.solve`.
+
+    Examples
+    --------
     >>> import dem_bridge as db
     >>> print(db.export("decelerating-40", table="stiffness-curve", format="md", angles=[2.0, 30.0, 90.0],
     ...                 columns=["angle_deg", "paper_over_exact"]).split("*")[0].strip())
-    ### Stiffness against angle for cylinders as in decelerating-40
+    ### Stiffness against angle for the cylinders of decelerating-40
     <BLANKLINE>
     | angle (°) | eq. 3.1 over exact |
     | ---: | ---: |
@@ -43,10 +67,10 @@ def export(
     | 30 | 1.0068 |
     | 90 | 1.0000 |
     """
-    return exported(scene, table=table, format=format, path=path, columns=columns, **settings)[1]
+    return export_table(scene, table=table, format=format, path=path, columns=columns, **settings)[1]
 
 
-def exported(
+def export_table(
     scene: Scene | str | Path,
     *,
     table: str,
@@ -55,49 +79,74 @@ def exported(
     columns: Sequence[str] | None = None,
     **settings: Any,
 ) -> tuple[Table, str | bytes]:
-    """The table, and it as :func:`export` writes it."""
-    from dem_bridge.exports.formats import format_for, written
+    """Return a table as data and as :func:`export` returns it, and write it if ``path`` is given."""
+    from dem_bridge.exports.formats import format_for, render
 
     path = None if path is None else Path(path)
     chosen = format_for(format, path, table)
     if path is not None:
         check_file(path)
-    found = table_of(scene, table, **settings)
+    data = table_of(scene, table, **settings)
     if columns is not None:
-        found = found.only(columns)
-    content = written(found, chosen)
+        data = data.only(columns)
+    content = render(data, chosen)
     if path is not None:
         write_whole(path.parent, {path.name: content})
-    return found, content
+    return data, content
 
 
-def table_of(scene: Scene | str | Path, table: str, *, found: bool = True, **settings: Any) -> Table:
-    """A table of a scene as data: ``columns``, ``rows``, ``notes``, ``to_pandas()``.
+def table_of(scene: Scene | str | Path, table: str, *, with_run: bool = True, **settings: Any) -> Table:
+    """Return a table of a scene as data.
 
-    "contacts" and "observables" have results in them: of the backend and with the settings of :func:`dem_bridge.solve`
-    (default: backend="reference"); with ``found=False`` "contacts" does without a run. "contacts", "bodies" and
-    "pair-coeffs" show a deck and take ``geometry``, ``types`` and ``surrogate_radius``, "stiffness-curve" ``angles``
-    (degrees), "angles" ``law`` and ``within``; the last two ``radius`` (m), ``youngs_modulus`` (Pa) and
-    ``poissons_ratio``, where they are not to be those of the scene. Raises UsageError for another table or setting.
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Scene, name of a shipped scene, or path of a scene file.
+    table : {"contacts", "pair-coeffs", "bodies", "observables", "stiffness-curve", "angles"}
+        "contacts" lists geometry, stiffness, LAMMPS coefficients, predictions and results of each contact;
+        "pair-coeffs" the coefficients of each pair of atom types for ``pair_style granular``; "bodies" masses, shapes
+        and materials; "observables" arrival, residence time, speed and peak velocity of the front at each body;
+        "stiffness-curve" the stiffness of two crossed cylinders against their angle; "angles" the angle that gives the
+        stiffness of each contact.
+    with_run : bool
+        False for the table "contacts" without results of a run.
+    **settings
+        For tables with results ("contacts", "observables"): keywords of :func:`dem_bridge.solve`; the default backend
+        is "reference". For tables about a deck ("contacts", "bodies", "pair-coeffs"): ``geometry``, ``types`` and
+        ``surrogate_radius`` (m). For "stiffness-curve": ``angles`` (degrees). For "angles": ``law`` and ``within``. For
+        the last two also ``radius`` (m), ``youngs_modulus`` (Pa) and ``poissons_ratio`` of the cylinders; the default
+        is the scene's first crossed pair.
 
+    Returns
+    -------
+    Table
+        Table with the attributes ``columns``, ``rows`` and ``notes`` and the method ``to_pandas()``.
+
+    Raises
+    ------
+    UsageError
+        If a table or setting is unknown or does not fit.
+
+    Examples
+    --------
     >>> import dem_bridge as db
-    >>> db.table_of("decelerating-40", "contacts", found=False).to_pandas()["angle_deg"].round(3)[1:4].tolist()
+    >>> db.table_of("decelerating-40", "contacts", with_run=False).to_pandas()["angle_deg"].round(3)[1:4].tolist()
     [2.0, 2.054, 2.112]
     """
     from dem_bridge.api.runs import solve
-    from dem_bridge.exports.tables import needs_run, table_named, takes
+    from dem_bridge.exports.tables import needs_run, settings_of, table_function
 
-    made = table_named(table)
-    runs, own = takes(made)
+    build = table_function(table)
+    has_results, names = settings_of(build)
     scene = scene_of(scene)
-    if not found and needs_run(made):
-        raise UsageError(f"found = False leaves nothing of table {table!r}: all of it is found by a run")
-    mine = {key: settings[key] for key in own if key in settings}
-    if not (runs and found):
-        unknown = [key for key in settings if key not in own]
+    if not with_run and needs_run(build):
+        raise UsageError(f"table {table!r} consists of results of a run; leave out with_run=False (--no-run)")
+    table_settings = {key: settings[key] for key in names if key in settings}
+    if not (has_results and with_run):
+        unknown = [key for key in settings if key not in names]
         if unknown:
-            allowed = ", ".join(own) or "none"
-            raise UsageError(f"setting {unknown[0]!r} of table {table!r} without a run is unknown; allowed: {allowed}")
-        return made(scene, **mine)
+            allowed = ", ".join(names) or "none"
+            raise UsageError(f"table {table!r} without a run has no setting {unknown[0]!r}; allowed: {allowed}")
+        return build(scene, **table_settings)
     run = solve(scene, **({"backend": "reference"} | settings))
-    return made(scene, run, **mine)
+    return build(scene, run, **table_settings)

@@ -1,4 +1,4 @@
-"""The public facade for trajectories as files: written for other programs, read from them, compared."""
+"""The public functions that write, read and compare trajectories as files of other programs."""
 
 from __future__ import annotations
 
@@ -24,14 +24,33 @@ def write_trajectory(
     spacing: float | None = None,
     layout: str = "long",
 ) -> None:
-    """Write a run of ``scene`` (None: the shipped one that it says) for other programs, every number with all digits.
+    """Write a run for other programs, in SI units with all digits of every number.
 
-    ``format``: "extxyz" (extended XYZ), "lammpstrj" (a text dump of LAMMPS), "csv" or "nc"; None: by the ending of
-    ``path``. Bodies stand where the scene's geometry has them, else ``spacing`` (m; None: 0.01) apart; ``layout`` of
-    csv: "long", a row per time and body, or "wide", a row per time. SI. Displacements, velocities and contact forces
-    read back are the same to the last bit; peaks, crossing times, bars and provenance are kept by "nc" alone. Raises
-    UsageError for another format, scene or setting.
+    Displacements, velocities and contact forces that are read back are the same to the last bit. Only the format "nc"
+    keeps peak forces, crossing times, uncertainties and provenance.
 
+    Parameters
+    ----------
+    run : Trajectory
+        Run to write.
+    scene : Scene, str, Path or None
+        Scene of the run; None for the shipped scene that the run's provenance names.
+    path : str or Path
+        File to write.
+    format : {"extxyz", "lammpstrj", "csv", "nc"}, optional
+        Extended XYZ, a LAMMPS text dump, CSV or netCDF; the default follows from the ending of ``path``.
+    spacing : float, optional
+        Distance between bodies in m, for a scene without a geometry; the default is 0.01.
+    layout : {"long", "wide"}
+        Layout of CSV: "long" has a row per time and body, "wide" a row per time.
+
+    Raises
+    ------
+    UsageError
+        If the format is unknown, the run is not one of the scene, or a setting does not fit.
+
+    Examples
+    --------
     >>> import dem_bridge as db, tempfile
     >>> scene = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
     >>> run = db.solve(scene, backend="verlet", dt=1e-6, samples=10, bars=False)
@@ -46,7 +65,10 @@ def write_trajectory(
     path = Path(path)
     chosen = format_of(path, format)
     if chosen == "traj":
-        raise UsageError(f"{path}: ASE's own format is read, not written; allowed: extxyz, which ASE reads, or another")
+        raise UsageError(
+            f"{path}: the format 'traj' of ASE can be read, but not written; allowed: extxyz (which ASE reads),"
+            " lammpstrj, csv, nc"
+        )
     check_file(path)
     if chosen == "nc":
         run.save(path)
@@ -62,16 +84,48 @@ def read_trajectory(
     units: str | None = None,
     dt: float | None = None,
 ) -> Trajectory:
-    """The run in a file, ours or another's, of a ``scene`` (not needed for "nc").
+    r"""Read a run from a file of dem_bridge or of another program.
 
-    ``format``: "lammpstrj" (a text dump with ``id``, ``x`` and better ``vx`` and ``fx``), "extxyz", "traj" (ASE's),
-    "csv" or "nc"; None: by the ending. ``units``, where the file does not say: "si", "cgs", "micro", "nano", "metal",
-    "real" or "ase". ``dt`` (s): of a time step, or of a frame where steps are not counted, in a file without times.
+    The first frame is the start of the scene. Quantities that the file does not contain are nan: velocities are not
+    computed by finite differences, and crossing times are unknown. Peak forces are the largest of the samples, and
+    uncertainties are inf.
 
-    The first frame is the start. Bars are inf; what the file has not is nan: velocities are no finite differences,
-    crossing times are never known, peak forces are those of samples. ``provenance`` has the file's name and sha256,
-    what was ``assumed`` and, where a file has few digits, the ``resolution``. Raises UsageError, in one line, for a
-    lost atom or frame, another number of bodies, other units or a start that is not the scene's.
+    Parameters
+    ----------
+    path : str or Path
+        File to read.
+    scene : Scene, str or Path, optional
+        Scene of the run; not needed for the format "nc".
+    format : {"lammpstrj", "extxyz", "traj", "csv", "nc"}, optional
+        LAMMPS text dump (with ``id`` and ``x``, and if possible ``vx`` and ``fx``), extended XYZ, ASE trajectory, CSV
+        or netCDF; the default follows from the ending of ``path``.
+    units : {"si", "cgs", "micro", "nano", "metal", "real", "ase"}, optional
+        Units of a file that does not state them; the default is "ase" for the format "traj" and "si" for others.
+    dt : float, optional
+        Time step in s, for a file with step numbers and no times; without step numbers, the time between frames.
+
+    Returns
+    -------
+    Trajectory
+        The run. Its ``provenance`` has the name and the sha256 of the file, the assumptions (``assumed``), and the
+        rounding error of a file with few digits (``resolution``).
+
+    Raises
+    ------
+    UsageError
+        If an atom or a frame is missing, or the number of bodies, the units or the initial velocities are not those of
+        the scene.
+
+    Examples
+    --------
+    >>> import dem_bridge as db, tempfile
+    >>> scene = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
+    >>> lines = ["time_s,x_0_m,x_1_m,velocity_0_m_per_s,velocity_1_m_per_s", "0,0,0.02,0.8,0", "1e-4,1e-5,0.02,0,0.7"]
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "pair.csv").write_text("\n".join(lines))
+    ...     run = db.read_trajectory(f"{folder}/pair.csv", scene)
+    >>> run.velocity[1].tolist(), run.provenance["assumed"][0]
+    ([0.0, 0.7], 'displacements are relative to the first time')
     """
     from dem_bridge.exports.trajectories import format_of
 
@@ -79,11 +133,14 @@ def read_trajectory(
     chosen = format_of(path, format)
     if chosen == "nc":
         if units is not None or dt is not None:
-            raise UsageError(f"{path}: units and dt are not for netCDF, which has them; leave them out")
+            raise UsageError(
+                f"{path}: units and dt do not apply to netCDF, which has SI units and times; leave them out"
+            )
         return load_trajectory(path)
     if scene is None:
         raise UsageError(
-            f"{path}: a file of format {chosen!r} needs the scene that was run, for its contacts and masses"
+            f"{path}: no scene was given, but a file of format {chosen!r} has no contacts and masses; give the scene of"
+            " this run (--scene)"
         )
     from dem_bridge.exports.readers import read
 
@@ -91,16 +148,36 @@ def read_trajectory(
 
 
 def compare(run: Trajectory, reference: Trajectory, *, tolerance: float = 0.0) -> Comparison:
-    """How far two runs are apart in every quantity that both have, at the times that both have.
+    """Compare two runs at their common sample times, quantity by quantity.
 
-    ``tolerance``: what velocities may differ by, of the largest, before they count as diverged (0: any bit). Raises
-    UsageError where bodies or times are not shared; nothing is interpolated.
+    Parameters
+    ----------
+    run : Trajectory
+        Run to compare.
+    reference : Trajectory
+        Run to compare with; differences are relative to its largest values.
+    tolerance : float
+        Difference of velocities, relative to the largest velocity of ``reference``, beyond which the runs count as
+        diverged; 0 counts any difference.
 
+    Returns
+    -------
+    Comparison
+        Differences of the quantities that both runs have, and the time and body of the first divergence.
+
+    Raises
+    ------
+    UsageError
+        If the runs have different numbers of bodies or no common sample times; samples are not interpolated.
+
+    Examples
+    --------
     >>> import dem_bridge as db
     >>> scene = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
     >>> coarse, fine = (db.solve(scene, backend="verlet", dt=dt, samples=10, bars=False) for dt in (2e-6, 1e-6))
-    >>> found = db.compare(coarse, fine, tolerance=1e-6)
-    >>> found.differences[1].quantity, found.differences[1].value < 1e-2, found.divergence is not None
+    >>> comparison = db.compare(coarse, fine, tolerance=1e-6)
+    >>> velocity = comparison.differences[1]
+    >>> velocity.quantity, velocity.value < 1e-2, comparison.divergence is not None
     ('velocity', True, True)
     """
     from dem_bridge.differences import compared
@@ -109,9 +186,10 @@ def compare(run: Trajectory, reference: Trajectory, *, tolerance: float = 0.0) -
 
 
 def _scene(scene: Scene | str | Path | None, run: Trajectory | None = None) -> Scene:
+    """Return the scene, or without one the shipped scene that the run's provenance names."""
     if scene is not None:
         return scene_of(scene)
     name = None if run is None else run.provenance.get("scene")
     if run is None or name not in shipped_scenes():
-        raise UsageError(f"the run is of {name!r}, which is no shipped scene; give the scene that was run")
+        raise UsageError(f"the run is of the scene {name!r}, which is not a shipped scene; give the scene (--scene)")
     return load_scene(name)

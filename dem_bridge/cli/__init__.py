@@ -1,4 +1,4 @@
-"""Words in, words out, exit codes; no science."""
+"""The command line ``dem-bridge``."""
 
 from dem_bridge.cli.group import command, main
 

@@ -1,4 +1,4 @@
-"""``python -m dem_bridge.cli``: the command line where no script is installed."""
+"""Run the command line by ``python -m dem_bridge.cli``."""
 
 from dem_bridge.cli.group import command
 

@@ -1,4 +1,4 @@
-"""The commands ``dem-bridge convert`` and ``dem-bridge compare``: trajectories between programs, and side by side."""
+"""The commands ``dem-bridge convert`` and ``dem-bridge compare`` for trajectory files."""
 
 from __future__ import annotations
 
@@ -12,22 +12,30 @@ import click
 import dem_bridge
 
 if TYPE_CHECKING:
+    from dem_bridge.differences import Difference
     from dem_bridge.trajectory import Trajectory
 
-#: named again here so that --help needs no numpy; a test holds them together
+#: repeated here so that --help does not import numpy; a test compares them with the package
 WRITTEN = ("nc", "extxyz", "lammpstrj", "csv")
 UNITS = ("si", "cgs", "micro", "nano", "metal", "real", "ase")
 _FILE = click.Path(path_type=Path)
 
 
 def _reading(command: Callable[..., None]) -> Callable[..., None]:
-    """The options that say what a file of others does not."""
+    """Add the options with the information that files of other programs do not contain."""
     options = (
-        click.option("--scene", metavar="SCENE", help="What was run; needed for files that are no netCDF."),
+        click.option("--scene", metavar="SCENE", help="Scene of the run; needed for every file that is not netCDF."),
         click.option(
-            "--units", type=click.Choice(UNITS), help="Of a file that does not say.  [default: si; .traj: ase]"
+            "--units",
+            type=click.Choice(UNITS),
+            help="Units, if the file does not state them.  [default: si; for .traj: ase]",
         ),
-        click.option("--dt", type=float, metavar="S", help="Of a time step (or frame) in a file without times, s."),
+        click.option(
+            "--dt",
+            type=float,
+            metavar="S",
+            help="Time step, s, if the file has step numbers but no times (without step numbers: time between frames).",
+        ),
     )
     for option in reversed(options):
         command = option(command)
@@ -35,8 +43,9 @@ def _reading(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _read(path: Path, scene: str | None, units: str | None, dt: float | None) -> Trajectory:
-    told: dict[str, Any] = {} if path.suffix.lower() == ".nc" else {"units": units, "dt": dt}
-    run = dem_bridge.read_trajectory(path, scene, **told)
+    """Read a trajectory and print the assumptions on stderr."""
+    settings: dict[str, Any] = {} if path.suffix.lower() == ".nc" else {"units": units, "dt": dt}
+    run = dem_bridge.read_trajectory(path, scene, **settings)
     for sentence in run.provenance.get("assumed", ()):
         click.echo(f"dem-bridge: note: {path.name}: {sentence}", err=True)
     return run
@@ -44,11 +53,21 @@ def _read(path: Path, scene: str | None, units: str | None, dt: float | None) ->
 
 @click.command("convert")
 @click.argument("run", type=_FILE, metavar="RUN")
-@click.option("-o", "output", type=_FILE, required=True, metavar="FILE", help=".extxyz, .lammpstrj, .csv or .nc.")
+@click.option(
+    "-o", "output", type=_FILE, required=True, metavar="FILE", help="File to write: .extxyz, .lammpstrj, .csv or .nc."
+)
 @_reading
-@click.option("--format", type=click.Choice(WRITTEN), help="Of FILE.  [default: by its ending]")
-@click.option("--spacing", type=float, metavar="M", help="Of bodies without a geometry, m.  [default: 0.01]")
-@click.option("--layout", type=click.Choice(["long", "wide"]), default="long", show_default=True, help="Of csv.")
+@click.option("--format", type=click.Choice(WRITTEN), help="Format of FILE.  [default: by its ending]")
+@click.option(
+    "--spacing", type=float, metavar="M", help="Spacing of bodies in a scene without geometry, m.  [default: 0.01]"
+)
+@click.option(
+    "--layout",
+    type=click.Choice(["long", "wide"]),
+    default="long",
+    show_default=True,
+    help="Layout of csv: a row per time and body, or a row per time.",
+)
 def convert_command(
     run: Path,
     output: Path,
@@ -59,9 +78,9 @@ def convert_command(
     spacing: float | None,
     layout: str,
 ) -> None:
-    """Write the trajectory RUN (.nc, or another program's .lammpstrj, .extxyz, .traj, .csv) in another format."""
-    found = _read(run, scene, units, dt)
-    dem_bridge.write_trajectory(found, scene, output, format=format, spacing=spacing, layout=layout)
+    """Convert the trajectory file RUN (.nc, .lammpstrj, .extxyz, .traj or .csv) to another format."""
+    trajectory = _read(run, scene, units, dt)
+    dem_bridge.write_trajectory(trajectory, scene, output, format=format, spacing=spacing, layout=layout)
     click.echo(f"written: {output}")
 
 
@@ -70,29 +89,47 @@ def convert_command(
 @click.argument("second", type=_FILE, metavar="B")
 @_reading
 @click.option(
-    "--tolerance", type=float, metavar="R", help="Exit code 1 where velocities differ by more of the largest."
+    "--tolerance",
+    type=float,
+    metavar="R",
+    help="Allowed difference of velocities, relative to the largest velocity of B; exit code 1 if it is larger.",
 )
 def compare_command(
     first: Path, second: Path, scene: str | None, units: str | None, dt: float | None, tolerance: float | None
 ) -> None:
-    """Say how far the trajectories A and B are apart, quantity by quantity, relative to B, and where they part."""
+    """Compare the trajectory files A and B: differences by quantity, relative to B, and the first divergence."""
     runs = [_read(path, scene, units, dt) for path in (first, second)]
-    found = dem_bridge.compare(*runs, tolerance=tolerance or 0.0)
-    for one in found.differences:
-        place = f"{'body' if one.quantity in ('velocity', 'displacement') else 'contact'} {one.body}"
-        at = f", {one.time:.9g} s" if one.time == one.time else ""
-        where = f"  {place}{at}" if one.value else ""
-        click.echo(f"{one.quantity:14} {one.value:9.3g} of {one.scale:.6g} {one.unit} ({one.scale_name}){where}")
-    for sentence in (*found.unknown, *found.notes):
-        click.echo(f"note: {sentence}")
-    beyond = f"by more than {tolerance:g} of the largest" if tolerance else "at all"
-    if not any(one.quantity == "velocity" for one in found.differences):
+    comparison = dem_bridge.compare(*runs, tolerance=tolerance or 0.0)
+    for entry in comparison.differences:
+        click.echo(_sentence(entry))
+    for note in (*comparison.unknown, *comparison.notes):
+        click.echo(f"note: {note}")
+    compared = any(entry.quantity == "velocity" for entry in comparison.differences)
+    limit = f"differ by more than {tolerance:g} of the largest velocity" if tolerance else "differ"
+    if not compared:
         click.echo("velocities are not compared")
-    elif found.divergence is None:
-        click.echo(f"velocities do not differ {beyond} at {found.samples} samples")
+    elif comparison.divergence is None:
+        click.echo(f"velocities do not {limit} at any of {comparison.samples} samples")
     else:
-        time, body = found.divergence
-        click.echo(f"velocities first differ {beyond} at {time:.9g} s, body {body}")
+        time, body = comparison.divergence
+        click.echo(f"velocities first {limit} at {time:.9g} s, body {body}")
+        if not tolerance:
+            click.echo("give --tolerance to see when the difference matters")
     if tolerance is not None:
-        known = any(one.quantity == "velocity" for one in found.differences)
-        sys.exit(1 if found.divergence is not None else 0 if known else 4)
+        sys.exit(1 if comparison.divergence is not None else 0 if compared else 4)
+
+
+def _sentence(entry: Difference) -> str:
+    """Return the sentence for one quantity: absolute and relative difference, with place and time."""
+    noun = {"velocity": "velocities", "displacement": "displacements", "crossing_time": "crossing times"}.get(
+        entry.quantity, f"{entry.quantity.replace('_', ' ')}s"
+    )
+    if not entry.value:
+        return f"{noun} are equal"
+    place = f"{'body' if entry.quantity in ('velocity', 'displacement') else 'contact'} {entry.body}"
+    scale = entry.scale_name if entry.scale_name.startswith("each") else f"the {entry.scale_name}"
+    time = f" at {entry.time:.9g} s" if entry.time == entry.time else ""
+    return (
+        f"{noun} differ by at most {entry.value * entry.scale:.3g} {entry.unit}, {entry.value:.3g} of"
+        f" {scale} ({entry.scale:.6g} {entry.unit}); {place}{time}"
+    )

@@ -8,70 +8,109 @@ from typing import Any
 import click
 
 from dem_bridge.cli import terminal
-from dem_bridge.cli.options import accuracy_option, engine_options, not_the_input, scene_argument, step_option
+from dem_bridge.cli.options import (
+    accuracy_option,
+    check_not_input,
+    engine_options,
+    geometry_option,
+    samples_option,
+    scene_argument,
+    step_option,
+    types_option,
+)
 
-#: named again here so that --help needs no numpy; a test holds them together
+#: repeated here so that --help does not import numpy; a test compares them with the package
 TABLES = ("contacts", "pair-coeffs", "bodies", "observables", "stiffness-curve", "angles")
 FORMATS = ("csv", "json", "md", "tex", "parquet", "lammps")
 
 
-def _listed(ctx: click.Context, param: click.Parameter, value: str | None) -> list[str] | None:
-    return None if value is None else [one.strip() for one in value.split(",")]
+def _names(ctx: click.Context, param: click.Parameter, value: str | None) -> list[str] | None:
+    """Return the names of a list with commas."""
+    return None if value is None else [name.strip() for name in value.split(",")]
 
 
 def _degrees(ctx: click.Context, param: click.Parameter, value: str | None) -> list[float] | None:
+    """Return the numbers of a list with commas."""
     try:
-        return None if value is None else [float(one) for one in value.split(",")]
+        return None if value is None else [float(angle) for angle in value.split(",")]
     except ValueError as error:
-        raise click.BadParameter(f"{error}; allowed: numbers with commas between them") from None
+        raise click.BadParameter(f"{error}; allowed: numbers separated by commas") from None
 
 
 def export_command(backends: tuple[str, ...]) -> click.Command:
-    """The command; ``backends`` that may be named."""
+    """Return the command ``export``; ``backends`` are the allowed names of --backend."""
 
     @click.command("export")
     @scene_argument
-    @click.option("--table", type=click.Choice(TABLES), required=True, help="What to tabulate.")
-    @click.option("--format", type=click.Choice(FORMATS), help="How.  [default: by the ending of the file, else csv]")
-    @click.option("--columns", callback=_listed, metavar="A,B", help="Only these, by their names in csv.")
-    @click.option("--backend", type=click.Choice(backends), help="Whose results.  [default: reference]")
+    @click.option("--table", type=click.Choice(TABLES), required=True, help="Table to write.")
+    @click.option(
+        "--format", type=click.Choice(FORMATS), help="Format of the table.  [default: by the ending of FILE, else csv]"
+    )
+    @click.option(
+        "--columns", callback=_names, metavar="A,B", help="Columns to write, by their names in csv.  [default: all]"
+    )
+    @click.option(
+        "--backend", type=click.Choice(backends), help="Backend of the run in the table.  [default: reference]"
+    )
     @step_option
     @accuracy_option
-    @click.option("--samples", type=int, metavar="N", help="Samples in time (default: the scene's).")
-    @click.option("--no-run", is_flag=True, help="Contacts without what a run finds.")
+    @samples_option
+    @click.option("--no-run", is_flag=True, help="Write the table contacts without results of a run.")
+    @geometry_option
+    @types_option
     @click.option(
-        "--geometry", type=click.Choice(["surrogate", "physical"]), help="Radius in the deck.  [default: surrogate]"
+        "--surrogate-radius",
+        type=float,
+        metavar="M",
+        help="Radius of the bodies in the deck, m.  [default: a power of two above the largest overlap]",
     )
-    @click.option("--types", type=click.Choice(["euler", "per-body"]), help="Atom types of the deck.  [default: euler]")
     @click.option(
-        "--surrogate-radius", type=float, metavar="M", help="Radius in the deck, m.  [default: least that serves]"
+        "--law",
+        type=click.Choice(["paper", "exact"]),
+        help="Stiffness law of the table angles.  [default: the scene's law]",
     )
-    @click.option("--law", type=click.Choice(["paper", "exact"]), help="Of angles.  [default: the scene's]")
     @click.option(
-        "--within", type=float, metavar="R", help="Error of stiffness that tolerances allow.  [default: 0.01]"
+        "--within",
+        type=float,
+        metavar="R",
+        help="Relative error of the stiffness from which the angle tolerances follow.  [default: 0.01]",
     )
-    @click.option("--angles", callback=_degrees, metavar="A,B", help="Degrees, of the stiffness curve.")
-    @click.option("--radius", type=float, metavar="M", help="Of the cylinders, m.  [default: the scene's]")
-    @click.option("--youngs-modulus", type=float, metavar="PA", help="... Pa.  [default: the scene's]")
-    @click.option("--poissons-ratio", type=float, metavar="NU", help="... no unit.  [default: the scene's]")
+    @click.option(
+        "--angles",
+        callback=_degrees,
+        metavar="A,B",
+        help="Angles of the table stiffness-curve, degrees.  [default: 0.1 to 90]",
+    )
+    @click.option("--radius", type=float, metavar="M", help="Radius of the cylinders, m.  [default: the scene's]")
+    @click.option(
+        "--youngs-modulus",
+        type=float,
+        metavar="PA",
+        help="Young's modulus of the cylinders, Pa.  [default: the scene's]",
+    )
+    @click.option(
+        "--poissons-ratio", type=float, metavar="NU", help="Poisson's ratio of the cylinders.  [default: the scene's]"
+    )
     @engine_options
-    @click.option("-o", "output", type=click.Path(path_type=Path), metavar="FILE", help="Where.  [default: stdout]")
+    @click.option(
+        "-o", "output", type=click.Path(path_type=Path), metavar="FILE", help="File to write.  [default: stdout]"
+    )
     def export(scene: str, table: str, format: str | None, output: Path | None, no_run: bool, **settings: Any) -> None:
-        """Write a table of SCENE: its contacts, bodies, coefficients for LAMMPS, results, angles to set."""
-        from dem_bridge.api.tables import exported
+        """Write a table of SCENE: contacts, bodies, LAMMPS coefficients, results or contact angles."""
+        from dem_bridge.api.tables import export_table
         from dem_bridge.exports.formats import format_for
 
-        not_the_input(scene, output)
+        check_not_input(scene, output)
         chosen = format_for("csv" if format is None and output is None else format, output, table)
         if chosen == "parquet" and output is None:
-            raise click.UsageError("parquet is no text for a terminal; name a file: -o FILE.parquet.")
-        given = {key: value for key, value in settings.items() if value is not None}
+            raise click.UsageError("parquet is a binary format and cannot be printed; name a file: -o FILE.parquet.")
+        keywords = {key: value for key, value in settings.items() if value is not None}
         if no_run:
-            given["found"] = False
+            keywords["with_run"] = False
         with terminal.fraction(f"table {table} of {scene}"):
-            found, content = exported(scene, table=table, format=chosen, path=output, **given)
-        if chosen in ("csv", "parquet"):  # the others have them in their text
-            for note in found.notes:
+            data, content = export_table(scene, table=table, format=chosen, path=output, **keywords)
+        if chosen in ("csv", "parquet"):  # the other formats contain the notes
+            for note in data.notes:
                 click.echo(f"dem-bridge: note: {note}", err=True)
         if output is None:
             click.echo(content, nl=False)

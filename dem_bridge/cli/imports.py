@@ -1,4 +1,4 @@
-"""The commands ``dem-bridge import csv`` and ``dem-bridge import deck``: scene files out of what is no scene file."""
+"""The commands ``dem-bridge import csv`` and ``dem-bridge import deck``, which write scene files."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ _FILE = click.Path(path_type=Path)
 
 @click.group("import")
 def import_group() -> None:
-    """Turn a CSV or a LAMMPS input script into a scene file."""
+    """Convert CSV tables or a LAMMPS input script to a scene file."""
 
 
-def _written(command: Callable[..., None]) -> Callable[..., None]:
-    """What both commands ask."""
+def _output_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the options of both commands."""
     options = (
-        click.option("-o", "output", type=_FILE, required=True, metavar="FILE", help="The scene file, .toml."),
-        click.option("--force", is_flag=True, help="Replace FILE where it is there."),
-        click.option("--name", metavar="NAME", help="Of the scene.  [default: by the name of the file]"),
-        click.option("--description", metavar="TEXT", help="Of the scene, one line."),
+        click.option("-o", "output", type=_FILE, required=True, metavar="FILE", help="Scene file to write, .toml."),
+        click.option("--force", is_flag=True, help="Replace FILE if it exists."),
+        click.option("--name", metavar="NAME", help="Name of the scene.  [default: the name of the file that is read]"),
+        click.option("--description", metavar="TEXT", help="Description of the scene in one line."),
     )
     for option in reversed(options):
         command = option(command)
@@ -37,17 +37,19 @@ def _written(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _variables(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> dict[str, str]:
-    pairs = [one.partition("=") for one in value]
-    if wrong := next((one for one, (_, sign, _) in zip(value, pairs, strict=True) if not sign), None):
+    """Return the variables of options NAME=VALUE."""
+    pairs = [word.partition("=") for word in value]
+    if wrong := next((word for word, (_, sign, _) in zip(value, pairs, strict=True) if not sign), None):
         raise click.BadParameter(f"{wrong!r}; allowed: NAME=VALUE")
-    return {name: given for name, _, given in pairs}
+    return {name: text for name, _, text in pairs}
 
 
 def _wall(ctx: click.Context, param: click.Parameter, value: str | None) -> Wall | None:
+    """Return the wall of an option STIFFNESS[,GAP[,EXPONENT]]."""
     if value is None:
         return None
     try:
-        numbers = [float(one) for one in value.split(",")]
+        numbers = [float(word) for word in value.split(",")]
     except ValueError:
         numbers = []
     if not 1 <= len(numbers) <= 3:
@@ -57,55 +59,87 @@ def _wall(ctx: click.Context, param: click.Parameter, value: str | None) -> Wall
 
 @import_group.command("deck")
 @click.argument("script", type=_FILE, metavar="SCRIPT")
-@_written
-@click.option("--duration", type=float, metavar="S", help="s.  [default: that of the script's runs]")
-@click.option("--samples", type=int, metavar="N", help="In time.  [default: the frames of the first dump]")
-@click.option("--reverse/--no-reverse", default=None, help="Body 0 at the highest coordinate, or at the lowest.")
+@_output_options
+@click.option("--duration", type=float, metavar="S", help="Duration, s.  [default: that of the script's runs]")
 @click.option(
-    "--var", "variables", multiple=True, callback=_variables, metavar="NAME=VALUE", help="As LAMMPS takes it by -var."
+    "--samples", type=int, metavar="N", help="Number of samples in time.  [default: the frames of the first dump]"
 )
-def deck_command(script: Path, output: Path, force: bool, **given: Any) -> None:
-    """Write the scene of SCRIPT, a LAMMPS input script in which each body is a sphere on one line."""
+@click.option(
+    "--reverse/--no-reverse",
+    default=None,
+    help="Place body 0 at the highest or at the lowest coordinate.  [default: the end that moves, else the lowest]",
+)
+@click.option(
+    "--var",
+    "variables",
+    multiple=True,
+    callback=_variables,
+    metavar="NAME=VALUE",
+    help="Value of a variable, as LAMMPS accepts it by -var; can be repeated.",
+)
+def deck_command(script: Path, output: Path, force: bool, **settings: Any) -> None:
+    """Convert SCRIPT, a LAMMPS input script in which every body is a sphere on one line."""
     from dem_bridge.api.scenes import deck_read
 
     check_new(output, force)
-    found = deck_read(script, **given)
-    _keep(found.scene, output, found.notes)
+    deck = deck_read(script, **settings)
+    _write_scene(deck.scene, output, deck.notes)
 
 
 @import_group.command("csv")
 @click.argument("bodies", type=_FILE, metavar="BODIES")
-@_written
-@click.option("--contacts", type=_FILE, metavar="CSV", help="Their contacts, where BODIES has none.")
-@click.option("--duration", type=float, required=True, metavar="S", help="s.")
-@click.option("--samples", type=int, metavar="N", help="In time.  [default: 500]")
-@click.option("--gravity", type=float, metavar="G", help="m/s^2, positive towards the last body.")
-@click.option("--drag", type=float, metavar="B", help="1/s: a force -B m v on each body.")
-@click.option("--precompression", type=float, metavar="N", help="N: the chain starts pressed by it, in equilibrium.")
-@click.option("--wall-left", callback=_wall, metavar="K[,GAP[,N]]", help="Stiffness, gap (m) and exponent n.")
-@click.option("--wall-right", callback=_wall, metavar="K[,GAP[,N]]", help="... of the wall behind the last body.")
-def csv_command(bodies: Path, output: Path, force: bool, **given: Any) -> None:
-    """Write the scene of BODIES, a CSV with a row per body: mass_kg, velocity_m_per_s, and of its contact to the next
-    stiffness_N_per_m^(n-1), exponent, gap_m; or of the tables that `dem-bridge export` writes."""
+@_output_options
+@click.option("--contacts", type=_FILE, metavar="CSV", help="CSV table of the contacts, if BODIES has none.")
+@click.option("--duration", type=float, required=True, metavar="S", help="Duration, s.")
+@click.option("--samples", type=int, metavar="N", help="Number of samples in time.  [default: 500]")
+@click.option(
+    "--gravity", type=float, metavar="G", help="Gravity, m/s^2, positive towards the last body.  [default: 0]"
+)
+@click.option("--drag", type=float, metavar="B", help="Drag, 1/s: a force -B m v acts on each body.  [default: 0]")
+@click.option(
+    "--precompression",
+    type=float,
+    metavar="N",
+    help="Static force on the ends, N; the chain starts in equilibrium with it.  [default: 0]",
+)
+@click.option(
+    "--wall-left",
+    callback=_wall,
+    metavar="K[,GAP[,N]]",
+    help="Wall before body 0: stiffness (N/m^(n-1)), gap (m) and exponent n.",
+)
+@click.option(
+    "--wall-right",
+    callback=_wall,
+    metavar="K[,GAP[,N]]",
+    help="Wall behind the last body: stiffness (N/m^(n-1)), gap (m) and exponent n.",
+)
+def csv_command(bodies: Path, output: Path, force: bool, **settings: Any) -> None:
+    """Convert BODIES, a CSV table with a row per body.
+
+    The columns are mass_kg and velocity_m_per_s, and for the contact to the next body stiffness_N_per_m^(n-1), exponent
+    and gap_m. The tables bodies and contacts of `dem-bridge export` can be read too.
+    """
     check_new(output, force)
-    scene = dem_bridge.scene_from_csv(bodies, **{key: value for key, value in given.items() if value is not None})
-    _keep(scene, output, ())
+    scene = dem_bridge.scene_from_csv(bodies, **{key: value for key, value in settings.items() if value is not None})
+    _write_scene(scene, output, ())
 
 
-def _keep(scene: Scene, output: Path, notes: Iterable[str]) -> None:
-    """Write the file, and say what is in it."""
+def _write_scene(scene: Scene, output: Path, notes: Iterable[str]) -> None:
+    """Write the scene file and print a summary of the scene."""
     from dem_bridge.scene_file.text import scene_toml
 
     write_whole(output.parent, {output.name: scene_toml(scene)})
     for note in notes:
         click.echo(f"read: {note}")
-    for part, text in _told(scene):
+    for part, text in _summary(scene):
         click.echo(f"{part:14} {text}")
     click.echo(f"written: {output}")
     click.echo(f"next: dem-bridge verify {output}")
 
 
-def _told(scene: Scene) -> Iterable[tuple[str, str]]:
+def _summary(scene: Scene) -> Iterable[tuple[str, str]]:
+    """Yield the lines of a summary of the scene as pairs of name and text."""
     c = scene.contacts
     moving = [k for k, v in enumerate(scene.velocity) if v]
     yield "scene", f"{scene.name}: {scene.n_body} bodies, {scene.n_contact} contacts"

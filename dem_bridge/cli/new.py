@@ -1,4 +1,4 @@
-"""The command ``dem-bridge new``: a scene file to change, with every key explained in it."""
+"""The command ``dem-bridge new``, which writes a scene file with comments on every key."""
 
 from __future__ import annotations
 
@@ -13,43 +13,52 @@ from dem_bridge.cli.options import check_new
 from dem_bridge.errors import UsageError
 from dem_bridge.files import write_whole
 
-#: each form of a scene file with what it is for; a template has its name
+#: forms of a scene file with their use; templates have the same names
 FORMS = {
-    "pattern": "a unit cell of spheres and cylinders, repeated; several materials",
-    "cylinders": "equal cylinders that cross at angles, as the paper's",
-    "spheres": "spheres, equal or tapered",
+    "pattern": "a repeated unit cell of spheres and cylinders of one or more materials",
+    "cylinders": "equal cylinders that cross at angles, as in the paper",
+    "spheres": "equal or tapered spheres",
     "raw": "masses, stiffnesses and velocities as numbers",
 }
-#: in every template, and as Scene has it
+#: name of the scene in every template, and the names that Scene allows
 _NAME, _NAMES = "my-chain", re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
 def template(form: str, name: str) -> str:
-    """The scene file of a form (a key of FORMS), for a scene of that name."""
+    """Return the scene file of a form (a key of FORMS) with the scene's name ``name``."""
     text = resources.files("dem_bridge").joinpath("scene_file", "templates", f"{form}.toml").read_text(encoding="utf-8")
     return text.replace(f'"{_NAME}"', f'"{name}"', 1)
 
 
-@click.command("new", epilog=f"Forms: {'. '.join(f'{form}: {what}' for form, what in FORMS.items())}.")
+@click.command("new", epilog=f"Forms: {'. '.join(f'{form}: {use}' for form, use in FORMS.items())}.")
 @click.argument("file", type=click.Path(path_type=Path), metavar="[NAME.toml]", default=Path(f"{_NAME}.toml"))
-@click.option("--form", type=click.Choice(tuple(FORMS)), default="pattern", show_default=True, help="What is given.")
-@click.option("--force", is_flag=True, help="Replace a file that is there.")
+@click.option(
+    "--form",
+    type=click.Choice(tuple(FORMS)),
+    default="pattern",
+    show_default=True,
+    help="Form of the scene file; see below.",
+)
+@click.option("--force", is_flag=True, help="Replace the file if it exists.")
 def new_command(file: Path, form: str, force: bool) -> None:
-    """Write a scene file to be changed, with every key explained.
+    """Write a new scene file in which every key is explained.
 
-    It runs as it is; optional parts are commented out. NAME.toml: my-chain.toml where nothing is said; the scene has
-    its name.
+    The scene can be run without changes; optional parts are commented out. The default file is my-chain.toml. The name
+    of the scene is that of the file.
     """
     if not file.name:
-        raise UsageError(f"{file}: is a folder; name a file, such as {_NAME}.toml")
+        raise UsageError(f"{file}: the path is a folder; name a file, such as {_NAME}.toml")
     if file.suffix != ".toml":
         file = file.with_name(f"{file.name}.toml")
     if not _NAMES.fullmatch(file.stem):
-        raise UsageError(f"{file}: {file.stem!r} names no scene; allowed: 1 to 100 of A-Z a-z 0-9 . _ -")
+        raise UsageError(
+            f"{file}: {file.stem!r} is not a valid name of a scene; allowed: 1 to 100 of the characters"
+            " A-Z a-z 0-9 . _ -"
+        )
     check_new(file, force)
     write_whole(file.parent, {file.name: template(form, file.stem)})
     path = shlex.quote(str(file))
     click.echo(f"written: {file} ({form}: {FORMS[form]})")
-    click.echo("change what you like in it, then:")
+    click.echo("edit the file, then run for example:")
     for words in ("run {} --backend reference", "run {} --accuracy 1e-4", "deck {} -o deck/", "verify {} -o report/"):
         click.echo(f"  dem-bridge {words.format(path)}")

@@ -1,4 +1,4 @@
-"""The command ``dem-bridge plan``: the cheapest settings for a wanted accuracy, and why."""
+"""The command ``dem-bridge plan``, which finds the cheapest settings for an accuracy."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import click
 
 import dem_bridge
 from dem_bridge.cli import terminal
-from dem_bridge.cli.options import scene_argument
+from dem_bridge.cli.options import json_option, samples_option, scene_argument
 
-#: named again here so that --help needs no numpy; a test holds them together
+#: repeated here so that --help does not import numpy; a test compares them with the package
 OBSERVABLES = (
     "velocity",
     "displacement",
@@ -23,19 +23,25 @@ OBSERVABLES = (
 
 
 def plan_command(backends: tuple[str, ...]) -> click.Command:
-    """The command; ``backends`` that may be named."""
+    """Return the command ``plan``; ``backends`` are the allowed names of --backend."""
 
     @click.command()
     @scene_argument
-    @click.option("--accuracy", type=float, required=True, metavar="A", help="Wanted, relative, such as 1e-4.")
-    @click.option("--backend", type=click.Choice(backends), help="Settings of this one.  [default: the cheapest]")
     @click.option(
-        "--observable", type=click.Choice(OBSERVABLES), default="velocity", show_default=True, help="Accuracy of what."
+        "--accuracy", type=float, required=True, metavar="A", help="Required relative accuracy, such as 1e-4."
     )
-    @click.option("--budget", type=float, metavar="S", help="CPU that the run may take, s.")
-    @click.option("--predict-only", is_flag=True, help="By the model alone, without a run to check it.")
-    @click.option("--samples", type=int, metavar="N", help="Samples in time (default: the scene's).")
-    @click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
+    @click.option("--backend", type=click.Choice(backends), help="Backend to plan for.  [default: the cheapest]")
+    @click.option(
+        "--observable",
+        type=click.Choice(OBSERVABLES),
+        default="velocity",
+        show_default=True,
+        help="Observable that must have the accuracy.",
+    )
+    @click.option("--budget", type=float, metavar="S", help="Largest CPU time of the run, s.  [default: no limit]")
+    @click.option("--predict-only", is_flag=True, help="Use the error model only, without a run to check it.")
+    @samples_option
+    @json_option
     def plan(
         scene: str,
         accuracy: float,
@@ -46,9 +52,9 @@ def plan_command(backends: tuple[str, ...]) -> click.Command:
         samples: int | None,
         as_json: bool,
     ) -> None:
-        """Say with which backend and settings SCENE is solved to an accuracy at the least cost, and why."""
+        """Find the backend and settings that solve SCENE to an accuracy at the least cost."""
         with terminal.bar() as progress:
-            found = dem_bridge.plan(
+            answer = dem_bridge.plan(
                 scene,
                 accuracy,
                 backend,
@@ -59,8 +65,8 @@ def plan_command(backends: tuple[str, ...]) -> click.Command:
                 progress=progress,
             )
         if as_json:
-            click.echo(json.dumps(found.as_json(), indent=1, allow_nan=False))
+            click.echo(json.dumps(answer.as_json(), indent=1, allow_nan=False))
         else:
-            terminal.print_plan(found, scene)
+            terminal.print_plan(answer, scene)
 
     return plan

@@ -1,4 +1,4 @@
-"""What the command line shows on a terminal: tables and progress. Plain text where there is none."""
+"""Print tables and progress; colours and progress bars only on a terminal."""
 
 from __future__ import annotations
 
@@ -20,26 +20,27 @@ if TYPE_CHECKING:
     from dem_bridge.studies.verify import Verification
 
 _COLOURS = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
-#: of a table on a terminal
+#: largest number of rows of a table on a terminal
 _MOST_ROWS = 40
-#: named again here so that nothing is imported for it; a test holds the two together
+#: repeated here to avoid an import; a test compares them with the package
 _OUTCOMES = ("PASS", "FAIL", "UNDECIDED", "MODEL_DIFFERENCE", "NOT_RUN", "BROKEN")
 
 
 def _console() -> Console:
-    """Colours on a terminal that wants them (NO_COLOR is heard), plain text elsewhere."""
+    """Return a console with colours on a terminal, unless NO_COLOR is set, and plain text elsewhere."""
     from rich.console import Console
 
     return Console(width=None if sys.stdout.isatty() else 140, highlight=False)
 
 
 def _coloured(outcome: str) -> str:
+    """Return the outcome in its colour."""
     colour = _COLOURS.get(outcome, "yellow")
     return f"[{colour}]{outcome}[/{colour}]"
 
 
 def _cell(value: str | float) -> str:
-    """A cell of a table: outcomes in their colour, numbers with four digits."""
+    """Return a cell of a table: outcomes in their colour, numbers with four digits."""
     from rich.markup import escape
 
     if isinstance(value, str):
@@ -47,12 +48,12 @@ def _cell(value: str | float) -> str:
     return "-" if value != value else f"{value:.4g}"
 
 
-def print_scenes(found: list[Scene]) -> None:
-    """A line each; on a terminal what happens in it is wrapped to what is left of the width."""
-    name = max(len(scene.name) for scene in found)
+def print_scenes(scenes: list[Scene]) -> None:
+    """Print a line per scene; on a terminal the description is wrapped to the width."""
+    name = max(len(scene.name) for scene in scenes)
     columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
-    print(f"{'scene':{name}}  bodies   ms  what happens")
-    for scene in found:
+    print(f"{'scene':{name}}  bodies   ms  description")
+    for scene in scenes:
         head = f"{scene.name:{name}}  {scene.n_body:6} {1e3 * scene.duration:4.3g}  "
         print(textwrap.fill(scene.description, columns, initial_indent=head, subsequent_indent=" " * len(head)))
 
@@ -113,38 +114,39 @@ def print_scatter(found: ScatterStudy) -> None:
         _console().print(line, markup=False)
 
 
-def print_plan(found: Plan, scene: str) -> None:
-    """The answer, what it was predicted and found to do, and why; ``scene`` as it was asked for."""
-    settings = ", ".join(f"{key} = {value}" for key, value in found.resolution.items()) or "nothing to set"
+def print_plan(plan: Plan, scene: str) -> None:
+    """Print a plan with its predicted and measured error and cost; ``scene`` is the name or path that was given."""
+    settings = ", ".join(f"{key} = {value}" for key, value in plan.resolution.items()) or "default settings"
 
     def numbers(error: float | None, cost: float | None) -> str:
-        told = [f"error {error:.2g}"] if error is not None else []
-        return ", ".join(told + ([f"{cost:.2g} s of CPU"] if cost is not None else []))
+        """Return the error and the cost as text; unknown numbers are left out."""
+        parts = [f"error {error:.2g}"] if error is not None else []
+        return ", ".join(parts + ([f"{cost:.2g} s of CPU"] if cost is not None else []))
 
     rows = {
-        "wanted": f"{found.accuracy:g} of {found.observable} on {found.scene}",
-        "backend": f"{found.backend}, {settings}",
-        "predicted": f"{numbers(found.model_error, found.model_cost)} (by the model alone)",
-        "found": numbers(found.found_error, found.found_cost) or "nothing was run",
+        "accuracy": f"{plan.accuracy:g} of {plan.observable} on {plan.scene}",
+        "backend": f"{plan.backend}, {settings}",
+        "predicted": f"{numbers(plan.model_error, plan.model_cost)} (by the error model)",
+        "measured": numbers(plan.found_error, plan.found_cost) or "no run was made",
     }
-    if found.steps:
-        rows["steps"] = f"{found.steps}" + (
-            f", {found.force_evaluations} evaluations of the forces" if found.force_evaluations else ""
+    if plan.steps:
+        rows["steps"] = f"{plan.steps}" + (
+            f", {plan.force_evaluations} force evaluations" if plan.force_evaluations else ""
         )
-    if found.units:
+    if plan.units:
         names = {"rayleigh_time": "of the Rayleigh time", "contact_time": "of the Hertz contact time"}
-        parts = [f"{100 * x:.3g} % {names.get(key, f'of {key}')}" for key, x in found.units.items() if key != "dt"]
-        rows["step taken"] = ", ".join([f"{found.units['dt']:.6g} s", *parts])
-    words = " ".join(f"--{key} {value}" for key, value in found.resolution.items())
-    if set(found.resolution) <= {"dt", "rtol", "samples"}:
-        rows["run it by"] = f"dem-bridge run {scene} --backend {found.backend} {words}".rstrip()
+        parts = [f"{100 * x:.3g} % {names.get(key, f'of {key}')}" for key, x in plan.units.items() if key != "dt"]
+        rows["time step"] = ", ".join([f"{plan.units['dt']:.6g} s", *parts])
+    words = " ".join(f"--{key} {value}" for key, value in plan.resolution.items())
+    if set(plan.resolution) <= {"dt", "rtol", "samples"}:
+        rows["command"] = f"dem-bridge run {scene} --backend {plan.backend} {words}".rstrip()
     else:
-        given = "".join(f", {key}={value!r}" for key, value in found.resolution.items())
-        rows["run it by"] = f"db.solve({scene!r}, backend={found.backend!r}{given})"
+        keywords = "".join(f", {key}={value!r}" for key, value in plan.resolution.items())
+        rows["command"] = f"db.solve({scene!r}, backend={plan.backend!r}{keywords})"
     for key, value in rows.items():
         _console().print(f"{key:10} {value}", markup=False, soft_wrap=True)
-    for reason in found.reasons:
-        _console().print(f"why: {reason}", markup=False, soft_wrap=True)
+    for reason in plan.reasons:
+        _console().print(f"reason: {reason}", markup=False, soft_wrap=True)
 
 
 def print_study(found: Study) -> None:
@@ -185,44 +187,46 @@ def print_claims(paper: Paper) -> None:
         console.print(f"* {sentence}", markup=False)
 
 
-def print_verdicts(found: Verification) -> None:
-    """The verdict table, and what does not pass in words. Of the whole paper: its claims, and how many verdicts"
-    " pass."""
-    if found.paper is not None:
-        print_claims(found.paper)
-        _print_counts(found)
+def print_verdicts(verification: Verification) -> None:
+    """Print the table of verdicts, and a sentence for each verdict that does not pass.
+
+    For the whole paper, print its claims and the number of verdicts by outcome.
+    """
+    if verification.paper is not None:
+        print_claims(verification.paper)
+        _print_counts(verification)
         return
     from rich.table import Table
 
     console = _console()
     table = Table(box=None, pad_edge=False)
-    for column in ("scene", "quantity", "compared", "difference", "bar", "tolerance", "outcome"):
-        table.add_column(column, justify="right" if column in ("difference", "bar", "tolerance") else "left")
-    for v in found.verdicts:
+    for column in ("scene", "quantity", "compared", "difference", "uncertainty", "tolerance", "outcome"):
+        table.add_column(column, justify="right" if column in ("difference", "uncertainty", "tolerance") else "left")
+    for v in verification.verdicts:
         numbers = [f"{x:.2g}" if x == x else "-" for x in (v.difference, v.reference_uncertainty, v.tolerance)]
         table.add_row(v.scene, v.quantity, f"{v.backend} - {v.reference}", *numbers, _coloured(v.outcome.value))
     console.print(table)
-    for v in found.verdicts:
+    for v in verification.verdicts:
         if v.outcome.value not in ("PASS", "MODEL_DIFFERENCE"):
             console.print(f"{v.outcome.value}: {v.sentence}", markup=False)
 
 
-def _print_counts(found: Verification) -> None:
-    """How many verdicts have each outcome, and those that do not pass in words."""
+def _print_counts(verification: Verification) -> None:
+    """Print the number of verdicts by outcome, and a sentence for each verdict that does not pass."""
     from collections import Counter
 
     console = _console()
-    counts = Counter(v.outcome.value for v in found.verdicts)
+    counts = Counter(v.outcome.value for v in verification.verdicts)
     text = ", ".join(f"{count} {_coloured(outcome)}" for outcome, count in counts.items())
-    console.print(f"verdicts on {len(found.studies)} scenes: {text}")
-    for v in found.verdicts:
+    console.print(f"verdicts on {len(verification.studies)} scenes: {text}")
+    for v in verification.verdicts:
         if v.outcome.value not in ("PASS", "MODEL_DIFFERENCE", "NOT_RUN"):
             console.print(f"{v.outcome.value}: {v.sentence}", markup=False)
 
 
 @contextmanager
 def bar() -> Iterator[Callable[[float, int, str], None] | None]:
-    """A progress bar with ETA on a terminal; None in a pipe."""
+    """Yield the callback of a progress bar with the remaining time on a terminal; None in a pipe."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -244,7 +248,7 @@ def bar() -> Iterator[Callable[[float, int, str], None] | None]:
 
 @contextmanager
 def fraction(label: str) -> Iterator[None]:
-    """Show how far one run is, as :func:`bar`."""
+    """Show the progress of one run, as :func:`bar`."""
     from dem_bridge.progress import listening
 
     with bar() as progress:

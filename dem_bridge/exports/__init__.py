@@ -1,1 +1,1 @@
-"""What other programs read: tables of a scene's parameters and of what was found, in every usual format."""
+"""Write and read tables and trajectories in the formats of other programs."""

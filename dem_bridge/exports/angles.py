@@ -1,4 +1,4 @@
-"""From a wanted stiffness to the angle at which two cylinders have it, and how exactly that must be set."""
+"""Angles at which crossed cylinders have a required stiffness, and how accurately the angles must be set."""
 
 from __future__ import annotations
 
@@ -18,25 +18,29 @@ from dem_bridge.scene import Scene
 
 Floats = NDArray[np.float64]
 
-#: relative error of stiffness that a tolerance of angles keeps
+#: default relative tolerance of the stiffness; the tolerance of an angle follows from it
 WITHIN = 0.01
-#: degrees: of the curve where none are given
+#: default angles of the stiffness curve, degrees
 CURVE = (0.1, 0.2, 0.5, *(float(angle) for angle in range(1, 91)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Angles:
-    """How to set cylinders for a profile of stiffness, ``(n,)`` all. Made by :func:`angles_for`."""
+    """Hold the contact angles of a profile of stiffness; every array has the shape ``(n,)``.
+
+    :func:`angles_for` returns an instance.
+    """
 
     stiffness: Floats
-    """Wanted, N/m^1.5."""
+    """Required contact stiffness, N/m^1.5."""
     angle: Floats
-    """To be set, degrees."""
+    """Angle between the axes of the two cylinders, degrees."""
     tolerance: Floats
-    """Degrees: an angle that is off by no more has its stiffness to ``within``."""
+    """Largest error of the angle, degrees, for which the relative error of the stiffness is at most ``within``."""
     slope: Floats
-    """d ln(stiffness)/d(angle), 1/degree; 0 at 90."""
+    """Derivative d ln(stiffness)/d(angle), 1/degree; 0 at 90 degrees."""
     within: float
+    """Relative tolerance of the stiffness."""
 
 
 def angles_for(
@@ -48,43 +52,72 @@ def angles_for(
     law: AxisRatio = "exact",
     within: float = WITHIN,
 ) -> Angles:
-    """Angles at which equal crossed cylinders have a wanted ``stiffness`` (N/m^1.5, one or ``(n,)``).
+    """Return the angles at which two equal crossed cylinders have a required contact stiffness.
 
-    ``radius`` in m, ``youngs_modulus`` in Pa; ``law``: "exact" (Hertz) or "paper" (eq. 3.1 of Chaunsali, Kim & Yang
-    2018). The tolerance is how much smaller the angle may be for a stiffness higher by ``within``; the stiffness falls
-    ever more slowly up to 90 degrees and rises again behind, so as much to the other side costs less. At small angles
-    it is ``within`` over the slope, and at 90 degrees, where there is no slope, sqrt(3 within) in radians.
+    Parameters
+    ----------
+    stiffness : float or iterable of float
+        Required stiffness beta of the contact, N/m^1.5; one value or ``(n,)`` values.
+    radius : float
+        Radius of both cylinders, m.
+    youngs_modulus : float
+        Young's modulus of both cylinders, Pa.
+    poissons_ratio : float
+        Poisson's ratio of both cylinders.
+    law : {"exact", "paper"}
+        "exact" is the contact law of Hertz; "paper" is eq. 3.1 of [1]_ with its approximate axis ratio.
+    within : float
+        Relative tolerance of the stiffness, above 0 and below 1.
 
-    Raises UsageError for what no such cylinders have: less than at 90 degrees, or no number.
+    Returns
+    -------
+    Angles
+        Angles, tolerances and slopes. The tolerance is the decrease of the angle that raises the stiffness by
+        ``within``. The stiffness decreases up to 90 degrees with an ever smaller slope, so an equal increase of the
+        angle changes it less. At small angles the tolerance is ``within`` divided by the slope; at 90 degrees, where
+        the slope is zero, it is sqrt(3 ``within``) in radians.
 
-    >>> found = angles_for([7.27e10, 2e10, 4.689197642511e9], radius=9e-3, youngs_modulus=72e9, poissons_ratio=0.17)
-    >>> found.angle.round(3), found.tolerance.round(3)
+    Raises
+    ------
+    UsageError
+        If a stiffness is not a finite positive number or is below that at 90 degrees, or ``within`` or a property of
+        the cylinders is out of its range.
+
+    References
+    ----------
+    .. [1] R. Chaunsali, E. Kim and J. Yang (2018), eq. 3.1.
+
+    Examples
+    --------
+    >>> solution = angles_for([7.27e10, 2e10, 4.689197642511e9], radius=9e-3, youngs_modulus=72e9, poissons_ratio=0.17)
+    >>> solution.angle.round(3), solution.tolerance.round(3)
     (array([ 1.648,  7.962, 90.   ]), array([0.019, 0.1  , 9.871]))
     """
     if not 0.0 < within < 1.0:
         raise UsageError(f"within = {within!r}; allowed: a number above 0 and below 1")
-    wanted = [stiffness] if isinstance(stiffness, int | float) else list(stiffness)
+    required = [stiffness] if isinstance(stiffness, int | float) else list(stiffness)
     pair = Cylinders(radius=radius, youngs_modulus=youngs_modulus, poissons_ratio=poissons_ratio, law=law)
-    found = []
-    for k, one in enumerate(wanted):
+    solutions = []
+    for k, value in enumerate(required):
         try:
-            found.append((one, *pair.angle(one, within)))
+            solutions.append((value, *pair.angle(value, within)))
         except ValueError as error:
-            raise UsageError(f"stiffness[{k}] cannot be had: {error}") from None
-    columns = np.array(found, dtype=float).reshape(-1, 4).T
+            raise UsageError(f"stiffness[{k}] is not possible with these cylinders: {error}") from None
+    columns = np.array(solutions, dtype=float).reshape(-1, 4).T
     return Angles(stiffness=columns[0], angle=columns[1], tolerance=columns[2], slope=columns[3], within=within)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cylinders:
-    """Two that are alike; UsageError for what is none."""
+    """Describe two equal crossed cylinders; raise UsageError where a property is out of its range."""
 
     radius: float
-    """m."""
+    """Radius, m."""
     youngs_modulus: float
-    """Pa."""
+    """Young's modulus, Pa."""
     poissons_ratio: float
     law: AxisRatio
+    """Law of the stiffness, "exact" or "paper"."""
 
     def __post_init__(self) -> None:
         try:
@@ -93,47 +126,47 @@ class Cylinders:
             raise UsageError(str(error)) from None
 
     def are(self, bodies: Iterable[Body]) -> bool:
-        """Whether all have this radius and material."""
+        """Return True if all bodies have this radius, Young's modulus and Poisson's ratio."""
         elastic = {"young": self.youngs_modulus, "poisson": self.poissons_ratio}
         return all(body.radius == self.radius and body.material.elastic == elastic for body in bodies)
 
     def stiffness(self, angle: float, law: AxisRatio) -> float:
-        """N/m^1.5, at an angle in degrees."""
+        """Return the stiffness, N/m^1.5, at an angle in degrees."""
         elastic = {"young": self.youngs_modulus, "poisson": self.poissons_ratio}
         return crossed_cylinders(angle=angle, radius=self.radius, law=law, **elastic).stiffness
 
     def angle(self, stiffness: float, within: float) -> tuple[float, float, float]:
-        """Angle and its tolerance (degrees) and the slope there; ValueError for a stiffness that there is not."""
+        """Return the angle and its tolerance, degrees, and the slope there; raise ValueError if no angle fits."""
         elastic = {"radius": self.radius, "young": self.youngs_modulus, "poisson": self.poissons_ratio}
-        found, below = (
-            angle_of_stiffness(one, law=self.law, **elastic) for one in (stiffness, stiffness * (1.0 + within))
+        angle, stiffer = (
+            angle_of_stiffness(beta, law=self.law, **elastic) for beta in (stiffness, stiffness * (1.0 + within))
         )
-        return found, found - below, stiffness_slope(found, law=self.law)
+        return angle, angle - stiffer, stiffness_slope(angle, law=self.law)
 
 
-def _cylinders(scene: Scene, given: dict[str, float | None], law: AxisRatio | None) -> Cylinders:
-    """What is given, and the rest as the scene's first two cylinders in touch have it."""
-    known: dict[str, float] = {}
+def _cylinders(scene: Scene, settings: dict[str, float | None], law: AxisRatio | None) -> Cylinders:
+    """Return the cylinders of a table: properties set by the caller, others from the scene's first crossed pair."""
+    properties: dict[str, float] = {}
     geometry = scene.geometry
     if geometry is not None:
         crossed = [
-            k for k, (one, other) in enumerate(pairwise(geometry.bodies)) if one.shape == other.shape != "sphere"
+            k for k, (left, right) in enumerate(pairwise(geometry.bodies)) if left.shape == right.shape != "sphere"
         ]
         law = law or geometry.law
         if crossed:
             body = geometry.bodies[crossed[0]]
-            known = {
+            properties = {
                 "radius": body.radius,
                 "youngs_modulus": body.material.youngs_modulus,
                 "poissons_ratio": body.material.poissons_ratio,
             }
-    known |= {key: value for key, value in given.items() if value is not None}
-    if missing := [key for key in given if key not in known]:
+    properties |= {key: value for key, value in settings.items() if value is not None}
+    if missing := [key for key in settings if key not in properties]:
         raise UsageError(
-            f"{scene.name} has no two cylinders that cross, and {', '.join(missing)} not given; allowed: a scene that"
-            f" has, or all of {', '.join(given)}"
+            f"{scene.name} has no two crossed cylinders, and {', '.join(missing)} not given; allowed: a scene with"
+            f" crossed cylinders, or values for all of {', '.join(settings)}"
         )
-    return Cylinders(law=law or "exact", **known)
+    return Cylinders(law=law or "exact", **properties)
 
 
 def angles(
@@ -145,52 +178,56 @@ def angles(
     poissons_ratio: float | None = None,
     within: float = WITHIN,
 ) -> Table:
-    """How to set the cylinders of a chain for its stiffness, contact by contact, as :func:`angles_for` has it.
+    """Return the table of the angles at which a chain's contacts have their stiffness (see :func:`angles_for`).
 
-    ``law``, None: that of the scene, or "exact"; the cylinders are those of the scene where none are given.
+    ``law`` None is the law of the scene's geometry, or "exact" without one. A property of the cylinders that is None
+    is that of the scene's first crossed pair.
     """
     if not 0.0 < within < 1.0:
         raise UsageError(f"within = {within!r}; allowed: a number above 0 and below 1")
-    given = {"radius": radius, "youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
-    pair, links = _cylinders(scene, given, law), len(scene.stiffness)
-    own = all(value is None for value in given.values())
+    settings = {"radius": radius, "youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
+    pair, links = _cylinders(scene, settings, law), len(scene.stiffness)
+    scene_cylinders = all(value is None for value in settings.values())
     geometry, exponent = scene.geometry, scene.contacts.exponent
     rows: list[tuple[float | None, ...]] = []
     reasons: dict[str, list[int]] = {}
     for k, stiffness in enumerate(scene.stiffness):
-        why = None
+        reason = None
         if geometry is not None and "sphere" in (geometry.bodies[k].shape, geometry.bodies[k + 1].shape):
-            why = "a sphere has no angle"
-        elif geometry is not None and own and not pair.are(geometry.bodies[k : k + 2]):
-            why = "its two cylinders are not those that the table is of"
+            reason = "a sphere has no angle"
+        elif geometry is not None and scene_cylinders and not pair.are(geometry.bodies[k : k + 2]):
+            reason = "its cylinders differ from those of this table in radius or material"
         elif exponent[k] != 2.5 or scene.law is not None:
-            why = "only Hertz' law, n = 2.5, has angles"
+            reason = "an angle follows only from Hertz' law, n = 2.5"
         else:
             try:
                 rows.append(pair.angle(stiffness, within))
             except ValueError as error:
-                why = str(error)
-        if why is not None:
-            reasons.setdefault(why, []).append(k)
+                reason = str(error)
+        if reason is not None:
+            reasons.setdefault(reason, []).append(k)
             rows.append((None, None, None))
-    notes = [f"contact {_listed(which)}: {why}" for why, which in reasons.items()]
+    notes = [f"contact {_listed(indices)}: {reason}" for reason, indices in reasons.items()]
     if not any(row[0] is not None for row in rows):
-        raise UsageError(f"{scene.name} has no contact with an angle; {'; '.join(notes) or 'it has none at all'}")
+        raise UsageError(
+            f"{scene.name} has no contact with an angle; {'; '.join(notes) or 'the scene has no contacts'}"
+        )
     angle, tolerance, slope = zip(*rows, strict=True)
     return Table(
         id="angles",
-        title=f"Angles to set for the stiffness of {scene.name}",
+        title=f"Contact angles that give the stiffness of {scene.name}",
         columns=(
             counts("contact", "contact", range(links)),
             numbers("stiffness", "stiffness", "N/m^(n-1)", scene.stiffness),
             numbers("angle", "angle", "deg", angle),
-            numbers("tolerance", f"tolerance for {100.0 * within:g} %", "deg", tolerance, digits=3),
+            numbers("tolerance", f"angle tolerance for {100.0 * within:g} % of stiffness", "deg", tolerance, digits=3),
             numbers("stiffness_slope", "d ln(stiffness)/d(angle)", "1/deg", slope, digits=4),
         ),
         notes=(
             f"cylinders of radius {pair.radius!r} m, Young's modulus {pair.youngs_modulus!r} Pa, Poisson's ratio"
-            f" {pair.poissons_ratio!r}, by the {pair.law} law",
-            f"an angle off by no more than the tolerance, to either side, has its stiffness to {100.0 * within:g} %",
+            f" {pair.poissons_ratio!r}; stiffness by the {pair.law} law",
+            "with an error of the angle up to the tolerance, of either sign, the stiffness is off by at most"
+            f" {100.0 * within:g} %",
             *notes,
         ),
         provenance=origin(scene) | {"law": pair.law, "within": within},
@@ -205,25 +242,32 @@ def stiffness_curve(
     youngs_modulus: float | None = None,
     poissons_ratio: float | None = None,
 ) -> Table:
-    """Stiffness of two of the scene's cylinders against their angle (``angles``, degrees), by both laws."""
-    given = {"radius": radius, "youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
-    pair, at = _cylinders(scene, given, "exact"), CURVE if angles is None else tuple(angles)
-    if len(at) == 0:
-        raise UsageError("angles = []; allowed: one or more, above 0 and up to 90 degrees")
+    """Return the table of the stiffness of two crossed cylinders against their angle (degrees), by both laws."""
+    settings = {"radius": radius, "youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
+    pair, angle_grid = _cylinders(scene, settings, "exact"), CURVE if angles is None else tuple(angles)
+    if len(angle_grid) == 0:
+        raise UsageError("angles = []; allowed: one or more angles above 0 and up to 90 degrees")
     try:
-        paper, exact = ([pair.stiffness(angle, law) for angle in at] for law in ("paper", "exact"))
+        paper, exact = ([pair.stiffness(angle, law) for angle in angle_grid] for law in ("paper", "exact"))
     except (TypeError, ValueError) as error:
         raise UsageError(str(error)) from None
     return Table(
         id="stiffness-curve",
-        title=f"Stiffness against angle for cylinders as in {scene.name}",
+        title=f"Stiffness against angle for the cylinders of {scene.name}",
         columns=(
-            numbers("angle", "angle", "deg", at),
+            numbers("angle", "angle", "deg", angle_grid),
             numbers("stiffness_paper", "stiffness by eq. 3.1", "N/m^1.5", paper),
             numbers("stiffness_exact", "stiffness by Hertz' exact law", "N/m^1.5", exact),
             numbers("paper_over_exact", "eq. 3.1 over exact", "", [p / e for p, e in zip(paper, exact, strict=True)]),
-            numbers("slope_paper", "d ln(stiffness)/d(angle), eq. 3.1", "1/deg", [_slope(one, "paper") for one in at]),
-            numbers("slope_exact", "d ln(stiffness)/d(angle), exact", "1/deg", [_slope(one, "exact") for one in at]),
+            numbers(
+                "slope_paper",
+                "d ln(stiffness)/d(angle), eq. 3.1",
+                "1/deg",
+                [_slope(phi, "paper") for phi in angle_grid],
+            ),
+            numbers(
+                "slope_exact", "d ln(stiffness)/d(angle), exact", "1/deg", [_slope(phi, "exact") for phi in angle_grid]
+            ),
         ),
         notes=(
             f"cylinders of radius {pair.radius!r} m, Young's modulus {pair.youngs_modulus!r} Pa, Poisson's ratio"
@@ -234,14 +278,17 @@ def stiffness_curve(
     )
 
 
-def _listed(places: Sequence[int]) -> str:
-    """
+def _listed(indices: Sequence[int]) -> str:
+    """Return the indices as text, with runs of three and more shortened.
+
     >>> _listed([0, 2, 3, 4, 7])
     '0, 2 to 4, 7'
     """
-    ends = np.flatnonzero(np.diff(places, append=np.inf) != 1).tolist()
+    ends = np.flatnonzero(np.diff(indices, append=np.inf) != 1).tolist()
     runs = zip([0, *(end + 1 for end in ends[:-1])], ends, strict=True)
-    return ", ".join(f"{places[one]}" if one == last else f"{places[one]} to {places[last]}" for one, last in runs)
+    return ", ".join(
+        f"{indices[first]}" if first == last else f"{indices[first]} to {indices[last]}" for first, last in runs
+    )
 
 
 def _slope(angle: float, law: AxisRatio) -> float:

@@ -1,4 +1,8 @@
-"""A table as text: every digit for machines; for people units in the headings and the digits that bars leave."""
+"""Write a table as text.
+
+CSV, JSON and parquet keep every digit. Markdown and LaTeX have units in the headings and show the digits that are
+significant within the uncertainty.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +20,11 @@ from dem_bridge.errors import UsageError
 from dem_bridge.exports.table import UNITS, Cell, Column, Table
 from dem_bridge.version import __version__
 
-#: significant digits for people, at most
+#: largest number of significant digits in Markdown and LaTeX
 MOST_DIGITS = 6
-#: largest over smallest number of a column that is written without powers of ten in its cells
+#: largest ratio of two numbers in a column whose cells have no powers of ten of their own
 _SPREAD = 1e4
-#: powers of ten with a name, and its macro in siunitx
+#: powers of ten, their SI prefix and its macro in siunitx
 _PREFIXES = {
     -12: ("p", r"\pico"), -9: ("n", r"\nano"), -6: ("µ", r"\micro"), -3: ("m", r"\milli"), 0: ("", ""),
     3: ("k", r"\kilo"), 6: ("M", r"\mega"), 9: ("G", r"\giga"), 12: ("T", r"\tera"),
@@ -38,88 +42,102 @@ _TEX = {
 
 
 def format_for(name: str | None, path: Path | None, table: str) -> str:
-    """The format that is named, else that of the file's ending; UsageError where there is none, or none such."""
+    """Return the format ``name``, or without a name the format of the file's ending.
+
+    Raises UsageError if there is neither a name nor a file, or the format is unknown or does not fit the table.
+    """
     if name is None:
         if path is None:
-            raise UsageError(f"format = None and no file to tell it; allowed: {', '.join(FORMATS)}")
+            raise UsageError(f"neither a format nor a file was given; allowed formats: {', '.join(FORMATS)}")
         if path.suffix not in SUFFIXES:
             raise UsageError(
-                f"{path}: {path.suffix!r} tells no format; allowed: {', '.join(SUFFIXES)}, or name a format"
+                f"{path}: no format has the file ending {path.suffix!r}; allowed: {', '.join(SUFFIXES)}, or give the"
+                " format by name"
             )
         name = SUFFIXES[path.suffix]
     if name not in FORMATS:
-        raise UsageError(f"format = {name!r}; allowed: {', '.join(FORMATS)}")
+        raise UsageError(f"format = {name!r} is unknown; allowed: {', '.join(FORMATS)}")
     if name == "lammps" and table != "pair-coeffs":
-        raise UsageError(f"format = 'lammps' of table {table!r}; allowed: table 'pair-coeffs', or another format")
+        raise UsageError(
+            f"table {table!r} cannot be written in the format 'lammps'; allowed: table 'pair-coeffs', or another format"
+        )
     return name
 
 
-def written(table: Table, name: str) -> str | bytes:
-    """The table in one of :data:`FORMATS`."""
+def render(table: Table, name: str) -> str | bytes:
+    """Return the table in the format ``name`` of :data:`FORMATS`."""
     return FORMATS[name](table)
 
 
 def as_csv(table: Table) -> str:
-    """Names of columns, then numbers as Python writes them: they read back as the same; empty where unknown."""
+    """Return the table as CSV with all digits of each number; an unknown cell is empty."""
     return str(table.to_pandas().to_csv(index=False, lineterminator="\n"))
 
 
 def as_json(table: Table) -> str:
-    """Of schema :data:`~dem_bridge.exports.table.SCHEMA`; null where unknown."""
+    """Return the table as JSON of the schema :data:`~dem_bridge.exports.table.SCHEMA`; an unknown cell is null."""
     return json.dumps(table.as_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def as_parquet(table: Table) -> bytes:
-    """By pandas and pyarrow; units, notes and provenance in the ``attrs`` that pandas reads back."""
+    """Return the table as parquet; units, notes and provenance are in the ``attrs`` that pandas reads back."""
     file = io.BytesIO()
     try:
         table.to_pandas().to_parquet(file, engine="pyarrow", index=False)
     except ImportError as error:
         raise UsageError(
-            "format = 'parquet' needs pyarrow, which is not installed; install dem-bridge[parquet], or take csv"
+            "format = 'parquet' needs pyarrow, which is not installed; install dem-bridge[parquet], or use format csv"
         ) from error
     return file.getvalue()
 
 
 def as_include(table: Table) -> str:
-    """Commands for LAMMPS."""
+    """Return the table as commands that LAMMPS reads by ``include``."""
     if table.include is None:
-        raise UsageError(f"table {table.id!r} is none that LAMMPS reads; allowed: 'pair-coeffs' with all its columns")
+        raise UsageError(
+            f"LAMMPS cannot read table {table.id!r} with these columns; allowed: 'pair-coeffs' with all its columns"
+        )
     return table.include
 
 
-class _Shown(NamedTuple):
-    """A column for people."""
+class _Rounded(NamedTuple):
+    """Hold a column as Markdown and LaTeX show it."""
 
     text: str
     """Heading in plain text."""
     tex: str
+    """Heading in LaTeX."""
     cells: tuple[str | None, ...]
     words: bool
+    """True for text, False for numbers."""
 
 
-def shown(table: Table) -> tuple[_Shown, ...]:
-    """Columns in which anything is known, rounded, each in a unit that suits its numbers."""
-    known = [one for one in table.columns if not one.values or any(cell is not None for cell in one.values)]
-    return tuple(_shown(one) for one in known)
+def rounded_columns(table: Table) -> tuple[_Rounded, ...]:
+    """Return the columns that are not empty, rounded, each in a unit that suits its numbers."""
+    filled = [
+        column for column in table.columns if not column.values or any(cell is not None for cell in column.values)
+    ]
+    return tuple(_rounded(column) for column in filled)
 
 
-def _shown(column: Column) -> _Shown:
+def _rounded(column: Column) -> _Rounded:
+    """Return the column with rounded numbers and its unit in the heading."""
     if column.kind != "number":
         cells = tuple(None if cell is None else str(cell) for cell in column.values)
-        return _Shown(column.heading, _escaped(column.heading), cells, column.kind == "text")
+        return _Rounded(column.heading, _escaped(column.heading), cells, column.kind == "text")
     power, scientific = _scale(column)
-    bars = column.bars or (None,) * len(column.values)
+    uncertainties = column.uncertainties or (None,) * len(column.values)
     rounded = [
-        None if value is None else Decimal(f"{float(value):.{_digits(value, bar, column.digits) - 1}e}")
-        for value, bar in zip(column.values, bars, strict=True)
+        None if value is None else Decimal(f"{float(value):.{_digits(value, uncertainty, column.digits) - 1}e}")
+        for value, uncertainty in zip(column.values, uncertainties, strict=True)
     ]
-    if all(one is None or one == Decimal(repr(value)) for one, value in zip(rounded, column.values, strict=True)):
-        rounded = [None if one is None else one.normalize() for one in rounded]  # nothing was rounded
-    cells = tuple(None if one is None else _number(one, power, scientific) for one in rounded)
+    exact = [None if value is None else Decimal(repr(value)) for value in column.values]
+    if rounded == exact:
+        rounded = [None if number is None else number.normalize() for number in rounded]
+    cells = tuple(None if number is None else _number(number, power, scientific) for number in rounded)
     text, tex = _unit(column.unit, power)
     heading = column.heading
-    return _Shown(
+    return _Rounded(
         f"{heading} ({text})" if text else heading,
         f"{_escaped(heading)} ({tex})" if tex else _escaped(heading),
         cells,
@@ -128,53 +146,56 @@ def _shown(column: Column) -> _Shown:
 
 
 def _scale(column: Column) -> tuple[int, bool]:
-    """Power of ten that goes into the heading, and whether cells have their own."""
+    """Return the power of ten in the heading, and True if cells have powers of their own."""
     sizes = [abs(float(cell)) for cell in column.values if cell is not None and float(cell) != 0.0]
     if not sizes:
         return 0, False
     smallest, middle, largest = min(sizes), sorted(sizes)[len(sizes) // 2], max(sizes)
     unit = UNITS[column.unit]
-    # an angle stays one, and a ratio
+    # angles and ratios get no prefix
     fixed = column.unit in ("", "deg", "1/deg")
     plain = 1e-3 <= largest < 1e6
     if largest / smallest > _SPREAD or (fixed and not plain):
         return 0, True
     if fixed or (plain and not unit.prefixed and column.unit != "kg"):
         return 0, False
-    power = 3 * math.floor(math.log10(middle) / 3.0)  # so that alike columns have the same
+    power = 3 * math.floor(math.log10(middle) / 3.0)  # by the median, so that similar columns have the same unit
     return (power, False) if power in _PREFIXES or not unit.prefixed else (0, True)
 
 
 def _unit(unit: str, power: int) -> tuple[str, str]:
-    """In plain text and in LaTeX, with a power of ten in front."""
-    one = UNITS[unit]
-    macros = not re.search(r"\$|\\si", one.tex)
+    """Return the unit in plain text and in LaTeX, with a power of ten in front."""
+    style = UNITS[unit]
+    macros = not re.search(r"\$|\\si", style.tex)
     if power == 0:
-        return one.text, f"\\si{{{one.tex}}}" if macros and one.tex else one.tex
+        return style.text, f"\\si{{{style.tex}}}" if macros and style.tex else style.tex
     if unit == "kg" and power + 3 in _PREFIXES:
         sign, macro = _PREFIXES[power + 3]
         return f"{sign}g", f"\\si{{{macro}\\gram}}"
-    if one.prefixed:
+    if style.prefixed:
         sign, macro = _PREFIXES[power]
-        return f"{sign}{one.text}", f"\\si{{{macro}{one.tex}}}"
-    tex = f"\\si{{{one.tex}}}" if macros else one.tex
-    return f"10{str(power).translate(_SUPERSCRIPT)} {one.text}".rstrip(), f"$10^{{{power}}}$ {tex}".rstrip()
+        return f"{sign}{style.text}", f"\\si{{{macro}{style.tex}}}"
+    tex = f"\\si{{{style.tex}}}" if macros else style.tex
+    return f"10{str(power).translate(_SUPERSCRIPT)} {style.text}".rstrip(), f"$10^{{{power}}}$ {tex}".rstrip()
 
 
-def _digits(value: float | int | str, bar: Cell, otherwise: int) -> int:
-    """Significant digits: down to the first of the error bar, where there is one, and :data:`MOST_DIGITS` at most.
+def _digits(value: float | int | str, uncertainty: Cell, default: int) -> int:
+    """Return the number of significant digits, at most :data:`MOST_DIGITS`.
+
+    The last digit is at the first digit of the uncertainty; without an uncertainty there are ``default`` digits.
 
     >>> _digits(123.456, 0.02, 5), _digits(123.456, 1e-9, 5), _digits(123.456, None, 5), _digits(1.0, 3.0, 5)
     (5, 6, 5, 1)
     """
-    if not bar or not value:
-        return otherwise
-    of_bar = Decimal(f"{float(bar):.0e}").adjusted()
-    return min(max(Decimal(repr(float(value))).adjusted() - of_bar + 1, 1), MOST_DIGITS)
+    if not uncertainty or not value:
+        return default
+    first_uncertain = Decimal(f"{float(uncertainty):.0e}").adjusted()
+    return min(max(Decimal(repr(float(value))).adjusted() - first_uncertain + 1, 1), MOST_DIGITS)
 
 
 def _number(value: Decimal, power: int, scientific: bool) -> str:
-    """
+    """Return the number as text, divided by 10**power, or with an exponent of its own.
+
     >>> _number(Decimal("7.2730e10"), 9, False), _number(Decimal("1.2e-13"), 0, True), _number(Decimal("0e4"), 0, False)
     ('72.730', '1.2e-13', '0')
     """
@@ -186,8 +207,8 @@ def _number(value: Decimal, power: int, scientific: bool) -> str:
 
 
 def as_markdown(table: Table) -> str:
-    """A heading, a pipe table, the notes."""
-    columns = shown(table)
+    """Return the table as Markdown: a heading, a pipe table and the notes."""
+    columns = rounded_columns(table)
 
     def line(cells: list[str]) -> str:
         return f"| {' | '.join(cells)} |"
@@ -198,9 +219,9 @@ def as_markdown(table: Table) -> str:
     lines = [
         f"### {cell(table.title)}",
         "",
-        line([cell(one.text) for one in columns]),
-        line(["---" if one.words else "---:" for one in columns]),
-        *(line([cell(text) for text in row]) for row in zip(*(one.cells for one in columns), strict=True)),
+        line([cell(column.text) for column in columns]),
+        line(["---" if column.words else "---:" for column in columns]),
+        *(line([cell(text) for text in row]) for row in zip(*(column.cells for column in columns), strict=True)),
     ]
     if table.notes:
         lines += ["", *(f"* {cell(note)}" for note in table.notes)]
@@ -208,27 +229,27 @@ def as_markdown(table: Table) -> str:
 
 
 def as_tex(table: Table) -> str:
-    r"""A ``tabular`` with booktabs' rules and siunitx' S columns, for a ``table`` of one's own; notes as comments."""
-    columns = shown(table)
+    """Return the table as a LaTeX ``tabular`` for the packages booktabs and siunitx, with its notes as comments."""
+    columns = rounded_columns(table)
 
-    def cell(one: _Shown, text: str | None) -> str:
-        if one.words:
+    def cell(column: _Rounded, text: str | None) -> str:
+        if column.words:
             return "--" if text is None else _escaped(text)
         return "{--}" if text is None else text
 
     body = [
-        " & ".join(cell(one, text) for one, text in zip(columns, row, strict=True)) + r" \\"
-        for row in zip(*(one.cells for one in columns), strict=True)
+        " & ".join(cell(column, text) for column, text in zip(columns, row, strict=True)) + r" \\"
+        for row in zip(*(column.cells for column in columns), strict=True)
     ]
     lines = [
         f"% {table.title}, written by dem_bridge {__version__}",
         r"% needs \usepackage{booktabs} and \usepackage{siunitx}",
         *(f"% {note}" for note in table.notes),
         r"\begin{tabular}{",
-        *(f"  {_column_type(one)}" for one in columns),
+        *(f"  {_column_type(column)}" for column in columns),
         "}",
         r"\toprule",
-        " & ".join(one.tex if one.words else f"{{{one.tex}}}" for one in columns) + r" \\",
+        " & ".join(column.tex if column.words else f"{{{column.tex}}}" for column in columns) + r" \\",
         r"\midrule",
         *body,
         r"\bottomrule",
@@ -237,23 +258,23 @@ def as_tex(table: Table) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _column_type(column: _Shown) -> str:
-    """``l`` for words; for numbers ``S`` with room for the longest whole, decimal and exponent parts."""
+def _column_type(column: _Rounded) -> str:
+    """Return the LaTeX column type: ``l`` for text, ``S`` with the widths of the longest number for numbers."""
     if column.words:
         return "l"
     parts = [re.fullmatch(r"(-?\d+)\.?(\d*)(?:e(-?\d+))?", text) for text in column.cells if text is not None]
-    found = [part.groups(default="") for part in parts if part is not None] or [("0", "", "")]
-    whole, decimals, exponent = (max((one[nth].lstrip("-") for one in found), key=len) for nth in range(3))
-    minus, below = ("-" * any(one[nth].startswith("-") for one in found) for nth in (0, 2))
-    power = f"e{below}{len(exponent)}" if exponent else ""
+    numbers = [part.groups(default="") for part in parts if part is not None] or [("0", "", "")]
+    whole, decimals, exponent = (max((number[nth].lstrip("-") for number in numbers), key=len) for nth in range(3))
+    minus, negative_exponent = ("-" * any(number[nth].startswith("-") for number in numbers) for nth in (0, 2))
+    power = f"e{negative_exponent}{len(exponent)}" if exponent else ""
     return f"S[table-format={minus}{len(whole)}.{len(decimals)}{power}]"
 
 
 def _escaped(text: str) -> str:
-    """Plain text for LaTeX.
+    r"""Return plain text with the special characters of LaTeX escaped.
 
     >>> print(_escaped("100 % of a_b & {c}"))
-    100 \\% of a\\_b \\& \\{c\\}
+    100 \% of a\_b \& \{c\}
     """
     return "".join(_TEX.get(sign, sign) for sign in text)
 
@@ -268,7 +289,7 @@ FORMATS: Mapping[str, Callable[[Table], str | bytes]] = MappingProxyType(
         "lammps": as_include,
     }
 )
-#: ending of a file -> format
+#: format of each file ending
 SUFFIXES: Mapping[str, str] = MappingProxyType(
     {f".{name}": name for name in FORMATS} | {".markdown": "md", ".lmp": "lammps", ".inc": "lammps"}
 )

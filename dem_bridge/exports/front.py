@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.exports.parameters import origin
-from dem_bridge.exports.table import Column, Table, barred, counts, numbers
+from dem_bridge.exports.table import Column, Table, counts, numbers, with_uncertainty
 from dem_bridge.observables.front import (
     arrival_by_crossing,
     grain_speed_by_crossing,
@@ -41,22 +41,26 @@ def observables(scene: Scene, run: Trajectory) -> Table:
     relative = np.divide(bar, left, out=np.full(len(bar), np.inf), where=left > 0.0)
     columns: list[Column] = [
         counts("body", "body", range(scene.n_body)),
-        *barred(
+        *with_uncertainty(
             "arrival", "arrival", "s", _placed(arrival_by_crossing(scene, run), (1, 0)), _placed(arrival_bar, (1, 0))
         ),
-        *barred("residence", "residence time", "s", _placed(residence, ends), _placed(bar, ends)),
-        *barred("front_speed", "speed in bodies", "1/s", _placed(speed, ends), _placed(speed * relative, ends)),
+        *with_uncertainty("residence", "residence time", "s", _placed(residence, ends), _placed(bar, ends)),
+        *with_uncertainty(
+            "front_speed", "speed in bodies", "1/s", _placed(speed, ends), _placed(speed * relative, ends)
+        ),
     ]
     spacing = scene.spacing
     if spacing is None:
         notes.append("the scene has no spacing: wave speeds are known in bodies per second alone")
         spacing = np.nan
     metres = spacing * speed
-    columns += barred("wave_speed", "wave speed", "m/s", _placed(metres, ends), _placed(metres * relative, ends))
-    columns += barred("peak_velocity", "peak velocity", "m/s", peak.velocity, peak.bar)
+    columns += with_uncertainty(
+        "wave_speed", "wave speed", "m/s", _placed(metres, ends), _placed(metres * relative, ends)
+    )
+    columns += with_uncertainty("peak_velocity", "peak velocity", "m/s", peak.velocity, peak.bar)
     columns.append(numbers("peak_velocity_time", "time of peak velocity", "s", peak.time))
     force, force_bar = run.peak_force[:links], np.asarray(run.uncertainty["peak_force"])[:links]
-    columns += barred("peak_force", "peak force", "N", _placed(force, (1, 0)), _placed(force_bar, (1, 0)))
+    columns += with_uncertainty("peak_force", "peak force", "N", _placed(force, (1, 0)), _placed(force_bar, (1, 0)))
     if not np.all(np.isfinite(arrival_bar)):
         notes.append("bars that are empty are not known")
     return Table(

@@ -1,4 +1,4 @@
-"""Tables of what a scene is made of: its contacts, its bodies, and what LAMMPS is told of them."""
+"""Tables of a scene's contacts, bodies and LAMMPS pair coefficients."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.steps import radius_of
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.exports.table import Column, Table, barred, counts, numbers, texts
+from dem_bridge.exports.table import Column, Table, counts, numbers, texts, with_uncertainty
 from dem_bridge.lmp.coefficients import Laws, laws, line_order, pairs, refusal
 from dem_bridge.lmp.encoding import Types, body_types
 from dem_bridge.lmp.pairing import granular
@@ -29,89 +29,94 @@ from dem_bridge.version import FORM_DATE, __version__
 Floats = NDArray[np.float64]
 
 NO_GEOMETRY = (
-    "the scene does not say what its bodies are: shapes, sizes, angles, laws of stiffness, ellipses and pressures are"
-    " not known; a scene in physical form has them"
+    "the scene has no geometry, so shapes, sizes, angles, stiffnesses by angle, contact ellipses and pressures are"
+    " unknown; a scene file in physical form has a geometry"
 )
 
-EQUATION = "eq. 3.1 is that of Chaunsali, Kim & Yang (2018), with its approximate axis ratio of the contact ellipse"
+EQUATION = "eq. 3.1: Chaunsali, Kim & Yang (2018), with their approximate axis ratio of the contact ellipse"
 
 
 def origin(scene: Scene, run: Trajectory | None = None) -> dict[str, Any]:
-    """Provenance of a table of a scene, and of the run in it."""
-    found: dict[str, Any] = {"scene": scene.name, "scene_hash": scene.content_hash, "dem_bridge": __version__}
+    """Return the provenance of a table: the scene and, where the table has results, the run."""
+    provenance: dict[str, Any] = {"scene": scene.name, "scene_hash": scene.content_hash, "dem_bridge": __version__}
     if run is not None:
-        found |= {key: run.provenance[key] for key in ("backend", "settings", "versions") if key in run.provenance}
-    return found
+        provenance |= {key: run.provenance[key] for key in ("backend", "settings", "versions") if key in run.provenance}
+    return provenance
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Told:
-    """What a deck of the scene says of contacts; arrays along the line of atoms, walls included."""
+class _DeckContacts:
+    """Hold the contacts of a scene's deck; arrays run along the line of atoms, walls included."""
 
     scene: Scene
     resolution: Resolution
 
     @cached_property
     def prescan(self) -> Prescan:
+        """Return the short coarse run from which the surrogate radius follows."""
         return prescan_scene(self.scene)
 
     @cached_property
     def radius(self) -> float:
-        """m."""
-        deepest, radius = self.deepest, radius_of(self.scene, self.resolution, self.prescan)
-        if radius < deepest:
+        """Return the surrogate radius of the deck, m."""
+        largest_overlap, radius = self.largest_overlap, radius_of(self.scene, self.resolution, self.prescan)
+        if radius < largest_overlap:
             raise UsageError(
-                f"surrogate_radius = {radius:g} m; allowed: more than the largest overlap, {deepest:.3g} m"
+                f"surrogate_radius = {radius:g} m; allowed: more than the largest overlap, {largest_overlap:.3g} m"
             )
         return radius
 
     @property
-    def deepest(self) -> float:
-        """Largest overlap of all, m."""
+    def largest_overlap(self) -> float:
+        """Return the largest overlap of all contacts, m."""
         return float(np.max(self.prescan.peak_overlap, initial=0.0))
 
     @cached_property
     def laws(self) -> Laws:
+        """Return the distinct contact laws of the scene."""
         return laws(self.scene)
 
     @cached_property
     def types(self) -> Types:
+        """Return the atom type of each body and wall."""
         return body_types(self.laws.where, self.resolution.types)
 
     @cached_property
     def place(self) -> NDArray[np.int64]:
-        """Place along the line of each contact of the scene; it joins the atoms there and one further."""
+        """Return for each contact of the scene the index along the line of its left atom."""
         return np.argsort(line_order(self.scene))
 
     @property
     def first(self) -> int:
-        """Place of body 0."""
+        """Return the index of body 0 along the line."""
         return int(self.scene.wall_left is not None)
 
     def coefficients(self, law: int) -> tuple[str, float, float]:
-        """Model, stiffness and damping of ``pair_style granular``, as they stand behind ``pair_coeff I J``."""
+        """Return the model, stiffness and damping that follow ``pair_coeff I J`` for ``pair_style granular``."""
         model, stiffness, damping = self.laws.coefficients(law, self.radius).split()[:3]
         return model, float(stiffness), float(damping)
 
 
 def _unit_of(models: Sequence[str | None]) -> str:
-    """Of the stiffness behind ``pair_coeff``."""
-    found = {"hertz": "N/m^2", "hooke": "N/m", None: "N/m^2"}
-    units = {found[one] for one in models}
+    """Return the unit of the stiffness in ``pair_coeff`` for these models."""
+    unit_of_model = {"hertz": "N/m^2", "hooke": "N/m", None: "N/m^2"}
+    units = {unit_of_model[model] for model in models}
     return units.pop() if len(units) == 1 else "N/m^2 or N/m"
 
 
 def _kinds(scene: Scene) -> list[str]:
+    """Return "chain", "wall_left" or "wall_right" for each contact."""
     walls = [side for side in ("wall_left", "wall_right") if getattr(scene, side) is not None]
     return ["chain"] * len(scene.stiffness) + walls
 
 
-def contacts(scene: Scene, run: Trajectory | None = None, **form: Any) -> Table:
-    """Every contact: geometry, stiffness by both laws, what LAMMPS is told, what is predicted and, with a run, found.
+def contacts(scene: Scene, run: Trajectory | None = None, **deck_settings: Any) -> Table:
+    """Return the table of contacts: geometry, stiffness, LAMMPS coefficients, predictions and results of a run.
 
-    ``form``: types, geometry and surrogate_radius of the deck, as in :class:`~dem_bridge.backends.base.Resolution`.
+    ``deck_settings`` are the fields ``types``, ``geometry`` and ``surrogate_radius`` of
+    :class:`~dem_bridge.backends.base.Resolution`.
     """
-    told, c = _Told(scene=scene, resolution=Resolution(**form)), scene.contacts
+    deck, c = _DeckContacts(scene=scene, resolution=Resolution(**deck_settings)), scene.contacts
     notes: list[str] = []
     columns: list[Column] = [
         counts("contact", "contact", range(scene.n_contact)),
@@ -121,9 +126,9 @@ def contacts(scene: Scene, run: Trajectory | None = None, **form: Any) -> Table:
         numbers("exponent", "n", "", c.exponent),
         numbers("gap", "gap", "m", c.gap),
         *_damping(scene),
-        *_of_deck(told, notes),
-        *_predicted(scene, told.prescan, notes),
-        *_found(scene, run, notes),
+        *_deck_columns(deck, notes),
+        *_predictions(scene, deck.prescan, notes),
+        *_results(scene, run, notes),
     ]
     return Table(
         id="contacts",
@@ -135,7 +140,7 @@ def contacts(scene: Scene, run: Trajectory | None = None, **form: Any) -> Table:
 
 
 def _geometry(scene: Scene, notes: list[str]) -> list[Column]:
-    """Angles, and the stiffness that both laws give at them."""
+    """Return the columns of the contact angles and of the stiffness by both laws at these angles."""
     angle: list[float | None] = [None] * scene.n_contact
     paper, exact = angle.copy(), angle.copy()
     if scene.geometry is None:
@@ -146,9 +151,9 @@ def _geometry(scene: Scene, notes: list[str]) -> list[Column]:
             if angle[k] is not None:
                 paper[k] = scene.geometry.contact(k, "paper").stiffness
         if None in paper[: len(scene.stiffness)]:
-            notes.append("a sphere has no angle, and eq. 3.1 is of two crossed cylinders")
+            notes.append("a contact with a sphere has no angle, and eq. 3.1 applies to two crossed cylinders only")
         if scene.n_contact > len(scene.stiffness):
-            notes.append("what walls are is not known: stiffness and n are all that is said of them")
+            notes.append("walls have a stiffness and an exponent n, but no shape and no material")
         notes.append(EQUATION)
     ratio = [None if p is None or e is None else p / e for p, e in zip(paper, exact, strict=True)]
     return [
@@ -160,43 +165,47 @@ def _geometry(scene: Scene, notes: list[str]) -> list[Column]:
 
 
 def _damping(scene: Scene) -> list[Column]:
+    """Return the column of damping coefficients, or no column for a scene without damping."""
     if scene.damping is None:
         return []
-    assert isinstance(scene.damping.coefficient, tuple)  # set when the scene was made
+    assert isinstance(scene.damping.coefficient, tuple)  # Scene turns a single coefficient into a tuple
     return [numbers("damping", "damping coefficient", DAMPING_LAWS[scene.damping.law], scene.damping.coefficient)]
 
 
-def _of_deck(told: _Told, notes: list[str]) -> list[Column]:
-    scene, law = told.scene, told.laws.where[told.place].tolist()
+def _deck_columns(deck: _DeckContacts, notes: list[str]) -> list[Column]:
+    """Return the columns of the contacts' coefficients and atom types in the deck."""
+    scene, law = deck.scene, deck.laws.where[deck.place].tolist()
     model: list[str | None] = [None] * scene.n_contact
     stiffness: list[float | None] = [None] * scene.n_contact
     if reason := refusal(scene):
-        notes.append(f"LAMMPS' model and k_n are those of pair_style granular, which has none here: {reason}")
+        notes.append(f"LAMMPS model and k_n are empty because pair_style granular cannot express the scene: {reason}")
     else:
-        known = [told.coefficients(one) for one in range(len(told.laws.stiffness))]
-        model, stiffness = [known[one][0] for one in law], [known[one][1] for one in law]
+        coefficients = [deck.coefficients(nth) for nth in range(len(deck.laws.stiffness))]
+        model, stiffness = [coefficients[nth][0] for nth in law], [coefficients[nth][1] for nth in law]
         notes.append(
-            "k_n as in pair_coeff: stiffness / sqrt(R/2) for hertz, R the gauge radius; the stiffness for hooke"
+            "LAMMPS k_n is the value in pair_coeff: stiffness / sqrt(R/2) for hertz, where R is the surrogate radius,"
+            " and the stiffness for hooke"
         )
     return [
         texts("lammps_model", "LAMMPS model", model),
         numbers("lammps_k_n", "LAMMPS k_n", _unit_of(model), stiffness, digits=6),
-        counts("type_left", "type left", told.types[told.place]),
-        counts("type_right", "type right", told.types[told.place + 1]),
-        numbers("surrogate_radius", "gauge radius", "m", [told.radius] * scene.n_contact),
+        counts("type_left", "atom type left", deck.types[deck.place]),
+        counts("type_right", "atom type right", deck.types[deck.place + 1]),
+        numbers("surrogate_radius", "surrogate radius", "m", [deck.radius] * scene.n_contact),
     ]
 
 
-def _predicted(scene: Scene, prescan: Prescan, notes: list[str]) -> list[Column]:
-    """By the coarse run that decks are sized by, and by binary collisions."""
+def _predictions(scene: Scene, prescan: Prescan, notes: list[str]) -> list[Column]:
+    """Return the columns of the predictions by the prescan and by the binary collision approximation (BCA)."""
     c, overlap = scene.contacts, prescan.peak_overlap
     notes.append(
-        "the survey is the coarse run by which decks are sized, good to a few per cent; its forces are elastic"
+        "the prescan is a short coarse run before the real one; its overlaps and elastic forces are accurate to a few"
+        " per cent"
     )
     force: list[float | None] = [None] * scene.n_contact
     residence = force.copy()
     if reasons := no_single_pulse(scene):
-        notes.append(f"binary collisions describe a single pulse, but {'; '.join(reasons)}: what they say is empty")
+        notes.append(f"BCA columns are empty because the BCA describes a single pulse, but {'; '.join(reasons)}")
     else:
         speed = scene.velocity[0]
         for k in range(scene.n_contact):
@@ -208,72 +217,81 @@ def _predicted(scene: Scene, prescan: Prescan, notes: list[str]) -> list[Column]
             )
             force[k], residence[k], speed = hit.peak_force, hit.half_time, hit.exit_velocity[1]
     return [
-        numbers("peak_overlap_prescan", "peak overlap, survey", "m", overlap, digits=3),
-        numbers("peak_force_prescan", "peak force, survey", "N", c.force(overlap, np.arange(len(overlap))), digits=3),
+        numbers("peak_overlap_prescan", "peak overlap, prescan", "m", overlap, digits=3),
+        numbers("peak_force_prescan", "peak force, prescan", "N", c.force(overlap, np.arange(len(overlap))), digits=3),
         numbers("peak_force_bca", "peak force, BCA", "N", force),
         numbers("residence_bca", "residence time, BCA", "s", residence),
     ]
 
 
-def _found(scene: Scene, run: Trajectory | None, notes: list[str]) -> list[Column]:
-    """Of a run, and what Hertz' exact law makes of its forces."""
-    nothing = np.full(scene.n_contact, np.nan)
-    force, bar, overlap, overlap_bar = nothing, nothing, nothing, nothing
+def _results(scene: Scene, run: Trajectory | None, notes: list[str]) -> list[Column]:
+    """Return the columns of a run's peak forces, with overlaps, ellipses and pressures by Hertz' exact law."""
+    unknown = np.full(scene.n_contact, np.nan)
+    force, uncertainty, overlap, overlap_uncertainty = unknown, unknown, unknown, unknown
     if run is None:
-        notes.append("no run was asked for: peaks, ellipses and pressures are not known")
+        notes.append("without a run, peak forces, peak overlaps, contact ellipses and pressures are unknown")
     else:
-        force, bar = run.peak_force, np.asarray(run.uncertainty["peak_force"])
-        notes.append(f"found by {run.provenance['backend']}: the largest force of the whole run, wherever it came from")
+        force, uncertainty = run.peak_force, np.asarray(run.uncertainty["peak_force"])
+        notes.append(f"results by {run.provenance['backend']}; the peak force is the largest of the whole run")
         if scene.law is not None or scene.damped:
-            notes.append("peak overlaps found are those of elastic powers, which not all contacts are: they are empty")
+            notes.append("peak overlaps are empty: they follow from peak forces only for elastic power laws")
         else:
             power = 1.0 / (scene.contacts.exponent - 1.0)
             overlap = (force / scene.contacts.stiffness) ** power
-            # the root rises the faster the lower it is, so the lower side has the wider bar
-            lower = (np.maximum(force - bar, 0.0) / scene.contacts.stiffness) ** power
-            overlap_bar = np.where(np.isfinite(bar), overlap - lower, np.nan)
+            # the root is steeper below the value than above it, so the lower side has the larger uncertainty
+            lower = (np.maximum(force - uncertainty, 0.0) / scene.contacts.stiffness) ** power
+            overlap_uncertainty = np.where(np.isfinite(uncertainty), overlap - lower, np.nan)
     major, minor, pressure = (list[float | None]([None] * scene.n_contact) for _ in range(3))
     if run is not None and scene.geometry is not None:
         hertzian = (scene.contacts.exponent == 2.5) & (scene.law is None)
         if not np.all(hertzian):
-            notes.append("ellipses and pressures are those of Hertz' law, n = 2.5; other contacts have none")
+            notes.append("only contacts by Hertz' law, n = 2.5, have contact ellipses and pressures")
         for k in np.flatnonzero(hertzian[: len(scene.stiffness)]).tolist():
             contact, newton = scene.geometry.contact(k), float(force[k])
             if newton > 0.0:
                 (major[k], minor[k]), pressure[k] = contact.semi_axes(newton), contact.peak_pressure(newton)
-        notes.append("ellipses and pressures follow from the peak force by Hertz' exact law")
+        notes.append("contact ellipses and pressures follow from the peak force by Hertz' exact law")
     return [
-        *barred("peak_overlap", "peak overlap", "m", overlap, overlap_bar),
-        *barred("peak_force", "peak force", "N", force, bar),
-        numbers("semi_major", "semi-major axis", "m", major),
-        numbers("semi_minor", "semi-minor axis", "m", minor),
-        numbers("peak_pressure", "peak pressure", "Pa", pressure),
+        *with_uncertainty("peak_overlap", "peak overlap", "m", overlap, overlap_uncertainty),
+        *with_uncertainty("peak_force", "peak force", "N", force, uncertainty),
+        numbers("semi_major", "semi-major axis of the contact ellipse", "m", major),
+        numbers("semi_minor", "semi-minor axis of the contact ellipse", "m", minor),
+        numbers("peak_pressure", "peak contact pressure", "Pa", pressure),
     ]
 
 
-def bodies(scene: Scene, **form: Any) -> Table:
-    """Every body: mass, shape, size, material, start velocity, and which atom of a deck it is; ``form`` as above."""
-    told = _Told(scene=scene, resolution=Resolution(**form))
-    known = scene.geometry.bodies if scene.geometry is not None else ()
-    nothing: list[None] = [None] * scene.n_body
-    notes = [] if known else [NO_GEOMETRY]
-    mass_of_shape = [body.mass for body in known]
-    if any(not math.isclose(one, mass, rel_tol=1e-9) for one, mass in zip(mass_of_shape, scene.mass, strict=False)):
-        notes.append("the scene's own mass is what moves; density times volume is another where a mass was given")
+def bodies(scene: Scene, **deck_settings: Any) -> Table:
+    """Return the table of bodies: mass, shape, size, material, initial velocity and atom of the deck.
+
+    ``deck_settings`` are those of :func:`contacts`.
+    """
+    deck = _DeckContacts(scene=scene, resolution=Resolution(**deck_settings))
+    shapes = scene.geometry.bodies if scene.geometry is not None else ()
+    unknown: list[None] = [None] * scene.n_body
+    notes = [] if shapes else [NO_GEOMETRY]
+    mass_of_shape = [body.mass for body in shapes]
+    if any(
+        not math.isclose(by_density, mass, rel_tol=1e-9)
+        for by_density, mass in zip(mass_of_shape, scene.mass, strict=False)
+    ):
+        notes.append(
+            "the equations of motion use the mass of the scene; density times volume differs for a body whose mass was"
+            " set in the scene file"
+        )
     columns = (
         counts("body", "body", range(scene.n_body)),
         numbers("mass", "mass", "kg", scene.mass),
-        numbers("mass_by_density", "density times volume", "kg", mass_of_shape or nothing),
-        texts("shape", "shape", [body.shape for body in known] or nothing),
-        numbers("radius", "radius", "m", [body.radius for body in known] or nothing),
-        numbers("height", "height", "m", [body.height for body in known] or nothing),
-        texts("material", "material", [body.material.name for body in known] or nothing),
-        numbers("youngs_modulus", "Young's modulus", "Pa", [b.material.youngs_modulus for b in known] or nothing),
-        numbers("poissons_ratio", "Poisson's ratio", "", [b.material.poissons_ratio for b in known] or nothing),
-        numbers("density", "density", "kg/m^3", [body.material.density for body in known] or nothing),
-        numbers("velocity", "start velocity", "m/s", scene.velocity),
-        counts("atom_id", "atom", range(1 + told.first, 1 + told.first + scene.n_body)),
-        counts("atom_type", "atom type", told.types[told.first : told.first + scene.n_body]),
+        numbers("mass_by_density", "density times volume", "kg", mass_of_shape or unknown),
+        texts("shape", "shape", [body.shape for body in shapes] or unknown),
+        numbers("radius", "radius", "m", [body.radius for body in shapes] or unknown),
+        numbers("height", "height", "m", [body.height for body in shapes] or unknown),
+        texts("material", "material", [body.material.name for body in shapes] or unknown),
+        numbers("youngs_modulus", "Young's modulus", "Pa", [b.material.youngs_modulus for b in shapes] or unknown),
+        numbers("poissons_ratio", "Poisson's ratio", "", [b.material.poissons_ratio for b in shapes] or unknown),
+        numbers("density", "density", "kg/m^3", [body.material.density for body in shapes] or unknown),
+        numbers("velocity", "initial velocity", "m/s", scene.velocity),
+        counts("atom_id", "atom id", range(1 + deck.first, 1 + deck.first + scene.n_body)),
+        counts("atom_type", "atom type", deck.types[deck.first : deck.first + scene.n_body]),
     )
     return Table(
         id="bodies",
@@ -284,59 +302,75 @@ def bodies(scene: Scene, **form: Any) -> Table:
     )
 
 
-def pair_coeffs(scene: Scene, **form: Any) -> Table:
-    """Every pair of atom types that meets, with what stands behind its ``pair_coeff``; ``form`` as above.
+def pair_coeffs(scene: Scene, **deck_settings: Any) -> Table:
+    """Return the table of all pairs of atom types in contact, with the arguments of their ``pair_coeff``.
 
-    ``include`` are the same lines as in the scene's deck for ``pair_style granular``, from ``pair_style`` on. Raises
-    UnsupportedScene where that style cannot express the scene.
+    ``Table.include`` has the same lines as the scene's deck for ``pair_style granular``, from ``pair_style`` on.
+    ``deck_settings`` are those of :func:`contacts`. Raises UnsupportedScene if ``pair_style granular`` cannot express
+    the scene.
     """
     if reason := refusal(scene):
         raise UnsupportedScene(
-            f"there are no pair coefficients of {scene.name}: {reason}; its tables: `dem-bridge deck --style table`"
+            f"{scene.name} has no pair coefficients for pair_style granular: {reason}; for its force tables use"
+            " `dem-bridge deck --style table`"
         )
-    told, order, c = _Told(scene=scene, resolution=Resolution(**form)), line_order(scene), scene.contacts
-    met = list(pairs(told.types))
-    rows = [(low, high, int(order[at]), count, int(told.laws.where[at])) for low, high, at, count in met]
-    known = [told.coefficients(law) for *_, law in rows]
+    deck = _DeckContacts(scene=scene, resolution=Resolution(**deck_settings))
+    order, c = line_order(scene), scene.contacts
+    rows = [
+        (low, high, int(order[place]), count, int(deck.laws.where[place]))
+        for low, high, place, count in pairs(deck.types)
+    ]
+    coefficients = [deck.coefficients(law) for *_, law in rows]
     columns = (
-        counts("type_1", "type I", [row[0] for row in rows]),
-        counts("type_2", "type J", [row[1] for row in rows]),
+        counts("type_1", "atom type I", [row[0] for row in rows]),
+        counts("type_2", "atom type J", [row[1] for row in rows]),
         counts("contact", "first contact", [row[2] for row in rows]),
-        counts("contacts", "contacts", [row[3] for row in rows]),
+        counts("contacts", "number of contacts", [row[3] for row in rows]),
         numbers("stiffness", "stiffness", "N/m^(n-1)", [float(c.stiffness[row[2]]) for row in rows]),
         numbers("exponent", "n", "", [float(c.exponent[row[2]]) for row in rows]),
-        texts("lammps_model", "LAMMPS model", [one[0] for one in known]),
-        numbers("lammps_k_n", "LAMMPS k_n", _unit_of([one[0] for one in known]), [one[1] for one in known], digits=6),
-        numbers("lammps_damping", "LAMMPS damping coefficient", "", [one[2] for one in known], digits=6),
-        texts("coefficients", "behind pair_coeff I J", [told.laws.coefficients(row[4], told.radius) for row in rows]),
+        texts("lammps_model", "LAMMPS model", [model for model, _, _ in coefficients]),
+        numbers(
+            "lammps_k_n",
+            "LAMMPS k_n",
+            _unit_of([model for model, _, _ in coefficients]),
+            [stiffness for _, stiffness, _ in coefficients],
+            digits=6,
+        ),
+        numbers("lammps_damping", "LAMMPS damping coefficient", "", [value for _, _, value in coefficients], digits=6),
+        texts(
+            "coefficients",
+            "arguments of pair_coeff I J",
+            [deck.laws.coefficients(row[4], deck.radius) for row in rows],
+        ),
     )
     return Table(
         id="pair-coeffs",
         title=f"Pair coefficients of {scene.name} for pair_style granular",
         columns=columns,
         notes=(
-            f"for spheres of radius R = {told.radius!r} m; k_n = stiffness / sqrt(R/2) for hertz, stiffness for hooke",
+            f"for spheres of radius R = {deck.radius!r} m; k_n = stiffness / sqrt(R/2) for hertz, stiffness for hooke",
         ),
         provenance=origin(scene),
-        include="\n".join(_include(told, rows)) + "\n",
+        include="\n".join(_include(deck, rows)) + "\n",
     )
 
 
-def _include(told: _Told, rows: list[tuple[int, int, int, int, int]]) -> list[str]:
-    scene, kinds = told.scene, _kinds(told.scene)
+def _include(deck: _DeckContacts, rows: list[tuple[int, int, int, int, int]]) -> list[str]:
+    """Return the lines of a file that LAMMPS reads by ``include``."""
+    scene, kinds = deck.scene, _kinds(deck.scene)
     lines = [
         f"# pair coefficients of {scene.name}, written by dem_bridge {__version__}"
         f" DATE: {FORM_DATE} UNITS: si SCENE: sha256:{scene.content_hash}",
-        f"# for spheres of radius R = {told.radius!r} m: hertz has K = beta / sqrt(R/2), hooke has k = beta",
-        f"# in a deck of {int(np.max(told.types))} atom types; those of the {len(told.types)} atoms, walls included:",
+        f"# for spheres of radius R = {deck.radius!r} m: hertz has K = beta / sqrt(R/2), hooke has k = beta",
+        f"# in a deck of {int(np.max(deck.types))} atom types; types of its {len(deck.types)} atoms, walls included:",
     ]
-    types = [str(one) for one in told.types.tolist()]
-    lines += [f"#   {' '.join(types[at : at + 30])}" for at in range(0, len(types), 30)]
-    lines += granular(told.laws, told.radius).head
+    types = [str(kind) for kind in deck.types.tolist()]
+    lines += [f"#   {' '.join(types[start : start + 30])}" for start in range(0, len(types), 30)]
+    lines += granular(deck.laws, deck.radius).head
     for low, high, contact, count, law in rows:
         name = f"contact {contact}" if kinds[contact] == "chain" else kinds[contact]
         more = f" and {count - 1} more" if count > 1 else ""
-        beta = float(told.laws.stiffness[law])
-        behind = told.laws.coefficients(law, told.radius)
-        lines.append(f"pair_coeff      {low} {high} {behind}  # {name}{more}: beta = {beta!r}")
+        beta = float(deck.laws.stiffness[law])
+        arguments = deck.laws.coefficients(law, deck.radius)
+        lines.append(f"pair_coeff      {low} {high} {arguments}  # {name}{more}: beta = {beta!r}")
     return lines

@@ -1,8 +1,9 @@
-"""Scenes from CSV: a row per body with its contact to the next, or a table of bodies and one of contacts.
+"""Build scenes from CSV: one table with a row per body, or a table of bodies and a table of contacts.
 
-The second form is what ``dem-bridge export --table bodies`` and ``--table contacts`` write. Headings have units. What
-no table has (duration, weight, drag, precompression, walls of the first form) comes beside it. Pure: text in, Scene
-out; every mistake is named by file, line and column.
+In the single table, a row has the contact to the next body. The two tables are those of ``dem-bridge export --table
+bodies`` and ``--table contacts``. Headings have units. Quantities that no table has (duration, gravity, drag,
+precompression, the walls of a single table) are arguments. The module reads no files: text in, Scene out. Errors state
+file, line and column.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ import numpy as np
 from dem_bridge.errors import SceneError
 from dem_bridge.scene import Damping, Scene, Wall
 
-#: heading -> quantity; of bodies
+#: quantities of bodies by heading
 BODY = {"body": "body", "mass_kg": "mass", "velocity_m_per_s": "velocity"}
-#: ... and of contacts
+#: quantities of contacts by heading
 CONTACT = {
     "stiffness_N_per_m^(n-1)": "stiffness",
     "stiffness_SI": "stiffness",
@@ -29,9 +30,9 @@ CONTACT = {
     "damping_N_s_per_m": "dashpot",
     "damping_s": "kuwabara-kono",
 }
-#: where a table of contacts says which they are
+#: columns that identify the contacts of a table
 PLACE = {"contact": "contact", "where": "where"}
-#: columns of exported tables that follow from the others, from a deck or from a run
+#: columns of exported tables that are not read, because they follow from other columns, a deck or a run
 DERIVED = frozenset(
     {
         *("mass_by_density_kg", "shape", "radius_m", "height_m", "material", "youngs_modulus_Pa", "poissons_ratio"),
@@ -44,111 +45,120 @@ DERIVED = frozenset(
             "peak_force_bca_N",
             "residence_bca_s",
         ),
-        *("peak_overlap_m", "peak_overlap_bar_m", "peak_force_N", "peak_force_bar_N", "semi_major_m", "semi_minor_m"),
-        "peak_pressure_Pa",
+        *("peak_overlap_m", "peak_overlap_uncertainty_m", "peak_force_N", "peak_force_uncertainty_N"),
+        *("semi_major_m", "semi_minor_m", "peak_pressure_Pa"),
     }
 )
 _WALLS = ("wall_left", "wall_right")
-#: static overlaps in a table are those of a precompression within this part of themselves
+#: largest relative difference between static overlaps in a table and those of the precompression (round-off of a sum)
 _EQUILIBRIUM_WITHIN = 1e-12
 
 
 @dataclass(frozen=True)
 class _Sheet:
-    """Cells by quantity, each with its line."""
+    """Hold the cells of a table by quantity, with the lines of the file."""
 
     file: str
     headings: Mapping[str, str]
-    """Quantity -> heading."""
+    """Heading of each quantity."""
     lines: tuple[int, ...]
+    """Line of each row in the file, counted from 1."""
     rows: tuple[Mapping[str, str], ...]
-    """Quantity -> cell."""
+    """Cells by quantity, row by row."""
 
     def error(self, row: int, quantity: str, allowed: str) -> SceneError:
-        """What is wrong with a cell."""
+        """Return the error for a cell that is not allowed."""
         cell, where = self.rows[row][quantity], f"{self.file}, line {self.lines[row]}"
         problem = f"= {cell!r}" if cell else "is empty"
         return SceneError(self.headings[quantity], problem=problem, allowed=allowed, where=where)
 
     def number(self, row: int, quantity: str) -> float:
+        """Return a cell as a number; raise SceneError if it is not one."""
         try:
             return float(self.rows[row][quantity])
         except ValueError:
             raise self.error(row, quantity, "a number") from None
 
     def numbers(self, quantity: str, rows: Sequence[int]) -> list[float]:
+        """Return the numbers of a column in these rows."""
         return [self.number(row, quantity) for row in rows]
 
-    def counted(self, quantity: str) -> None:
-        """The column, where there is one, says 0, 1, 2, ..."""
+    def check_numbering(self, quantity: str) -> None:
+        """Raise SceneError unless the column, if there is one, counts 0, 1, 2, ..."""
         for row in range(len(self.rows)) if quantity in self.headings else ():
             if self.rows[row][quantity] != f"{row}":
-                raise self.error(row, quantity, f"{row}: rows in the order of the chain, counted from 0")
+                raise self.error(row, quantity, f"{row} (rows are in the order of the chain, counted from 0)")
 
 
 def scene_of_csv(
-    text: str, *, file: str, contacts: str | None = None, contacts_file: str = "contacts", **parts: Any
+    text: str, *, file: str, contacts: str | None = None, contacts_file: str = "contacts", **scene_fields: Any
 ) -> Scene:
-    """The scene of a table of bodies; ``contacts``: a table of theirs, None where each row has that to the next.
+    """Return the scene of a table of bodies.
 
-    ``parts``: what else a Scene takes, by its own names. Raises SceneError in one line.
+    ``contacts`` is the table of contacts; without it, each row of bodies has the contact to the next body.
+    ``scene_fields`` are further fields of :class:`~dem_bridge.scene.Scene`. Raises SceneError with file, line and
+    column.
     """
-    both = contacts is None
-    bodies = _sheet(text, file, {**BODY, **(CONTACT if both else {})}, ("mass", "velocity", *(("stiffness",) * both)))
+    single = contacts is None
+    needed = ("mass", "velocity", "stiffness") if single else ("mass", "velocity")
+    bodies = _sheet(text, file, {**BODY, **(CONTACT if single else {})}, needed)
     every = range(len(bodies.rows))
-    bodies.counted("body")
+    bodies.check_numbering("body")
     if contacts is None:
         sheet, links, walls = bodies, list(every[:-1]), dict[str, int]()
         for quantity in set(CONTACT.values()) & set(bodies.headings):
             if bodies.rows[-1][quantity]:
                 raise bodies.error(
-                    len(bodies.rows) - 1, quantity, "an empty cell: the last body has no next one; a wall comes beside"
+                    len(bodies.rows) - 1,
+                    quantity,
+                    "an empty cell, because no body follows the last one; give a wall by wall_right",
                 )
     else:
         sheet = _sheet(contacts, contacts_file, {**PLACE, **CONTACT}, ("stiffness",))
-        sheet.counted("contact")
+        sheet.check_numbering("contact")
         links, walls = _places(sheet)
         if len(links) != len(bodies.rows) - 1:
-            problem = f"has {len(links)} contacts of the chain"
-            raise SceneError(
-                "", problem=problem, allowed=f"{len(bodies.rows) - 1}, for the bodies of {file}", where=contacts_file
-            )
+            problem = f"the table has {len(links)} contacts of the chain"
+            allowed = f"{len(bodies.rows) - 1} for the {len(bodies.rows)} bodies in {file}"
+            raise SceneError("", problem=problem, allowed=allowed, where=contacts_file)
     order = [*links, *walls.values()]
-    found: dict[str, Any] = {"mass": bodies.numbers("mass", every), "velocity": bodies.numbers("velocity", every)}
-    found["stiffness"] = sheet.numbers("stiffness", links)
-    for quantity, usual in (("exponent", 2.5), ("gap", 0.0)):
-        found[quantity] = sheet.numbers(quantity, links) if quantity in sheet.headings and links else usual
+    columns: dict[str, Any] = {"mass": bodies.numbers("mass", every), "velocity": bodies.numbers("velocity", every)}
+    columns["stiffness"] = sheet.numbers("stiffness", links)
+    for quantity, default in (("exponent", 2.5), ("gap", 0.0)):
+        columns[quantity] = sheet.numbers(quantity, links) if quantity in sheet.headings and links else default
     for side, row in walls.items():
         more = {quantity: sheet.number(row, quantity) for quantity in ("exponent", "gap") if quantity in sheet.headings}
-        found[side] = Wall(stiffness=sheet.number(row, "stiffness"), **more)
+        columns[side] = Wall(stiffness=sheet.number(row, "stiffness"), **more)
     for law in ("dashpot", "kuwabara-kono"):
         if law in sheet.headings:
-            known = tuple(sheet.numbers(law, order))
-            beside = sum(parts.get(side) is not None for side in _WALLS)
-            found["damping"] = Damping(law=law, coefficient=(*known, *(0.0,) * beside))
-    twice = next((key for key in found if parts.get(key) is not None), None)
+            coefficients = tuple(sheet.numbers(law, order))
+            # walls that are arguments have no cell for damping and are not damped
+            undamped = sum(scene_fields.get(side) is not None for side in _WALLS)
+            columns["damping"] = Damping(law=law, coefficient=(*coefficients, *(0.0,) * undamped))
+    twice = next((key for key in columns if scene_fields.get(key) is not None), None)
     if twice is not None:
-        raise SceneError(twice, problem="is in the table and beside it", allowed="one of the two", where=file)
+        raise SceneError(twice, problem="is both in the table and an argument", allowed="one of the two", where=file)
     try:
-        return _made({**parts, **found})
+        return _build({**scene_fields, **columns})
     except SceneError as error:
         raise _located(error, bodies, sheet, links, walls) from None
 
 
-def _made(parts: dict[str, Any]) -> Scene:
-    """With precompression, tables have the static overlaps as gaps, which a Scene finds itself."""
-    if not parts.get("precompression"):
-        return Scene(**parts)
-    still = {side: parts[side] for side in _WALLS if parts.get(side) is not None}
-    loose = {side: Wall(stiffness=wall.stiffness, exponent=wall.exponent) for side, wall in still.items()}
-    scene = Scene(**{**parts, **loose, "gap": 0.0})
-    gap = np.array([*np.broadcast_to(parts["gap"], len(scene.stiffness)), *(wall.gap for wall in still.values())])
+def _build(fields: dict[str, Any]) -> Scene:
+    """Return the scene; with a precompression, a table's gaps may be the static overlaps that Scene computes."""
+    if not fields.get("precompression"):
+        return Scene(**fields)
+    walls = {side: fields[side] for side in _WALLS if fields.get(side) is not None}
+    without_gaps = {side: Wall(stiffness=wall.stiffness, exponent=wall.exponent) for side, wall in walls.items()}
+    scene = Scene(**{**fields, **without_gaps, "gap": 0.0})
+    gap = np.array([*np.broadcast_to(fields["gap"], len(scene.stiffness)), *(wall.gap for wall in walls.values())])
     if np.any(gap) and not np.allclose(gap, scene.contacts.gap, rtol=_EQUILIBRIUM_WITHIN, atol=0.0):
-        return Scene(**parts)  # which says what is wrong with gaps
+        return Scene(**fields)  # raises the error about gaps with precompression
     return scene
 
 
-def _sheet(text: str, file: str, known: Mapping[str, str], needed: Sequence[str]) -> _Sheet:
+def _sheet(text: str, file: str, quantities: Mapping[str, str], needed: Sequence[str]) -> _Sheet:
+    """Return the cells of a table; raise SceneError for unknown, repeated and missing columns."""
     reader = csv.reader(text.splitlines(), skipinitialspace=True, strict=True)
     rows: list[tuple[int, list[str]]] = []
     try:
@@ -159,36 +169,41 @@ def _sheet(text: str, file: str, known: Mapping[str, str], needed: Sequence[str]
     except csv.Error as error:
         where = f"{file}, line {reader.line_num}"
         raise SceneError(
-            "", problem=f"is no CSV ({error})", allowed="cells with commas between them", where=where
+            "", problem=f"the text is not CSV ({error})", allowed="cells separated by commas", where=where
         ) from None
-    allowed = ", ".join(known)
+    allowed = ", ".join(quantities)
     if len(rows) < 2:
-        raise SceneError("", problem="has no rows under headings", allowed=f"the columns {allowed}", where=file)
+        raise SceneError(
+            "",
+            problem="the table has no headings or no rows",
+            allowed=f"a row of headings from {allowed}, then rows",
+            where=file,
+        )
     (line, names), *below = rows
     at = f"{file}, line {line}"
     for name in names:
-        if name not in known and name not in DERIVED:
+        if name not in quantities and name not in DERIVED:
             raise SceneError(f"column {name!r}", problem="is unknown", allowed=allowed, where=at)
     headings: dict[str, str] = {}
-    for name in (name for name in names if name in known):
-        if known[name] in headings or (
-            known[name] in ("dashpot", "kuwabara-kono") and {*headings} & {"dashpot", "kuwabara-kono"}
+    for name in (name for name in names if name in quantities):
+        if quantities[name] in headings or (
+            quantities[name] in ("dashpot", "kuwabara-kono") and {*headings} & {"dashpot", "kuwabara-kono"}
         ):
             raise SceneError(
-                f"column {name!r}", problem="says again what another says", allowed="one of them", where=at
+                f"column {name!r}", problem="repeats the quantity of another column", allowed="one of them", where=at
             )
-        headings[known[name]] = name
+        headings[quantities[name]] = name
     for quantity in needed:
         if quantity not in headings:
-            name = next(name for name, one in known.items() if one == quantity)
+            name = next(heading for heading, column in quantities.items() if column == quantity)
             raise SceneError(
-                f"column {name!r}", problem="is missing", allowed=f"needed beside {', '.join(names)}", where=at
+                f"column {name!r}", problem="is missing", allowed=f"a table with {', '.join([name, *names])}", where=at
             )
     for number, cells in below:
         if len(cells) != len(names):
             where = f"{file}, line {number}"
             raise SceneError(
-                "", problem=f"has {len(cells)} cells", allowed=f"{len(names)}, one per column", where=where
+                "", problem=f"the row has {len(cells)} cells", allowed=f"{len(names)}, one per column", where=where
             )
     cells_of = [dict(zip(names, cells, strict=True)) for _, cells in below]
     return _Sheet(
@@ -200,7 +215,7 @@ def _sheet(text: str, file: str, known: Mapping[str, str], needed: Sequence[str]
 
 
 def _places(sheet: _Sheet) -> tuple[list[int], dict[str, int]]:
-    """Rows of the chain's contacts, and those of walls, which stand behind them."""
+    """Return the rows of the chain's contacts and the rows of the walls, which follow them."""
     links: list[int] = []
     walls: dict[str, int] = {}
     for row in range(len(sheet.rows)):
@@ -210,17 +225,17 @@ def _places(sheet: _Sheet) -> tuple[list[int], dict[str, int]]:
         elif where in _WALLS and where not in walls and (where == "wall_left" or row == len(sheet.rows) - 1):
             walls[where] = row
         else:
-            raise sheet.error(row, "where", "chain, then wall_left and wall_right, each once")
+            raise sheet.error(row, "where", "rows with chain, then wall_left and wall_right at most once each")
     return links, walls
 
 
 def _located(
     error: SceneError, bodies: _Sheet, contacts: _Sheet, links: list[int], walls: dict[str, int]
 ) -> SceneError:
-    """What a Scene says of its numbers, said of the cell."""
-    found = re.fullmatch(r"(mass|velocity|stiffness|exponent|gap|damping\.coefficient)\[(\d+)\]", error.key)
-    if found is not None:
-        quantity, nth = found[1], int(found[2])
+    """Return an error of Scene with the file, line and column of the cell that caused it."""
+    match = re.fullmatch(r"(mass|velocity|stiffness|exponent|gap|damping\.coefficient)\[(\d+)\]", error.key)
+    if match is not None:
+        quantity, nth = match[1], int(match[2])
         sheet = bodies if quantity in ("mass", "velocity") else contacts
         if quantity == "damping.coefficient":
             quantity = next(law for law in ("dashpot", "kuwabara-kono") if law in contacts.headings)

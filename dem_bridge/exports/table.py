@@ -1,6 +1,6 @@
-"""A table as data: columns with a name for machines, a heading for people, a unit, and error bars where there are any.
+"""Tables as data: columns with a name, a heading, a unit and, where there are any, uncertainties.
 
-A cell is a number, a text, or None for what is not known; why it is not is said once, in the notes.
+A cell is a number, a text, or None for an unknown value. The notes of the table state the reason for unknown values.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ Cell = float | int | str | None
 
 @dataclass(frozen=True)
 class Unit:
-    """How a unit is written: for people, for LaTeX, and at the end of a column's name."""
+    """Hold the spellings of a unit in plain text, in LaTeX and at the end of a column's name."""
 
     text: str
     tex: str
-    """In macros of siunitx; where it has text of its own, as that stands."""
+    """Macros of siunitx, or LaTeX text with commands of its own."""
     suffix: str
     prefixed: bool = False
-    """Whether it takes prefixes such as µ and G."""
+    """True if the unit takes SI prefixes such as µ and G."""
 
 
-#: by how they stand in code
+#: units by their names in the code
 UNITS: Mapping[str, Unit] = {
     "": Unit("", "", ""),
     "N": Unit("N", r"\newton", "N", prefixed=True),
@@ -52,7 +52,7 @@ UNITS: Mapping[str, Unit] = {
     "J": Unit("J", r"\joule", "J", prefixed=True),
     "kg/m^3": Unit("kg/m³", r"\kilogram\per\cubic\metre", "kg_per_m3"),
     "N/m^1.5": Unit("N/m^1.5", r"\newton\per\metre\tothe{1.5}", "N_per_m1_5"),
-    # those of a number that depend on its row
+    # units that depend on the row of the table
     "N/m^(n-1)": Unit("N/m^(n-1)", r"$\mathrm{N}/\mathrm{m}^{n-1}$", "SI"),
     "N/m^2": Unit("N/m²", r"\newton\per\square\metre", "SI"),
     "N/m": Unit("N/m", r"\newton\per\metre", "SI"),
@@ -62,26 +62,26 @@ UNITS: Mapping[str, Unit] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """One quantity down the rows. Made by :func:`numbers`, :func:`counts` and :func:`texts`."""
+    """Hold one quantity for all rows; :func:`numbers`, :func:`counts` and :func:`texts` return instances."""
 
     quantity: str
-    """What it is, snake_case, without its unit."""
+    """Name of the quantity in snake_case, without its unit."""
     heading: str
-    """For people, without its unit."""
+    """Heading in plain words, without the unit."""
     values: tuple[Cell, ...]
     kind: Literal["number", "count", "text"]
     unit: str = ""
-    """Of :data:`UNITS`."""
+    """A key of :data:`UNITS`."""
     digits: int = 5
-    """Significant digits for people, where no error bar says more."""
-    bars: tuple[Cell, ...] | None = None
-    """Error bars of the values, where they have any."""
-    bar_of: str | None = None
-    """Of an error bar: the name of the column that it belongs to."""
+    """Significant digits in Markdown and LaTeX where the uncertainty is unknown."""
+    uncertainties: tuple[Cell, ...] | None = None
+    """Uncertainties of the values, if there are any."""
+    uncertainty_of: str | None = None
+    """Name of the column whose uncertainties these are, if the column holds uncertainties."""
 
     @property
     def name(self) -> str:
-        """For machines: the quantity with its unit, "peak_force_N"."""
+        """Return the name for programs: the quantity with its unit, such as "peak_force_N"."""
         suffix = UNITS[self.unit].suffix
         return f"{self.quantity}_{suffix}" if suffix else self.quantity
 
@@ -89,54 +89,69 @@ class Column:
 def numbers(
     quantity: str, heading: str, unit: str, values: Iterable[float | None] | NDArray[np.float64], *, digits: int = 5
 ) -> Column:
-    """A column of numbers; what is None or not finite is not known.
+    """Return a column of numbers; a value that is None or not finite is unknown.
 
     >>> numbers("peak_force", "peak force", "N", [1.0, float("nan")]).values
     (1.0, None)
     """
-    known = tuple(None if one is None or not math.isfinite(one) else float(one) for one in values)
-    return Column(quantity=quantity, heading=heading, unit=unit, values=known, kind="number", digits=digits)
+    cells = tuple(None if value is None or not math.isfinite(value) else float(value) for value in values)
+    return Column(quantity=quantity, heading=heading, unit=unit, values=cells, kind="number", digits=digits)
 
 
-def barred(
+def with_uncertainty(
     quantity: str,
     heading: str,
     unit: str,
     values: Iterable[float | None] | NDArray[np.float64],
-    bars: Iterable[float | None] | NDArray[np.float64],
+    uncertainties: Iterable[float | None] | NDArray[np.float64],
 ) -> tuple[Column, Column]:
-    """A column of numbers and that of their error bars, which is empty where nothing can be said."""
+    """Return a column of numbers and the column of their uncertainties; unknown uncertainties are empty cells."""
     column = numbers(quantity, heading, unit, values)
-    known = numbers(f"{quantity}_bar", f"{heading}, bar", unit, bars, digits=2)
-    # no number, no bar of it
-    kept = tuple(None if one is None else bar for one, bar in zip(column.values, known.values, strict=True))
-    return replace(column, bars=kept), replace(known, values=kept, bar_of=column.name)
+    uncertainty = numbers(f"{quantity}_uncertainty", f"{heading}, uncertainty", unit, uncertainties, digits=2)
+    # an unknown value has no uncertainty
+    cells = tuple(
+        None if value is None else cell for value, cell in zip(column.values, uncertainty.values, strict=True)
+    )
+    return replace(column, uncertainties=cells), replace(uncertainty, values=cells, uncertainty_of=column.name)
 
 
 def counts(quantity: str, heading: str, values: Iterable[int | None]) -> Column:
-    """A column of whole numbers."""
-    whole = tuple(None if one is None else int(one) for one in values)
-    return Column(quantity=quantity, heading=heading, values=whole, kind="count")
+    """Return a column of whole numbers."""
+    cells = tuple(None if value is None else int(value) for value in values)
+    return Column(quantity=quantity, heading=heading, values=cells, kind="count")
 
 
 def texts(quantity: str, heading: str, values: Iterable[str | None]) -> Column:
-    """A column of words; an empty one is not known."""
-    return Column(quantity=quantity, heading=heading, values=tuple(one or None for one in values), kind="text")
+    """Return a column of words; an empty text is unknown."""
+    return Column(quantity=quantity, heading=heading, values=tuple(value or None for value in values), kind="text")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Columns of equal length, and what is to be said of them."""
+    """Hold columns of equal length with a title, notes and provenance.
+
+    Attributes
+    ----------
+    id : str
+        Name of the table, such as "contacts".
+    title : str
+        Title in plain words.
+    columns : tuple of Column
+        Columns of equal length with distinct names.
+    notes : tuple of str
+        Sentences that state definitions and the reasons for unknown values.
+    provenance : mapping
+        Scene, hash, backend, settings and versions.
+    include : str or None
+        The table as commands that LAMMPS reads by ``include``, if there are such commands.
+    """
 
     id: str
-    """What :func:`dem_bridge.exports` calls it: "contacts"."""
     title: str
     columns: tuple[Column, ...]
     notes: tuple[str, ...] = ()
-    """Sentences: what is not known and why, which definitions are meant."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
     include: str | None = None
-    """The same as commands that LAMMPS reads by ``include``, where there are such."""
 
     def __post_init__(self) -> None:
         lengths = {len(column.values) for column in self.columns}
@@ -146,39 +161,48 @@ class Table:
 
     @property
     def rows(self) -> list[tuple[Cell, ...]]:
+        """Return the cells row by row."""
         return list(zip(*(column.values for column in self.columns), strict=True))
 
     def only(self, names: Sequence[str]) -> Table:
-        """The table with these columns, in this order; UsageError for a name that it has not."""
-        known = {column.name: column for column in self.columns}
+        """Return the table with the columns ``names``, in this order; raise UsageError for an unknown name."""
+        columns = {column.name: column for column in self.columns}
         for name in names:
-            if name not in known:
-                raise UsageError(f"column {name!r} of table {self.id!r} is unknown; allowed: {', '.join(known)}")
+            if name not in columns:
+                raise UsageError(f"table {self.id!r} has no column {name!r}; allowed: {', '.join(columns)}")
         if len(names) == 0 or len(set(names)) < len(names):
             raise UsageError(f"columns = {list(names)!r}; allowed: one or more names, each once")
-        return replace(self, columns=tuple(known[name] for name in names), include=None)
+        return replace(self, columns=tuple(columns[name] for name in names), include=None)
 
     def to_pandas(self) -> pd.DataFrame:
-        """A DataFrame; what else there is to say stands in its ``attrs``."""
+        """Return a DataFrame; units, notes and provenance are in its ``attrs``."""
         import pandas as pd
 
         kinds = {"number": "float64", "count": "Int64", "text": "string"}
-        frame = pd.DataFrame({one.name: pd.array(one.values, dtype=kinds[one.kind]) for one in self.columns})
+        frame = pd.DataFrame(
+            {column.name: pd.array(column.values, dtype=kinds[column.kind]) for column in self.columns}
+        )
         frame.attrs = {key: value for key, value in self.as_json().items() if key != "rows"}
         return frame
 
     def as_json(self) -> dict[str, Any]:
-        """JSON-able: schema, columns with their units, rows as mappings by the names of their columns."""
-        named = [one.name for one in self.columns]
+        """Return the table as a JSON document: schema, columns with units, rows as mappings by column name."""
+        names = [column.name for column in self.columns]
         return {
             "schema": SCHEMA,
             "table": self.id,
             "title": self.title,
             "columns": [
-                {"name": one.name, "heading": one.heading, "unit": one.unit, "kind": one.kind, "bar_of": one.bar_of}
-                for one in self.columns
+                {
+                    "name": column.name,
+                    "heading": column.heading,
+                    "unit": column.unit,
+                    "kind": column.kind,
+                    "uncertainty_of": column.uncertainty_of,
+                }
+                for column in self.columns
             ],
-            "rows": [dict(zip(named, row, strict=True)) for row in self.rows],
+            "rows": [dict(zip(names, row, strict=True)) for row in self.rows],
             "notes": list(self.notes),
             "provenance": json.loads(json.dumps(dict(self.provenance))),
         }

@@ -1,4 +1,4 @@
-"""The tables by name, and what each can be asked."""
+"""The tables by name, with the settings that each accepts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dem_bridge.exports.front import observables
 from dem_bridge.exports.parameters import bodies, contacts, pair_coeffs
 from dem_bridge.exports.table import Table
 
-#: name -> f(scene, run, settings of its own) or f(scene, settings); ``run`` is asked for by those that have one
+#: functions by table name: f(scene, run, **settings) for tables with results of a run, f(scene, **settings) for others
 TABLES: Mapping[str, Callable[..., Table]] = MappingProxyType(
     {
         "contacts": contacts,
@@ -24,27 +24,27 @@ TABLES: Mapping[str, Callable[..., Table]] = MappingProxyType(
         "angles": angles,
     }
 )
-#: how a deck is laid out: settings of tables that show it
-FORM = ("geometry", "types", "surrogate_radius")
+#: settings of a deck that tables about decks accept
+DECK_SETTINGS = ("geometry", "types", "surrogate_radius")
 
 
-def table_named(name: str) -> Callable[..., Table]:
-    """UsageError with the allowed names for another."""
+def table_function(name: str) -> Callable[..., Table]:
+    """Return the function of the table ``name``; raise UsageError with the allowed names if it is unknown."""
     if name not in TABLES:
-        raise UsageError(f"table = {name!r}; allowed: {', '.join(TABLES)}")
+        raise UsageError(f"table = {name!r} is unknown; allowed: {', '.join(TABLES)}")
     return TABLES[name]
 
 
-def takes(made: Callable[..., Table]) -> tuple[bool, tuple[str, ...]]:
-    """Whether a table has a run in it, and the names of its own settings."""
-    parameters = inspect.signature(made).parameters
-    own = [name for name, one in parameters.items() if one.kind is one.KEYWORD_ONLY]
-    if any(one.kind is one.VAR_KEYWORD for one in parameters.values()):
-        own += FORM
-    return "run" in parameters, tuple(own)
+def settings_of(function: Callable[..., Table]) -> tuple[bool, tuple[str, ...]]:
+    """Return True if a table shows results of a run, and the names of the settings that the table accepts."""
+    parameters = inspect.signature(function).parameters
+    names = [name for name, parameter in parameters.items() if parameter.kind is parameter.KEYWORD_ONLY]
+    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
+        names += DECK_SETTINGS
+    return "run" in parameters, tuple(names)
 
 
-def needs_run(made: Callable[..., Table]) -> bool:
-    """Whether it cannot be without one."""
-    one: Any = inspect.signature(made).parameters.get("run")
-    return one is not None and one.default is one.empty
+def needs_run(function: Callable[..., Table]) -> bool:
+    """Return True if a table consists of results of a run only."""
+    parameter: Any = inspect.signature(function).parameters.get("run")
+    return parameter is not None and parameter.default is parameter.empty

@@ -50,7 +50,7 @@ def test_csv_goes_to_stdout_and_notes_beside_it(export: Export) -> None:
     frame = pd.read_csv(io.StringIO(done.stdout))
     assert len(frame) == 2
     assert frame["peak_force_N"].notna().all()
-    assert done.stderr.startswith("dem-bridge: note: the scene does not say what its bodies are")
+    assert done.stderr.startswith("dem-bridge: note: the scene has no geometry")
     assert all(line.startswith("dem-bridge: note: ") for line in done.stderr.splitlines())
 
 
@@ -69,7 +69,7 @@ def test_settings_reach_the_table(export: Export) -> None:
     assert done.stdout.splitlines()[0] == "angle_deg,slope_exact_per_deg"
     assert [line.split(",")[0] for line in done.stdout.splitlines()[1:]] == ["2.0", "90.0"]
     done = export("--table", "angles", "--law", "paper", "--within", "0.02", *cylinders, "--format", "md")
-    assert "tolerance for 2 % (°)" in done.stdout
+    assert "angle tolerance for 2 % of stiffness (°)" in done.stdout
     assert "by the paper law" in done.stdout
     done = export(
         "--table", "contacts", "--no-run", "--types", "per-body", "--columns", "type_right", "--format", "csv"
@@ -86,13 +86,16 @@ def test_the_same_as_in_python(export: Export, tmp_path: Path) -> None:
 
 def test_what_cannot_be_is_one_line_and_no_file(export: Export, tmp_path: Path) -> None:
     before = set(tmp_path.iterdir())
-    _one_line(export("--table", "bodies", "--format", "parquet"), "parquet is no text for a terminal; name a file")
+    _one_line(
+        export("--table", "bodies", "--format", "parquet"),
+        "parquet is a binary format and cannot be printed; name a file",
+    )
     _one_line(export("--table", "bodies", "--format", "lammps"), "allowed: table 'pair-coeffs'")
-    _one_line(export("--table", "bodies", "-o", str(tmp_path / "a.doc")), "'.doc' tells no format")
-    _one_line(export("--table", "bodies", "--columns", "mass"), "column 'mass' of table 'bodies' is unknown")
-    _one_line(export("--table", "angles"), "has no two cylinders that cross")
-    _one_line(export("--table", "bodies", "--dt", "1e-7"), "setting 'dt' of table 'bodies' without a run is unknown")
-    _one_line(export("--table", "stiffness-curve", "--angles", "2,x"), "allowed: numbers with commas between them")
+    _one_line(export("--table", "bodies", "-o", str(tmp_path / "a.doc")), "no format has the file ending '.doc'")
+    _one_line(export("--table", "bodies", "--columns", "mass"), "table 'bodies' has no column 'mass'")
+    _one_line(export("--table", "angles"), "has no two crossed cylinders")
+    _one_line(export("--table", "bodies", "--dt", "1e-7"), "table 'bodies' without a run has no setting 'dt'")
+    _one_line(export("--table", "stiffness-curve", "--angles", "2,x"), "allowed: numbers separated by commas")
     _one_line(export("--table", "observables", "--backend", "verlet", "--accuracy", "0"), "accuracy = 0")
     assert set(tmp_path.iterdir()) == before
 

@@ -90,7 +90,7 @@ def test_no_output_takes_the_place_of_the_scene_that_is_read(words: tuple[str, .
     file.write_text(CHAIN, encoding="utf-8")
     done = _run(*words, "-o", "own.toml", cwd=tmp_path)
     assert done.returncode == 2
-    _one_line(done, "own.toml: is the scene file itself")
+    _one_line(done, "own.toml: the output would replace the scene file")
     assert file.read_text(encoding="utf-8") == CHAIN
 
 
@@ -206,7 +206,7 @@ def test_verify_writes_a_bundle_and_names_the_command_that_runs_it_again(tmp_pat
     (tmp_path / "small.toml").write_text(CHAIN)
     done = _run("verify", "small.toml", "--accuracy", "1e-4", "-o", "report", "--bundle", "bundle", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "bundle: bundle; again by: sh bundle/replay.sh" in done.stdout
+    assert "bundle: bundle; repeat the runs with: sh bundle/replay.sh" in done.stdout
     same = (tmp_path / "report/verdicts.json").read_text() == (tmp_path / "bundle/report/verdicts.json").read_text()
     assert same
 

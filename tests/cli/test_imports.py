@@ -92,10 +92,10 @@ def test_a_deck_becomes_a_scene_file(folder: Path) -> None:
     ("words", "why"),
     [
         (("csv", "chain.csv", "-o", "mine.toml"), "Missing option '--duration'"),
-        (("csv", "gone.csv", "--duration", "1", "-o", "mine.toml"), "gone.csv: cannot be read (No such file"),
+        (("csv", "gone.csv", "--duration", "1", "-o", "mine.toml"), "gone.csv: the file cannot be read (No such file"),
         (
             ("csv", "chain.csv", "--duration", "1", "-o", "in.test"),
-            "in.test: is there already; allowed: a new file, or",
+            "in.test: the file exists; allowed: a new file, or",
         ),
         (("csv", "chain.csv", "--duration", "1", "-o", "no/mine.toml"), "the folder no is missing or not writable"),
         (("csv", "chain.csv", "--duration", "1", "-o", "m.toml", "--wall-left", "a"), "allowed: STIFFNESS[,GAP[,EXP"),

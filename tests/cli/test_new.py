@@ -216,7 +216,7 @@ def test_nothing_is_replaced_that_is_not_to_be(tmp_path: Path) -> None:
     file.write_text("years of work")
     done = run(str(file))
     assert (done.exit_code, done.stderr.count("\n"), file.read_text()) == (2, 1, "years of work")
-    assert "is there already" in done.stderr
+    assert "the file exists" in done.stderr
     assert "--force" in done.stderr
     assert run(str(file), "--force").exit_code == 0
     assert db.load_scene(file).name == "mine"
@@ -225,7 +225,7 @@ def test_nothing_is_replaced_that_is_not_to_be(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("a b.toml",), "'a b' names no scene; allowed: 1 to 100 of A-Z"),
+        (("a b.toml",), "'a b' is not a valid name of a scene; allowed: 1 to 100 of the characters A-Z"),
         (("nowhere/a.toml",), "the folder nowhere is missing or not writable"),
         (("a.toml", "--form", "chain"), "'chain' is not one of 'pattern', 'cylinders', 'spheres', 'raw'"),
         (("a.toml", "b.toml"), "unexpected extra argument"),

@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict
 
 from dem_bridge.errors import UsageError
 from dem_bridge.exports.formats import FORMATS, SUFFIXES, as_csv, as_json, as_markdown, as_parquet, as_tex, format_for
-from dem_bridge.exports.table import UNITS, Cell, Table, barred, counts, numbers, texts
+from dem_bridge.exports.table import UNITS, Cell, Table, counts, numbers, texts, with_uncertainty
 from tests.helpers.foreign_readers import NUMBER, read_markdown, read_tex
 from tests.helpers.strategies import examples
 
@@ -48,7 +48,7 @@ def tables(draw: st.DrawFn) -> Table:
                 draw(st.lists(st.one_of(st.none(), st.integers(0, 2**62)), min_size=rows, max_size=rows)),
             ),
             numbers("one", "one", draw(st.sampled_from(list(UNITS))), row[0]),
-            *barred("two", "two", draw(st.sampled_from(list(UNITS))), row[1], bars),
+            *with_uncertainty("two", "two", draw(st.sampled_from(list(UNITS))), row[1], bars),
             texts("word", "word_s", draw(st.lists(st.sampled_from(NASTY), min_size=rows, max_size=rows))),
         ),
         notes=("what is 100 % unknown is empty",),
@@ -83,7 +83,7 @@ class _Column(BaseModel):
     heading: str
     unit: str
     kind: Literal["number", "count", "text"]
-    bar_of: str | None
+    uncertainty_of: str | None
 
 
 class _Document(BaseModel):
@@ -114,7 +114,7 @@ def test_json_keeps_its_schema_and_every_digit(table: Table) -> None:
     names = [one.name for one in found.columns]
     assert all(list(row) == names for row in found.rows)
     _same([tuple(row.values()) for row in found.rows], table)
-    assert all(one.bar_of is None or one.bar_of in names for one in found.columns)
+    assert all(one.uncertainty_of is None or one.uncertainty_of in names for one in found.columns)
     assert found.notes == list(table.notes)
 
 
@@ -134,7 +134,7 @@ def test_parquet_without_pyarrow_says_what_to_install(monkeypatch: pytest.Monkey
     for name in [name for name in sys.modules if name.startswith("pyarrow.")]:
         monkeypatch.delitem(sys.modules, name)
     with pytest.raises(
-        UsageError, match=r"^format = 'parquet' needs pyarrow, .* install dem-bridge\[parquet\], or take"
+        UsageError, match=r"^format = 'parquet' needs pyarrow, .* install dem-bridge\[parquet\], or use"
     ):
         as_parquet(table)
 
@@ -165,7 +165,7 @@ def _check_rounding(table: Table, rows: list[list[str]], powers: list[float], mi
         column = table.columns[nth]
         if column.kind != "number":
             continue
-        for row, (value, bar) in enumerate(zip(column.values, column.bars or [None] * len(rows), strict=True)):
+        for row, (value, bar) in enumerate(zip(column.values, column.uncertainties or [None] * len(rows), strict=True)):
             text = rows[row][place]
             assert (value is None) == (text == missing)
             if value is None:
@@ -204,7 +204,7 @@ def measured(draw: st.DrawFn) -> Table:
         columns=(
             counts("body", "body", range(rows)),
             numbers("one", "one (of two)", draw(st.sampled_from(list(UNITS))), draw(some)),
-            *barred("two", "two", draw(st.sampled_from(list(UNITS))), draw(some), bars),
+            *with_uncertainty("two", "two", draw(st.sampled_from(list(UNITS))), draw(some), bars),
             texts("word", "word_s", draw(st.lists(st.sampled_from(NASTY), min_size=rows, max_size=rows))),
         ),
     )
@@ -241,7 +241,9 @@ PLAIN = Table(
     title="Plain",
     columns=(
         texts("word", "a_b", NASTY),
-        *barred("force", "force", "N", [254.6131, 1e-3, 0.0, None, 37.5, -2.0], [0.02, 1e-9, 0.1, None, None, 5.0]),
+        *with_uncertainty(
+            "force", "force", "N", [254.6131, 1e-3, 0.0, None, 37.5, -2.0], [0.02, 1e-9, 0.1, None, None, 5.0]
+        ),
         numbers("beta", "stiffness", "N/m^1.5", [7.27e10, 4.68e9, 5e9, 6e9, 7e9, 8e9]),
         numbers("over", "stiffness", "N/m^(n-1)", [1e-7, 2e-9, 4.0, 5.0, 6.0, 7.0]),
         numbers("axis", "axis", "m", [1.23456789e-5, 2e-6, 3e-6, 1.0 / 3e5, 5e-6, 6e-6]),
@@ -254,7 +256,7 @@ PLAIN = Table(
 def test_a_table_for_people_as_it_stands() -> None:
     head, rows = read_markdown(as_markdown(PLAIN))
     assert head == [
-        "a_b", "force (N)", "force, bar (N)", "stiffness (10⁹ N/m^1.5)", "stiffness (N/m^(n-1))", "axis (µm)",
+        "a_b", "force (N)", "force, uncertainty (N)", "stiffness (10⁹ N/m^1.5)", "stiffness (N/m^(n-1))", "axis (µm)",
         "mass (g)",
     ]  # fmt: skip
     assert [row[1] for row in rows] == ["2.5461e2", "1.00000e-3", "0", "–", "3.7500e1", "-2e0"]
@@ -301,10 +303,14 @@ def test_the_ending_of_a_file_tells_the_format_and_a_name_goes_before_it() -> No
     assert {format_for(None, Path(f"a{suffix}"), "pair-coeffs") for suffix in SUFFIXES} == set(FORMATS)
     assert format_for("csv", Path("a.json"), "bodies") == "csv"
     wrong: dict[str, tuple[str | None, Path | None, str]] = {
-        r"^a\.xlsx: '\.xlsx' tells no format; allowed: \.csv, ": (None, Path("a.xlsx"), "bodies"),
-        "^format = 'xls'; allowed: csv, json, ": ("xls", None, "bodies"),
-        "^format = None and no file to tell it; allowed: ": (None, None, "bodies"),
-        "^format = 'lammps' of table 'bodies'; allowed: table 'pair-coeffs'": ("lammps", None, "bodies"),
+        r"^a\.xlsx: no format has the file ending '\.xlsx'; allowed: \.csv, ": (None, Path("a.xlsx"), "bodies"),
+        "^format = 'xls' is unknown; allowed: csv, json, ": ("xls", None, "bodies"),
+        "^neither a format nor a file was given; allowed formats: ": (None, None, "bodies"),
+        "^table 'bodies' cannot be written in the format 'lammps'; allowed: table 'pair-coeffs'": (
+            "lammps",
+            None,
+            "bodies",
+        ),
     }
     for message, asked in wrong.items():
         with pytest.raises(UsageError, match=message):

@@ -28,11 +28,14 @@ def test_every_body_has_what_the_run_says_of_it(solved: Solve) -> None:
 def test_bars_hold_between_a_coarse_run_and_the_reference() -> None:
     truth = db.table_of(CROSSED, "observables").to_pandas()
     coarse = db.table_of(CROSSED, "observables", backend="verlet", dt=4e-7).to_pandas()
-    quantities = [name.replace("_bar", "") for name in truth.columns if "_bar" in name]
+    quantities = [name.replace("_uncertainty", "") for name in truth.columns if "_uncertainty" in name]
     assert len(quantities) == 6
     for name in quantities:
         stem, unit = next((name[: -len(u)], u) for u in ("_m_per_s", "_per_s", "_s", "_N") if name.endswith(u))
-        off, bar = abs(coarse[name] - truth[name]), coarse[f"{stem}_bar{unit}"] + truth[f"{stem}_bar{unit}"]
+        off, bar = (
+            abs(coarse[name] - truth[name]),
+            coarse[f"{stem}_uncertainty{unit}"] + truth[f"{stem}_uncertainty{unit}"],
+        )
         known = truth[name].notna()
         assert np.all(off[known] <= bar[known]), name
         assert np.any(off[known] > 0.0), "the coarse run errs, or nothing was tested"
@@ -44,12 +47,12 @@ def test_a_bar_as_long_as_the_residence_leaves_no_bar_of_the_speed(monkeypatch: 
 
     frame = observables(CROSSED, run).to_pandas()
     assert frame["front_speed_per_s"][1] > 0.0
-    assert frame["front_speed_bar_per_s"].isna().all()
+    assert frame["front_speed_uncertainty_per_s"].isna().all()
     bar = np.full(CROSSED.n_contact, 0.25 * residence_by_crossing(CROSSED, run)[0])
     half = replace(run, uncertainty=replace(run.uncertainty, crossing_time=bar))
     frame = observables(CROSSED, half).to_pandas()
     # a residence time that may be half as long has a speed that may be twice as much
-    assert frame["front_speed_bar_per_s"][1] == pytest.approx(frame["front_speed_per_s"][1], rel=1e-14)
+    assert frame["front_speed_uncertainty_per_s"][1] == pytest.approx(frame["front_speed_per_s"][1], rel=1e-14)
 
 
 def test_without_spacing_there_is_no_speed_in_metres_and_it_is_said() -> None:
@@ -62,5 +65,5 @@ def test_binary_collisions_have_no_bars() -> None:
     table = db.table_of(CROSSED, "observables", backend="bca")
     frame = table.to_pandas()
     assert frame["arrival_s"].notna().tolist() == [False, True, True, True]
-    assert frame["arrival_bar_s"].isna().all()
+    assert frame["arrival_uncertainty_s"].isna().all()
     assert "bars that are empty are not known" in table.notes

@@ -40,7 +40,7 @@ def _deck_lines(scene: Scene, **form: Any) -> list[str]:
 
 def test_the_papers_stiffnesses_are_those_of_the_notes_on_its_physics() -> None:
     """Angle 2 degrees between cylinders 1 and 2: eq. 3.1 to 12 digits, the exact one and their ratio."""
-    table, frame = _contacts("decelerating-40", found=False)
+    table, frame = _contacts("decelerating-40", with_run=False)
     row = frame.iloc[1]
     assert row["angle_deg"] == pytest.approx(2.0, rel=1e-12)  # found from the stiffness, to what that promises
     # 12 digits are printed
@@ -50,19 +50,19 @@ def test_the_papers_stiffnesses_are_those_of_the_notes_on_its_physics() -> None:
     assert frame["stiffness_paper_N_per_m1_5"].iloc[-1] == pytest.approx(4.689197642511e9, rel=5e-12)
     assert math.isnan(frame["angle_deg"][0]), "a sphere has no angle"
     assert frame["peak_force_N"].isna().all()
-    assert "no run was asked for: peaks, ellipses and pressures are not known" in table.notes
+    assert "without a run, peak forces, peak overlaps, contact ellipses and pressures are unknown" in table.notes
 
 
 def test_binary_collisions_are_those_of_two_bodies() -> None:
     """The striker on one cylinder at 0.8 m/s: half of its contact time, and its force, as known to 13 digits."""
-    row = _contacts("decelerating-40", found=False)[1].iloc[0]
+    row = _contacts("decelerating-40", with_run=False)[1].iloc[0]
     # the scene's mass is rounded to 12 digits, by 4.4e-12 of itself
     assert row["residence_bca_s"] == pytest.approx(0.5 * 5.596816463565898e-05, rel=4.4e-12)
     assert row["peak_force_bca_N"] == pytest.approx(236.1474973592, rel=4.4e-12)
 
 
 def test_binary_collisions_are_the_backends_own() -> None:
-    frame = _contacts(CROSSED, found=False)[1]
+    frame = _contacts(CROSSED, with_run=False)[1]
     long = db.solve(replace(CROSSED, duration=1.0), backend="bca")
     # a difference of arrivals loses what the last of them is longer than the shortest residence, a few times
     np.testing.assert_allclose(frame["residence_bca_s"], np.diff(long.crossing_time, prepend=0.0), rtol=1e-14)
@@ -73,12 +73,12 @@ def test_what_is_found_is_the_runs_and_the_survey_is_near(solved: Solve) -> None
     table, frame = _contacts(CROSSED)
     run = solved(CROSSED, "reference")
     np.testing.assert_array_equal(frame["peak_force_N"], run.peak_force)
-    np.testing.assert_array_equal(frame["peak_force_bar_N"], run.uncertainty["peak_force"])
+    np.testing.assert_array_equal(frame["peak_force_uncertainty_N"], run.uncertainty["peak_force"])
     overlap = frame["peak_overlap_m"]
     # a root and a power and back: some ulp
     beta = np.array(CROSSED.stiffness)
     np.testing.assert_allclose(beta * overlap**1.5, run.peak_force, rtol=1e-14)
-    upper = beta * (overlap + frame["peak_overlap_bar_m"]) ** 1.5
+    upper = beta * (overlap + frame["peak_overlap_uncertainty_m"]) ** 1.5
     assert np.all(upper >= run.peak_force + run.uncertainty["peak_force"] * (1.0 - 1e-2)), "bars hold upwards too"
     # "good to about a per cent": what the survey promises
     np.testing.assert_allclose(frame["peak_overlap_prescan_m"], overlap, rtol=0.02)
@@ -120,11 +120,11 @@ def test_without_geometry_what_is_unknown_is_empty_and_said_once() -> None:
     table, frame = _contacts(RAW)
     for name in ("angle_deg", "stiffness_paper_N_per_m1_5", "stiffness_exact_N_per_m1_5", "semi_major_m"):
         assert frame[name].isna().all()
-    assert sum("does not say what its bodies are" in note for note in table.notes) == 1
+    assert sum("the scene has no geometry" in note for note in table.notes) == 1
     assert len(set(table.notes)) == len(table.notes)
     bodies = db.table_of(RAW, "bodies")
     assert bodies.to_pandas()["shape"].isna().all()
-    assert sum("does not say what its bodies are" in note for note in bodies.notes) == 1
+    assert sum("the scene has no geometry" in note for note in bodies.notes) == 1
 
 
 def test_damped_contacts_between_walls_have_forces_and_no_overlaps_of_them() -> None:
@@ -133,7 +133,13 @@ def test_damped_contacts_between_walls_have_forces_and_no_overlaps_of_them() -> 
     assert frame["peak_force_N"].notna().all()
     assert frame["peak_overlap_m"].isna().all()
     assert frame["residence_bca_s"].isna().all()
-    assert sum("peak overlaps found are those of elastic powers" in note for note in table.notes) == 1
+    assert (
+        sum(
+            "peak overlaps are empty: they follow from peak forces only for elastic power laws" in note
+            for note in table.notes
+        )
+        == 1
+    )
     assert sum("there is a wall; there is damping" in note for note in table.notes) == 1
 
 
@@ -148,7 +154,7 @@ def test_what_lammps_is_told_is_what_its_deck_says(scene: Scene, form: dict[str,
     for file, text in deck.files.items():
         (tmp_path / file).write_text(text)
     read = read_deck(tmp_path, deck.name)
-    frame = _contacts(scene, found=False, **form)[1]
+    frame = _contacts(scene, with_run=False, **form)[1]
     left = int(scene.wall_left is not None)
     for k in range(scene.n_contact):
         row, one, other = frame.iloc[k], int(scene.contacts.left[k]), int(scene.contacts.right[k])
@@ -170,11 +176,11 @@ def test_what_lammps_is_told_is_what_its_deck_says(scene: Scene, form: dict[str,
 
 
 def test_a_law_that_granular_has_not_leaves_k_n_empty_with_the_reason() -> None:
-    table, frame = _contacts(replace(PAIR, exponent=3.0), found=False)
+    table, frame = _contacts(replace(PAIR, exponent=3.0), with_run=False)
     assert frame["lammps_k_n_SI"].isna().all()
     assert any("contact 0 has exponent n = 3.0; pair_style granular has" in note for note in table.notes)
     with pytest.raises(
-        UnsupportedScene, match=r"^there are no pair coefficients of pair: contact 0 has exponent n = 3"
+        UnsupportedScene, match=r"^pair has no pair coefficients for pair_style granular: contact 0 has exponent n = 3"
     ):
         db.table_of(replace(PAIR, exponent=3.0), "pair-coeffs")
 
@@ -202,7 +208,7 @@ def test_bodies_are_those_of_the_scene() -> None:
     assert frame["height_m"][1] == 18e-3
     # 2200 kg/m^3 times the volume of a sphere of 9 mm
     assert frame["mass_by_density_kg"][0] == pytest.approx(6.718e-3, rel=1e-4)
-    assert any("another where a mass was given" in note for note in table.notes)
+    assert any("density times volume differs for a body whose mass was set" in note for note in table.notes)
     own = replace(CROSSED, mass=tuple(body.mass for body in (SPHERE, CYLINDER, CYLINDER, CYLINDER)))
     assert db.table_of(own, "bodies").notes == ()
 
@@ -253,14 +259,16 @@ def test_a_radius_below_the_overlap_is_refused() -> None:
 
 
 def test_tables_refuse_what_they_are_not_asked(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"^table = 'balls'; allowed: contacts, pair-coeffs, bodies, observables, "):
-        db.table_of(PAIR, "balls")
     with pytest.raises(
-        UsageError, match=r"^setting 'dt' of table 'bodies' without a run is unknown; allowed: geometry,"
+        UsageError, match=r"^table = 'balls' is unknown; allowed: contacts, pair-coeffs, bodies, observables, "
     ):
+        db.table_of(PAIR, "balls")
+    with pytest.raises(UsageError, match=r"^table 'bodies' without a run has no setting 'dt'; allowed: geometry,"):
         db.table_of(PAIR, "bodies", dt=1e-7)
-    with pytest.raises(UsageError, match=r"^found = False leaves nothing of table 'observables'"):
-        db.table_of(PAIR, "observables", found=False)
+    with pytest.raises(
+        UsageError, match=r"^table 'observables' consists of results of a run; leave out with_run=False"
+    ):
+        db.table_of(PAIR, "observables", with_run=False)
     with pytest.raises(UsageError, match=r"^setting 'tolerance' is unknown; allowed: dt"):
         db.table_of(PAIR, "contacts", tolerance=1.0)
     with pytest.raises(UsageError, match=r"the folder .* is missing or not writable"):
@@ -278,7 +286,7 @@ def test_tables_refuse_what_they_are_not_asked(tmp_path: Path) -> None:
     ],
 )
 def test_shipped_scenes_have_what_they_can_have_and_print_well(name: str, unknown: set[str]) -> None:
-    table, frame = _contacts(name, found=False)
+    table, frame = _contacts(name, with_run=False)
     for column in ("angle_deg", "stiffness_exact_N_per_m1_5", "lammps_k_n_SI", "residence_bca_s"):
         assert frame[column].isna().all() == (column in unknown), column
     assert len(read_tex(as_tex(table)).rows) == len(read_markdown(as_markdown(table))[1]) == len(frame)

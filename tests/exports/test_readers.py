@@ -18,7 +18,7 @@ from ase.calculators.singlepoint import SinglePointCalculator
 import dem_bridge as db
 from dem_bridge.drive import Drive
 from dem_bridge.errors import UsageError
-from dem_bridge.exports.frames import short_of_digits
+from dem_bridge.exports.frames import rounding_error
 from dem_bridge.exports.readers import UNITS
 from dem_bridge.lmp.process import run_deck
 from dem_bridge.scene import Scene
@@ -65,7 +65,7 @@ def test_with_drag_forces_do_not_follow(tmp_path: Path) -> None:
     scene = replace(CROSSED, drag=10.0)
     found = db.read_trajectory(_written(tmp_path, foreign_dump(scene, made_up(scene))), scene)
     assert np.all(np.isnan(found.contact_force))
-    assert "contact forces are not known" in found.provenance["assumed"]
+    assert "contact forces are unknown" in found.provenance["assumed"]
 
 
 def _swapped(text: str) -> str:
@@ -101,22 +101,22 @@ def _faster(text: str) -> str:
 @pytest.mark.parametrize(
     ("fault", "found"),
     [
-        (_swapped, "in frame 0 atom 2 is at 0.036 and atom 3 at 0.018; allowed: places that grow with the id"),
+        (_swapped, "in frame 0 atom 2 is at 0.036 and atom 3 at 0.018; allowed: positions that increase with the id"),
         (_swapped_once, "in frame 4 atom 2 is at"),
-        (_without(6), r"between frame 4 .* and the next .* there are 2 of the usual intervals: a frame is lost"),
-        (_without(1), "begins at 1.66667e-05 s; allowed: the scene's start"),
-        (_lost_atom, r"frame 12 \(step 1200\) has 3 atoms and the first frame 4: atom 3 is lost"),
-        (_faster, "body 0 starts at 800 m/s, in crossed_3 at 0.8 m/s, 1000 times as much; .*units"),
-        (lambda text: text.replace("\nsi\n", "\nlj\n"), "units 'lj', which are no metres.*allowed: si, cgs"),
+        (_without(6), r"frame 4 is at .* and the next frame at .* 2 times the usual interval, so a frame is missing"),
+        (_without(1), "the file begins at 1.66667e-05 s; allowed: the start of the scene, 0 s"),
+        (_lost_atom, r"frame 12 \(step 1200\) has 3 atoms, the first frame has 4: atom 3 is missing"),
+        (_faster, r"body 0 starts at 800 m/s, in the scene crossed_3 at 0.8 m/s \(the ratio is 1000\); .*units"),
+        (lambda text: text.replace("\nsi\n", "\nlj\n"), "units 'lj', whose SI values are unknown; allowed: si, cgs"),
         (lambda text: text.replace("\nsi\n", "\nmetal\n"), "body 0 starts at 80 m/s"),
-        (lambda text: text[: len(text) - 60], "frame 12.* is cut"),
+        (lambda text: text[: len(text) - 60], "frame 12.* is incomplete"),
         (lambda text: text.replace("ITEM: ATOMS id", "ITEM: ATOMS mol"), "has no column id"),
-        (lambda text: text.replace("x y z", "xs ys zs"), "no positions in units of length"),
+        (lambda text: text.replace("x y z", "xs ys zs"), "has no column x; allowed: x or xu, not the scaled xs"),
         (lambda text: text.replace("\n3 1 ", "\n2 1 "), "frame 0 .*has atom 2 twice"),
-        (lambda text: re.sub(r"(?m)^3 1 \S+", "3 1 nan", text), "frame 0 has positions that are no numbers"),
+        (lambda text: re.sub(r"(?m)^3 1 \S+", "3 1 nan", text), "frame 0 has positions that are not finite"),
         (lambda text: re.sub(r"(?m)^(4 1 \S+) 0 0 (0\.\d{4,}|1\.\d+)", r"\1 1e-3 0 \2", text), "across the chain"),
-        (lambda text: re.sub(r"ITEM: TIME\n.*\n", "", text), "has no times; give dt"),
-        (lambda _: "", "has no frame"),
+        (lambda text: re.sub(r"ITEM: TIME\n.*\n", "", text), "no times; give the time step in seconds"),
+        (lambda _: "", "the file has no frames"),
     ],
     ids=["swapped", "swapped once", "lost frame", "no start", "lost atom", "mm/s", "lj", "metal", "cut", "no id",
          "scaled", "twice", "nan", "across", "no time", "empty"],
@@ -142,14 +142,14 @@ def test_a_file_that_ends_early_says_so(tmp_path: Path) -> None:
 
 def test_another_number_of_bodies_is_refused(tmp_path: Path) -> None:
     path = _written(tmp_path, foreign_dump(CROSSED, made_up(CROSSED)))
-    with pytest.raises(UsageError, match="frames have 4 atoms, pair has 2 bodies; give the scene"):
+    with pytest.raises(UsageError, match="the file has 4 atoms per frame, the scene pair has 2 bodies; give the scene"):
         db.read_trajectory(path, PAIR)
 
 
 def test_masses_of_another_scene_are_refused(tmp_path: Path) -> None:
     db.write_trajectory(made_up(CROSSED), CROSSED, tmp_path / "run.lammpstrj")
     other = replace(CROSSED, mass=(8.1e-3, 1e-2, 1e-2, 1.1e-2))
-    with pytest.raises(UsageError, match=r"atom 2 has a mass of 0\.010077 kg, body 1 of crossed_3 one of 0\.01 kg"):
+    with pytest.raises(UsageError, match=r"atom 2 has a mass of 0\.010077 kg, body 1 of crossed_3 has 0\.01 kg"):
         db.read_trajectory(tmp_path / "run.lammpstrj", other)
 
 
@@ -157,7 +157,7 @@ def test_velocities_that_are_not_there_are_not_made_up(tmp_path: Path) -> None:
     text = foreign_dump(CROSSED, made_up(CROSSED)).replace("z vx fx", "z c_1 fx")
     found = db.read_trajectory(_written(tmp_path, text), CROSSED)
     assert np.all(np.isnan(found.velocity))
-    assert any("velocities are not in the file" in one for one in found.provenance["assumed"])
+    assert any("the file has no velocities" in one for one in found.provenance["assumed"])
 
 
 def test_few_digits_are_seen_and_said(tmp_path: Path) -> None:
@@ -169,7 +169,9 @@ def test_few_digits_are_seen_and_said(tmp_path: Path) -> None:
     off = np.max(np.abs(short.displacement - full.displacement))
     # rounded at both ends of the difference, of which the first is on the grid
     assert 1e-9 < off <= 5.001e-9
-    assert any("position has few digits: known to 5e-09 m" in one for one in short.provenance["assumed"])
+    assert any(
+        "position has few digits: its rounding error is up to 5e-09 m" in one for one in short.provenance["assumed"]
+    )
     found = db.compare(short, full)
     assert found.divergence is not None
     assert max(one.value * one.scale for one in found.differences if one.quantity == "velocity") <= 5.001e-9
@@ -181,12 +183,12 @@ def test_what_few_digits_cost_is_found_from_the_numbers(number: str, decades: in
     rng = np.random.default_rng(0)
     exact = 10.0 * rng.random(1000) * 10.0 ** -rng.integers(0, decades, 1000)
     written = [float(format(value, number)) for value in exact]
-    found = short_of_digits(written)
+    found = rounding_error(written)
     assert found is not None
     worst = float(np.max(np.abs(np.array(written) - exact)))
     # no less than it is (but for an ulp), and not much more
     assert 0.5 * found < worst <= found + EPS * 10.0
-    assert short_of_digits(exact.tolist()) is None
+    assert rounding_error(exact.tolist()) is None
 
 
 @pytest.mark.parametrize("style", [one for one in UNITS if one not in ("si", "ase")])
@@ -237,7 +239,7 @@ def test_ase_trajectories_are_read(axis: int, tmp_path: Path) -> None:
     # ASE keeps momenta: a product and a quotient
     np.testing.assert_allclose(found.velocity, run.velocity, rtol=2 * EPS)
     assert np.max(np.abs(found.contact_force - run.contact_force)) <= 10 * EPS * 2e3
-    with pytest.raises(UsageError, match="has no times; give dt"):
+    with pytest.raises(UsageError, match="no times; give the time step in seconds"):
         db.read_trajectory(path, CROSSED, units="si")
     # in ASE's own units, which it has if nothing is said, the chain would be far too light
     with pytest.raises(UsageError, match=r"atom 0 has a mass of 1\.3\S*e-29 kg"):
@@ -254,7 +256,7 @@ def test_ase_without_momenta_has_no_velocities(tmp_path: Path) -> None:
     assert np.all(np.isnan(found.velocity))
     del frames[3].arrays["masses"]
     ase.io.write(tmp_path / "theirs.traj", frames)
-    with pytest.raises(UsageError, match="frame 3 and the first frame do not both have mass"):
+    with pytest.raises(UsageError, match="only one of frame 3 and the first frame has mass"):
         db.read_trajectory(tmp_path / "theirs.traj", CROSSED, units="si", dt=1e-6)
 
 
@@ -267,7 +269,7 @@ def test_extended_xyz_by_ase_is_read_and_its_8_decimals_are_seen(tmp_path: Path)
     ase.io.write(tmp_path / "theirs.extxyz", frames, columns=["symbols", "positions", "velo", "forces"])
     found = db.read_trajectory(tmp_path / "theirs.extxyz", CROSSED)
     assert found.provenance["resolution"]["position"] == pytest.approx(5e-9)
-    assert any("units si: the file does not say" in one for one in found.provenance["assumed"])
+    assert any("units are si, because the file does not state them" in one for one in found.provenance["assumed"])
     assert np.max(np.abs(found.velocity - run.velocity)) <= 5.001e-9
 
 
@@ -289,17 +291,19 @@ def test_csv_of_others_in_other_units(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "found"),
     [
-        ("time_s,velocity_0_m_per_s\n0,1\n", r"1 columns or bodies of velocity, pair has 2"),
+        ("time_s,velocity_0_m_per_s\n0,1\n", "velocity are of 1 bodies, the scene pair has 2; all are needed"),
         ("time_s,velocity_0_m_per_s,velocity_1_m_per_s\n0,0.8,0\n", "neither displacements nor positions"),
-        ("time_s,speed_0_m\n0,1\n", "column 'speed_0_m'; allowed: body, time"),
-        ("time_s,velocity_0_furlong\n0,1\n", "column 'velocity_0_furlong' is in 'furlong'; allowed: m/s"),
-        ("time_s,displacement_0_m,displacement_2_m\n0,1,1\n", r"displacement have the numbers \[0, 2\]"),
+        ("time_s,speed_0_m\n0,1\n", "column 'speed_0_m' is unknown; allowed: body, and time"),
+        ("time_s,velocity_0_furlong\n0,1\n", "'velocity_0_furlong' has the unknown unit 'furlong'; allowed: m/s"),
+        ("time_s,displacement_0_m,displacement_2_m\n0,1,1\n", r"the columns of displacement have the indices \[0, 2\]"),
+        ("t,x_0_m,x_1_m\n0,0,1\n", r"column 't' has no unit; write 't \(s\)'"),
+        ("t (s),v_0,v_1\n0,0,1\n", r"column 'v_0' has no unit; write 'v_0 \(m/s\)'"),
         ("displacement_0_m,displacement_1_m\n0,1\n", "has no times"),
-        ("time_s,displacement_0_m,displacement_1_m\n0,one,1\n", "no CSV of numbers"),
-        ("time_s,displacement_0_m,displacement_1_m\n0,1\n", "rows of as many numbers"),
-        ("time_s,body,displacement_m\n0,0,0\n0,1,0\n1,0,0\n", "time 1 s has 1 atoms .*: atom 1 is lost"),
+        ("time_s,displacement_0_m,displacement_1_m\n0,one,1\n", "is not a CSV table .could not convert string"),
+        ("time_s,displacement_0_m,displacement_1_m\n0,1\n", "then rows with a number per heading"),
+        ("time_s,body,displacement_m\n0,0,0\n0,1,0\n1,0,0\n", "time 1 s has 1 atoms, .*: atom 1 is missing"),
         ("time_s,body,displacement_m\n0,0,0\n0,1,0\n1,0,0\n1,1,0\n0.5,0,0\n0.5,1,0\n", "frame 2 is not later"),
-        ("", "no CSV with headings"),
+        ("", "is not a CSV table; allowed: a row of headings"),
     ],
 )  # fmt: skip
 def test_a_csv_that_cannot_be_is_refused_by_name(text: str, found: str, tmp_path: Path) -> None:
@@ -312,14 +316,14 @@ def test_a_csv_that_cannot_be_is_refused_by_name(text: str, found: str, tmp_path
     ("name", "how", "found"),
     [
         ("none.csv", {}, "no such file"),
-        ("binary.lammpstrj", {}, "is no text; a binary dump is made one by LAMMPS' binary2txt"),
-        ("binary.traj", {"dt": 1e-6}, "is none that ASE reads"),
-        ("text.lammpstrj", {}, "goes on where an ITEM should begin"),
-        ("text.lammpstrj", {"units": "lj"}, "units = 'lj'; allowed: si"),
+        ("binary.lammpstrj", {}, "the file is not text; convert a binary dump with LAMMPS' binary2txt"),
+        ("binary.traj", {"dt": 1e-6}, "ASE cannot read frame 0"),
+        ("text.lammpstrj", {}, "where a line 'ITEM: ...' is expected"),
+        ("text.lammpstrj", {"units": "lj"}, "units = 'lj' is unknown; allowed: si"),
         ("text.lammpstrj", {"dt": -1.0}, r"dt = -1\.0; allowed"),
-        ("text.csv", {"units": "metal"}, "units and dt are not for CSV"),
-        ("run.nc", {"dt": 1.0}, "units and dt are not for netCDF"),
-        ("run.pdb", {}, "tells no format"),
+        ("text.csv", {"units": "metal"}, "units and dt do not apply to CSV"),
+        ("run.nc", {"dt": 1.0}, "units and dt do not apply to netCDF"),
+        ("run.pdb", {}, "the file type is not clear from"),
     ],
 )
 def test_files_and_settings_that_cannot_be_are_refused(
@@ -335,7 +339,7 @@ def test_files_and_settings_that_cannot_be_are_refused(
 
 
 def test_a_file_without_its_scene_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="needs the scene that was run"):
+    with pytest.raises(UsageError, match="give the scene of this run"):
         db.read_trajectory(tmp_path / "run.csv")
 
 

@@ -45,7 +45,7 @@ def _beside(scene: Scene) -> dict[str, Any]:
 
 def _back(scene: Scene) -> Scene:
     bodies = str(db.export(scene, table="bodies", format="csv"))
-    contacts = str(db.export(scene, table="contacts", format="csv", found=False))
+    contacts = str(db.export(scene, table="contacts", format="csv", with_run=False))
     return scene_of_csv(bodies, file="bodies.csv", contacts=contacts, contacts_file="contacts.csv", **_beside(scene))
 
 
@@ -81,7 +81,7 @@ def test_a_precompressed_chain_is_said_beside_its_tables() -> None:
     # another load has other overlaps
     beside = _beside(scene) | {"precompression": 2e-6}
     bodies = str(db.export(scene, table="bodies", format="csv"))
-    contacts = str(db.export(scene, table="contacts", format="csv", found=False))
+    contacts = str(db.export(scene, table="contacts", format="csv", with_run=False))
     with pytest.raises(SceneError, match="precompression = 2e-06, but contact 0 has a gap"):
         scene_of_csv(bodies, file="b.csv", contacts=contacts, **beside)
 
@@ -134,13 +134,25 @@ WRONG = [
     ("5e6", "0", "chain.csv, line 4: stiffness_N_per_m^(n-1) = 0.0; allowed: a number > 0"),
     ("2.0, 1e-6", "1.0, 1e-6", "chain.csv, line 4: exponent = 1.0; allowed: n > 1"),
     ("1e-6", "inf", "chain.csv, line 4: gap_m = inf; allowed: a finite number (m)"),
-    ("-0.1, ,", "-0.1, 1e9,", "line 7: stiffness_N_per_m^(n-1) = '1e9'; allowed: an empty cell: the last body"),
+    (
+        "-0.1, ,",
+        "-0.1, 1e9,",
+        "line 7: stiffness_N_per_m^(n-1) = '1e9'; allowed: an empty cell, because no body follows",
+    ),
     ("gap_m", "gap_mm", "chain.csv, line 2: column 'gap_mm' is unknown; allowed: body, mass_kg, velocity_m_per_s"),
-    ("gap_m", "exponent", "column 'exponent' says again what another says"),
-    ("mass_kg, ", "", "chain.csv, line 2: column 'mass_kg' is missing; allowed: needed beside velocity_m_per_s"),
-    ("0.8, 4e9", "0.8", "chain.csv, line 3: has 4 cells; allowed: 5, one per column"),
-    ("8e-3, 0.8", '"8e-3, 0.8', "is no CSV"),
-    (CHAIN, "# nothing\n", "chain.csv: has no rows under headings; allowed: the columns body, mass_kg"),
+    ("gap_m", "exponent", "column 'exponent' repeats the quantity of another column; allowed: one of"),
+    (
+        "mass_kg, ",
+        "",
+        "chain.csv, line 2: column 'mass_kg' is missing; allowed: a table with mass_kg, velocity_m_per_s",
+    ),
+    ("0.8, 4e9", "0.8", "chain.csv, line 3: the row has 4 cells; allowed: 5, one per column"),
+    ("8e-3, 0.8", '"8e-3, 0.8', "the text is not CSV"),
+    (
+        CHAIN,
+        "# nothing\n",
+        "chain.csv: the table has no headings or no rows; allowed: a row of headings from body, mass_kg",
+    ),
     (CHAIN, CHAIN.replace(",", ";"), "chain.csv, line 2: column 'mass_kg; velocity_m_per_s; "),
 ]
 
@@ -175,10 +187,20 @@ TABLES = {
 @pytest.mark.parametrize(
     ("table", "old", "new", "why"),
     [
-        ("bodies", "\n1,3", "\n2,3", "b.csv, line 3: body = '2'; allowed: 1: rows in the order of the chain"),
-        ("bodies", "\n1,3,0", "\n1,3,0\n2,1,1", "c.csv: has 1 contacts of the chain; allowed: 2, for the bodies of b"),
-        ("contacts", "0,chain,5,0\n1,", "0,wall_right,5,0\n1,", "c.csv, line 2: where = 'wall_right'; allowed: chain,"),
-        ("contacts", "wall_right", "wall", "c.csv, line 3: where = 'wall'; allowed: chain, then"),
+        ("bodies", "\n1,3", "\n2,3", "b.csv, line 3: body = '2'; allowed: 1 (rows are in the order of the chain"),
+        (
+            "bodies",
+            "\n1,3,0",
+            "\n1,3,0\n2,1,1",
+            "c.csv: the table has 1 contacts of the chain; allowed: 2 for the 3 bodies in b",
+        ),
+        (
+            "contacts",
+            "0,chain,5,0\n1,",
+            "0,wall_right,5,0\n1,",
+            "c.csv, line 2: where = 'wall_right'; allowed: rows with chain, then",
+        ),
+        ("contacts", "wall_right", "wall", "c.csv, line 3: where = 'wall'; allowed: rows with chain, then"),
         ("contacts", "wall_right,6", "wall_right,-6", "c.csv, line 3: stiffness_SI = -6.0; allowed: a number > 0"),
         ("contacts", ",gap_m", ",mass_kg", "c.csv, line 1: column 'mass_kg' is unknown; allowed: contact, where"),
         ("contacts", "wall_right,6,1e-3", "wall_right,6,", "c.csv, line 3: gap_m is empty; allowed: a number"),
@@ -197,11 +219,17 @@ def test_a_mistake_in_two_tables_is_named_by_its_own(table: str, old: str, new: 
 @pytest.mark.parametrize(
     ("beside", "why"),
     [
-        ({"wall_right": Wall(stiffness=1.0)}, "b.csv: wall_right is in the table and beside it; allowed: one of the"),
+        (
+            {"wall_right": Wall(stiffness=1.0)},
+            "b.csv: wall_right is both in the table and an argument; allowed: one of the",
+        ),
         ({"duration": -1.0}, "b.csv: duration = -1.0; allowed: a number > 0 (s)"),
         ({"gravity": "x"}, "b.csv: gravity = 'x'; allowed: a finite number"),
-        ({"mass": (1, 2)}, "'mass' is unknown; allowed: "),
-        ({"contacts": "gone.csv"}, "gone.csv: cannot be read (No such file or directory); allowed: a CSV file"),
+        ({"mass": (1, 2)}, "scene_from_csv has no keyword 'mass'; allowed: "),
+        (
+            {"contacts": "gone.csv"},
+            "gone.csv: the file cannot be read (No such file or directory); allowed: a CSV file",
+        ),
     ],
 )
 def test_what_stands_beside_the_tables_is_checked(beside: dict[str, Any], why: str, tmp_path: Path) -> None:

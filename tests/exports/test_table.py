@@ -7,7 +7,7 @@ import math
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.exports.table import UNITS, Table, barred, counts, numbers, texts
+from dem_bridge.exports.table import UNITS, Table, counts, numbers, texts, with_uncertainty
 
 
 def _table() -> Table:
@@ -16,7 +16,7 @@ def _table() -> Table:
         title="Some",
         columns=(
             counts("contact", "contact", [0, 1, None]),
-            *barred("peak_force", "peak force", "N", [1.5, math.nan, 3.0], [0.1, 0.2, math.inf]),
+            *with_uncertainty("peak_force", "peak force", "N", [1.5, math.nan, 3.0], [0.1, 0.2, math.inf]),
             texts("shape", "shape", ["sphere", "", None]),
         ),
         include="run 0\n",
@@ -25,15 +25,15 @@ def _table() -> Table:
 
 def test_names_carry_units_and_what_is_not_finite_is_not_known() -> None:
     table = _table()
-    assert [one.name for one in table.columns] == ["contact", "peak_force_N", "peak_force_bar_N", "shape"]
+    assert [one.name for one in table.columns] == ["contact", "peak_force_N", "peak_force_uncertainty_N", "shape"]
     assert table.rows == [(0, 1.5, 0.1, "sphere"), (1, None, None, None), (None, 3.0, None, None)]
 
 
 def test_a_bar_belongs_to_its_column_wherever_that_goes() -> None:
     [force] = _table().only(["peak_force_N"]).columns
-    assert force.bars == (0.1, None, None)
-    assert _table().columns[2].bar_of == "peak_force_N"
-    assert _table().columns[0].bars is None
+    assert force.uncertainties == (0.1, None, None)
+    assert _table().columns[2].uncertainty_of == "peak_force_N"
+    assert _table().columns[0].uncertainties is None
 
 
 def test_pandas_has_the_types_of_the_columns_and_the_units_beside_them() -> None:
@@ -47,7 +47,7 @@ def test_columns_are_chosen_by_name_and_others_are_refused() -> None:
     chosen = _table().only(["shape", "peak_force_N"])
     assert [one.name for one in chosen.columns] == ["shape", "peak_force_N"]
     assert chosen.include is None, "commands have all columns or none"
-    with pytest.raises(UsageError, match=r"column 'force' of table 'some' is unknown; allowed: contact, peak_force_N,"):
+    with pytest.raises(UsageError, match=r"table 'some' has no column 'force'; allowed: contact, peak_force_N,"):
         _table().only(["force"])
     for wrong in ([], ["shape", "shape"]):
         with pytest.raises(UsageError, match="one or more names, each once"):

@@ -105,11 +105,11 @@ def test_without_a_geometry_they_stand_a_stated_spacing_and_their_gaps_apart() -
 @pytest.mark.parametrize(
     ("scene", "how", "found"),
     [
-        (CROSSED, {"spacing": 0.1}, "crossed_3 has its own"),
+        (CROSSED, {"spacing": 0.1}, "the scene crossed_3 has a spacing; leave spacing out"),
         (RAW, {"spacing": -1.0}, "spacing = -1.0; allowed: a number above 0"),
-        (RAW, {"layout": "wide"}, "layout = 'wide' of format 'extxyz'"),
-        (PAIR, {}, "the run has 4 bodies and 5 contacts, pair has 2 and 1"),
-        (replace(RAW, duration=1.0), {}, "the run is one of the scene with hash"),
+        (RAW, {"layout": "wide"}, "layout = 'wide' with format 'extxyz'"),
+        (PAIR, {}, "the run has 4 bodies and 5 contacts, the scene pair has 2 and 1"),
+        (replace(RAW, duration=1.0), {}, "the run is of a scene with the hash"),
     ],
 )
 def test_what_does_not_fit_is_refused_in_one_line(scene: Scene, how: dict[str, Any], found: str) -> None:
@@ -119,14 +119,16 @@ def test_what_does_not_fit_is_refused_in_one_line(scene: Scene, how: dict[str, A
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(("ending", "found"), [("pdb", "tells no format"), ("traj", "read, not written")])
+@pytest.mark.parametrize(
+    ("ending", "found"), [("pdb", "the file type is not clear from"), ("traj", "can be read, but not written")]
+)
 def test_a_format_that_is_not_written_is_refused(ending: str, found: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=found):
         db.write_trajectory(made_up(PAIR), PAIR, tmp_path / f"run.{ending}")
 
 
 def test_a_scene_that_is_not_given_must_be_a_shipped_one(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="'raw', which is no shipped scene"):
+    with pytest.raises(UsageError, match="the scene 'raw', which is not a shipped scene"):
         db.write_trajectory(made_up(RAW), None, tmp_path / "run.csv")
 
 
