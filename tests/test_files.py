@@ -22,7 +22,11 @@ def test_a_name_may_have_folders_in_it(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("last", "reason"),
-    [("taken/g.txt", "there is no folder .*taken"), ("full", "full: is no regular file"), ("empty", "is no regular")],
+    [
+        ("taken/g.txt", "the folder .*taken is missing or not writable"),
+        ("full", "full: is not a regular file"),
+        ("empty", "is not a regular"),
+    ],
 )
 def test_what_cannot_be_written_leaves_nothing_of_the_rest(tmp_path: Path, last: str, reason: str) -> None:
     (tmp_path / "taken").write_text("a file where a folder is asked")

@@ -1,4 +1,4 @@
-"""Scene files: TOML in, Scene out, and back."""
+"""Scene files: reading TOML into a Scene, and writing it back."""
 
 from dem_bridge.scene_file.load import MAIN_SCENES, load_scene, parse_scene, scene_of, shipped_scenes
 

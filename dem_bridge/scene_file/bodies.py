@@ -1,4 +1,4 @@
-"""A Scene of any bodies in a row: masses and Hertz' stiffnesses follow from what they are."""
+"""A Scene built from a row of bodies, whose masses and Hertz stiffnesses follow from shapes and materials."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dem_bridge.scene import Scene, Wall
 from dem_bridge.scene_file.physical import HERTZ, rounded
 
 Numbers = float | Sequence[float] | NDArray[np.float64]
-#: fields of a Scene that follow from the bodies
+#: fields of a Scene that are computed from the bodies
 _FOLLOW = ("mass", "stiffness", "exponent", "spacing", "geometry", "law", "content_hash")
 
 
@@ -35,29 +35,54 @@ def chain(
     wall_right: Wall | Material | None = None,
     **more: Any,
 ) -> Scene:
-    """The Scene of ``bodies`` side by side, struck end first, each contact by Hertz with the materials of its two.
+    """Return the Scene of a row of bodies, with Hertz contacts computed from the materials of both bodies.
 
-    ``striker``: one more body before them. ``velocity`` (m/s): of the first of all bodies, or a list with one for
-    each. ``angles`` (degrees) between the axes where two cylinders meet, one for all or one for each such contact in
-    order, and ``law`` of these: "exact", or "paper" (Chaunsali, Kim & Yang 2018). ``gap`` (m): one, or one for each
-    contact. A wall may be a Material: a flat half space, on which a sphere has Hertz' contact. ``more`` as
-    :class:`Scene` has it: precompression, damping, gravity, drag, samples, description.
+    Masses are density times volume, and stiffnesses are those of :meth:`Geometry.contact`, both rounded to 12 digits.
+    The geometry contains the bodies; the spacing is 2 r if all bodies except the striker have the same radius r.
 
-    Masses are density times volume, stiffnesses those of :meth:`Geometry.contact`, both to 12 digits; the geometry has
-    the bodies, the spacing is 2 r where those behind the striker have one radius r. Raises SceneError in one line,
-    UsageError for an unknown keyword.
+    Parameters
+    ----------
+    name : str
+        Name of the scene.
+    duration : float
+        Duration, s.
+    bodies : iterable of Body
+        Bodies of the row, struck end first.
+    striker : Body, optional
+        A further body in front of them.
+    velocity : float or sequence of float
+        Start velocity of the very first body, or one for each body, m/s.
+    angles : float or sequence of float, optional
+        Angles between the axes where two cylinders meet, degrees: one for all, or one for each such contact in order.
+    law : {"exact", "paper"}
+        Law of crossed cylinders; "paper": Chaunsali, Kim & Yang 2018.
+    gap : float or sequence of float
+        One gap for all contacts, or one for each, m.
+    wall_left, wall_right : Wall or Material, optional
+        Walls. A Material is a flat half-space, with which a sphere has a Hertz contact.
+    **more
+        Further fields of :class:`Scene`: precompression, damping, gravity, drag, samples, description.
 
+    Raises
+    ------
+    SceneError
+        If an entry is invalid.
+    UsageError
+        If a keyword is unknown.
+
+    Examples
+    --------
     >>> steel = Material(youngs_modulus=193e9, poissons_ratio=0.3, density=8000.0, name="steel")
     >>> ptfe = Material(youngs_modulus=1.46e9, poissons_ratio=0.46, density=2200.0, name="PTFE")
-    >>> heavy, light = (Body(shape="sphere", radius=4.76e-3, material=one) for one in (steel, ptfe))
+    >>> heavy, light = (Body(shape="sphere", radius=4.76e-3, material=material) for material in (steel, ptfe))
     >>> dimer = chain(name="dimer", duration=1e-3, striker=heavy, velocity=0.5, bodies=[heavy, light] * 10)
     >>> dimer.n_body, [f"{beta:.3g}" for beta in dimer.stiffness[:3]], dimer.velocity[:2]
     (21, ['6.9e+09', '1.19e+08', '1.19e+08'], (0.5, 0.0))
     """
-    known = {field.name for field in fields(Scene) if field.init} - set(_FOLLOW)
-    if unknown := [key for key in more if key not in known]:
+    settings = {field.name for field in fields(Scene) if field.init} - set(_FOLLOW)
+    if unknown := [key for key in more if key not in settings]:
         why = "follows from the bodies" if unknown[0] in _FOLLOW else "is unknown"
-        allowed = ", ".join(sorted(known | {"bodies", "striker", "angles", "law"}))
+        allowed = ", ".join(sorted(settings | {"bodies", "striker", "angles", "law"}))
         raise UsageError(f"setting {unknown[0]!r} {why}; allowed: {allowed}")
     row, all_bodies = _checked_bodies(bodies, striker)
     links = len(all_bodies) - 1
@@ -83,24 +108,26 @@ def chain(
 
 
 def crossings(bodies: Sequence[Body]) -> tuple[int, ...]:
-    """Contacts in which two cylinders meet."""
-    both = enumerate(pairwise(bodies))
-    return tuple(k for k, (one, other) in both if one.shape == other.shape == "cylinder")
+    """Return the contacts at which two cylinders meet."""
+    pairs = enumerate(pairwise(bodies))
+    return tuple(k for k, (body, other) in pairs if body.shape == other.shape == "cylinder")
 
 
 def stiffnesses(geometry: Geometry) -> tuple[float, ...]:
-    """Of every contact between the bodies, by the geometry's own law, N/m^1.5, to 12 digits."""
-    found: dict[tuple[object, ...], float] = {}  # unit cells repeat
+    """Return the stiffness of every contact by the geometry's law, N/m^1.5, rounded to 12 digits."""
+    computed: dict[tuple[object, ...], float] = {}  # each distinct pair once, because unit cells repeat
     keys = [(*pair, angle) for pair, angle in zip(pairwise(geometry.bodies), geometry.angle, strict=True)]
     for k, key in enumerate(keys):
-        if key not in found:
-            found[key] = rounded(geometry.contact(k, geometry.law).stiffness)
-    return tuple(found[key] for key in keys)
+        if key not in computed:
+            computed[key] = rounded(geometry.contact(k, geometry.law).stiffness)
+    return tuple(computed[key] for key in keys)
 
 
 def flat(material: Material, body: Body, side: str, gap: float = 0.0) -> Wall:
-    """The wall that a flat half space of ``material`` is to a sphere (Johnson 1985, section 4.2); ``gap`` in m.
+    """Return the wall that a flat half-space of ``material`` is for a sphere (Johnson 1985, section 4.2); ``gap`` in m.
 
+    Examples
+    --------
     >>> glass = Material(youngs_modulus=70e9, poissons_ratio=0.2, density=2500.0)
     >>> f"{flat(glass, Body(shape='sphere', radius=5e-3, material=glass), 'wall_right').stiffness:.4g}"
     '3.437e+09'
@@ -108,17 +135,17 @@ def flat(material: Material, body: Body, side: str, gap: float = 0.0) -> Wall:
     from dem_bridge.physics.hertz import sphere_on_plane
 
     if body.shape != "sphere":
-        allowed = "a sphere beside it: on a flat wall a cylinder has no point contact; or a wall by its stiffness"
-        raise SceneError(side, problem=f"is a material, and the body beside it is a {body.shape}", allowed=allowed)
+        allowed = "a sphere next to a wall of a material, since a cylinder has no point contact with it; or a stiffness"
+        raise SceneError(side, problem=f"is a material, but the body next to it is a {body.shape}", allowed=allowed)
     second = {"young2": material.youngs_modulus, "poisson2": material.poissons_ratio}
     stiffness = sphere_on_plane(radius=body.radius, **body.material.elastic, **second).stiffness
     return Wall(stiffness=rounded(stiffness), gap=gap, exponent=HERTZ)
 
 
 def _checked_bodies(bodies: Iterable[Body], striker: Body | None) -> tuple[tuple[Body, ...], tuple[Body, ...]]:
-    """The row, and all bodies."""
+    """Return the row without the striker, and all bodies."""
     row = tuple(bodies) if isinstance(bodies, Iterable) else ()
-    if not row or not all(isinstance(one, Body) for one in row):
+    if not row or not all(isinstance(body, Body) for body in row):
         raise SceneError("bodies", problem="is not a list of bodies", allowed="one Body or more, struck end first")
     if not isinstance(striker, Body | None):
         raise SceneError("striker", value=striker, allowed="a Body or None")
@@ -126,23 +153,24 @@ def _checked_bodies(bodies: Iterable[Body], striker: Body | None) -> tuple[tuple
 
 
 def _checked_angles(bodies: tuple[Body, ...], angles: Numbers | None) -> tuple[float | None, ...] | None:
-    """An entry for each contact, None where a sphere takes part; None where no two cylinders meet."""
+    """Return an entry for each contact, None for a contact with a sphere; or None if no two cylinders meet."""
     where = crossings(bodies)
     if not where:
         if angles is not None:
-            raise SceneError("angles", value=angles, allowed="None: no two cylinders meet")
+            raise SceneError("angles", value=angles, allowed="None, since no two cylinders meet")
         return None
     if angles is None:
-        allowed = f"{ANGLE}, or a list of {len(where)}: one per contact of two cylinders"
+        allowed = f"{ANGLE}, or a list of {len(where)}, one per contact of two cylinders"
         raise SceneError("angles", problem=f"are missing; bodies {where[0]} and {where[0] + 1} cross", allowed=allowed)
-    given = checked_numbers("angles", angles, ANGLE, count=len(where), per="contact of two cylinders", above=0.0)
+    checked = checked_numbers("angles", angles, ANGLE, count=len(where), per="contact of two cylinders", above=0.0)
     entries: list[float | None] = [None] * (len(bodies) - 1)
-    for k, angle in zip(where, given, strict=True):
+    for k, angle in zip(where, checked, strict=True):
         entries[k] = angle
     return tuple(entries)
 
 
 def _checked_velocity(velocity: Numbers, count: int) -> tuple[float, ...]:
+    """Return the start velocity of each body, m/s."""
     allowed = "a finite number (m/s)"
     if isinstance(velocity, int | float | np.number):
         return (checked_number("velocity", velocity, allowed), *[0.0] * (count - 1))

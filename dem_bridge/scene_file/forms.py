@@ -1,6 +1,6 @@
-"""The tables of a scene file: which keys there are, of which types, in the raw and in the physical forms.
+"""The tables of a scene file: the keys and types of the raw and the physical forms.
 
-Numbers that go to the Scene as they are have no limits here: the Scene has the last word on them.
+Numbers that are passed to the Scene unchanged have no limits here, because the Scene checks them.
 """
 
 from __future__ import annotations
@@ -16,39 +16,47 @@ from dem_bridge.scene import Damping, Scene, Wall
 
 Positive = Annotated[float, Field(gt=0.0)]
 Angle = Annotated[float, Field(gt=0.0, le=90.0)]
-"""Between the axes of two cylinders, degrees."""
+"""Angle between the axes of two cylinders, degrees."""
 Numbers = float | list[float]
 
 
 class Table(BaseModel):
-    """Unknown keys, wrong types and numbers that are not finite are mistakes."""
+    """A table that rejects unknown keys, wrong types and numbers that are not finite."""
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 
 
 class RawTable(Table):
+    """A table whose numbers are checked by the Scene, infinities included."""
+
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=True)
 
 
-# what all forms have
+# tables of all forms
 
 
 class WallTable(RawTable):
+    """Table [chain.wall_left] or [chain.wall_right]."""
+
     stiffness: float
     gap: float = 0.0
     exponent: float | None = None
 
 
 class DampingTable(RawTable):
+    """Table [chain.damping]."""
+
     law: Literal["dashpot", "kuwabara-kono"]
     coefficient: Numbers
 
 
 class DriveTable(RawTable):
+    """Table [chain.drive]."""
+
     shape: Literal["sine", "chirp", "table"]
     force: Numbers | None = None
     file: str | None = None
-    """In place of ``force`` and ``interval``; read before the tables are checked: see :mod:`.drive`."""
+    """CSV file in place of ``force`` and ``interval``; :mod:`.drive` reads it before the tables are checked."""
     frequency: float | None = None
     last_frequency: float | None = None
     sweep: float | None = None
@@ -57,24 +65,30 @@ class DriveTable(RawTable):
     interval: float | None = None
 
     def drive(self, duration: float) -> Drive:
-        """A chirp that is not told otherwise sweeps for the ``duration`` (s) of its scene."""
+        """Return the Drive; a chirp without ``sweep`` sweeps for the ``duration`` (s) of its scene."""
         if self.force is None:
-            raise SceneError("drive.force", problem="is missing", allowed="a number (N); of a table a list, or a file")
-        given = self.model_dump(exclude={"file"})
+            raise SceneError("drive.force", problem="is missing", allowed="a number (N); for a table a list, or a file")
+        values = self.model_dump(exclude={"file"})
         if self.shape == "chirp" and self.sweep is None:
-            given["sweep"] = duration
-        return Drive(**given)
+            values["sweep"] = duration
+        return Drive(**values)
 
 
 class Precompression(RawTable):
+    """Table [chain.precompression]."""
+
     force: float
 
 
 class Sampling(RawTable):
+    """Table [sampling]."""
+
     count: int = 500
 
 
 class Environment(RawTable):
+    """Table [environment]."""
+
     gravity: float = 0.0
     drag: float = 0.0
 
@@ -83,6 +97,8 @@ class Environment(RawTable):
 
 
 class RawChain(RawTable):
+    """Table [chain] of the raw form."""
+
     mass: list[float]
     stiffness: list[float]
     velocity: list[float]
@@ -97,6 +113,8 @@ class RawChain(RawTable):
 
 
 class RawScene(RawTable):
+    """A scene file in raw form."""
+
     name: str
     duration: float
     description: str = ""
@@ -105,44 +123,54 @@ class RawScene(RawTable):
     environment: Environment = Environment()
 
 
-# physical form: bodies, from which the numbers follow
+# physical form: bodies, from which the numbers are computed
 
 
 class MaterialTable(Table):
+    """Table [material] or [materials.NAME]."""
+
     youngs_modulus: Positive
-    """Pa."""
+    """Young's modulus, Pa."""
     poissons_ratio: Annotated[float, Field(gt=-1.0, le=0.5)]
     density: Positive
-    """kg/m^3."""
+    """Density, kg/m^3."""
     name: str = ""
 
 
 class Cylinders(Table):
+    """Table [chain.cylinders]."""
+
     count: Annotated[int, Field(ge=2)]
     radius: Positive
     height: Positive
     mass_gradient: float = 0.0
-    """gamma: cylinder i = 1..count has the mass m (1 + gamma i), its height so much more."""
+    """gamma: cylinder i = 1..count has the mass m (1 + gamma i), and its height changes by the same factor."""
 
 
 class Spheres(Table):
+    """Table [chain.spheres]."""
+
     count: Annotated[int, Field(ge=2)]
     radius: Positive
-    """Of the first, m."""
+    """Radius of the first sphere, m."""
     ratio: Positive = 1.0
-    """The radius of each next is this times the one before."""
+    """Ratio of each radius to the previous one."""
 
 
 class SphereContacts(Table):
+    """Table [chain.contacts] of spheres."""
+
     exponent: Numbers = 2.5
-    """n, one for all contacts between the bodies of the chain or one for each; the striker has its own."""
+    """Exponent n, one for all contacts between the bodies of the chain or one for each, without the striker's."""
     matching_overlap: Positive | None = None
-    """m: where the force of a contact with n other than 5/2 is that of Hertz; gives its stiffness."""
+    """Overlap at which a contact with n other than 5/2 has the Hertz force, m; it determines the stiffness."""
     gap: Numbers = 0.0
-    """m; as ``exponent``."""
+    """Gap, m, one or a list as ``exponent``."""
 
 
 class CylinderContacts(SphereContacts):
+    """Table [chain.contacts] of cylinders."""
+
     law: Literal["paper", "exact"]
     angle: Angle | None = None
     angles: list[Angle] | None = None
@@ -155,22 +183,26 @@ class CylinderContacts(SphereContacts):
 
 
 class Striker(Table):
+    """Table [chain.striker]."""
+
     velocity: float
     radius: Positive | None = None
-    """Of a sphere of the chain's material, m."""
+    """Radius of a sphere of the chain's material, m."""
     mass: Positive | None = None
     stiffness: Positive | None = None
-    """N/m^(n-1), with the striker's n."""
+    """Stiffness of the struck contact, N/m^(n-1), with the striker's n."""
     like: Literal["first-body"] | None = None
-    """The first body again: its mass, and the stiffness of its contact with the second."""
+    """"first-body": the striker has the mass of the first body, and the stiffness of its contact with the second."""
     exponent: float | None = None
     gap: float = 0.0
 
 
 class PhysicalChain(Table):
+    """Keys of [chain] that all physical forms have."""
+
     striker: Striker | None = None
     velocity: Numbers | None = None
-    """m/s, where there is no striker: of the first body, or one for each."""
+    """Start velocity, m/s, of a chain without a striker: of the first body, or one for each."""
     wall_left: WallTable | None = None
     wall_right: WallTable | None = None
     precompression: Precompression | None = None
@@ -179,51 +211,65 @@ class PhysicalChain(Table):
 
 
 class CylinderChain(PhysicalChain):
+    """Table [chain] of cylinders."""
+
     cylinders: Cylinders
     contacts: CylinderContacts
 
 
 class SphereChain(PhysicalChain):
+    """Table [chain] of spheres."""
+
     spheres: Spheres
     contacts: SphereContacts = SphereContacts()
 
 
-# pattern form: bodies of several materials, cell after cell
+# pattern form: repeated unit cells of bodies of several materials
 
 
 class BodyTable(Table):
+    """A body of a pattern."""
+
     shape: Literal["sphere", "cylinder"]
     radius: Positive
     height: Positive | None = None
-    """Of a cylinder, which lies across the chain, m."""
+    """Height of a cylinder, which lies across the chain, m."""
     material: str | None = None
-    """None: the only one."""
+    """Name of the material; None means the only one."""
 
 
 class Decorate(BodyTable):
+    """Table [chain.pattern.decorate]: a body that is inserted behind each ``every``-th one."""
+
     every: Annotated[int, Field(ge=1)] = 1
 
 
 class Step(Table):
+    """Table [chain.pattern.step]: another unit cell from a cell on."""
+
     first: Annotated[int, Field(ge=0, alias="from")]
     cell: Annotated[list[BodyTable], Field(min_length=1)]
 
 
 class Disorder(Table):
+    """Table [chain.pattern.disorder]: random radii and angles."""
+
     radius: Annotated[float, Field(ge=0.0)] = 0.0
-    """Standard deviation of each radius, relative."""
+    """Standard deviation of each radius, relative to the radius."""
     angle: Annotated[float, Field(ge=0.0)] = 0.0
-    """Of each angle, degrees."""
+    """Standard deviation of each angle, degrees."""
     seed: Annotated[int, Field(ge=0)]
 
 
 class Pattern(Table):
+    """Table [chain.pattern]."""
+
     cell: Annotated[list[BodyTable], Field(min_length=1)]
     repeat: Annotated[int, Field(ge=1)] = 1
     law: Literal["paper", "exact"] = "exact"
     angle: Angle | None = None
     angles: list[Angle] | None = None
-    """One for each two cylinders of the chain that meet."""
+    """One angle for each contact of two cylinders of the chain, degrees."""
     taper: Positive = 1.0
     gap: Numbers = 0.0
     step: Step | None = None
@@ -232,11 +278,15 @@ class Pattern(Table):
 
 
 class PatternStriker(Striker):
+    """Table [chain.striker] of a pattern."""
+
     material: str | None = None
-    """None: that of the first body."""
+    """Name of the material; None means that of the first body."""
 
 
 class PhysicalScene(Table):
+    """A scene file with bodies of one material."""
+
     name: str
     duration: float
     description: str = ""
@@ -246,13 +296,17 @@ class PhysicalScene(Table):
 
 
 class PatternWall(WallTable):
+    """Table [chain.wall_left] or [chain.wall_right] of a pattern."""
+
     stiffness: float = math.nan
-    """Not given: it follows from the material."""
+    """Stiffness; nan if the wall is defined by its material."""
     material: str | None = None
-    """Of a flat half space."""
+    """Name of the material of a flat half-space."""
 
 
 class PatternChain(PhysicalChain):
+    """Table [chain] of a pattern."""
+
     pattern: Pattern
     striker: PatternStriker | None = None
     wall_left: PatternWall | None = None
@@ -260,6 +314,8 @@ class PatternChain(PhysicalChain):
 
 
 class PatternScene(Table):
+    """A scene file with a pattern of bodies of several materials."""
+
     name: str
     duration: float
     description: str = ""
@@ -270,22 +326,27 @@ class PatternScene(Table):
 
 
 class CylinderScene(PhysicalScene):
+    """A scene file with a chain of crossed cylinders."""
+
     chain: CylinderChain
 
 
 class SphereScene(PhysicalScene):
+    """A scene file with a chain of spheres."""
+
     chain: SphereChain
 
 
-# to a Scene
+# conversion to a Scene
 
 
 def numbers(value: Numbers) -> float | tuple[float, ...]:
+    """Return a number unchanged, and a list as a tuple."""
     return tuple(value) if isinstance(value, list) else value
 
 
 def in_common(file: RawScene | CylinderScene | SphereScene | PatternScene) -> dict[str, Any]:
-    """Of a Scene's arguments, those that all forms give alike."""
+    """Return the arguments of a Scene that all forms share."""
     chain, damping = file.chain, file.chain.damping
 
     def wall(table: WallTable | None) -> Wall | None:
@@ -307,7 +368,7 @@ def in_common(file: RawScene | CylinderScene | SphereScene | PatternScene) -> di
 
 
 def from_raw(file: RawScene) -> Scene:
-    """The numbers of the file, as they are."""
+    """Return the Scene of a file in raw form."""
     chain = file.chain
     return Scene(
         mass=tuple(chain.mass),

@@ -1,10 +1,10 @@
-"""Scene files: TOML in, Scene out, and every mistake named by file, key, value and what is allowed.
+"""Reading of scene files: TOML to Scene, with messages that name file, key, value and the allowed values.
 
-Two kinds of form. *Raw*: masses, stiffnesses, gaps and velocities as lists. *Physical*: bodies and maybe a striker,
-from which masses and stiffnesses follow: cylinders and how they cross, or spheres, of one material; or a pattern of
-both, of several. The tables are in :mod:`.forms`, what follows from bodies in :mod:`.physical` and
-:mod:`.pattern`. The structure of a file (keys, types) is checked by the tables; the numbers that reach a Scene by the
-Scene.
+There are two kinds of form. The *raw* form has lists of masses, stiffnesses, gaps and velocities. The *physical* form
+has bodies and optionally a striker, from which masses and stiffnesses follow: crossed cylinders or spheres of one
+material, or a pattern of both of several materials. The tables are in :mod:`.forms`; the values that follow from bodies
+are in :mod:`.physical` and :mod:`.pattern`. The tables check the structure of a file (keys, types); the Scene checks
+the numbers that it is created with.
 """
 
 from __future__ import annotations
@@ -25,13 +25,15 @@ from dem_bridge.scene_file.forms import CylinderScene, PatternScene, RawScene, S
 from dem_bridge.scene_file.pattern import from_pattern
 from dem_bridge.scene_file.physical import from_cylinders, from_spheres
 
-#: those that everything is shown on: the paper's chains of figures 2 and 3
+#: the two main examples: the paper's chains of figures 2 and 3
 MAIN_SCENES = ("accelerating-40", "decelerating-40")
 
 
 def shipped_scenes() -> tuple[str, ...]:
-    """Names of the scenes that come with the package.
+    """Return the names of the scenes that are part of the package.
 
+    Examples
+    --------
     >>> set(MAIN_SCENES) <= set(shipped_scenes())
     True
     """
@@ -40,15 +42,25 @@ def shipped_scenes() -> tuple[str, ...]:
 
 
 def scene_of(source: Scene | str | Path) -> Scene:
-    """A Scene as it is; what :func:`load_scene` makes of anything else."""
+    """Return a Scene unchanged, and pass anything else to :func:`load_scene`."""
     return source if isinstance(source, Scene) else load_scene(source)
 
 
 def load_scene(source: str | Path) -> Scene:
-    """The scene of a shipped name, or of the ``.toml`` file at a path.
+    """Return the scene of a shipped name, or of the ``.toml`` file at a path.
 
-    Raises :class:`SceneError` in one line where there is no such scene, or where the file has a mistake.
+    Parameters
+    ----------
+    source : str or Path
+        Name of a shipped scene or path of a scene file.
 
+    Raises
+    ------
+    SceneError
+        If there is no such scene, or if the file is invalid.
+
+    Examples
+    --------
     >>> load_scene("decelerating-40").stiffness[1]
     72729932838.4
     """
@@ -61,12 +73,12 @@ def load_scene(source: str | Path) -> Scene:
     path = Path(source)
     try:
         is_file = path.is_file()
-    except (OSError, ValueError):  # a name too long, or with a NUL in it
+    except (OSError, ValueError):  # the name is too long or contains a NUL
         is_file = False
     if not is_file:
         raise SceneError(
             "",
-            problem="no such scene",
+            problem="there is no such scene or file",
             allowed=f"{', '.join(shipped_scenes())}, or the path of a .toml file",
             where=name,
         )
@@ -78,11 +90,26 @@ def load_scene(source: str | Path) -> Scene:
 
 
 def parse_scene(text: str, *, where: str = "scene", folder: str | Path = ".") -> Scene:
-    """The scene in a TOML text; ``where`` names it in errors, and files that it names are in ``folder``."""
+    """Return the scene of a TOML text.
+
+    Parameters
+    ----------
+    text : str
+        Content of a scene file.
+    where : str
+        Name of the file, for error messages.
+    folder : str or Path
+        Folder of the files that the text refers to.
+
+    Raises
+    ------
+    SceneError
+        If the text is not a valid scene.
+    """
     try:
         table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # tomllib's own error is a ValueError
-        raise SceneError("", problem=f"not TOML: {error}", allowed="TOML 1.0", where=where) from error
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError
+        raise SceneError("", problem=f"is not TOML: {error}", allowed="TOML 1.0", where=where) from error
     form = _form(table)
     try:
         return _SCENE_FROM[form](form.model_validate(with_force_of_file(table, Path(folder))))
@@ -92,7 +119,7 @@ def parse_scene(text: str, *, where: str = "scene", folder: str | Path = ".") ->
         raise error.at(where, _file_key(error.key)) from None
 
 
-#: what makes the Scene of each form
+#: function that builds the Scene of each form
 _SCENE_FROM: Mapping[type[BaseModel], Callable[[Any], Scene]] = {
     RawScene: from_raw,
     CylinderScene: from_cylinders,
@@ -102,7 +129,7 @@ _SCENE_FROM: Mapping[type[BaseModel], Callable[[Any], Scene]] = {
 
 
 def _form(table: Mapping[str, Any]) -> type[BaseModel]:
-    """Which form a file is in, by the keys that only one has."""
+    """Return the form of a file, recognised by the keys that only this form has."""
     chain = table.get("chain")
     keys = chain if isinstance(chain, dict) else {}
     if "pattern" in keys or "materials" in table:
@@ -112,7 +139,7 @@ def _form(table: Mapping[str, Any]) -> type[BaseModel]:
     return CylinderScene if "material" in table or "cylinders" in keys else RawScene
 
 
-#: where a Scene's attributes stand in a file, if not in [chain] under their own name
+#: keys of a Scene's attributes in a file, if they are not in [chain] under the same name
 _FILE_KEYS = {
     "name": "name",
     "duration": "duration",
@@ -124,33 +151,34 @@ _FILE_KEYS = {
 
 
 def _file_key(key: str) -> str:
-    """Where a Scene's attribute stands in a file."""
+    """Return the key of a Scene's attribute in a file."""
     return key if key.startswith(("material.", "materials.")) else _FILE_KEYS.get(key, f"chain.{key}")
 
 
-#: how pydantic names the two forms of a key that takes a number or a list of them
+#: pydantic's names of the two forms of a key that takes a number or a list of them
 _ALTERNATIVES = ("float", "list[float]")
 
 
 def _in_one_line(error: ValidationError, form: type[BaseModel], where: str) -> SceneError:
-    """The first of pydantic's findings, unknown keys first: a misspelt key also shows as a missing one."""
+    """Return the first of pydantic's errors, unknown keys first, because a misspelt key also shows as a missing one."""
     findings = sorted(error.errors(), key=lambda finding: finding["type"] != "extra_forbidden")
     finding = findings[0]
-    # a number or a list of them: what was given decides which of the two complaints is meant
+    # a key that takes a number or a list has an error for each; the type of the input selects the relevant one
     if isinstance(finding["input"], list) and _ALTERNATIVES[0] in finding["loc"]:
         finding = next((f for f in findings if _ALTERNATIVES[1] in f["loc"]), finding)
-    meant = {tuple(part for part in f["loc"] if part not in _ALTERNATIVES)[:2] for f in findings}
+    keys_in_error = {tuple(part for part in f["loc"] if part not in _ALTERNATIVES)[:2] for f in findings}
     path = [part for part in finding["loc"] if part not in _ALTERNATIVES]
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).removeprefix(".")
     key = key if key.isprintable() else repr(key)
-    more = f"{len(meant) - 1} more to mend after this" if len(meant) > 1 else ""
+    others = len(keys_in_error) - 1
+    more = f"{others} more error{'s follow' if others > 1 else ' follows'}" if others else ""
     if finding["type"] == "extra_forbidden":
         return SceneError(key, problem="is an unknown key", allowed=_keys(form, path[:-1]), advice=more, where=where)
     if finding["type"] == "missing":
         return SceneError(
             key,
-            problem="is missing",
-            allowed=f"needed beside {_keys(form, path[:-1])}",
+            problem="is missing, but required",
+            allowed=f"the keys {_keys(form, path[:-1])}",
             advice=more,
             where=where,
         )
@@ -166,10 +194,10 @@ def _in_one_line(error: ValidationError, form: type[BaseModel], where: str) -> S
 
 
 def _keys(form: type[BaseModel], path: list[Any]) -> str:
-    """Keys that the table at ``path`` may have."""
+    """Return the allowed keys of the table at ``path``."""
     inner: Any = form
     for part in path:
-        # an entry of a list, or of tables by their own names, is what stands last in list[...] and dict[str, ...]
+        # the type of an entry is the last argument of list[...] and dict[str, ...]
         inner = _fields(inner)[part].annotation if _is_table(inner) else get_args(inner)[-1]
         if not _is_table(inner) and NoneType in get_args(inner):
             inner = get_args(inner)[0]
@@ -177,9 +205,10 @@ def _keys(form: type[BaseModel], path: list[Any]) -> str:
 
 
 def _is_table(kind: Any) -> bool:
+    """Return True for a class of tables."""
     return isinstance(kind, type) and issubclass(kind, BaseModel)
 
 
 def _fields(table: type[BaseModel]) -> Mapping[str, Any]:
-    """By the names that they have in a file."""
+    """Return the fields of a table by their keys in a file."""
     return {field.alias or name: field for name, field in table.model_fields.items()}

@@ -1,7 +1,8 @@
-"""The Scene of a file in pattern form: a unit cell again and again, and what is changed in the row that it makes.
+"""The Scene of a file in pattern form: a repeated unit cell, and modifications of the row that results.
 
-In this order: the cells, from cell ``step.from`` on those of the step; the taper, cell by cell; the decoration, whose
-bodies are not tapered; disorder of all radii, then of the angles. A striker stands before all that and has none of it.
+The order is: the cells, with those of the step from cell ``step.from`` on; the taper, cell by cell; the decoration,
+whose bodies are not tapered; the disorder of all radii, then of the angles. A striker in front of the row is not
+modified.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ Bodies = tuple[Body, ...]
 
 
 def from_pattern(file: PatternScene) -> Scene:
-    """The striker and the bodies of the pattern as a :func:`~dem_bridge.scene_file.bodies.chain`."""
+    """Return the Scene of the striker and the bodies of the pattern."""
     pattern, table = file.chain.pattern, file.chain.striker
     materials = dict(_materials(file))
     row = _row(pattern, materials)
@@ -62,6 +63,7 @@ def from_pattern(file: PatternScene) -> Scene:
 
 
 def _materials(file: PatternScene) -> Iterator[tuple[str, Material]]:
+    """Yield the materials by name."""
     for name, table in file.materials.items():
         try:
             yield name, Material(**{**table.model_dump(), "name": table.name or name})
@@ -70,17 +72,18 @@ def _materials(file: PatternScene) -> Iterator[tuple[str, Material]]:
 
 
 def _material(name: str | None, materials: Materials, where: str) -> Material:
-    """Of that name; None: the only one."""
+    """Return the material of this name; None means the only one."""
     if name is None:
         if len(materials) > 1:
             raise SceneError(where, problem="is missing", allowed=f"one of {', '.join(materials)}")
         return next(iter(materials.values()))
     if name not in materials:
-        raise SceneError(where, value=name, allowed=f"{', '.join(materials)}: as in [materials.NAME]")
+        raise SceneError(where, value=name, allowed=f"{', '.join(materials)}, the names in [materials.NAME]")
     return materials[name]
 
 
 def _body(table: BodyTable, materials: Materials, where: str) -> Body:
+    """Return the body of a table."""
     material = _material(table.material, materials, f"{where}.material")
     try:
         return Body(shape=table.shape, radius=table.radius, height=table.height, material=material)
@@ -89,11 +92,12 @@ def _body(table: BodyTable, materials: Materials, where: str) -> Body:
 
 
 def _cell(tables: Sequence[BodyTable], materials: Materials, where: str) -> Bodies:
+    """Return the bodies of a unit cell."""
     return tuple(_body(table, materials, f"{where}[{nth}]") for nth, table in enumerate(tables))
 
 
 def _row(pattern: Pattern, materials: Materials) -> Bodies:
-    """All bodies behind the striker, in the order of steps that the module says."""
+    """Return all bodies behind the striker, modified in the order that the module states."""
     cells = [_cell(pattern.cell, materials, "pattern.cell")] * pattern.repeat
     if pattern.step is not None:
         first = pattern.step.first
@@ -108,7 +112,7 @@ def _row(pattern: Pattern, materials: Materials) -> Bodies:
 
 
 def _tapered(cells: Sequence[Bodies], taper: float) -> Iterator[Bodies]:
-    """All sizes of each cell ``taper`` times what they would be in the cell before."""
+    """Yield the cells, all sizes of each multiplied by ``taper`` relative to the previous cell."""
     for nth, share in enumerate(accumulate(repeat(taper, len(cells) - 1), mul, initial=1.0)):
         if not all(SMALLEST < body.radius * share < LARGEST for body in cells[nth]):
             problem = f"= {taper!r} gives cell {nth} bodies of a radius of {cells[nth][0].radius * share:g} m"
@@ -120,9 +124,9 @@ def _tapered(cells: Sequence[Bodies], taper: float) -> Iterator[Bodies]:
 
 
 def _decorated(row: Bodies, table: Decorate, between: Body) -> Bodies:
-    """``between`` behind each ``every``-th body but the last."""
+    """Return the row with ``between`` inserted behind each ``every``-th body except the last."""
     if table.every >= len(row):
-        allowed = f"less than {len(row)}, the number of bodies: a decoration stands between two of them"
+        allowed = f"less than {len(row)}, the number of bodies, since a decoration is placed between two of them"
         raise SceneError("pattern.decorate.every", value=table.every, allowed=allowed)
     out: list[Body] = []
     for nth, body in enumerate(row, start=1):
@@ -131,7 +135,10 @@ def _decorated(row: Bodies, table: Decorate, between: Body) -> Bodies:
 
 
 def _of_random_size(row: Bodies, table: Disorder) -> Bodies:
-    """Radii to 9 digits; they have random numbers of their own, so that no angle depends on them."""
+    """Return the row with random radii, rounded to 9 digits.
+
+    The radii use a random sequence of their own, so that no angle depends on them.
+    """
     if not table.model_fields_set & {"radius", "angle"}:
         allowed = "radius (relative), angle (degrees), or both"
         raise SceneError("pattern.disorder", problem="has neither radius nor angle", allowed=allowed)
@@ -142,7 +149,7 @@ def _of_random_size(row: Bodies, table: Disorder) -> Bodies:
         radius = float(f"{body.radius * (1.0 + table.radius * number):.9g}")
         if radius <= 0.0:
             problem = f"= {table.radius!r} and the seed {table.seed} give body {nth} a radius of {radius:g} m"
-            raise SceneError("pattern.disorder.radius", problem=problem, allowed="what leaves all radii above 0")
+            raise SceneError("pattern.disorder.radius", problem=problem, allowed="a value that keeps all radii above 0")
         out.append(replace(body, radius=radius))
     return tuple(out)
 
@@ -151,29 +158,29 @@ def _of_random_size(row: Bodies, table: Disorder) -> Bodies:
 
 
 def _angles(pattern: Pattern, first: Bodies, row: Bodies) -> tuple[float, ...] | None:
-    """One for each contact of two cylinders; a striker crosses as the first two of the chain do."""
-    own, with_striker = len(crossings(row)), len(crossings((*first, *row[:1])))
-    given = [key for key in ("angle", "angles") if getattr(pattern, key) is not None]
+    """Return an angle for each contact of two cylinders; a striker's contact has the angle of the chain's first one."""
+    of_chain, with_striker = len(crossings(row)), len(crossings((*first, *row[:1])))
+    present = [key for key in ("angle", "angles") if getattr(pattern, key) is not None]
     scatter = 0.0 if pattern.disorder is None else pattern.disorder.angle
-    if len(given) == 2:
-        raise SceneError("pattern.angles", problem="stands beside angle", allowed="one of the two")
-    if own + with_striker == 0 and given:
-        raise SceneError(f"pattern.{given[0]}", problem="is given", allowed="none: no two cylinders meet")
-    if own == 0 and scatter > 0.0:
-        raise SceneError("pattern.disorder.angle", value=scatter, allowed="0: no two cylinders of the chain meet")
-    if own + with_striker == 0:
+    if len(present) == 2:
+        raise SceneError("pattern.angles", problem="cannot be combined with angle", allowed="one of the two")
+    if of_chain + with_striker == 0 and present:
+        raise SceneError(f"pattern.{present[0]}", problem="is given", allowed="no angle, since no two cylinders meet")
+    if of_chain == 0 and scatter > 0.0:
+        raise SceneError("pattern.disorder.angle", value=scatter, allowed="0, since no two cylinders of the chain meet")
+    if of_chain + with_striker == 0:
         return None
     if pattern.angle is not None:
-        angles: tuple[float, ...] = (pattern.angle,) * own
+        angles: tuple[float, ...] = (pattern.angle,) * of_chain
         of_striker = (pattern.angle,) * with_striker
-    elif pattern.angles is None or own == 0:
-        allowed = f"{ANGLE}, between the axes of two cylinders that meet; or a list angles for {own} contacts"
+    elif pattern.angles is None or of_chain == 0:
+        allowed = f"{ANGLE}, between the axes of two cylinders that meet; or a list angles for {of_chain} contacts"
         raise SceneError("pattern.angle", problem="is missing", allowed=allowed)
     else:
         angles = tuple(pattern.angles)
         of_striker = angles[:1] * with_striker
-    if len(angles) != own:
-        allowed = f"{own}, one per contact of two cylinders of the chain"
+    if len(angles) != of_chain:
+        allowed = f"{of_chain}, one per contact of two cylinders of the chain"
         raise SceneError("pattern.angles", problem=f"has {len(angles)} entries", allowed=allowed)
     if pattern.disorder is not None and scatter > 0.0:
         angles = scattered(angles, scatter=scatter, seed=pattern.disorder.seed)
@@ -181,8 +188,9 @@ def _angles(pattern: Pattern, first: Bodies, row: Bodies) -> tuple[float, ...] |
 
 
 def _striker(table: PatternStriker, first: Body, materials: Materials) -> Body:
+    """Return the striker's body."""
     if table.exponent not in (None, HERTZ):
-        allowed = f"{HERTZ}: the contacts of a pattern are those of Hertz"
+        allowed = f"{HERTZ}, since the contacts of a pattern are Hertz contacts"
         raise SceneError("striker.exponent", value=table.exponent, allowed=allowed)
     if table.like is None:
         material = first.material
@@ -194,17 +202,19 @@ def _striker(table: PatternStriker, first: Body, materials: Materials) -> Body:
 
 
 def _flat_walls(file: PatternScene, bodies: Bodies, materials: Materials) -> Iterator[tuple[str, Wall]]:
-    """Those that are given by their material."""
+    """Yield the walls that are defined by their material."""
     for side, body in (("wall_left", bodies[0]), ("wall_right", bodies[-1])):
         table: PatternWall | None = getattr(file.chain, side)
         if table is None:
             continue
-        given = table.model_fields_set & {"stiffness", "material"}
-        if len(given) != 1:
-            problem = "has neither stiffness nor material" if not given else "has both stiffness and material"
+        present = table.model_fields_set & {"stiffness", "material"}
+        if len(present) != 1:
+            problem = "has neither stiffness nor material" if not present else "has both stiffness and material"
             raise SceneError(side, problem=problem, allowed="one of the two")
         if table.material is None:
             continue
         if table.exponent not in (None, HERTZ):
-            raise SceneError(f"{side}.exponent", value=table.exponent, allowed=f"{HERTZ}: a flat wall is Hertz' own")
+            raise SceneError(
+                f"{side}.exponent", value=table.exponent, allowed=f"{HERTZ}, since a flat wall has a Hertz contact"
+            )
         yield side, flat(_material(table.material, materials, f"{side}.material"), body, side, table.gap)

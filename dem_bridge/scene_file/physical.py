@@ -1,7 +1,7 @@
-"""From bodies to numbers: the Scene of a file in physical form.
+"""The Scene of a file in physical form, whose numbers are computed from bodies.
 
-Masses are density times volume, stiffnesses those of Hertz' contacts. Both are rounded to 12 significant digits on
-their way into the Scene, so that decks do not depend on the last bit of a library.
+Masses are density times volume; stiffnesses are those of Hertz contacts. Both are rounded to 12 significant digits as
+they enter the Scene, so that decks do not depend on the last bit of a library.
 """
 
 from __future__ import annotations
@@ -34,16 +34,18 @@ from dem_bridge.scene_file.forms import (
     numbers,
 )
 
-#: n of Hertz' contacts
+#: exponent n of a Hertz contact
 HERTZ = 2.5
-#: each way to say how cylinders cross, by the keys it takes
+#: the three ways to specify the angles of cylinders, by their keys
 WAYS = (("angle",), ("angles",), ("first_angle", "last_angle", "grading"))
 _PER = "contact between the bodies of the chain"
 
 
 def rounded(value: float) -> float:
-    """To 12 significant digits.
+    """Return ``value`` rounded to 12 significant digits.
 
+    Examples
+    --------
     >>> rounded(2.0 / 3.0)
     0.666666666667
     """
@@ -51,9 +53,9 @@ def rounded(value: float) -> float:
 
 
 def normal_numbers(seed: int | str) -> Iterator[float]:
-    """Independent numbers of standard deviation 1; the same with every release of every library.
+    """Yield independent normal numbers of standard deviation 1, the same with every release of every library.
 
-    Uniform numbers of :class:`random.Random` through the inverse of the normal distribution.
+    They are uniform numbers of :class:`random.Random`, mapped by the inverse of the normal distribution.
     """
     uniform, normal = random.Random(seed), NormalDist()
     while True:
@@ -61,46 +63,48 @@ def normal_numbers(seed: int | str) -> Iterator[float]:
 
 
 def scattered(angles: Sequence[float], *, scatter: float, seed: int) -> tuple[float, ...]:
-    """The angles (degrees), each set with a normal error of standard deviation ``scatter`` (degrees).
+    """Return the angles (degrees) with a normal error of standard deviation ``scatter`` (degrees) added to each.
 
-    Beyond 0 and 90 degrees two axes cross at the mirror image. A seed gives the same angles always, to 9 digits: see
-    :func:`normal_numbers`.
+    An angle outside 0 to 90 degrees is replaced by the equivalent angle within. The same seed always gives the same
+    angles, to 9 digits: see :func:`normal_numbers`.
 
+    Examples
+    --------
     >>> scattered((2.0, 45.0, 90.0), scatter=2.0, seed=1)
     (0.211990902, 47.0509779, 88.5630056)
     """
 
-    def moved(angle: float, number: float) -> float:
-        away = (angle + scatter * number) % 180.0
-        return float(f"{min(away, 180.0 - away):.9g}")
+    def perturbed(angle: float, number: float) -> float:
+        angle_sum = (angle + scatter * number) % 180.0
+        return float(f"{min(angle_sum, 180.0 - angle_sum):.9g}")
 
-    return tuple(map(moved, angles, normal_numbers(seed)))
+    return tuple(map(perturbed, angles, normal_numbers(seed)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Chain:
-    """The bodies behind the striker, and what is between them."""
+    """The bodies behind the striker and their contacts."""
 
     bodies: tuple[Body, ...]
     stiffness: tuple[float, ...]
-    """Of each contact by Hertz' law, N/m^1.5, not rounded."""
+    """Stiffness of each contact by Hertz's law, N/m^1.5, not rounded."""
     striker_stiffness: Callable[[float], float]
-    """Of a sphere of that radius (m) on the first body, N/m^1.5."""
+    """Stiffness of a sphere of this radius (m) on the first body, N/m^1.5."""
     law: Literal["paper", "exact"] = "exact"
     spacing: float | None = None
     angles: tuple[float, ...] | None = None
-    """Degrees; None: they follow from the stiffness, or there are none."""
+    """Angles, degrees; None if they follow from the stiffness or if there are none."""
 
 
 def from_cylinders(file: CylinderScene) -> Scene:
-    """Cylinders across the chain; ``mass_gradient`` changes their heights, of which no stiffness knows."""
+    """Return the Scene of cylinders across the chain; ``mass_gradient`` changes only their heights and masses."""
     cylinders, contacts, material = file.chain.cylinders, file.chain.contacts, _material(file)
     growth = [1.0 + cylinders.mass_gradient * i for i in range(1, cylinders.count + 1)]
     if growth[-1] <= 0.0:
         raise SceneError(
             "cylinders.mass_gradient",
             value=cylinders.mass_gradient,
-            allowed=f"a number > {-1.0 / cylinders.count:g}: the last mass is (1 + count mass_gradient) times m",
+            allowed=f"a number > {-1.0 / cylinders.count:g}, since the last mass is (1 + count mass_gradient) m",
         )
     angles, stiffness = _crossed(contacts, cylinders.count - 1, radius=cylinders.radius, material=material)
 
@@ -109,9 +113,9 @@ def from_cylinders(file: CylinderScene) -> Scene:
 
         return sphere_on_cylinder(radius=radius, radius2=cylinders.radius, **material.elastic).stiffness
 
-    made = partial(Body, shape="cylinder", radius=cylinders.radius, material=material)
+    make_body = partial(Body, shape="cylinder", radius=cylinders.radius, material=material)
     chain = _Chain(
-        bodies=tuple(made(height=cylinders.height * share) for share in growth),
+        bodies=tuple(make_body(height=cylinders.height * factor) for factor in growth),
         stiffness=stiffness,
         striker_stiffness=under_a_sphere,
         law=contacts.law,
@@ -122,7 +126,7 @@ def from_cylinders(file: CylinderScene) -> Scene:
 
 
 def from_spheres(file: SphereScene) -> Scene:
-    """Spheres, the radius of each ``ratio`` times that of the one before; a spacing where all are equal."""
+    """Return the Scene of spheres, each radius ``ratio`` times the previous one; it has a spacing if all are equal."""
     from dem_bridge.physics.hertz import sphere_on_sphere
 
     spheres, material = file.chain.spheres, _material(file)
@@ -146,7 +150,7 @@ def from_spheres(file: SphereScene) -> Scene:
 def _crossed(
     contacts: CylinderContacts, links: int, *, radius: float, material: Material
 ) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
-    """Angles (None: those that the stiffness has) and stiffness of equal cylinders, ``(links,)`` both."""
+    """Return angles (None if the stiffness determines them) and stiffnesses of equal cylinders, ``(links,)`` both."""
     from dem_bridge.physics.hertz import angle_of_stiffness, crossed_cylinders
 
     law, elastic = contacts.law, material.elastic
@@ -165,34 +169,36 @@ def _crossed(
         stiffness = tuple(np.linspace(stiffness_at(first), stiffness_at(last), links).tolist())
         if contacts.scatter is None:
             return None, stiffness
-        # near 90 degrees the inverse is ill-conditioned: the ends are as given
+        # near 90 degrees the inverse is ill-conditioned, so the ends are taken from the file
         between = (angle_of_stiffness(beta, radius=radius, law=law, **elastic) for beta in stiffness[1:-1])
         angles = (first, *between, last)[:links]
     if contacts.scatter is not None:
         if contacts.seed is None:
-            allowed = "a whole number >= 0: needed beside scatter, so that the chain can be had again"
+            allowed = "a whole number >= 0, which scatter requires so that the chain is reproducible"
             raise SceneError("contacts.seed", problem="is missing", allowed=allowed)
         angles = scattered(angles, scatter=contacts.scatter, seed=contacts.seed)
     return angles, tuple(map(stiffness_at, angles))
 
 
 def _check_way(contacts: CylinderContacts) -> None:
-    """Angles are given in one of three ways, and whole."""
+    """Raise SceneError unless the angles are specified completely in one of the three ways."""
     allowed = "angle, or angles, or first_angle with last_angle and grading"
-    given = [key for way in WAYS for key in way if getattr(contacts, key) is not None]
-    if not given:
+    present = [key for way in WAYS for key in way if getattr(contacts, key) is not None]
+    if not present:
         raise SceneError("contacts", problem="has no angles", allowed=allowed)
-    way = next(way for way in WAYS if given[0] in way)
-    for key in given:
+    way = next(way for way in WAYS if present[0] in way)
+    for key in present:
         if key not in way:
-            raise SceneError(f"contacts.{key}", problem=f"stands beside {given[0]}", allowed=allowed)
+            raise SceneError(f"contacts.{key}", problem=f"cannot be combined with {present[0]}", allowed=allowed)
     for key in way:
-        if key not in given:
-            raise SceneError(f"contacts.{key}", problem="is missing", allowed=f"needed beside {given[0]}")
+        if key not in present:
+            raise SceneError(
+                f"contacts.{key}", problem="is missing, but required", allowed=f"with {present[0]}: {', '.join(way)}"
+            )
 
 
 def _given_angles(contacts: CylinderContacts, links: int) -> tuple[float, ...] | None:
-    """None where the stiffness is graded."""
+    """Return the angle of each contact, or None if the stiffness is graded."""
     if contacts.angle is not None:
         return (contacts.angle,) * links
     if contacts.angles is None:
@@ -204,64 +210,64 @@ def _given_angles(contacts: CylinderContacts, links: int) -> tuple[float, ...] |
 
 
 def _graded(contacts: CylinderContacts, links: int) -> tuple[float, float]:
-    """Angles of the first and the last contact."""
+    """Return the angles of the first and the last contact."""
     first, last = contacts.first_angle, contacts.last_angle
     assert first is not None
     assert last is not None
     if links == 1 and first != last:
-        allowed = f"first_angle = {first!r}: two cylinders have one contact"
+        allowed = f"first_angle = {first!r}, since two cylinders have one contact"
         raise SceneError("contacts.last_angle", value=last, allowed=allowed)
     return first, last
 
 
 def _in_power(stiffness: float, n: float, matching_overlap: float | None) -> float:
-    """Of a contact with n that has the force of Hertz' ``stiffness`` at ``matching_overlap``, N/m^(n-1)."""
+    """Return the stiffness of a contact with n that has the Hertz force at ``matching_overlap``, N/m^(n-1)."""
     if n == HERTZ:
         return rounded(stiffness)
     if matching_overlap is None:
-        allowed = f"a number > 0 (m): where a contact with n = {n!r} has the force of Hertz"
+        allowed = f"a number > 0 (m), the overlap at which a contact with n = {n!r} has the Hertz force"
         raise SceneError("contacts.matching_overlap", problem="is missing", allowed=allowed)
     return rounded(stiffness * matching_overlap ** (HERTZ - n))
 
 
 def _scene(file: CylinderScene | SphereScene, chain: _Chain, contacts: SphereContacts) -> Scene:
-    """The striker before the chain, if there is one, and all that does not ask what the bodies are."""
+    """Return the Scene of a chain, with its striker in front if it has one."""
     links, n_above_1 = len(chain.stiffness), "n > 1, one number or one per contact (2.5 for Hertz)"
-    given = numbers(contacts.exponent), numbers(contacts.gap)
-    exponent = checked_numbers("contacts.exponent", given[0], n_above_1, count=links, per=_PER, above=1.0)
-    gap = checked_numbers("contacts.gap", given[1], "a finite number (m)", count=links, per=_PER)
+    values = numbers(contacts.exponent), numbers(contacts.gap)
+    exponent = checked_numbers("contacts.exponent", values[0], n_above_1, count=links, per=_PER, above=1.0)
+    gap = checked_numbers("contacts.gap", values[1], "a finite number (m)", count=links, per=_PER)
     stiffness = tuple(
         _in_power(beta, n, contacts.matching_overlap) for beta, n in zip(chain.stiffness, exponent, strict=True)
     )
     mass = tuple(rounded(body.mass) for body in chain.bodies)
     first = _struck(file.chain.striker, chain, contacts.matching_overlap, like=(mass[0], stiffness[0], exponent[0]))
     return Scene(
-        mass=(*(one.mass for one in first), *mass),
-        stiffness=(*(one.stiffness for one in first), *stiffness),
-        exponent=(*(one.exponent for one in first), *exponent),
-        gap=(*(one.gap for one in first), *gap),
+        mass=(*(struck.mass for struck in first), *mass),
+        stiffness=(*(struck.stiffness for struck in first), *stiffness),
+        exponent=(*(struck.exponent for struck in first), *exponent),
+        gap=(*(struck.gap for struck in first), *gap),
         velocity=start_velocity(file.chain, len(mass)),
         spacing=chain.spacing,
-        geometry=_geometry(chain, *(one.body for one in first)),
+        geometry=_geometry(chain, *(struck.body for struck in first)),
         **in_common(file),
     )
 
 
 def start_velocity(chain: PhysicalChain, count: int) -> tuple[float, ...]:
-    """Of all bodies, m/s: the striker's and ``count`` at rest; without one, as ``chain.velocity`` has it."""
+    """Return the start velocities, m/s: the striker's and ``count`` zeros, or ``chain.velocity`` without a striker."""
     if chain.striker is None:
         if isinstance(chain.velocity, list):
             allowed = "a finite number (m/s)"
             return checked_numbers("velocity", chain.velocity, allowed, count=count, per="body of the chain")
         return (chain.velocity or 0.0, *[0.0] * (count - 1))
     if chain.velocity is not None:
-        allowed = "striker.velocity: all bodies behind a striker are at rest"
-        raise SceneError("velocity", problem="stands beside a striker", allowed=allowed)
+        allowed = "striker.velocity alone, since all bodies behind a striker start at rest"
+        raise SceneError("velocity", problem="cannot be combined with a striker", allowed=allowed)
     return (chain.striker.velocity, *[0.0] * count)
 
 
 class _Struck(NamedTuple):
-    """The striker, and its contact."""
+    """The striker and the struck contact."""
 
     body: Body
     mass: float
@@ -273,7 +279,10 @@ class _Struck(NamedTuple):
 def _struck(
     striker: Striker | None, chain: _Chain, matching_overlap: float | None, *, like: tuple[float, float, float]
 ) -> tuple[_Struck, ...]:
-    """None or one; ``like``: mass of the first body, stiffness and exponent of its contact with the second."""
+    """Return the striker, or an empty tuple.
+
+    ``like`` holds the mass of the first body, and stiffness and exponent of its contact with the second.
+    """
     if striker is None:
         return ()
     if striker.like is not None:
@@ -283,15 +292,15 @@ def _struck(
 
 
 def check_alone(striker: Striker) -> None:
-    """What is like another body has no more properties of its own."""
+    """Raise SceneError if a striker that is like another body has further properties."""
     for key in ("radius", "mass", "stiffness", "exponent", "material"):
         if getattr(striker, key, None) is not None:
-            allowed = f"velocity and gap: all else is that of the {striker.like}"
-            raise SceneError(f"striker.{key}", problem="stands beside like", allowed=allowed)
+            allowed = f"velocity and gap, since everything else is that of the {striker.like}"
+            raise SceneError(f"striker.{key}", problem="cannot be combined with like", allowed=allowed)
 
 
 def sphere_of(striker: Striker, material: Material) -> Body:
-    """The striker's body: of its radius, or where that is not given of its mass."""
+    """Return the striker's body, a sphere of its radius or, without a radius, of its mass."""
     if striker.radius is None:
         for key in ("mass", "stiffness"):
             if getattr(striker, key) is None:
@@ -305,7 +314,7 @@ def sphere_of(striker: Striker, material: Material) -> Body:
 
 
 def _sphere(striker: Striker, chain: _Chain, matching_overlap: float | None) -> _Struck:
-    """What is given of it, and the rest as a sphere of the chain's material has it."""
+    """Return the striker as a sphere of the chain's material, with the properties that the file specifies."""
     body = sphere_of(striker, chain.bodies[0].material)
     exponent = HERTZ if striker.exponent is None else striker.exponent
     stiffness = striker.stiffness
@@ -315,16 +324,20 @@ def _sphere(striker: Striker, chain: _Chain, matching_overlap: float | None) -> 
 
 
 def _geometry(chain: _Chain, *first: Body) -> Geometry:
-    """A contact with a sphere has no angle; that of a ``first`` body like the chain's has that of the next."""
+    """Return the geometry of the chain behind the bodies ``first``.
+
+    A contact with a sphere has no angle; a first body like the chain's has the angle of the next contact.
+    """
     bodies = (*first, *chain.bodies)
     if chain.bodies[0].shape == "sphere":
         return Geometry(bodies=bodies, law=chain.law)
-    known = chain.stiffness if chain.angles is None else chain.angles
-    entries = (*(None if one.shape == "sphere" else known[0] for one in first), *known)
+    entries_of_chain = chain.stiffness if chain.angles is None else chain.angles
+    entries = (*(None if body.shape == "sphere" else entries_of_chain[0] for body in first), *entries_of_chain)
     if chain.angles is None:
         return Geometry(bodies=bodies, law=chain.law, stiffness=entries)
     return Geometry(bodies=bodies, law=chain.law, angles=entries)
 
 
 def _material(file: PhysicalScene) -> Material:
+    """Return the material of the file."""
     return Material(**file.material.model_dump())

@@ -1,4 +1,4 @@
-"""A scene as the text of a scene file: raw form, every digit, so that what is read again is the same scene."""
+"""Writing of a scene as a scene file: raw form with all digits, so that reading it gives the same scene."""
 
 from __future__ import annotations
 
@@ -9,22 +9,27 @@ from dem_bridge.drive import KEYS, Drive
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.scene import Scene, Wall
 
-#: numbers on a line of a list
+#: numbers per line of a list
 _ON_A_LINE = 6
 
 
 def scene_toml(scene: Scene) -> str:
-    """The scene as TOML in raw form; UnsupportedScene where a contact's law is a function, which no file can hold.
+    """Return the scene as TOML in raw form, without its geometry, on which the motion does not depend.
 
-    Without its geometry, on which the motion does not depend and which raw form has not.
+    Raises
+    ------
+    UnsupportedScene
+        If a contact's law is a function, which no file can contain.
 
+    Examples
+    --------
     >>> from dem_bridge.scene_file import load_scene, parse_scene
     >>> chain = load_scene("decelerating-40")
     >>> parse_scene(scene_toml(chain)) == chain
     True
     """
     if scene.law is not None:
-        raise UnsupportedScene(f"{scene.name} has contacts whose law is a function, which no scene file can hold")
+        raise UnsupportedScene(f"{scene.name} has a contact whose law is a function, which a scene file cannot contain")
     return "\n".join(_lines(scene)) + "\n"
 
 
@@ -76,7 +81,7 @@ def _drive(drive: Drive) -> Iterator[str]:
 
 
 def _text(text: str) -> str:
-    # a string of JSON is one of TOML where all of it can be printed, as names and descriptions of scenes can
+    # a JSON string of printable characters is a TOML string; names and descriptions of scenes are printable
     return json.dumps(text, ensure_ascii=False)
 
 

@@ -247,7 +247,7 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.M
 
 def test_all_files_of_a_deck_appear_or_none(tmp_path: Path) -> None:
     (tmp_path / "data.pair").mkdir()  # a folder is in the way of the second file
-    with pytest.raises(UsageError, match=r"data\.pair: is no regular file"):
+    with pytest.raises(UsageError, match=r"data\.pair: is not a regular file"):
         db.write_deck(PAIR, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"data.pair"}
 

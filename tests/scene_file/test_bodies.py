@@ -218,7 +218,7 @@ WRONG: dict[str, tuple[dict[str, Any], str, str]] = {
     "gaps of others": ({"gap": [0.0, 0.0]}, "gap has 2 entries", "1, one per contact"),
     "a cylinder on a wall": (
         {"bodies": [BALL, ROD], "wall_right": STEEL},
-        "wall_right is a material, and the body beside it is a cylinder",
+        "wall_right is a material, but the body next to it is a cylinder",
         "no point contact",
     ),
     "a wall of words": ({"wall_left": "steel"}, "wall_left = 'steel'", "a Wall or None"),

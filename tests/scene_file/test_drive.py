@@ -89,7 +89,7 @@ def test_times_with_few_digits_are_even(tmp_path: Path) -> None:
 WRONG_ROWS = {
     "a time is missing": (
         "0,0\n1e-4,1\n3e-4,1\n4e-4,1\n5e-4,1\n",
-        "0.0003 s in line 3, 0.0002 s after the time before",
+        "0.0003 s in line 3, 0.0002 s after the line before",
     ),
     "a time goes back": ("0,0\n1e-4,1\n0.5e-4,1\n2e-4,1\n3e-4,1\n", "5e-05 s in line 3"),
     "it begins late": ("t,F\n1e-4,0\n2e-4,1\n3e-4,1\n", "begins at 0.0001 s in line 2"),
@@ -113,7 +113,7 @@ def test_a_wrong_row_is_named_in_one_line(text: str, said: str, tmp_path: Path) 
     assert message.startswith(f"{path}: chain.drive.")
     assert "\n" not in message
     if "s in line" in said:
-        assert "evenly spaced from 0; resample it" in message
+        assert "equally spaced from 0; resample the file" in message
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
@@ -141,9 +141,9 @@ WRONG_KEYS = {
     "a key of another shape": (SINE + "sweep = 1e-3\n", "chain.drive.sweep does not apply to shape = 'sine'"),
     "no interval": (TABLE.replace("interval = 5e-4\n", ""), "chain.drive.interval is missing"),
     "a table too short": (TABLE.replace("5e-4", "4e-4"), "chain.drive.force ends at 0.0008 s"),
-    "a file beside a force": (FILE + "force = [0.0, 1.0]\n", "chain.drive.force stands beside file"),
-    "a file beside an interval": (FILE + "interval = 1e-3\n", "chain.drive.interval stands beside file"),
-    "a file for a sine": (FILE.replace("table", "sine"), "chain.drive.file stands beside shape = 'sine'"),
+    "a file beside a force": (FILE + "force = [0.0, 1.0]\n", "chain.drive.force cannot be combined with file"),
+    "a file beside an interval": (FILE + "interval = 1e-3\n", "chain.drive.interval cannot be combined with file"),
+    "a file for a sine": (FILE.replace("table", "sine"), "chain.drive.file cannot be combined with shape = 'sine'"),
     "a file that is a number": (FILE.replace('"force.csv"', "1"), "chain.drive.file = 1; allowed: a string"),
     "no table": ("[chain.drive]\n", "chain.drive.shape is missing"),
 }

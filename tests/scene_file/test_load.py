@@ -529,9 +529,24 @@ def test_a_mistake_in_a_physical_file_is_named_in_one_line(old: str, new: str, f
 STRIKER = "mass = 8.1e-3\nvelocity = 0.8\nstiffness = 3.98e9"
 WRONG_BODIES = {
     "no angles": (GRADED, "", "chain.contacts has no angles", "first_angle with last_angle and grading"),
-    "half a grading": ("last_angle = 90.0\n", "", "chain.contacts.last_angle is missing", "beside first_angle"),
-    "no grading": ('grading = "linear-stiffness"\n', "", "chain.contacts.grading is missing", "beside first_angle"),
-    "two ways": (GRADED, GRADED + "angle = 3\n", "chain.contacts.first_angle stands beside angle", "angle, or angles"),
+    "half a grading": (
+        "last_angle = 90.0\n",
+        "",
+        "chain.contacts.last_angle is missing, but required",
+        "with first_angle: first_angle, last_angle, grading",
+    ),
+    "no grading": (
+        'grading = "linear-stiffness"\n',
+        "",
+        "chain.contacts.grading is missing, but required",
+        "with first_angle: first_angle, last_angle, grading",
+    ),
+    "two ways": (
+        GRADED,
+        GRADED + "angle = 3\n",
+        "chain.contacts.first_angle cannot be combined with angle",
+        "angle, or angles",
+    ),
     "angles for other contacts": (GRADED, "angles = [1, 2]\n", "chain.contacts.angles has 2", "4, one per contact"),
     "an angle of 0": (GRADED, "angles = [1, 2, 0, 4]\n", "chain.contacts.angles[2] = 0", "greater than 0"),
     "parallel": (GRADED, "angle = 1e-200\n", "chain.contacts cross at 1e-200 degrees", "> 0"),
@@ -563,7 +578,7 @@ WRONG_BODIES = {
     "a striker like two": (
         STRIKER,
         "velocity = 1\nlike = 'first-body'\nmass = 1",
-        "chain.striker.mass stands beside like",
+        "chain.striker.mass cannot be combined with like",
         "velocity and gap",
     ),
     "a striker like another": (STRIKER, "velocity = 1\nlike = 'last'", "chain.striker.like = 'last'", "first-body"),
@@ -603,13 +618,13 @@ def test_spheres_that_cannot_be_are_named_in_one_line(old: str, new: str, found:
 def test_an_unknown_key_comes_before_the_key_it_was_meant_to_be() -> None:
     message = _refusal(_changed(RAW, "stiffness = [3.98e9", "stifness = [3.98e9"))  # codespell:ignore stifness
     assert "chain.stifness is an unknown key" in message  # codespell:ignore stifness
-    assert message.endswith("1 more to mend after this")
+    assert message.endswith("1 more error follows")
 
 
 @pytest.mark.parametrize(("number", "line"), [(1, "name ="), (3, "x = = 1"), (2, 'd = "open')])
 def test_broken_toml_is_named_with_its_line(number: int, line: str) -> None:
     message = _refusal("\n" * (number - 1) + line + "\n")
-    assert "not TOML" in message
+    assert "is not TOML" in message
     assert f"line {number}" in message
 
 
@@ -618,7 +633,9 @@ def test_an_empty_file_is_refused() -> None:
 
 
 def test_an_unknown_scene_is_refused_with_the_names_that_exist() -> None:
-    with pytest.raises(SceneError, match=r"^slowing-40: no such scene; allowed: accelerating-") as caught:
+    with pytest.raises(
+        SceneError, match=r"^slowing-40: there is no such scene or file; allowed: accelerating-"
+    ) as caught:
         load_scene("slowing-40")
     assert str(caught.value).endswith("or the path of a .toml file")
     assert all(name in str(caught.value) for name in shipped_scenes())
@@ -655,7 +672,7 @@ def test_a_wrong_entry_of_a_list_that_may_be_a_number_is_named(key: str) -> None
 @pytest.mark.parametrize("key", ["exponent", "gap"])
 def test_one_mistake_is_not_counted_as_two(key: str) -> None:
     old = {"exponent": "exponent = 2.5", "gap": "gap = [0.0, 1e-6]"}[key]
-    assert "more to mend" not in _refusal(_changed(RAW, old, f"{key} = 'soft'"))
+    assert "more error" not in _refusal(_changed(RAW, old, f"{key} = 'soft'"))
 
 
 def test_a_key_with_a_line_feed_is_still_named_in_one_line() -> None:

@@ -361,7 +361,7 @@ WRONG: dict[str, tuple[str, str, str, str]] = {
     "two ways": (
         "angle = 30.0",
         "angle = 30.0\nangles = [1]",
-        f"{PATTERN}.angles stands beside angle",
+        f"{PATTERN}.angles cannot be combined with angle",
         "one of the two",
     ),
     "an angle of 91": ("angle = 30.0", "angle = 91", f"{PATTERN}.angle = 91", "less than or equal to 90"),
@@ -399,13 +399,13 @@ WRONG: dict[str, tuple[str, str, str, str]] = {
     "a striker like two": (
         "radius = 4e-3",
         "like = 'first-body'\nmaterial = 'ptfe'",
-        "chain.striker.material stands beside like",
+        "chain.striker.material cannot be combined with like",
         "velocity and gap",
     ),
     "velocities beside a striker": (
         "[chain.striker]",
         "[chain]\nvelocity = 1\n[chain.striker]",
-        "chain.velocity stands beside a striker",
+        "chain.velocity cannot be combined with a striker",
         "striker.velocity",
     ),
     "a wall of nothing": ("seed = 7", "seed = 7\n[chain.wall_left]\ngap = 0", "chain.wall_left has neither", "one of"),
@@ -459,7 +459,7 @@ MORE_WRONG: dict[str, tuple[str, str, str]] = {
     ),
     "a cylinder on a flat wall": (
         file(BALL, ROD, more='[chain.wall_right]\nmaterial = "steel"\n'),
-        "chain.wall_right is a material, and the body beside it is a cylinder",
+        "chain.wall_right is a material, but the body next to it is a cylinder",
         "no point contact",
     ),
     "velocities of others": (

@@ -72,5 +72,5 @@ def test_a_law_that_is_a_function_is_no_text() -> None:
     scene = Scene(
         name="own", duration=1e-4, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(1.0, 0.0), law=lambda d: 4e9 * d**1.5
     )
-    with pytest.raises(UnsupportedScene, match="own has contacts whose law is a function"):
+    with pytest.raises(UnsupportedScene, match="own has a contact whose law is a function"):
         scene_toml(scene)
