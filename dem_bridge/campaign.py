@@ -20,54 +20,16 @@ from dataclasses import dataclass, replace
 from functools import partial
 from types import ModuleType
 
-from dem_bridge.backends.base import Backend, Resolution, Sampling, backend
+from dem_bridge.backends.base import Backend, backend
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
-from dem_bridge.lmp.engine import Engine
 from dem_bridge.progress import listening
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.store import Store, run_key
 from dem_bridge.trajectory import Trajectory
 
-#: s of one core for a body and step, roughly, and for bodies to a power where steps are not known beforehand
-_PER_STEP = {"lammps-granular": 6e-8, "lammps-table": 6e-8, "verlet": 2e-9, "blanes-moan": 1e-8, "ase": 1e-6}
-_PER_BODIES = {"reference": (2e-4, 2.0), "scipy": (0.06, 1.35)}
-#: error bars of a fixed step take so many more runs
-_BARS = 5
 #: s that a worker needs until it can begin: what takes less in all is run here
 _START = 2.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Case:
-    """One run to be made."""
-
-    scene: Scene
-    backend: str
-    resolution: Resolution
-    sampling: Sampling
-    engine: Engine | None = None
-    """Which LAMMPS, for a backend that runs it; None: the default."""
-
-    @property
-    def label(self) -> str:
-        dt = self.resolution.dt
-        return f"{self.scene.name}: {self.backend}" + (f" at dt = {dt:.3g} s" if dt else "")
-
-    @property
-    def key(self) -> str | None:
-        """In the store; None: it has no place there."""
-        return run_key(self.scene, self.backend, self.resolution, self.sampling, self.engine)
-
-    @property
-    def expected(self) -> float:
-        """A guess at its wall time, s: good for the order of runs and the time that is left, and for nothing else."""
-        bodies, dt = self.scene.n_body, self.resolution.dt
-        if self.backend in _PER_BODIES:
-            factor, power = _PER_BODIES[self.backend]
-            return factor * float(bodies**power)
-        steps = self.scene.duration / dt if dt else 1e5
-        runs = 1 + _BARS * (self.backend in ("verlet", "blanes-moan") and self.resolution.bars)
-        return 0.05 + runs * _PER_STEP.get(self.backend, 0.0) * bodies * steps
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,8 +26,8 @@ LAYERS = {
     2: ("physics", "files", "compiled", "checked", "notebook", "notebook_sketch"),
     3: ("scene", "contacts", "geometry", "drive"),
     4: ("lmp", "scene_file", "timescales", "trajectory", "dense"),
-    5: ("backends", "observables"),
-    6: ("differences", "campaign", "store"),
+    5: ("backends", "observables", "runs"),
+    6: ("differences", "campaign"),
     7: (
         "verification",
         "planning",
@@ -48,7 +48,7 @@ SIDEWAYS = {
     ("scene", "drive"): "... and be driven",
     ("notebook", "notebook_sketch"): "a scene is shown with a sketch of its chain",
     ("lmp", "dense"): "a deck dumps at the steps of a Schedule",
-    ("campaign", "store"): "what was run before is not run again",
+    ("runs", "backends"): "a case names a backend and its settings",
     ("planning", "extrapolate"): "settings may be those of an extrapolation",
     ("accuracy", "errors"): "an accuracy that is none is a UsageError",
 }

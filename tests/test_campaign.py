@@ -21,13 +21,15 @@ import dem_bridge as db
 from dem_bridge import campaign
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.verlet import Verlet
-from dem_bridge.campaign import Case, Crashed, Result, run_cases
+from dem_bridge.campaign import Crashed, Result, run_cases
 from dem_bridge.cli import main
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.report.page import provenance
+from dem_bridge.runs import case as case_module
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.store import Store
 from dem_bridge.studies.verify import Verification, verify_scenes
 from dem_bridge.trajectory import Trajectory
 from tests.helpers.fake_runs import free_flight
@@ -188,7 +190,7 @@ def test_a_run_is_not_stored_if_its_key_has_changed_meanwhile(
 ) -> None:
     # a LAMMPS that was built anew while it ran
     keys = iter(["1" * 64, "2" * 64])
-    monkeypatch.setattr(campaign, "run_key", lambda *_: next(keys))
+    monkeypatch.setattr(case_module, "run_key", lambda *_: next(keys))
     [result] = run_cases([_case()], store=Store(tmp_path))
     assert result.trajectory is not None
     assert list(tmp_path.iterdir()) == []
@@ -253,7 +255,8 @@ def test_no_process_is_started_where_all_is_stored(tmp_path: Path, monkeypatch: 
 PROGRAM = """
 from pathlib import Path
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Case, run_cases
+from dem_bridge.campaign import run_cases
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 scene = Scene(name="pair", duration=1e-5, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
 cases = [
@@ -291,7 +294,8 @@ def test_a_process_that_dies_is_one_line() -> None:
 LONG_PROGRAM = """
 from dataclasses import replace
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Case, run_cases
+from dem_bridge.campaign import run_cases
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 
 class Announcement:

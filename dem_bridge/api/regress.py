@@ -12,8 +12,8 @@ from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.errors import UsageError
 from dem_bridge.files import write_whole
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.store import default_folder
 from dem_bridge.scene import Scene
-from dem_bridge.store import default_folder
 
 if TYPE_CHECKING:
     from dem_bridge.campaign import Progress

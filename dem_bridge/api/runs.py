@@ -19,7 +19,7 @@ from dem_bridge.trajectory import Trajectory
 if TYPE_CHECKING:
     from dem_bridge.campaign import Progress
     from dem_bridge.planning.answer import Plan
-    from dem_bridge.store import Store
+    from dem_bridge.runs.store import Store
     from dem_bridge.studies.scatter import ScatterStudy
     from dem_bridge.studies.styles import StylesStudy
     from dem_bridge.studies.verify import Verification
@@ -147,7 +147,7 @@ def verify(
     anew, and keep them. The answer has ``verdicts``, ``exit_code`` and ``notes``. Raises SceneError or UsageError; a
     run that breaks is a BROKEN verdict.
     """
-    from dem_bridge.store import Store
+    from dem_bridge.runs.store import Store
     from dem_bridge.studies.verify import DEFAULT_ACCURACY, verify_scenes
 
     if scenes is None:
@@ -261,7 +261,7 @@ def study_scatter(
     are written (None: nowhere). ``jobs``, ``progress`` and ``store`` as in :func:`verify`. Raises UnsupportedScene
     where the scene has no angles, UsageError for another setting.
     """
-    from dem_bridge.store import Store
+    from dem_bridge.runs.store import Store
     from dem_bridge.studies.scatter import study_scatter as study
 
     scene = scene_of(scene)

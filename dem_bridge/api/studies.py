@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 from dem_bridge.errors import UsageError
 from dem_bridge.files import check_folder
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import scene_of
-from dem_bridge.store import Store
 
 if TYPE_CHECKING:
     from dem_bridge.campaign import Progress

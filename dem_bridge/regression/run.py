@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend
-from dem_bridge.campaign import Case, Progress, Result, run_cases
+from dem_bridge.campaign import Progress, Result, run_cases
 from dem_bridge.errors import BackendUnavailable, RunBroken, SceneError, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.planning.bars import resolution_for
 from dem_bridge.regression.baseline import Baseline, read_baseline
 from dem_bridge.regression.compare import Change, Comparison, accuracy_words, compare, judged
 from dem_bridge.regression.provenance import baseline_of, roundoff_tolerance
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
 from dem_bridge.trajectory import Trajectory

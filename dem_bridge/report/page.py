@@ -37,7 +37,7 @@ from dem_bridge.report.cells import (
     sortable,
 )
 from dem_bridge.report.drawing import csv_texts, drawn
-from dem_bridge.store import Store, code_hash, study_key
+from dem_bridge.runs.store import Store, code_hash, study_key
 from dem_bridge.studies.independence import ANSWERS_THROUGH, matrix
 from dem_bridge.studies.study import FigureData, Paper
 from dem_bridge.studies.verify import Verification

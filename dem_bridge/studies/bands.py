@@ -14,15 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Case, Progress, run_cases
+from dem_bridge.campaign import Progress, run_cases
 from dem_bridge.differences import difference
 from dem_bridge.drive import Drive
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.bands import Bands, measured_bands, unit_cell
 from dem_bridge.physics.dispersion import Cell
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.store import Store
 from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.verdict import Outcome, judge

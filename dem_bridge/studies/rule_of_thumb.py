@@ -14,13 +14,14 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.campaign import Case, Progress, Result, run_cases
+from dem_bridge.campaign import Progress, Result, run_cases
 from dem_bridge.differences import difference
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.conserved import energy_parts, momentum
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
-from dem_bridge.store import Store
 from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.timescales import contact_time_of, rayleigh_time_of
 from dem_bridge.trajectory import Trajectory

@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Case, Progress, Result, run_cases
+from dem_bridge.campaign import Progress, Result, run_cases
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.geometry import Geometry
 from dem_bridge.observables.front import residence_by_crossing
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file.physical import rounded
 from dem_bridge.scene_file.physical import scattered as turned_by_chance
-from dem_bridge.store import Store
 from dem_bridge.studies.study import FigureData, Panel, Series, Table
 from dem_bridge.verification.roles import REFERENCE
 

@@ -14,13 +14,14 @@ import numpy as np
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Case, Progress, Result, run_groups
+from dem_bridge.campaign import Progress, Result, run_groups
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.notebook import verification_html
 from dem_bridge.planning.bars import resolution_for
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store, study_key
 from dem_bridge.scene import Scene
-from dem_bridge.store import Store, study_key
 from dem_bridge.studies.study import Paper
 from dem_bridge.verification import checks
 from dem_bridge.verification.assess import SceneStudy, assess_scene

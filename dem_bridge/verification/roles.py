@@ -25,9 +25,9 @@ from dem_bridge.backends.blanes_moan import PHASE
 from dem_bridge.backends.reference import series_fit
 from dem_bridge.backends.steps import default_step
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.campaign import Case
 from dem_bridge.lmp.coefficients import refusal
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 
 GRANULAR, TABLE = "lammps-granular", "lammps-table"

@@ -18,11 +18,11 @@ from dem_bridge.accuracy import observed_order
 from dem_bridge.backends import splitting, twin_bars
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import prescan_hertz
-from dem_bridge.campaign import Case
 from dem_bridge.lmp import deck as deck_module
 from dem_bridge.observables.conserved import energy, energy_parts, momentum
 from dem_bridge.physics.exact import DashpotCollision, dashpot_collision
 from dem_bridge.planning.bars import resolution_for
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, Trajectory
 from tests.conftest import Solve

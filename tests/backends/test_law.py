@@ -17,13 +17,14 @@ from dem_bridge.backends.base import BACKENDS, Resolution, Sampling, backend
 from dem_bridge.backends.curves import CELLS, curve_force, curves_of
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.campaign import Case, run_cases
+from dem_bridge.campaign import run_cases
 from dem_bridge.dense import Schedule, damped_peaks, schedule
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.coefficients import Laws
 from dem_bridge.observables.conserved import energy, energy_parts
 from dem_bridge.physics.contact import Floats
 from dem_bridge.physics.law import ContactLaw, Law, law_of, power_law
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, Trajectory
 from tests.conftest import Solve

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 import dem_bridge as db
 from dem_bridge.backends import bca, driven, scipy_integration, splitting
-from dem_bridge.campaign import Case, run_case
+from dem_bridge.campaign import run_case
 from dem_bridge.physics import exact
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE, SCIPY, TWIN

@@ -8,7 +8,8 @@ from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 from dem_bridge.backends.base import ENGINE_BACKENDS
-from dem_bridge.campaign import Case, Result, run_case
+from dem_bridge.campaign import Result, run_case
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.studies.verify import plan_scene
 from dem_bridge.trajectory import Trajectory

@@ -15,11 +15,12 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Case, run_case
+from dem_bridge.campaign import run_case
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp import process
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import run_deck, workspace
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.verification.checks import accuracy
 from dem_bridge.verification.verdict import Outcome

@@ -17,12 +17,13 @@ from PIL import Image
 
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Case, Result
+from dem_bridge.campaign import Result
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.report.cells import digits_of, number, packed, sortable
 from dem_bridge.report.drawing import csv_texts, drawn
 from dem_bridge.report.junit import junit
 from dem_bridge.report.page import SCHEMA, as_json, headline, not_verified, write_report
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Damping, Scene
 from dem_bridge.studies.verify import Verification, plan_scene
 from dem_bridge.verification.assess import SceneStudy, assess_scene

@@ -16,9 +16,10 @@ from click.testing import CliRunner
 import dem_bridge as db
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend
 from dem_bridge.backends.verlet import Verlet
-from dem_bridge.campaign import Case, Crashed, Result
+from dem_bridge.campaign import Crashed, Result
 from dem_bridge.cli import main
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.studies.extremes.catalogue import catalogue
 from dem_bridge.studies.extremes.entry import chain, checked, expectation, kinds

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given
 
 import dem_bridge as db
-from dem_bridge.campaign import Case, Result, run_case
+from dem_bridge.campaign import Result, run_case
 from dem_bridge.errors import BackendUnavailable, RunBroken
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
 from dem_bridge.studies.rule_of_thumb import (

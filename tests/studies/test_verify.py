@@ -15,9 +15,10 @@ import dem_bridge as db
 from dem_bridge.backends import scipy_dop853
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.verlet import Verlet
-from dem_bridge.campaign import Case, Result
+from dem_bridge.campaign import Result
 from dem_bridge.drive import Drive
 from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.studies.verify import plan_scene, verify_scenes
 from dem_bridge.trajectory import Trajectory

@@ -9,11 +9,12 @@ import numpy as np
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.campaign import Case, Progress, Result, run_case, run_cases
+from dem_bridge.campaign import Progress, Result, run_case, run_cases
 from dem_bridge.errors import BackendUnavailable, DemBridgeError, UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.store import Store
 from dem_bridge.studies.extremes.catalogue import catalogue
 from dem_bridge.studies.extremes.entry import Entry, expectation, kinds
 from dem_bridge.studies.extremes.judge import Finding, Standard, Word, judge

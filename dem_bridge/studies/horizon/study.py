@@ -19,12 +19,13 @@ from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.twin import solve_dense, solve_plan
 from dem_bridge.backends.twin_bars import twins_of
-from dem_bridge.campaign import Case, Progress, run_cases
+from dem_bridge.campaign import Progress, run_cases
 from dem_bridge.dense import MOST_STEPS
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.store import Store
 from dem_bridge.studies.horizon.runs import (
     Found,
     Trust,

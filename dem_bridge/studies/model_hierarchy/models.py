@@ -15,10 +15,11 @@ import numpy as np
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Case, Progress, Result, run_cases
+from dem_bridge.campaign import Progress, Result, run_cases
 from dem_bridge.errors import UnsupportedScene, UsageError
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.store import Store
 from dem_bridge.studies.model_hierarchy.model_terms import DASHPOT, ModelTerm, model, model_terms_of, named, needs
 from dem_bridge.studies.model_hierarchy.passage import (
     Effects,

@@ -14,8 +14,8 @@ import numpy as np
 from dem_bridge.campaign import Progress
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.store import Store
 from dem_bridge.studies.model_hierarchy.choices import Found, cheapest, choices, doubts
 from dem_bridge.studies.model_hierarchy.model_terms import DASHPOT, PIECES, named
 from dem_bridge.studies.model_hierarchy.models import (

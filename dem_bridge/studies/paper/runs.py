@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from dem_bridge.backends.base import Resolution, Sampling, backend
-from dem_bridge.campaign import Case, Result
+from dem_bridge.campaign import Result
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
 from dem_bridge.scene_file.physical import rounded

@@ -11,12 +11,13 @@ from itertools import chain
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import BACKENDS
-from dem_bridge.campaign import Case, Progress, Result, run_groups
+from dem_bridge.campaign import Progress, Result, run_groups
 from dem_bridge.differences import difference
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
-from dem_bridge.store import Store
 from dem_bridge.studies import rule_of_thumb, scatter
 from dem_bridge.studies.model_hierarchy.models import Bench, LeftOut, ModelHierarchy, left_out, model_hierarchy_of
 from dem_bridge.studies.model_hierarchy.passage import JUDGED

@@ -17,9 +17,9 @@ from dem_bridge.errors import BackendUnavailable, UsageError
 from dem_bridge.lmp.coefficients import refusal
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import require
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
-from dem_bridge.store import Store
 from dem_bridge.studies.stability.points import (
     GAINS,
     MASS,

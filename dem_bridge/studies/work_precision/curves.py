@@ -8,9 +8,9 @@ from typing import Any
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Backend, Resolution, Sampling, backend
 from dem_bridge.backends.prescan import Prescan
-from dem_bridge.campaign import Case
 from dem_bridge.extrapolate import extrapolated
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 

@@ -11,11 +11,12 @@ from collections.abc import Sequence
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.campaign import Case, Progress, run_cases
+from dem_bridge.campaign import Progress, run_cases
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.store import Store
 from dem_bridge.studies.study import Study
 from dem_bridge.studies.work_precision.curves import curves
 from dem_bridge.studies.work_precision.norms import bars_of

@@ -18,8 +18,8 @@ import dem_bridge as db
 from dem_bridge.cli import main
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.report.drawing import drawn
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.store import Store
 from dem_bridge.studies.model_hierarchy import choices as hierarchy_choices
 from dem_bridge.studies.model_hierarchy import study as hierarchy_study
 from dem_bridge.studies.model_hierarchy.model_terms import ModelTerm

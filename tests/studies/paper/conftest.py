@@ -16,9 +16,10 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Case, Result, run_cases
+from dem_bridge.campaign import Result, run_cases
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.store import Store
 from dem_bridge.studies import scatter
 from dem_bridge.studies.paper.runs import LONG, MAIN, Runs, matched, quick, variants, with_mass_gradient
 from dem_bridge.studies.scatter import ScatterStudy

@@ -17,12 +17,12 @@ from click.testing import CliRunner
 import dem_bridge as db
 from dem_bridge.backends import lammps
 from dem_bridge.backends.base import BACKENDS, Resolution
-from dem_bridge.campaign import Case
 from dem_bridge.cli import main
 from dem_bridge.differences import difference
 from dem_bridge.errors import BackendUnavailable, UsageError
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.store import Store
 from dem_bridge.studies.model_hierarchy.models import ModelHierarchy, model_hierarchy_of
 from dem_bridge.studies.paper import study
 from dem_bridge.studies.paper.runs import (

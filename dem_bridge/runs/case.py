@@ -1,0 +1,50 @@
+"""A case: one scene solved by one backend with given settings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.store import run_key
+from dem_bridge.scene import Scene
+
+#: wall time of one core in s: per body and step for a fixed step, per body to a power for an adaptive one
+_PER_STEP = {"lammps-granular": 6e-8, "lammps-table": 6e-8, "verlet": 2e-9, "blanes-moan": 1e-8, "ase": 1e-6}
+_PER_BODIES = {"reference": (2e-4, 2.0), "scipy": (0.06, 1.35)}
+#: number of further runs that the uncertainty of a fixed-step run takes
+_FURTHER_RUNS = 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One run to be made: a scene, a backend, and the settings of the run."""
+
+    scene: Scene
+    backend: str
+    resolution: Resolution
+    sampling: Sampling
+    engine: Engine | None = None
+    """Which LAMMPS, for a backend that runs it; None: the default."""
+
+    @property
+    def label(self) -> str:
+        """The case in a few words, for progress."""
+        dt = self.resolution.dt
+        return f"{self.scene.name}: {self.backend}" + (f" at dt = {dt:.3g} s" if dt else "")
+
+    @property
+    def key(self) -> str | None:
+        """Key of the run in a store; None: the run cannot be stored."""
+        return run_key(self.scene, self.backend, self.resolution, self.sampling, self.engine)
+
+    @property
+    def expected(self) -> float:
+        """Rough estimate of the wall time, s, by which runs are ordered and the remaining time is shown."""
+        bodies, dt = self.scene.n_body, self.resolution.dt
+        if self.backend in _PER_BODIES:
+            factor, power = _PER_BODIES[self.backend]
+            return factor * float(bodies**power)
+        steps = self.scene.duration / dt if dt else 1e5
+        runs = 1 + _FURTHER_RUNS * (self.backend in ("verlet", "blanes-moan") and self.resolution.bars)
+        return 0.05 + runs * _PER_STEP.get(self.backend, 0.0) * bodies * steps
