@@ -1,102 +1,109 @@
-"""How far two trajectories are apart, with a named scale, and where they first part.
+"""Compare two trajectories: the largest difference of an observable over its scale, and when velocities first differ.
 
-Knows arrays; nothing of tolerances or outcomes.
+Knows observables; nothing of tolerances or outcomes.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.trajectory import VOCABULARY, Trajectory, own_scale
+from dem_bridge.observables.errors import read, reduced, relative_to
+from dem_bridge.observables.registry import observable_named
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import VOCABULARY, Trajectory
 
-#: sampled in time; contact forces have no bars of their own
-SAMPLED = ("velocity", "displacement", "contact_force")
-UNITS = {name: unit for name, (unit, _, _) in VOCABULARY.items()}
-#: times that are no further apart, in units of the interval between samples, are one: round-off and few digits
+#: arrays with an entry for each sample
+SAMPLED = tuple(name for name, (_, _, axis) in VOCABULARY.items() if "time" in axis)
+#: times that are no further apart, in units of the interval between samples, are the same but for round-off
 SAME_TIME = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """Largest difference of one quantity, relative to ``scale``."""
+    """Largest difference of one observable between two runs, relative to ``scale``."""
 
     quantity: str
+    """Name of the observable."""
     value: float
-    """Relative, max-norm; inf where one of the two has no value."""
+    """Relative, max-norm; inf where only one of the two runs has a value."""
     scale: float
-    """In ``unit``; where each contact is its own scale, that of the worst."""
+    """In ``unit``; where each body or contact has its own scale, that of the place of the largest difference."""
     unit: str
     scale_name: str
     uncertainty: float
-    """Bar of the first trajectory, relative to the same scale."""
+    """Estimated numerical error of the first run, relative to the same scale."""
     reference_uncertainty: float
-    """Bar of the second."""
+    """Estimated numerical error of the second run."""
+    axis: str
+    """"body" or "contact"; "" for an observable of the whole chain."""
     body: int
-    """Body or contact where the difference is largest."""
+    """Body or contact where the difference is largest; -1 for an observable of the whole chain."""
     time: float
-    """s: when it is largest; nan for quantities that are not sampled in time."""
+    """s: when it is largest; nan for an observable that is not sampled in time."""
+
+    @property
+    def place(self) -> str:
+        """Where the difference is largest, such as "contact 3"; "" for an observable of the whole chain."""
+        return f"{self.axis} {self.body}" if self.axis else ""
 
 
-def difference(quantity: str, run: Trajectory, reference: Trajectory) -> Difference:
-    """Compare ``velocity``, ``displacement`` or ``contact_force`` (max over all samples and columns, relative to the
-    reference's largest magnitude), or ``peak_force`` or ``crossing_time`` (max over contacts, each relative to
-    the reference's own, or to a thousandth of the largest in the chain where that is more).
+def difference(quantity: str, run: Trajectory, reference: Trajectory, scene: Scene | None = None) -> Difference:
+    """Return the largest difference of an observable between two runs, with its scale and place.
 
-    Raises UsageError where the two are sampled at different times.
+    Parameters
+    ----------
+    quantity : str
+        Name of one of :data:`~dem_bridge.observables.registry.OBSERVABLES`.
+    run, reference : Trajectory
+        Of one scene, at the same samples. The scale is that of the reference.
+    scene : Scene, optional
+        Not needed for the arrays that a trajectory stores.
+
+    Raises
+    ------
+    UsageError
+        For another observable, or runs of different numbers of bodies or at different times.
+
     """
-    if quantity not in UNITS:
-        raise UsageError(f"quantity = {quantity!r}; allowed: {', '.join(UNITS)}")
-    mine, other = getattr(run, quantity), getattr(reference, quantity)
-    if mine.shape[1:] != other.shape[1:] or run.velocity.shape[1:] != reference.velocity.shape[1:]:
+    observable = observable_named(quantity)
+    if scene is None and quantity not in VOCABULARY:
+        raise UsageError(f"{quantity} of two runs is asked without their scene; give scene=...")
+    if run.velocity.shape[1:] != reference.velocity.shape[1:] or len(run.peak_force) != len(reference.peak_force):
         raise UsageError(
             f"the runs have {run.velocity.shape[1]} and {reference.velocity.shape[1]} bodies and cannot be compared;"
             " give two runs of the same scene"
         )
-    if mine.shape != other.shape or not np.array_equal(run.time, reference.time):
+    if not np.array_equal(run.time, reference.time):
         raise UsageError(
             f"the runs have {len(run.time)} and {len(reference.time)} samples at different times; solve both with the"
             " same samples"
         )
-    if quantity in SAMPLED:
-        scale = float(np.max(np.abs(other), initial=0.0))
-        apart = np.abs(mine - other)
-        row, body = np.unravel_index(int(np.argmax(apart)), apart.shape) if apart.size else (0, 0)
-        return Difference(
-            quantity=quantity,
-            value=_relative(float(apart[row, body]) if apart.size else 0.0, scale),
-            scale=scale,
-            unit=UNITS[quantity],
-            scale_name=f"largest |{quantity}| of the reference",
-            uncertainty=_relative(run.uncertainty.get(quantity, math.inf), scale),
-            reference_uncertainty=_relative(reference.uncertainty.get(quantity, math.inf), scale),
-            body=int(body),
-            time=float(run.time[row]),
-        )
-    apart = np.abs(mine - other)
-    # neither has a value: agreed; only one has: infinitely far apart
-    apart = np.where(np.isnan(mine) & np.isnan(other), 0.0, np.where(np.isnan(apart), math.inf, apart))
-    own = own_scale(other)
-    relative = np.array([_relative(a, s) for a, s in zip(apart, own, strict=True)])
-    where = int(np.argmax(relative)) if len(relative) else 0
-    bars = [
-        max((_relative(b, s) for b, s in zip(t.uncertainty[quantity], own, strict=True)), default=0.0)
-        for t in (run, reference)
-    ]
+    # what a trajectory stores is read without the scene
+    readings = [read(observable, cast(Scene, scene), trajectory) for trajectory in (reference, run)]
+    errors = relative_to(*readings)
+    worst = errors.worst
+    place = dict(zip(observable.axis, worst, strict=True)) if worst is not None else {}
+    axis = next((axis for axis in observable.axis if axis != "time"), "")
+    uncertainty, reference_uncertainty = (
+        0.0 if math.isnan(bar := reduced(part)) else bar for part in (errors.uncertainty, errors.reference_uncertainty)
+    )
     return Difference(
         quantity=quantity,
-        value=float(relative[where]) if len(relative) else 0.0,
-        scale=float(own[where]) if len(relative) else 0.0,
-        unit=UNITS[quantity],
-        scale_name=f"each contact's own {quantity}",
-        uncertainty=bars[0],
-        reference_uncertainty=bars[1],
-        body=where,
-        time=math.nan,
+        value=0.0 if worst is None else float(abs(errors.values[worst])),
+        scale=0.0 if worst is None else float(readings[0].scale[worst]),
+        unit=observable.unit,
+        scale_name=observable.scale_name,
+        uncertainty=uncertainty,
+        reference_uncertainty=reference_uncertainty,
+        axis=axis,
+        body=place.get(axis, 0) if axis else -1,
+        time=float(run.time[place["time"]]) if "time" in place else math.nan,
     )
 
 
@@ -146,7 +153,7 @@ def compared(run: Trajectory, reference: Trajectory, tolerance: float = 0.0) -> 
     if sampled:
         notes += (f"the peak forces of {' and '.join(sampled)} come from samples and may be too low",)
     differences, unknown = [], []
-    for name in UNITS:
+    for name in VOCABULARY:
         missing = [label for label, trajectory in labelled if not _known(trajectory, name)]
         if missing:
             unknown.append(f"{name} is not compared, because it is unknown in {' and '.join(missing)}")
@@ -200,9 +207,3 @@ def _known(run: Trajectory, quantity: str) -> bool:
             not np.all(np.isinf(run.uncertainty[quantity]) & np.isnan(run.crossing_time)) or run.crossing_time.size == 0
         )
     return bool(np.all(np.isfinite(getattr(run, quantity))))
-
-
-def _relative(value: float, scale: float) -> float:
-    if value == 0.0:
-        return 0.0
-    return float(value) / scale if scale > 0.0 else math.inf

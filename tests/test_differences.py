@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from dem_bridge.differences import at_common_times, compared, difference, first_divergence
 from dem_bridge.errors import UsageError
+from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from tests.helpers.fake_runs import free_flight, uncertain
 from tests.helpers.strategies import log_uniform
@@ -101,13 +102,22 @@ def test_other_times_are_refused(other: dict[str, Any]) -> None:
         difference("velocity", free_flight(), free_flight(**other))
 
 
-def test_a_quantity_that_is_not_compared_is_refused_with_those_that_are() -> None:
-    with pytest.raises(UsageError, match=r"quantity = 'energy'; allowed: displacement, velocity, contact_force, peak"):
-        difference("energy", free_flight(), free_flight())
+def test_what_a_trajectory_does_not_store_is_compared_with_its_scene() -> None:
+    scene = Scene(name="three", duration=1.0, mass=(1.0, 1.0, 1.0), stiffness=(1.0, 1.0), velocity=(1.0, 2.0, 3.0))
+    run = _changed(free_flight(), "crossing_time", 1, 0.01)  # 0.1 and 0.2 s
+    residence = difference("residence_time", run, free_flight(), scene)
+    assert (residence.value, residence.scale, residence.place) == (pytest.approx(0.1), pytest.approx(0.1), "body 1")
+    end = difference("arrival_at_end", run, free_flight(), scene)
+    assert (end.value, end.scale, end.place, end.body) == (pytest.approx(0.05), 0.2, "", -1)
+    momentum = difference("momentum", _changed(free_flight(), "velocity", (3, 2), 0.9), free_flight(), scene)
+    # over the mass of 3 kg times 3 m/s
+    assert (momentum.value, momentum.time, momentum.place) == (pytest.approx(0.1), 0.75, "")
+    with pytest.raises(UsageError, match=r"^energy of two runs is asked without their scene; give scene=\.\.\.$"):
+        difference("energy", run, free_flight())
 
 
-def test_a_quantity_that_does_not_exist_is_refused_too() -> None:
-    with pytest.raises(UsageError, match=r"quantity = 'speed'; allowed"):
+def test_a_quantity_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(UsageError, match=r"observable = 'speed'; allowed: velocity, displacement, .*residence_time"):
         difference("speed", free_flight(), free_flight())
 
 

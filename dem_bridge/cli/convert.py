@@ -126,10 +126,9 @@ def _sentence(entry: Difference) -> str:
     )
     if not entry.value:
         return f"{noun} are equal"
-    place = f"{'body' if entry.quantity in ('velocity', 'displacement') else 'contact'} {entry.body}"
     scale = entry.scale_name if entry.scale_name.startswith("each") else f"the {entry.scale_name}"
     time = f" at {entry.time:.9g} s" if entry.time == entry.time else ""
     return (
         f"{noun} differ by at most {entry.value * entry.scale:.3g} {entry.unit}, {entry.value:.3g} of"
-        f" {scale} ({entry.scale:.6g} {entry.unit}); {place}{time}"
+        f" {scale} ({entry.scale:.6g} {entry.unit}); {entry.place}{time}"
     )

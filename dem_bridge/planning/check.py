@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling, backend
-from dem_bridge.differences import UNITS, difference
+from dem_bridge.differences import difference
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.front import arrival_by_crossing, residence_bar, residence_by_crossing
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import VOCABULARY, Trajectory
 
 #: what accuracy can be asked of
-OBSERVABLES = (*UNITS, "arrival", "residence")
+OBSERVABLES = (*VOCABULARY, "arrival", "residence")
 #: a setting is coarse enough where none this many times coarser serves, or can be expected to, by knob: costs go with
 #: 1/dt, but hardly with rtol, in which errors are erratic besides
 CLOSE = {"dt": 1.12, "rtol": 10.0}
@@ -48,7 +48,7 @@ FINER = {"dt": 2.0, "damped": 2.618, "rtol": 30.0}
 def relative_error(observable: str, scene: Scene, run: Trajectory, truth: Trajectory) -> float:
     """Error of one of ``OBSERVABLES``, relative: as :func:`~dem_bridge.differences.difference` has it; "arrival", of
     the front at the last body that it reaches, over that time; "residence", the largest of the residence times' own."""
-    if observable in UNITS:
+    if observable in VOCABULARY:
         return difference(observable, run, truth).value
     of = arrival_by_crossing if observable == "arrival" else residence_by_crossing
     mine, other = of(scene, run), of(scene, truth)
@@ -63,7 +63,7 @@ def relative_error(observable: str, scene: Scene, run: Trajectory, truth: Trajec
 
 def relative_bar(observable: str, scene: Scene, truth: Trajectory) -> float:
     """Bar of a run on the same scale."""
-    if observable in UNITS:
+    if observable in VOCABULARY:
         return difference(observable, truth, truth).uncertainty if observable != "contact_force" else 0.0
     if observable == "residence":
         known, bars = residence_by_crossing(scene, truth), residence_bar(scene, truth)

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.differences import UNITS, difference
+from dem_bridge.differences import difference
+from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.regression.baseline import QUANTITIES, Accuracy, Baseline
 from dem_bridge.trajectory import Floats, Trajectory, own_scale
 from dem_bridge.verification.verdict import Outcome, judge, plain
@@ -57,9 +58,9 @@ class Departure:
 
     @property
     def sentence(self) -> str:
-        kind = "body" if self.quantity == "velocity" else "contact"
+        observable = OBSERVABLES[self.quantity]
+        kind, unit = observable.axis[-1], observable.unit
         when = f" at t = {1e3 * self.time:.6g} ms" if math.isfinite(self.time) else ""
-        unit = UNITS[self.quantity]
         return (
             f"{self.quantity} of {kind} {self.body}{when} was {self.before!r} {unit} and is {self.after!r} {unit}:"
             f" {self.apart:.2g} apart, same within {self.same_within:.2g}; {self.beyond}"

@@ -25,10 +25,11 @@ from dem_bridge.backends.steps import order_on
 from dem_bridge.campaign import Result
 from dem_bridge.differences import Difference, difference, first_divergence
 from dem_bridge.errors import RunBroken
-from dem_bridge.observables.conserved import energy, energy_parts, momentum, work
-from dem_bridge.observables.front import residence_by_crossing
+from dem_bridge.observables.conserved import work
+from dem_bridge.observables.errors import read
+from dem_bridge.observables.registry import observable_named
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale
+from dem_bridge.trajectory import QUANTITIES, Trajectory
 from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, engine_for
 from dem_bridge.verification.verdict import Outcome, Verdict, judge, numerical_verdict
 
@@ -40,6 +41,8 @@ ORDER_TOLERANCE = {2: 0.05, 1: 0.1}
 INDEPENDENT = "nothing: two methods"
 #: error of scipy where it was not asked for its bars: what they are at most on the shipped scenes, of the largest speed
 SECOND_BAR = 2e-10
+#: observables in which binary collisions are set beside the reference
+MODELLED = ("arrival", "residence_time", "arrival_at_end", "peak_force", "velocity")
 #: measured errors of tables may exceed predicted ones so much: both look at places, and each misses the worst
 TABLE_TOLERANCE = 1.1
 
@@ -164,10 +167,10 @@ def accuracy(scene: Scene, name: str, run: Trajectory, truth: Trajectory, wanted
     """A run against the reference: velocity for the twin, every quantity for LAMMPS."""
     parts = ["time step", *(["table"] if "table" in run.provenance else []), "implementation and round-off"]
     meaning = "time step" if name == TWIN else ", ".join(parts)
-    quantities = ("velocity",) if name == TWIN else QUANTITIES
-    found = [difference(quantity, run, truth) for quantity in quantities]
-    if name != TWIN and scene.n_body > 2:
-        found.append(_residence(scene, run, truth))
+    quantities: tuple[str, ...] = ("velocity",)
+    if name != TWIN:
+        quantities = (*QUANTITIES, "residence_time") if scene.n_body > 2 else QUANTITIES
+    found = [difference(quantity, run, truth, scene) for quantity in quantities]
     verdicts = [
         numerical_verdict(
             one,
@@ -193,31 +196,6 @@ def _pull(name: str, run: Trajectory) -> str:
     return (
         f" {name} has contacts that pull, with up to {pull:.3g} N: their damping stands beside a table, and LAMMPS"
         " cannot clip the sum of two pair styles, as the equations do; with n = 2 or 2.5 in damped contacts it can."
-    )
-
-
-def _residence(scene: Scene, run: Trajectory, truth: Trajectory) -> Difference:
-    """Relative difference of residence times; a bar is the sum of those of its two crossings."""
-    mine, other = residence_by_crossing(scene, run), residence_by_crossing(scene, truth)
-    own = np.maximum(own_scale(other), 1e-300)
-    relative = np.abs(mine - other) / own
-    relative = np.where(np.isnan(mine) & np.isnan(other), 0.0, np.where(np.isnan(relative), np.inf, relative))
-    worst = int(np.argmax(relative))
-
-    def bar(trajectory: Trajectory) -> float:
-        crossing = trajectory.uncertainty["crossing_time"][: scene.n_body - 1]
-        return float(np.nanmax((crossing[1:] + crossing[:-1]) / own, initial=0.0))
-
-    return Difference(
-        quantity="residence_time",
-        value=float(relative[worst]),
-        scale=float(own[worst]),
-        unit="s",
-        scale_name="each body's own residence time",
-        uncertainty=bar(run),
-        reference_uncertainty=bar(truth),
-        body=worst + 1,
-        time=math.nan,
     )
 
 
@@ -284,70 +262,63 @@ def order(scene: Scene, name: str, refinement: tuple[list[float], list[float]], 
 
 
 def conserved(scene: Scene, run: Trajectory, wanted: float, truth: Trajectory | None = None) -> list[Verdict]:
-    """Momentum to round-off, energy to the accuracy asked for; each where nothing takes or gives any, or, where a drive
-    gives energy alone, less its work; ``truth``: from which is known how well samples tell that (None: from the run).
+    """Judge the drift of momentum, to round-off, and of energy, to the wanted accuracy.
+
+    Each is judged where the scene conserves it. Where a drive gives energy, the energy less its work is, unless samples
+    are too far apart to tell that work; ``truth`` is the run by which this is decided (None: the run itself).
 
     The loads on the ends of a precompressed chain without walls cancel; with one wall there is one load alone.
     """
-    backend, verdicts = engine_for(scene), []
-
-    def judged(
-        quantity: str, series: Floats, scale: tuple[float, str, str], tolerance: float, meaning: str, bar: float = 0.0
-    ) -> Verdict:
-        most, unit, name = scale
-        drift = float(np.max(np.abs(series - series[0]))) / most if most > 0.0 else 0.0
-        bar = bar / most if most > 0.0 else 0.0
-        return Verdict(
-            scene=scene.name,
-            quantity=quantity,
-            backend=backend,
-            reference="its own start",
-            outcome=judge(drift, bar, tolerance),
-            sentence=(
-                f"{quantity} of {backend} drifts by at most {drift:.2e} of {most:.4g} {unit};"
-                f" tolerance {tolerance:.1e} ({meaning})."
-            ),
-            difference=drift,
-            scale=most,
-            unit=unit,
-            scale_name=name,
-            uncertainty=0.0,
-            reference_uncertainty=bar,
-            tolerance=tolerance,
-            meaning=meaning,
-        )
-
+    verdicts = []
     if scene.conserves_momentum:
-        scale = sum(scene.mass) * float(np.max(np.abs(run.velocity)))
         # each step rounds each velocity by at most half a unit in its last place
-        digits, name = run.cost.steps * float(np.finfo(float).eps), "total mass times largest velocity"
-        verdicts.append(judged("momentum", momentum(scene, run), (scale, "kg m/s", name), digits, "round-off"))
-    kinetic, *others = energy_parts(scene, run)
+        digits = run.cost.steps * float(np.finfo(float).eps)
+        verdicts.append(_drift(scene, run, "momentum", digits, "round-off"))
     if scene.conserves_energy:
-        most, name = kinetic + sum(map(np.abs, others)), "most energy in motion, contacts and height"
-        scale = float(np.max(most))
-        verdicts.append(judged("energy", energy(scene, run), (scale, "J", name), wanted, "time step"))
+        verdicts.append(_drift(scene, run, "energy", wanted, "time step"))
     elif not scene.dissipates:
-        # what a precompressed chain stores is no measure of a small wave's
-        done, unknown = work(scene, run)[0], work(scene, run if truth is None else truth)[1]
-        scale, name = float(np.max(kinetic + np.abs(done))), "most energy in motion and work done"
-        # between samples that are too far apart nobody knows what was done
-        if unknown < wanted * scale or scale == 0.0:
-            balance = energy(scene, run) - done
-            verdicts.append(judged("energy less work", balance, (scale, "J", name), wanted, "time step", unknown))
+        unknown = work(scene, run if truth is None else truth)[1]
+        verdict = _drift(scene, run, "energy_less_work", wanted, "time step", unknown)
+        if unknown < wanted * verdict.scale or verdict.scale == 0.0:
+            verdicts.append(verdict)
     return verdicts
 
 
+def _drift(scene: Scene, run: Trajectory, name: str, tolerance: float, meaning: str, unknown: float = 0.0) -> Verdict:
+    """Return the verdict on the largest change of an observable from its start, which may err by ``unknown``."""
+    reading, backend = read(name, scene, run), engine_for(scene)
+    observable, scale = reading.observable, float(reading.scale[0])
+    drift, bar = (
+        part / scale if scale > 0.0 else 0.0 for part in (np.max(np.abs(reading.values - reading.values[0])), unknown)
+    )
+    return Verdict(
+        scene=scene.name,
+        quantity=observable.words,
+        backend=backend,
+        reference="its own start",
+        outcome=judge(float(drift), bar, tolerance),
+        sentence=(
+            f"{observable.words} of {backend} drifts by at most {drift:.2e} of {scale:.4g} {observable.unit};"
+            f" tolerance {tolerance:.1e} ({meaning})."
+        ),
+        difference=float(drift),
+        scale=scale,
+        unit=observable.unit,
+        scale_name=observable.scale_name,
+        uncertainty=0.0,
+        reference_uncertainty=bar,
+        tolerance=tolerance,
+        meaning=meaning,
+    )
+
+
 def model(scene: Scene, theory: Trajectory, truth: Trajectory) -> list[Verdict]:
-    """BCA beside the reference: numbers of a theory with other equations."""
-    arrival, *found = [difference(quantity, theory, truth) for quantity in ("crossing_time", "peak_force", "velocity")]
-    last = len(truth.crossing_time) - 1
-    away = abs(float(theory.crossing_time[last] - truth.crossing_time[last])) / float(truth.crossing_time[last])
-    if math.isfinite(away):
-        found.insert(0, replace(arrival, quantity="arrival_at_end", value=away, body=last))
-    found.insert(0, replace(arrival, quantity="arrival"))
-    if scene.n_body > 2:
-        found.insert(1, _residence(scene, theory, truth))
+    """Return the differences of binary collisions from the reference: numbers of a theory with other equations."""
+    found = [difference(quantity, theory, truth, scene) for quantity in MODELLED]
+    if scene.n_body <= 2:
+        found = [one for one in found if one.quantity != "residence_time"]
+    # only one of the two reaches the end
+    found = [one for one in found if one.quantity != "arrival_at_end" or math.isfinite(one.value)]
     return [
         Verdict(
             scene=scene.name,
@@ -368,9 +339,9 @@ def model(scene: Scene, theory: Trajectory, truth: Trajectory) -> list[Verdict]:
 
 
 def _of_theory(found: Difference) -> str:
-    what = found.quantity.replace("_", " ")
-    place = f"{'body' if found.quantity in ('velocity', 'residence_time') else 'contact'} {found.body}"
-    missed = f"binary collisions miss the {what} by up to {100 * found.value:.3g} % of {found.scale_name} ({place})"
+    what, place = observable_named(found.quantity).words, found.place
+    at = f" ({place})" if place else ""
+    missed = f"binary collisions miss the {what} by up to {100 * found.value:.3g} % of {found.scale_name}{at}"
     if not math.isfinite(found.value):
         missed = f"binary collisions and the reference do not both have the {what} of {place} within the duration"
     return f"{missed}: they are another model, so this is no error of either code."

@@ -107,8 +107,6 @@ def numerical_verdict(
         Outcome.FAIL: "exceeds",
         Outcome.UNDECIDED: "cannot be told from",
     }[outcome]
-    of_body = found.quantity in ("velocity", "displacement", "residence_time")
-    place = f"{'body' if of_body else 'contact'} {found.body}"
     when = f" at t = {1e3 * found.time:.4g} ms" if math.isfinite(found.time) else ""
     return Verdict(
         scene=scene,
@@ -118,7 +116,8 @@ def numerical_verdict(
         outcome=outcome,
         sentence=(
             f"{found.quantity} of {backend} differs from {reference} by {found.value:.2e} of"
-            f" {found.scale_name} ({place}{when}), +- {doubt:.1e}; this {relation} the tolerance of {tolerance:.1e}."
+            f" {found.scale_name} ({found.place}{when}), +- {doubt:.1e}; this {relation} the tolerance of"
+            f" {tolerance:.1e}."
         ),
         difference=found.value,
         scale=found.scale,

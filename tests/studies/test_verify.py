@@ -228,7 +228,7 @@ def test_a_model_difference_is_never_pass_or_fail(results: Runs[Result]) -> None
 def test_a_pulse_that_does_not_arrive_by_theory_is_said_to_be_one(results: Runs[Result]) -> None:
     late = _with(results, THEORY, crossing_time=np.array([1e-5, np.nan, np.nan]))
     said = {v.quantity: v.sentence for v in assess_scene(SHORT, late, ACCURACY).verdicts if v.backend == THEORY}
-    assert "do not both have the arrival of contact 1 within the duration" in said["arrival"]
+    assert "do not both have the arrival of body 2 within the duration" in said["arrival"]
     assert "do not both have the residence time of body 1 within the duration" in said["residence_time"]
     assert not any("inf %" in sentence for sentence in said.values())
 

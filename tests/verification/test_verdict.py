@@ -74,6 +74,7 @@ def _difference(value: float, reference_uncertainty: float, **changes: object) -
         "scale_name": "largest |velocity| of the reference",
         "uncertainty": 3e-6,
         "reference_uncertainty": reference_uncertainty,
+        "axis": "body",
         "body": 7,
         "time": 1.5e-3,
     }
@@ -110,7 +111,7 @@ def test_the_bar_that_counts_is_the_references() -> None:
 
 
 def test_a_quantity_without_a_time_is_placed_by_its_contact() -> None:
-    sentence = _verdict(_difference(1e-7, 0.0, quantity="peak_force", time=math.nan)).sentence
+    sentence = _verdict(_difference(1e-7, 0.0, quantity="peak_force", axis="contact", time=math.nan)).sentence
     assert "contact 7" in sentence
     assert " ms" not in sentence
 
