@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from types import ModuleType
 
-from dem_bridge.backends.base import Backend, backend
+from dem_bridge.backends.base import Backend, backend, unsupported_reason
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.progress import listening
 from dem_bridge.runs.case import Case
@@ -50,11 +50,11 @@ Progress = Callable[[float, int, str], None]
 
 
 def run_case(case: Case, *, everything: bool = False, by: Backend | None = None) -> Result:
-    """Run one case; a refusal, a missing engine or a broken run is a result. ``everything``: wrong settings and
-    crashes, too. ``by``: a backend in place of the one that the case names."""
+    """Run one case; an unsupported scene, a missing engine or a broken run is a result. ``everything``: wrong settings
+    and crashes, too. ``by``: a backend in place of the one that the case names."""
     try:
         chosen = by or backend(case.backend, case.engine)
-        reason = chosen.refusal(case.scene)
+        reason = unsupported_reason(chosen, case.scene)
         if reason:
             return Result(case=case, failure=UnsupportedScene(reason))
         return Result(case=case, trajectory=chosen.run(case.scene, case.resolution, case.sampling))

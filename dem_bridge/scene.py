@@ -20,6 +20,7 @@ from dem_bridge.checked import LARGEST, SMALLEST, checked_number, checked_number
 from dem_bridge.contacts import Contacts
 from dem_bridge.drive import KEYS, Drive
 from dem_bridge.errors import SceneError
+from dem_bridge.features import FEATURES, Feature
 from dem_bridge.geometry import Geometry
 from dem_bridge.physics.law import ContactLaw, Law, completed, reach_of, stored
 from dem_bridge.physics.statics import static_forces, static_overlap
@@ -366,10 +367,15 @@ class Scene:
         """True if any contact dissipates energy."""
         return self.damping is not None and any(self._damping_coefficients)
 
+    @cached_property
+    def features(self) -> frozenset[Feature]:
+        """What the scene has beyond masses, power-law contacts and a struck first body."""
+        return frozenset(feature for feature in FEATURES if feature.present(self))
+
     @property
     def dissipates(self) -> bool:
         """True if energy is dissipated in contacts or by drag."""
-        return self.damped or self.drag > 0.0
+        return any(feature.dissipates for feature in self.features)
 
     @property
     def conserves_energy(self) -> bool:
@@ -377,13 +383,12 @@ class Scene:
 
         Such a scene has no dissipation, and no drive that does work.
         """
-        return not self.dissipates and self.drive is None
+        return not any(feature.dissipates or feature.does_work for feature in self.features)
 
     @property
     def conserves_momentum(self) -> bool:
         """True if the total momentum is constant. Without walls the loads on both ends cancel."""
-        free = self.wall_left is None and self.wall_right is None and self.gravity == 0.0
-        return free and self.drag == 0.0 and self.drive is None
+        return not any(feature.changes_momentum for feature in self.features)
 
     @cached_property
     def contacts(self) -> Contacts:
@@ -428,8 +433,8 @@ class Scene:
         )
 
     def __getstate__(self) -> dict[str, object]:
-        """Return the state without the cached contacts, which are not sent to other processes."""
-        return {key: value for key, value in self.__dict__.items() if key != "contacts"}
+        """Return the state without cached contacts and features, which are not sent to other processes."""
+        return {key: value for key, value in self.__dict__.items() if key not in ("contacts", "features")}
 
     @property
     def _exponents(self) -> tuple[float, ...]:

@@ -24,7 +24,7 @@ ROOT = PACKAGE.parent
 LAYERS = {
     1: ("errors", "accuracy", "progress", "version"),
     2: ("physics", "files", "compiled", "checked", "notebook", "notebook_sketch"),
-    3: ("scene", "contacts", "geometry", "drive"),
+    3: ("scene", "contacts", "geometry", "drive", "features", "support"),
     4: ("lmp", "scene_file", "timescales", "trajectory", "dense"),
     5: ("backends", "observables", "runs"),
     6: ("differences", "campaign"),
@@ -46,6 +46,9 @@ SIDEWAYS = {
     ("scene", "contacts"): "a scene gives its contacts as arrays",
     ("scene", "geometry"): "a scene may say what its bodies are",
     ("scene", "drive"): "... and be driven",
+    ("scene", "features"): "a scene lists what it has",
+    ("support", "features"): "a declaration of support lists features",
+    ("support", "scene"): "... and is checked against a scene",
     ("notebook", "notebook_sketch"): "a scene is shown with a sketch of its chain",
     ("lmp", "dense"): "a deck dumps at the steps of a Schedule",
     ("runs", "backends"): "a case names a backend and its settings",
@@ -214,7 +217,7 @@ def test_the_reference_and_the_twin_share_only_what_they_answer_with() -> None:
     scipy = {found for name in parts for found in _ours(f"dem_bridge.backends.{name}")}
     scipy -= {f"dem_bridge.backends.{name}" for name in parts}
     twin = _ours("dem_bridge.backends.verlet")
-    allowed = {"backends.base", "backends.bars", "scene", "trajectory", "errors", "progress"}
+    allowed = {"backends.base", "backends.bars", "scene", "features", "support", "trajectory", "errors", "progress"}
     assert {name.removeprefix("dem_bridge.") for name in scipy & twin} <= allowed
 
 

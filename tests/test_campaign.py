@@ -19,11 +19,12 @@ from click.testing import CliRunner
 
 import dem_bridge as db
 from dem_bridge import campaign
-from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.base import Availability, Resolution, Sampling
 from dem_bridge.backends.verlet import Verlet
 from dem_bridge.campaign import Crashed, Result, run_cases
 from dem_bridge.cli import main
 from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.features import CONTACT_FUNCTIONS, OTHER_EXPONENTS, SEVERAL_MOVING
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.report.page import provenance
 from dem_bridge.runs import case as case_module
@@ -31,10 +32,13 @@ from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies.verify import Verification, verify_scenes
+from dem_bridge.support import Condition, Support
 from dem_bridge.trajectory import Trajectory
 from tests.helpers.fake_runs import free_flight
 from tests.helpers.processes import PATIENCE, all_end, running
 
+#: what no scene satisfies
+NEVER = Condition("nothing", lambda scene: "it can do nothing")
 SCENE = Scene(
     name="three",
     duration=1e-4,
@@ -54,14 +58,15 @@ def _case(dt: float = 1e-6, scene: Scene = SCENE, backend: str = "verlet", **set
 class Fake:
     """A backend that counts its runs; ``fails``: the steps at which it raises, with what."""
 
-    order = None
+    name, equations, order = "fake", "hertz", None
+    supports = Support({OTHER_EXPONENTS, SEVERAL_MOVING, CONTACT_FUNCTIONS})
+
+    def availability(self) -> Availability:
+        return Availability(True)
 
     def __init__(self) -> None:
         self.runs: list[tuple[str, float | None]] = []
         self.fails: dict[float | None, BaseException] = {}
-
-    def refusal(self, scene: Scene) -> str | None:
-        return "it has gravity" if scene.gravity else None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         self.runs.append((scene.name, resolution.dt))
@@ -169,7 +174,7 @@ def test_failures_are_results_and_are_never_stored(fake: Fake, tmp_path: Path) -
         fine, broken, refused = run_cases([_case(), _case(1e-7), _case(scene=heavy)], store=Store(tmp_path))
         assert fine.trajectory is not None
         assert isinstance(broken.failure, RunBroken)
-        assert str(refused.failure) == "it has gravity"
+        assert str(refused.failure).startswith("the scene has gravity; supported: ")
     assert [dt for _, dt in fake.runs] == [1e-7, 1e-6, 1e-7]
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -372,7 +377,7 @@ def test_verify_stores_and_makes_anew_what_is_asked_fresh(tmp_path: Path) -> Non
 
 def test_a_store_that_cannot_be_is_a_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr(Verlet, "refusal", lambda _, scene: "it can do nothing")  # and nothing is run
+    monkeypatch.setattr(Verlet, "supports", Support(set(), conditions=(NEVER,)))  # and nothing is run
     found = verify_scenes([SCENE], accuracy=1e-3, store=Store(tmp_path / "file" / "store"))
     [note] = found.notes
     assert note.startswith("store: nothing is stored: ")

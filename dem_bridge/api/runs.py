@@ -8,7 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dem_bridge.accuracy import checked_accuracy
-from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Availability, Backend, Resolution, Sampling, backend
+from dem_bridge.backends.base import (
+    BACKENDS,
+    ENGINE_BACKENDS,
+    Availability,
+    Backend,
+    Resolution,
+    Sampling,
+    backend,
+    unsupported_reason,
+)
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.files import check_folder, write_whole
 from dem_bridge.lmp.engine import Engine
@@ -56,7 +65,7 @@ def solve(scene: Scene | str | Path, *, backend: str | None = None, **settings: 
     if backend is None:
         backend = _planned(scene, settings)
     chosen, resolution, sampling, accuracy = _settings(scene, backend, settings)
-    reason = chosen.refusal(scene)
+    reason = unsupported_reason(chosen, scene)
     if reason:
         raise UnsupportedScene(f"{chosen.name} cannot do {scene.name}: {reason}")
     if accuracy is not None and chosen.order is not None:

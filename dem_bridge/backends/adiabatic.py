@@ -17,12 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
+from dem_bridge import features
 from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
-from dem_bridge.backends.bca import no_single_pulse
-from dem_bridge.physics.adiabatic import adiabatic_wave, checked_exponent
+from dem_bridge.backends.bca import MOVES_TOWARDS_THE_CHAIN, has_contacts
+from dem_bridge.physics.adiabatic import LEAST_EXPONENT, MOST_EXPONENT, adiabatic_wave
 from dem_bridge.physics.launch import launched
 from dem_bridge.physics.solitary import wave_shape
 from dem_bridge.scene import Scene
+from dem_bridge.support import Exponents, Support
 from dem_bridge.trajectory import Cost, Trajectory
 
 Floats = NDArray[np.float64]
@@ -36,21 +38,15 @@ class AdiabaticWaves:
     name = "adiabatic"
     equations = "adiabatic solitary wave"
     order: int | None = None
+    supports = Support(
+        {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS},
+        exponents=Exponents(least=LEAST_EXPONENT, most=MOST_EXPONENT),
+        conditions=(MOVES_TOWARDS_THE_CHAIN, has_contacts(2)),
+        scope="the adiabatic wave is a single pulse in a free chain of touching bodies at rest",
+    )
 
     def availability(self) -> Availability:
         return Availability(True)
-
-    def refusal(self, scene: Scene) -> str | None:
-        """The theory knows one pulse: body 0 alone moves, towards a chain at rest, touching, free and weightless."""
-        reasons = no_single_pulse(scene)
-        if scene.n_contact == 1:
-            reasons.append("there is one contact, and no chain behind it")
-        try:
-            for n in {*scene.contacts.exponent.tolist()}:
-                checked_exponent(n)
-        except ValueError as error:
-            reasons.append(str(error))
-        return f"the adiabatic wave is a single pulse, but {'; '.join(reasons)}" if reasons else None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         wall, cpu = time.perf_counter(), time.process_time()

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge import progress
+from dem_bridge import features, progress
 from dem_bridge.backends.base import Availability, Resolution, Sampling
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.steps import Dense, fixed_step_plan, read_off
@@ -25,11 +25,12 @@ from dem_bridge.backends.twin_bars import twins_of, with_bars
 from dem_bridge.dense import Schedule
 from dem_bridge.errors import BackendUnavailable
 from dem_bridge.scene import Scene
+from dem_bridge.support import Support
 from dem_bridge.trajectory import Trajectory
 
 
 class AseVerlet:
-    """ASE's VelocityVerlet on displacements. Any masses, exponents, gaps, walls; precompression, weight.
+    """ASE's VelocityVerlet on displacements.
 
     >>> import dem_bridge as db
     >>> scene = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
@@ -41,18 +42,15 @@ class AseVerlet:
     name = "ase"
     equations = "hertz"
     order: int | None = 2
+    supports = Support(
+        {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
+        | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
+    )
 
     def availability(self) -> Availability:
         if importlib.util.find_spec("ase") is None:
             return Availability(False, "the package ase is not installed; install it by: pip install 'ase>=3.23'")
         return Availability(True)
-
-    def refusal(self, scene: Scene) -> str | None:
-        if scene.law is not None:
-            return "its contacts have a law of their own; take backend='verlet'"
-        if scene.drive is not None:
-            return "this calculator has no force that goes with time, and body 0 is driven; take backend='scipy'"
-        return "this calculator has neither damping nor drag; take backend='scipy'" if scene.dissipates else None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve on the steps of twin and LAMMPS; the bars come from twins, never from ASE itself.

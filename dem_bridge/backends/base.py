@@ -3,7 +3,7 @@
 A backend
 1. says which equations it solves (``equations``) and with which order in dt (``order``; None: no fixed step),
 2. says whether it can run here, with the reason and the remedy if not (``availability``),
-3. says why it cannot do a scene (``refusal``), before anything runs,
+3. declares which scenes it supports (``supports``): what it does not list there is refused before anything runs,
 4. turns a Scene, a Resolution and a Sampling into a Trajectory (``run``), with bars that it stands for,
 5. never changes the scene, never repairs a run; raises RunBroken if one fails.
 
@@ -25,11 +25,14 @@ from dem_bridge.backends.catalogue import BACKENDS as BACKENDS
 from dem_bridge.backends.catalogue import ENGINE_BACKENDS as ENGINE_BACKENDS
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
+from dem_bridge.support import Support
 from dem_bridge.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dem_bridge.lmp.engine import Engine
 
+#: backends that are recommended before others where one does not support a scene
+GENERAL = ("scipy", "verlet")
 #: the least that adaptive integrators take (100 eps) to what decides no step any more
 RTOL_RANGE = (2.3e-14, 1.0)
 MOST_SAMPLES = 10_000_000
@@ -147,10 +150,9 @@ class Backend(Protocol):
     name: str
     equations: str
     order: int | None
+    supports: Support
 
     def availability(self) -> Availability: ...
-
-    def refusal(self, scene: Scene) -> str | None: ...
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory: ...
 
@@ -174,6 +176,28 @@ def backend(name: str, engine: Engine | None = None) -> Backend:
         )
     found = made()
     return found
+
+
+def unsupported_reason(chosen: Backend, scene: Scene) -> str | None:
+    """Return in one line why a backend does not support a scene and which one does; None if it does.
+
+    >>> scene = Scene(name="pair", duration=1e-4, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), drag=1.0)
+    >>> unsupported_reason(backend("blanes-moan"), scene).split("; ")[0::3]
+    ['the scene has drag', "use backend = 'scipy'"]
+    """
+    reason = chosen.supports.unsupported_reason(scene)
+    if reason is None:
+        return None
+    order = dict.fromkeys((chosen.supports.instead, *GENERAL, *BACKENDS))
+    others = [name for name in order if name in BACKENDS and supports_of(name).covers(scene)]
+    return f"{reason}; " + (f"use backend = {others[0]!r}" if others else "no backend supports this scene")
+
+
+def supports_of(name: str) -> Support:
+    """Return what the backend of that name in the catalogue supports, without making one."""
+    module, attribute = BACKENDS[name]
+    declared: Support = getattr(importlib.import_module(module), attribute).supports
+    return declared
 
 
 def run_provenance(backend: Named, scene: Scene, settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,10 +13,33 @@ import time
 
 import numpy as np
 
+from dem_bridge import features
 from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.scene import Scene
+from dem_bridge.support import Condition, Support
 from dem_bridge.trajectory import Cost, Trajectory
+
+MOVES_TOWARDS_THE_CHAIN = Condition(
+    "body 0 moves towards the chain at the start",
+    lambda scene: None if scene.velocity[0] > 0.0 else f"body 0 starts with a velocity of {scene.velocity[0]:g} m/s",
+)
+
+
+def has_contacts(least: int) -> Condition:
+    """Require a number of contacts."""
+    return Condition(
+        f"a chain of at least {least} contact{'s' * (least > 1)}",
+        lambda scene: None if scene.n_contact >= least else f"the number of contacts is {scene.n_contact}",
+    )
+
+
+#: the scenes of one pulse, which the theories describe
+SINGLE_PULSE = Support(
+    {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS},
+    conditions=(MOVES_TOWARDS_THE_CHAIN, has_contacts(1)),
+    scope="binary collisions describe a single pulse into a free chain of touching bodies at rest",
+)
 
 
 class BinaryCollisions:
@@ -25,14 +48,10 @@ class BinaryCollisions:
     name = "bca"
     equations = "binary collisions"
     order: int | None = None
+    supports = SINGLE_PULSE
 
     def availability(self) -> Availability:
         return Availability(True)
-
-    def refusal(self, scene: Scene) -> str | None:
-        """The theory knows one pulse: body 0 alone moves, towards a chain at rest, touching, free and weightless."""
-        reasons = no_single_pulse(scene)
-        return f"binary collisions describe a single pulse, but {'; '.join(reasons)}" if reasons else None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         wall, cpu = time.perf_counter(), time.process_time()
@@ -75,21 +94,3 @@ class BinaryCollisions:
             ),
             provenance=run_provenance(self, scene, {"samples": sampling.count}),
         )
-
-
-def no_single_pulse(scene: Scene) -> list[str]:
-    """Why a scene is not one pulse into a chain at rest, touching, free and weightless; nothing where it is."""
-    problems = {
-        "more than one body moves at the start": any(v != 0.0 for v in scene.velocity[1:]),
-        "body 0 does not move towards the chain": not scene.velocity[0] > 0.0,
-        "there are gaps or initial overlaps": any(g != 0.0 for g in scene.contacts.gap) and scene.precompression == 0.0,
-        "there is a wall": scene.wall_left is not None or scene.wall_right is not None,
-        "there is gravity": scene.gravity != 0.0,
-        "there is precompression": scene.precompression > 0.0,
-        "there is damping": scene.damped,
-        "there is drag": scene.drag > 0.0,
-        "body 0 is driven": scene.drive is not None,
-        "contacts have a law of their own": scene.law is not None,
-        "there is no contact": scene.n_contact == 0,
-    }
-    return [text for text, wrong in problems.items() if wrong]

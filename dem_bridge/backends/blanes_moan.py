@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from dem_bridge import features
 from dem_bridge.backends.bars import apart
 from dem_bridge.backends.base import Availability, Resolution, Sampling
 from dem_bridge.backends.curves import CELLS
@@ -26,6 +27,7 @@ from dem_bridge.backends.touches import UndetectedGrazes, too_brief, turns_of
 from dem_bridge.backends.twin_bars import Twins, with_bars
 from dem_bridge.dense import MOST_STEPS, secondary_peak_force
 from dem_bridge.scene import Scene
+from dem_bridge.support import Support
 from dem_bridge.trajectory import Trajectory
 
 _B1, _B2, _B3 = 0.0829844064174052, 0.396309801498368, -0.0390563049223486
@@ -54,22 +56,20 @@ class Own(Twins):
 
 
 class BlanesMoan:
-    """SRKN_6^b (numba). Any masses, exponents, laws, gaps, walls; precompression, gravity, drive."""
+    """The symplectic Runge-Kutta-Nystroem method SRKN_6^b in overlap variables, compiled."""
 
     name = "blanes-moan"
     equations = "hertz"
     order: int | None = ORDER
+    supports = Support(
+        {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
+        | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
+        | {features.CONTACT_FUNCTIONS, features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE},
+        scope="the method evaluates forces where it knows no velocities",
+    )
 
     def availability(self) -> Availability:
         return Availability(True)
-
-    def refusal(self, scene: Scene) -> str | None:
-        if scene.dissipates:
-            return (
-                "a Runge-Kutta-Nystroem method has no velocity at the moment of a force, and damping or drag needs one;"
-                " allowed: scenes without, or backend = 'verlet' or 'scipy'"
-            )
-        return None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve; the bars come from runs at two other steps."""

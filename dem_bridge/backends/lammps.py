@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge import progress
-from dem_bridge.backends.base import Availability, Resolution, Sampling
+from dem_bridge.backends.base import Availability, Resolution, Sampling, unsupported_reason
 from dem_bridge.backends.lammps_output import (
     checked_values,
     dense_of,
@@ -30,7 +30,7 @@ from dem_bridge.backends.tabled import (
 from dem_bridge.backends.twin_bars import Twins, round_off_floor, twins_of, with_bars
 from dem_bridge.compiled import started
 from dem_bridge.errors import BackendUnavailable, UnsupportedScene, UsageError
-from dem_bridge.lmp.coefficients import refusal, table_refusal
+from dem_bridge.lmp.coefficients import GRANULAR_STYLE, TABLE_STYLE
 from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, deck_of, positions
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.output import read_binary_dump
@@ -49,12 +49,12 @@ class Written:
 
 
 class LammpsGranular:
-    """LAMMPS with ``pair_style granular`` and ``fix nve``. n = 5/2 and 2; any masses, gaps, walls, precompression,
-    weight, damping, drag, drive."""
+    """LAMMPS with ``pair_style granular`` and ``fix nve``."""
 
     name = "lammps-granular"
     equations = "hertz"
     order: int | None = 2
+    supports = GRANULAR_STYLE
     #: what the engine must have
     styles: tuple[str, ...] = ("pair granular",)
 
@@ -67,9 +67,6 @@ class LammpsGranular:
         except BackendUnavailable as error:
             return Availability(False, str(error))
         return Availability(True)
-
-    def refusal(self, scene: Scene) -> str | None:
-        return refusal(scene)
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve. The bars come from twins, never from LAMMPS itself."""
@@ -138,7 +135,7 @@ class LammpsGranular:
 
     def written(self, scene: Scene, resolution: Resolution, sampling: Sampling, prescan: Prescan) -> Written:
         """As :meth:`deck`. Raises UnsupportedScene or UsageError where there can be none."""
-        reason = self.refusal(scene)
+        reason = unsupported_reason(self, scene)
         if reason:
             raise UnsupportedScene(f"{self.name} cannot do {scene.name}: {reason}")
         deepest = float(np.max(prescan.peak_overlap, initial=0.0))
@@ -181,10 +178,8 @@ class LammpsTable(LammpsGranular):
     """
 
     name = "lammps-table"
+    supports = TABLE_STYLE
     styles = ("pair table",)
-
-    def refusal(self, scene: Scene) -> str | None:
-        return table_refusal(scene)
 
     def _tables(self, scene: Scene, resolution: Resolution, prescan: Prescan) -> TableSet | None:
         return tables_for(scene, resolution, prescan)

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge import features
 from dem_bridge.backends.bars import reference_bars
 from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.backends.dormand_prince import STEP_TOO_SMALL, TOO_MANY_STEPS, integrate
@@ -20,6 +21,7 @@ from dem_bridge.backends.scales import natural_scales
 from dem_bridge.compiled import interruptible
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
+from dem_bridge.support import Support
 from dem_bridge.trajectory import Cost, Trajectory, Uncertainty
 
 #: those of MATLAB: RelTol, and AbsTol in m and m/s
@@ -38,7 +40,7 @@ MOST_STEPS = 50_000_000
 
 
 class Ode45:
-    """Dormand & Prince 5(4) with MATLAB's step control. Any masses, exponents, gaps, walls; precompression, weight.
+    """Dormand & Prince 5(4) with MATLAB's step control.
 
     >>> import dem_bridge as db
     >>> run = db.solve("decelerating-40", backend="ode45")
@@ -50,16 +52,13 @@ class Ode45:
     name = "ode45"
     equations = "hertz"
     order: int | None = None
+    supports = Support(
+        {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
+        | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
+    )
 
     def availability(self) -> Availability:
         return Availability(True)
-
-    def refusal(self, scene: Scene) -> str | None:
-        if scene.law is not None:
-            return "its contacts have a law of their own; take backend='scipy'"
-        if scene.drive is not None:
-            return "it has no force that goes with time, and body 0 is driven; take backend='scipy'"
-        return "it has neither damping nor drag; take backend='scipy'" if scene.dissipates else None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve with ``rtol`` and ``atol`` (m and m/s), the initial step as for ``tspan = [0 duration]``.

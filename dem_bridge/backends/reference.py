@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge import features
 from dem_bridge.backends.bars import reference_bars
 from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.backends.scales import natural_scales, resting_acceleration
@@ -22,6 +23,7 @@ from dem_bridge.backends.taylor import integrate
 from dem_bridge.compiled import interruptible
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene, Wall
+from dem_bridge.support import Exponents, Support
 from dem_bridge.trajectory import Cost, Trajectory, Uncertainty
 
 #: order of the series and what its last coefficients may contribute; 28 and 1e-16 are the fastest of 20..28 and
@@ -37,25 +39,29 @@ REALISATIONS = 6
 #: the error against the largest of six such differences: beyond this once in 10,000 (Student's t of six)
 SAFETY = 9.0
 MOST_STEPS = 50_000_000
+#: what the series can do themselves: they need 2 (n - 1) to be a whole number up to 8
+SERIES = Support(
+    {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
+    | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION},
+    exponents=Exponents(values=(2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)),
+)
 
 
 class Reference:
-    """Taylor series with desingularised contacts. Any masses, gaps, walls, several moving bodies; precompression,
-    gravity; damping, drag and a drive through scipy."""
+    """Taylor series with desingularised contacts."""
 
     name = "reference"
     equations = "hertz"
     order: int | None = None
+    #: scipy answers where the series do not fit
+    supports = ScipyDop853.supports
 
     def availability(self) -> Availability:
         return Availability(True)
 
-    def refusal(self, scene: Scene) -> str | None:
-        return None
-
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve; the bars come from runs of another order with every input moved by its last digit, up or down."""
-        if not series_fit(scene):
+        if not SERIES.covers(scene):
             answer = ScipyDop853().run(scene, resolution, sampling)
             provenance = {**answer.provenance, "backend": self.name, "answered_by": ScipyDop853.name}
             return replace(answer, provenance=provenance)
@@ -127,13 +133,6 @@ def _unfelt(scene: Scene, speed: float, depth: NDArray[np.float64]) -> NDArray[n
     lighter = np.minimum(mass[c.left], mass[c.right])
     felt = np.divide(lighter, carrier, out=np.ones_like(lighter), where=lighter < carrier)
     return np.asarray(TOUCH * depth * felt ** (1.0 / (c.exponent - 1.0)))
-
-
-def series_fit(scene: Scene) -> bool:
-    if not scene.conserves_energy or scene.law is not None:
-        return False
-    folds = 2.0 * (scene.contacts.exponent - 1.0)
-    return bool(np.all((folds == np.round(folds)) & (folds >= 2.0) & (folds <= 8.0)))
 
 
 def _nudged(scene: Scene, directions: np.random.Generator) -> Scene:

@@ -10,12 +10,14 @@ import time
 
 import numpy as np
 
+from dem_bridge import features
 from dem_bridge.backends.bars import reference_bars
 from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.backends.scipy_damped import DampedIntegration
 from dem_bridge.backends.scipy_integration import Integration
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
+from dem_bridge.support import Support
 from dem_bridge.trajectory import UNKNOWN, Cost, Trajectory, Uncertainty
 
 #: local tolerance, near the smallest that DOP853 takes (100 eps)
@@ -30,18 +32,21 @@ BAR_SAFETY = 3.0
 
 
 class ScipyDop853:
-    """DOP853 in overlap variables with located contact events. Any masses, exponents, laws, gaps, walls;
-    precompression, gravity, damping, drag, drive."""
+    """DOP853 in overlap variables with located contact events."""
 
     name = "scipy"
     equations = "hertz"
     order: int | None = None
+    supports = Support(
+        {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
+        | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
+        | {features.CONTACT_FUNCTIONS, features.DASHPOT, features.KUWABARA_KONO, features.DRAG}
+        | {features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE},
+        instead="verlet",
+    )
 
     def availability(self) -> Availability:
         return Availability(True)
-
-    def refusal(self, scene: Scene) -> str | None:
-        return None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve; the bars are the differences to runs at ten and twenty times the tolerance.

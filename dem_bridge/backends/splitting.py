@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from dem_bridge import features
 from dem_bridge.backends.base import Named
 from dem_bridge.backends.curves import CELLS, curve_force, curves_of
 from dem_bridge.backends.driven import driven_of, driving_force
@@ -24,6 +25,7 @@ from dem_bridge.compiled import interruptible
 from dem_bridge.dense import Schedule, Turns, at_turns
 from dem_bridge.lmp.cell import pair_force
 from dem_bridge.scene import Scene
+from dem_bridge.support import Support
 from dem_bridge.trajectory import Trajectory
 
 
@@ -56,10 +58,11 @@ class Tables(NamedTuple):
 EXACT = Tables(0.0, np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 0)), np.zeros((0, 0)))
 
 
-def fits(scene: Scene, tables: Tables = EXACT) -> bool:
-    """Whether the fast kernel knows all that acts in a scene."""
-    plain = scene.law is None and not scene.dissipates and scene.drive is None and len(tables.law) == 0
-    return plain and bool(np.all(scene.contacts.exponent == 2.5))
+#: what the fast kernel can do
+FUSED = Support(
+    {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
+    | {features.GRAVITY, features.PRECOMPRESSION}
+)
 
 
 def solve(
@@ -85,7 +88,7 @@ def solve(
     if len(tables.law):
         settings["table_points"] = tables.value.shape[1]
     costs: Mapping[str, Any] = {"began": began, "evaluations": len(method.drifts) * plan.steps + 1}
-    if fits(scene, tables):
+    if len(tables.law) == 0 and FUSED.covers(scene):
         dense, farthest, largest, turns = _march(method, scene, plan, radius, full)
         check_finite(code, scene, plan, dense.velocity)
         peak_force, crossing = at_turns(

@@ -8,6 +8,7 @@ position is ever subtracted from another: what LAMMPS loses there is what the tw
 
 from __future__ import annotations
 
+from dem_bridge import features
 from dem_bridge.backends.base import Availability, Resolution, Sampling
 from dem_bridge.backends.splitting import EXACT
 from dem_bridge.backends.steps import fixed_step_plan, radius_of
@@ -15,22 +16,25 @@ from dem_bridge.backends.tabled import in_kernel, prescan_scene, tables_for
 from dem_bridge.backends.twin import TWIN, solve_plan
 from dem_bridge.backends.twin_bars import twins_of, with_bars
 from dem_bridge.scene import Scene
+from dem_bridge.support import Support
 from dem_bridge.trajectory import Trajectory
 
 
 class Verlet:
-    """Velocity-Verlet in overlap variables (numba). Any masses, exponents, laws, gaps, walls; precompression,
-    gravity, damping, drag, drive."""
+    """Velocity-Verlet in overlap variables, compiled."""
 
     name = TWIN.name
     equations = TWIN.equations
     order: int | None = 2
+    supports = Support(
+        {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
+        | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
+        | {features.CONTACT_FUNCTIONS, features.DASHPOT, features.KUWABARA_KONO, features.DRAG}
+        | {features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE}
+    )
 
     def availability(self) -> Availability:
         return Availability(True)
-
-    def refusal(self, scene: Scene) -> str | None:
-        return None
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve; with ``surrogate_radius`` in absolute positions, as LAMMPS. The bars come from three more runs."""

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution
-from dem_bridge.backends.bca import no_single_pulse
+from dem_bridge.backends.bca import SINGLE_PULSE
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.steps import radius_of
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.exports.table import Column, Table, counts, numbers, texts, with_uncertainty
-from dem_bridge.lmp.coefficients import Laws, laws, line_order, pairs, refusal
+from dem_bridge.lmp.coefficients import GRANULAR_STYLE, Laws, laws, line_order, pairs
 from dem_bridge.lmp.encoding import Types, body_types
 from dem_bridge.lmp.pairing import granular
 from dem_bridge.physics.exact import two_body_collision
@@ -177,7 +177,7 @@ def _deck_columns(deck: _DeckContacts, notes: list[str]) -> list[Column]:
     scene, law = deck.scene, deck.laws.where[deck.place].tolist()
     model: list[str | None] = [None] * scene.n_contact
     stiffness: list[float | None] = [None] * scene.n_contact
-    if reason := refusal(scene):
+    if reason := GRANULAR_STYLE.unsupported_reason(scene):
         notes.append(f"LAMMPS model and k_n are empty because pair_style granular cannot express the scene: {reason}")
     else:
         coefficients = [deck.coefficients(nth) for nth in range(len(deck.laws.stiffness))]
@@ -204,8 +204,8 @@ def _predictions(scene: Scene, prescan: Prescan, notes: list[str]) -> list[Colum
     )
     force: list[float | None] = [None] * scene.n_contact
     residence = force.copy()
-    if reasons := no_single_pulse(scene):
-        notes.append(f"BCA columns are empty because the BCA describes a single pulse, but {'; '.join(reasons)}")
+    if reason := SINGLE_PULSE.unsupported_reason(scene):
+        notes.append(f"BCA columns are empty: {reason}")
     else:
         speed = scene.velocity[0]
         for k in range(scene.n_contact):
@@ -309,7 +309,7 @@ def pair_coeffs(scene: Scene, **deck_settings: Any) -> Table:
     ``deck_settings`` are those of :func:`contacts`. Raises UnsupportedScene if ``pair_style granular`` cannot express
     the scene.
     """
-    if reason := refusal(scene):
+    if reason := GRANULAR_STYLE.unsupported_reason(scene):
         raise UnsupportedScene(
             f"{scene.name} has no pair coefficients for pair_style granular: {reason}; for its force tables use"
             " `dem-bridge deck --style table`"

@@ -15,8 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge import features
 from dem_bridge.physics.law import ContactLaw, power_law
 from dem_bridge.scene import Scene
+from dem_bridge.support import Condition, Exponents, Support
 
 #: force ~ overlap^(n-1) -> LAMMPS' normal model
 MODELS = {2.0: "hooke", 2.5: "hertz"}
@@ -24,34 +26,30 @@ MODELS = {2.0: "hooke", 2.5: "hertz"}
 NOTHING = "hertz 0 0 tangential linear_nohistory 0 0 damping velocity"
 
 
-def refusal(scene: Scene) -> str | None:
-    """Why ``pair_style granular`` cannot express the scene's contacts; None if it can."""
-    if scene.law is not None:
-        return "its contacts have a law of their own; pair_style granular has powers only: take backend='lammps-table'"
-    wrong = [k for k, n in enumerate(scene.contacts.exponent.tolist()) if n not in MODELS]
-    if not wrong:
-        return None
-    found = float(scene.contacts.exponent[wrong[0]])
-    return (
-        f"contact {wrong[0]} has exponent n = {found!r}; pair_style granular has n = 2.5 (hertz) and 2 (hooke) only:"
-        " take backend='lammps-table'"
-    )
-
-
-def table_refusal(scene: Scene) -> str | None:
-    """Why tables, with ``granular`` for what is damped, cannot express the scene's contacts; None if they can."""
+def _unknown_damping(scene: Scene) -> str | None:
     c = scene.contacts
-    if scene.law is not None:
+    viscoelastic = (c.damping > 0.0) & (c.damping_power > 0.0) & ~np.isin(c.exponent, list(MODELS))
+    if not viscoelastic.any():
         return None
-    for k, n in enumerate(c.exponent.tolist()):
-        if not 2.0 <= n <= 5.0:
-            return f"contact {k} has exponent n = {n!r}; allowed in a table: 2 to 5"
-        if c.damping[k] > 0.0 and c.damping_power[k] > 0.0 and n not in MODELS:
-            return (
-                f"contact {k} has Kuwabara-Kono damping and n = {n!r}; LAMMPS has that at n = 2 and 2.5 only:"
-                " take backend='scipy'"
-            )
-    return None
+    wrong = int(np.argmax(viscoelastic))
+    return f"contact {wrong} has Kuwabara-Kono damping and exponent n = {float(c.exponent[wrong])!r}"
+
+
+#: what ``pair_style granular`` can express
+GRANULAR_STYLE = Support(
+    {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
+    | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
+    | {features.DASHPOT, features.KUWABARA_KONO, features.DRAG}
+    | {features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE},
+    exponents=Exponents(values=tuple(MODELS)),
+    instead="lammps-table",
+)
+#: what ``pair_style table`` can, with ``granular`` for damped contacts
+TABLE_STYLE = Support(
+    GRANULAR_STYLE.features | {features.CONTACT_FUNCTIONS},
+    exponents=Exponents(least=2.0, most=5.0),
+    conditions=(Condition("n = 2 or 2.5 where contacts have Kuwabara-Kono damping", _unknown_damping),),
+)
 
 
 def line_order(scene: Scene) -> NDArray[np.int64]:

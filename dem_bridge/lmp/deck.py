@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.dense import Schedule
-from dem_bridge.lmp.coefficients import Laws, laws, line_order, pairs, refusal, table_refusal
+from dem_bridge.lmp.coefficients import GRANULAR_STYLE, TABLE_STYLE, Laws, laws, line_order, pairs
 from dem_bridge.lmp.driving import drive_file, drive_variables
 from dem_bridge.lmp.encoding import Types, body_types
 from dem_bridge.lmp.pairing import Pairing, TableSet, granular, tabled
@@ -137,7 +137,7 @@ def deck_of(
     ``floor``: where the radius is the scene's own, the round-off that it costs, relative to the largest velocity.
     Raises ValueError where the style cannot express the scene.
     """
-    reason = refusal(scene) if tables is None else table_refusal(scene)
+    reason = (GRANULAR_STYLE if tables is None else TABLE_STYLE).unsupported_reason(scene)
     if reason:
         raise ValueError(reason)
     found = laws(scene)

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 #: below this exponent the wave is tens of bodies wide and needs hundreds of bodies to form
-LEAST_EXPONENT = 2.1
+LEAST_EXPONENT, MOST_EXPONENT = 2.1, 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,7 +329,7 @@ def checked_exponent(n: float) -> float:
     ValueError
         If ``n`` is outside 2.1 to 50.
     """
-    if not LEAST_EXPONENT <= n <= 50.0:
+    if not LEAST_EXPONENT <= n <= MOST_EXPONENT:
         why = "at n = 2 every pulse disperses, and near it the wave is too wide to form"
-        raise ValueError(f"exponent = {n!r}; allowed: {LEAST_EXPONENT} to 50; {why}")
+        raise ValueError(f"exponent = {n!r}; allowed: {LEAST_EXPONENT:g} to {MOST_EXPONENT:g}; {why}")
     return n

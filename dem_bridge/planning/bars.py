@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from dem_bridge.accuracy import checked_accuracy
-from dem_bridge.backends.base import Backend, Resolution, Sampling
+from dem_bridge.backends.base import Backend, Resolution, Sampling, unsupported_reason
 from dem_bridge.backends.steps import default_step, order_on, radius_of, round_step
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.verlet import Verlet
@@ -29,7 +29,7 @@ def resolution_for(
     code = own or Verlet()
     assert code.order is not None  # it has a fixed step
     order = order_on(scene) if code.order == Verlet.order else code.order
-    reason = code.refusal(scene)
+    reason = unsupported_reason(code, scene)
     if reason:
         raise UnsupportedScene(f"accuracy = {accuracy!r} on {scene.name}: {reason}")
     accuracy = checked_accuracy(accuracy)

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Backend, Sampling, backend
-from dem_bridge.backends.reference import series_fit
+from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Backend, Sampling, backend, unsupported_reason
+from dem_bridge.backends.reference import SERIES
 from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
 from dem_bridge.backends.steps import order_on
 from dem_bridge.errors import UnsupportedScene, UsageError
@@ -57,7 +57,7 @@ class Options:
     def _candidates(self) -> Iterator[Candidate]:
         for name in BACKENDS if self.name is None else (self.name,):
             chosen = backend(name)
-            if (reason := self._left_out_reason(name) or chosen.refusal(self.scene)) is None:
+            if (reason := self._left_out_reason(name) or unsupported_reason(chosen, self.scene)) is None:
                 yield self._candidate(chosen)
             elif self.name is None:
                 self.left_out[name] = reason
@@ -76,7 +76,7 @@ class Options:
             return "the twin gives the same numbers at lower cost"
         if name in THEORIES and self.observable not in TIMES:
             return f"it solves other equations, which approximate times alone, not {self.observable}"
-        if name == "reference" and not series_fit(self.scene):
+        if name == "reference" and not SERIES.covers(self.scene):
             return "its Taylor series do not fit the scene, so it would answer by scipy at the smallest tolerance"
         return None
 

@@ -14,7 +14,7 @@ from types import MappingProxyType
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, backend
-from dem_bridge.backends.reference import series_fit
+from dem_bridge.backends.reference import SERIES
 from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
 from dem_bridge.backends.steps import radius_of
 from dem_bridge.backends.twin_bars import last_digit, round_off_floor
@@ -145,7 +145,7 @@ class Planner:
         options, outlook = self.options.predicted, self.outlook
         tried_costs = [option.cost for option in options if option.cost <= WORTH_TRYING * options[0].cost]
         limit = max(CHEAP, 3.0 * min((option.cost for option in options if option.candidate.knob), default=math.inf))
-        if series_fit(self.scene):
+        if SERIES.covers(self.scene):
             name, settings = "reference", [math.nan]
         else:
             # the finest tolerance, or one that suffices

@@ -16,7 +16,7 @@ from types import MappingProxyType
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import Prescan
-from dem_bridge.backends.splitting import fits
+from dem_bridge.backends.splitting import FUSED
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.dense import PHASE_PER_DENSE_SAMPLE, Schedule
@@ -150,7 +150,8 @@ class Outlook:
             coarse = self.prescan.steps * (0.1 if self.scene.damped else 1.0)
             finer = (setting / 1e-6) ** c if c != 0.0 else 1.0
             return float(once + factor * bodies**a * coarse**b * finer)
-        once, row, row_body, evaluation, evaluation_body = COST.get(name, COST[FAST if fits(self.scene) else PLAIN])
+        kernel = FAST if FUSED.covers(self.scene) else PLAIN
+        once, row, row_body, evaluation, evaluation_body = COST.get(name, COST[kernel])
         interval = self.scene.duration / self.sampling.count
         steps = self.sampling.count * max(1.0, interval / setting)
         rows = min(steps, self.sampling.count * max(1.0, interval * self.prescan.frequency / PHASE_PER_DENSE_SAMPLE))

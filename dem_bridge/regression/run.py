@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend
+from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend, supports_of
 from dem_bridge.campaign import Progress, Result, run_cases
 from dem_bridge.errors import BackendUnavailable, RunBroken, SceneError, UsageError
 from dem_bridge.lmp.engine import Engine
@@ -276,7 +276,7 @@ def _asked(
         if scene is None:
             continue
         of_scene = [one for one in there if one.scene == name]
-        fresh = backends or ([] if of_scene else [b for b in NEW_BACKENDS if backend(b).refusal(scene) is None])
+        fresh = backends or ([] if of_scene else [b for b in NEW_BACKENDS if supports_of(b).covers(scene)])
         lacking = [b for b in fresh if (name, b) not in have]
         if not lacking:
             continue

@@ -22,7 +22,7 @@ from dem_bridge.backends.base import BACKENDS
 LANGUAGE = frozenset(
     f"dem_bridge.{name}"
     for name in (
-        "backends.base", "compiled", "contacts", "errors", "progress", "scene", "trajectory",
+        "backends.base", "compiled", "contacts", "errors", "features", "progress", "scene", "support", "trajectory",
     )
 )  # fmt: skip
 #: modules that make bars: what is reached through them alone does not touch the values of a run. ``tabled`` gives the

@@ -20,12 +20,12 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from typing import Generic, TypeVar, cast
 
-from dem_bridge.backends.base import Resolution, Sampling, backend
+from dem_bridge.backends.base import Resolution, Sampling, supports_of
 from dem_bridge.backends.blanes_moan import PHASE
-from dem_bridge.backends.reference import series_fit
+from dem_bridge.backends.reference import SERIES
 from dem_bridge.backends.steps import default_step
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.lmp.coefficients import refusal
+from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
@@ -72,15 +72,15 @@ def assign_roles(scene: Scene) -> Roles:
     ('lammps-granular', 'reference', 'scipy')
     """
     engine = engine_for(scene)
-    if series_fit(scene):
+    if SERIES.covers(scene):
         return Roles(engine=engine, solver=REFERENCE, second_reference=SCIPY)
-    fits = backend(BLANES_MOAN).refusal(scene) is None
-    return Roles(engine=engine, solver=SCIPY, second_reference=BLANES_MOAN if fits else None)
+    second = BLANES_MOAN if supports_of(BLANES_MOAN).covers(scene) else None
+    return Roles(engine=engine, solver=SCIPY, second_reference=second)
 
 
 def engine_for(scene: Scene) -> str:
     """Return the LAMMPS backend that is verified on a scene."""
-    return GRANULAR if refusal(scene) is None else TABLE
+    return GRANULAR if GRANULAR_STYLE.covers(scene) else TABLE
 
 
 @dataclass(frozen=True, kw_only=True)

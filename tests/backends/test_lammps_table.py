@@ -310,7 +310,7 @@ def test_an_exponent_that_tables_do_not_have_is_refused_with_contact_and_value(e
 
 def test_kuwabara_kono_damping_that_lammps_does_not_have_is_refused() -> None:
     scene = replace(MIXED, damping=Damping(law="kuwabara-kono", coefficient=(0.0, 1e-6, 0.0)))
-    with pytest.raises(UnsupportedScene, match=r"contact 1 has Kuwabara-Kono damping and n = 5\.0; .*backend='scipy'"):
+    with pytest.raises(UnsupportedScene, match=r"contact 1 has Kuwabara-Kono damping and exponent n = 5\.0; .*'scipy'"):
         db.solve(scene, backend=ENGINE)
 
 

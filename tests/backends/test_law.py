@@ -13,7 +13,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends import twin
-from dem_bridge.backends.base import BACKENDS, Resolution, Sampling, backend
+from dem_bridge.backends.base import BACKENDS, Resolution, Sampling, backend, unsupported_reason
 from dem_bridge.backends.curves import CELLS, curve_force, curves_of
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.backends.tabled import prescan_scene
@@ -399,7 +399,7 @@ def test_a_scene_without_contacts_has_no_laws() -> None:
 
 
 def test_who_cannot_do_laws_says_so_in_one_line_and_names_who_can() -> None:
-    refusals = {name: backend(name).refusal(FUNCTIONS) for name in BACKENDS}
+    refusals = {name: unsupported_reason(backend(name), FUNCTIONS) for name in BACKENDS}
     assert [name for name, reason in refusals.items() if reason is None] == [
         "lammps-table",
         "verlet",
@@ -409,9 +409,11 @@ def test_who_cannot_do_laws_says_so_in_one_line_and_names_who_can() -> None:
     ]
     for name, reason in refusals.items():
         if reason is not None:
-            assert "have a law of their own" in reason
+            walls = "walls and " if name in ("bca", "adiabatic") else ""
+            assert reason.startswith(f"the scene has {walls}contact laws given as functions; ")
             assert "\n" not in reason
-            assert name in ("bca", "adiabatic") or "take backend=" in reason
+            recommended = "lammps-table" if name == "lammps-granular" else "scipy"
+            assert reason.endswith(f"; use backend = {recommended!r}")
 
 
 def test_a_law_that_is_a_function_of_a_module_travels_with_its_scene() -> None:

@@ -324,5 +324,5 @@ def test_who_cannot_refuses_with_the_reason(name: str, changes: dict[str, float]
 
 
 def test_the_binary_collisions_refuse_precompression_by_name() -> None:
-    with pytest.raises(UnsupportedScene, match="there is precompression"):
+    with pytest.raises(UnsupportedScene, match="the scene has precompression;"):
         db.solve(replace(PAIR, damping=None, precompression=1.0), backend="bca")

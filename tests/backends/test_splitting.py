@@ -55,7 +55,7 @@ def _differences(scene: Scene, method: Method, radius: float, dt: float = 5e-7) 
 @examples(25)
 @given(scene=scenes(bodies=(1, 40), walls=True, gravity=True, samples=7), radius=st.sampled_from([0.0, 2.0**-13]))
 def test_both_kernels_agree_to_the_last_bit(method: Method, scene: Scene, radius: float) -> None:
-    assert splitting.fits(scene)
+    assert splitting.FUSED.covers(scene)
     assert _differences(scene, method, radius) == set()
 
 
@@ -151,9 +151,7 @@ def test_only_hertz_without_loss_is_for_the_fast_kernel() -> None:
     power, damped = replace(CHAIN, exponent=2.6), Damping(law="dashpot", coefficient=1.0)
     function = replace(CHAIN, law=lambda overlap: 1e9 * overlap**1.5)
     others = (power, function, replace(CHAIN, damping=damped), replace(CHAIN, drag=1.0))
-    assert [splitting.fits(scene) for scene in (CHAIN, *others)] == [True, False, False, False, False]
-    tables = splitting.Tables(1.0, np.zeros(59, dtype=np.int64), *np.zeros((3, 1, 4)))
-    assert not splitting.fits(CHAIN, tables)
+    assert [splitting.FUSED.covers(scene) for scene in (CHAIN, *others)] == [True, False, False, False, False]
 
 
 def test_the_fast_kernel_is_what_runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,3 +163,5 @@ def test_the_fast_kernel_is_what_runs(monkeypatch: pytest.MonkeyPatch) -> None:
         db.solve(SMALL, backend=name, dt=1e-6)
     with pytest.raises(AssertionError, match="plain kernel"):
         db.solve(replace(SMALL, exponent=2.6), backend="verlet", dt=1e-6)
+    with pytest.raises(AssertionError, match="plain kernel"):
+        db.solve(SMALL, backend="verlet", dt=1e-6, tables=True)

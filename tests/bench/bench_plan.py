@@ -19,8 +19,8 @@ from rich.progress import track
 from rich.table import Table
 
 import dem_bridge as db
-from dem_bridge.backends.base import backend
-from dem_bridge.backends.reference import series_fit
+from dem_bridge.backends.base import supports_of
+from dem_bridge.backends.reference import SERIES
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.planning.answer import Plan
@@ -69,7 +69,7 @@ class Bench:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         # where the series do not fit the answer is scipy's, at the least tolerance
-        self.truth = db.solve(scene, backend="reference", bars=series_fit(scene))
+        self.truth = db.solve(scene, backend="reference", bars=SERIES.covers(scene))
         self.scale = float(np.abs(self.truth.velocity).max())
         self.prescan = prescan_scene(scene)
         self._errors: dict[tuple[object, ...], float] = {}
@@ -107,10 +107,10 @@ class Bench:
     def cheapest(self, accuracy: float) -> tuple[str, dict[str, float]] | None:
         """Of all in-house codes, with its settings."""
         found: list[tuple[float, str, dict[str, float]]] = []
-        if self.bar <= accuracy and series_fit(self.scene):
+        if self.bar <= accuracy and SERIES.covers(self.scene):
             found.append((self.cost("reference"), "reference", {}))
         for name in ("verlet", "blanes-moan"):
-            if backend(name).refusal(self.scene) is None:
+            if supports_of(name).covers(self.scene):
                 found += [(self.cost(name, dt=dt), name, {"dt": dt}) for dt in self.coarsest(name, accuracy)]
         least = min((cost for cost, *_ in found), default=math.inf)
         for rtol in (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10):
@@ -128,7 +128,7 @@ def rows(seed: int) -> Iterator[Row]:
     bench = Bench(planned_scene(seed))
     for accuracy in ACCURACIES:
         yield _free(seed, bench, accuracy)
-        if backend(LAMMPS).refusal(bench.scene) is None:
+        if supports_of(LAMMPS).covers(bench.scene):
             yield _of_lammps(seed, bench, accuracy)
 
 

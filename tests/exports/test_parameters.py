@@ -140,7 +140,7 @@ def test_damped_contacts_between_walls_have_forces_and_no_overlaps_of_them() -> 
         )
         == 1
     )
-    assert sum("there is a wall; there is damping" in note for note in table.notes) == 1
+    assert sum("the scene has walls, gaps and dashpot damping;" in note for note in table.notes) == 1
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_what_lammps_is_told_is_what_its_deck_says(scene: Scene, form: dict[str,
 def test_a_law_that_granular_has_not_leaves_k_n_empty_with_the_reason() -> None:
     table, frame = _contacts(replace(PAIR, exponent=3.0), with_run=False)
     assert frame["lammps_k_n_SI"].isna().all()
-    assert any("contact 0 has exponent n = 3.0; pair_style granular has" in note for note in table.notes)
+    assert any("contact 0 has exponent n = 3.0; allowed exponents: 2 and 2.5" in note for note in table.notes)
     with pytest.raises(
         UnsupportedScene, match=r"^pair has no pair coefficients for pair_style granular: contact 0 has exponent n = 3"
     ):
@@ -190,7 +190,7 @@ def test_a_law_of_its_own_has_forces_by_the_law() -> None:
     table, frame = _contacts(scene)
     assert frame["peak_overlap_m"].isna().all()
     np.testing.assert_allclose(frame["peak_force_prescan_N"], frame["peak_force_N"], rtol=0.03)
-    assert any("contacts have a law of their own" in note for note in table.notes)
+    assert any("the scene has contact laws given as functions" in note for note in table.notes)
 
 
 def _stiffer(overlap: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from dem_bridge.backends.prescan import surrogate_radius
 from dem_bridge.dense import schedule
 from dem_bridge.errors import SceneError
 from dem_bridge.lmp import deck as deck_module
-from dem_bridge.lmp.coefficients import refusal
+from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.deck import Deck, deck_of
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file import MAIN_SCENES
@@ -228,7 +228,7 @@ def test_an_exponent_that_lammps_does_not_have_is_refused_with_contact_and_value
         exponent=(2.5, exponent),
         velocity=(1.0, 0.0, 0.0),
     )
-    reason = refusal(scene)
+    reason = GRANULAR_STYLE.unsupported_reason(scene)
     assert reason is not None
     assert f"contact 1 has exponent n = {exponent!r}" in reason
     with pytest.raises(ValueError, match="contact 1 has exponent"):
@@ -237,12 +237,12 @@ def test_an_exponent_that_lammps_does_not_have_is_refused_with_contact_and_value
 
 def test_a_wall_of_another_exponent_is_refused_too() -> None:
     scene = replace(PAIR, wall_right=Wall(stiffness=1.0, exponent=3.0))
-    assert "contact 1 has exponent n = 3.0" in (refusal(scene) or "")
+    assert "contact 1 has exponent n = 3.0" in (GRANULAR_STYLE.unsupported_reason(scene) or "")
 
 
 def test_hertzian_and_linear_scenes_are_not_refused() -> None:
-    assert refusal(PAIR) is None
-    assert refusal(replace(PAIR, exponent=2.0, wall_right=Wall(stiffness=1.0, exponent=2.5))) is None
+    assert GRANULAR_STYLE.covers(PAIR)
+    assert GRANULAR_STYLE.covers(replace(PAIR, exponent=2.0, wall_right=Wall(stiffness=1.0, exponent=2.5)))
 
 
 @given(peak=log_uniform(1e-12, 1e-2))

@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 import dem_bridge as db
-from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend
+from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend, supports_of
 from dem_bridge.backends.verlet import Verlet
 from dem_bridge.campaign import Crashed, Result
 from dem_bridge.cli import main
@@ -58,7 +58,7 @@ def test_all_that_was_asked_for_has_an_entry(part: str) -> None:
 def test_every_backend_has_an_expectation_that_agrees_with_what_it_declares(name: str) -> None:
     entry = ALL[name]
     for judged in BACKENDS:
-        expected, reason = expectation(entry, judged), backend(judged).refusal(entry.scene)
+        expected, reason = expectation(entry, judged), supports_of(judged).unsupported_reason(entry.scene)
         if reason is not None:
             assert expected.fits(Word.REFUSED, reason), (judged, str(expected), reason)
         elif expected.word is Word.REFUSED:

@@ -12,11 +12,11 @@ from dem_bridge.studies.independence import matrix, shared
 JUDGED = {
     # a drive as kernels have it is in the coarse run alone: LAMMPS has its own formula
     # steps must be the same, and peaks be read off alike, so that both drop out of the difference; neither solves
-    ("lammps-granular", "verlet"): {"dense", "driven", "scales", "steps", "prescan_hertz"},
+    ("lammps-granular", "verlet"): {"dense", "driven", "scales", "steps", "prescan"},
     # the twin takes LAMMPS' tables where it is asked to: then their lines are common to both and drop out, and what
     # LAMMPS makes of them is written a second time (cell, interpolation). Not asked, it knows nothing of tables
-    ("lammps-table", "verlet"): {"dense", "driven", "scales", "steps", "prescan_hertz"},
-    ("ase", "verlet"): {"dense", "driven", "scales", "steps", "prescan_hertz"},
+    ("lammps-table", "verlet"): {"dense", "driven", "scales", "steps", "prescan"},
+    ("ase", "verlet"): {"dense", "driven", "scales", "steps", "prescan"},
     # scales say what is too little to count as a collision
     ("verlet", "reference"): {"scales"},
     ("blanes-moan", "reference"): {"scales"},

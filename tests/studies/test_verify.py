@@ -18,9 +18,11 @@ from dem_bridge.backends.verlet import Verlet
 from dem_bridge.campaign import Result
 from dem_bridge.drive import Drive
 from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.features import DRAG
 from dem_bridge.runs.case import Case
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.studies.verify import plan_scene, verify_scenes
+from dem_bridge.support import Support
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification import checks
 from dem_bridge.verification.assess import assess_scene
@@ -322,12 +324,12 @@ def test_a_contact_that_pulls_in_lammps_alone_fails_with_the_reason() -> None:
 def test_a_scene_that_the_twin_cannot_do_is_not_run_with_the_reason_and_the_others_are(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    # today it can do all: a twin that knows no drag
-    monkeypatch.setattr(Verlet, "refusal", lambda _, scene: "it has no drag" if scene.drag else None)
+    # the twin supports all features: here one without drag
+    monkeypatch.setattr(Verlet, "supports", Support(Verlet.supports.features - {DRAG}))
     found = verify_scenes([replace(SHORT, name="dragged", drag=1.0)], accuracy=1e-3)
     [verdict] = found.verdicts
     assert (verdict.scene, verdict.outcome) == ("dragged", Outcome.NOT_RUN)
-    assert "it has no drag" in verdict.sentence
+    assert "the scene has drag;" in verdict.sentence
 
 
 @pytest.mark.parametrize(

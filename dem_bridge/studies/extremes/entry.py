@@ -78,7 +78,7 @@ def refused(because: str) -> Expected:
 
 
 #: what the adiabatic wave says of two bodies
-ONE_CONTACT = refused("one contact")
+ONE_CONTACT = refused("the number of contacts is 1")
 
 
 def theories_refuse(because: str, **more: Expected) -> dict[str, Expected]:

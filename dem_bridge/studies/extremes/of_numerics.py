@@ -85,7 +85,7 @@ def steps() -> Iterator[Entry]:
             dt=dt,
             # the twins at twice the step are unstable, and so are those at 1.01; then bodies may pass through others
             expected=theories_refuse(
-                "there is precompression", **{VERLET: Expected(Word.NO_BAR, otherwise=Word.REFUSED)}
+                "has walls and precompression", **{VERLET: Expected(Word.NO_BAR, otherwise=Word.REFUSED)}
             ),
         )
     trap = replace(load_scene("decelerating-40"), name="step-in-the-trap", samples=60)

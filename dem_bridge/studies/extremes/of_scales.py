@@ -133,12 +133,12 @@ def exponents() -> Iterator[Entry]:
         scene = chain(f"n-{n:g}", exponent=n, stiffness=beta, duration=5.0 * period)
         expected = {}
         if n != 2.0:
-            expected["lammps-granular"] = refused("exponent n")
+            expected["lammps-granular"] = refused("allowed exponents: 2 and 2.5")
         if not 2.0 <= n <= 5.0:
-            expected["lammps-table"] = refused("allowed in a table: 2 to 5")
+            expected["lammps-table"] = refused("allowed exponents: 2 to 5")
         if n < 2.1:
             # no steady pulse, and near n = 2 it is too wide to form
-            expected["adiabatic"] = refused("exponent")
+            expected["adiabatic"] = refused("allowed exponents: 2.1 to 50")
         yield Entry(
             name=scene.name, asks=f"n = {n:g}", scene=scene, truths=(by_others(scene), scaled(scene, 0.5)),
             expected=expected, dt=period / 200 if n < 2.0 else None,
@@ -146,7 +146,7 @@ def exponents() -> Iterator[Entry]:
 
 
 def symmetries() -> Iterator[Entry]:
-    moving = theories_refuse("more than one body moves")
+    moving = theories_refuse("bodies behind the first that move")
     for u, name in ((-3.0, "galilei-backwards"), (768.0, "galilei-fast")):
         scene = chain(name, velocity=(SPEED + u, *[u] * 9))
         yield Entry(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend
+from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend, supports_of
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.campaign import Progress, Result, run_case, run_cases
 from dem_bridge.errors import BackendUnavailable, DemBridgeError, UsageError
@@ -113,7 +113,7 @@ def _plan(entry: Entry, name: str, dt: float | None, engine: Engine | None) -> _
         own = case(entry.scene, name)
     except UsageError as error:
         return _Plan(entry=entry, backend=name, own=error, truths=())
-    if backend(name).refusal(entry.scene):
+    if not supports_of(name).covers(entry.scene):
         return _Plan(entry=entry, backend=name, own=own, truths=())
     theory = backend(name).equations != "hertz"
     truths = []

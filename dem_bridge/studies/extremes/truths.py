@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Sampling
-from dem_bridge.backends.reference import series_fit
+from dem_bridge.backends.reference import SERIES
 from dem_bridge.physics.exact import scaling, two_body_collision
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import FREE, Trajectory, Uncertainty
@@ -56,7 +56,7 @@ def witness(judged: str, scene: Scene) -> str:
 
 def _code(name: str, scene: Scene) -> str:
     """Who really answers: where its series do not fit, the reference asks scipy."""
-    return "scipy" if name == "reference" and not series_fit(scene) else name
+    return "scipy" if name == "reference" and not SERIES.covers(scene) else name
 
 
 def galilei(scene: Scene, speed: float) -> Truth:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, backend
+from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, supports_of
 from dem_bridge.backends.steps import default_step
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.campaign import Result
@@ -86,7 +86,7 @@ def choices(bench: Bench, asked: Sequence[str], engine: Engine | None) -> Iterat
     wanted.append(("ode45", "ode45 at MATLAB's default tolerances", "ode45", Resolution(bars=False)))
     cases = []
     for *_, name, resolution in wanted:
-        on = full if backend(name).refusal(full) is None else barest
+        on = full if supports_of(name).covers(full) else barest
         cases.append(replace(hierarchy.case(on, name, resolution), engine=engine if name in ENGINE_BACKENDS else None))
     truths = bench.of([case.scene for case in cases])
     for (name, what, *_), case, truth, result in zip(wanted, cases, truths, bench.run(cases), strict=True):

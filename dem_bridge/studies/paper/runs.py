@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from dem_bridge.backends.base import Resolution, Sampling, backend
+from dem_bridge.backends.base import Resolution, Sampling, supports_of
 from dem_bridge.campaign import Result
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.case import Case
@@ -96,7 +96,7 @@ def beside(scene: Scene) -> Iterator[Case]:
     """A scene through the backends that judge nothing."""
     sampling = Sampling(count=scene.samples)
     for name, resolution in BESIDE.items():
-        if backend(name).refusal(scene) is None:
+        if supports_of(name).covers(scene):
             yield Case(scene=scene, backend=name, resolution=resolution, sampling=sampling)
 
 

@@ -14,7 +14,7 @@ from dem_bridge.backends.prescan import surrogate_radius
 from dem_bridge.backends.reference import Reference
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import RunBroken
-from dem_bridge.lmp.coefficients import refusal
+from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.conserved import momentum
 from dem_bridge.observables.modes import highest_frequencies
@@ -226,7 +226,7 @@ def point_of(found: Measured, *, value: float = math.nan, allowed: float, engine
 
 def engine_on(scene: Scene, engine: Engine | None) -> Stepper | None:
     """LAMMPS on a scene; None where ``pair_style granular`` cannot express it."""
-    if refusal(scene) is not None:
+    if not GRANULAR_STYLE.covers(scene):
         return None
     deepest = float(np.max(prescan_scene(scene).peak_overlap, initial=0.0))
     return lammps(GRANULAR, engine, radius=ROOM * surrogate_radius(deepest))

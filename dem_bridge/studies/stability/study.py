@@ -14,7 +14,7 @@ import numpy as np
 
 from dem_bridge.campaign import Progress
 from dem_bridge.errors import BackendUnavailable, UsageError
-from dem_bridge.lmp.coefficients import refusal
+from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import require
 from dem_bridge.runs.store import Store
@@ -131,7 +131,7 @@ def _measure(scene: Scene, chosen: Sequence[Family], found: Found, gain: float, 
     whole = measured(scene)
     lmp = engine_on(scene, engine) if has_engine else None
     if has_engine and lmp is None:
-        found.notes.append(f"LAMMPS was not run on {scene.name}: {refusal(scene)}.")
+        found.notes.append(f"LAMMPS was not run on {scene.name}: {GRANULAR_STYLE.unsupported_reason(scene)}.")
     point = point_of(whole, allowed=gain, engine=lmp)
     found.points[""] = [point]
     yield "thresholds"

@@ -6,7 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Backend, Resolution, Sampling, backend
+from dem_bridge.backends.base import (
+    BACKENDS,
+    ENGINE_BACKENDS,
+    Backend,
+    Resolution,
+    Sampling,
+    backend,
+    unsupported_reason,
+)
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.extrapolate import extrapolated
 from dem_bridge.lmp.engine import Engine
@@ -97,7 +105,7 @@ def curves(
     found, notes = [], []
     for name in BACKENDS if wanted is None else dict.fromkeys(wanted):
         chosen = backend(name, engine if name in ENGINE_BACKENDS else None)
-        reason = chosen.refusal(scene) or chosen.availability().reason
+        reason = unsupported_reason(chosen, scene) or chosen.availability().reason
         if reason:
             notes.append(f"{name} is not there: {reason}")
             continue

@@ -19,7 +19,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.dense import schedule
 from dem_bridge.errors import SceneError
-from dem_bridge.lmp.coefficients import line_order, refusal
+from dem_bridge.lmp.coefficients import GRANULAR_STYLE, line_order
 from dem_bridge.lmp.deck import Deck, deck_of
 from dem_bridge.lmp.reader.scene import ROUND_OFF, plain, read_deck
 from dem_bridge.lmp.variants import hertz_history
@@ -69,7 +69,7 @@ def _same(found: Scene, scene: Scene, deck: Deck) -> None:
 
 
 DRIVEN = tuple(name for name in shipped_scenes() if load_scene(name).drive is not None)
-TAKEN = tuple(name for name in shipped_scenes() if not refusal(load_scene(name)) and name not in DRIVEN)
+TAKEN = tuple(name for name in shipped_scenes() if GRANULAR_STYLE.covers(load_scene(name)) and name not in DRIVEN)
 
 
 FORMS = [(name, "surrogate") for name in TAKEN] + [(name, "physical") for name in TAKEN if load_scene(name).spacing]

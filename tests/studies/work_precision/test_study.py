@@ -170,7 +170,7 @@ def test_every_backend_that_does_the_scene_has_a_curve_and_others_a_reason() -> 
     there = {curve.backend for curve, _ in asked}
     assert {"verlet", "scipy", "reference"} <= there
     assert "ode45" not in there
-    assert any(note.startswith("ode45 is not there: it has neither damping nor drag") for note in notes)
+    assert any(note.startswith("ode45 is not there: the scene has drag;") for note in notes)
     # a backend with a fixed step has that knob, whatever its name
     assert all(any(c.knob == "dt" for c, b in asked if b is chosen) for _, chosen in asked if chosen.order is not None)
 

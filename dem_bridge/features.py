@@ -1,0 +1,189 @@
+"""What a scene may have beyond masses, power-law contacts and a struck first body: one declaration for each feature.
+
+``Scene.features`` is computed from these declarations, and a backend lists the features that it supports
+(:mod:`dem_bridge.support`). A backend refuses every feature that it does not list, so a feature that is added here is
+refused by all backends until each of them lists it. For that reason there is no set of "all features" to refer to.
+
+>>> import dem_bridge as db
+>>> scene = db.Scene(name="pair", duration=1e-4, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), gravity=9.81)
+>>> [feature.label for feature in scene.features]
+['gravity']
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+
+@dataclass(frozen=True, eq=False)
+class Feature:
+    """One thing that a scene may have.
+
+    Parameters
+    ----------
+    label : str
+        Noun for lists and messages; "the scene has ``label``" is a sentence.
+    sentence : str
+        Definition for readers, with the formula where there is one.
+    present : callable
+        Return whether a scene has the feature. The argument is a :class:`~dem_bridge.scene.Scene`; its type is not
+        named here because scenes import their features.
+    dissipates : bool
+        Whether energy is lost.
+    does_work : bool
+        Whether a force that has no potential changes the energy.
+    changes_momentum : bool
+        Whether the total momentum of the bodies changes.
+    """
+
+    label: str
+    sentence: str
+    present: Callable[[Any], bool]
+    dissipates: bool = False
+    does_work: bool = False
+    changes_momentum: bool = False
+
+    def __repr__(self) -> str:
+        return f"<Feature: {self.label}>"
+
+
+WALLS = Feature(
+    "walls",
+    "An end body may touch a rigid wall, which is a body at rest of infinite mass.",
+    lambda scene: scene.wall_left is not None or scene.wall_right is not None,
+    changes_momentum=True,
+)
+GAPS = Feature(
+    "gaps",
+    "Neighbouring bodies, or an end body and its wall, are apart at the start.",
+    lambda scene: bool((scene.contacts.gap > 0.0).any()),
+)
+INITIAL_OVERLAPS = Feature(
+    "initial overlaps",
+    "Contacts are compressed at the start, and no precompression holds them in equilibrium.",
+    lambda scene: scene.precompression == 0.0 and bool((scene.contacts.gap < 0.0).any()),
+)
+SEVERAL_MOVING = Feature(
+    "bodies behind the first that move at the start",
+    "Start velocities other than that of body 0 are not zero.",
+    lambda scene: any(velocity != 0.0 for velocity in scene.velocity[1:]),
+)
+OTHER_EXPONENTS = Feature(
+    "exponents other than 5/2",
+    "The contact force is stiffness * overlap^(n-1) with n other than Hertz's 5/2.",
+    lambda scene: scene.law is None and any(n != 2.5 for n in scene.contacts.exponent.tolist()),
+)
+GRADED_EXPONENTS = Feature(
+    "exponents that differ between contacts",
+    "Not all contacts, those of the walls included, have the same exponent n.",
+    lambda scene: scene.law is None and len({*scene.contacts.exponent.tolist()}) > 1,
+)
+CONTACT_FUNCTIONS = Feature(
+    "contact laws given as functions",
+    "The contact force is any function of the overlap that does not fall.",
+    lambda scene: scene.law is not None,
+)
+GRAVITY = Feature(
+    "gravity",
+    "A constant acceleration along the chain acts on each body.",
+    lambda scene: scene.gravity != 0.0,
+    changes_momentum=True,
+)
+PRECOMPRESSION = Feature(
+    "precompression",
+    "The chain starts in equilibrium, compressed by a static force that walls or constant loads on the ends hold.",
+    lambda scene: scene.precompression > 0.0,
+)
+DASHPOT = Feature(
+    "dashpot damping",
+    "The force c * d(overlap)/dt acts in contacts; the total contact force is clipped at zero.",
+    lambda scene: scene.damped and scene.damping.law == "dashpot",
+    dissipates=True,
+)
+KUWABARA_KONO = Feature(
+    "Kuwabara-Kono damping",
+    "The force gamma * stiffness * overlap^(n-2) * d(overlap)/dt acts in contacts; the total contact force is clipped"
+    " at zero.",
+    lambda scene: scene.damped and scene.damping.law == "kuwabara-kono",
+    dissipates=True,
+)
+DRAG = Feature(
+    "drag",
+    "The force -drag * mass * velocity acts on each body.",
+    lambda scene: scene.drag > 0.0,
+    dissipates=True,
+    changes_momentum=True,
+)
+SINE_DRIVE = Feature(
+    "a sine drive",
+    "A sinusoidal force acts on body 0.",
+    lambda scene: scene.drive is not None and scene.drive.shape == "sine",
+    does_work=True,
+    changes_momentum=True,
+)
+CHIRP_DRIVE = Feature(
+    "a chirp drive",
+    "A sinusoidal force whose frequency is swept acts on body 0.",
+    lambda scene: scene.drive is not None and scene.drive.shape == "chirp",
+    does_work=True,
+    changes_momentum=True,
+)
+TABLE_DRIVE = Feature(
+    "a tabulated drive",
+    "A force that is interpolated linearly between given values acts on body 0.",
+    lambda scene: scene.drive is not None and scene.drive.shape == "table",
+    does_work=True,
+    changes_momentum=True,
+)
+
+#: a field that every backend must obey, or that does not act on the bodies
+BASE: tuple[Feature, ...] = ()
+_EXPONENTS = (OTHER_EXPONENTS, GRADED_EXPONENTS)
+_DAMPING = (DASHPOT, KUWABARA_KONO)
+_DRIVES = (SINE_DRIVE, CHIRP_DRIVE, TABLE_DRIVE)
+
+#: every field of Scene, Wall, Damping and Drive -> the features that it can give to a scene
+FIELDS: Mapping[str, tuple[Feature, ...]] = MappingProxyType(
+    {
+        "Scene.name": BASE,
+        "Scene.duration": BASE,
+        "Scene.mass": BASE,
+        "Scene.stiffness": BASE,
+        "Scene.wall_left": (WALLS,),
+        "Scene.wall_right": (WALLS,),
+        "Wall.stiffness": (WALLS,),
+        "Scene.gap": (GAPS, INITIAL_OVERLAPS),
+        "Wall.gap": (GAPS, INITIAL_OVERLAPS),
+        "Scene.velocity": (SEVERAL_MOVING,),
+        "Scene.exponent": _EXPONENTS,
+        "Wall.exponent": _EXPONENTS,
+        "Scene.law": (CONTACT_FUNCTIONS,),
+        "Scene.gravity": (GRAVITY,),
+        "Scene.precompression": (PRECOMPRESSION,),
+        "Scene.damping": _DAMPING,
+        "Damping.law": _DAMPING,
+        "Damping.coefficient": _DAMPING,
+        "Scene.drag": (DRAG,),
+        "Scene.drive": _DRIVES,
+        "Drive.shape": _DRIVES,
+        "Drive.force": _DRIVES,
+        "Drive.frequency": (SINE_DRIVE, CHIRP_DRIVE),
+        "Drive.last_frequency": (CHIRP_DRIVE,),
+        "Drive.sweep": (CHIRP_DRIVE,),
+        "Drive.phase": (SINE_DRIVE, CHIRP_DRIVE),
+        "Drive.rise": (SINE_DRIVE, CHIRP_DRIVE),
+        "Drive.interval": (TABLE_DRIVE,),
+        "Scene.samples": BASE,
+        "Scene.spacing": BASE,
+        "Scene.description": BASE,
+        "Scene.geometry": BASE,
+        "Scene.content_hash": BASE,
+        "Scene._static_overlap": BASE,
+        "Scene._reach": BASE,
+    }
+)
+#: all features that the fields can give, each once, in the order of lists and messages
+FEATURES: tuple[Feature, ...] = tuple(dict.fromkeys(feature for found in FIELDS.values() for feature in found))
