@@ -98,9 +98,9 @@ def plan(
 ) -> Plan:
     """The cheapest settings with which a scene is solved to ``accuracy``, and why each number is what it is.
 
-    ``accuracy``: relative, of the ``observable``: "velocity" or "displacement" (largest error over all samples and
-    bodies, over the largest magnitude), "contact_force", "peak_force" or "crossing_time" (of each contact, over its
-    own), "arrival" (of the front at the last body that it reaches) or "residence" (of each body). ``backend``: None for
+    ``accuracy``: relative, the largest error of the ``observable`` over all samples, bodies or contacts. It is one of
+    :data:`dem_bridge.observables.registry.OBSERVABLES`, such as "velocity" (relative to the largest), "peak_force" (of
+    each contact, relative to its own) or "arrival_at_end", which has its definition and scale. ``backend``: None for
     the cheapest of those in the house; with LAMMPS named, LAMMPS' settings. A model predicts the settings from a coarse
     run, and runs at two and more resolutions check and correct them, unless ``predict_only``. ``budget``: s of CPU that
     the run may take. ``samples``: None for the scene's. ``progress`` is called with (done, total, label).

@@ -21,6 +21,20 @@ def scene_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> 
     return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]
 
 
+class ObservableChoice(click.Choice[str]):
+    """The name of a registered observable; the registry is imported when a name is needed, not for ``--help``."""
+
+    def __init__(self) -> None:
+        self.case_sensitive = True
+
+    @property
+    def choices(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Names of all registered observables."""
+        from dem_bridge.observables.registry import OBSERVABLES
+
+        return tuple(OBSERVABLES)
+
+
 scene_argument = click.argument("scene", shell_complete=scene_names)
 step_option = click.option("--dt", type=float, metavar="S", help="Upper bound of the time step, s.")
 accuracy_option = click.option(

@@ -8,18 +8,7 @@ import click
 
 import dem_bridge
 from dem_bridge.cli import terminal
-from dem_bridge.cli.options import json_option, samples_option, scene_argument
-
-#: repeated here so that --help does not import numpy; a test compares them with the package
-OBSERVABLES = (
-    "velocity",
-    "displacement",
-    "contact_force",
-    "peak_force",
-    "crossing_time",
-    "arrival",
-    "residence",
-)
+from dem_bridge.cli.options import ObservableChoice, json_option, samples_option, scene_argument
 
 
 def plan_command(backends: tuple[str, ...]) -> click.Command:
@@ -33,7 +22,7 @@ def plan_command(backends: tuple[str, ...]) -> click.Command:
     @click.option("--backend", type=click.Choice(backends), help="Backend to plan for.  [default: the cheapest]")
     @click.option(
         "--observable",
-        type=click.Choice(OBSERVABLES),
+        type=ObservableChoice(),
         default="velocity",
         show_default=True,
         help="Observable that must have the accuracy.",

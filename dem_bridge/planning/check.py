@@ -16,17 +16,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from dem_bridge.backends.base import Resolution, Sampling, backend
-from dem_bridge.differences import difference
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.observables.front import arrival_by_crossing, residence_bar, residence_by_crossing
+from dem_bridge.observables.errors import relative_error, relative_uncertainty
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import VOCABULARY, Trajectory
+from dem_bridge.trajectory import Trajectory
 
-#: what accuracy can be asked of
-OBSERVABLES = (*VOCABULARY, "arrival", "residence")
 #: a setting is coarse enough where none this many times coarser serves, or can be expected to, by knob: costs go with
 #: 1/dt, but hardly with rtol, in which errors are erratic besides
 CLOSE = {"dt": 1.12, "rtol": 10.0}
@@ -45,33 +40,23 @@ CAREFUL = 0.8
 FINER = {"dt": 2.0, "damped": 2.618, "rtol": 30.0}
 
 
-def relative_error(observable: str, scene: Scene, run: Trajectory, truth: Trajectory) -> float:
-    """Error of one of ``OBSERVABLES``, relative: as :func:`~dem_bridge.differences.difference` has it; "arrival", of
-    the front at the last body that it reaches, over that time; "residence", the largest of the residence times' own."""
-    if observable in VOCABULARY:
-        return difference(observable, run, truth).value
-    of = arrival_by_crossing if observable == "arrival" else residence_by_crossing
-    mine, other = of(scene, run), of(scene, truth)
-    known = np.flatnonzero(np.isfinite(other))
-    if len(known) == 0:
-        raise UsageError(f"observable = {observable!r}: no front passes a body of {scene.name}; allowed: 'velocity'")
-    if observable == "arrival":
-        known = known[-1:]
-    error = float(np.max(np.abs(mine[known] - other[known]) / np.abs(other[known])))
-    return math.inf if math.isnan(error) else error
+def measured_error(observable: str, scene: Scene, run: Trajectory, reference: Trajectory) -> float:
+    """Return the largest relative error of a run in an observable; UsageError if neither run has a value."""
+    return _checked(relative_error(observable, scene, run, reference), observable, scene)
 
 
-def relative_bar(observable: str, scene: Scene, truth: Trajectory) -> float:
-    """Bar of a run on the same scale."""
-    if observable in VOCABULARY:
-        return difference(observable, truth, truth).uncertainty if observable != "contact_force" else 0.0
-    if observable == "residence":
-        known, bars = residence_by_crossing(scene, truth), residence_bar(scene, truth)
-    else:
-        known = arrival_by_crossing(scene, truth)
-        bars = np.asarray(truth.uncertainty["crossing_time"])[: scene.n_body - 1]
-    finite = np.isfinite(known)
-    return float(np.max(bars[finite] / np.abs(known[finite]), initial=0.0))
+def measured_uncertainty(observable: str, scene: Scene, run: Trajectory) -> float:
+    """Return the largest relative uncertainty of a run in an observable; UsageError if the run has no value."""
+    return _checked(relative_uncertainty(observable, scene, run), observable, scene)
+
+
+def _checked(number: float, observable: str, scene: Scene) -> float:
+    if math.isnan(number):
+        raise UsageError(
+            f"observable = {observable!r}: runs of {scene.name} have no value of it within {scene.duration:g} s;"
+            " allowed: an observable that the scene has, such as 'velocity'"
+        )
+    return number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,14 +146,14 @@ class Judge:
 
     def _error(self, candidate: Candidate, setting: float, run: Trajectory) -> float:
         if self.truth is not None:
-            return relative_error(self.observable, self.scene, run, self.truth)
+            return measured_error(self.observable, self.scene, run, self.truth)
         kind = "damped" if candidate.knob == "dt" and candidate.order == 1.0 else candidate.knob
         wanted = setting / FINER[kind]
         there = [one for name, one in self._runs if name == candidate.name and one <= 1.05 * wanted]
         finer = max(there, default=self.snapped(candidate, wanted))
         if not finer < setting:
             return math.inf  # there is no finer one to see its error by
-        apart = relative_error(self.observable, self.scene, run, self.run(candidate, finer))
+        apart = measured_error(self.observable, self.scene, run, self.run(candidate, finer))
         return apart / -math.expm1(-CAREFUL * candidate.order * math.log(setting / finer))
 
     def cpu(self, candidate: Candidate, setting: float, first: float) -> float:

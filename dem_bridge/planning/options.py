@@ -13,7 +13,8 @@ from dem_bridge.backends.reference import SERIES
 from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
 from dem_bridge.backends.steps import order_on
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.planning.check import LEAST_RTOL, OBSERVABLES, Candidate, Trial
+from dem_bridge.observables.registry import observable_named
+from dem_bridge.planning.check import LEAST_RTOL, Candidate, Trial
 from dem_bridge.planning.predict import OF_RTOL, OF_STEP, ErrorLaw, Outlook
 from dem_bridge.scene import Scene
 
@@ -21,7 +22,6 @@ from dem_bridge.scene import Scene
 MOST_STEPS = 50_000_000
 #: backends with other equations, which approximate times alone
 THEORIES = ("bca", "adiabatic")
-TIMES = ("arrival", "residence", "crossing_time")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,8 +45,7 @@ class Options:
     """All candidates for one accuracy, the cheapest by prediction first, and the backends that are left out."""
 
     def __init__(self, scene: Scene, accuracy: float, name: str | None, observable: str, sampling: Sampling) -> None:
-        if observable not in OBSERVABLES:
-            raise UsageError(f"observable = {observable!r}; allowed: {', '.join(OBSERVABLES)}")
+        self.unit = observable_named(observable).unit
         self.scene, self.accuracy, self.name, self.observable = scene, accuracy, name, observable
         self.interval = scene.duration / sampling.count
         self.left_out: dict[str, str] = {}
@@ -74,7 +73,7 @@ class Options:
             return None
         if name in (*ENGINE_BACKENDS, "ase"):
             return "the twin gives the same numbers at lower cost"
-        if name in THEORIES and self.observable not in TIMES:
+        if name in THEORIES and self.unit != "s":
             return f"it solves other equations, which approximate times alone, not {self.observable}"
         if name == "reference" and not SERIES.covers(self.scene):
             return "its Taylor series do not fit the scene, so it would answer by scipy at the smallest tolerance"

@@ -27,9 +27,9 @@ from dem_bridge.planning.check import (
     Judge,
     Settled,
     Trial,
+    measured_error,
+    measured_uncertainty,
     observed_order,
-    relative_bar,
-    relative_error,
     settle,
 )
 from dem_bridge.planning.options import MOST_STEPS, THEORIES, Option, Options
@@ -165,7 +165,7 @@ class Planner:
             except RunBroken as error:
                 self.measured_against = f"finer runs of the same backend, because {error}"
                 return None
-            uncertainty = relative_bar(self.observable, self.scene, run)
+            uncertainty = measured_uncertainty(self.observable, self.scene, run)
             if uncertainty <= REFERENCE_SHARE * self.accuracy:
                 self.measured_against = f"{name}, with an uncertainty of {uncertainty:.1g}"
                 return run
@@ -234,7 +234,7 @@ class Planner:
             try:
                 resolution = Resolution(**candidate.given, dt=setting, bars=False)
                 run = extrapolated(backend(candidate.runs), self.scene, resolution, self.sampling)
-                error = relative_error(self.observable, self.scene, run, reference)
+                error = measured_error(self.observable, self.scene, run, reference)
             except (NotAsymptotic, RunBroken):
                 return Trial(setting=setting, error=math.inf, cpu=math.nan, steps=0, evaluations=0)
             cost = run.cost
@@ -298,7 +298,7 @@ class Planner:
             if reference is None:
                 raise UsageError("no reference is cheap enough to measure its error")
             run = self.judge.run(candidate, 0.0)
-            error = relative_error(self.observable, self.scene, run, reference)
+            error = measured_error(self.observable, self.scene, run, reference)
             evidence = f"its error is measured against {self.measured_against}"
         else:
             self._say(f"{name} with its uncertainty")
@@ -306,7 +306,10 @@ class Planner:
                 run = reference
             else:
                 run = backend(name).run(self.scene, Resolution(), self.sampling)
-            error, evidence = relative_bar(self.observable, self.scene, run), "its uncertainty is taken as its error"
+            error, evidence = (
+                measured_uncertainty(self.observable, self.scene, run),
+                "its uncertainty is taken as its error",
+            )
         if not error <= self.accuracy:
             raise UsageError(f"its error is {error:.2g}" if name in THEORIES else f"its uncertainty is {error:.2g}")
         cost = self.judge.cpu(candidate, 0.0, run.cost.cpu)
@@ -327,7 +330,7 @@ class Planner:
             tabled = replace(candidate, given={**given, **answer, "tables": True}, answer=answer)
             # named by its points, so that runs with other tables are told apart
             run = self.judge.run(replace(tabled, name=f"{points} points"), setting)
-            error = relative_error(self.observable, self.scene, run, self.judge.run(plain, setting))
+            error = measured_error(self.observable, self.scene, run, self.judge.run(plain, setting))
             if error <= TABLE_SHARE * self.accuracy:
                 return tabled
         raise UsageError(f"tables of {TABLE_POINTS[-1]} points have an interpolation error of {error:.2g}")

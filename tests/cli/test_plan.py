@@ -8,14 +8,8 @@ from pathlib import Path
 import pytest
 
 import dem_bridge as db
-from dem_bridge.cli.plan import OBSERVABLES
-from dem_bridge.planning.check import OBSERVABLES as PLANNED
 from tests.cli.test_group import _one_line, _run
 from tests.helpers.fake_runs import CHAIN
-
-
-def test_the_observables_named_by_the_command_line_are_those_that_can_be_planned() -> None:
-    assert set(OBSERVABLES) == set(PLANNED)
 
 
 def test_a_plan_says_what_to_run_and_why(tmp_path: Path) -> None:

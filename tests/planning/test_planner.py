@@ -15,11 +15,13 @@ from hypothesis import strategies as st
 import dem_bridge as db
 from dem_bridge.backends.base import Sampling, backend
 from dem_bridge.errors import UnsupportedScene, UsageError
+from dem_bridge.observables.errors import relative_error
+from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.planning import check as plan_check
 from dem_bridge.planning import planner
 from dem_bridge.planning.answer import Plan
-from dem_bridge.planning.check import OBSERVABLES, Trial, relative_error, settle
+from dem_bridge.planning.check import Trial, settle
 from dem_bridge.planning.predict import OF_STEP, Outlook, tidy
 from dem_bridge.scene import Damping, Scene, Wall
 from tests.conftest import Solve
@@ -191,7 +193,7 @@ def test_without_a_reference_two_resolutions_serve(
 
 
 def test_an_estimator_that_says_half_the_error_is_caught(monkeypatch: pytest.MonkeyPatch, solved: Solve) -> None:
-    monkeypatch.setattr(plan_check, "relative_error", lambda *given: 0.5 * relative_error(*given))
+    monkeypatch.setattr(plan_check, "measured_error", lambda *given: 0.5 * relative_error(*given))
     found = db.plan(FIVE, 1e-4, backend="verlet")
     assert _error(FIVE, found, solved) > 1e-4
 
@@ -224,7 +226,7 @@ def test_tables_are_fine_enough_for_the_target(solved: Solve) -> None:
 
 def test_ten_per_cent_of_an_arrival_time_take_no_time_stepping() -> None:
     scene = db.load_scene("decelerating-40")
-    found = db.plan(scene, 0.1, observable="arrival")
+    found = db.plan(scene, 0.1, observable="arrival_at_end")
     assert found.backend in ("bca", "adiabatic")
     assert (found.resolution, found.steps) == ({}, 0)
     arrival = [db.solve(scene, backend=name).crossing_time[39] for name in (found.backend, "reference")]
@@ -233,16 +235,30 @@ def test_ten_per_cent_of_an_arrival_time_take_no_time_stepping() -> None:
     assert found.found_error < 0.1
     # the first residence time of this chain is a third of what binary collisions say
     with pytest.raises(UsageError, match=r"bca: its error is 2\.1"):
-        db.plan(scene, 0.1, "bca", observable="residence")
+        db.plan(scene, 0.1, "bca", observable="residence_time")
 
 
 @pytest.mark.parametrize("observable", OBSERVABLES)
 def test_every_observable_can_be_asked_for(observable: str) -> None:
-    found = db.plan(FIVE, 1e-3, "verlet", observable=observable)
-    truth = db.solve(FIVE, backend="reference")
-    run = db.solve(FIVE, backend="verlet", **found.resolution)
-    assert relative_error(observable, FIVE, run, truth) <= 1e-3
-    assert relative_error(observable, FIVE, truth, truth) == 0.0
+    scene = replace(FIVE, spacing=18e-3)
+    found = db.plan(scene, 1e-3, "verlet", observable=observable)
+    truth = db.solve(scene, backend="reference")
+    run = db.solve(scene, backend="verlet", **found.resolution)
+    assert relative_error(observable, scene, run, truth) <= 1e-3
+    assert relative_error(observable, scene, truth, truth) == 0.0
+
+
+@pytest.mark.parametrize("backend", ["verlet", "reference"])
+def test_an_observable_that_the_scene_has_not_is_refused_by_name(backend: str) -> None:
+    assert FIVE.spacing is None
+    with pytest.raises(UsageError, match=r"observable = 'wave_speed': runs of five have no value of it .*'velocity'"):
+        db.plan(FIVE, 1e-3, backend, observable="wave_speed")
+
+
+def test_the_error_of_the_reference_in_forces_is_its_uncertainty_and_not_nothing() -> None:
+    error = db.plan(FIVE, 1e-6, "reference", observable="contact_force").found_error
+    assert error is not None
+    assert 0.0 < error < 1e-9
 
 
 def test_a_free_choice_is_said_and_solve_takes_it() -> None:
