@@ -1,4 +1,4 @@
-"""Sections 2 and 3: the numbers that the paper prints, beside those that follow from its other numbers."""
+"""Claims of sections 2 and 3: printed numbers, beside the values that follow from the other printed numbers."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from dem_bridge.studies.study import Claim, ClaimValue
 from dem_bridge.verification.roles import REFERENCE
 from dem_bridge.verification.verdict import Outcome
 
-#: what may be neglected, of any observable of the first passage
+#: relative change of an observable of the first passage that counts as negligible
 NEGLIGIBLE = 0.01
 #: the paper's section 2: fused quartz, r = 9 mm
 RADIUS, QUARTZ = 9e-3, Elastic(young=72e9, poisson=0.17)
 
 
 def numbers(runs: Runs) -> Iterator[Claim]:
-    """Claims on printed numbers, in the paper's order."""
+    """Yield the claims on printed numbers in the order of the paper."""
     yield _striker_mass(runs)
     yield from _stiffness()
     yield _approximation()
@@ -37,7 +37,7 @@ def numbers(runs: Runs) -> Iterator[Claim]:
 
 
 def _agrees(value: float, beside: ClaimValue) -> Outcome:
-    """Whether a number rounds to what is printed."""
+    """Judge whether a number rounds to the printed one."""
     found = ClaimValue(name="", backend="formula", value=value, uncertainty=0.0)
     return inside(found, beside.value - beside.uncertainty, beside.value + beside.uncertainty)
 
@@ -52,8 +52,10 @@ def _striker_mass(runs: Runs) -> Claim:
         "section 2",
         "The striker is a quartz sphere of r = 9 mm that weighs 8.1 g.",
         _agrees(mass, beside),
-        f"A quartz sphere of r = 9 mm weighs {1e3 * mass:.2f} g, {percent(1.0 - mass / 8.1e-3)} less: the radius, the"
-        " density or the mass is another. The scenes keep the printed mass; the budget says what the other changes.",
+        f"A quartz sphere of r = 9 mm weighs {1e3 * mass:.2f} g, {percent(1.0 - mass / 8.1e-3)} less than printed, so"
+        " the"
+        " printed radius, density and mass do not agree. The scenes keep the printed mass; the budget lists the effect"
+        " of the other mass.",
         beside,
         exact("4/3 pi r^3 rho", mass, "kg"),
     )
@@ -68,8 +70,12 @@ def _stiffness() -> Iterator[Claim]:
             "section 3, eq. 3.1",
             f"The contact stiffness at {angle:g} degrees is {value:.2e} N/m^1.5.",
             _agrees(found, beside),
-            f"Eq. 3.1 gives {found:.6g} N/m^1.5, {percent(found / value - 1.0)} from what is printed."
-            + ("" if angle == 2.0 else " It is its least value: no angle gives the printed one."),
+            f"Eq. 3.1 gives {found:.6g} N/m^1.5, {percent(found / value - 1.0)} off the printed value."
+            + (
+                ""
+                if angle == 2.0
+                else " This is the minimum of eq. 3.1 over all angles, so no angle gives the printed value."
+            ),
             beside,
             exact("eq. 3.1", found, "N/m^1.5"),
         )
@@ -87,9 +93,9 @@ def _approximation() -> Claim:
         "The axis ratio of the contact ellipse is about [(1 + cos a)/(1 - cos a)]^(-2/3), from which eq. 3.1 gives the"
         " stiffness.",
         Outcome.MODEL_DIFFERENCE,
-        "With it eq. 3.1 is stiffer than Hertz' exact solution by "
+        "With this axis ratio eq. 3.1 is stiffer than the exact Hertz solution by "
         + ", ".join(f"{percent(ratio - 1.0)} at {angle:g} degrees" for angle, ratio in ratios.items())
-        + ": the approximation ends where the paper's gradient begins.",
+        + ". The approximation is worst at the small angles at which the paper's chains start.",
         *(exact(f"eq. 3.1 over exact, {angle:g} degrees", ratio, "") for angle, ratio in ratios.items()),
     )
 
@@ -109,7 +115,7 @@ def _striker_stiffness() -> Claim:
 
 
 def _point_contact(runs: Runs) -> Claim:
-    """Whether the contact ellipse, by the exact law at the peak force, ends on the cylinders."""
+    """Compare the contact ellipse at the peak force, by the exact law, with the height of the cylinders."""
     values, words = [], []
     for name in MAIN:
         scene, truth = runs.scenes[name], runs.truth(name)
@@ -131,8 +137,9 @@ def _point_contact(runs: Runs) -> Claim:
         "The cylinders interact as in Hertz' law at all angles from 2 to 90 degrees.",
         together(*(inside(one, 0.0, 1.0) for one in values)) if values else Outcome.NOT_RUN,
         "Semi-major axis of the contact ellipse at the peak force over the half-height of a cylinder:"
-        f" {'; '.join(words)}. Held to 1: beyond it the ellipse is"
-        " longer than the cylinder is high, and the contact is no point contact.",
+        f" {'; '.join(words)}. Acceptance criterion (ours): at most 1, because a longer ellipse exceeds the height of"
+        " the"
+        " cylinder and the contact is no point contact.",
         values,
     )
 
@@ -147,14 +154,14 @@ def _weight(runs: Runs) -> Claim:
         "The largest compressive load due to gravity is about 1.6 N, at the bottom of the chain.",
         _agrees(weight, beside),
         f"{scene.n_body - 1} cylinders of {1e3 * scene.mass[1]:.2f} g weigh {weight:.2f} N, {weight / 1.6:.1f} times"
-        " as much.",
+        " the printed load.",
         beside,
         exact("m g times 40", weight, "N"),
     )
 
 
 def _gravity(runs: Runs) -> Iterator[Claim]:
-    """The load beside the contact forces, and what it does."""
+    """Yield the claims on the load of gravity and on its effect."""
     values, words, outcomes, done, changed = [], [], [], [], []
     load = GRAVITY * sum(runs.scenes[DECELERATING].mass[1:])
     for name in MAIN:
@@ -184,8 +191,9 @@ def _gravity(runs: Runs) -> Iterator[Claim]:
         "section 3",
         "The load of gravity is about two orders of magnitude below the contact forces.",
         together(*outcomes) if outcomes else Outcome.NOT_RUN,
-        f"The smallest peak force is {' and '.join(words)} ({load:.2f} N, not 1.6 N). Held to what rounds to two"
-        " orders, 10^1.5.",
+        f"The smallest peak force is {' and '.join(words)} (the weight is {load:.2f} N, not 1.6 N). Acceptance"
+        " criterion"
+        " (ours): at least 10^1.5 times, which rounds to two orders of magnitude.",
         *values,
     )
     small = all(abs(one.value - 1.0) < NEGLIGIBLE for one in changed)
@@ -194,14 +202,16 @@ def _gravity(runs: Runs) -> Iterator[Claim]:
         "section 3",
         "The effect of gravity may be neglected.",
         Outcome.NOT_RUN if not changed else Outcome.PASS if small else Outcome.FAIL,
-        f"With the weight and its static compression, {'; '.join(done)}. Held to {percent(NEGLIGIBLE)}, which"
-        " two orders of magnitude would be: contacts under load are stiff before the wave comes, and so it is felt.",
+        f"With the weight and its static compression, {'; '.join(done)}. Acceptance criterion (ours): within"
+        f" {percent(NEGLIGIBLE)}, which is two orders of magnitude. The static preload stiffens the contacts ahead of"
+        " the"
+        " pulse and so raises its speed.",
         changed,
     )
 
 
 def _bca_velocity(runs: Runs) -> Claim:
-    """Eq. 3.5 beside the peak velocity that cylinders really have."""
+    """Compare eq. 3.5 with the simulated peak velocities of the cylinders."""
     values, words = [], []
     for name in MAIN:
         scene = runs.scenes[name]
@@ -214,14 +224,17 @@ def _bca_velocity(runs: Runs) -> Claim:
         )
         found = heard(runs, name, fastest)
         values.append(found)
-        words.append(f"{by(found).value:.3f} m/s in {name} (BCA says {percent(v1 / by(found).value - 1.0)} more)")
+        words.append(
+            f"{by(found).value:.3f} m/s in {name} (the BCA value is {percent(v1 / by(found).value - 1.0)} larger)"
+        )
     v1 = by(values[0], "bca").value
     return claim(
         "velocity-by-bca",
         "section 3, eq. 3.5",
         "The largest velocity of every cylinder is 2 v0/(1 + m/m0) = 0.713 m/s.",
         together(*(decided(found, low=0.95 * 0.713, high=1.05 * 0.713) for found in values)),
-        f"Cylinder 20 reaches {' and '.join(words)}, where eq. 3.5 says {v1:.3f} m/s. Binary collisions are a theory of"
-        " times: a wave is carried by several cylinders at once. Held to 5 %.",
+        f"Cylinder 20 reaches {' and '.join(words)}; eq. 3.5 gives {v1:.3f} m/s. The BCA predicts arrival times but not"
+        " amplitudes, because the pulse spans about five cylinders rather than two. Acceptance criterion (ours): within"
+        " 5 %.",
         *values,
     )

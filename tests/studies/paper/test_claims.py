@@ -141,7 +141,7 @@ def _beside(one: Claim) -> list[str]:
     """Of arrivals by BCA and ode45, each of both chains."""
     pairs = [np.array(_values(one, name)) / np.array(_values(one)) - 1.0 for name in ("bca", "ode45")]
     return [f"{100.0 * abs(a):.2g} % too {'late' if a > 0 else 'early'}" for a in pairs[0]] + [
-        f"off by {b:.1e}" for b in pairs[1]
+        f"deviates by {b:.1e}" for b in pairs[1]
     ]
 
 
@@ -162,9 +162,9 @@ SAID: dict[str, Callable[[Claim], list[str]]] = {
     "weight": _each("weigh {:.2f} N", "formula"),
     "gravity-load": _each("{:.0f} times the weight"),
     "gravity-neglected": _largest_changes,
-    "velocity-by-bca": lambda one: [*_each("{:.3f} m/s")(one), *_each("says {:.3f} m/s", "bca")(one)],
-    "decelerates": _each("with {:.4f} of the speed"),
-    "accelerates": _each("with {:.4f} times the speed"),
+    "velocity-by-bca": lambda one: [*_each("{:.3f} m/s")(one), *_each("gives {:.3f} m/s", "bca")(one)],
+    "decelerates": _each("is {:.4f} of the speed"),
+    "accelerates": _each("is {:.4f} times the speed"),
     "no-scattering": _each("{:.3g} % in", scale=100.0),
     "amplitude": _each("{:.3f} in"),
     "arrival-by-bca": _beside,
@@ -175,12 +175,12 @@ SAID: dict[str, Callable[[Claim], list[str]]] = {
         for text, value in zip(("both {:.0f}", "m alone {:.0f}", "beta_1 alone {:.0f}"), _values(one), strict=True)
     ],
     "speed-power-law": _each("{:.2g} % in", scale=100.0),
-    "scatter": _each("at a cylinder scatters by {:.2g} %", scale=100.0),
+    "scatter": _each("at a cylinder has a standard deviation of {:.2g} %", scale=100.0),
     "slower-by-dissipation": _speeds,
     "slower-by-exponent": _speeds,
     "single-front-200": _each("{:.0f}"),
     "frequencies-cascade": _each("falls to {:.3f} of"),
-    "frequencies-spread": _each("{:.3f} times as"),
+    "frequencies-spread": lambda one: [f"by a factor of {_values(one)[0]:.3f}", f"by {_values(one)[1]:.3f}:"],
     "wavenumbers-do-not": _each("{:.3f}"),
     "width-kept": _each("{:.4f}"),
     "kinetic-energy-kept": _each("{:.3g} %", scale=100.0),
@@ -283,7 +283,7 @@ def test_without_any_run_claims_on_printed_numbers_are_left() -> None:
         assert one.where
         assert one.statement
         assert "nan" not in one.sentence
-        assert one.outcome is not NOT_RUN or one.sentence == "Runs that this is read from are missing."
+        assert one.outcome is not NOT_RUN or one.sentence == "The runs from which this is read are missing."
         json.dumps(one.as_json(), allow_nan=False)
 
 
@@ -298,7 +298,7 @@ def test_without_the_reference_lammps_is_asked(runs: Runs) -> None:
     found = _all(without(Runs(runs.scenes, few), "reference"), [])
     assert found["decelerates"].outcome is PASS
     assert found["velocity-by-bca"].outcome is FAIL
-    assert f"with {_values(found['decelerates'], 'lammps')[0]:.4f} of the speed" in found["decelerates"].sentence
+    assert f"is {_values(found['decelerates'], 'lammps')[0]:.4f} of the speed" in found["decelerates"].sentence
     assert found["arrival-by-bca"].outcome is found["solitary"].outcome is NOT_RUN
     assert not any("nan" in one.sentence for one in found.values())
 
@@ -518,7 +518,7 @@ def test_exponents_decide_where_all_have_one_sign(runs: Runs) -> None:
     assert _one("slower-by-exponent", runs, base, fast).outcome is FAIL
     both = _one("slower-by-exponent", runs, base, slow, fast)
     assert both.outcome is UNDECIDED
-    assert "the sign changes" in both.sentence
+    assert "The sign depends" in both.sentence
 
 
 def test_gravity_that_does_nothing_may_be_neglected(runs: Runs) -> None:
@@ -569,11 +569,11 @@ def test_a_claim_on_velocities_that_theory_meets_holds(runs: Runs) -> None:
 
 def test_scatter_is_said_with_its_chains(scattered: list[ScatterStudy], claims: dict[str, Claim]) -> None:
     sentence = claims["scatter"].sentence
-    assert "off by 1 degrees (standard deviation, 2 chains each)" in sentence
+    assert "scattered by 1 degrees (standard deviation, 2 chains each)" in sentence
     for study in scattered:
         shift, deviation = study.arrival_shift
         way = "later" if shift > 0.0 else "earlier"
-        assert f"by {100 * deviation:.2g} % (and comes {100 * abs(shift):.2g} % {way}" in sentence
+        assert f"of {100 * deviation:.2g} % (on average it is {100 * abs(shift):.2g} % {way}" in sentence
 
 
 # how a statement becomes a claim
@@ -613,7 +613,7 @@ def test_values_of_a_claim_may_be_nested() -> None:
     found = claim("id", "section 1", "It is.", PASS, "It is 1.", one, (two,), [three])
     assert found.values == (one, two, three)
     assert claim("id", "section 1", "It is.", NOT_RUN, "It is nan.").sentence == (
-        "Runs that this is read from are missing."
+        "The runs from which this is read are missing."
     )
 
 

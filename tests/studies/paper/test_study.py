@@ -206,7 +206,9 @@ def test_verify_paper_prints_its_claims_and_writes_them(small: None, tmp_path: P
     assert outcomes["solitary"] == outcomes["width-kept"] == "NOT_RUN"
     for id in outcomes:
         assert re.search(rf"^{id} ", done.stdout, re.MULTILINE)
-    assert "* The codes are right: LAMMPS solves the paper's two chains to" in " ".join(done.stdout.split())
+    assert "* LAMMPS integrates the equations of motion correctly: on the paper's two chains" in " ".join(
+        done.stdout.split()
+    )
     assert "verdicts on 2 scenes: " in done.stdout
     [decelerates] = [one for one in told["claims"] if one["id"] == "decelerates"]
     by = {value["backend"]: value for value in decelerates["values"]}

@@ -71,17 +71,17 @@ def test_the_answer_is_five_sentences_each_with_a_number(claims: tuple[Claim, ..
     codes, count, theory, failing, largest = found
     # of both main chains the larger; round-off against the twin in positions; both references everywhere
     for text in (
-        "LAMMPS solves the paper's two chains to 1.5e-06",
-        "agrees with it to 2.0e-12",
-        "agree to 4.0e-12 there",
+        "differ from the reference solution by at most 1.5e-06",
+        "agrees with LAMMPS to 2.0e-12",
+        "agree to 4.0e-12 on these chains",
     ):
         assert text in codes
-    assert "to 5.0e-11 on the 3 scenes, of 3," in codes
+    assert "to 5.0e-11 on all 3 (of 3) scenes" in codes
     outcomes = Counter(one.outcome for one in claims)
     assert count.startswith(f"Of {len(claims)} claims of the paper, {outcomes[Outcome.PASS]} hold, ")
     assert f"{outcomes[Outcome.FAIL]} do not" in count
     assert f"{outcomes[Outcome.NOT_RUN]} were not run" in count
-    for text in ("slows down to 0.39", "speeds up to 2.35", "to 2.3 %", "(0.71 m/s where cylinders reach 0.39 m/s)"):
+    for text in ("slows down to 0.39", "speeds up to 2.35", "within 2.3 %", "of 0.71 m/s (simulated: 0.39 m/s)"):
         assert text in theory
     failed = {one.id for one in claims if one.outcome is Outcome.FAIL}
     assert failed <= {*SLIPS, *PHYSICAL}
@@ -89,12 +89,12 @@ def test_the_answer_is_five_sentences_each_with_a_number(claims: tuple[Claim, ..
         assert (text in failing) == (id in failed), id
     # all kinds but numerics; then what the paper itself says; then what it only suspects
     assert largest.startswith(
-        "The largest term of the whole budget is a dashpot, by 99 % (arrival at the last cylinder"
+        "The largest term of the whole error budget is a dashpot, by 99 % (arrival at the last cylinder"
     )
-    assert "of the model and its parameters it is a lighter striker, by -13 % (force at the middle of" in largest
-    assert "changes up to 4 %" in largest
-    assert "that are ours, it is a dashpot, by 99 %" in largest
-    assert "the numerics of LAMMPS are 0.0002 %" in largest
+    assert "Of the model and its parameters it is a lighter striker, by -13 % (force at the middle of" in largest
+    assert "changes results by up to 4 %" in largest
+    assert "with values assumed by us, the largest is a dashpot, by 99 %" in largest
+    assert "the numerical error of LAMMPS is 0.0002 %" in largest
 
 
 @pytest.mark.parametrize("outcome", [Outcome.FAIL, Outcome.BROKEN])
@@ -102,11 +102,11 @@ def test_codes_are_not_right_where_a_verdict_fails(outcome: Outcome, claims: tup
     wrong = _verdict("stacked-40", "lammps-granular", REFERENCE, 1e-2, quantity="crossing_time", outcome=outcome)
     studies = [*STUDIES[:2], _study("stacked-40", 1e-6, 1e-12, 1e-12, wrong)]
     codes = answer(claims, EFFECTS, studies)[0]
-    assert codes.startswith("The codes are not shown to be right: of 16 verdicts")
-    assert f"{int(outcome is Outcome.FAIL)} fail and {int(outcome is Outcome.BROKEN)} could not" in codes
+    assert codes.startswith("The codes are not verified: of 16 verdicts")
+    assert f"{int(outcome is Outcome.FAIL)} are FAIL and {int(outcome is Outcome.BROKEN)} are BROKEN" in codes
     refused = replace(wrong, outcome=Outcome.NOT_RUN)
     assert answer(claims, EFFECTS, [*STUDIES, _study("accelerating-200", 0, 0, 0, refused)])[0].startswith(
-        "The codes are right"
+        "LAMMPS integrates the equations of motion correctly"
     )
 
 
@@ -115,16 +115,16 @@ def test_without_lammps_nothing_is_said_of_it(claims: tuple[Claim, ...]) -> None
         replace(one, verdicts=tuple(v for v in one.verdicts if v.backend != "lammps-granular")) for one in STUDIES
     ]
     codes = answer(claims, EFFECTS, studies)[0]
-    assert codes.startswith("LAMMPS has not run the paper's two chains; the two references agree to 5.0e-11")
+    assert codes.startswith("LAMMPS was not run on the paper's two chains; the two references agree to 5.0e-11")
 
 
 def test_without_runs_the_answer_says_so() -> None:
     nothing = (*numbers(Runs.of([])), *waves(Runs.of([]), []))
     found = answer(nothing, [], [])
-    assert found[2] == "The paper's two chains have not both run."
-    assert found[4] == "There is no budget without runs."
+    assert found[2] == "The reference did not run on both chains of the paper."
+    assert found[4] == "There is no error budget, because runs are missing."
     holding = [one for one in nothing if one.outcome is Outcome.PASS]
-    assert answer(holding, [], [])[3] == "No claim was found not to hold."
+    assert answer(holding, [], [])[3] == "All claims hold that could be decided."
 
 
 def test_what_is_not_verified_is_said() -> None:
