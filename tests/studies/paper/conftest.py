@@ -136,6 +136,6 @@ def swapped(runs: Runs) -> Runs:
     )
 
 
-def bars(run: Trajectory, factor: float) -> dict[str, Any]:
-    """Bars that are so many times the largest value of each quantity."""
-    return {name: factor * float(np.nanmax(np.abs(getattr(run, name)))) for name in run.uncertainty}
+def wide_uncertainty(run: Trajectory, factor: float) -> Uncertainty:
+    """Return an uncertainty that is so many times the largest value of each quantity."""
+    return Uncertainty(**{name: factor * float(np.nanmax(np.abs(getattr(run, name)))) for name in run.uncertainty})

@@ -23,7 +23,7 @@ from dem_bridge.studies.study import Claim, ClaimValue
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.verdict import Outcome
 from tests.studies.paper.conftest import GRADIENTS as FEW
-from tests.studies.paper.conftest import bars, planted, swapped, truth_of, without
+from tests.studies.paper.conftest import planted, swapped, truth_of, wide_uncertainty, without
 
 PASS, FAIL, UNDECIDED, MODEL, NOT_RUN = (
     Outcome.PASS, Outcome.FAIL, Outcome.UNDECIDED, Outcome.MODEL_DIFFERENCE, Outcome.NOT_RUN,
@@ -399,15 +399,15 @@ def test_codes_that_differ_leave_a_claim_undecided(runs: Runs) -> None:
 
 
 @pytest.mark.parametrize("id", ["decelerates", "velocity-by-bca", "gravity-load"])
-def test_wide_bars_leave_a_claim_undecided(id: str, runs: Runs) -> None:
+def test_a_wide_uncertainty_leaves_a_claim_undecided(id: str, runs: Runs) -> None:
     scenes = (*MAIN, *(f"{name}.{id}" for name in MAIN for id in ("as-is", "gravity")))
     assert _one(id, runs, *scenes).outcome is EXPECTED[id] is not UNDECIDED
-    wide = _everywhere(runs, lambda run: {"uncertainty": bars(run, 2.0)}, *MAIN)
+    wide = _everywhere(runs, lambda run: {"uncertainty": wide_uncertainty(run, 2.0)}, *MAIN)
     assert _one(id, wide, *scenes).outcome is UNDECIDED
 
 
 def test_runs_whose_errors_are_unknown_decide_nothing(runs: Runs) -> None:
-    unknown = _everywhere(runs, lambda run: {"uncertainty": bars(run, np.inf)}, DECELERATING)
+    unknown = _everywhere(runs, lambda run: {"uncertainty": wide_uncertainty(run, np.inf)}, DECELERATING)
     one = _one("decelerates", unknown, DECELERATING)
     assert one.outcome is UNDECIDED
     json.dumps(one.as_json(), allow_nan=False)
