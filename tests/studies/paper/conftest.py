@@ -138,4 +138,5 @@ def swapped(runs: Runs) -> Runs:
 
 def wide_uncertainty(run: Trajectory, factor: float) -> Uncertainty:
     """Return an uncertainty that is so many times the largest value of each quantity."""
-    return Uncertainty(**{name: factor * float(np.nanmax(np.abs(getattr(run, name)))) for name in run.uncertainty})
+    sizes: dict[str, Any] = {name: factor * float(np.nanmax(np.abs(getattr(run, name)))) for name in run.uncertainty}
+    return Uncertainty(**sizes)
