@@ -11,6 +11,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dem_bridge.physics.elliptic import ellipse_integrals
+
 Floats = NDArray[np.float64]
 
 
@@ -93,12 +95,11 @@ def cylinder_stiffness_paper(angle: float, *, radius: float, young: float, poiss
     """Return the stiffness beta of two equal cylinders crossed at ``angle``, N/m^1.5, by the paper's eq. 3.1.
 
     As printed the formula is 0/0 at 90 degrees (eccentricity e -> 0) and loses digits by cancellation near both ends.
-    With the axis ratio k = b/a, e^2 = 1 - k^2, the differences of complete elliptic integrals are Carlson's symmetric
-    integrals::
+    With the axis ratio k = b/a, e^2 = 1 - k^2, and the integrals b(k), d(k) of :mod:`.elliptic` ::
 
-        K = R_F(0, k^2, 1)     K - E = e^2 R_D(0, k^2, 1)/3     (a/b)^2 E - K = e^2 R_D(0, 1, k^2)/3
+        K = b + d     K - E = e^2 d     (a/b)^2 E - K = e^2 b/k^2
 
-    Every e then cancels exactly, and no digits are lost at either end.
+    Every e then cancels exactly, and no digits are lost at 90 degrees.
 
     Parameters
     ----------
@@ -118,7 +119,7 @@ def cylinder_stiffness_paper(angle: float, *, radius: float, young: float, poiss
 
     References
     ----------
-    Chaunsali, Kim & Yang (2018), eq. 3.1; Carlson (1979), *Numer. Math.* 33, eq. 4.6; DLMF 19.25.1.
+    Chaunsali, Kim & Yang (2018), eq. 3.1.
 
     Examples
     --------
@@ -126,12 +127,9 @@ def cylinder_stiffness_paper(angle: float, *, radius: float, young: float, poiss
     >>> f"{cylinder_stiffness_paper(2.0, **quartz):.12g}", f"{cylinder_stiffness_paper(90.0, **quartz):.13g}"
     ('72729932838.4', '4689197642.511')
     """
-    from scipy.special import elliprd, elliprf  # this import takes 0.2 s; scenes that state stiffnesses do without it
-
     ratio = axis_ratio_paper(angle)
-    squared = ratio * ratio
-    integral_k = elliprf(0.0, squared, 1.0)
-    bracket = 4.0 / (3.0 * math.pi) * math.sqrt(elliprd(0.0, squared, 1.0) * elliprd(0.0, 1.0, squared))
+    integral_b, integral_d = ellipse_integrals(ratio)
+    bracket = 4.0 / (math.pi * ratio) * math.sqrt(integral_b * integral_d)
     modulus = 2.0 * young / (3.0 * (1.0 - poisson**2))
     geometry = math.sqrt(radius / math.sin(math.radians(angle)))
-    return float(modulus * geometry * (2.0 * integral_k / math.pi) ** -1.5 * math.sqrt(bracket))
+    return float(modulus * geometry * (2.0 * (integral_b + integral_d) / math.pi) ** -1.5 * math.sqrt(bracket))

@@ -4,14 +4,13 @@ Near the point of touch the gap between the bodies is ``A x^2 + B y^2``, A <= B,
 semi-axes a >= b (Johnson 1985, *Contact Mechanics*, ch. 4). With k = b/a and e^2 = 1 - k^2 everything follows from the
 integrals of Jahnke and Emde::
 
-    b(k) = (E - k^2 K)/e^2 = k^2 R_D(0, 1, k^2)/3        d(k) = (K - E)/e^2 = R_D(0, k^2, 1)/3        K = b + d
+    b(k) = (E - k^2 K)/e^2        d(k) = (K - E)/e^2        K = b + d
 
 Johnson's condition on the ellipse (section 4.2) is ``B/A = b/(k^2 d)`` in these integrals, and the stiffness is ::
 
     beta = (2 pi E*/3) K^(-3/2) [b d/(k^2 A B)]^(1/4)
 
-The right-hand sides are Carlson's integrals (1979, *Numer. Math.* 33, eq. 4.6; DLMF 19.25.1), which lose no digits at
-the circle (e -> 0) or the line (k -> 0).
+They are evaluated (:mod:`.elliptic`) without the cancellation of these forms at the circle (e -> 0).
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from dem_bridge.physics.contact import check_angle
+from dem_bridge.physics.elliptic import ellipse_integrals
 from dem_bridge.physics.valid import above, not_negative, number, poisson_ratio
 
 #: source of the axis ratio: Hertz's exact condition, or the paper's b/a = (A/B)^(2/3)
@@ -67,7 +67,7 @@ class HertzContact:
 
     def _major_of_one_newton(self) -> float:
         """Return the semi-major axis under a force of 1 N, m; it scales as the cube root of the force."""
-        integral_k = sum(_integrals(self.axis_ratio))
+        integral_k = sum(ellipse_integrals(self.axis_ratio))
         return float(1.5 * integral_k / (math.pi * self.modulus) * self.stiffness ** (2.0 / 3.0))
 
 
@@ -199,7 +199,7 @@ def hertz_contact(curvatures: tuple[float, float], modulus: float, *, law: AxisR
         raise ValueError(f"curvatures = {curvatures!r}; allowed: the smaller one first")
     modulus = above(0.0, "modulus", modulus, "Pa")
     ratio = math.exp(-_flattening(0.5 * math.log(larger / smaller), law))
-    integral_b, integral_d = _integrals(ratio)
+    integral_b, integral_d = ellipse_integrals(ratio)
     shape = math.sqrt(math.sqrt(integral_b * integral_d / (ratio * ratio)))
     size = math.sqrt(math.sqrt(smaller) * math.sqrt(larger))
     stiffness = 2.0 * math.pi / 3.0 * modulus * (integral_b + integral_d) ** -1.5 * shape / size
@@ -406,7 +406,7 @@ def stiffness_slope(angle: float, *, law: AxisRatio = "exact") -> float:
         return 0.0
     flattening = _flattening(stretch, law)
     ratio, squared_e = math.exp(-flattening), -math.expm1(-2.0 * flattening)
-    integral_b, integral_d = _integrals(ratio)
+    integral_b, integral_d = ellipse_integrals(ratio)
     integral_k = integral_b + integral_d
     if law == "exact":
         slope = -0.5 * squared_e * integral_d / integral_k * math.exp(stretch)
@@ -417,14 +417,6 @@ def stiffness_slope(angle: float, *, law: AxisRatio = "exact") -> float:
         sine, cosine = _sine_cosine(angle)
         slope = -(4.0 / 3.0 * shape + 0.5 * cosine) / sine
     return math.radians(slope)
-
-
-def _integrals(ratio: float) -> tuple[float, float]:
-    """Return b(k) and d(k) for the axis ratio k; their sum is K."""
-    from scipy.special import elliprd  # this import takes 0.2 s; scenes that state stiffnesses do without it
-
-    squared = ratio * ratio
-    return squared * float(elliprd(0.0, 1.0, squared)) / 3.0, float(elliprd(0.0, squared, 1.0)) / 3.0
 
 
 # The flattening ln(a/b) and the stretch ln(B/A)/2 are 0 for the circle and odd functions about it; e^(-stretch) is
@@ -445,7 +437,7 @@ def _stretch_of(flattening: float, law: AxisRatio) -> float:
     """Return the stretch ln(B/A)/2 of a flattening ln(a/b)."""
     if law == "paper":
         return 0.75 * flattening
-    integral_b, integral_d = _integrals(math.exp(-flattening))
+    integral_b, integral_d = ellipse_integrals(math.exp(-flattening))
     return flattening + 0.5 * math.log(integral_b / integral_d)
 
 
@@ -458,7 +450,7 @@ def _stretch(angle: float) -> float:
 def _log_stiffness(flattening: float, law: AxisRatio) -> float:
     """Return ln(beta/beta_min) of two equal cylinders; each term is even in the flattening."""
     ratio = math.exp(-flattening)
-    integral_b, integral_d = _integrals(ratio)
+    integral_b, integral_d = ellipse_integrals(ratio)
     integral_k = integral_b + integral_d
     circle = 16.0 / math.pi**2
     return (
