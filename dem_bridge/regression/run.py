@@ -1,6 +1,6 @@
-"""Baselines read, their scenes run again, and what is not the same as last time.
+"""Run the scenes of baselines again and compare the results with the baselines, or two LAMMPS with each other.
 
-Nothing is taken from the store: code and engine have to answer now.
+No result is taken from the store, because the present code and engine are under test.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dem_bridge.errors import BackendUnavailable, RunBroken, SceneError, UsageEr
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.planning.bars import resolution_for
 from dem_bridge.regression.baseline import Baseline, read_baseline
-from dem_bridge.regression.compare import Change, Comparison, accuracy_words, compare, judged
+from dem_bridge.regression.compare import Change, Comparison, accuracy_words, assess, compare
 from dem_bridge.regression.provenance import baseline_of, roundoff_tolerance
 from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
@@ -26,29 +26,33 @@ from dem_bridge.trajectory import Trajectory
 
 SCHEMA = "dem-bridge/regression/1"
 FOLDER = Path("reports/baselines")
-#: of a scene that has no baselines yet, where they can do it
+#: backends of new baselines, if they support the scene
 NEW_BACKENDS = ("lammps-granular", "lammps-table", "verlet", "reference")
-#: what errors are against; of the reference itself, the other one, and only where it has changed: that one is slow
+#: backend that errors are measured against, and the slower one that the reference is compared with if it has changed
 REFERENCE, SECOND = "reference", "scipy"
-#: times in a baseline, beside t = 0
+#: number of samples of a new baseline, t = 0 not counted
 SAMPLES = 20
-#: wanted of new baselines: steps are coarse, for what is asked is whether a run is the same
+#: accuracy of new baselines; coarse steps suffice to detect a change
 ACCURACY = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
-    """One comparison to be made."""
+class Task:
+    """Hold the settings of one comparison."""
 
     scene: Scene
     backend: str
     resolution: Resolution
     sampling: Sampling
     tolerance: float
+    """Relative tolerance of the velocity error."""
     source: str = ""
+    """Name or path from which the scene is loaded again."""
     baseline: Baseline | None = None
+    """Baseline to compare with; None if there is none yet."""
 
     def case(self, engine: Engine | None, *, bars: bool) -> Case:
+        """Return the run of the scene, with an estimate of its uncertainty if ``bars`` is True."""
         return Case(
             scene=self.scene,
             backend=self.backend,
@@ -58,46 +62,56 @@ class Asked:
         )
 
     @property
-    def judge(self) -> Case:
+    def reference(self) -> Case:
+        """Return the run of the reference with the same samples."""
         return Case(scene=self.scene, backend=REFERENCE, resolution=Resolution(), sampling=self.sampling)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Regression:
-    """All comparisons. ``texts``: file name -> baseline, where they are to be written; ``named``: backends that were
-    asked for by name."""
+    """Hold all comparisons of a regression and the baselines to be written."""
 
     comparisons: tuple[Comparison, ...]
     title: str
     texts: Mapping[str, str]
-    named: tuple[str, ...] = ()
+    """Texts of the baselines to be written, by file name."""
+    required_backends: tuple[str, ...] = ()
+    """Backends that were requested by name; if one does not run, the exit code is 2."""
 
     def count(self, change: Change) -> int:
-        return sum(one.change is change for one in self.comparisons)
+        """Return the number of comparisons with an outcome."""
+        return sum(comparison.change is change for comparison in self.comparisons)
 
     @property
     def exit_code(self) -> int:
-        """2 a backend that was asked for by name did not run, 3 a run broke, 1 CHANGED or GONE, 0 otherwise; the first
-        of these that occurs."""
-        if any(one.change is Change.NOT_RUN and one.backend in self.named for one in self.comparisons):
+        """Return the exit code of the command line.
+
+        It is the first that applies of 2 (a backend requested by name did not run), 3 (a run broke), 1 (CHANGED or
+        GONE) and 0.
+        """
+        if any(
+            comparison.change is Change.NOT_RUN and comparison.backend in self.required_backends
+            for comparison in self.comparisons
+        ):
             return 2
         if self.count(Change.BROKEN):
             return 3
-        return 1 if any(one.change.fails for one in self.comparisons) else 0
+        return 1 if any(comparison.change.fails for comparison in self.comparisons) else 0
 
     @property
     def bisect_code(self) -> int:
-        """For ``git bisect run``: 1 what changed, broke or is gone, 125 what did not run and so says nothing, 0."""
-        if any(one.change.fails for one in self.comparisons):
+        """Return the exit code for ``git bisect run``: 1 failure, 125 a backend did not run, 0 otherwise."""
+        if any(comparison.change.fails for comparison in self.comparisons):
             return 1
         return 125 if self.count(Change.NOT_RUN) else 0
 
     def as_json(self) -> dict[str, Any]:
+        """Return the regression as a JSON document of the schema :data:`SCHEMA`."""
         return {
             "schema": SCHEMA,
             "title": self.title,
             "exit_code": self.exit_code,
-            "comparisons": [one.as_json() for one in self.comparisons],
+            "comparisons": [comparison.as_json() for comparison in self.comparisons],
         }
 
 
@@ -113,46 +127,48 @@ def regress_scenes(
     jobs: int | None = None,
     progress: Progress | None = None,
 ) -> Regression:
-    """Run again what has a baseline in ``folder``, all or only these scenes and backends; what has none is NEW.
+    """Run the scenes of the baselines in ``folder`` again and compare; a scene without a baseline is NEW.
 
-    ``accuracy`` and ``dt`` (s): of new baselines, and with ``update`` of all; None: what the baseline has.
-    ``update``: ``texts`` has what is to be written, for all that is NEW or CHANGED.
+    ``scenes`` and ``backends`` select baselines; the default is all. ``accuracy`` and ``dt`` (s) are those of new
+    baselines, and with ``update`` of all; None keeps those of a baseline. With ``update``, ``texts`` of the result has
+    the baselines to write for all that is NEW or CHANGED.
     """
     _check_backends(backends)
-    asked, gone = _asked(scenes, backends, folder, accuracy, dt, update)
-    if not asked and not gone:
-        raise UsageError(
-            f"{folder}: there are no baselines{' of what was asked for' if scenes or backends else ''};"
-            " name scenes, and with --update they are made"
-        )
-    # bars cost runs: what is only compared has those of its baseline
-    cases = [one.case(engine, bars=update or one.baseline is None or one.backend == REFERENCE) for one in asked]
-    judges = [one.judge for one in asked]
-    results = run_cases([*cases, *judges], jobs=jobs, progress=progress, everything=True)
-    found: list[Comparison] = [*gone]
+    tasks, gone = _tasks(scenes, backends, folder, accuracy, dt, update)
+    if not tasks and not gone:
+        selection = " of these scenes and backends" if scenes or backends else ""
+        raise UsageError(f"{folder}: the folder has no baselines{selection}; write some: name scenes and add --update")
+    # an uncertainty costs runs; a run that is only compared has the uncertainty of its baseline
+    cases = [task.case(engine, bars=update or task.baseline is None or task.backend == REFERENCE) for task in tasks]
+    references = [task.reference for task in tasks]
+    results = run_cases([*cases, *references], jobs=jobs, progress=progress, everything=True)
+    comparisons: list[Comparison] = [*gone]
     texts: dict[str, str] = {}
-    for one, result, judge in zip(asked, results[: len(asked)], results[len(asked) :], strict=True):
+    for task, result, answer in zip(tasks, results[: len(tasks)], results[len(tasks) :], strict=True):
         run = result.trajectory
         if run is None:
-            found.append(_absent(one, result))
+            comparisons.append(_without_run(task, result))
             continue
-        reference = None if one.backend == REFERENCE else judge.trajectory
-        comparison = _compared(one, run, reference)
+        reference = None if task.backend == REFERENCE else answer.trajectory
+        comparison = _compare(task, run, reference)
         changed = comparison.change is Change.CHANGED or (update and comparison.change is Change.NEW)
-        if changed and one.backend == REFERENCE:
-            reference = _second(one, run)
-            comparison = _compared(one, run, reference)
-        found.append(comparison)
+        if changed and task.backend == REFERENCE:
+            reference = _second_reference(task, run)
+            comparison = _compare(task, run, reference)
+        comparisons.append(comparison)
         if update and changed:
-            made = _made(one, run, reference)
-            texts[made.file_name] = made.text()
-    found.sort(key=lambda one: (one.scene, _place(one.backend)))
+            baseline = _new_baseline(task, run, reference)
+            texts[baseline.file_name] = baseline.text()
+    comparisons.sort(key=lambda comparison: (comparison.scene, _rank(comparison.backend)))
     return Regression(
-        comparisons=tuple(found), title=f"{len(found)} beside their baselines", texts=texts, named=tuple(backends)
+        comparisons=tuple(comparisons),
+        title=f"{len(comparisons)} comparisons with baselines",
+        texts=texts,
+        required_backends=tuple(backends),
     )
 
 
-def against(
+def compare_engines(
     scenes: Sequence[Scene | str | Path],
     other: Engine,
     *,
@@ -164,152 +180,173 @@ def against(
     jobs: int | None = None,
     progress: Progress | None = None,
 ) -> Regression:
-    """The same decks through two LAMMPS: ``other`` is what was, ``engine`` what is. Without scenes, those that have
-    baselines of LAMMPS in ``folder``."""
+    """Run the same decks with two LAMMPS and compare the results of ``engine`` with those of ``other``.
+
+    Without scenes, the decks are those of the LAMMPS baselines in ``folder``.
+    """
     _check_backends(backends, ENGINE_BACKENDS)
-    asked, _ = _asked(scenes, backends, folder, accuracy, dt, True)
-    asked = [one for one in asked if one.backend in ENGINE_BACKENDS]
-    if not asked:
-        raise UsageError(f"{folder}: there are no baselines of LAMMPS; name scenes to compare two LAMMPS on")
-    sides = ((other, True), (engine or Engine.chosen(), False))  # bars are those of the settings: one of them is enough
-    cases = [one.case(each, bars=bars) for one in asked for each, bars in sides]
-    results = run_cases([*cases, *(one.judge for one in asked)], jobs=jobs, progress=progress, everything=True)
-    judges, found, versions = results[len(cases) :], [], {}
+    tasks, _ = _tasks(scenes, backends, folder, accuracy, dt, True)
+    tasks = [task for task in tasks if task.backend in ENGINE_BACKENDS]
+    if not tasks:
+        raise UsageError(f"{folder}: the folder has no baselines of LAMMPS; name the scenes on which to compare")
+    # the uncertainty follows from the settings, which both sides share, so one side estimates it
+    sides = ((other, True), (engine or Engine.chosen(), False))
+    cases = [task.case(each, bars=bars) for task in tasks for each, bars in sides]
+    results = run_cases([*cases, *(task.reference for task in tasks)], jobs=jobs, progress=progress, everything=True)
+    references, comparisons, versions = results[len(cases) :], [], {}
     for side in (results[: len(cases) : 2], results[1 : len(cases) : 2]):
-        if isinstance(error := side[0].failure, BackendUnavailable) and not any(one.trajectory for one in side):
+        if isinstance(error := side[0].failure, BackendUnavailable) and not any(result.trajectory for result in side):
             raise error
-    for nth, one in enumerate(asked):
+    for nth, task in enumerate(tasks):
         was, now = results[2 * nth], results[2 * nth + 1]
         for name, result in (("other", was), ("this", now)):
             if result.trajectory is not None:
-                told = result.trajectory.provenance["lammps"]
-                versions[name] = f"{told['version']} ({told['run_by']})"
+                lammps = result.trajectory.provenance["lammps"]
+                versions[name] = f"{lammps['version']} ({lammps['run_by']})"
         if was.trajectory is None:
-            found.append(replace(_absent(one, was), sentence=f"the other LAMMPS: {was.failure}"))
+            comparisons.append(replace(_without_run(task, was), sentence=f"the other LAMMPS: {was.failure}"))
             continue
         if now.trajectory is None:
-            found.append(_absent(one, now))
+            comparisons.append(_without_run(task, now))
             continue
-        within = roundoff_tolerance(one.scene, one.backend, one.resolution, one.sampling, was.trajectory)
-        basis = baseline_of(
-            one.scene, was.trajectory, dt=one.resolution.dt, tolerance=one.tolerance, same_within=within
+        tolerances = roundoff_tolerance(task.scene, task.backend, task.resolution, task.sampling, was.trajectory)
+        baseline = baseline_of(
+            task.scene, was.trajectory, dt=task.resolution.dt, tolerance=task.tolerance, same_within=tolerances
         )
-        found.append(compare(basis, now.trajectory, reference=judges[nth].trajectory))
-    title = (
-        f"the same decks by LAMMPS {versions.get('other', 'that did not run')} and by {versions.get('this', 'none')}"
-    )
-    return Regression(comparisons=tuple(found), title=title, texts={}, named=tuple(backends))
+        comparisons.append(compare(baseline, now.trajectory, reference=references[nth].trajectory))
+    names = [versions.get(side, "(not run)") for side in ("other", "this")]
+    title = f"the same decks with LAMMPS {names[0]} and LAMMPS {names[1]}"
+    return Regression(comparisons=tuple(comparisons), title=title, texts={}, required_backends=tuple(backends))
 
 
-def with_since(found: Regression, past: Mapping[str, Any], where: str) -> Regression:
-    """Beside an earlier answer's JSON: what is new, fixed or still failing. UsageError where it is none."""
+def with_since(regression: Regression, past: Mapping[str, Any], where: str) -> Regression:
+    """Return the regression with the changes of outcomes since an earlier one.
+
+    ``past`` is the JSON document of the earlier regression and ``where`` names it in messages. Raises UsageError if it
+    is not such a document.
+    """
     if not isinstance(past, dict) or past.get("schema") != SCHEMA:
         schema = past.get("schema") if isinstance(past, dict) else None
-        raise UsageError(f"{where}: schema {schema!r}; allowed: what regress --json wrote, {SCHEMA!r}")
+        raise UsageError(f"{where}: schema = {schema!r}; allowed: {SCHEMA!r}, as written by regress --json")
     try:
-        failed = {(one["scene"], one["backend"]): Change(one["change"]).fails for one in past["comparisons"]}
+        failed = {(entry["scene"], entry["backend"]): Change(entry["change"]).fails for entry in past["comparisons"]}
     except (KeyError, TypeError, ValueError) as error:
         raise UsageError(
-            f"{where}: a part is missing or wrong ({error}); write it again with regress --json"
+            f"{where}: an entry is missing or wrong ({error}); write the file again with regress --json"
         ) from error
-    told = []
-    for one in found.comparisons:
-        was, now = failed.get((one.scene, one.backend), False), one.change.fails
-        since = "still failing" if was and now else "new" if now else "fixed" if was and _answered(one) else ""
-        told.append(replace(one, since=since))
-    return replace(found, comparisons=tuple(told))
-
-
-def _answered(one: Comparison) -> bool:
-    return one.change in (Change.SAME, Change.NEW)
+    comparisons = []
+    for comparison in regression.comparisons:
+        was, now = failed.get((comparison.scene, comparison.backend), False), comparison.change.fails
+        good = comparison.change in (Change.SAME, Change.NEW)
+        since = "still failing" if was and now else "new" if now else "fixed" if was and good else ""
+        comparisons.append(replace(comparison, since=since))
+    return replace(regression, comparisons=tuple(comparisons))
 
 
 def _check_backends(names: Sequence[str], allowed: Sequence[str] = tuple(BACKENDS)) -> None:
+    """Raise UsageError unless all names of backends are allowed."""
     for name in names:
         if name not in allowed:
             raise UsageError(f"backend = {name!r}; allowed: {', '.join(allowed)}")
 
 
-def _place(name: str) -> int:
+def _rank(name: str) -> int:
+    """Return the place of a backend in lists."""
     return list(BACKENDS).index(name) if name in BACKENDS else len(BACKENDS)
 
 
-def _asked(
+def _tasks(
     scenes: Sequence[Scene | str | Path],
     backends: Sequence[str],
     folder: Path,
     accuracy: float | None,
     dt: float | None,
     update: bool,
-) -> tuple[list[Asked], list[Comparison]]:
-    """What is to be run, and what is GONE."""
-    there = [read_baseline(file) for file in sorted(folder.glob("*.json"))] if folder.is_dir() else []
-    wanted = {loaded.name: (loaded, source) for loaded, source in (_loaded(one, folder) for one in scenes)}
-    chosen = [one for one in there if (not scenes or one.scene in wanted) and (not backends or one.backend in backends)]
-    asked, gone = [], []
-    for one in chosen:
-        scene, source = wanted.get(one.scene) or _again(one, folder)
-        missing = f"there is no scene {one.scene}" if scene is None else ""
-        if one.backend not in BACKENDS:
-            missing = f"there is no backend {one.backend}"
+) -> tuple[list[Task], list[Comparison]]:
+    """Return the comparisons to make, and the comparisons of baselines that are GONE."""
+    existing = [read_baseline(file) for file in sorted(folder.glob("*.json"))] if folder.is_dir() else []
+    requested = {loaded.name: (loaded, source) for loaded, source in (_load(scene, folder) for scene in scenes)}
+    selected = [
+        baseline
+        for baseline in existing
+        if (not scenes or baseline.scene in requested) and (not backends or baseline.backend in backends)
+    ]
+    tasks, gone = [], []
+    for baseline in selected:
+        scene, source = requested.get(baseline.scene) or _reload(baseline, folder)
+        missing = f"the scene {baseline.scene} no longer exists" if scene is None else ""
+        if baseline.backend not in BACKENDS:
+            missing = f"the backend {baseline.backend} no longer exists"
         if missing or scene is None:
-            sentence = f"{missing} any more; bring it back, or name its file, or remove {folder / one.file_name}."
-            gone.append(Comparison(scene=one.scene, backend=one.backend, change=Change.GONE, sentence=sentence))
+            sentence = f"{missing}; restore it, or name its file, or remove {folder / baseline.file_name}."
+            gone.append(
+                Comparison(scene=baseline.scene, backend=baseline.backend, change=Change.GONE, sentence=sentence)
+            )
             continue
-        step = dt if update and dt is not None and one.dt is not None else one.dt
-        tolerance = accuracy if update and accuracy is not None else one.tolerance
-        asked.append(
-            Asked(
+        step = dt if update and dt is not None and baseline.dt is not None else baseline.dt
+        tasks.append(
+            Task(
                 scene=scene,
-                backend=one.backend,
+                backend=baseline.backend,
                 resolution=Resolution(dt=step),
-                sampling=one.sampling,
-                tolerance=tolerance,
+                sampling=baseline.sampling,
+                tolerance=accuracy if update and accuracy is not None else baseline.tolerance,
                 source=source,
-                baseline=one,
+                baseline=baseline,
             )
         )
-    have = {(one.scene, one.backend) for one in there}
-    names = {one.scene: None for one in chosen} | dict.fromkeys(wanted)
+    names = {baseline.scene: None for baseline in selected} | dict.fromkeys(requested)
     for name in names:
-        scene, source = wanted.get(name) or _again(next(one for one in there if one.scene == name), folder)
-        if scene is None:
+        of_scene = [baseline for baseline in existing if baseline.scene == name]
+        scene, source = requested.get(name) or _reload(of_scene[0], folder)
+        if scene is not None:
+            tasks += _new_tasks(scene, source, of_scene, backends, accuracy, dt)
+    return tasks, gone
+
+
+def _new_tasks(
+    scene: Scene,
+    source: str,
+    existing: Sequence[Baseline],
+    backends: Sequence[str],
+    accuracy: float | None,
+    dt: float | None,
+) -> list[Task]:
+    """Return the comparisons of a scene for backends without a baseline, with the settings of existing baselines."""
+    names = backends or ([] if existing else [name for name in NEW_BACKENDS if supports_of(name).covers(scene)])
+    tolerance = accuracy or next((baseline.tolerance for baseline in existing), ACCURACY)
+    step = dt or next((baseline.dt for baseline in existing if baseline.dt is not None), None)
+    sampling, tasks = Sampling(count=SAMPLES), []
+    for name in names:
+        if name in {baseline.backend for baseline in existing}:
             continue
-        of_scene = [one for one in there if one.scene == name]
-        fresh = backends or ([] if of_scene else [b for b in NEW_BACKENDS if supports_of(b).covers(scene)])
-        lacking = [b for b in fresh if (name, b) not in have]
-        if not lacking:
-            continue
-        wish = accuracy or next((one.tolerance for one in of_scene), ACCURACY)
-        sampling = Sampling(count=SAMPLES)
-        step = dt or next((one.dt for one in of_scene if one.dt is not None), None)
-        for b in lacking:
-            fixed = backend(b).order is not None
-            if fixed and step is None:
-                step = resolution_for(scene, wish, Resolution(), sampling).dt
-            asked.append(
-                Asked(
-                    scene=scene,
-                    backend=b,
-                    resolution=Resolution(dt=step if fixed else None),
-                    sampling=sampling,
-                    tolerance=wish,
-                    source=source,
-                )
+        fixed = backend(name).order is not None
+        if fixed and step is None:
+            step = resolution_for(scene, tolerance, Resolution(), sampling).dt
+        tasks.append(
+            Task(
+                scene=scene,
+                backend=name,
+                resolution=Resolution(dt=step if fixed else None),
+                sampling=sampling,
+                tolerance=tolerance,
+                source=source,
             )
-    return asked, gone
+        )
+    return tasks
 
 
-def _loaded(given: Scene | str | Path, folder: Path) -> tuple[Scene, str]:
-    """A scene, and where it is found again: its shipped name, or its file as seen from the baselines."""
-    if isinstance(given, Scene):
-        return given, given.name if given.name in shipped_scenes() else ""
-    scene = load_scene(given)
-    return scene, str(given) if str(given) in shipped_scenes() else os.path.relpath(given, folder)
+def _load(scene: Scene | str | Path, folder: Path) -> tuple[Scene, str]:
+    """Return a scene and its source: the name of a shipped scene, or the path relative to the baselines."""
+    if isinstance(scene, Scene):
+        return scene, scene.name if scene.name in shipped_scenes() else ""
+    loaded = load_scene(scene)
+    return loaded, str(scene) if str(scene) in shipped_scenes() else os.path.relpath(scene, folder)
 
 
-def _again(one: Baseline, folder: Path) -> tuple[Scene | None, str]:
-    source = one.birth["source"]
+def _reload(baseline: Baseline, folder: Path) -> tuple[Scene | None, str]:
+    """Return the scene of a baseline and its source; None if the scene no longer exists."""
+    source = baseline.provenance["source"]
     if not source:
         return None, ""
     try:
@@ -319,51 +356,55 @@ def _again(one: Baseline, folder: Path) -> tuple[Scene | None, str]:
             return None, source
         scene = load_scene(folder / source)
     except SceneError as error:
-        raise SceneError("", problem=str(error), allowed="a scene as of its baseline", where=one.file_name) from error
-    return (scene, source) if scene.name == one.scene else (None, source)
+        allowed = "the scene of the baseline"
+        raise SceneError("", problem=str(error), allowed=allowed, where=baseline.file_name) from error
+    return (scene, source) if scene.name == baseline.scene else (None, source)
 
 
-def _compared(one: Asked, run: Trajectory, reference: Trajectory | None) -> Comparison:
-    if one.baseline is not None:
-        return compare(one.baseline, run, reference=reference)
-    after = judged(run, reference, one.tolerance)
+def _compare(task: Task, run: Trajectory, reference: Trajectory | None) -> Comparison:
+    """Return the comparison of a run with its baseline, or NEW without a baseline."""
+    if task.baseline is not None:
+        return compare(task.baseline, run, reference=reference)
+    after = assess(run, reference, task.tolerance)
     words = accuracy_words({}, after)
     return Comparison(
-        scene=one.scene.name,
-        backend=one.backend,
+        scene=task.scene.name,
+        backend=task.backend,
         change=Change.NEW,
-        sentence=f"there is no baseline yet{f'; {words}' if words else ''}; it is made by regress --update.",
-        tolerance=one.tolerance,
+        sentence=f"there is no baseline yet{f'; {words}' if words else ''}; regress --update writes it.",
+        tolerance=task.tolerance,
         after=after,
     )
 
 
-def _second(one: Asked, run: Trajectory) -> Trajectory | None:
-    """The other reference, for the reference; None where it was that which answered."""
+def _second_reference(task: Task, run: Trajectory) -> Trajectory | None:
+    """Return the run of the second reference; None if the reference itself used that integrator."""
     if run.provenance.get("answered_by") == SECOND:
         return None
-    [result] = run_cases([replace(one.judge, backend=SECOND)], jobs=1, everything=True)
+    [result] = run_cases([replace(task.reference, backend=SECOND)], jobs=1, everything=True)
     return result.trajectory
 
 
-def _absent(one: Asked, result: Result) -> Comparison:
+def _without_run(task: Task, result: Result) -> Comparison:
+    """Return the comparison for a run that broke or was not possible."""
     broken = isinstance(result.failure, RunBroken)
     return Comparison(
-        scene=one.scene.name,
-        backend=one.backend,
+        scene=task.scene.name,
+        backend=task.backend,
         change=Change.BROKEN if broken else Change.NOT_RUN,
         sentence=" ".join(str(result.failure).split()),
-        tolerance=one.tolerance,
+        tolerance=task.tolerance,
     )
 
 
-def _made(one: Asked, run: Trajectory, reference: Trajectory | None) -> Baseline:
+def _new_baseline(task: Task, run: Trajectory, reference: Trajectory | None) -> Baseline:
+    """Return the baseline that a run becomes."""
     return baseline_of(
-        one.scene,
+        task.scene,
         run,
-        dt=one.resolution.dt,
-        tolerance=one.tolerance,
-        same_within=roundoff_tolerance(one.scene, one.backend, one.resolution, one.sampling, run),
-        accuracy=judged(run, reference, one.tolerance),
-        source=one.source,
+        dt=task.resolution.dt,
+        tolerance=task.tolerance,
+        same_within=roundoff_tolerance(task.scene, task.backend, task.resolution, task.sampling, run),
+        accuracy=assess(run, reference, task.tolerance),
+        source=task.source,
     )

@@ -12,9 +12,16 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.regression.baseline import QUANTITIES, Accuracy, Baseline, Within, baseline_of_text, read_baseline
+from dem_bridge.regression.baseline import (
+    QUANTITIES,
+    Accuracy,
+    Baseline,
+    RoundoffTolerance,
+    baseline_of_text,
+    read_baseline,
+)
 
-BIRTH = {
+PROVENANCE = {
     "date": "2026-11-21",
     "package": "0.1.0",
     "scene_hash": "5" * 64,
@@ -33,16 +40,22 @@ def small(**changes: Any) -> Baseline:
     parts: dict[str, Any] = {
         "scene": "pair",
         "backend": "verlet",
-        "birth": BIRTH,
+        "provenance": PROVENANCE,
         "dt": 1e-7,
         "tolerance": 1e-3,
-        "same_within": {name: Within(value=1e-12, reason="its last digits") for name in QUANTITIES},
-        "accuracy": {"velocity": Accuracy(error=1e-4, bar=1e-12, tolerance=1e-3, outcome="PASS", by="reference")},
+        "same_within": {name: RoundoffTolerance(value=1e-12, reason="its last digits") for name in QUANTITIES},
+        "accuracy": {
+            "velocity": Accuracy(error=1e-4, uncertainty=1e-12, tolerance=1e-3, outcome="PASS", by="reference")
+        },
         "time": np.linspace(0.0, 3e-3, 5),
         "velocity": rng.standard_normal((5, 3)),
         "peak_force": np.array([31.4, 15.9]),
         "crossing_time": np.array([1.25e-3, math.nan]),
-        "bars": {"velocity": 1e-5, "peak_force": np.array([1e-3, math.inf]), "crossing_time": np.array([1e-9, 0.0])},
+        "uncertainty": {
+            "velocity": 1e-5,
+            "peak_force": np.array([1e-3, math.inf]),
+            "crossing_time": np.array([1e-9, 0.0]),
+        },
     }
     return Baseline(**(parts | changes))
 
@@ -52,7 +65,7 @@ def test_what_is_written_is_read_to_the_last_digit() -> None:
     found = baseline_of_text(made.text())
     for name in ("time", *QUANTITIES):
         np.testing.assert_array_equal(getattr(found, name), getattr(made, name))
-    np.testing.assert_array_equal(found.bars["peak_force"], made.bars["peak_force"])
+    np.testing.assert_array_equal(found.uncertainty["peak_force"], made.uncertainty["peak_force"])
     assert found.text() == made.text()
     assert found.edited == ()
 
@@ -83,23 +96,29 @@ REFUSED: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "unknown key": (lambda t: t.update(remark="mine"), "remark is unknown"),
     "unknown key within": (lambda t: t["settings"].update(rtol=1e-9), "settings.rtol is unknown"),
     "key left out": (lambda t: t.pop("digests"), "digests is missing"),
-    "bodies reordered": (lambda t: _swap(t["bodies"], 0, 1), "bodies[0].body = 1; allowed: 0: reordered"),
+    "bodies reordered": (
+        lambda t: _swap(t["bodies"], 0, 1),
+        "bodies[0].body = 1; allowed: 0; lines are in another order",
+    ),
     "contacts reordered": (lambda t: _swap(t["contacts"], 0, 1), "contacts[0].contact = 1"),
     "times reordered": (lambda t: _swap(t["time"], 1, 2), "time[2] = 0.00075 is not after time[1] = 0.0015"),
-    "times uneven": (lambda t: t["time"].__setitem__(2, 0.00151), "time[2] = 0.00151 is not one of 4 equal steps"),
+    "times uneven": (lambda t: t["time"].__setitem__(2, 0.00151), "time[2] = 0.00151; allowed: 4 equal steps"),
     "values in another order": (
         lambda t: _swap(t["bodies"][1]["velocity"], 1, 3),
-        "the values of velocity are reordered",
+        "the values of velocity are in another order than they were written",
     ),
-    "values of other bodies": (_swap_velocities, "the values of velocity are reordered"),
-    "a body cut off": (lambda t: t["bodies"].pop(), "bodies has 2 lines for counts.bodies = 3: truncated"),
-    "a contact cut off": (lambda t: t["contacts"].pop(), "contacts has 1 lines for counts.contacts = 2: truncated"),
+    "values of other bodies": (_swap_velocities, "the values of velocity are in another order than they were written"),
+    "a body cut off": (lambda t: t["bodies"].pop(), "bodies has 2 lines for counts.bodies = 3; the file is truncated"),
+    "a contact cut off": (
+        lambda t: t["contacts"].pop(),
+        "contacts has 1 lines for counts.contacts = 2; the file is truncated",
+    ),
     "a value cut off": (lambda t: t["bodies"][2]["velocity"].pop(), "bodies[2].velocity has 4 values for 5 times"),
     "a time cut off": (lambda t: t["time"].pop(), "time has 4 values for counts.times = 5"),
     "a value that is none": (lambda t: t["bodies"][1]["velocity"].__setitem__(2, None), "bodies[1].velocity[2] = None"),
     "a word for a number": (lambda t: t["contacts"][0].update(peak_force="31"), "peak_force = '31'"),
     "a list for an object": (lambda t: t.update(birth=[]), "birth = []"),
-    "counts of another kind": (lambda t: t.update(bodies=3), "of the wrong kind"),
+    "counts of another kind": (lambda t: t.update(bodies=3), "an entry is missing or has a wrong type"),
     "less than nothing": (lambda t: t["same_within"]["velocity"].update(value=-1.0), "same_within.velocity.value"),
 }
 
@@ -123,14 +142,16 @@ def test_a_text_that_is_cut_short_is_refused_by_name(part: float, tmp_path: Path
     text = small().text()
     file = tmp_path / "pair.verlet.json"
     file.write_text(text[: int(part * len(text))])
-    with pytest.raises(UsageError, match=r"pair\.verlet\.json: is no JSON, or is cut short"):
+    with pytest.raises(UsageError, match=r"pair\.verlet\.json: the file is not JSON or is truncated"):
         read_baseline(file)
 
 
 def test_a_baseline_under_another_name_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "other.verlet.json"
     file.write_text(small().text())
-    with pytest.raises(UsageError, match=r"is the baseline pair\.verlet\.json, under another name"):
+    with pytest.raises(
+        UsageError, match=r"the file contains the baseline pair\.verlet\.json; allowed: a file of that name"
+    ):
         read_baseline(file)
 
 

@@ -18,8 +18,8 @@ from tests.regression.test_baseline import small
 def as_run(baseline: Baseline, **changes: Any) -> Trajectory:
     """The run that a baseline is of, with the provenance of a run."""
     run = replace(baseline.as_trajectory(), **changes)
-    told = {"scene_hash": baseline.birth["scene_hash"], "versions": baseline.birth["versions"]}
-    return replace(run, provenance={**told, "machine": baseline.birth["machine"], "backend": "reference"})
+    told = {"scene_hash": baseline.provenance["scene_hash"], "versions": baseline.provenance["versions"]}
+    return replace(run, provenance={**told, "machine": baseline.provenance["machine"], "backend": "reference"})
 
 
 def test_the_same_is_the_same_bit_for_bit() -> None:
@@ -27,7 +27,8 @@ def test_the_same_is_the_same_bit_for_bit() -> None:
     assert (found.change, found.bitwise, found.departures) == (Change.SAME, True, ())
     # nothing judged it now: it is as right as it was
     assert (
-        found.sentence == "bit for bit; still right: velocity is 0.0001 from reference (was 0.0001), tolerance 0.001."
+        found.sentence
+        == "bit for bit; still right: the velocity error against reference is 0.0001 (was 0.0001), tolerance 0.001."
     )
 
 
@@ -39,7 +40,7 @@ def test_a_changed_velocity_is_found_at_its_time_and_body(row: int, body: int) -
     [found] = compare(small(), as_run(small(), velocity=velocity)).departures
     assert found.quantity == "velocity"
     assert (found.time, found.body) == (small().time[row], body if row < 4 else 2)
-    assert found.worst == pytest.approx(1e-6 / np.max(np.abs(small().velocity)), rel=1e-3)
+    assert found.largest_difference == pytest.approx(1e-6 / np.max(np.abs(small().velocity)), rel=1e-3)
 
 
 def test_what_differs_by_less_than_same_within_is_the_same_but_not_bit_for_bit() -> None:
@@ -54,7 +55,7 @@ def test_a_crossing_that_is_lost_and_one_that_is_new_are_changes() -> None:
         found = compare(small(), as_run(small(), crossing_time=np.array(crossing)))
         [departure] = found.departures
         assert departure.quantity == "crossing_time"
-        assert departure.worst == math.inf
+        assert departure.largest_difference == math.inf
 
 
 def test_the_first_in_time_comes_first() -> None:
@@ -77,7 +78,7 @@ def test_a_huge_value_is_not_its_own_excuse() -> None:
     velocity = small().velocity.copy()
     velocity[1, 1] += 1e20
     velocity[3, 0] += 1e-6
-    assert compare(small(), as_run(small(), velocity=velocity)).departures[0].beyond == 2
+    assert compare(small(), as_run(small(), velocity=velocity)).departures[0].count == 2
 
 
 @pytest.mark.parametrize(
@@ -85,7 +86,7 @@ def test_a_huge_value_is_not_its_own_excuse() -> None:
     [(0.0, 1e-4, "still right"), (0.0, 1.0, "now wrong"), (1.0, 1e-4, "now right"), (1.0, 2.0, "still wrong")],
 )
 def test_changed_and_right_are_two_answers(was: float, is_: float, words: str) -> None:
-    truth = as_run(replace(small(), bars={**small().bars, "peak_force": 0.0}))
+    truth = as_run(replace(small(), uncertainty={**small().uncertainty, "peak_force": 0.0}))
     size = float(np.max(np.abs(truth.velocity)))
     before = replace(small(), velocity=small().velocity + was * size)
     found = compare(before, as_run(small(), velocity=small().velocity + is_ * size), reference=truth)
@@ -96,8 +97,8 @@ def test_changed_and_right_are_two_answers(was: float, is_: float, words: str) -
 
 
 def test_peaks_and_crossings_may_err_by_the_bars_of_the_baseline_and_velocities_may_not() -> None:
-    truth = as_run(replace(small(), bars={"velocity": 0.0, "peak_force": 0.0, "crossing_time": 0.0}))
-    wide = replace(small(), bars={"velocity": 10.0, "peak_force": 10.0, "crossing_time": 0.0})
+    truth = as_run(replace(small(), uncertainty={"velocity": 0.0, "peak_force": 0.0, "crossing_time": 0.0}))
+    wide = replace(small(), uncertainty={"velocity": 10.0, "peak_force": 10.0, "crossing_time": 0.0})
     for name, outcome in (("peak_force", "PASS"), ("velocity", "FAIL")):
         off = {name: getattr(small(), name) * 1.1}
         assert compare(wide, as_run(small(), **off), reference=truth).after[name].outcome == outcome

@@ -86,8 +86,8 @@ def test_one_digit_of_one_velocity_is_found_at_its_time_and_body(home: Path, bod
     assert (one.change, found.exit_code) == (Change.CHANGED, 1)
     assert (departure.quantity, departure.body, departure.time) == ("velocity", body, before["time"][row])
     assert departure.after == before["bodies"][body]["velocity"][row]
-    assert departure.beyond == 1
-    assert any("not as it was written" in note for note in one.notes)
+    assert departure.count == 1
+    assert any("was changed after the file was written" in note for note in one.notes)
 
 
 @pytest.mark.parametrize("quantity", ["peak_force", "crossing_time"])
@@ -104,7 +104,10 @@ def test_one_digit_of_one_contact_is_found(home: Path, quantity: str) -> None:
 def test_a_reordered_and_a_truncated_file_are_refused_by_name(home: Path, regress: Regress) -> None:
     whole = _file(home).read_text()
     _edit(home, lambda told: told["bodies"].reverse())
-    for text, words in ((_file(home).read_text(), "reordered"), (whole[:-300], "cut short")):
+    for text, words in (
+        (_file(home).read_text(), "lines are in another order"),
+        (whole[:-300], "the file is not JSON or is truncated"),
+    ):
         _file(home).write_text(text)
         done = regress()
         assert done.exit_code == 2
@@ -127,7 +130,7 @@ def test_a_baseline_without_its_scene_is_gone(home: Path, regress: Regress) -> N
     done = regress()
     assert done.exit_code == 1
     assert done.stdout.startswith("GONE ")
-    assert "there is no scene small any more" in done.stdout
+    assert "the scene small no longer exists; restore it" in done.stdout
     assert _file(home).exists()
 
 
@@ -217,13 +220,13 @@ def test_exit_codes_in_the_order_in_which_they_win() -> None:
 
 
 def test_words_that_do_not_fit_are_refused(home: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="there are no baselines"):
+    with pytest.raises(UsageError, match="the folder has no baselines"):
         db.regress(baselines=tmp_path / "none")
     with pytest.raises(UsageError, match="update and against"):
         db.regress(baselines=home / "baselines", update=True, against="/bin/false")
     with pytest.raises(UsageError, match="backend = 'nobody'"):
         db.regress(baselines=home / "baselines", backends="nobody")
-    with pytest.raises(UsageError, match="schema None"):
+    with pytest.raises(UsageError, match="schema = None"):
         db.regress(baselines=home / "baselines", since={})
 
 
@@ -251,7 +254,7 @@ def test_two_engines_on_the_same_decks(home: Path) -> None:
     )
     [one] = found.comparisons
     assert (one.change, one.bitwise) == (Change.SAME, True)
-    assert "by LAMMPS 2" in found.title
+    assert "the same decks with LAMMPS 2" in found.title
     with pytest.raises(BackendUnavailable, match="/bin/false does not answer to -help as LAMMPS does"):
         db.regress(home / "small.toml", baselines=home / "none", against="/bin/false", dt=1e-6)
 
@@ -290,5 +293,5 @@ def test_the_committed_baselines_are_whole() -> None:
     for file in files:
         found = read_baseline(file)
         assert found.edited == ()
-        assert db.load_scene(found.scene).content_hash == found.birth["scene_hash"]
+        assert db.load_scene(found.scene).content_hash == found.provenance["scene_hash"]
         assert file.read_text(encoding="utf-8") == found.text()
