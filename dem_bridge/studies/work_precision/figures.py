@@ -7,13 +7,15 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.studies.study import FigureData, Panel, Series
 from dem_bridge.studies.work_precision.curves import STYLES
-from dem_bridge.studies.work_precision.norms import OBSERVABLES
 from dem_bridge.studies.work_precision.pareto import front
 from dem_bridge.studies.work_precision.runs import REFERENCE, Measured, Point
 
 ID = "work-precision"
+#: observables with a diagram of their own; the others follow from them, and are in the tables and files
+DRAWN = ("velocity", "displacement", "peak_force", "arrival", "residence_time")
 
 
 def cpu(point: Point) -> float:
@@ -27,19 +29,18 @@ def evaluations(point: Point) -> float:
 
 
 def figures(found: Measured) -> Iterator[FigureData]:
-    for observable, scale in OBSERVABLES.items():
-        words = observable.replace("_", " ")
+    for observable in (OBSERVABLES[name] for name in DRAWN if name in found.observables):
         yield FigureData(
-            id=f"{ID}-{observable.replace('_', '-')}",
-            title=f"Error of {words} against cost",
+            id=f"{ID}-{observable.name.replace('_', '-')}",
+            title=f"Error of {observable.words} against cost",
             caption=(
-                f"Largest error, relative to {scale}. The wide grey line is the Pareto front: what no other setting"
-                " beats in both. Binary collisions and the adiabatic wave evaluate no forces in time, and the"
-                " reference counts the coefficients of its series."
+                f"Largest error, relative to: {observable.scale_name.replace('_', ' ')}. The wide grey line is the"
+                " Pareto front: the settings that no other setting beats in both error and cost. Binary collisions and"
+                " the adiabatic wave evaluate no forces in time; the reference counts the coefficients of its series."
             ),
             panels=(
-                _panel(found, observable, cpu, "(a) against CPU time", "CPU time of a run (s)", shares=(1,)),
-                _panel(found, observable, evaluations, "(b) against force evaluations", "force evaluations"),
+                _panel(found, observable.name, cpu, "(a) against CPU time", "CPU time of a run (s)", shares=(1,)),
+                _panel(found, observable.name, evaluations, "(b) against force evaluations", "force evaluations"),
             ),
         )
     tables = _table_panels(found)
@@ -61,7 +62,7 @@ def _panel(
     *,
     shares: tuple[int, ...] = (),
 ) -> Panel:
-    bar = found.bars[observable, "max"]
+    bar = found.uncertainty[observable, "max"]
     # what costs nothing has no place on a logarithmic axis
     ran = [point for point in found.points if point.timing is not None and _is_drawn(point) and cost(point) > 0.0]
     x = np.array([cost(point) for point in ran])

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.studies.work_precision.norms import NORMS, OBSERVABLES
+from dem_bridge.observables.registry import OBSERVABLES
+from dem_bridge.studies.work_precision.norms import NORMS
 from dem_bridge.studies.work_precision.runs import Measured, Point
 
 SCHEMA = "dem-bridge/work-precision/1"
@@ -46,7 +47,7 @@ def as_csv(found: Measured) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     head = ("scene", "backend", "curve", "knob", "value", "settings", *SETTING)
-    writer.writerow([*head, "observable", "norm", "error", "reference_bar", "known", "reason"])
+    writer.writerow([*head, "observable", "norm", "error", "reference_uncertainty", "known", "reason"])
     writer.writerows(_rows(found))
     return text.getvalue()
 
@@ -55,10 +56,10 @@ def _rows(found: Measured) -> Iterator[tuple[Any, ...]]:
     for point in found.points:
         curve = point.curve
         first = (found.scene.name, curve.backend, curve.name, curve.knob, point.value, _settings(point))
-        for name in OBSERVABLES:
+        for name in found.observables:
             for norm in NORMS:
                 known = "" if point.timing is None else "yes" if found.known(point, name, norm) else "no"
-                error, bar = point.error(name, norm), found.bars[name, norm]
+                error, bar = point.error(name, norm), found.uncertainty[name, norm]
                 yield (*first, *numbers(point).values(), name, norm, error, bar, known, point.reason)
 
 
@@ -66,8 +67,8 @@ def as_netcdf(found: Measured) -> bytes:
     """netCDF-4: dimensions run, observable, norm; units and meanings as attributes. Read it by ``xarray``."""
     import xarray as xr
 
-    points, grid = found.points, [(name, norm) for name in OBSERVABLES for norm in NORMS]
-    shape = (len(OBSERVABLES), len(NORMS))
+    points, grid = found.points, [(name, norm) for name in found.observables for norm in NORMS]
+    shape = (len(found.observables), len(NORMS))
     error = np.array([[point.error(*one) for one in grid] for point in points]).reshape(len(points), *shape)
     known = np.array([[found.known(point, *one) for one in grid] for point in points], dtype=np.int8)
     of_runs = [numbers(point) for point in points]
@@ -82,9 +83,9 @@ def as_netcdf(found: Measured) -> bytes:
             known.reshape(error.shape),
             {"long_name": "1: the error is above the bar of the reference; 0: it is below, or there is no run"},
         ),
-        "reference_bar": (
+        "reference_uncertainty": (
             ("observable", "norm"),
-            np.array([found.bars[one] for one in grid]).reshape(shape),
+            np.array([found.uncertainty[one] for one in grid]).reshape(shape),
             {"units": "1", "long_name": "what the reference may err by itself, on the same scale"},
         ),
     }
@@ -97,11 +98,11 @@ def as_netcdf(found: Measured) -> bytes:
         "settings": [_settings(point) for point in points],
         "reason": [point.reason for point in points],
     }
-    scales = {"long_name": "observable", "scale": json.dumps(dict(OBSERVABLES))}
+    scales = {name: OBSERVABLES[name].scale_name for name in found.observables}
     dataset = xr.Dataset(
         data,
         coords={
-            "observable": ("observable", list(OBSERVABLES), scales),
+            "observable": ("observable", list(scales), {"long_name": "observable", "scale": json.dumps(scales)}),
             "norm": ("norm", list(NORMS), {"long_name": "norm over samples and bodies, or over contacts"}),
             "value": ("run", [point.value for point in points], {"long_name": "value of the knob, SI"}),
             **{name: ("run", np.array(values, dtype=object)) for name, values in texts.items()},

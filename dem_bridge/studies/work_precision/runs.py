@@ -16,11 +16,11 @@ from typing import Any
 from dem_bridge.backends.base import Backend, Sampling
 from dem_bridge.campaign import Progress
 from dem_bridge.errors import BackendUnavailable, NotAsymptotic, RunBroken, UnsupportedScene, UsageError
+from dem_bridge.observables.errors import Reading
 from dem_bridge.scene import Scene
 from dem_bridge.studies.work_precision.curves import Curve
-from dem_bridge.studies.work_precision.norms import bars_of, errors_of
+from dem_bridge.studies.work_precision.norms import errors_of, uncertainties_of
 from dem_bridge.studies.work_precision.timed import Timing, timed
-from dem_bridge.trajectory import Trajectory
 
 REFERENCE = "reference"
 
@@ -61,22 +61,27 @@ class Measured:
     sampling: Sampling
     limit: float
     points: tuple[Point, ...]
-    bars: Mapping[tuple[str, str], float]
-    """Of the reference, as the errors: below them nothing is known."""
+    uncertainty: Mapping[tuple[str, str], float]
+    """(observable, norm) -> relative uncertainty of the reference; the size of an error below it is unknown."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def known(self, point: Point, observable: str, norm: str = "max") -> bool:
         """Whether an error is larger than what the reference itself may err by."""
-        return point.error(observable, norm) > self.bars[observable, norm]
+        return point.error(observable, norm) > self.uncertainty[observable, norm]
 
     def bound(self, point: Point, observable: str) -> float:
         """The largest error, or the bar of the reference where that is more; inf without a run."""
         error = point.error(observable)
-        return max(error, self.bars[observable, "max"]) if math.isfinite(error) else math.inf
+        return max(error, self.uncertainty[observable, "max"]) if math.isfinite(error) else math.inf
 
     def of(self, name: str) -> list[Point]:
         """The points of the curve of that name which have numbers."""
         return [point for point in self.points if point.curve.name == name and point.timing is not None]
+
+    @property
+    def observables(self) -> tuple[str, ...]:
+        """Names of the observables that the reference has."""
+        return tuple(dict.fromkeys(name for name, _ in self.uncertainty))
 
     @property
     def curves(self) -> tuple[str, ...]:
@@ -88,13 +93,13 @@ def measured(
     asked: Sequence[tuple[Curve, Backend]],
     scene: Scene,
     sampling: Sampling,
-    truth: Trajectory,
+    reference: Mapping[str, Reading],
     *,
     limit: float,
     repeats: int,
     progress: Progress | None,
 ) -> Iterator[Point]:
-    """Every setting of every curve against ``truth``, as it is measured; arguments as of the study."""
+    """Measure every setting of every curve against the ``reference``; arguments as of the study."""
     clock = Clock(asked, scene, sampling, limit=limit, progress=progress)
     for curve, chosen in asked:
         seconds: list[tuple[float, float]] = []
@@ -110,7 +115,7 @@ def measured(
                     reason=f"not run: about {expected:.2g} s, and the limit is {limit:g} s",
                 )
             else:
-                point, wall = _measured(curve, chosen, value, scene, sampling, truth, limit=limit, repeats=repeats)
+                point, wall = _measured(curve, chosen, value, scene, sampling, reference, limit=limit, repeats=repeats)
                 seconds.append((curve.size(value), wall))
                 yield point
             clock.done(curve, place, seconds)
@@ -129,7 +134,7 @@ def _measured(
     value: float,
     scene: Scene,
     sampling: Sampling,
-    truth: Trajectory,
+    reference: Mapping[str, Reading],
     *,
     limit: float,
     repeats: int,
@@ -152,7 +157,7 @@ def _measured(
             steps=float(run.cost.steps),
             evaluations=float(run.cost.force_evaluations),
             loop=float(run.provenance.get("engine_loop", math.nan)),
-            errors=errors_of(scene, run, truth) if curve.backend != REFERENCE else bars_of(scene, truth),
+            errors=uncertainties_of(reference) if curve.backend == REFERENCE else errors_of(scene, run, reference),
         ),
         timing.least_wall,
     )

@@ -13,7 +13,6 @@ from dem_bridge.studies.study import Study, Table
 from dem_bridge.studies.work_precision.curves import STYLES, WHOLE
 from dem_bridge.studies.work_precision.figures import ID, cpu, evaluations, figures
 from dem_bridge.studies.work_precision.files import as_csv, as_netcdf
-from dem_bridge.studies.work_precision.norms import OBSERVABLES
 from dem_bridge.studies.work_precision.pareto import cheapest
 from dem_bridge.studies.work_precision.runs import Measured, Point
 
@@ -48,8 +47,9 @@ def shown(found: Measured, *, notes: Sequence[str] = (), interrupted: bool = Fal
         "After one call of each curve that is not timed, each setting is called two or three times, alone, in one"
         " process. The diagrams have the least CPU time of a call, from the scene to the trajectory: with the start of"
         " LAMMPS' own process, and without error bars but those that an extrapolation needs.",
-        f"Errors are against the reference; its own bar on a velocity is {found.bars['velocity', 'max']:.1e}. An error"
-        " below the bar is not known, and counts as the bar.",
+        "Errors are differences from the reference, whose uncertainty in velocity is"
+        f" {found.uncertainty['velocity', 'max']:.1e}. The size of a smaller error is unknown; that uncertainty stands"
+        " in its place.",
         f"{lost} of {len(found.points)} settings have no numbers (nan): for the limit of {found.limit:g} s a run, or"
         " for another reason; the table of all settings has it.",
         "Steps are the sample interval over powers of two. ode45 (both): atol is a thousandth of rtol, in m and m/s."
@@ -207,7 +207,7 @@ def _on_tables(found: Measured) -> Iterator[str]:
 
 def _cheapest_table(found: Measured) -> Table:
     rows: list[tuple[str | float, ...]] = []
-    for observable in OBSERVABLES:
+    for observable in found.observables:
         for target in TARGETS:
             cells: list[str | float] = []
             for group in GROUPS:
@@ -225,7 +225,7 @@ def _cheapest_table(found: Measured) -> Table:
 
 
 def _floors_table(found: Measured) -> Table:
-    others = [name for name in OBSERVABLES if name != "velocity"]
+    others = [name for name in found.observables if name != "velocity"]
     rows: list[tuple[str | float, ...]] = []
     for name in found.curves:
         floor = _floor(found, name)
@@ -260,7 +260,7 @@ def _runs_table(found: Measured) -> Table:
             1e3 * point.cpu,
             1e3 * point.timing.median_wall if point.timing else math.nan,
             point.evaluations,
-            *(point.error(name) for name in OBSERVABLES),
+            *(point.error(name) for name in found.observables),
             shorten(point.reason, 60, placeholder=" ..."),
         )
 
@@ -270,7 +270,7 @@ def _runs_table(found: Measured) -> Table:
         caption="Errors are the largest, relative. Other norms, timings and whole reasons are in the files above.",
         columns=(
             *("curve", "setting", "CPU, least (ms)", "wall, median (ms)", "force evaluations"),
-            *OBSERVABLES,
+            *found.observables,
             "reason",
         ),
         rows=tuple(map(row, found.points)),

@@ -19,7 +19,7 @@ from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import Study
 from dem_bridge.studies.work_precision.curves import curves
-from dem_bridge.studies.work_precision.norms import bars_of
+from dem_bridge.studies.work_precision.norms import readings_of, uncertainties_of
 from dem_bridge.studies.work_precision.runs import REFERENCE, Measured, Point, measured
 from dem_bridge.studies.work_precision.shown import shown
 
@@ -58,12 +58,11 @@ def study_work_precision(
     if truth.trajectory is None:
         raise RunBroken(f"{scene.name}: without a run of the reference nothing has an error ({truth.failure})")
     asked, notes = curves(scene, sampling, prescan_scene(scene), engine, backends)
+    reference = readings_of(scene, truth.trajectory)
     points: list[Point] = []
     interrupted = False
     try:
-        for point in measured(
-            asked, scene, sampling, truth.trajectory, limit=limit, repeats=repeats, progress=progress
-        ):
+        for point in measured(asked, scene, sampling, reference, limit=limit, repeats=repeats, progress=progress):
             points.append(point)
     except KeyboardInterrupt:
         interrupted = True
@@ -74,7 +73,7 @@ def study_work_precision(
         sampling=sampling,
         limit=limit,
         points=tuple(points),
-        bars=bars_of(scene, truth.trajectory),
+        uncertainty=uncertainties_of(reference),
         provenance={key: truth.trajectory.provenance[key] for key in ("scene_hash", "versions", "machine")},
     )
     return shown(found, notes=notes, interrupted=interrupted)

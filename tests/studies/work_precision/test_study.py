@@ -21,12 +21,13 @@ from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import Study
 from dem_bridge.studies.work_precision import curves as work_curves
 from dem_bridge.studies.work_precision import figures as work_figures
 from dem_bridge.studies.work_precision.curves import Curve, curves, steps
-from dem_bridge.studies.work_precision.norms import NORMS, OBSERVABLES, bars_of, errors_of
+from dem_bridge.studies.work_precision.norms import NORMS, errors_of, readings_of, uncertainties_of
 from dem_bridge.studies.work_precision.runs import Measured, Point, measured
 from dem_bridge.studies.work_precision.study import study_work_precision
 from dem_bridge.studies.work_precision.timed import Timing
@@ -43,7 +44,7 @@ SCENE = Scene(
 FEW = ("verlet", "reference", "ode45", "bca")
 
 
-DRAWN = ("velocity", "arrival_time")
+DRAWN = ("velocity", "arrival")
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def small() -> Iterator[None]:
     """Few steps, and two of the figures."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(work_curves, "HALVINGS", 8)
-        patch.setattr(work_figures, "OBSERVABLES", {name: OBSERVABLES[name] for name in DRAWN})
+        patch.setattr(work_figures, "DRAWN", DRAWN)
         yield
 
 
@@ -78,18 +79,20 @@ def _lines(folder: Path) -> list[dict[str, str]]:
 def test_every_row_of_the_tidy_table_is_what_its_settings_give(written: tuple[Study, Path, list[float]]) -> None:
     rows = _lines(written[1])
     truth = db.solve(SCENE, backend="reference")
-    bars = bars_of(SCENE, truth)
+    truth_readings = readings_of(SCENE, truth)
+    bars = uncertainties_of(truth_readings)
+    assert len(bars) == len(OBSERVABLES) * len(NORMS)  # the wave passes all bodies
     settings = list(dict.fromkeys((row["backend"], row["curve"], row["settings"]) for row in rows))
     assert {backend for backend, _, _ in settings} == set(FEW)
     assert len(rows) == len(settings) * len(OBSERVABLES) * len(NORMS)
     for backend, curve, asked in settings:
         mine = {(r["observable"], r["norm"]): r for r in rows if (r["curve"], r["settings"]) == (curve, asked)}
-        assert {float(row["reference_bar"]) for row in mine.values()} <= set(bars.values())
+        assert {float(row["reference_uncertainty"]) for row in mine.values()} <= set(bars.values())
         if any(row["reason"] for row in mine.values()):
             assert {row["error"] for row in mine.values()} == {"nan"}
             continue
         run = db.solve(SCENE, backend=backend, bars=False, **json.loads(asked))
-        expected = bars if backend == "reference" else errors_of(SCENE, run, truth)
+        expected = bars if backend == "reference" else errors_of(SCENE, run, truth_readings)
         assert {key: float(row["error"]) for key, row in mine.items()} == expected
         assert {float(row["force_evaluations"]) for row in mine.values()} == {run.cost.force_evaluations}
         for key, row in mine.items():
@@ -180,9 +183,9 @@ def _measured(monkeypatch: pytest.MonkeyPatch, run: Any, **settings: Any) -> lis
     truth = db.solve(SCENE, backend="reference")
     monkeypatch.setattr(Curve, "run", lambda self, chosen, scene, value, sampling, *, limit: run(value))
     curve = Curve(name="verlet", backend="verlet", knob="dt", values=(8e-8, 4e-8, 2e-8, 1e-8))
-    asked = [(curve, object())]
-    sampling = Sampling(count=SCENE.samples)
-    return list(measured(asked, SCENE, sampling, truth, **{"limit": 5.0, "repeats": 1, "progress": None, **settings}))  # type: ignore[arg-type]
+    asked: Any = [(curve, object())]
+    chosen = {"limit": 5.0, "repeats": 1, "progress": None} | settings
+    return list(measured(asked, SCENE, Sampling(count=SCENE.samples), readings_of(SCENE, truth), **chosen))
 
 
 def test_beyond_the_limit_rows_stay_without_numbers_and_without_runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -240,7 +243,11 @@ def test_what_is_below_the_bar_is_drawn_at_it_and_marked() -> None:
         )
 
     found = Measured(
-        scene=SCENE, sampling=Sampling(count=4), limit=1.0, points=(point(1e-4, 1e-5), point(1e-13, 1e-14)), bars=bars
+        scene=SCENE,
+        sampling=Sampling(count=4),
+        limit=1.0,
+        points=(point(1e-4, 1e-5), point(1e-13, 1e-14)),
+        uncertainty=bars,
     )
     panel = next(iter(work_figures.figures(found))).panels[0]
     by_label = {line.label: line for line in panel.series}
