@@ -48,8 +48,6 @@ _HOME = {
     "shipped_scenes": "scene_file",
     "solve": "api.runs",
     "study": "api.studies",
-    "study_scatter": "api.runs",
-    "study_styles": "api.runs",
     "table_of": "api.tables",
     "verify": "api.runs",
     "write_deck": "api.runs",
@@ -62,7 +60,7 @@ if TYPE_CHECKING:
     from dem_bridge import errors, plot
     from dem_bridge.accuracy import observed_order
     from dem_bridge.api.regress import regress
-    from dem_bridge.api.runs import available, plan, solve, study_scatter, study_styles, verify, write_deck
+    from dem_bridge.api.runs import available, plan, solve, verify, write_deck
     from dem_bridge.api.scenes import scene_from_csv, scene_from_deck
     from dem_bridge.api.studies import minimal, study
     from dem_bridge.api.tables import export, table_of
@@ -118,8 +116,6 @@ __all__ = [
     "shipped_scenes",
     "solve",
     "study",
-    "study_scatter",
-    "study_styles",
     "table_of",
     "verify",
     "write_deck",

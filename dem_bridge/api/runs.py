@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from dem_bridge.campaign import Progress
     from dem_bridge.planning.answer import Plan
     from dem_bridge.runs.store import Store
-    from dem_bridge.studies.scatter import ScatterStudy
-    from dem_bridge.studies.styles import StylesStudy
     from dem_bridge.studies.verify import Verification
 
 _RESOLUTION = tuple(field.name for field in fields(Resolution))
@@ -220,68 +218,6 @@ def write_found(
         from dem_bridge.report.bundle import write_bundle
 
         write_bundle(found, Path(bundle), report=report, engine=engine, words=words)
-
-
-def study_styles(
-    scene: Scene | str | Path,
-    *,
-    dt: float | None = None,
-    folder: str | Path | None = None,
-    progress: Progress | None = None,
-    lmp: str | Path | None = None,
-    python: str | Path | None = None,
-) -> StylesStudy:
-    """Run a scene through every way that the LAMMPS at hand has, each beside the twin at the same step.
-
-    ``dt`` (s): None for the default step. ``folder``: where ``styles.csv``, ``styles.json`` and ``styles.png`` are
-    written (None: nowhere). ``progress`` is called with (done, total, label). ``lmp`` and ``python`` as in
-    :func:`solve`. The answer has ``rows``, one for each way, and ``exit_code``. Raises UnsupportedScene where
-    ``pair_style granular`` cannot express the scene, BackendUnavailable where there is no LAMMPS; a way that breaks is
-    a BROKEN row.
-    """
-    from dem_bridge.studies.styles import study_styles as study
-
-    scene = scene_of(scene)
-    if folder is not None:
-        check_folder(Path(folder))
-    found = study(scene, dt=dt, engine=Engine.chosen(lmp=lmp, python=python), progress=progress)
-    if folder is not None:
-        from dem_bridge.report.styles import write_styles
-
-        write_styles(found, Path(folder))
-    return found
-
-
-def study_scatter(
-    scene: Scene | str | Path,
-    *,
-    spread: float = 0.5,
-    count: int = 200,
-    seed: int = 0,
-    folder: str | Path | None = None,
-    jobs: int | None = None,
-    progress: Progress | None = None,
-    store: bool | str | Path = True,
-) -> ScatterStudy:
-    """Run a seeded set of chains whose contact angles scatter, each through the reference.
-
-    ``spread``: standard deviation of each angle, degrees; ``count`` chains with the seeds from ``seed`` on. ``folder``:
-    where ``scatter.json``, and the spread of speed and force along the chain as ``scatter.csv`` and ``scatter.png``,
-    are written (None: nowhere). ``jobs``, ``progress`` and ``store`` as in :func:`verify`. Raises UnsupportedScene
-    where the scene has no angles, UsageError for another setting.
-    """
-    from dem_bridge.runs.store import Store
-    from dem_bridge.studies.scatter import study_scatter as study
-
-    scene = scene_of(scene)
-    if folder is not None:
-        check_folder(Path(folder))
-    found = study(scene, spread=spread, count=count, seed=seed, jobs=jobs, progress=progress, store=Store.opened(store))
-    if folder is not None:
-        from dem_bridge.report.scatter import write_scatter
-
-        write_scatter(found, Path(folder))
-    return found
 
 
 def write_deck(

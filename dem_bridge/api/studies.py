@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,42 +34,77 @@ def study(
     ranks: int | None = None,
     **settings: Any,
 ) -> Study:
-    """Ask one of the questions that take many runs, such as "stability" or "horizon".
+    """Answer a question that takes many runs, such as "stability" or "scatter".
 
-    ``scene``: where the study is of one; some have one of their own, if none is named. ``folder``: where its page
-    (``index.html``), tables, figures and JSON are written (None: nowhere). ``jobs``, ``progress``, ``store``,
-    ``recompute`` and which LAMMPS as in :func:`dem_bridge.verify`. More settings are the study's own. The answer has
-    ``answer`` (sentences), ``tables``, ``figures`` and ``exit_code``. Raises UsageError for an unknown study or
-    setting, and what the study raises.
+    Parameters
+    ----------
+    name : str
+        Name of the study, one of :data:`dem_bridge.studies.catalogue.STUDIES`.
+    scene : Scene, str or Path, optional
+        Scene, name of a shipped scene or path of a scene file. Some studies have scenes of their own.
+    folder : str or Path, optional
+        Folder for the page (``index.html``), tables, figures and JSON. None: no files are written.
+    jobs : int, optional
+        Number of runs at a time. None: one for each core.
+    progress : callable, optional
+        Function that is called with (done, total, label).
+    store : bool, str or Path
+        Where runs are kept, as in :func:`dem_bridge.verify`.
+    recompute : bool
+        Whether stored runs are repeated.
+    lmp, lmp_args, python, ranks : optional
+        Which LAMMPS is used, as in :func:`dem_bridge.solve`.
+    **settings
+        Settings of the study, such as ``spread`` of "scatter". ``dem-bridge study NAME --help`` lists them.
+
+    Returns
+    -------
+    Study
+        Its ``answer`` (sentences), ``tables``, ``figures``, ``verdicts`` and ``exit_code``.
+
+    Raises
+    ------
+    UsageError
+        For an unknown study or setting, and for a setting that the study does not have.
+
+    Examples
+    --------
+    >>> import dem_bridge as db
+    >>> result = db.study("scatter", "decelerating-40", count=2, store=False)
+    >>> result.id, result.exit_code, [table.id for table in result.tables]
+    ('scatter', 0, ['scatter', 'along-the-chain'])
     """
-    from dem_bridge.studies.catalogue import study_named, takes
+    from dem_bridge.studies.catalogue import study_named
 
-    chosen = study_named(name)
-    of_scene, needs_one, own = takes(chosen)
-    if needs_one and scene is None:
-        raise UsageError(f"study {name!r} is of a scene, and none is named; allowed: a shipped name, a file or a Scene")
-    if not of_scene and scene is not None:
-        raise UsageError(f"study {name!r} has scenes of its own, and {scene!r} is named; leave it out")
-    unknown = [key for key in settings if key not in own]
-    if unknown:
-        raise UsageError(f"setting {unknown[0]!r} of study {name!r} is unknown; allowed: {', '.join(own) or 'none'}")
+    function = study_named(name)
+    parameters = inspect.signature(function).parameters
+    if scene is None and "scene" in parameters and parameters["scene"].default is inspect.Parameter.empty:
+        raise UsageError(f"study {name!r} needs a scene; allowed: the name of a shipped scene, a scene file or a Scene")
+    if scene is not None and "scene" not in parameters:
+        raise UsageError(f"study {name!r} has scenes of its own, and {scene!r} was given; leave the scene out")
+    engine = {"lmp": lmp, "lmp_args": lmp_args, "python": python, "ranks": ranks}
+    given = dict(settings)
+    if jobs is not None:
+        given["jobs"] = jobs
+    if "engine" in parameters or any(value is not None for value in engine.values()):
+        given["engine"] = Engine.chosen(**engine)  # type: ignore[arg-type]
+    if "store" in parameters or recompute:
+        given["store"] = Store.opened(store, recompute=recompute)
+    if unknown := [key for key in given if key not in parameters]:
+        allowed = ", ".join(key for key in parameters if key not in ("scene", "engine", "store", "progress"))
+        raise UsageError(f"study {name!r} has no setting {unknown[0]!r}; allowed: {allowed or 'none'}")
     if folder is not None:
         check_folder(Path(folder))
-    given: dict[str, Any] = {
-        "jobs": jobs,
-        "progress": progress,
-        "store": Store.opened(store, recompute=recompute),
-        **settings,
-    }
-    given["engine"] = Engine.chosen(lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
+    if "progress" in parameters:
+        given["progress"] = progress
     if scene is not None:
         given["scene"] = scene_of(scene)
-    found = chosen(**given)
+    result = function(**given)
     if folder is not None:
         from dem_bridge.report.study import write_study
 
-        write_study(found, Path(folder))
-    return found
+        write_study(result, Path(folder))
+    return result
 
 
 def minimal(

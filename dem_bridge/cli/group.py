@@ -29,6 +29,7 @@ from dem_bridge.cli.options import (
     geometry_option,
     jobs_option,
     json_option,
+    recompute_option,
     samples_option,
     scene_argument,
     scene_names,
@@ -201,7 +202,7 @@ def deck(scene: str, style: str, dt: float | None, geometry: str | None, types: 
 @accuracy_option
 @engine_options
 @jobs_option
-@click.option("--no-cache", "recompute", is_flag=True, help="Recompute all runs, also those in the store.")
+@recompute_option
 @click.option(
     "-o",
     "folder",

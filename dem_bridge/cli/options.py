@@ -65,6 +65,9 @@ types_option = click.option(
     type=click.Choice(["euler", "per-body"]),
     help="Atom types of the deck: as few as possible, or one per body.  [default: euler]",
 )
+recompute_option = click.option(
+    "--no-cache", "recompute", is_flag=True, help="Recompute all runs, also those in the store."
+)
 
 
 def check_new(path: Path, force: bool) -> None:

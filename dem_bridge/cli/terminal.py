@@ -14,9 +14,7 @@ if TYPE_CHECKING:
 
     from dem_bridge.planning.answer import Plan
     from dem_bridge.scene import Scene
-    from dem_bridge.studies.scatter import ScatterStudy
     from dem_bridge.studies.study import Paper, Study
-    from dem_bridge.studies.styles import StylesStudy
     from dem_bridge.studies.verify import Verification
 
 _COLOURS = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
@@ -56,62 +54,6 @@ def print_scenes(scenes: list[Scene]) -> None:
     for scene in scenes:
         head = f"{scene.name:{name}}  {scene.n_body:6} {1e3 * scene.duration:4.3g}  "
         print(textwrap.fill(scene.description, columns, initial_indent=head, subsequent_indent=" " * len(head)))
-
-
-def print_styles(found: StylesStudy) -> None:
-    """The matrix of ways and quantities; "=" marks what is bit for bit the first way. Then what is to be known."""
-    from rich.table import Table
-
-    console = _console()
-    console.print(
-        f"{found.scene.name}, dt = {found.dt:.4g} s, LAMMPS {found.lammps}: differences to the twin at the same step,"
-        " relative; the tolerance is of velocity",
-        markup=False,
-    )
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("way")
-    names = ("velocity", "displacement", "peak_force", "crossing_time")
-    for column in (
-        "velocity",
-        "displace-\nment",
-        "peak\nforce",
-        "crossing\ntime",
-        "toler-\nance",
-        "bit-\nwise",
-        "wall\ns",
-    ):
-        table.add_column(column, justify="right")
-    table.add_column("outcome")
-    for row in found.rows:
-        numbers = [f"{row.differences[name].value:.1e}" if row.differences else "-" for name in names]
-        numbers.append(f"{row.tolerances['velocity']:.1e}" if row.tolerances else "-")
-        bits = {None: "-", True: "=", False: "no"}[row.bitwise]
-        wall = f"{row.wall:.3f}" if row.differences else "-"
-        table.add_row(row.way, *numbers, bits, wall, _coloured(row.outcome.value))
-    console.print(table)
-    for row in found.rows:
-        for kind, text in (
-            ("note" if row.differences else row.outcome.value, row.reason),
-            (row.outcome.value, row.beyond),
-        ):
-            if text:
-                console.print(f"{kind}: {row.way}: {text}", markup=False)
-
-
-def print_scatter(found: ScatterStudy) -> None:
-    """What a set of chains differs by from the one that was wanted, in words."""
-    told = found.as_json()
-    times, force = (sorted(told[key]) for key in ("residence_spread", "force_spread"))
-    for line in (
-        f"{found.scene.name}: {told['chains']} chains, angles off by {found.spread:g} degrees (standard deviation)",
-        f"arrival at the last body: {100 * told['arrival_shift_mean']:+.2f} % on average,"
-        f" standard deviation {100 * told['arrival_shift_deviation']:.2f} %",
-        f"residence time at a body: standard deviation {100 * times[len(times) // 2]:.2f} % (median),"
-        f" {100 * times[-1]:.2f} % (largest)",
-        f"peak force of a contact:  standard deviation {100 * force[len(force) // 2]:.2f} % (median),"
-        f" {100 * force[-1]:.2f} % (largest)",
-    ):
-        _console().print(line, markup=False)
 
 
 def print_plan(plan: Plan, scene: str) -> None:
@@ -166,10 +108,13 @@ def print_study(found: Study) -> None:
         for row in one.rows:
             table.add_row(*map(_cell, row))
         console.print(table)
+    for verdict in found.verdicts:
+        if verdict.outcome.value not in ("PASS", "MODEL_DIFFERENCE"):
+            console.print(f"{verdict.outcome.value}: {verdict.sentence}", markup=False)
     for note in found.notes:
         console.print(f"note: {note}", markup=False)
     if found.interrupted:
-        console.print("interrupted: this is what was finished until then", markup=False)
+        console.print("interrupted: only what was finished until then is shown", markup=False)
 
 
 def print_claims(paper: Paper) -> None:

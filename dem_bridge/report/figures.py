@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,7 +29,6 @@ from dem_bridge.report.drawing import drawn
 from dem_bridge.report.strokes import BLACK, BLUE, GREEN, STYLES, VERMILION
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import FigureData, Map, Panel, Series
-from dem_bridge.studies.styles import COLUMNS, StylesStudy
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
@@ -263,50 +261,6 @@ def budget_on(ax: Axes, budget: Budget, limits: tuple[float, float] | None = Non
     ax.grid(axis="x", alpha=0.25)
 
 
-def styles_matrix(study: StylesStudy) -> Figure:
-    """Ways by quantities: difference to the twin as colour (its power of ten) and number, with the tolerance below it;
-    "=" for what is bit for bit the first way. A way without numbers has its reason in their place."""
-    rows, values = study.rows, np.full((len(study.rows), len(COLUMNS)), np.nan)
-    for at, row in enumerate(rows):
-        for column, name in enumerate(COLUMNS):
-            # equal to the last digit: drawn as a digit, written as 0
-            values[at, column] = max(row.differences[name].value, 1e-17) if row.differences else np.nan
-    powers = np.log10(np.where(np.isfinite(values), values, np.nan))
-    known = powers[np.isfinite(powers)]
-    low, high = (float(np.floor(known.min())), float(np.ceil(known.max()))) if known.size else (-16.0, 0.0)
-    figure = Figure(figsize=(11.0, 1.6 + 0.46 * len(rows)), layout="constrained")
-    ax = figure.subplots()
-    image = ax.imshow(powers, cmap="cividis", vmin=low, vmax=max(high, low + 1.0), aspect="auto")
-    for at, row in enumerate(rows):
-        if not row.differences:
-            reason = row.reason if len(row.reason) <= 80 else f"{row.reason[:77]}..."
-            ax.text(-0.45, at, reason, va="center", fontsize=8, color="0.35", style="italic")
-        for column, name in enumerate(COLUMNS if row.differences else ()):
-            number, tolerance = row.differences[name].value, row.tolerances[name]
-            dark = not np.isfinite(powers[at, column]) or powers[at, column] > 0.5 * (low + high)
-            label = f"{number:.1e}" if number <= tolerance else f"{number:.1e}  BEYOND"
-            ink: dict[str, Any] = {"ha": "center", "va": "center", "color": BLACK if dark else "white"}
-            ax.text(column, at - 0.14, label, fontsize=9, weight="bold", **ink)
-            ax.text(column, at + 0.24, f"tolerance {tolerance:.1e}", fontsize=7, **ink)
-        bits = {None: "", True: "=", False: "\u2260"}[row.bitwise]
-        ax.text(len(COLUMNS) - 0.3, at, bits, ha="center", va="center", fontsize=13, weight="bold")
-        colour = {"PASS": BLACK, "NOT_RUN": "0.45"}.get(row.outcome.value, VERMILION)
-        ax.text(len(COLUMNS) + 0.1, at, row.outcome.value, ha="center", va="center", fontsize=9, color=colour)
-    for place, heading in ((-0.3, "bitwise"), (0.1, "outcome")):
-        ax.text(len(COLUMNS) + place, -0.62, heading, ha="center", va="bottom", fontsize=9)
-    ax.set_xticks(range(len(COLUMNS)), [name.replace("_", " ") for name in COLUMNS])
-    ax.set_yticks(range(len(rows)), [row.way for row in rows])
-    ax.xaxis.tick_top()
-    ax.set_xlim(-0.5, len(COLUMNS) + 0.4)
-    ax.set_yticks(np.arange(len(rows) + 1) - 0.5, minor=True)
-    ax.grid(which="minor", axis="y", color="white", linewidth=2.0)
-    ax.tick_params(which="both", length=0)
-    ax.spines[:].set_visible(False)
-    ax.set_title(f"{study.scene.name}, dt = {study.dt:.4g} s, LAMMPS {study.lammps}: difference to the twin", pad=14)
-    figure.colorbar(image, ax=ax, label="power of ten of the relative difference", fraction=0.03, pad=0.01)
-    return figure
-
-
 def _front_has_passed(run: Trajectory) -> float:
     """A little after the last body is reached, s; the end where it never is."""
     last = float(run.crossing_time[-1]) if len(run.crossing_time) else np.nan
@@ -342,5 +296,4 @@ __all__ = [
     "residence_panel",
     "spacetime_maps",
     "spacetime_panel",
-    "styles_matrix",
 ]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Progress, run_cases
+from dem_bridge.campaign import Progress, Result, run_cases
 from dem_bridge.differences import difference
 from dem_bridge.drive import Drive
 from dem_bridge.errors import UnsupportedScene, UsageError
@@ -26,7 +26,7 @@ from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.verdict import Outcome, judge
+from dem_bridge.verification.verdict import Outcome, Verdict, judge
 
 #: code -> what it is compared with, and what the two then differ by
 COMPARED = {
@@ -73,10 +73,28 @@ def study_bands(
     store: Store | None = None,
     tolerance: float = TOLERANCE,
 ) -> Study:
-    """Edges of the bands of ``scene`` by scipy, the twin and LAMMPS beside those of the infinite chain.
+    """Compare the band edges of a driven, precompressed chain with those of the infinite chain.
 
-    ``tolerance``: relative, of each edge. Raises UnsupportedScene for a chain that is not precompressed, has no unit
-    cell, or is not driven: in a gap nothing moves that is not driven.
+    The chain is solved by scipy, the twin and LAMMPS.
+
+    Parameters
+    ----------
+    scene : Scene
+        Precompressed chain of repeated unit cells, driven over all band edges.
+    tolerance : float
+        Largest relative error of a band edge.
+    engine, jobs, progress, store : as in :func:`dem_bridge.study`
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    UnsupportedScene
+        If the chain is not precompressed, has no unit cell, or is not driven over all edges.
+    UsageError
+        For a tolerance out of its range.
     """
     if not 0.0 < tolerance < 1.0:
         raise UsageError(f"tolerance = {tolerance!r}; allowed: above 0 and below 1")
@@ -104,7 +122,7 @@ def study_bands(
     runs = {one.case.backend: one.trajectory for one in results if one.trajectory is not None}
     found = [_found(scene, cell, name, run, runs) for name, run in runs.items()]
     excuses = {one.backend: _excuse(scene, cell, one, tolerance) for one in found}
-    failed = tuple(f"{one.case.backend} did not run: {one.failure}" for one in results if one.failure is not None)
+    failures = [one for one in results if one.failure is not None]
     rows = [row for one in found for row in _rows(cell, one, tolerance, excused=bool(excuses[one.backend]))]
     return Study(
         id="bands",
@@ -112,9 +130,8 @@ def study_bands(
         answer=(*_answer(scene, cell, found, rows, tolerance), *_undecided(rows, excuses)),
         tables=(_edges(rows, tolerance), _codes(found)),
         figures=(_figure(cell, found),) if found else (),
-        outcomes=tuple(row.outcome for row in rows) + tuple(Outcome.BROKEN for _ in failed),
+        verdicts=(*(_verdict(scene, row, tolerance) for row in rows), *map(_broken, failures)),
         notes=(
-            *failed,
             "Edges are where the trace of the unit cell's transfer matrix, fitted to the spectra of the velocities,"
             " passes 2 or -2; the bar is the inverse of the record's length.",
         ),
@@ -157,6 +174,36 @@ class _Row:
     def off(self) -> float:
         """Relative."""
         return self.measured / self.theory - 1.0
+
+
+def _verdict(scene: Scene, row: _Row, tolerance: float) -> Verdict:
+    return Verdict(
+        scene=scene.name,
+        quantity=f"band edge {row.edge}",
+        backend=row.backend,
+        reference="infinite chain",
+        outcome=row.outcome,
+        sentence=f"Band edge {row.edge} by {row.backend} is {row.measured:.4g} Hz, that of the infinite chain"
+        f" {row.theory:.4g} Hz; tolerance {100 * tolerance:g} %, resolution of the record {100 * row.bar:.2g} %.",
+        difference=abs(row.off),
+        scale=row.theory,
+        unit="Hz",
+        scale_name="edge of the infinite chain",
+        uncertainty=row.bar,
+        tolerance=tolerance,
+    )
+
+
+def _broken(result: Result) -> Verdict:
+    case = result.case
+    return Verdict(
+        scene=case.scene.name,
+        quantity="band edges",
+        backend=case.backend,
+        reference="infinite chain",
+        outcome=Outcome.BROKEN,
+        sentence=f"{case.backend} did not run: {result.failure}.",
+    )
 
 
 def _found(scene: Scene, cell: Cell, name: str, run: Trajectory, runs: dict[str, Trajectory]) -> Found:

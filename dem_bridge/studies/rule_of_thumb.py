@@ -77,9 +77,20 @@ def study_rule_of_thumb(
     progress: Progress | None = None,
     store: Store | None = None,
 ) -> Study:
-    """Velocity-Verlet at 5, 10, 20 and 40 % of the Rayleigh time, on ``scene`` (None: on every shipped one).
+    """Measure the error of velocity-Verlet at time steps of 5, 10, 20 and 40 % of the Rayleigh time.
 
-    LAMMPS itself runs the first of them, or decelerating-40, at two of these steps, to show that it is the same.
+    LAMMPS itself runs one scene (decelerating-40, or the first) at two of these steps, to show that its error is the
+    same.
+
+    Parameters
+    ----------
+    scene : Scene, optional
+        Scene to be solved. None: every shipped scene.
+    engine, jobs, progress, store : as in :func:`dem_bridge.study`
+
+    Returns
+    -------
+    Study
     """
     scenes = [scene] if scene is not None else [load_scene(name) for name in shipped_scenes()]
     own = next((one for one in scenes if one.name == "decelerating-40"), scenes[0])

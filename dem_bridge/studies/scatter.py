@@ -6,9 +6,9 @@ angle off by a normal deviate, goes through the reference; what comes out is the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file.physical import rounded
 from dem_bridge.scene_file.physical import scattered as turned_by_chance
-from dem_bridge.studies.study import FigureData, Panel, Series, Table
+from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.verification.roles import REFERENCE
 
 Floats = NDArray[np.float64]
@@ -32,8 +32,8 @@ LEAST_ANGLE = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ScatterStudy:
-    """A set of chains and the one that was wanted."""
+class ScatteredChains:
+    """A set of chains with random angle errors, and the chain with the intended angles."""
 
     scene: Scene
     spread: float
@@ -45,42 +45,28 @@ class ScatterStudy:
     """``(n_chain, n_body - 2)``, s."""
     peak_force: Floats
     """``(n_chain, n_contact)``, N."""
-    wanted: dict[str, Floats]
-    """The same three of the chain as it was wanted."""
+    intended: dict[str, Floats]
+    """The same three of the chain with the intended angles."""
 
     @property
     def residence_spread(self) -> Floats:
-        """Standard deviation of the residence time at body i = 1..n_body-2, relative to the wanted, ``(n_body - 2,)``.
+        """Relative standard deviation of the residence time at body i = 1..n_body-2, ``(n_body - 2,)``.
 
-        Not of the wave speed, its inverse: by crossing the wave may be at the next body first, so that times near zero
-        and below occur, and a mean of their inverses says nothing.
+        The wave speed, its inverse, is not used: by crossing the wave can reach the next body first, so that residence
+        times near zero and below occur, and the mean of their inverses has no meaning.
         """
-        return np.asarray(np.nanstd(self.residence / self.wanted["residence"], axis=0))
+        return np.asarray(np.nanstd(self.residence / self.intended["residence"], axis=0))
 
     @property
     def arrival_shift(self) -> tuple[float, float]:
-        """Mean and standard deviation of the arrival at the last body, relative to the wanted."""
-        ratio = self.arrival[:, -1] / self.wanted["arrival"][-1]
+        """Mean and standard deviation of the change of the arrival at the last body, relative to the intended."""
+        ratio = self.arrival[:, -1] / self.intended["arrival"][-1]
         return float(np.nanmean(ratio) - 1.0), float(np.nanstd(ratio))
 
     @property
     def force_spread(self) -> Floats:
-        """Standard deviation of the peak force in each contact, relative to the wanted, ``(n_contact,)``."""
-        return np.asarray(np.nanstd(self.peak_force / self.wanted["peak_force"], axis=0))
-
-    def as_json(self) -> dict[str, Any]:
-        mean, deviation = self.arrival_shift
-        return {
-            "scene": self.scene.name,
-            "scene_hash": self.scene.content_hash,
-            "spread_degrees": self.spread,
-            "seed": self.seed,
-            "chains": len(self.arrival),
-            "arrival_shift_mean": mean,
-            "arrival_shift_deviation": deviation,
-            "residence_spread": self.residence_spread.tolist(),
-            "force_spread": self.force_spread.tolist(),
-        }
+        """Standard deviation of the peak force in each contact, relative to the intended, ``(n_contact,)``."""
+        return np.asarray(np.nanstd(self.peak_force / self.intended["peak_force"], axis=0))
 
 
 def scattered(scene: Scene, *, spread: float, seed: int) -> Scene:
@@ -117,29 +103,29 @@ def cases_of(scene: Scene, *, spread: float, count: int, seed: int = 0) -> list[
     return [Case(scene=c, backend=REFERENCE, resolution=Resolution(bars=False), sampling=one) for c in chains]
 
 
-def study_of(scene: Scene, results: Sequence[Result], *, spread: float, seed: int = 0) -> ScatterStudy:
-    """What the results of :func:`cases_of` say; nothing is run here."""
+def chains_of(scene: Scene, results: Sequence[Result], *, spread: float, seed: int = 0) -> ScatteredChains:
+    """Read the results of :func:`cases_of`; nothing is run here."""
     runs = [result.trajectory for result in results]
-    wanted, chains = runs[0], [run for run in runs[1:] if run is not None]
-    if wanted is None or not chains:
+    intended, chains = runs[0], [run for run in runs[1:] if run is not None]
+    if intended is None or not chains:
         raise UnsupportedScene(f"{scene.name}: the reference has no run ({results[0].failure})")
     links = scene.n_body - 1
-    if not np.all(np.isfinite(wanted.crossing_time[:links])):
+    if not np.all(np.isfinite(intended.crossing_time[:links])):
         raise UnsupportedScene(
             f"{scene.name}: the wave does not reach the last body within {scene.duration:g} s, so that there is no"
             " arrival to compare; allowed: a longer duration"
         )
-    return ScatterStudy(
+    return ScatteredChains(
         scene=scene,
         spread=spread,
         seed=seed,
         arrival=np.array([run.crossing_time[:links] for run in chains]),
         residence=np.array([residence_by_crossing(scene, run) for run in chains]),
         peak_force=np.array([run.peak_force for run in chains]),
-        wanted={
-            "arrival": wanted.crossing_time[:links],
-            "residence": residence_by_crossing(scene, wanted),
-            "peak_force": wanted.peak_force,
+        intended={
+            "arrival": intended.crossing_time[:links],
+            "residence": residence_by_crossing(scene, intended),
+            "peak_force": intended.peak_force,
         },
     )
 
@@ -153,41 +139,86 @@ def study_scatter(
     jobs: int | None = None,
     progress: Progress | None = None,
     store: Store | None = None,
-) -> ScatterStudy:
-    """Run a seeded set of chains whose angles scatter; see :func:`dem_bridge.study_scatter`."""
-    results = run_cases(
-        cases_of(scene, spread=spread, count=count, seed=seed), jobs=jobs, progress=progress, store=store
+) -> Study:
+    """Measure how random errors of the contact angles change arrival, residence times and peak forces.
+
+    A seeded set of chains, each contact angle off by a normal deviate, is solved by the reference.
+
+    Parameters
+    ----------
+    scene : Scene
+        Chain with the intended angles.
+    spread : float
+        Standard deviation of each angle, degrees.
+    count : int
+        Number of chains.
+    seed : int
+        Seed of the first chain; each further chain has the next.
+    jobs, progress, store : as in :func:`dem_bridge.study`
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    UnsupportedScene
+        If the scene has no contact angles, or the wave does not reach the last body.
+    UsageError
+        For a setting out of its range.
+    """
+    cases = cases_of(scene, spread=spread, count=count, seed=seed)
+    chains = chains_of(scene, run_cases(cases, jobs=jobs, progress=progress, store=store), spread=spread, seed=seed)
+    (mean, deviation), times, force = chains.arrival_shift, chains.residence_spread, chains.force_spread
+    return Study(
+        id="scatter",
+        title=f"Random errors of the contact angles: {scene.name}",
+        answer=(
+            f"{scene.name}: {len(chains.arrival)} chains whose angles have random errors of {spread:g} degrees"
+            f" (standard deviation). The arrival at the last body changes by {100 * mean:+.2f} % on average, with a"
+            f" standard deviation of {100 * deviation:.2f} %.",
+            *(
+                f"The standard deviation of the {name} is {100 * np.nanmedian(values):.2f} % (median along the chain),"
+                f" and at most {100 * np.nanmax(values):.2f} %."
+                for name, values in (("residence time of a body", times), ("peak force of a contact", force))
+            ),
+        ),
+        tables=(table([chains]), _along(chains)),
+        figures=(figure(chains),),
+        provenance={"scene": scene.name, "scene_hash": scene.content_hash, "spread": spread, "seed": seed},
     )
-    return study_of(scene, results, spread=spread, seed=seed)
 
 
-def figure(found: ScatterStudy) -> FigureData:
-    """Residence time and peak force along the chain with the middle 90 % of the set."""
-    residence = found.residence / found.wanted["residence"]
-    force = found.peak_force[:, : found.scene.n_body - 1] / found.wanted["peak_force"][: found.scene.n_body - 1]
+def figure(chains: ScatteredChains) -> FigureData:
+    """Show residence time and peak force along the chain with the middle 90 % of the set."""
+    links = chains.scene.n_body - 1
+    residence = chains.residence / chains.intended["residence"]
+    force = chains.peak_force[:, :links] / chains.intended["peak_force"][:links]
 
-    def panel(title: str, what: str, ratio: Floats, first: int) -> Panel:
+    def panel(quantity: str, ratio: Floats, first: int) -> Panel:
         x = np.arange(first, first + ratio.shape[1], dtype=float)
         low, middle, high = np.nanpercentile(ratio, [5.0, 50.0, 95.0], axis=0)
         parts = (("95 % below", high, "guide"), ("median", middle, "reference"), ("5 % below", low, "guide"))
         series = tuple(Series(label=label, style=style, x=x, y=y) for label, y, style in parts)
-        return Panel(title=title, x_label="cylinder" if first else "contact", y_label=f"{what} / wanted", series=series)
+        return Panel(
+            title=quantity, x_label="body" if first else "contact", y_label=f"{quantity} / intended", series=series
+        )
 
     return FigureData(
-        id=f"scatter-{found.scene.name}",
-        title=f"Angles that scatter by {found.spread:g}°: {found.scene.name}",
-        caption=f"{len(found.arrival)} chains with seeds from {found.seed} on, by the reference; each over the chain"
-        " with the angles wanted. A residence time below zero: the next contact is at its peak first.",
-        panels=(panel("residence time", "residence time", residence, 1), panel("peak force", "peak force", force, 0)),
+        id=f"scatter-{chains.scene.name}",
+        title=f"Angles with random errors of {chains.spread:g}°: {chains.scene.name}",
+        caption=f"{len(chains.arrival)} chains with seeds from {chains.seed} on, solved by the reference; each relative"
+        " to the chain with the intended angles. A residence time below zero: the next contact reaches its peak first.",
+        panels=(panel("residence time", residence, 1), panel("peak force", force, 0)),
     )
 
 
-def table(studies: Sequence[ScatterStudy]) -> Table:
-    """One line a set."""
+def table(sets: Sequence[ScatteredChains]) -> Table:
+    """List the spreads of several sets, a row for each."""
     return Table(
         id="scatter",
-        title="Scatter of the contact angles",
-        caption="Standard deviations over seeded sets of chains; relative to the chain with the angles wanted.",
+        title="Random errors of the contact angles",
+        caption="Standard deviations over seeded sets of chains, relative to the chain with the intended angles.",
         columns=(
             "chain",
             "angle (degrees)",
@@ -200,17 +231,30 @@ def table(studies: Sequence[ScatterStudy]) -> Table:
         ),
         rows=tuple(
             (
-                one.scene.name,
-                one.spread,
-                float(len(one.arrival)),
-                100.0 * one.arrival_shift[0],
-                100.0 * one.arrival_shift[1],
-                100.0 * float(np.nanmedian(one.residence_spread)),
-                100.0 * float(np.nanmax(one.residence_spread)),
-                100.0 * float(np.nanmedian(one.force_spread)),
+                chains.scene.name,
+                chains.spread,
+                float(len(chains.arrival)),
+                100.0 * chains.arrival_shift[0],
+                100.0 * chains.arrival_shift[1],
+                100.0 * float(np.nanmedian(chains.residence_spread)),
+                100.0 * float(np.nanmax(chains.residence_spread)),
+                100.0 * float(np.nanmedian(chains.force_spread)),
             )
-            for one in studies
+            for chains in sets
         ),
+    )
+
+
+def _along(chains: ScatteredChains) -> Table:
+    """List the spreads along the chain: of body and contact 0, 1, ...; body 0 has no residence time."""
+    force = chains.force_spread[: chains.scene.n_body - 1].tolist()
+    spreads = zip((math.nan, *chains.residence_spread.tolist()), force, strict=True)
+    return Table(
+        id="along-the-chain",
+        title="Spread along the chain",
+        caption="Standard deviations at each body and at the contact behind it, relative to the intended chain.",
+        columns=("body, contact", "residence time of the body (%)", "peak force of the contact (%)"),
+        rows=tuple((float(k), 100.0 * time, 100.0 * force) for k, (time, force) in enumerate(spreads)),
     )
 
 

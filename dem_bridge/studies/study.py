@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.notebook import study_html
-from dem_bridge.verification.verdict import Outcome, exit_code, plain
+from dem_bridge.verification.verdict import Outcome, Verdict, exit_code, plain
 
 Floats = NDArray[np.float64]
 
@@ -183,7 +183,30 @@ class Paper:
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, kw_only=True)
+def verdict_table(verdicts: Sequence[Verdict]) -> Table:
+    """List verdicts with their numbers, which are relative to the scale of each."""
+    return Table(
+        id="verdicts",
+        title="Verdicts",
+        caption="Difference, uncertainty (of the reference) and tolerance are relative.",
+        columns=("scene", "quantity", "compared", "difference", "uncertainty", "tolerance", "outcome", "sentence"),
+        rows=tuple(
+            (
+                one.scene,
+                one.quantity,
+                f"{one.backend} - {one.reference}",
+                one.difference,
+                one.reference_uncertainty,
+                one.tolerance,
+                one.outcome.value,
+                one.sentence,
+            )
+            for one in verdicts
+        ),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Study:
     """What many runs of one question say: an answer in words, with the tables and figures that it stands on."""
 
@@ -194,8 +217,8 @@ class Study:
     """Sentences, the one that was asked for first."""
     tables: tuple[Table, ...] = ()
     figures: tuple[FigureData, ...] = ()
-    outcomes: tuple[Outcome, ...] = ()
-    """Of whatever in it can pass or fail; they decide the exit code."""
+    verdicts: tuple[Verdict, ...] = ()
+    """On whatever can pass or fail; they decide the exit code."""
     notes: tuple[str, ...] = ()
     """What a reader should know of how it was made."""
     interrupted: bool = False
@@ -206,7 +229,7 @@ class Study:
 
     @property
     def exit_code(self) -> int:
-        return exit_code(self.outcomes)
+        return exit_code(verdict.outcome for verdict in self.verdicts)
 
     def _repr_html_(self) -> str:
         return study_html(self)
@@ -226,6 +249,7 @@ class Study:
                 ]
                 for one in self.tables
             },
+            "verdicts": [verdict.as_json() for verdict in self.verdicts],
             "notes": list(self.notes),
             "interrupted": self.interrupted,
             "provenance": dict(self.provenance),

@@ -8,8 +8,6 @@ is NOT_RUN, with the reason.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
@@ -34,13 +32,16 @@ from dem_bridge.lmp.process import require
 from dem_bridge.lmp.variants import flat_walls, hertz_history, newton_off, with_restart
 from dem_bridge.progress import listening
 from dem_bridge.scene import Scene
+from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.trajectory import QUANTITIES, SMALLEST_SCALE, Trajectory
-from dem_bridge.verification.verdict import Outcome, exit_code, judge, plain
+from dem_bridge.verification.verdict import Outcome, Verdict, judge
 
 #: columns of the matrix
 COLUMNS = QUANTITIES
 #: of the deck's radii, for realisations of round-off: other last digits, and hardly other sizes
 RADIUS_FACTORS = (1.0, 1.125, 1.375)
+#: smallest part of a tolerance that the figure shows
+LEAST_SHOWN = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +55,8 @@ class Base:
     deck: Deck
     own: Trajectory
     """The twin in overlap variables on the deck's steps."""
+    lammps: str
+    """Version of LAMMPS."""
     _floors: dict[bytes, dict[str, float]] = field(default_factory=dict)
 
     def floor(self, deck: Deck) -> dict[str, float]:
@@ -155,12 +158,12 @@ WAYS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One way and what it differs by from the twin; without numbers where it was not run."""
+    """One way and its differences from the twin; without numbers if it was not run."""
 
     way: str
     outcome: Outcome
     reason: str = ""
-    """Why there are no numbers, or what should be known of them."""
+    """Why there are no numbers, or a remark on them."""
     differences: Mapping[str, Difference] = field(default_factory=dict)
     tolerances: Mapping[str, float] = field(default_factory=dict)
     """Relative, to the same scales as the differences."""
@@ -170,106 +173,107 @@ class Row:
     """s, of LAMMPS alone."""
 
     @property
-    def beyond(self) -> str:
-        """Which differences are not within their tolerance, and where; '' if all are."""
-        found = [(one, self.tolerances[name]) for name, one in self.differences.items()]
-        return "; ".join(
-            f"{one.quantity} differs by {one.value:.2e} of {one.scale_name}, tolerance {tolerance:.1e}"
-            f" ({'body' if math.isfinite(one.time) else 'contact'} {one.body}"
-            + (f" at t = {1e3 * one.time:.4g} ms)" if math.isfinite(one.time) else ")")
-            for one, tolerance in found
-            if not one.value <= tolerance
-        )
-
-    def as_json(self) -> dict[str, Any]:
-        """JSON-able; differences and tolerances by quantity."""
-        return {
-            "way": self.way,
-            "outcome": self.outcome.value,
-            "reason": self.reason,
-            "bitwise_equal_to_granular": self.bitwise,
-            "difference": {name: plain(one.value) for name, one in self.differences.items()},
-            "tolerance": {name: plain(one) for name, one in self.tolerances.items()},
-            "engine_wall_s": plain(self.wall),
-        }
-
-
-@dataclass(frozen=True, kw_only=True)
-class StylesStudy:
-    """Result of :func:`study_styles`."""
-
-    scene: Scene
-    dt: float
-    """s: the step of all."""
-    rows: tuple[Row, ...]
-    lammps: str
-    """Version of the engine."""
+    def shares(self) -> dict[str, float]:
+        """Differences as parts of their tolerances."""
+        return {name: one.value / self.tolerances[name] for name, one in self.differences.items()}
 
     @property
-    def exit_code(self) -> int:
-        return exit_code(row.outcome for row in self.rows)
+    def beyond(self) -> str:
+        """The differences that exceed their tolerance, and where; '' if none does."""
+        return "; ".join(
+            f"{one.quantity} differs by {one.value:.2e} of {one.scale_name}, tolerance {self.tolerances[name]:.1e}"
+            f" ({'body' if math.isfinite(one.time) else 'contact'} {one.body}"
+            + (f" at t = {1e3 * one.time:.4g} ms)" if math.isfinite(one.time) else ")")
+            for name, one in self.differences.items()
+            if not one.value <= self.tolerances[name]
+        )
 
-    def as_json(self) -> dict[str, Any]:
-        """JSON-able."""
-        return {
-            "scene": self.scene.name,
-            "scene_hash": self.scene.content_hash,
-            "dt": self.dt,
-            "lammps": self.lammps,
-            "reference": "verlet, the twin in overlap variables at the same step",
-            "ways": [row.as_json() for row in self.rows],
-        }
-
-    def as_csv(self) -> str:
-        """One line for each way; empty where there is no number."""
-        text = io.StringIO()
-        lines = csv.writer(text, lineterminator="\n")
-        both = [f"{name}_{what}" for name in COLUMNS for what in ("difference", "tolerance")]
-        lines.writerow(["way", "outcome", "bitwise_equal_to_granular", *both, "engine_wall_s", "reason"])
-        for row in self.rows:
-            numbers = [
-                repr(number) if row.differences else ""
-                for name in COLUMNS
-                for number in ((row.differences[name].value, row.tolerances[name]) if row.differences else ("", ""))
-            ]
-            bits = "" if row.bitwise is None else "yes" if row.bitwise else "no"
-            wall = f"{row.wall:.4g}" if math.isfinite(row.wall) else ""
-            lines.writerow([row.way, row.outcome.value, bits, *numbers, wall, row.reason])
-        return text.getvalue()
+    def verdict(self, scene: str) -> Verdict:
+        """Return the verdict on the quantity whose difference is the largest part of its tolerance."""
+        worst = max(self.shares, key=self.shares.__getitem__, default="")
+        one = self.differences.get(worst)
+        return Verdict(
+            scene=scene,
+            quantity=worst or "all",
+            backend=self.way,
+            reference="verlet",
+            outcome=self.outcome,
+            sentence=f"{self.way}: {self.beyond or self.reason or 'every difference is within its tolerance'}.",
+            difference=math.nan if one is None else one.value,
+            scale=math.nan if one is None else one.scale,
+            unit="" if one is None else one.unit,
+            scale_name="" if one is None else one.scale_name,
+            tolerance=self.tolerances.get(worst, math.nan),
+            meaning="implementation and round-off",
+        )
 
 
 def study_styles(
     scene: Scene,
     *,
     dt: float | None = None,
-    engine: Engine | None = None,
-    ways: Sequence[Way] = WAYS,
     time_limit: float = 3600.0,
+    engine: Engine | None = None,
     progress: Progress | None = None,
-) -> StylesStudy:
-    """Run and judge; the first of ``ways`` is what the others are compared with bit for bit.
+) -> Study:
+    """Run a scene through every pair style, wall and suffix of LAMMPS and compare each with the twin.
 
-    ``dt`` (s): None for the backend's own. ``time_limit`` (s): of each run. ``progress`` is called with (done, total,
-    way). Raises UnsupportedScene where ``pair_style granular`` cannot express the scene, BackendUnavailable where there
-    is no LAMMPS, UsageError for a step that cannot be.
+    All runs have the same time step. A way that the scene or the LAMMPS at hand does not have is NOT_RUN.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene that ``pair_style granular`` can express.
+    dt : float, optional
+        Largest time step, s. None: that of the backend.
+    time_limit : float
+        Longest wall time of one run, s.
+    engine, progress : as in :func:`dem_bridge.study`
+
+    Returns
+    -------
+    Study
+        A verdict for each way; a run that breaks is BROKEN.
+
+    Raises
+    ------
+    UnsupportedScene
+        If ``pair_style granular`` cannot express the scene.
+    BackendUnavailable
+        If there is no LAMMPS.
+    UsageError
+        For a time step that cannot be.
     """
+    base = base_of(scene, dt=dt, engine=engine, time_limit=time_limit)
+    rows = rows_of(base, WAYS, progress=progress)
+    return study_of(base, rows)
+
+
+def base_of(scene: Scene, *, dt: float | None, engine: Engine | None = None, time_limit: float = 3600.0) -> Base:
+    """Return what every way starts from; raise as :func:`study_styles` does."""
     resolution = Resolution(dt=dt, time_limit=time_limit, bars=False)
     prescan, backend = prescan_hertz(scene), LammpsGranular(engine)
-    found = require(backend.engine, "pair granular")
+    version = str(require(backend.engine, "pair granular").version)
     deck = backend.written(scene, resolution, Sampling(count=scene.samples), prescan).deck
     own = solve_plan(scene, deck.schedule)
-    base = Base(scene=scene, backend=backend, resolution=resolution, prescan=prescan, deck=deck, own=own)
+    return Base(
+        scene=scene, backend=backend, resolution=resolution, prescan=prescan, deck=deck, own=own, lammps=version
+    )
+
+
+def rows_of(base: Base, ways: Sequence[Way], *, progress: Progress | None = None) -> tuple[Row, ...]:
+    """Run and compare each way; the first is the one that the others are compared with bit for bit."""
     rows: list[Row] = []
     first: Trajectory | None = None
     for done, way in enumerate(ways):
 
         def within(part: float, done: int = done, name: str = way.name) -> None:
             if progress is not None:
-                progress(done + part, len(ways), f"{scene.name}: {name}")
+                progress(done + part, len(ways), f"{base.scene.name}: {name}")
 
         within(0.0)
         try:
-            # with nobody to be told, nobody looks at the dump while it grows
+            # the dump is not read while it grows unless the progress is shown
             with listening(within) if progress is not None else nullcontext():
                 run, row = _row(way, base)
         except (UnsupportedScene, BackendUnavailable) as error:
@@ -283,7 +287,109 @@ def study_styles(
         rows.append(row)
     if progress is not None:
         progress(len(ways), len(ways), "")
-    return StylesStudy(scene=scene, dt=deck.schedule.step, rows=tuple(rows), lammps=str(found.version))
+    return tuple(rows)
+
+
+def study_of(base: Base, rows: Sequence[Row]) -> Study:
+    """Show the rows; nothing is run here."""
+    scene, ran = base.scene.name, [row for row in rows if row.differences]
+    alike = [row for row in rows if row.bitwise]
+    worst = sorted((share, name, row.way) for row in ran for name, share in row.shares.items())[-1:]
+    return Study(
+        id="styles",
+        title=f"LAMMPS' pair styles, walls, suffixes and ranks: {scene}",
+        answer=(
+            f"Of {len(rows)} ways to run {scene} with LAMMPS {base.lammps} at dt = {base.deck.schedule.step:.4g} s,"
+            f" {len(ran)} were run, and {len(alike)} of them give the same bits as the first.",
+            *(
+                f"The largest difference from the twin is {share:.2g} of its tolerance ({name.replace('_', ' ')},"
+                f" {way})."
+                for share, name, way in worst
+            ),
+        ),
+        tables=(_differences(rows), _tolerances(ran)),
+        figures=(_figure(scene, ran),) if ran else (),
+        verdicts=tuple(row.verdict(scene) for row in rows),
+        notes=(
+            "The tolerance of a way is the round-off that twins predict for a code that keeps positions with the radii"
+            " of this way's deck, plus what its tables or its restart change.",
+            *(f"{row.way}: {row.reason}." for row in ran if row.reason),
+        ),
+        provenance={
+            "scene": scene,
+            "scene_hash": base.scene.content_hash,
+            "dt": base.deck.schedule.step,
+            "lammps": base.lammps,
+        },
+    )
+
+
+def _differences(rows: Sequence[Row]) -> Table:
+    return Table(
+        id="styles",
+        title="Differences from the twin at the same time step",
+        caption="Velocity and displacement: largest over all samples and bodies, relative to the largest of the twin;"
+        " peak force and crossing time: of the worst contact, relative to its own. Same bits: as the first way.",
+        columns=(
+            "way",
+            *(name.replace("_", " ") for name in COLUMNS),
+            "largest / tolerance",
+            "same bits",
+            "wall (s)",
+            "outcome",
+        ),
+        rows=tuple(
+            (
+                row.way,
+                *(row.differences[name].value if row.differences else math.nan for name in COLUMNS),
+                max(row.shares.values(), default=math.nan),
+                {None: "", True: "yes", False: "no"}[row.bitwise],
+                row.wall,
+                row.outcome.value,
+            )
+            for row in rows
+        ),
+    )
+
+
+def _tolerances(rows: Sequence[Row]) -> Table:
+    return Table(
+        id="tolerances",
+        title="Tolerances",
+        caption="Relative, to the same scales as the differences.",
+        columns=("way", *(name.replace("_", " ") for name in COLUMNS)),
+        rows=tuple((row.way, *(row.tolerances[name] for name in COLUMNS)) for row in rows),
+    )
+
+
+def _figure(scene: str, rows: Sequence[Row]) -> FigureData:
+    places = np.arange(len(rows), dtype=float)
+    marks = tuple(
+        Series(
+            label=name.replace("_", " "),
+            style=f"mark-{nth}",
+            x=np.array([max(row.shares[name], LEAST_SHOWN) for row in rows]),
+            y=places,
+        )
+        for nth, name in enumerate(COLUMNS, start=1)
+    )
+    limit = Series(label="tolerance", style="guide", x=np.ones(2), y=np.array([-0.5, len(rows) - 0.5]))
+    return FigureData(
+        id="styles-differences",
+        title=f"Differences from the twin as parts of their tolerances: {scene}",
+        caption=f"A mark to the right of 1 is a failure. Differences below {LEAST_SHOWN:g} of the tolerance are drawn"
+        " there.",
+        panels=(
+            Panel(
+                title=scene,
+                x_label="difference / tolerance",
+                y_label="",
+                series=(limit, *marks),
+                rows=tuple(row.way for row in rows),
+            ),
+        ),
+        columns=1,
+    )
 
 
 def _row(way: Way, base: Base) -> tuple[Trajectory, Row]:
@@ -333,6 +439,3 @@ def _same_bits(run: Trajectory, other: Trajectory) -> bool:
         getattr(run, name).tobytes() == getattr(other, name).tobytes()
         for name in ("velocity", "displacement", "contact_force")
     )
-
-
-__all__ = ["COLUMNS", "WAYS", "Base", "Row", "StylesStudy", "Way", "study_styles", "tolerances_of"]

@@ -261,28 +261,28 @@ def test_a_file_in_the_place_of_the_folder_is_refused_in_one_line(tmp_path: Path
 # studies
 
 
-def test_a_scatter_study_takes_a_scene_a_name_or_a_path_and_writes_where_it_is_told(tmp_path: Path) -> None:
+def test_a_study_takes_a_scene_a_name_or_a_path_and_writes_into_the_folder(tmp_path: Path) -> None:
     settings: dict[str, Any] = {"spread": 1.0, "count": 2, "seed": 3, "store": False}
     scene = db.load_scene("decelerating-40")
-    one = db.study_scatter("decelerating-40", folder=tmp_path / "found", **settings)
-    same = db.study_scatter(scene, **settings)
-    np.testing.assert_array_equal(one.arrival, same.arrival)
-    other = db.study_scatter(scene, **{**settings, "seed": 5})
-    assert not np.any(one.arrival[:, -1] == other.arrival[:, -1])
-    assert {file.name for file in (tmp_path / "found").iterdir()} == {"scatter.json", "scatter.csv", "scatter.png"}
+    one = db.study("scatter", "decelerating-40", folder=tmp_path / "found", **settings)
+    same = db.study("scatter", scene, **settings)
+    assert one.as_json()["tables"] == same.as_json()["tables"]
+    other = db.study("scatter", scene, **{**settings, "seed": 5})
+    assert other.as_json()["tables"] != same.as_json()["tables"]
+    assert {"index.html", "scatter.json", "scatter.csv"} <= {file.name for file in (tmp_path / "found").iterdir()}
 
 
-def test_a_folder_that_cannot_be_is_found_before_a_scatter_study_runs(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_refused_before_a_study_runs(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
     with pytest.raises(UsageError, match="taken"):
-        db.study_scatter("decelerating-40", count=100_000, folder=tmp_path / "taken", store=False)
+        db.study("scatter", "decelerating-40", count=100_000, folder=tmp_path / "taken", store=False)
 
 
-def test_a_scatter_study_is_kept_in_the_store(tmp_path: Path) -> None:
+def test_the_runs_of_a_study_are_kept_in_the_store(tmp_path: Path) -> None:
     told: list[str] = []
     settings: dict[str, Any] = {"count": 2, "store": tmp_path, "jobs": 1}
-    first = db.study_scatter("accelerating-40", **settings)
-    again = db.study_scatter("accelerating-40", progress=lambda done, total, label: told.append(label), **settings)
+    first = db.study("scatter", "accelerating-40", **settings)
+    again = db.study("scatter", "accelerating-40", progress=lambda done, total, label: told.append(label), **settings)
     assert told == [""]  # nothing was run
     assert again.as_json() == first.as_json()
 

@@ -219,20 +219,18 @@ def test_tab_completion_offers_the_shipped_scenes(tmp_path: Path) -> None:
     assert "decelerating-40" in done.stdout
 
 
-def test_study_scatter_says_in_words_what_its_json_says(tmp_path: Path) -> None:
+def test_a_study_prints_its_answer_and_its_tables_and_says_where_it_is_written(tmp_path: Path) -> None:
     words = ("study", "scatter", "accelerating-40", "--count", "3", "--spread", "0.5", "--seed", "4", "-j", "1")
     done = _run(*words, "-o", "found", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     told = json.loads((tmp_path / "found/scatter.json").read_text())
-    assert (told["chains"], told["seed"], told["spread_degrees"]) == (3, 4, 0.5)
-    first, arrival, speed, force, written = done.stdout.splitlines()
-    assert first == "accelerating-40: 3 chains, angles off by 0.5 degrees (standard deviation)"
-    assert f"{100 * told['arrival_shift_mean']:+.2f} % on average" in arrival
-    assert f"standard deviation {100 * told['arrival_shift_deviation']:.2f} %" in arrival
-    for line, key in ((speed, "residence_spread"), (force, "force_spread")):
-        values = sorted(told[key])
-        assert f"{100 * values[len(values) // 2]:.2f} % (median), {100 * values[-1]:.2f} % (largest)" in line
-    assert written == "written: found/scatter.png and, beside it, scatter.csv and scatter.json"
+    shown = " ".join(done.stdout.split())
+    for sentence in told["answer"]:
+        assert f"* {sentence}" in shown
+    [row] = told["tables"]["scatter"]
+    assert (row["chain"], row["chains"], row["angle (degrees)"]) == ("accelerating-40", 3, 0.5)
+    assert f"{row['arrival at the end: mean shift (%)']:.4g} {row['its deviation (%)']:.4g}" in shown
+    assert done.stdout.splitlines()[-1] == "written: found/index.html, with its tables, figures and scatter.json"
     again = _run(*words, "--json", cwd=tmp_path)
     assert (again.returncode, again.stderr, json.loads(again.stdout)) == (0, "", told)
 

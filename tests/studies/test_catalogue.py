@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
+import functools
+import importlib
 import inspect
 import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from html import escape
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import dem_bridge as db
 from dem_bridge.cli import main, terminal
+from dem_bridge.cli.studies import documentation, parameters_of
 from dem_bridge.cli.studies import study as group
 from dem_bridge.errors import UsageError
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.scene import Scene
+from dem_bridge.scene_file.text import scene_toml
 from dem_bridge.studies import catalogue
 from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome, Verdict
+from tests.helpers.small_stability import small_stability
 
 
 def small(*, outcome: Outcome = Outcome.PASS, interrupted: bool = False) -> Study:
@@ -30,32 +43,232 @@ def small(*, outcome: Outcome = Outcome.PASS, interrupted: bool = False) -> Stud
         answer=("It <is> so.",),
         tables=(Table(id="numbers", title="Numbers", caption="", columns=("who", "x"), rows=(("[a]", float("nan")),)),),
         figures=(FigureData(id="picture", title="Picture", caption="", panels=(panel,)),),
-        outcomes=(outcome,),
+        verdicts=(Verdict(scene="s", quantity="q", backend="b", reference="r", outcome=outcome, sentence="So it is."),),
         interrupted=interrupted,
     )
 
 
-def of_scene(scene: Any, *, engine: Any, jobs: Any, progress: Any, store: Any, strength: float = 1.0) -> Study:
+def of_scene(
+    scene: Scene, *, engine: Engine | None = None, jobs: int | None = None, strength: float = 1.0, progress: Any = None
+) -> Study:
     return small(outcome=Outcome.FAIL if strength > 1.0 else Outcome.PASS)
 
 
-def of_none(*, engine: Any, jobs: Any, progress: Any, store: Any) -> Study:
+def of_none(*, store: Any) -> Study:
     return small(interrupted=True)
 
 
 @pytest.fixture
 def made_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    named = {"of-scene": (__name__, "of_scene"), "of-none": (__name__, "of_none")}
-    monkeypatch.setattr(catalogue, "STUDIES", named)
+    names = {"of-scene": "of_scene", "of-none": "of_none"}
+    entries = {name: catalogue.Entry(__name__, function, "") for name, function in names.items()}
+    monkeypatch.setattr(catalogue, "STUDIES", entries)
 
 
-def test_every_study_has_the_common_settings_a_command_and_says_what_it_does() -> None:
-    for name in catalogue.STUDIES:
-        found = catalogue.study_named(name)
-        settings = set(inspect.signature(found).parameters)
-        assert set(catalogue.COMMON) - {"scene"} <= settings, name
-        assert found.__doc__
-        assert name in group.commands
+# options
+
+#: parameter -> its options on the command line, where these have other names
+SHARED = {"engine": {"lmp", "lmp_args", "python", "ranks"}, "jobs": {"jobs"}, "store": {"recompute"}, "progress": set()}
+#: annotation -> type of the option, whether it can be repeated, whether it is a flag
+KINDS = {
+    "float": ("float", False, False),
+    "int": ("integer", False, False),
+    "str": ("text", False, False),
+    "bool": ("boolean", False, True),
+    "Sequence[str]": ("text", True, False),
+}
+
+
+@pytest.mark.parametrize("name", list(catalogue.STUDIES))
+def test_options_are_the_parameters_of_the_signature_and_each_is_documented(name: str) -> None:
+    function = catalogue.study_named(name)
+    parameters = inspect.signature(function).parameters
+    assert set(parameters) - {"scene"} <= {key for key, one in parameters.items() if one.kind is one.KEYWORD_ONLY}
+    description, texts = documentation(function)
+    assert set(texts) == set(parameters)
+    assert all(texts[key] for key in parameters if key not in SHARED)
+    assert description.split("\n")[0] == catalogue.STUDIES[name].summary
+    command = group.commands[name]
+    command.get_params(click.Context(command))
+    options = {one.name for one in command.params} - {"folder", "as_json"}
+    assert options == {option for key in parameters for option in SHARED.get(key, {key})}
+    for option in command.params:
+        parameter = parameters.get(str(option.name))
+        if isinstance(option, click.Option) and parameter is not None and option.name not in SHARED:
+            found = option.type.name, bool(option.multiple), bool(option.is_flag)
+            assert found == KINDS[parameter.annotation.removesuffix(" | None")], option.name
+
+
+def example(
+    *,
+    size: float = 0.5,
+    count: int | None = None,
+    fast: bool = False,
+    full: bool = True,
+    kind: str = "a",
+    names: Sequence[str] = ("x", "y"),
+) -> None:
+    """Do it.
+
+    Parameters
+    ----------
+    size : float
+        Size of :class:`~a.Thing`,
+        in ``m``.
+    count : int, optional
+        Number. None: all.
+    fast, full : bool
+        Whether.
+    kind : str
+        Kind.
+    names : sequence of str
+        Names.
+
+    Returns
+    -------
+    None
+    """
+
+
+def test_an_option_for_each_kind_of_parameter() -> None:
+    description, texts = documentation(example)
+    assert description == "Do it."
+    options = [one for one in parameters_of(example, texts) if isinstance(one, click.Option)]
+    spelled = {one.name: ([*one.opts, *one.secondary_opts], one.help) for one in options}
+    assert spelled["size"] == (["--size"], "Size of a.Thing, in m.  [default: 0.5]")
+    assert spelled["count"] == (["--count"], "Number. By default all.")
+    assert spelled["fast"] == (["--fast", "--no-fast"], "Whether.  [default: no-fast]")
+    assert spelled["full"] == (["--full", "--no-full"], "Whether.  [default: full]")
+    assert spelled["names"] == (["--name"], "Names.  [default: x, y]  Can be repeated.")
+    command = click.Command("example", params=list(options), callback=lambda **given: click.echo(json.dumps(given)))
+    words = ["--size", "1", "--no-full", "--name", "u", "--name", "v"]
+    told = json.loads(CliRunner().invoke(command, words).stdout)
+    found = {key: told[key] for key in ("size", "count", "fast", "full", "kind", "names")}
+    assert found == {"size": 1.0, "count": None, "fast": None, "full": False, "kind": None, "names": ["u", "v"]}
+
+
+@pytest.mark.parametrize("words", [["--help"], ["study", "--help"]], ids=" ".join)
+def test_the_list_of_commands_imports_no_study_and_no_numpy(words: list[str]) -> None:
+    heavy = ("numpy", "scipy", "numba", "pandas", "rich", "matplotlib", "jinja2")
+    script = (
+        "import sys\nfrom dem_bridge.cli import main\n"
+        f"try:\n    main({words!r})\nexcept SystemExit as end:\n    assert not end.code\n"
+        f"found = [name for name in {heavy!r} if name in sys.modules]\n"
+        "found += [name for name in sys.modules if 'dem_bridge.studies.' in name and 'catalogue' not in name]\n"
+        "assert not found, found"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert all(name in done.stdout for name in (catalogue.STUDIES if "study" in words else ("study", "verify")))
+
+
+# every study on a tiny case
+
+STEEL = db.Material(youngs_modulus=193e9, poissons_ratio=0.3, density=7850.0)
+ROD = db.Body(shape="cylinder", radius=9e-3, height=18e-3, material=STEEL)
+CROSSED = db.chain(
+    name="crossed", duration=3e-4, bodies=[ROD] * 5, velocity=0.5, angles=(60.0, 70.0, 80.0, 90.0), samples=20
+)
+MONOMER = db.load_scene("driven-monomer")
+DRIVEN = replace(
+    MONOMER,
+    name="driven",
+    duration=8e-3,
+    mass=MONOMER.mass[:12],
+    stiffness=MONOMER.stiffness[:11],
+    velocity=(0.0,) * 12,
+    exponent=2.5,
+    gap=0.0,
+    geometry=None,
+    drive=db.Drive(shape="chirp", force=0.02, frequency=600.0, last_frequency=11.4e3, sweep=8e-3),
+)
+#: study -> scene and settings with which it takes a few seconds at most
+TINY: dict[str, tuple[Scene | None, dict[str, Any]]] = {
+    "model-hierarchy": (CROSSED, {"draws": 1, "numerics": False, "observables": ["arrival", "peak_force"]}),
+    "work-precision": (CROSSED, {"limit": 0.01, "repeats": 1, "backends": ["verlet"]}),
+    "rule-of-thumb": (CROSSED, {}),
+    "stability": (CROSSED, {"points": 2}),
+    "extremes": (None, {"match": "at-rest", "quick": True}),
+    "bands": (DRIVEN, {"tolerance": 0.05}),
+    "horizon": (CROSSED, {"perturbations": 2, "seed": 3}),
+    "scatter": (CROSSED, {"count": 2, "spread": 1.0}),
+    "styles": (CROSSED, {"dt": 1e-7}),
+}
+
+
+def _words(settings: dict[str, Any]) -> list[str]:
+    """Spell settings as options."""
+    words = []
+    for key, value in settings.items():
+        name = key.replace("_", "-")
+        if isinstance(value, bool):
+            words.append(f"--{name}" if value else f"--no-{name}")
+        elif isinstance(value, list):
+            words += [word for one in value for word in (f"--{name.removesuffix('s')}", one)]
+        else:
+            words += [f"--{name}", str(value)]
+    return words
+
+
+@pytest.mark.lammps
+@pytest.mark.parametrize("name", list(catalogue.STUDIES))
+def test_every_study_runs_by_name_and_by_command_and_is_written(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, settings = TINY[name]
+    small_stability(monkeypatch, engine=False)
+    monkeypatch.setenv("OMP_WAIT_POLICY", "passive")
+    result = db.study(name, scene, folder=tmp_path / "called", **settings)
+    assert (result.id, bool(result.answer), bool(result.tables)) == (name, True, True)
+    assert result.exit_code == 0, [one.sentence for one in result.verdicts]
+    told = _commanded(monkeypatch, name, result, scene, settings, tmp_path)
+    assert told == result.as_json()
+    assert {id: len(rows) for id, rows in told["tables"].items()} == {one.id: len(one.rows) for one in result.tables}
+    files = {file.name: file.read_bytes() for file in (tmp_path / "called").iterdir()}
+    assert files == {file.name: file.read_bytes() for file in (tmp_path / "commanded").iterdir()}
+    assert json.loads(files[f"{name}.json"]) == told
+    assert {"index.html", *(f"{one.id}.csv" for one in result.tables)} <= set(files)
+    page = files["index.html"].decode("utf-8")
+    for figure in result.figures:
+        assert f'src="{figure.id}.png"' in page
+        assert files[f"{figure.id}.png"].startswith(b"\x89PNG")
+        assert any(file.startswith(figure.id) and file.endswith(".csv") for file in files)
+    for sentence in result.answer:
+        assert escape(sentence).replace("&#x27;", "&#39;") in page
+
+
+def _commanded(
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+    result: Study,
+    scene: Scene | None,
+    settings: dict[str, Any],
+    folder: Path,
+) -> dict[str, Any]:
+    """Give the command for a study whose result is at hand; JSON. Its settings must be those of the call."""
+    entry = catalogue.STUDIES[name]
+    module = importlib.import_module(entry.module)
+
+    @functools.wraps(getattr(module, entry.function))
+    def recorded(**given: Any) -> Study:
+        assert given.pop("scene", None) == scene
+        assert {key: value for key, value in given.items() if key not in SHARED} == {
+            key: tuple(value) if isinstance(value, list) else value for key, value in settings.items()
+        }
+        return result
+
+    monkeypatch.setattr(module, entry.function, recorded)
+    words = ["study", name, *_words(settings), "-o", str(folder / "commanded"), "--json"]
+    if scene is not None:
+        (folder / "scene.toml").write_text(scene_toml(scene), encoding="utf-8")
+        words.append(str(folder / "scene.toml"))
+    done = CliRunner().invoke(main, words)
+    assert done.exit_code == 0, (done.output, done.exception)
+    told: dict[str, Any] = json.loads(done.stdout, parse_constant=lambda word: pytest.fail(word))
+    return told
+
+
+# what cannot be done
 
 
 @pytest.mark.usefixtures("made_up")
@@ -63,9 +276,16 @@ def test_every_study_has_the_common_settings_a_command_and_says_what_it_does() -
     ("words", "settings", "said"),
     [
         (("nothing",), {}, "study = 'nothing'; allowed: of-scene, of-none"),
-        (("of-scene",), {}, "is of a scene, and none is named"),
-        (("of-none", "decelerating-40"), {}, "has scenes of its own, and 'decelerating-40' is named"),
-        (("of-scene", "decelerating-40"), {"strengths": 2.0}, "setting 'strengths' of study 'of-scene' is unknown"),
+        (("of-scene",), {}, "study 'of-scene' needs a scene; allowed: the name of a shipped scene"),
+        (("of-none", "decelerating-40"), {}, "has scenes of its own, and 'decelerating-40' was given; leave the scene"),
+        (
+            ("of-scene", "decelerating-40"),
+            {"strengths": 2.0},
+            "study 'of-scene' has no setting 'strengths'; allowed: jobs, strength",
+        ),
+        (("of-scene", "decelerating-40"), {"recompute": True}, "study 'of-scene' has no setting 'store'"),
+        (("of-none",), {"jobs": 2}, "study 'of-none' has no setting 'jobs'; allowed: none"),
+        (("of-none",), {"ranks": 2}, "study 'of-none' has no setting 'engine'"),
     ],
 )
 def test_what_cannot_be_asked_is_said_in_one_line(words: Any, settings: Any, said: str) -> None:
@@ -100,8 +320,3 @@ def test_the_terminal_knows_all_outcomes(capsys: pytest.CaptureFixture[str]) -> 
     shown = capsys.readouterr().out
     assert "* It <is> so." in shown
     assert "[a]" in shown
-
-
-def test_help_lists_every_study() -> None:
-    shown = CliRunner().invoke(main, ["study", "--help"]).output
-    assert all(name in shown for name in (*catalogue.STUDIES, "scatter", "styles"))

@@ -241,7 +241,7 @@ def test_closed_forms_are_refused_where_they_are_none() -> None:
 
 
 def test_a_study_is_asked_by_name_and_written(tmp_path: Path) -> None:
-    done = CliRunner().invoke(main, ["study", "extremes", "-k", "at-rest", "-o", str(tmp_path), "--json"])
+    done = CliRunner().invoke(main, ["study", "extremes", "--match", "at-rest", "-o", str(tmp_path), "--json"])
     assert done.exit_code == 0, done.output
     told = json.loads(done.stdout)
     assert told["answer"][0].startswith("No backend is wrong in silence: 1 extremes by")
@@ -251,10 +251,10 @@ def test_a_study_is_asked_by_name_and_written(tmp_path: Path) -> None:
 
 
 def test_what_is_slow_or_unknown_is_left_out() -> None:
-    with pytest.raises(UsageError, match="names = 'nothing'; allowed: a part of one of: pair-at-1e-9"):
-        db.study("extremes", names="nothing")
-    with pytest.raises(UsageError, match="names = 'bodies-100000'"):
-        db.study("extremes", names="bodies-100000", quick=True)
+    with pytest.raises(UsageError, match="match = 'nothing'; allowed: a part of one of: pair-at-1e-9"):
+        db.study("extremes", match="nothing")
+    with pytest.raises(UsageError, match="match = 'bodies-100000'"):
+        db.study("extremes", match="bodies-100000", quick=True)
     assert {name for name, entry in ALL.items() if entry.slow} == {
         "mass-light-between",
         "stiffness-1e8",

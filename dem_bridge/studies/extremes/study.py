@@ -38,21 +38,35 @@ class _Plan:
 
 def study_extremes(
     *,
-    names: str | None = None,
+    match: str | None = None,
     quick: bool = False,
     engine: Engine | None = None,
     jobs: int | None = None,
     progress: Progress | None = None,
     store: Store | None = None,
 ) -> Study:
-    """The catalogue of extremes through every backend.
+    """Run a catalogue of extreme scenes through every backend and check each error against its uncertainty.
 
-    ``names``: entries that have this in their name alone; ``quick``: without those that take more than about 5 s.
-    Raises UsageError where no entry is left.
+    Parameters
+    ----------
+    match : str, optional
+        Part of a name: only extremes whose names contain it are run. None: all.
+    quick : bool
+        Whether extremes that take more than about 5 s are left out.
+    engine, jobs, progress, store : as in :func:`dem_bridge.study`
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    UsageError
+        If no extreme is left.
     """
-    entries = [one for one in catalogue().values() if (names is None or names in one.name) and not (quick and one.slow)]
+    entries = [one for one in catalogue().values() if (match is None or match in one.name) and not (quick and one.slow)]
     if not entries:
-        raise UsageError(f"names = {names!r}; allowed: a part of one of: {', '.join(catalogue())}")
+        raise UsageError(f"match = {match!r}; allowed: a part of one of: {', '.join(catalogue())}")
     rows = rows_of(entries, engine=engine, jobs=jobs, progress=progress, store=store)
     return Study(
         id="extremes",
@@ -60,7 +74,7 @@ def study_extremes(
         answer=answer(rows),
         tables=tables(rows),
         figures=figures(rows),
-        outcomes=tuple(row.outcome for row in rows),
+        verdicts=tuple(row.verdict for row in rows),
         notes=NOTES,
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dem_bridge.studies.horizon.runs import KNOWN, Floats, Found, LongRun, horizon_of
 from dem_bridge.studies.horizon.verdicts import independent_from
-from dem_bridge.studies.study import FigureData, Panel, Series, Table
+from dem_bridge.studies.study import FigureData, Panel, Series, Table, verdict_table
 from dem_bridge.verification.roles import REFERENCE, TWIN
 from dem_bridge.verification.verdict import Outcome, Verdict
 
@@ -76,17 +76,7 @@ def tables(found: Found, judged: Sequence[Verdict]) -> tuple[Table, ...]:
         ),
         rows=tuple(_long_row(one) for one in (found.long, found.halved) if one is not None),
     )  # fmt: skip
-    verdicts = Table(
-        id="verdicts",
-        title="Verdicts",
-        caption="Beyond a horizon only what is conserved and statistics are judged.",
-        columns=("backend", "quantity", "difference", "tolerance", "outcome", "sentence"),
-        rows=tuple(
-            (one.backend, one.quantity, one.difference, one.tolerance, one.outcome.value, one.sentence)
-            for one in judged
-        ),
-    )
-    return horizons, growth, long, verdicts
+    return horizons, growth, long, verdict_table(judged)
 
 
 def _long_row(one: LongRun) -> tuple[str | float, ...]:

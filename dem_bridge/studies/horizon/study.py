@@ -69,12 +69,32 @@ def study_horizon(
     progress: Progress | None = None,
     store: Store | None = None,
 ) -> Study:
-    """How long velocities of LAMMPS, of the twin and of the reference are known to 1 %, and what holds beyond.
+    """Measure how long single velocities are predictable, and check what is conserved beyond that time.
 
-    ``duration`` (s): of the runs that are compared (None: the scene's). ``dt`` (s): of LAMMPS and twin (None: the
-    default). ``steps``: of the long run of the twin at that step, from which the drift of its energy is told (None: as
-    many as the duration takes). ``perturbations``: chains with inputs moved by 1e-10, from ``seed`` on. Raises
-    UsageError for a setting that makes no sense, and what the reference raises.
+    Parameters
+    ----------
+    scene : Scene
+        Scene with an impact.
+    duration : float, optional
+        Duration of the runs that are compared, s. None: that of the scene.
+    dt : float, optional
+        Largest time step of LAMMPS and the twin, s. None: that of the backend.
+    steps : int, optional
+        Number of time steps of the long run of the twin. None: those of the duration.
+    perturbations : int
+        Number of runs of the reference whose inputs are changed by 1e-10.
+    seed : int
+        Seed of the first perturbation; each further one has the next.
+    engine, jobs, progress, store : as in :func:`dem_bridge.study`
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    UsageError
+        For a setting out of its range, and for a scene in which nothing moves.
     """
     _check(duration, steps, perturbations, seed)
     scene = replace(scene, duration=duration or scene.duration, samples=max(SAMPLES, scene.samples))
@@ -150,7 +170,7 @@ def study_horizon(
         answer=answer(found, made),
         tables=tables(found, made),
         figures=figures(found),
-        outcomes=tuple(one.outcome for one in made),
+        verdicts=made,
         notes=(
             *(() if lmp.failure is None else (f"LAMMPS was not run: {lmp.failure}.",)),
             "Bars over time are made as those of whole runs are, from differences up to each time: of the time step"
@@ -193,6 +213,6 @@ def _check(duration: object, steps: object, perturbations: object, seed: object)
     if steps is not None and not whole(steps, 1, int(MOST_STEPS)):
         raise UsageError(f"steps = {steps!r}; allowed: a whole number from 1 to {MOST_STEPS:.0e}, or None")
     if not whole(perturbations, 2, 1000):
-        raise UsageError(f"nudges = {perturbations!r}; allowed: a whole number from 2 to 1000")
+        raise UsageError(f"perturbations = {perturbations!r}; allowed: a whole number from 2 to 1000")
     if not whole(seed, 0, _OTHER - 1000):
         raise UsageError(f"seed = {seed!r}; allowed: a whole number from 0 to {_OTHER - 1000}")

@@ -30,7 +30,7 @@ from dem_bridge.studies.model_hierarchy.models import (
 )
 from dem_bridge.studies.model_hierarchy.passage import JUDGED, OBSERVABLES, Effect, Effects, known, largest
 from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome, Verdict
 
 #: of an observable, in words
 WORDS = {
@@ -67,15 +67,41 @@ def study_model_hierarchy(
     progress: Progress | None = None,
     store: Store | None = None,
 ) -> Study:
-    """Which physics and which numerics a scene requires at an ``accuracy``, and the least model that keeps it.
+    """Find which physics and which numerics a scene needs for an accuracy, and its smallest adequate model.
 
-    Every piece of physics that the scene has, or that its geometry tells (see :func:`.model_terms.model_terms_of`), is
-    left out of the fullest model, alone and then together; ``observables``, of :data:`.passage.OBSERVABLES`, are what
-    must stay within ``accuracy``, and ``window`` ("passage" or "whole") is how long, as told in :mod:`.passage`.
-    ``dashpot`` (N s/m): of contacts that have none in the scene, for some is always there. ``spread`` (degrees) and
-    ``draws``: of angles that scatter. ``numerics``: whether numerical choices are asked about, too.
+    Every model term that the scene has, or that follows from its geometry
+    (:func:`.model_terms.model_terms_of`), is left out of the full model: each alone, then all that may go together.
 
-    Raises UsageError for another setting, UnsupportedScene where nothing runs through the chain.
+    Parameters
+    ----------
+    scene : Scene
+        Chain through which an impulse runs.
+    accuracy : float
+        Largest relative change of the observables that a simpler model may cause.
+    observables : sequence of str
+        Observables that must keep the accuracy: arrival, residence, peak_velocity, peak_force, velocity.
+    window : str
+        "passage": until the front has passed, without what returns from the end; "whole": the whole run.
+    dashpot : float
+        Damping coefficient that is assumed for contacts without damping, N s/m.
+    spread : float
+        Standard deviation of the random errors of the contact angles, degrees.
+    draws : int
+        Number of chains with such errors.
+    numerics : bool
+        Whether numerical choices (steps, tables, backends) are examined, too.
+    engine, jobs, progress, store : as in :func:`dem_bridge.study`
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    UsageError
+        For a setting out of its range.
+    UnsupportedScene
+        If no impulse runs through the chain.
     """
     if isinstance(draws, bool) or not isinstance(draws, int) or not 1 <= draws <= 1000:
         raise UsageError(f"draws = {draws!r}; allowed: a whole number of chains from 1 to 1000")
@@ -100,9 +126,20 @@ def study_model_hierarchy(
         answer=tuple(_answer(hierarchy, alone, below, suspected, numerical, coarsest, asked, dashpot)),
         tables=tuple(_table(hierarchy, id, title, said, found) for id, title, said, found in parts if found),
         figures=(_figure(hierarchy, pieces, beside),) if pieces or beside else (),
-        outcomes=tuple(one.outcome for one in numerical if one.outcome is Outcome.BROKEN),
+        verdicts=tuple(_broken(scene, one) for one in numerical if one.outcome is Outcome.BROKEN),
         notes=tuple(_notes(hierarchy, bench, numerical, asked)),
         provenance={"scene": scene.name, "scene_hash": scene.content_hash, "least_hash": below.scene.content_hash},
+    )
+
+
+def _broken(scene: Scene, found: Found) -> Verdict:
+    return Verdict(
+        scene=scene.name,
+        quantity=found.what,
+        backend=found.name,
+        reference="reference",
+        outcome=Outcome.BROKEN,
+        sentence=found.note or f"{found.what}: the run broke.",
     )
 
 

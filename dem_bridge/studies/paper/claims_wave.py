@@ -16,7 +16,7 @@ from dem_bridge.studies.paper.effects import ANCHORS, AS_IS
 from dem_bridge.studies.paper.measures import Measure
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, LONG, MAIN, MATCHED, Runs
 from dem_bridge.studies.paper.theories import FIRST, LAST, deviation
-from dem_bridge.studies.scatter import ScatterStudy
+from dem_bridge.studies.scatter import ScatteredChains
 from dem_bridge.studies.study import Claim, ClaimValue
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE
@@ -31,7 +31,7 @@ LARGE = 1.5
 WELL = 0.05
 
 
-def waves(runs: Runs, scattered: list[ScatterStudy]) -> Iterator[Claim]:
+def waves(runs: Runs, scattered: list[ScatteredChains]) -> Iterator[Claim]:
     """Yield the claims on the wave front in the order of the paper."""
     yield _slows(runs)
     yield _speeds_up(runs)
@@ -286,7 +286,7 @@ def _power_law(runs: Runs) -> Claim:
     )
 
 
-def _scatter(scattered: list[ScatterStudy]) -> Claim:
+def _scatter(scattered: list[ScatteredChains]) -> Claim:
     values, words = [], []
     for one in scattered:
         typical = float(np.nanmedian(one.residence_spread))

@@ -56,7 +56,7 @@ from dem_bridge.studies.paper.runs import (
 from dem_bridge.studies.paper.summary import NOT_VERIFIED, answer
 from dem_bridge.studies.paper.theories import split_table, theories_table
 from dem_bridge.studies.paper.validity import contacts_table, scenes_table
-from dem_bridge.studies.scatter import ScatterStudy
+from dem_bridge.studies.scatter import ScatteredChains
 from dem_bridge.studies.study import FigureData, Paper, Table
 from dem_bridge.studies.verify import DEFAULT_ACCURACY, ScenePlan, Verification, check_jobs, plan_scene
 from dem_bridge.verification.assess import SceneStudy
@@ -134,7 +134,7 @@ def verify_paper(
     if progress is not None:
         progress(1.0, 1, "reading claims")
     runs = Runs.of((*chain.from_iterable(of_scenes), *of_changed))
-    scattered = [scatter.study_of(scene, one, spread=extent.spread) for scene, one in zip(main, of_sets, strict=True)]
+    scattered = [scatter.chains_of(scene, one, spread=extent.spread) for scene, one in zip(main, of_sets, strict=True)]
     asked = [(hierarchy, _left_out(hierarchy, one)) for hierarchy, one in zip(hierarchies, of_models, strict=True)]
     judged = [rule_of_thumb.judged_of(scene, one) for scene, one in zip(scenes, of_thumbs, strict=True)]
     studies = tuple(plan.assess(results) for plan, results in zip(plans, of_scenes, strict=True))
@@ -151,7 +151,7 @@ def verify_paper(
 def paper_of(
     runs: Runs,
     studies: Sequence[SceneStudy],
-    scattered: list[ScatterStudy],
+    scattered: list[ScatteredChains],
     accuracy: float = DEFAULT_ACCURACY,
     asked: Sequence[tuple[ModelHierarchy, Sequence[LeftOut]]] = (),
     more: tuple[Table, ...] = (),
@@ -236,7 +236,7 @@ def coverage_table(runs: Runs, names: Sequence[str], accuracy: float = DEFAULT_A
     )
 
 
-def _figures(runs: Runs, scattered: Sequence[ScatterStudy]) -> Iterator[FigureData]:
+def _figures(runs: Runs, scattered: Sequence[ScatteredChains]) -> Iterator[FigureData]:
     """The paper's figures, as far as their scenes have run; then what the scatter of angles does."""
 
     def runs_of(name: str) -> figures.ChainRuns:

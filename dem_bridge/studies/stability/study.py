@@ -17,7 +17,6 @@ from dem_bridge.errors import BackendUnavailable, UsageError
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import require
-from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
 from dem_bridge.studies.stability.points import (
@@ -42,7 +41,7 @@ from dem_bridge.studies.stability.shown import answer, figures, tables
 from dem_bridge.studies.stability.step_limits import FINEST, RATIO, twin
 from dem_bridge.studies.study import Study
 from dem_bridge.verification.roles import GRANULAR, TWIN
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.verification.verdict import Outcome, Verdict
 
 #: a run is unstable whose energy grows for good by more than this share of what was in motion
 GAIN = 1.0
@@ -59,16 +58,31 @@ def study_stability(
     gain: float = GAIN,
     points: int = 7,
     engine: Engine | None = None,
-    jobs: int | None = None,
     progress: Progress | None = None,
-    store: Store | None = None,
 ) -> Study:
-    """Largest stable and largest accurate steps of velocity-Verlet, by the twin and by LAMMPS.
+    """Find the largest stable and the largest accurate time steps of velocity-Verlet.
 
-    ``scene``: None for decelerating-40. ``gain``: a run is unstable whose energy grows for good by more than this share
-    of what was in motion. ``points`` of each family. ``engine``: which LAMMPS; without any its column is empty. The
-    runs are too short to be stored or to be shared out (``jobs``, ``store`` are not used). Raises UsageError for a
-    setting that makes no sense and a scene that is driven or in which nothing moves.
+    The twin and LAMMPS are run on four families of small scenes and on one whole scene. The runs are short, so that
+    they are neither stored nor made in parallel. Ctrl-C keeps what was finished.
+
+    Parameters
+    ----------
+    scene : Scene, optional
+        Scene beside the families, without a drive. None: decelerating-40.
+    gain : float
+        Lasting growth of the energy, relative to the energy in motion, above which a run is called unstable.
+    points : int
+        Number of scenes in each family.
+    engine, progress : as in :func:`dem_bridge.study`
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    UsageError
+        For a setting out of its range, and for a scene that is driven or in which nothing moves.
     """
     if isinstance(gain, bool) or not isinstance(gain, int | float) or not 0.0 < gain < math.inf:
         raise UsageError(f"gain = {gain!r}; allowed: a number > 0, as 1.0 for energy that doubles")
@@ -94,7 +108,7 @@ def study_stability(
         answer=answer(scene, chosen, found, float(gain)),
         tables=tables(scene, chosen, found),
         figures=figures(scene, chosen, found, float(gain)),
-        outcomes=tuple(_agreement(point) for one in found.points.values() for point in one if point.engine is not None),
+        verdicts=tuple(_agreement(point) for one in found.points.values() for point in one if point.engine is not None),
         notes=(
             *found.notes,
             f"Stable: the energy kept (the least total energy over the last quarter of the run, without walls in the"
@@ -149,7 +163,22 @@ def _measure(scene: Scene, chosen: Sequence[Family], found: Found, gain: float, 
             found.traps.append(trap_of(whole, lmp, GRANULAR, dt))
 
 
-def _agreement(point: Point) -> Outcome:
-    """Whether LAMMPS has the twin's limit."""
+def _agreement(point: Point) -> Verdict:
+    """Judge whether LAMMPS and the twin have the same largest stable step."""
     assert point.engine is not None
-    return Outcome.PASS if abs(point.engine.good / point.stable.good - 1.0) <= SAME else Outcome.FAIL
+    apart = abs(point.engine.good / point.stable.good - 1.0)
+    return Verdict(
+        scene=point.name,
+        quantity="largest stable step",
+        backend=GRANULAR,
+        reference=TWIN,
+        outcome=Outcome.PASS if apart <= SAME else Outcome.FAIL,
+        sentence=f"The largest stable step of LAMMPS on {point.name} is {point.engine.good:.4g} s, that of the twin"
+        f" {point.stable.good:.4g} s; tolerance {100 * SAME:g} %.",
+        difference=apart,
+        scale=point.stable.good,
+        unit="s",
+        scale_name="that of the twin",
+        tolerance=SAME,
+        meaning="implementation",
+    )

@@ -39,12 +39,32 @@ def study_work_precision(
     repeats: int = REPEATS,
     backends: Sequence[str] | None = None,
 ) -> Study:
-    """Error against cost of ``scene`` for every backend and each of its knobs.
+    """Measure the error of every backend against its cost, for each of its numerical settings.
 
-    ``limit`` (s): of the wall time of one run; ``repeats``: timed calls of each
-    setting, fewer where they are long; ``backends``: None for all. Ctrl-C
-    leaves what was finished. ``jobs`` is for the reference alone: what is timed runs alone. UsageError for another
-    setting, RunBroken where the reference has no run.
+    Timed runs are made one at a time; ``jobs`` is for the reference alone. Ctrl-C keeps what was finished.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene to be solved.
+    limit : float
+        Longest wall time of one run, s.
+    repeats : int
+        Largest number of timed calls of each setting; long runs are called fewer times.
+    backends : sequence of str, optional
+        Names of the backends. None: all.
+    engine, jobs, progress, store : as in :func:`dem_bridge.study`
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    UsageError
+        For a setting out of its range.
+    RunBroken
+        If the reference has no run.
     """
     if isinstance(limit, bool) or not isinstance(limit, int | float) or not 0.0 < limit < math.inf:
         raise UsageError(f"limit = {limit!r}; allowed: a number of seconds > 0")

@@ -22,7 +22,7 @@ from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies import scatter
 from dem_bridge.studies.paper.runs import LONG, MAIN, Runs, matched, quick, variants, with_mass_gradient
-from dem_bridge.studies.scatter import ScatterStudy
+from dem_bridge.studies.scatter import ScatteredChains
 from dem_bridge.trajectory import Trajectory, Uncertainty
 
 OTHERS = ("tapered-forward", "tapered-backward", "homogeneous-cylinders")
@@ -95,9 +95,9 @@ def runs(results: tuple[Result, ...]) -> Runs:
 
 
 @pytest.fixture(scope="package")
-def scattered(store: Path) -> list[ScatterStudy]:
-    def of(scene: Scene) -> ScatterStudy:
-        return scatter.study_of(scene, run_cases(scatter.cases_of(scene, spread=1.0, count=2), store=kept), spread=1.0)
+def scattered(store: Path) -> list[ScatteredChains]:
+    def of(scene: Scene) -> ScatteredChains:
+        return scatter.chains_of(scene, run_cases(scatter.cases_of(scene, spread=1.0, count=2), store=kept), spread=1.0)
 
     kept = Store(store)
     return [of(db.load_scene(name)) for name in MAIN]

