@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 STAMP  := $(VENV)/.installed
 BIN    := $(VENV)/bin
-PYTEST := -n auto --dist loadgroup --benchmark-disable
+PYTEST := -n auto --dist loadgroup
 
 .PHONY: setup verify test test-all bench lint pins clean
 
@@ -28,7 +28,7 @@ test-all: $(STAMP)
 	$(BIN)/python -m tests.follow_the_page
 
 bench: $(STAMP)
-	$(BIN)/python -m pytest tests/bench/bench_backends.py --benchmark-only --benchmark-columns=median,iqr,rounds -p no:cacheprovider
+	$(BIN)/python -m tests.bench.bench_backends
 	$(BIN)/python -m tests.bench.bench_lammps
 	$(BIN)/python -m tests.bench.bench_bars
 	$(BIN)/python -m tests.bench.bench_integrators

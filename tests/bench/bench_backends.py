@@ -1,67 +1,89 @@
-"""What each backend costs on decelerating-40 (3 ms, dt = 1e-8 s, 500 samples), against the bare engine.
+"""Measure what each backend costs on decelerating-40 (3 ms, dt = 1e-8 s, 500 samples), against the bare engine.
 
-`make bench` runs this; the figures in brackets are ratios to the fastest of a group, medians, warm. Force
-evaluations are kept beside the seconds, because seconds depend on the machine.
+``make bench`` runs this. Times are medians of warm rounds with their interquartile range. Force evaluations are listed,
+too, because seconds depend on the machine.
 """
 
 from __future__ import annotations
 
+import statistics
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
-import pytest
-from pytest_benchmark.fixture import BenchmarkFixture
+from rich.console import Console
+from rich.table import Table
 
 import dem_bridge as db
 from dem_bridge.lmp.process import run_deck
 from dem_bridge.scene import Scene
-
-SCENE, STEP = "decelerating-40", 1e-8
-
-
-@pytest.fixture(scope="module")
-def bare_deck(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The deck without its dump: what a hand-written script does at least."""
-    folder = tmp_path_factory.mktemp("bare")
-    db.write_deck(SCENE, folder, dt=STEP)
-    deck = folder / f"in.{SCENE}"
-    lines = deck.read_text().splitlines()
-    deck.write_text("\n".join(line for line in lines if not line.startswith("dump")) + "\n")
-    return folder
+from tests.bench.timing import spread, wall_seconds
 
 
-@pytest.mark.benchmark(group=f"{SCENE}, 3e5 steps")
-def test_bare_lammps_in_a_child(benchmark: BenchmarkFixture, bare_deck: Path) -> None:
-    benchmark.pedantic(
-        run_deck, args=(bare_deck, f"in.{SCENE}"), kwargs={"time_limit": 600.0}, rounds=5, warmup_rounds=1
-    )
+@dataclass(frozen=True)
+class Extent:
+    """Say what is measured, and how often."""
+
+    scene: Scene
+    dt: float
+    """Of the fixed-step backends, s."""
+    rounds: int
+    fronts: tuple[int, ...]
+    """Lengths, in cylinders, of chains through which the reference follows a front."""
 
 
-@pytest.mark.benchmark(group=f"{SCENE}, 3e5 steps")
-@pytest.mark.parametrize("bars", [False, True], ids=["no bars", "bars"])
-@pytest.mark.parametrize("backend", ["lammps-granular", "verlet"])
-def test_fixed_step(benchmark: BenchmarkFixture, backend: str, bars: bool) -> None:
-    run = benchmark.pedantic(
-        db.solve,
-        args=(SCENE,),
-        kwargs={"backend": backend, "dt": STEP, "bars": bars},
-        rounds=5,
-        warmup_rounds=1,
-    )
-    benchmark.extra_info["force_evaluations"] = run.cost.force_evaluations
+@dataclass(frozen=True)
+class Row:
+    """Hold the times of one piece of work."""
+
+    group: str
+    work: str
+    seconds: list[float]
+    remark: str = ""
 
 
-@pytest.mark.benchmark(group=f"{SCENE}, 3e5 steps")
-@pytest.mark.parametrize(("backend", "rounds"), [("reference", 10), ("scipy", 2), ("ode45", 10)])
-def test_adaptive(benchmark: BenchmarkFixture, backend: str, rounds: int) -> None:
-    run = benchmark.pedantic(
-        db.solve, args=(SCENE,), kwargs={"backend": backend, "bars": False}, rounds=rounds, warmup_rounds=1
-    )
-    benchmark.extra_info["force_evaluations"] = run.cost.force_evaluations
+def full_extent() -> Extent:
+    return Extent(db.load_scene("decelerating-40"), dt=1e-8, rounds=5, fronts=(1_000, 10_000, 100_000))
+
+
+def tiny_extent() -> Extent:
+    scene = replace(db.load_scene("decelerating-40"), duration=3e-5, samples=5)
+    return Extent(scene, dt=1e-7, rounds=1, fronts=(20,))
+
+
+def bare_engine(extent: Extent) -> Iterator[Row]:
+    """Measure the deck without its dump: what a hand-written script costs at least."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        db.write_deck(extent.scene, folder, dt=extent.dt)
+        deck = folder / f"in.{extent.scene.name}"
+        lines = deck.read_text().splitlines()
+        deck.write_text("\n".join(line for line in lines if not line.startswith("dump")) + "\n")
+        work = partial(run_deck, folder, deck.name, time_limit=600.0)
+        yield Row(extent.scene.name, "bare LAMMPS in a child", wall_seconds(work, extent.rounds))
+
+
+def solves(extent: Extent) -> Iterator[Row]:
+    """Measure runs of fixed step with and without error bars, and adaptive ones without."""
+    settings: list[tuple[str, dict[str, Any]]] = [
+        (name, {"dt": extent.dt, "bars": bars}) for name in ("lammps-granular", "verlet") for bars in (False, True)
+    ]
+    settings += [(name, {"bars": False}) for name in ("reference", "scipy", "ode45")]
+    for name, chosen in settings:
+        work = partial(db.solve, extent.scene, backend=name, **chosen)
+        forces = work().cost.force_evaluations
+        bars = "with" if chosen["bars"] else "without"
+        yield Row(extent.scene.name, f"{name}, {bars} bars", wall_seconds(work, extent.rounds), f"{forces:,} forces")
 
 
 def decelerating(cylinders: int) -> Scene:
-    """The decelerating chain of any length, struck by one of its own, until the front has passed it."""
+    """Return the decelerating chain of any length, struck by one of its own, until the front has passed it."""
     stiffness = np.linspace(7.27e10, 4.68e9, cylinders - 1)
     mass, speed = 0.0100766, 0.8
     # binary collisions: each contact is crossed in half its contact time, and momentum is handed on whole
@@ -76,26 +98,37 @@ def decelerating(cylinders: int) -> Scene:
     )
 
 
-@pytest.mark.benchmark(group="reference following a front, per chain")
-@pytest.mark.parametrize(("cylinders", "rounds"), [(1_000, 3), (10_000, 1), (100_000, 1)])
-def test_front(benchmark: BenchmarkFixture, cylinders: int, rounds: int) -> None:
-    run = benchmark.pedantic(
-        db.solve, args=(decelerating(cylinders),), kwargs={"backend": "reference", "bars": False}, rounds=rounds
-    )
-    reached = int(np.sum(np.isfinite(run.crossing_time)))
-    assert benchmark.stats is not None
-    benchmark.extra_info["ms_per_cylinder"] = round(1e3 * benchmark.stats.stats.median / reached, 4)
+def fronts(extent: Extent) -> Iterator[Row]:
+    """Measure the reference that follows a front through a long chain."""
+    for cylinders in extent.fronts:
+        work = partial(db.solve, decelerating(cylinders), backend="reference", bars=False)
+        reached = int(np.sum(np.isfinite(work().crossing_time)))
+        seconds = wall_seconds(work, 1 if cylinders > 1_000 else extent.rounds)
+        remark = f"{1e3 * statistics.median(seconds) / reached:.4f} ms for a cylinder"
+        yield Row("reference on a front", f"{cylinders:,} cylinders", seconds, remark)
 
 
-@pytest.mark.benchmark(group="command line")
-def test_help(benchmark: BenchmarkFixture) -> None:
-    import subprocess
-    import sys
+def command_line(extent: Extent) -> Iterator[Row]:
+    """Measure ``dem-bridge --help``."""
+    words = [sys.executable, "-m", "dem_bridge.cli", "--help"]
+    work = partial(subprocess.run, words, check=True, capture_output=True)
+    yield Row("command line", "dem-bridge --help", wall_seconds(work, 2 * extent.rounds))
 
-    benchmark.pedantic(
-        subprocess.run,
-        args=([str(Path(sys.executable).with_name("dem-bridge")), "--help"],),
-        kwargs={"check": True, "capture_output": True},
-        rounds=10,
-        warmup_rounds=1,
-    )
+
+PARTS: tuple[Callable[[Extent], Iterator[Row]], ...] = (bare_engine, solves, fronts, command_line)
+
+
+def main(*, tiny: bool = False) -> int:
+    """Print one table."""
+    extent = tiny_extent() if tiny else full_extent()
+    table = Table("group", "work", "median, s", "interquartile range, s", "rounds", "")
+    for part in PARTS:
+        for row in part(extent):
+            median = f"{statistics.median(row.seconds):.4g}"
+            table.add_row(row.group, row.work, median, f"{spread(row.seconds):.2g}", str(len(row.seconds)), row.remark)
+    Console(width=130).print(table)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

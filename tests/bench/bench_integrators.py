@@ -1,4 +1,4 @@
-"""In-house fixed-step methods beside velocity-Verlet written by hand in C (verlet.c): time and forces for an accuracy.
+"""Compare in-house fixed-step methods with velocity-Verlet written by hand in C (verlet.c): time for an accuracy.
 
 ``make bench`` runs this (two minutes; a C compiler). Codes take turns, so that a busy machine is busy for all of them,
 and figures are CPU time: the least and the median of many. The C code is compiled as one would (-O3 -march=native), and
@@ -15,7 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -35,10 +35,8 @@ from dem_bridge.scene import Scene
 
 SOURCE = Path(__file__).with_name("verlet.c")
 FLAGS = {"C": ("-O3", "-march=native"), "C, no errno": ("-O3", "-march=native", "-fno-math-errno")}
-ROUNDS = 15
-ACCURACIES = (1e-4, 1e-6, 1e-8)
 METHODS = {"verlet": VERLET, "blanes-moan": SRKN_6B}
-#: steps of a ladder: a method has an accuracy from the first step on that keeps it at these and the next two smaller
+#: each step is smaller than the one before by RUNG; a method has an accuracy from the first of KEPT steps that keep it
 RUNG, KEPT = 1.1, 3
 Floats = NDArray[np.float64]
 #: seconds of CPU and the sampled velocities, m/s
@@ -46,20 +44,43 @@ Answer = tuple[float, Floats]
 Key = TypeVar("Key")
 
 
+@dataclass(frozen=True)
+class Extent:
+    """Say what is measured, and how often."""
+
+    rounds: int
+    bodies: tuple[int, ...]
+    """Lengths of the chains of which a step is timed."""
+    work: float
+    """Bodies times steps of each of these runs."""
+    accuracies: tuple[float, ...]
+    scenes: tuple[Scene, ...]
+
+
+def full_extent() -> Extent:
+    scenes = tuple(replace(db.load_scene(name), samples=500) for name in ("decelerating-40", "accelerating-40"))
+    return Extent(rounds=15, bodies=(40, 200, 2000), work=2e7, accuracies=(1e-4, 1e-6, 1e-8), scenes=scenes)
+
+
+def tiny_extent() -> Extent:
+    scene = replace(db.load_scene("decelerating-40"), duration=6e-5, samples=5)
+    return Extent(rounds=1, bodies=(40,), work=2e4, accuracies=(1e-4,), scenes=(scene,))
+
+
 def compiled(folder: Path) -> dict[str, ctypes.CDLL]:
-    """The C code by how it was compiled; none where there is no compiler."""
+    """Return the C code by how it was compiled; none where there is no compiler."""
     compiler = shutil.which("cc")
-    found = {}
+    libraries = {}
     for name, flags in FLAGS.items() if compiler else ():
-        library = folder / f"{name.replace(', ', '-').replace(' ', '-')}.so"
-        subprocess.run([str(compiler), *flags, "-shared", "-fPIC", "-o", library, SOURCE, "-lm"], check=True)
-        found[name] = ctypes.CDLL(str(library))
-        found[name].verlet.restype = found[name].merged.restype = ctypes.c_double
-    return found
+        file = folder / f"{name.replace(', ', '-').replace(' ', '-')}.so"
+        subprocess.run([str(compiler), *flags, "-shared", "-fPIC", "-o", file, SOURCE, "-lm"], check=True)
+        library = libraries[name] = ctypes.CDLL(str(file))
+        library.verlet.restype = library.merged.restype = ctypes.c_double
+    return libraries
 
 
 def in_c(library: ctypes.CDLL, scene: Scene, per_sample: int, *, merged: bool = False) -> Answer:
-    """A free chain without weight."""
+    """Run a free chain without weight in C."""
     n, samples = scene.n_body, scene.samples
     dt = scene.duration / samples / per_sample
     push, beta = 0.5 * dt / np.array(scene.mass), np.zeros(n + 1)
@@ -78,7 +99,7 @@ def in_c(library: ctypes.CDLL, scene: Scene, per_sample: int, *, merged: bool = 
 
 
 def in_house(name: str, scene: Scene, per_sample: int) -> Answer:
-    """A whole run of a backend without bars: look at the scene, solve, read off peaks and crossings."""
+    """Make a whole run of a backend without bars: prescan the scene, solve, read off peaks and crossings."""
     dt = scene.duration / scene.samples / per_sample
     began = time.process_time()
     run = backend(name).run(scene, Resolution(dt=dt, bars=False), Sampling(count=scene.samples))
@@ -86,7 +107,7 @@ def in_house(name: str, scene: Scene, per_sample: int) -> Answer:
 
 
 def alone(method: splitting.Method, scene: Scene, per_sample: int) -> Answer:
-    """An in-house method on given steps with nothing looked at between the samples, as in C."""
+    """Run an in-house method on given steps and read off nothing between the samples, as in C."""
     plan = Schedule(
         step=scene.duration / scene.samples / per_sample, per_sample=per_sample, subdivisions=1, samples=scene.samples
     )
@@ -95,24 +116,24 @@ def alone(method: splitting.Method, scene: Scene, per_sample: int) -> Answer:
     return time.process_time() - began, run.velocity[1:]
 
 
-def in_turn(codes: Mapping[Key, Callable[[], Answer]]) -> dict[Key, Floats]:
-    """CPU times, s, ``(ROUNDS,)``, of codes that take turns, all warm."""
+def in_turn(codes: Mapping[Key, Callable[[], Answer]], rounds: int) -> dict[Key, Floats]:
+    """Return CPU times, s, ``(rounds,)``, of codes that take turns, all warm."""
     for code in codes.values():
         code()
-    times = [[code()[0] for code in codes.values()] for _ in range(ROUNDS)]
+    times = [[code()[0] for code in codes.values()] for _ in range(rounds)]
     return dict(zip(codes, np.array(times).T, strict=True))
 
 
 # time for a body and step
 
 
-def chain(bodies: int, *, pressed: bool) -> Scene:
-    """A chain in which every contact is closed and every body moves, or one that is struck at its left end."""
+def chain(bodies: int, *, pressed: bool, work: float) -> Scene:
+    """Return a chain in which all contacts are closed and all bodies move, or one that is struck at its left end."""
     rng = np.random.default_rng(7)
     at_rest = (0.8, *[0.0] * (bodies - 1))
     return Scene(
         name="chain",
-        duration=1e-8 * max(1, round(2e7 / bodies)),
+        duration=1e-8 * max(1, round(work / bodies)),
         mass=(0.0100766,) * bodies,
         stiffness=tuple(np.linspace(7.27e10, 4.68e9, bodies - 1).tolist()),
         velocity=tuple(rng.uniform(-0.01, 0.01, bodies).tolist()) if pressed else at_rest,
@@ -121,23 +142,23 @@ def chain(bodies: int, *, pressed: bool) -> Scene:
     )
 
 
-def per_step(libraries: Mapping[str, ctypes.CDLL]) -> Table:
-    """What a body and a step of velocity-Verlet cost, in one kernel and the other."""
+def per_step(libraries: Mapping[str, ctypes.CDLL], extent: Extent) -> Table:
+    """Time velocity-Verlet for a body and a step, in one kernel and the other."""
     in_c_codes = [f"{name}{how}" for name in libraries for how in ("", ", one kick")]
     table = Table("bodies", "contacts", "in-house, ns", *(f"{name}, ns: ratio" for name in in_c_codes))
     table.title = "velocity-Verlet, CPU for a body and step: least (median): median ratio in-house / C of the turns"
-    for bodies in (40, 200, 2000):
+    for bodies in extent.bodies:
         for what, pressed in (("all closed", True), ("one struck", False)):
-            scene = chain(bodies, pressed=pressed)
+            scene = chain(bodies, pressed=pressed, work=extent.work)
             steps = round(scene.duration / 1e-8)
             codes = {"in-house": partial(alone, VERLET, scene, steps)}
             for name, library in libraries.items():
                 codes[name] = partial(in_c, library, scene, steps)
                 codes[f"{name}, one kick"] = partial(in_c, library, scene, steps, merged=True)
-            own = codes["in-house"]()[1]
-            far = max(float(np.max(np.abs(code()[1] - own))) for code in codes.values())
-            assert far < 1e-6, f"they do not solve the same: {far:.1g} m/s apart"
-            times = in_turn(codes)
+            expected = codes["in-house"]()[1]
+            difference = max(float(np.max(np.abs(code()[1] - expected))) for code in codes.values())
+            assert difference < 1e-6, f"the codes solve different equations: {difference:.1g} m/s apart"
+            times = in_turn(codes, extent.rounds)
             cells = [_both(1e9 / bodies / steps * times["in-house"])]
             for name in in_c_codes:
                 ratio = np.median(times["in-house"] / times[name])
@@ -154,7 +175,7 @@ def _both(times: Floats) -> str:
 
 
 def cheapest(code: Callable[[int], Answer], truth: Floats, accuracy: float, start: int) -> int:
-    """Least number of steps to a sample from which on a method keeps the accuracy, of the largest velocity."""
+    """Return the least steps per sample from which on errors are at most ``accuracy`` times the largest velocity."""
     good: list[int] = []
     per_sample, size = start, float(np.max(np.abs(truth)))
     while len(good) < KEPT:
@@ -164,15 +185,15 @@ def cheapest(code: Callable[[int], Answer], truth: Floats, accuracy: float, star
     return good[0]
 
 
-def to_accuracy(libraries: Mapping[str, ctypes.CDLL], scene: Scene) -> Table:
-    """What an accuracy of the velocities costs each code, at the largest step that has it."""
+def to_accuracy(libraries: Mapping[str, ctypes.CDLL], scene: Scene, extent: Extent) -> Table:
+    """Time what an accuracy of the velocities costs each code, at the largest step that has it."""
     truth = db.solve(scene, backend="reference", bars=False).velocity[1:]
     steps = dict.fromkeys(METHODS, 1)
     table = Table(
         "velocity to", "code", "dt, s", "forces", "CPU, ms: least (median)", *(f"over {c}" for c in libraries)
     )
     table.title = f"{scene.name}: whole runs, with all that is read off, and solving alone, as in C"
-    for accuracy in ACCURACIES:
+    for accuracy in extent.accuracies:
         for name, method in METHODS.items():
             steps[name] = cheapest(partial(alone, method, scene), truth, accuracy, steps[name])
         codes = {
@@ -181,7 +202,7 @@ def to_accuracy(libraries: Mapping[str, ctypes.CDLL], scene: Scene) -> Table:
         for name, method in METHODS.items():
             codes[name, name] = partial(in_house, name, scene, steps[name])
             codes[f"{name}, alone", name] = partial(alone, method, scene, steps[name])
-        times = in_turn(codes)
+        times = in_turn(codes, extent.rounds)
         for (code, name), spent in times.items():
             dt = scene.duration / scene.samples / steps[name]
             forces = len(METHODS[name].drifts) * steps[name] * scene.samples
@@ -191,16 +212,18 @@ def to_accuracy(libraries: Mapping[str, ctypes.CDLL], scene: Scene) -> Table:
     return table
 
 
-def main() -> int:
+def main(*, tiny: bool = False) -> int:
+    """Print one table of steps and one of accuracies for each scene."""
+    extent = tiny_extent() if tiny else full_extent()
     with tempfile.TemporaryDirectory() as folder:
         libraries = compiled(Path(folder))
         if not libraries:
             print("no C compiler (cc): nothing to measure against; install gcc or clang")
             return 0
         console = Console(width=150)
-        console.print(per_step(libraries))
-        for name in ("decelerating-40", "accelerating-40"):
-            console.print(to_accuracy(libraries, replace(db.load_scene(name), samples=500)))
+        console.print(per_step(libraries, extent))
+        for scene in extent.scenes:
+            console.print(to_accuracy(libraries, scene, extent))
     return 0
 
 

@@ -1,19 +1,20 @@
-"""What LAMMPS costs here and how well it does: the numbers that decks, tables, types and ranks are judged by.
+"""Measure what LAMMPS costs and how well it does: the numbers by which decks, tables, types and ranks are judged.
 
     python -m tests.bench.bench_lammps [table floor types million ranks overhead damped]
 
-``make bench`` runs all of it. Every ratio is of medians in one run, warm; errors are maxima over samples and bodies,
+``make bench`` runs all parts. Every ratio is of medians in one run, warm; errors are maxima over samples and bodies,
 relative to the largest velocity.
 """
 
 from __future__ import annotations
 
+import resource
 import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,10 +27,11 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import EngineReport, run_deck
 from dem_bridge.scene import Damping, Scene
 from dem_bridge.trajectory import Trajectory
+from tests.bench.timing import median_seconds
 
+#: what is measured, the target, the measurement
 Row = tuple[str, str, str]
-SCENE, STEP = "decelerating-40", 1e-8
-#: the least a person writes to run a deck, without anything kept of it
+#: the least that a person writes to run a deck, without anything kept of it
 BY_HAND = """
 import ctypes, importlib.metadata, sys
 for file in importlib.metadata.files("mpich"):
@@ -41,23 +43,40 @@ engine.file(sys.argv[1])
 """
 
 
-def _away(run: Trajectory, other: Trajectory) -> float:
+@dataclass(frozen=True)
+class Extent:
+    """Say how large the measured runs are, and how often each is made."""
+
+    scene: Scene
+    dt: float
+    """Of runs of the scene, s."""
+    cylinders: float
+    """Factor of the lengths of chains."""
+    rounds: int
+
+    def length(self, cylinders: int) -> int:
+        """Return a chain's length, at least 10 cylinders."""
+        return max(10, round(self.cylinders * cylinders))
+
+    def repeats(self, rounds: int) -> int:
+        return min(rounds, self.rounds)
+
+
+def full_extent() -> Extent:
+    return Extent(db.load_scene("decelerating-40"), dt=1e-8, cylinders=1.0, rounds=7)
+
+
+def tiny_extent() -> Extent:
+    scene = replace(db.load_scene("decelerating-40"), duration=2e-5, samples=5)
+    return Extent(scene, dt=1e-7, cylinders=1e-3, rounds=1)
+
+
+def _difference(run: Trajectory, other: Trajectory) -> float:
     return float(np.max(np.abs(run.velocity - other.velocity)) / np.max(np.abs(other.velocity)))
 
 
-def _seconds(work: Callable[[], Any], rounds: int) -> float:
-    """Median, after one that warms up."""
-    work()
-    found = []
-    for _ in range(rounds):
-        began = time.perf_counter()
-        work()
-        found.append(time.perf_counter() - began)
-    return statistics.median(found)
-
-
 def _chain(cylinders: int, *, distinct: int | None = None, steps: int = 1_000, seed: int = 1) -> Scene:
-    """A chain with a wave running through all of it: every body moves, every contact works."""
+    """Return a chain in which every body moves and every contact works."""
     rng = np.random.default_rng(seed)
     stiffness = np.linspace(7.27e10, 4.68e9, distinct or cylinders - 1)[
         np.arange(cylinders - 1) % (distinct or cylinders)
@@ -73,7 +92,7 @@ def _chain(cylinders: int, *, distinct: int | None = None, steps: int = 1_000, s
 
 
 def _bare(scene: Scene, *, ranks: int = 1, **settings: Any) -> EngineReport:
-    """A run of the scene's deck without its dumps: what a step costs."""
+    """Run the scene's deck without its dumps: what a step costs."""
     with TemporaryDirectory() as name:
         folder = Path(name)
         db.write_deck(scene, folder, dt=1e-7, **settings)
@@ -83,43 +102,42 @@ def _bare(scene: Scene, *, ranks: int = 1, **settings: Any) -> EngineReport:
         return run_deck(folder, deck.name, time_limit=600.0, engine=Engine(ranks=ranks))
 
 
-def table() -> Iterator[Row]:
-    """Error of tables beside granular, and what they cost."""
-    truth = db.solve(SCENE, backend="reference", bars=False)
+def table(extent: Extent) -> Iterator[Row]:
+    """Measure the error of tables beside granular, and what tables cost."""
+    truth = db.solve(extent.scene, backend="reference", bars=False)
     granular, tabled = (
-        db.solve(SCENE, backend=name, dt=STEP, bars=False) for name in ("lammps-granular", "lammps-table")
+        db.solve(extent.scene, backend=name, dt=extent.dt, bars=False) for name in ("lammps-granular", "lammps-table")
     )
-    more = _away(tabled, truth) - _away(granular, truth)
+    more = _difference(tabled, truth) - _difference(granular, truth)
     yield "table, error above granular's", "<= 1e-6", f"{more:.1e}"
-    told = tabled.provenance["table"]
-    yield (
-        "table, error of a force, predicted / measured",
-        "",
-        f"{told['predicted_error']:.1e} / {told['measured_error']:.1e}",
-    )
+    errors = tabled.provenance["table"]
+    both = f"{errors['predicted_error']:.1e} / {errors['measured_error']:.1e}"
+    yield "table, error of a force, predicted / measured", "", both
     for contacts, limit in ((40, "0.25 s"), (2_000, "8 s, 2 GB")):
-        scene = _chain(contacts + 1, steps=2)
+        scene = _chain(extent.length(contacts) + 1, steps=2)
         with TemporaryDirectory() as folder:
-            seconds = _seconds(partial(db.write_deck, scene, folder, style="table", dt=1e-7), 3)
+            write = partial(db.write_deck, scene, folder, style="table", dt=1e-7)
+            seconds = median_seconds(write, extent.repeats(3))
             lines = max(len(file.read_text().splitlines()) for file in Path(folder).glob("*.table"))
         run = db.solve(scene, backend="lammps-table", dt=1e-7, bars=False)
         plain = db.solve(scene, backend="lammps-granular", dt=1e-7, bars=False)
         more = run.provenance["engine_wall"] - plain.provenance["engine_wall"]
         memory = run.provenance["engine_memory"] / 1e9
-        found = f"{seconds + more:.2f} s, {memory:.2f} GB, {lines} lines"
-        yield f"table, files and coefficients of {contacts} contacts", f"<= {limit}", found
+        result = f"{seconds + more:.2f} s, {memory:.2f} GB, {lines} lines"
+        yield f"table, files and coefficients of {scene.n_contact} contacts", f"<= {limit}", result
 
 
-def floor() -> Iterator[Row]:
-    """The least error of plain and extrapolated runs at three speeds, in scaled steps."""
-    chain = db.load_scene(SCENE)
+def floor(extent: Extent) -> Iterator[Row]:
+    """Measure the least error of plain and extrapolated runs at three speeds, in scaled steps."""
+    chain = extent.scene
     for speed in (0.8, 1e-3, 1e-6):
         slow = (0.8 / speed) ** 0.2
         scene = replace(
             chain,
+            geometry=None,  # that of 41 bodies
             exponent=2.5,
             gap=0.0,
-            duration=3e-3 * slow,
+            duration=chain.duration * slow,
             mass=chain.mass[:21],
             stiffness=(chain.stiffness[0], *np.linspace(chain.stiffness[1], chain.stiffness[-1], 19).tolist()),
             velocity=(speed, *[0.0] * 20),
@@ -127,118 +145,121 @@ def floor() -> Iterator[Row]:
         truth = db.solve(scene, backend="reference", bars=False)
         plain = db.solve(scene, backend="lammps-granular", dt=1e-9 * slow, bars=False)
         better = db.solve(scene, backend="lammps-granular", dt=1e-8 * slow, order="richardson")
-        found = f"{_away(plain, truth):.1e} / {_away(better, truth):.1e}"
-        yield f"N = 20 at {speed:g} m/s, plain / Richardson", "<= 5e-8 / 1e-8", found
+        result = f"{_difference(plain, truth):.1e} / {_difference(better, truth):.1e}"
+        yield f"N = 20 at {speed:g} m/s, plain / Richardson", "<= 5e-8 / 1e-8", result
 
 
-def types() -> Iterator[Row]:
-    """As few types as can be against one for each body."""
-    for cylinders, asked in ((2_000, ">= 1 times faster"), (10_000, ">= 3 times faster, 1/20 of memory")):
-        scene = _chain(cylinders, steps=2_000 if cylinders < 5_000 else 500)
+def types(extent: Extent) -> Iterator[Row]:
+    """Measure as few types as can be against one for each body."""
+    for cylinders, target in ((2_000, ">= 1 times faster"), (10_000, ">= 3 times faster, 1/20 of memory")):
+        scene = _chain(extent.length(cylinders), steps=2_000 if cylinders < 5_000 else 500)
         loop: dict[str, list[float]] = {"euler": [], "per-body": []}
         before, memory = {}, {}
-        for _ in range(3):
+        for _ in range(extent.repeats(3)):
             for kind in loop:
                 run = _bare(scene, types=kind)
                 loop[kind].append(run.loop)
                 before[kind], memory[kind] = run.wall - run.loop, run.memory
         faster = statistics.median(loop["per-body"]) / statistics.median(loop["euler"])
-        found = (
+        result = (
             f"{faster:.2f} times faster, {memory['per-body'] / memory['euler']:.1f} times less memory,"
             f" {before['euler']:.1f} s before the first step and not {before['per-body']:.1f} s"
         )
-        yield f"Euler types against one a body, N = {cylinders}", asked, found
+        yield f"Euler types against one a body, N = {scene.n_body}", target, result
 
 
-def million() -> Iterator[Row]:
-    """A million bodies with two stiffnesses, written, run and read back."""
-    scene = _chain(1_000_000, distinct=2)
+def million(extent: Extent) -> Iterator[Row]:
+    """Write, run and read back a million bodies with two stiffnesses."""
+    scene = _chain(extent.length(1_000_000), distinct=2)
     began = time.perf_counter()
     run = db.solve(scene, backend="lammps-granular", dt=1e-7, bars=False)
-    import resource
-
     both = run.provenance["engine_memory"] + 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    found = (
+    result = (
         f"{time.perf_counter() - began:.0f} s, {both / 1e9:.1f} GB with LAMMPS, {run.provenance['atom_types']} types"
     )
-    yield "N = 1e6, 1,000 steps, 2 samples", "<= 180 s, 4 GB", found
+    yield f"N = {scene.n_body}, 1,000 steps, 2 samples", "<= 180 s, 4 GB", result
 
 
-def ranks() -> Iterator[Row]:
-    """Two ranks against one."""
-    scene = _chain(100_000, distinct=2, steps=1_000)
+def ranks(extent: Extent) -> Iterator[Row]:
+    """Measure two ranks against one."""
+    scene = _chain(extent.length(100_000), distinct=2, steps=1_000)
     loop: dict[int, list[float]] = {1: [], 2: []}
-    for _ in range(3):
+    for _ in range(extent.repeats(3)):
         for number in loop:
             loop[number].append(_bare(scene, ranks=number).loop)
     short = replace(scene, duration=2e-5)
     runs = {number: db.solve(short, backend="lammps-granular", dt=1e-7, ranks=number, bars=False) for number in loop}
     same = np.array_equal(runs[1].velocity, runs[2].velocity)
     faster = statistics.median(loop[1]) / statistics.median(loop[2])
-    found = f"{faster:.2f} times, bitwise {'equal' if same else 'DIFFERENT'}"
-    yield "two ranks against one, N = 1e5, per step", ">= 1.6 times", found
+    result = f"{faster:.2f} times, bitwise {'equal' if same else 'DIFFERENT'}"
+    yield f"two ranks against one, N = {scene.n_body}, per step", ">= 1.6 times", result
 
 
-def overhead() -> Iterator[Row]:
-    """What a solve costs beyond the run, and a sampled run beyond a bare one."""
+def overhead(extent: Extent) -> Iterator[Row]:
+    """Measure what a solve costs beyond the run, and a sampled run beyond a bare one."""
+    scene, rounds = extent.scene, extent.rounds
     with TemporaryDirectory() as name:
         folder = Path(name)
-        db.write_deck(SCENE, folder, dt=STEP)
-        deck = folder / f"in.{SCENE}"
+        db.write_deck(scene, folder, dt=extent.dt)
+        deck = folder / f"in.{scene.name}"
         whole = deck.read_text()
         bare = "\n".join(line for line in whole.splitlines() if not line.startswith("dump")) + "\n"
         (folder / "by_hand.py").write_text(BY_HAND)
 
         def script(text: str) -> float:
             deck.write_text(text)
-            return _seconds(
-                lambda: subprocess.run([sys.executable, "by_hand.py", deck.name], cwd=folder, check=True), 7
-            )
+            words = [sys.executable, "by_hand.py", deck.name]
+            return median_seconds(lambda: subprocess.run(words, cwd=folder, check=True), rounds)
 
         alone = script(bare)
         dumped = script(whole)
-        solve = _seconds(lambda: db.solve(SCENE, backend="lammps-granular", dt=STEP), 7)
-        no_bars = _seconds(lambda: db.solve(SCENE, backend="lammps-granular", dt=STEP, bars=False), 7)
-        words = [str(Path(sys.executable).with_name("dem-bridge")), "run", SCENE]
-        words += ["--backend", "lammps-granular", "--dt", f"{STEP}"]
-        cold = _seconds(lambda: subprocess.run(words, check=True, capture_output=True), 5)
+        solve = median_seconds(lambda: db.solve(scene, backend="lammps-granular", dt=extent.dt), rounds)
+        no_bars = median_seconds(lambda: db.solve(scene, backend="lammps-granular", dt=extent.dt, bars=False), rounds)
+        words = [sys.executable, "-m", "dem_bridge.cli", "run", scene.name]
+        words += ["--backend", "lammps-granular", "--dt", f"{extent.dt}"]
+        cold = median_seconds(lambda: subprocess.run(words, check=True, capture_output=True), extent.repeats(5))
     yield "sampling, 500 samples with peaks and crossings", "<= 1.15 times the bare run", f"{dumped / alone:.2f} times"
     yield (
         "warm db.solve, with bars (without)",
         "<= 1.25 times",
         f"{solve / alone:.2f} ({no_bars / alone:.2f}) times {alone:.2f} s",
     )
-    yield "cold command line, with bars", "<= 2 times", f"{cold / alone:.2f} times"
+    yield "cold command line, with bars", "<= 1.8 times", f"{cold / alone:.2f} times"
 
 
-def damped() -> Iterator[Row]:
-    """Damped runs: LAMMPS against the twin, and their order against scipy."""
-    chain = replace(db.load_scene(SCENE), duration=1e-3, samples=100)
+def damped(extent: Extent) -> Iterator[Row]:
+    """Compare damped runs of LAMMPS with the twin, and measure their order against scipy."""
+    chain = replace(extent.scene, duration=min(1e-3, extent.scene.duration), samples=min(100, extent.scene.samples))
     laws: dict[str, dict[str, Any]] = {
         "dashpot": {"damping": Damping(law="dashpot", coefficient=2.0)},
         "kuwabara-kono": {"damping": Damping(law="kuwabara-kono", coefficient=2e-6)},
         "drag": {"drag": 300.0},
     }
-    for law, how in laws.items():
-        scene = replace(chain, **how)
+    for law, settings in laws.items():
+        scene = replace(chain, **settings)
         truth = db.solve(scene, backend="scipy", bars=False)
         # so small that the second order of the springs is nothing beside the first of the damping
         steps = [1e-8, 5e-9, 2.5e-9]
         runs = [db.solve(scene, backend="lammps-granular", dt=dt, bars=False) for dt in steps]
         twin = db.solve(scene, backend="verlet", dt=steps[-1], bars=False)
-        order = np.polyfit(np.log(steps), np.log([_away(run, truth) for run in runs]), 1)[0]
-        yield f"{law}, LAMMPS - twin; order", "<= 5e-9; 1.0 +- 0.1", f"{_away(runs[-1], twin):.1e}; {order:.2f}"
+        order = np.polyfit(np.log(steps), np.log([_difference(run, truth) for run in runs]), 1)[0]
+        yield f"{law}, LAMMPS - twin; order", "<= 5e-9; 1.0 +- 0.1", f"{_difference(runs[-1], twin):.1e}; {order:.2f}"
 
 
-PARTS = {part.__name__: part for part in (table, floor, types, million, ranks, overhead, damped)}
+PARTS: dict[str, Callable[[Extent], Iterator[Row]]] = {
+    part.__name__: part for part in (table, floor, types, million, ranks, overhead, damped)
+}
 
 
-def main() -> None:
-    print(f"{'what':50}  {'asked':34}  found")
-    for name in sys.argv[1:] or PARTS:
-        for what, asked, found in PARTS[name]():
-            print(f"{what:50}  {asked:34}  {found}", flush=True)
+def main(names: Sequence[str] = (), *, tiny: bool = False) -> int:
+    """Print the rows of the named parts, of all where none is named."""
+    extent = tiny_extent() if tiny else full_extent()
+    print(f"{'quantity':50}  {'target':34}  measured")
+    for name in names or PARTS:
+        for quantity, target, measured in PARTS[name](extent):
+            print(f"{quantity:50}  {target:34}  {measured}", flush=True)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv[1:]))

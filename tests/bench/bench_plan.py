@@ -1,4 +1,4 @@
-"""Does the planner plan? Random scenes and three accuracies, free choice and LAMMPS' settings.
+"""Compare plans with the cheapest settings of a grid, on random scenes at three accuracies, with LAMMPS and without.
 
 ``make bench`` runs this. For each plan the run is made: its error is that against the reference, its CPU is set beside
 the cheapest setting that a grid finds: every in-house code, fixed steps a factor 1.3 apart, the three coarsest that
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -123,10 +123,10 @@ class Bench:
         return min(found, key=lambda one: one[0])[1:] if found else None
 
 
-def rows(seed: int) -> Iterator[Row]:
-    """All plans of one scene."""
+def rows(seed: int, accuracies: Sequence[float] = ACCURACIES) -> Iterator[Row]:
+    """Yield all plans of one scene."""
     bench = Bench(planned_scene(seed))
-    for accuracy in ACCURACIES:
+    for accuracy in accuracies:
         yield _free(seed, bench, accuracy)
         if supports_of(LAMMPS).covers(bench.scene):
             yield _of_lammps(seed, bench, accuracy)
@@ -183,21 +183,25 @@ def _of_lammps(seed: int, bench: Bench, accuracy: float) -> Row:
     return _row(row, plan, bench, ours, theirs)
 
 
-def main() -> int:
-    """Print the rows that miss and a table; 1 where the share met or the costs are not good enough."""
-    first = int(sys.argv[1]) if len(sys.argv) > 1 else 0
-    count = int(sys.argv[2]) if len(sys.argv) > 2 else COUNT
-    console, found = Console(width=150), []
+def main(*, tiny: bool = False, first: int = 0, count: int = COUNT) -> int:
+    """Print the rows that miss and a table; 1 where the share met or the costs are not good enough.
+
+    ``first`` and ``count`` choose the random scenes; ``tiny`` takes one scene at one accuracy.
+    """
+    accuracies: Sequence[float] = ACCURACIES
+    if tiny:
+        count, accuracies = 1, ACCURACIES[:1]
+    console, plans = Console(width=150), []
     for seed in track(range(first, first + count), "plans", transient=True):
-        for row in rows(seed):
-            found.append(row)
+        for row in rows(seed, accuracies):
+            plans.append(row)
             if not row.met or row.ratio > 2.0:
                 console.print(row, soft_wrap=True)
     table = Table("asked", "accuracy", "plans", "refused", "met", "cost / cheapest: median", "95 %", "largest")
     failed = 0
     for asked in ("free", LAMMPS):
-        for accuracy in ACCURACIES:
-            of = [row for row in found if row.asked == asked and row.accuracy == accuracy]
+        for accuracy in accuracies:
+            of = [row for row in plans if row.asked == asked and row.accuracy == accuracy]
             planned = [row for row in of if not row.refused]
             # what the grid cannot have either is refused rightly
             wrong = [row for row in of if row.refused and row.best not in ("", "nan")]
@@ -214,4 +218,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    words = sys.argv[1:]
+    sys.exit(main(first=int(words[0]) if words else 0, count=int(words[1]) if len(words) > 1 else COUNT))
