@@ -54,10 +54,10 @@ _HOME = {
     "write_trajectory": "api.trajectories",
 }
 #: public modules, imported on first use too
-_MODULES = ("errors", "plot")
+_MODULES = ("errors", "features", "plot", "testing")
 
 if TYPE_CHECKING:
-    from dem_bridge import errors, plot
+    from dem_bridge import errors, features, plot, testing
     from dem_bridge.accuracy import observed_order
     from dem_bridge.api.regress import regress
     from dem_bridge.api.runs import available, plan, solve, verify, write_deck
@@ -102,6 +102,7 @@ __all__ = [
     "compare",
     "errors",
     "export",
+    "features",
     "law_of",
     "load_scene",
     "load_trajectory",
@@ -117,6 +118,7 @@ __all__ = [
     "solve",
     "study",
     "table_of",
+    "testing",
     "verify",
     "write_deck",
     "write_trajectory",

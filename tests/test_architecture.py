@@ -33,6 +33,7 @@ LAYERS = {
         "planning",
         "extrapolate",
         "doctor",
+        "testing",
     ),
     8: ("studies", "regression"),
     9: ("report", "exports"),

@@ -1,4 +1,4 @@
-"""The same checks for every backend in BACKENDS: same scene in, same labels, units, order and refusals out."""
+"""What every backend of the catalogue promises beyond the public checks (tests/testing/test_checks.py)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends.base import (
     BACKENDS,
-    Availability,
     Resolution,
     Sampling,
     backend,
@@ -69,13 +68,6 @@ def test_a_backend_says_who_it_is(name: str) -> None:
     assert found.order is None or found.order >= 1
 
 
-@pytest.mark.parametrize("name", BACKENDS)
-def test_availability_has_a_reason_exactly_if_it_is_not_there(name: str) -> None:
-    found = backend(name).availability()
-    assert isinstance(found, Availability)
-    assert found.available == (found.reason == "")
-
-
 @pytest.mark.parametrize("name", [name for name in BACKENDS if backend(name).equations != "hertz"])
 @pytest.mark.parametrize("scene", [EVERYTHING, AT_REST, ALONE], ids=lambda scene: scene.name)
 def test_an_unsupported_scene_is_refused_in_one_line(name: str, scene: Scene) -> None:
@@ -93,28 +85,6 @@ def test_the_pulse_is_for_everyone_and_nobody_but_the_approximation_refuses_the_
     for scene in (EVERYTHING, AT_REST, ALONE):
         refused = {name for name in BACKENDS if not supports_of(name).covers(scene)}
         assert refused == {name for name in BACKENDS if backend(name).equations != "hertz"}
-
-
-@every_backend
-def test_times_are_equal_steps_from_0_to_the_duration(name: str, solved: Solve) -> None:
-    run = solved(PULSE, name, dt=1e-7)
-    np.testing.assert_array_equal(run.time, np.linspace(0.0, PULSE.duration, PULSE.samples + 1))
-
-
-@every_backend
-def test_arrays_have_the_scenes_bodies_and_contacts(name: str, solved: Solve) -> None:
-    run = solved(PULSE, name, dt=1e-7)
-    assert run.displacement.shape == run.velocity.shape == (25, 4)
-    assert run.contact_force.shape == (25, 3)
-    assert run.peak_force.shape == run.crossing_time.shape == (3,)
-
-
-@every_backend
-def test_the_first_sample_is_the_start(name: str, solved: Solve) -> None:
-    run = solved(PULSE, name, dt=1e-7)
-    assert run.velocity[0].tolist() == [0.8, 0.0, 0.0, 0.0]
-    assert run.displacement[0].tolist() == [0.0, 0.0, 0.0, 0.0]
-    assert not np.any(run.contact_force[0] > 0.0)
 
 
 @every_backend
@@ -146,13 +116,6 @@ def test_without_bars_nothing_is_claimed_and_nothing_else_changes(name: str, sol
     assert all(np.all(np.isinf(bar)) for bar in bare.uncertainty.values())
     for quantity in ("velocity", "displacement", "peak_force", "crossing_time"):
         np.testing.assert_array_equal(getattr(bare, quantity), getattr(full, quantity))
-
-
-@every_backend
-def test_the_same_question_has_the_same_answer_to_the_last_bit(name: str, solved: Solve) -> None:
-    one, other = solved(PULSE, name, dt=1e-7, bars=False), db.solve(PULSE, backend=name, dt=1e-7, bars=False)
-    for quantity in ("velocity", "displacement", "contact_force", "peak_force", "crossing_time"):
-        assert getattr(one, quantity).tobytes() == getattr(other, quantity).tobytes()
 
 
 @every_backend
