@@ -58,6 +58,8 @@ class Check:
             self.test()
         except AssertionError as error:
             raise AssertionError(f"{self.name}: {error}") from None
+        except Exception as error:
+            raise AssertionError(f"{self.name}: {type(error).__name__} was raised: {error}") from error
 
     def __str__(self) -> str:
         return self.name
@@ -79,12 +81,11 @@ def check_backend(chosen: Backend) -> None:
     Examples
     --------
     >>> from dem_bridge.testing import ExactPair
-    >>> class Hasty(ExactPair):
-    ...     def run(self, scene, resolution, sampling):
-    ...         return super().run(scene, resolution, Sampling(count=sampling.count + 1))
-    >>> check_backend(Hasty())
+    >>> class Untitled(ExactPair):
+    ...     name = ""
+    >>> check_backend(Untitled())
     Traceback (most recent call last):
-    AssertionError: shapes: ...
+    AssertionError: declaration: name = ''; required: text
     """
     failures = []
     for check in backend_checks(chosen):
@@ -92,8 +93,6 @@ def check_backend(chosen: Backend) -> None:
             check()
         except AssertionError as error:
             failures.append(str(error))
-        except DemBridgeError as error:
-            failures.append(f"{check.name}: the run raised {type(error).__name__}: {error}")
     if failures:
         raise AssertionError("\n".join(failures))
 
@@ -327,6 +326,7 @@ def _solution(name: str, scene: Scene) -> Trajectory:
 
 def _assert_close(name: str, values: Floats, expected: Floats, source: str, stated: float = math.inf) -> None:
     """Raise AssertionError where values differ by more than the stated uncertainty, or than ``TOLERANCE``."""
+    _require(values.shape == expected.shape, f"{name} has the shape {values.shape}; required: {expected.shape}")
     scale = float(np.nanmax(np.abs(expected), initial=0.0))
     allowed = min(stated, TOLERANCE * scale) + ROUND_OFF * scale
     nan = np.isnan(values) != np.isnan(expected)

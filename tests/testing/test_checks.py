@@ -102,6 +102,13 @@ class Deaf(ExactPair):
         return super().run(scene, resolution, Sampling(count=30))
 
 
+class Hasty(ExactPair):
+    """A backend that gives one sample more than it is asked for."""
+
+    def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
+        return super().run(scene, resolution, Sampling(count=sampling.count + 1))
+
+
 class Unstable(ExactPair):
     """A backend with a fixed step; ``broken``: what it does where that is too long."""
 
@@ -190,6 +197,7 @@ FAULTS: dict[str, tuple[Callable[[], Any], set[str]]] = {
         {"provenance"},
     ),
     "negative cost": (lambda: planted(lambda run, _: replace(run, cost=replace(run.cost, steps=-1))), {"cost"}),
+    "one sample more": (Hasty, {"shapes", "time axis", "sampling", *SOLVES}),
     "fixed samples": (Deaf, {"sampling"}),
     "chance": (Random, {"determinism"}),
     "changes the scene": (Heavier, {"scene unchanged"}),
@@ -260,5 +268,5 @@ def test_a_run_that_breaks_is_listed_with_the_error() -> None:
                 raise RunBroken("it is too heavy")
             return super().run(scene, resolution, sampling)
 
-    with pytest.raises(AssertionError, match=r"^solves gravity: the run raised RunBroken: it is too heavy$"):
+    with pytest.raises(AssertionError, match=r"^solves gravity: RunBroken was raised: it is too heavy$"):
         check_backend(Broken())
