@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from dem_bridge.version import __version__
 
-#: public name -> module; imported on first use, so that ``--help`` and ``import dem_bridge`` cost nothing
+#: module of each public name; modules are imported on first use, so that ``import dem_bridge`` is fast
 _HOME = {
     "Body": "geometry",
     "ContactLaw": "physics.law",
@@ -53,7 +53,7 @@ _HOME = {
     "write_deck": "api.runs",
     "write_trajectory": "api.trajectories",
 }
-#: public modules, imported on first use too
+#: public modules, also imported on first use
 _MODULES = ("errors", "features", "plot", "testing")
 
 if TYPE_CHECKING:

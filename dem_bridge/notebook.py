@@ -1,7 +1,8 @@
-"""What a notebook shows of a value: small HTML, styled in place, without scripts, for light pages and dark.
+"""HTML for notebooks: scenes, trajectories, verifications, plans and studies.
 
-Pure text below everything that it shows, so the shown are of type Any here: each hands itself over in its
-``_repr_html_``. Colours of text are the page's own; words in colour stand on a ground of theirs.
+The HTML has inline styles and no scripts. Text has the colour of the page, so that it is readable on light and dark
+pages; coloured words have a background of their own. The classes call this module in ``_repr_html_`` and the module
+imports none of them, so its arguments have the type Any.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from dem_bridge.notebook_sketch import sketch
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 _RULE = "1px solid rgba(128,128,128,.4)"
 _CELL = "text-align:left;vertical-align:top;padding:.15em .9em .15em 0;background:none;border:0"
-#: white on these is read by all eyes, in grey too; the word says the same
-_GROUNDS = {
+#: background of each outcome; white text on it is readable also in grey and with colour blindness
+_BACKGROUNDS = {
     "PASS": "#00664d",
     "FAIL": "#a53a00",
     "BROKEN": "#a53a00",
@@ -29,13 +30,13 @@ _GROUNDS = {
     "NOT_RUN": "#555555",
     "MODEL_DIFFERENCE": "#0b5089",
 }
-#: bodies that are named one by one, and rows of a table
-_NAMED, _ROWS = 3, 200
+#: largest number of bodies that are listed one by one, and of rows of a table
+_LISTED, _ROWS = 3, 200
 _HASH = 12
 
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:
-    """A number with the prefix that makes it short; in powers of ten beyond all prefixes, or of a unit that is none.
+    """Return a number with its unit and an SI prefix, or a power of ten if no prefix fits.
 
     >>> quantity(8.1e-3, "kg"), quantity(3e-3, "s"), quantity(0.0, "m"), quantity(4e9, "N/m^1.5"), quantity(1e-19, "m")
     ('8.1 g', '3 ms', '0 m', '4e+09 N/m^1.5', '1e-19 m')
@@ -47,7 +48,7 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
     if unit == "kg" and abs(value) < 1.0:
         return quantity(1e3 * value, "g", digits)
     rounded = float(f"{value:.{digits}g}")
-    # nobody says 800 mm/s
+    # velocities below 1 m/s keep the unit m/s: 0.8 m/s, not 800 mm/s
     power = 3 * math.floor((math.log10(abs(rounded)) + (unit == "m/s")) / 3.0) if rounded else 0
     if unit not in ("m", "s", "g", "N", "m/s") or power not in _PREFIXES:
         return f"{value:.{digits}g} {unit}".strip()
@@ -55,33 +56,33 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
 
 
 def spread(values: Iterable[float], unit: str) -> str:
-    """The range of values, or the one that all have.
+    """Return the range of values as text, or the value if all are equal.
 
     >>> spread([8.1e-3, 10.1e-3], "kg"), spread([0.8, 0.8], "m/s"), spread([], "m"), spread([2.4, 2.5], "")
     ('8.1 g to 10.1 g', '0.8 m/s', 'none', '2.4 to 2.5')
     """
-    known = sorted(set(values))
-    if not known:
+    distinct = sorted(set(values))
+    if not distinct:
         return "none"
-    ends = [quantity(one, unit) for one in (known[0], known[-1])]
+    ends = [quantity(value, unit) for value in (distinct[0], distinct[-1])]
     return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
 
 
 def scene_html(scene: Any) -> str:
-    """A Scene: its chain as a sketch, ranges of what bodies and contacts have, what else acts, how long."""
+    """Return the HTML of a Scene: a sketch of the chain and its properties."""
     c, walls = scene.contacts, [side for side in ("left", "right") if getattr(scene, f"wall_{side}") is not None]
     n = set(c.exponent.tolist())
     unit = f"N/m^{next(iter(n)) - 1.0:g}" if len(n) == 1 else "N/m^(n-1)"
-    near = " (near the laws)" if scene.law is not None else ""
+    near = " (approximates the contact laws)" if scene.law is not None else ""
     facts = {
         "bodies": f"{scene.n_body}, mass {spread(scene.mass, 'kg')}",
         "contacts": f"{scene.n_contact}"
-        + (f", of them {len(walls)} with a wall ({', '.join(walls)})" if walls else ""),
+        + (f", {len(walls)} of them with a wall ({', '.join(walls)})" if walls else ""),
         "stiffness": f"{spread(c.stiffness.tolist(), unit)}{near}",
-        "exponent n": f"{spread(n, '')} (force goes as overlap^(n-1)){near}",
-        "gap": f"{spread(c.gap.tolist(), 'm')}" + (" (negative: overlap at the start)" if (c.gap < 0.0).any() else ""),
-        "start": _start(scene.velocity),
-        "also acts": "; ".join(_acting(scene)) or "nothing",
+        "exponent n": f"{spread(n, '')} (force is proportional to overlap^(n-1)){near}",
+        "gap": f"{spread(c.gap.tolist(), 'm')}" + (" (negative: initial overlap)" if (c.gap < 0.0).any() else ""),
+        "initial velocity": _start(scene.velocity),
+        "further physics": "; ".join(_acting(scene)) or "none",
         "duration": f"{quantity(scene.duration, 's')}, sampled every {quantity(scene.duration / scene.samples, 's')}"
         f" ({scene.samples} intervals)",
         "hash": scene.content_hash[:_HASH],
@@ -89,64 +90,68 @@ def scene_html(scene: Any) -> str:
     if scene.geometry is not None:
         shapes = Counter(body.shape for body in scene.geometry.bodies)
         radii = spread((body.radius for body in scene.geometry.bodies), "m")
-        told = ", ".join(f"{count} {shape}{'s' if count > 1 else ''}" for shape, count in shapes.items())
-        facts["bodies"] += f": {told}, radius {radii}"
-    shown = sketch(
+        kinds = ", ".join(f"{count} {shape}{'s' if count > 1 else ''}" for shape, count in shapes.items())
+        facts["bodies"] += f": {kinds}, radius {radii}"
+    drawing = sketch(
         _outlines(scene),
         c.stiffness[: scene.n_body - 1].tolist(),
         moving=[v != 0.0 for v in scene.velocity],
         walls=(scene.wall_left is not None, scene.wall_right is not None),
         unit=unit,
     )
-    return _card(f"Scene {scene.name}", scene.description, shown, _facts(facts))
+    return _card(f"Scene {scene.name}", scene.description, drawing, _facts(facts))
 
 
 def trajectory_html(run: Any, scales: Mapping[str, Any], units: Mapping[str, str]) -> str:
-    """A Trajectory. ``scales``: what bars are relative to, a number or one per contact; ``units``: of the bars."""
-    made, settings = run.provenance, run.provenance.get("settings", {})
+    """Return the HTML of a Trajectory: settings, cost, uncertainties and provenance.
+
+    ``scales`` has the scale of each uncertainty, a number or an array over contacts, and ``units`` the unit.
+    """
+    provenance, settings = run.provenance, run.provenance.get("settings", {})
     step, cost = settings.get("dt"), run.cost
     spent = [f"{quantity(value, 's')} {name}" for name, value in (("wall", cost.wall), ("CPU", cost.cpu))]
     facts = {
-        "solved by": f"{made.get('backend', 'unknown')} ({made.get('equations', 'equations unknown')})",
-        "scene": f"{made.get('scene', 'unknown')}, hash {str(made.get('scene_hash', 'unknown'))[:_HASH]}",
-        "time step": "none that is fixed" if step is None else quantity(step, "s"),
+        "backend": f"{provenance.get('backend', 'unknown')} ({provenance.get('equations', 'equations unknown')})",
+        "scene": f"{provenance.get('scene', 'unknown')}, hash {str(provenance.get('scene_hash', 'unknown'))[:_HASH]}",
+        "time step": "no fixed time step" if step is None else quantity(step, "s"),
         "samples": f"{len(run.time)} times from 0 to {quantity(float(run.time[-1]), 's')},"
         f" {run.velocity.shape[1]} bodies, {len(run.peak_force)} contacts",
-        "cost": f"{', '.join(spent)}, {cost.steps} steps, {cost.force_evaluations} force evaluations",
+        "cost": f"{', '.join(spent)}, {cost.steps} time steps, {cost.force_evaluations} force evaluations",
     }
     rows = []
-    for name, bar in run.uncertainty.items():
-        value, scale = np.atleast_1d(bar), np.atleast_1d(scales[name])
-        felt = (scale > 0.0) & (np.isfinite(getattr(run, name)) if np.ndim(bar) else True)
-        if not felt.any():
+    for name, estimate in run.uncertainty.items():
+        value, scale = np.atleast_1d(estimate), np.atleast_1d(scales[name])
+        present = (scale > 0.0) & (np.isfinite(getattr(run, name)) if np.ndim(estimate) else True)
+        if not present.any():
             rows.append((name.replace("_", " "), "no value", "", ""))
             continue
-        most, relative = float(value[felt].max()), float((value[felt] / scale[felt]).max())
-        of = f"of the largest, {quantity(float(scale[0]), units[name])}" if np.ndim(bar) == 0 else "of its own"
+        largest, relative = float(value[present].max()), float((value[present] / scale[present]).max())
         rows.append(
             (
                 name.replace("_", " "),
-                quantity(most, units[name], 2),
+                quantity(largest, units[name], 2),
                 f"{relative:.1e}" if math.isfinite(relative) else "unknown",
-                of if np.ndim(bar) == 0 else f"{of}, worst contact",
+                f"the largest, {quantity(float(scale[0]), units[name])}"
+                if np.ndim(estimate) == 0
+                else "the value of each contact (largest ratio)",
             )
         )
-    bars = _table(("error bar", "absolute", "relative", ""), rows)
-    told = "\n".join(f"{key}: {_plain(value)}" for key, value in made.items())
-    pre = f'<pre style="max-height:16em;overflow:auto;white-space:pre-wrap;background:none">{escape(told)}</pre>'
-    return _card("Trajectory", "", _facts(facts), bars, _folded("provenance", pre))
+    uncertainties = _table(("uncertainty of", "absolute", "relative", "relative to"), rows)
+    text = "\n".join(f"{key}: {_plain(value)}" for key, value in provenance.items())
+    pre = f'<pre style="max-height:16em;overflow:auto;white-space:pre-wrap;background:none">{escape(text)}</pre>'
+    return _card("Trajectory", "", _facts(facts), uncertainties, _folded("provenance", pre))
 
 
-def verification_html(found: Any) -> str:
-    """A Verification: what became of it, and the verdicts scene by scene; several scenes are folded."""
-    counts = Counter(verdict.outcome.value for verdict in found.verdicts)
-    head = " ".join(f"{badge(word)}\u00a0{counts[word]}" for word in _GROUNDS if counts[word])
+def verification_html(verification: Any) -> str:
+    """Return the HTML of a Verification: the number of outcomes, and a table of verdicts per scene."""
+    counts = Counter(verdict.outcome.value for verdict in verification.verdicts)
+    head = " ".join(f"{badge(word)}\u00a0{counts[word]}" for word in _BACKGROUNDS if counts[word])
     line = (
-        f"<p>{head}</p><p>accuracy asked {found.accuracy:g} of the largest velocity; exit code {found.exit_code};"
-        f" {quantity(found.wall, 's')}</p>"
+        f"<p>{head}</p><p>tolerance of velocities: {verification.accuracy:g} of the largest velocity; exit code"
+        f" {verification.exit_code}; wall time {quantity(verification.wall, 's')}</p>"
     )
     parts = []
-    for study in found.studies:
+    for study in verification.studies:
         rows = [
             (
                 escape(v.quantity.replace("_", " ")),
@@ -158,67 +163,73 @@ def verification_html(found: Any) -> str:
             )
             for v in study.verdicts
         ]
-        heads = ("quantity", "compared", "isolates", "difference", "bar", "tolerance", "relative to", "outcome")
-        table = _table(heads, rows, ready=True)
-        if len(found.studies) > 1:
+        heads = (
+            "quantity", "compared", "error source", "difference", "uncertainty", "tolerance", "relative to", "outcome"
+        )  # fmt: skip
+        table = _table(heads, rows, html_cells=True)
+        if len(verification.studies) > 1:
             outcomes = dict.fromkeys(v.outcome.value for v in study.verdicts)
-            words = " ".join(badge(word) for word in _GROUNDS if word in outcomes)
+            words = " ".join(badge(word) for word in _BACKGROUNDS if word in outcomes)
             parts.append(_folded(study.scene.name, table, f" {words}"))
         else:
             parts.append(f"<p><b>{escape(study.scene.name)}</b></p>{table}")
-    notes = "".join(f"<p>{escape(note)}</p>" for note in found.notes)
-    return _card("Verification", "differences, bars and tolerances are relative", line, *parts, notes)
+    notes = "".join(f"<p>{escape(note)}</p>" for note in verification.notes)
+    subtitle = "differences, uncertainties and tolerances are relative"
+    return _card("Verification", subtitle, line, *parts, notes)
 
 
 def plan_html(plan: Any) -> str:
-    """A Plan: the settings, what they are predicted to err and cost, and why."""
-    settings = ", ".join(f"{key}={value!r}" for key, value in plan.resolution.items()) or "as they are by default"
+    """Return the HTML of a Plan: settings, predicted and measured error and cost, and reasons."""
+    settings = ", ".join(f"{key}={value!r}" for key, value in plan.resolution.items()) or "default settings"
     facts = {
         "scene": plan.scene,
-        "wanted": f"{plan.accuracy:g} of {plan.observable}",
+        "accuracy": f"{plan.accuracy:g} of {plan.observable}",
         "backend": plan.backend,
         "settings": f"{settings} (SI)",
         "error": f"{plan.predicted_error:.2g} predicted"
-        + ("" if plan.found_error is None else f", {plan.found_error:.2g} found"),
+        + ("" if plan.found_error is None else f", {plan.found_error:.2g} measured"),
         "cost": f"{quantity(plan.predicted_cost, 's')} of CPU predicted"
-        + ("" if plan.found_cost is None else f", {quantity(plan.found_cost, 's')} found"),
-        "steps": "not known beforehand" if plan.steps is None else str(plan.steps),
+        + ("" if plan.found_cost is None else f", {quantity(plan.found_cost, 's')} measured"),
+        "time steps": "unknown before the run" if plan.steps is None else str(plan.steps),
     }
     if plan.units:
         parts = [f"{value:.2g} of {name.replace('_', ' ')}" for name, value in plan.units.items() if name != "dt"]
-        facts["step"] = ", ".join([quantity(plan.units["dt"], "s"), *parts])
+        facts["time step"] = ", ".join([quantity(plan.units["dt"], "s"), *parts])
     reasons = "".join(f"<li>{escape(reason)}</li>" for reason in plan.reasons)
-    return _card("Plan", "", _facts(facts), _folded("why", f"<ul>{reasons}</ul>"))
+    return _card("Plan", "", _facts(facts), _folded("reasons", f"<ul>{reasons}</ul>"))
 
 
 def study_html(study: Any) -> str:
-    """A Study: its answer, and its tables folded."""
+    """Return the HTML of a Study: its answer and its tables."""
     answer = "".join(f"<li>{escape(sentence)}</li>" for sentence in study.answer)
     tables = []
-    for one in study.tables:
-        rows = [[f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row] for row in one.rows[:_ROWS]]
-        rest = f"<p>{len(one.rows) - _ROWS} more rows</p>" if len(one.rows) > _ROWS else ""
-        tables.append(_folded(one.title, f"<p>{escape(one.caption)}</p>{_table(one.columns, rows)}{rest}"))
+    for table in study.tables:
+        rows = [[f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row] for row in table.rows[:_ROWS]]
+        rest = f"<p>{len(table.rows) - _ROWS} more rows</p>" if len(table.rows) > _ROWS else ""
+        tables.append(_folded(table.title, f"<p>{escape(table.caption)}</p>{_table(table.columns, rows)}{rest}"))
     notes = _folded("notes", "".join(f"<p>{escape(note)}</p>" for note in study.notes)) if study.notes else ""
-    state = "interrupted: what was finished until then" if study.interrupted else ""
+    state = "interrupted: only the results up to the interruption are shown" if study.interrupted else ""
     return _card(study.title, state, f"<ol>{answer}</ol>", *tables, notes)
 
 
 def badge(word: str) -> str:
-    """An outcome, by word and ground."""
-    style = f"background:{_GROUNDS.get(word, '#555555')};color:#fff;padding:0 .45em;border-radius:.2em;font-weight:600"
+    """Return an outcome on its background."""
+    background = _BACKGROUNDS.get(word, "#555555")
+    style = f"background:{background};color:#fff;padding:0 .45em;border-radius:.2em;font-weight:600"
     return f'<span style="{style};white-space:nowrap">{escape(word.replace("_", " "))}</span>'
 
 
-def _card(title: str, below: str, *parts: str) -> str:
+def _card(title: str, subtitle: str, *parts: str) -> str:
+    """Return a frame with a title, a subtitle and parts, which are HTML."""
     head = f'<div style="font-weight:600">{escape(title)}</div>'
-    if below:
-        head += f'<div style="opacity:.75">{escape(below)}</div>'
+    if subtitle:
+        head += f'<div style="opacity:.75">{escape(subtitle)}</div>'
     style = f"border:{_RULE};border-radius:.4em;padding:.6em .9em;max-width:72em;overflow-x:auto;line-height:1.45"
     return f'<div style="{style}">{head}{"".join(parts)}</div>'
 
 
 def _facts(facts: Mapping[str, str]) -> str:
+    """Return a table of names and values."""
     rows = "".join(
         f'<tr style="background:none"><td style="{_CELL};opacity:.75">{escape(name)}</td>'
         f'<td style="{_CELL}">{escape(value)}</td></tr>'
@@ -227,13 +238,13 @@ def _facts(facts: Mapping[str, str]) -> str:
     return f'<table style="border-collapse:collapse;border:0;margin:.4em 0">{rows}</table>'
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, ready: bool = False) -> str:
-    """``ready``: cells are HTML."""
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, html_cells: bool = False) -> str:
+    """Return a table; cells are text, or HTML with ``html_cells``."""
     style = f"{_CELL};border-bottom:{_RULE}"
     top = "".join(f'<th style="{style};font-weight:600">{escape(head)}</th>' for head in heads)
     body = "".join(
         '<tr style="background:none">'
-        + "".join(f'<td style="{style}">{cell if ready else escape(cell)}</td>' for cell in row)
+        + "".join(f'<td style="{style}">{cell if html_cells else escape(cell)}</td>' for cell in row)
         + "</tr>"
         for row in rows
     )
@@ -243,48 +254,52 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, ready: bool =
     )
 
 
-def _folded(name: str, content: str, beside: str = "") -> str:
-    """``content`` and ``beside`` are HTML."""
-    summary = f'<summary style="cursor:pointer">{escape(name)}{beside}</summary>'
+def _folded(name: str, content: str, suffix: str = "") -> str:
+    """Return a section that can be unfolded; ``content`` and ``suffix`` are HTML."""
+    summary = f'<summary style="cursor:pointer">{escape(name)}{suffix}</summary>'
     return f'<details style="margin:.3em 0">{summary}{content}</details>'
 
 
 def _number(value: float) -> str:
+    """Return a number with two digits, or nothing if it is not finite."""
     return f"{value:.1e}" if math.isfinite(value) else ""
 
 
 def _plain(value: object) -> str:
+    """Return a value as text."""
     return value if isinstance(value, str) else json.dumps(value, default=str, ensure_ascii=False)
 
 
 def _start(velocity: Sequence[float]) -> str:
+    """Return the initial velocities as text."""
     moving = [(body, v) for body, v in enumerate(velocity) if v != 0.0]
     if not moving:
         return "all bodies at rest"
-    if len(moving) > _NAMED:
+    if len(moving) > _LISTED:
         return f"{len(moving)} bodies move, {spread([v for _, v in moving], 'm/s')}"
-    told = ", ".join(f"body {body} at {v:g} m/s" for body, v in moving)
-    return told + ("" if len(moving) == len(velocity) else ", all others at rest")
+    listed = ", ".join(f"body {body} at {v:g} m/s" for body, v in moving)
+    return listed + ("" if len(moving) == len(velocity) else ", all others at rest")
 
 
 def _acting(scene: Any) -> Iterable[str]:
+    """Yield the parts of the physics beyond elastic contacts."""
     if scene.gravity != 0.0:
         yield f"gravity {scene.gravity:g} m/s² ({'towards' if scene.gravity > 0.0 else 'away from'} the last body)"
     if scene.precompression > 0.0:
         yield f"precompression {quantity(scene.precompression, 'N')}"
     if scene.damping is not None and scene.damped:
         unit = {"dashpot": "N s/m"}.get(scene.damping.law, "s")
-        yield f"damping by {scene.damping.law}, {spread(scene.damping.coefficient, unit)}"
+        yield f"damping by the law {scene.damping.law}, coefficient {spread(scene.damping.coefficient, unit)}"
     if scene.drag > 0.0:
         yield f"drag {scene.drag:g} 1/s"
     if scene.drive is not None:
-        yield f"body 0 is driven by a {scene.drive.words}"
+        yield f"drive of body 0 by a {scene.drive.words}"
     if scene.law is not None:
         yield f"contact laws that are functions ({len(set(map(id, scene.law)))})"
 
 
 def _outlines(scene: Any) -> list[tuple[float, float]]:
-    """Half width and half height of each body, in any unit."""
+    """Return half the width and half the height of each body, in any unit."""
     if scene.geometry is not None:
         return [(b.radius, b.radius if b.height is None else 0.5 * b.height) for b in scene.geometry.bodies]
     radii = [float(mass) ** (1.0 / 3.0) for mass in scene.mass]

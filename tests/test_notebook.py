@@ -60,7 +60,7 @@ def test_a_scene_shows_its_numbers_with_units_and_its_description_as_text() -> N
         "exponent n 2.5 ",
         "gap 0 m to 2 µm",
         "body 0 at 0.8 m/s, all others at rest",
-        "also acts nothing",
+        "further physics none",
         "100 µs, sampled every 2 µs (50 intervals)",
         SCENE.content_hash[:12],
     ):
@@ -72,13 +72,19 @@ def test_a_scene_shows_its_numbers_with_units_and_its_description_as_text() -> N
     [
         ({"gravity": 9.81}, "gravity 9.81 m/s² (towards the last body)"),
         ({"precompression": 10.0, "gap": 0.0}, "precompression 10 N"),
-        ({"damping": db.Damping(law="dashpot", coefficient=(1.0, 2.0))}, "damping by dashpot, 1 N s/m to 2 N s/m"),
-        ({"damping": db.Damping(law="kuwabara-kono", coefficient=2e-7)}, "damping by kuwabara-kono, 200 ns"),
+        (
+            {"damping": db.Damping(law="dashpot", coefficient=(1.0, 2.0))},
+            "damping by the law dashpot, coefficient 1 N s/m to 2 N s/m",
+        ),
+        (
+            {"damping": db.Damping(law="kuwabara-kono", coefficient=2e-7)},
+            "damping by the law kuwabara-kono, coefficient 200 ns",
+        ),
         ({"drag": 3.0}, "drag 3 1/s"),
         ({"law": lambda overlap: 4e9 * overlap**1.5}, "contact laws that are functions (1)"),
         ({"exponent": (2.4, 2.5)}, "2.4 to 2.5"),
-        ({"wall_right": db.Wall(stiffness=1e9)}, "of them 1 with a wall (right)"),
-        ({"gap": -1e-6}, "-1 µm (negative: overlap at the start)"),
+        ({"wall_right": db.Wall(stiffness=1e9)}, "1 of them with a wall (right)"),
+        ({"gap": -1e-6}, "-1 µm (negative: initial overlap)"),
         ({"velocity": (0.0,) * 3}, "all bodies at rest"),
         ({"velocity": (0.8, 0.0, -0.1)}, "body 0 at 0.8 m/s, body 2 at -0.1 m/s, all others at rest"),
     ],
@@ -90,7 +96,7 @@ def test_a_scene_says_what_else_it_has(more: dict, said: str) -> None:
 
 def test_a_drive_is_named_in_its_own_words() -> None:
     driven = replace(SCENE, drive=db.Drive(shape="sine", force=2.0, frequency=5000.0))
-    assert "also acts body 0 is driven by a sine of 2 N at 5000 Hz" in _text(driven._repr_html_())
+    assert "further physics drive of body 0 by a sine of 2 N at 5000 Hz" in _text(driven._repr_html_())
 
 
 @pytest.mark.parametrize("name", db.shipped_scenes())
@@ -131,14 +137,14 @@ def test_a_trajectory_shows_who_made_it_its_bars_and_its_cost(solved: Solve) -> 
     text = _text(run._repr_html_())
     worst = (run.uncertainty["peak_force"] / own_scale(run.peak_force)).max()
     for part in (
-        "solved by verlet (hertz)",
+        "backend verlet (hertz)",
         f"scene mine, hash {SCENE.content_hash[:12]}",
         "time step 1 µs",
         "51 times from 0 to 100 µs, 3 bodies, 2 contacts",
-        f"{run.cost.steps} steps",
+        f"{run.cost.steps} time steps",
         f"velocity {quantity(run.uncertainty['velocity'], 'm/s', 2)}",
-        f"{run.uncertainty['velocity'] / abs(run.velocity).max():.1e} of the largest, 0.8 m/s",
-        f"{worst:.1e} of its own, worst contact",
+        f"{run.uncertainty['velocity'] / abs(run.velocity).max():.1e} the largest, 0.8 m/s",
+        f"{worst:.1e} the value of each contact (largest ratio)",
         run.provenance["scene_hash"],
     ):
         assert part in text, part
@@ -205,4 +211,4 @@ def test_a_quantity_reads_back_to_its_digits(value: float, unit: str) -> None:
 
 def test_laws_that_are_functions_leave_the_stiffness_as_what_is_near_them() -> None:
     law = law_of(lambda overlap: 4e9 * overlap**1.5, reach=1e-4)
-    assert "(near the laws)" in _text(replace(SCENE, law=law)._repr_html_())
+    assert "(approximates the contact laws)" in _text(replace(SCENE, law=law)._repr_html_())

@@ -168,18 +168,21 @@ def test_nothing_hides_anything(runs: dict[str, Any], theory: str | None) -> Non
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda run: db.plot.velocity(run, bodies=[6]), "no body 6; allowed: 0 to 5"),
-        (lambda run: db.plot.velocity([]), "t = []; allowed: a Trajectory, several"),
-        (lambda run: db.plot.spacetime([run, run]), "2 runs; allowed: one"),
-        (lambda run: db.plot.spacetime(run, theory="bca"), "'six' is no shipped one; give scene"),
+        (lambda run: db.plot.velocity(run, bodies=[6]), "the chain has no body 6; allowed: 0 to 5"),
+        (lambda run: db.plot.velocity([]), "t = []; allowed: a Trajectory, a sequence of them"),
+        (lambda run: db.plot.spacetime([run, run]), "t has 2 runs; allowed: one run per space-time plot"),
+        (lambda run: db.plot.spacetime(run, theory="bca"), "'six' is not a shipped scene; give scene"),
         (lambda run: db.plot.spacetime(run, theory="ode45"), "theory = 'ode45'; allowed: bca or adiabatic"),
-        (lambda run: db.plot.residence(run, theory="bca", scene="decelerating-40"), "the run is of another six"),
+        (
+            lambda run: db.plot.residence(run, theory="bca", scene="decelerating-40"),
+            "the run is of a scene six that differs from the scene decelerating-40",
+        ),
         (lambda run: db.plot.budget(_verified(SCENE), quantity="energy"), "quantity = 'energy'; allowed: velocity, "),
         (
             lambda run: db.plot.budget(_verified(SCENE), scene="other"),
-            "scene = 'other'; allowed, of what was verified: six",
+            "scene = 'other'; allowed (scenes that were verified): six",
         ),
-        (lambda run: db.plot.budget(study_without_runs(SCENE, RunBroken("it fell"))), "six has no budget"),
+        (lambda run: db.plot.budget(study_without_runs(SCENE, RunBroken("it fell"))), "six has no error budget"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused_in_a_line(runs: dict[str, Any], call: Any, said: str) -> None:
@@ -193,7 +196,7 @@ def test_what_cannot_be_drawn_is_refused_in_a_line(runs: dict[str, Any], call: A
 
 def test_two_bodies_have_no_residence_time(two_bodies: Any) -> None:
     run = db.solve(two_bodies.scene, backend="verlet", dt=1e-6, bars=False)
-    with pytest.raises(UsageError, match="2 bodies; residence times need three"):
+    with pytest.raises(UsageError, match="2 bodies; allowed: at least three"):
         db.plot.residence(run)
 
 
