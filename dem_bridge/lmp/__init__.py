@@ -1,4 +1,4 @@
-"""Everything that knows LAMMPS' language: decks out, dumps in, and the child process between.
+"""Everything that depends on LAMMPS' formats: writing decks, reading dumps, and the child process that runs LAMMPS.
 
-``deck`` and ``encoding`` are pure text; ``output`` reads; ``process`` starts the child; ``worker`` is the child.
+``deck`` and ``encoding`` produce text; ``output`` reads dumps; ``process`` starts the child; ``worker`` is the child.
 """

@@ -1,6 +1,7 @@
-"""What LAMMPS does in every step with a cell of its internal table; the rest of a table is :mod:`.interpolation`.
+"""The interpolation that LAMMPS makes in each step within a cell of its internal table.
 
-Apart from it, so that the twin, whose kernel calls this, knows nothing of how tables are made.
+The rest of a table is in :mod:`.interpolation`. This function has a module of its own, so that the twin, whose kernel
+calls it, does not depend on the construction of tables.
 """
 
 from __future__ import annotations
@@ -10,11 +11,12 @@ from numba import njit
 
 @njit(cache=True)  # type: ignore[misc,unused-ignore]
 def pair_force(rsq, inner_squared, spacing, inverse_spacing, sixth, value, second):  # type: ignore[no-untyped-def]
-    """Force over distance, N/m, at squared distance ``rsq`` (m^2) between inner and cutoff; scalar, for kernels.
+    """Return force over distance, N/m, at the squared distance ``rsq`` (m^2), for use in kernels.
 
-    ``second`` is empty for style linear. The caller looks at the cutoff (no force from ``rsq >= cut_squared`` on) and
-    at ``rsq < inner_squared``, where LAMMPS stops. A run beyond stability, whose bodies pass through each other, may
-    ask for any distance: it gets an answer of no meaning, from the table's own memory.
+    The distance is between the inner line and the cutoff. ``second`` is empty for style linear. The caller checks the
+    cutoff (no force from ``rsq >= cut_squared`` on) and ``rsq < inner_squared``, where LAMMPS stops. An unstable run,
+    whose bodies pass through each other, may pass any distance; the result is then meaningless, but computed from the
+    table's own memory.
     """
     place, last = (rsq - inner_squared) * inverse_spacing, len(value) - 2
     i = last if place >= last else int(place) if place > 0.0 else 0  # nan: 0

@@ -1,8 +1,8 @@
-"""What stands behind ``pair_coeff``: the law of each contact in the words of ``pair_style granular``.
+"""The arguments of ``pair_coeff``: the law of each contact in the notation of ``pair_style granular``.
 
-``hertz K`` has F = K sqrt(R_eff) overlap^1.5 with R_eff = R/2, hence K = beta / sqrt(R/2); ``hooke k`` has
-F = k overlap, the law of n = 2 (LAMMPS manual, *pair_style granular*). Damping adds eta overlap' (``velocity``) or
-eta m_eff sqrt(R_eff overlap) overlap' (``viscoelastic``); with ``limit_damping`` the sum never pulls. Every float is
+``hertz K`` is F = K sqrt(R_eff) overlap^1.5 with R_eff = R/2, hence K = beta / sqrt(R/2); ``hooke k`` is F = k overlap,
+the law of n = 2 (LAMMPS manual, *pair_style granular*). Damping adds eta overlap' (``velocity``) or eta m_eff
+sqrt(R_eff overlap) overlap' (``viscoelastic``). With ``limit_damping`` the sum is clipped at zero. Every float is
 written with all its digits.
 """
 
@@ -22,11 +22,12 @@ from dem_bridge.support import Condition, Exponents, Support
 
 #: force ~ overlap^(n-1) -> LAMMPS' normal model
 MODELS = {2.0: "hooke", 2.5: "hertz"}
-#: no contact at all: for pairs that never meet
+#: no interaction, for pairs that never meet
 NOTHING = "hertz 0 0 tangential linear_nohistory 0 0 damping velocity"
 
 
 def _unknown_damping(scene: Scene) -> str | None:
+    """Return the reason why LAMMPS has no such damping, or None."""
     c = scene.contacts
     viscoelastic = (c.damping > 0.0) & (c.damping_power > 0.0) & ~np.isin(c.exponent, list(MODELS))
     if not viscoelastic.any():
@@ -35,7 +36,7 @@ def _unknown_damping(scene: Scene) -> str | None:
     return f"contact {wrong} has Kuwabara-Kono damping and exponent n = {float(c.exponent[wrong])!r}"
 
 
-#: what ``pair_style granular`` can express
+#: scenes that ``pair_style granular`` supports
 GRANULAR_STYLE = Support(
     {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
     | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
@@ -44,7 +45,7 @@ GRANULAR_STYLE = Support(
     exponents=Exponents(values=tuple(MODELS)),
     instead="lammps-table",
 )
-#: what ``pair_style table`` can, with ``granular`` for damped contacts
+#: scenes that ``pair_style table`` supports, with ``granular`` for damped contacts
 TABLE_STYLE = Support(
     GRANULAR_STYLE.features | {features.CONTACT_FUNCTIONS},
     exponents=Exponents(least=2.0, most=5.0),
@@ -53,7 +54,7 @@ TABLE_STYLE = Support(
 
 
 def line_order(scene: Scene) -> NDArray[np.int64]:
-    """Which contact of the scene (chain, wall_left, wall_right) stands at each place along the line of atoms."""
+    """Return the index of the scene's contact (chain, wall_left, wall_right) at each place along the line of atoms."""
     links = len(scene.stiffness)
     order = list(range(links))
     if scene.wall_left is not None:
@@ -65,54 +66,57 @@ def line_order(scene: Scene) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, kw_only=True)
 class Laws:
-    """The distinct laws of a scene's contacts, and which of them stands where. Made by :func:`laws`."""
+    """The distinct laws of a scene's contacts, and the law of each contact.
+
+    :func:`laws` computes it.
+    """
 
     stiffness: NDArray[np.float64]
-    """beta, ``(n_law,)``, N/m^(n-1)."""
+    """Stiffness beta, N/m^(n-1), ``(n_law,)``."""
     exponent: NDArray[np.float64]
     damping: NDArray[np.float64]
-    """eta as LAMMPS has it: N s/m (velocity), or 1/(m s) (viscoelastic, per unit of m_eff R_eff^(1/2))."""
+    """LAMMPS' eta: N s/m (velocity), or 1/(m s) (viscoelastic, per unit of m_eff R_eff^(1/2))."""
     viscoelastic: bool
     clipped: bool
-    """Whether anything is damped: net forces never pull."""
+    """True if any contact is damped, so that net forces are clipped at zero."""
     functions: tuple[ContactLaw, ...] | None
-    """Where laws are no powers, what they are."""
+    """The laws that are not powers; None if all are powers."""
     where: NDArray[np.int64]
-    """Law of each contact along the line of atoms, ``(n_contact,)``."""
+    """Index of the law of each contact along the line of atoms, ``(n_contact,)``."""
 
     def coefficients(self, law: int, radius: float) -> str:
-        """Behind ``pair_coeff I J``, for bodies of ``radius`` (m)."""
-        beta, n, eta = (float(one[law]) for one in (self.stiffness, self.exponent, self.damping))
+        """Return the arguments of ``pair_coeff I J`` for bodies of ``radius`` (m)."""
+        beta, n, eta = (float(column[law]) for column in (self.stiffness, self.exponent, self.damping))
         value = beta / math.sqrt(0.5 * radius) if n == 2.5 else beta
         viscoelastic = self.viscoelastic and n == 2.5
         if viscoelastic:
             eta /= math.sqrt(0.5 * radius)
         damping = f"damping {'viscoelastic' if viscoelastic else 'velocity'}{' limit_damping' * self.clipped}"
-        # a zero as ever: the decks of undamped scenes do not know that there is damping
+        # "0", not "0.0", so that decks of undamped scenes stay as they were before there was damping
         return f"{MODELS[n]} {value!r} {eta if eta else 0!r} tangential linear_nohistory 0 0 {damping}"
 
     def left_to_granular(self, law: int) -> bool:
-        """Whether a law is one that ``granular`` has, and damped: only there a net force can be clipped."""
+        """Return True if a law is damped and available in ``granular``, which alone can clip the net force."""
         return self.functions is None and self.damping[law] > 0.0 and self.exponent[law] in MODELS
 
     def law(self, law: int) -> ContactLaw:
-        """Elastic force and energy as functions of overlap."""
+        """Return elastic force and energy as functions of the overlap."""
         if self.functions is not None:
             return self.functions[law]
         return power_law(float(self.stiffness[law]), float(self.exponent[law]))
 
     def dashpot(self, law: int) -> str:
-        """As :meth:`coefficients`, for what is added beside a table: no elastic force, and nothing clipped."""
+        """Return the arguments of ``pair_coeff I J`` for the damping that is added to a table, which is not clipped."""
         return f"hertz 0 {float(self.damping[law])!r} tangential linear_nohistory 0 0 damping velocity"
 
 
 def laws(scene: Scene) -> Laws:
-    """The distinct laws of a scene, in the order in which they first stand along the line."""
+    """Return the distinct laws of a scene, in the order of their first occurrence along the line."""
     c, order = scene.contacts, line_order(scene)
     viscoelastic = bool(np.any((c.damping > 0.0) & (c.damping_power > 0.0)))
     eta = c.damping.copy()
     if viscoelastic:
-        # LAMMPS multiplies by the effective mass; its wall atoms weigh as much as their neighbours
+        # LAMMPS multiplies by the effective mass; wall atoms have the mass of their neighbours
         mass = np.array(scene.mass)
         left, right = (
             mass[np.where(end == scene.n_body, other, end)] for end, other in ((c.left, c.right), (c.right, c.left))
@@ -136,7 +140,7 @@ def laws(scene: Scene) -> Laws:
 
 
 def pairs(types: NDArray[np.int64]) -> Iterator[tuple[int, int, int, int]]:
-    """Every pair of types (low, high) that meets, with the first place along the line where it does and how often."""
+    """Yield each pair of types (low, high) that meets, its first place along the line and its number of contacts."""
     low, high = np.minimum(types[:-1], types[1:]), np.maximum(types[:-1], types[1:])
     _, first, count = np.unique(low * (int(np.max(types)) + 1) + high, return_index=True, return_counts=True)
     for at in np.argsort(first).tolist():

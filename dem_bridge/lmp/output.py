@@ -1,4 +1,4 @@
-"""Reading what LAMMPS wrote: binary dumps, bit for bit."""
+"""Reading of LAMMPS' binary dumps, bit for bit."""
 
 from __future__ import annotations
 
@@ -14,10 +14,15 @@ _MAGIC = b"DUMPCUSTOM"
 
 
 def read_binary_dump(path: Path, columns: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Steps ``(n_frame,)`` and values ``(n_frame, n_atom, columns)`` of a binary ``dump custom``, rows as dumped.
+    """Return the steps ``(n_frame,)`` and values ``(n_frame, n_atom, columns)`` of a binary ``dump custom``.
 
-    The layout is that of LAMMPS' dump_custom.cpp, revision 2 (also read by its ``binary2txt``). Raises RunBroken where
-    the file ends within a frame or is something else.
+    The rows are in the order of the dump. The layout is that of LAMMPS' dump_custom.cpp, revision 2 (also read by its
+    ``binary2txt``).
+
+    Raises
+    ------
+    RunBroken
+        If the file ends within a frame or has another layout.
     """
     try:
         data = path.read_bytes()
@@ -32,7 +37,7 @@ def read_binary_dump(path: Path, columns: int) -> tuple[NDArray[np.int64], NDArr
             frames.append(values.reshape(-1, columns))
             steps.append(step)
     except (struct.error, ValueError, IndexError) as error:
-        raise RunBroken(f"{path.name}: frame {len(steps)} is cut or has another form ({error})") from error
+        raise RunBroken(f"{path.name}: frame {len(steps)} is incomplete or has another layout ({error})") from error
     if not frames:
         raise RunBroken(f"{path.name}: the dump is empty")
     sizes = {frame.shape for frame in frames}
@@ -42,13 +47,14 @@ def read_binary_dump(path: Path, columns: int) -> tuple[NDArray[np.int64], NDArr
 
 
 def _frame(data: bytes, at: int, name: str) -> tuple[int, NDArray[np.float64], int]:
+    """Return step and values of the frame that starts at byte ``at``, and the byte after it."""
     (size,) = struct.unpack_from("=q", data, at)
     if size != -len(_MAGIC) or data[at + 8 : at + 18] != _MAGIC:
         raise RunBroken(f"{name}: not a binary LAMMPS dump of this machine's byte order")
     at += 18
     _endian, revision, step, _atoms, triclinic = struct.unpack_from("=iiqqi", data, at)
     if revision != 2:
-        raise RunBroken(f"{name}: binary dump revision {revision}; known: 2")
+        raise RunBroken(f"{name}: binary dump revision {revision}; allowed: 2")
     # boundary flags, box, tilt, then the number of columns
     at += struct.calcsize("=iiqqi") + 6 * 4 + 6 * 8 + (3 * 8 if triclinic else 0) + 4
     (units,) = struct.unpack_from("=i", data, at)

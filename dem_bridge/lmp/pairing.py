@@ -1,4 +1,4 @@
-"""How neighbours meet in LAMMPS: the lines that name pair styles and coefficients, and the table files they read."""
+"""The lines of a deck that name pair styles and coefficients, and the table files that they read."""
 
 from __future__ import annotations
 
@@ -13,38 +13,41 @@ from dem_bridge.lmp.coefficients import NOTHING, Laws
 from dem_bridge.lmp.table import LINES, ContactTable, Style, contact_table, points_for, zero_table
 from dem_bridge.version import FORM_DATE
 
-#: range of a table over the largest overlap that a coarse run found
+#: range of a table relative to the largest overlap of the prescan
 MARGIN = 1.1
-#: range of a table of a contact that never touched in the coarse run, over the largest overlap of all
+#: range of a table of a contact that never closed in the prescan, relative to the largest overlap of all contacts
 _UNTOUCHED = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pairing:
-    """Text between the atoms and the integrator of a deck."""
+    """The pair commands of a deck."""
 
     note: str
-    """What the numbers mean, for people."""
+    """Meaning of the coefficients, as a comment for readers."""
     head: tuple[str, ...]
-    """pair_style, and coefficients of the pairs that have no contact."""
+    """``pair_style``, and the coefficients of the pairs without contact."""
     behind: tuple[tuple[str, ...], ...]
-    """What stands behind ``pair_coeff I J``, one line or more for each law."""
+    """Arguments of ``pair_coeff I J``, one line or more for each law."""
     files: Mapping[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
 class TableSet:
-    """The tables of a scene. Made by :func:`table_set`."""
+    """The tables of a scene.
+
+    :func:`table_set` computes it.
+    """
 
     style: Style
     points: int
-    """Of LAMMPS' internal tables."""
+    """Number of points of LAMMPS' internal tables."""
     tables: Mapping[int, ContactTable]
-    """By law; damped laws that ``granular`` has itself are not here: only there a net force can be clipped."""
+    """Table of each law, except damped laws that ``granular`` has, because only ``granular`` can clip the net force."""
 
 
 def granular(laws: Laws, radius: float) -> Pairing:
-    """``pair_style granular``, for bodies of ``radius`` (m)."""
+    """Return the pair commands of ``pair_style granular`` for bodies of ``radius`` (m)."""
     return Pairing(
         note="stiffness K = beta / sqrt(R/2)",
         head=("pair_style      granular", f"pair_coeff      * * {NOTHING}"),
@@ -63,10 +66,22 @@ def table_set(
     lines: int | None = None,
     points: int | None = None,
 ) -> TableSet:
-    """One table for each law, as long as its own largest overlap asks for.
+    """Return one table for each law, whose range follows from the largest overlap of its contacts.
 
-    ``radius`` in m; ``peak_overlap`` (m) along the line of atoms; ``pairs``: how many ``pair_coeff`` there will be,
-    which share the memory where ``points`` says nothing.
+    Parameters
+    ----------
+    laws : Laws
+        The laws of the scene.
+    radius : float
+        Radius of the bodies, m.
+    peak_overlap : ndarray
+        Largest overlap of each contact along the line of atoms, m.
+    pairs : int
+        Number of ``pair_coeff`` lines, which share the memory unless ``points`` is given.
+    style : {"linear", "spline"}
+        LAMMPS' interpolation.
+    lines, points : int, optional
+        Lines of each file, and points of LAMMPS' internal tables.
     """
     deepest = np.zeros(len(laws.stiffness))
     np.maximum.at(deepest, laws.where, peak_overlap)
@@ -88,14 +103,14 @@ def table_set(
     return TableSet(style=style, points=points, tables=MappingProxyType(tables))
 
 
-def tabled(laws: Laws, radius: float, found: TableSet, name: str) -> Pairing:
-    """``pair_style table``; with damping beside it, ``hybrid/overlay`` with ``granular``."""
-    # contacts that are left to granular have no table, however deep they get
+def tabled(laws: Laws, radius: float, table_set: TableSet, name: str) -> Pairing:
+    """Return the pair commands of ``pair_style table``; with damping, ``hybrid/overlay`` with ``granular``."""
+    # contacts that are left to granular have no table, so their overlap has no bound
     reach = radius if laws.clipped else None
     none = zero_table(keyword="NONE", diameter=2.0 * radius, date=FORM_DATE, reach=reach)
     files = {f"{name}.none.table": none.text}
-    files |= {f"{name}.{law}.table": table.text for law, table in found.tables.items()}
-    style = f"table {found.style} {found.points}"
+    files |= {f"{name}.{law}.table": table.text for law, table in table_set.tables.items()}
+    style = f"table {table_set.style} {table_set.points}"
 
     def file(law: int | str, keyword: str) -> str:
         return f"{name}.{law}.table {keyword}"
@@ -105,12 +120,12 @@ def tabled(laws: Laws, radius: float, found: TableSet, name: str) -> Pairing:
         return Pairing(
             note=note,
             head=(f"pair_style      {style}", f"pair_coeff      * * {file('none', 'NONE')}"),
-            behind=tuple((file(law, table.keyword),) for law, table in found.tables.items()),
+            behind=tuple((file(law, table.keyword),) for law, table in table_set.tables.items()),
             files=MappingProxyType(files),
         )
     behind: list[tuple[str, ...]] = []
     for law in range(len(laws.stiffness)):
-        table = found.tables.get(law)
+        table = table_set.tables.get(law)
         if table is None:
             behind.append((f"granular {laws.coefficients(law, radius)}",))
         elif laws.damping[law] > 0.0:

@@ -1,6 +1,7 @@
-"""Become another program that ends with the parent: ``python leash.py COMMAND ...``. A script of its own, standard
-library alone: what it asks of the kernel outlives the change of program, and asking from within a fork of a process
-with threads would not be safe.
+"""Script that becomes another program which ends with its parent: ``python parent_death_guard.py COMMAND ...``.
+
+It is a separate script that uses the standard library alone. Its request to the kernel remains valid when the process
+executes the other program. To make the request in a fork of a process with threads would not be safe.
 """
 
 import ctypes
@@ -10,6 +11,7 @@ import sys
 
 
 def main() -> None:
+    """Request to be killed when the parent ends, and execute the command."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
     os.execv(sys.argv[1], sys.argv[1:])

@@ -1,7 +1,7 @@
-"""Starting LAMMPS in a child process and carrying its answer, its error or its death back.
+"""Running LAMMPS in a child process, and returning its result, its error or its crash to the caller.
 
-A failed ``pair_coeff`` or a bad atom type can take a whole process down, and a run can hang: whatever happens to the
-child is a result here, never the end of the caller.
+A failed ``pair_coeff`` or an invalid atom type can terminate a whole process, and a run can hang. Here every end of the
+child is a result or an exception, and never the end of the caller.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from dem_bridge.lmp import log
 from dem_bridge.lmp.engine import STYLES, Build, Engine, lacks, remedy
 
 WORKER = Path(__file__).with_name("worker.py")
-#: where Linux keeps what processes share
+#: folder of shared memory on Linux
 SHARED_MEMORY = Path("/dev/shm")
 PARENT_DEATH_GUARD = Path(__file__).with_name("parent_death_guard.py")
 _ANSWER = "answer.json"
@@ -37,38 +37,39 @@ _SILENT_STAGES = {
     "run": "running the deck",
     "done": "closing",
 }
-#: s, for an engine to say what it is
+#: time limit for an engine to report its version, s
 _PROBE = 60.0
-#: bytes left on a disk that is full
+#: a disk with less free space than this counts as full, bytes
 _FULL = 1_000_000
 _OWN_FOLDER = "set TMPDIR to a folder with more room"
 
 
 @dataclass(frozen=True, kw_only=True)
 class EngineReport:
-    """What the engine said of itself. Times in s: of the deck alone, or of all of a binary's run."""
+    """Result of a run of the engine. Times are of the deck alone, or of the whole process of a binary."""
 
     version: int
     packages: tuple[str, ...]
     wall: float
+    """Wall time, s."""
     cpu: float
-    """Of all ranks together."""
+    """CPU time of all ranks together, s."""
     build: tuple[str, ...] = ()
     """Compiler and MPI library."""
     ranks: int = 1
     loop: float = 0.0
-    """Of the time steps alone."""
+    """Wall time of the time steps alone, s."""
     memory: int = 0
-    """Bytes: the most that one process had; 0: not known."""
+    """Peak memory of one process, bytes; 0 if unknown."""
     pair_style: str = ""
-    """What the engine called its pair style, with the suffix that it took; '' where its log does not say."""
+    """Name of the pair style with the suffix that LAMMPS chose; '' if the log does not contain it."""
     potential_energy: Mapping[int, float] = field(default_factory=dict)
-    """J, by step, where its log says it."""
+    """Potential energy by step, J, as far as the log contains it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Ended:
-    """How a child ended; times in s, with all children that it waited for."""
+    """The end of a child; times in s, including all its own children."""
 
     code: int
     wall: float
@@ -77,6 +78,7 @@ class _Ended:
 
     @property
     def how(self) -> str:
+        """Description of the end: the signal or the exit code."""
         return f"by {signal.Signals(-self.code).name}" if self.code < 0 else f"with exit code {self.code}"
 
 
@@ -88,31 +90,59 @@ def run_deck(
     watch: Callable[[], None] | None = None,
     engine: Engine | None = None,
 ) -> EngineReport:
-    """Run ``input_file`` in ``folder``. Raises BackendUnavailable or RunBroken, with LAMMPS' own words.
+    """Run ``input_file`` in ``folder``.
 
-    ``watch`` is called a few times a second while the engine runs; ``engine``: None for this environment's module.
+    Parameters
+    ----------
+    folder : Path
+        Folder of the run.
+    input_file : str
+        Name of the deck.
+    time_limit : float
+        Time limit, s.
+    watch : callable, optional
+        Function that is called a few times per second during the run.
+    engine : Engine, optional
+        The LAMMPS to run; None means this environment's module.
+
+    Raises
+    ------
+    BackendUnavailable
+        If the engine cannot be started or lacks a style.
+    RunBroken
+        If the run fails; the message contains LAMMPS' error.
     """
     engine = engine or Engine()
     return (_by_binary if engine.lmp else _by_module)(engine, folder, input_file, time_limit, watch)
 
 
 def require(engine: Engine, style: str) -> Build:
-    """What an engine says of itself; BackendUnavailable, with the remedy, where there is none or it lacks a style.
+    """Return what an engine reports about itself.
 
-    ``style`` is one of ``engine.STYLES``.
+    Parameters
+    ----------
+    engine : Engine
+        The LAMMPS to ask.
+    style : str
+        One of ``engine.STYLES``, which it must have.
+
+    Raises
+    ------
+    BackendUnavailable
+        If there is no engine or it lacks the style; the message contains the remedy.
     """
-    found = probe(engine)
-    if not found.styles[style]:
+    lammps = probe(engine)
+    if not lammps.styles[style]:
         kind, name = style.split()
         package = f"; install one with the {STYLES[style]} package" if STYLES[style] else ""
-        raise BackendUnavailable(f"LAMMPS {found.version} has no {kind}_style {name}{package}")
-    engine.launcher()  # that there is one
-    return found
+        raise BackendUnavailable(f"LAMMPS {lammps.version} has no {kind}_style {name}{package}")
+    engine.launcher()  # raises if there is none
+    return lammps
 
 
 @cache
 def probe(engine: Engine) -> Build:
-    """What an engine says of itself; BackendUnavailable, with the remedy, if there is none."""
+    """Return what an engine reports about itself, or raise BackendUnavailable with the remedy."""
     try:
         with workspace() as folder:
             return (_ask_binary if engine.lmp else _ask_module)(engine, folder)
@@ -122,7 +152,13 @@ def probe(engine: Engine) -> Build:
 
 @contextmanager
 def workspace(needs: int = 0) -> Iterator[Path]:
-    """A folder for one run, gone afterwards; RunBroken where it cannot be made, hold ``needs`` bytes, or be written."""
+    """Yield a temporary folder for one run with room for ``needs`` bytes, which is deleted afterwards.
+
+    Raises
+    ------
+    RunBroken
+        If the folder cannot be created or written, or has too little room.
+    """
     try:
         with TemporaryDirectory(prefix="dem-bridge-", ignore_cleanup_errors=True) as name:
             free = shutil.disk_usage(name).free
@@ -134,7 +170,7 @@ def workspace(needs: int = 0) -> Iterator[Path]:
             try:
                 yield Path(name)
             except RunBroken as error:
-                # LAMMPS does not say that a write failed
+                # LAMMPS does not report a failed write
                 if shutil.disk_usage(name).free >= _FULL:
                     raise
                 raise RunBroken(f"{error}; {_OWN_FOLDER}: {gettempdir()} is full", log=error.log) from error
@@ -148,17 +184,18 @@ def workspace(needs: int = 0) -> Iterator[Path]:
 def _by_module(
     engine: Engine, folder: Path, input_file: str, time_limit: float, watch: Callable[[], None] | None
 ) -> EngineReport:
-    said = _worker(engine, folder, ["run", input_file, *engine.lmp_args], time_limit, watch)
+    """Run the deck by the ``lammps`` module in a worker process."""
+    reply = _worker(engine, folder, ["run", input_file, *engine.lmp_args], time_limit, watch)
     others = [_answer(path) for path in folder.glob(f"{_ANSWER}.*") if path.suffix != ".part"]
-    _check_ranks(engine, int(said.get("ranks", 1)))
+    _check_ranks(engine, int(reply.get("ranks", 1)))
     return EngineReport(
-        version=said["version"],
-        packages=tuple(said["packages"]),
-        wall=said["wall"],
-        cpu=said["cpu"] + sum(float(other.get("cpu", 0.0)) for other in others),
-        build=tuple(said.get("lines", ())),
+        version=reply["version"],
+        packages=tuple(reply["packages"]),
+        wall=reply["wall"],
+        cpu=reply["cpu"] + sum(float(other.get("cpu", 0.0)) for other in others),
+        build=tuple(reply.get("lines", ())),
         ranks=engine.ranks,
-        memory=max(int(one.get("memory", 0)) for one in (said, *others)),
+        memory=max(int(rank_reply.get("memory", 0)) for rank_reply in (reply, *others)),
         **_of_the_steps(_read(folder / "log.lammps")),
     )
 
@@ -166,21 +203,22 @@ def _by_module(
 def _by_binary(
     engine: Engine, folder: Path, input_file: str, time_limit: float, watch: Callable[[], None] | None
 ) -> EngineReport:
-    found = probe(engine)
+    """Run the deck by a binary."""
+    build = probe(engine)
     words = [*engine.lmp_args, "-in", input_file, "-log", "log.lammps", "-screen", "none"]
     ended = _child(engine, [str(engine.lmp), *words], folder, time_limit, watch)
     text = _read(folder / "log.lammps")
     if ended.code != 0:
-        # before it has opened its log it speaks to the screen
+        # before LAMMPS opens its log, it writes errors to the screen
         error = log.error(text) or log.error(_read(folder / "stderr.txt"))
         raise _failure(error, folder) if error else _death(ended, "running the deck", folder)
     _check_ranks(engine, log.ranks(text) or engine.ranks)
     return EngineReport(
-        version=log.version(text) or found.version,
-        packages=found.packages,
+        version=log.version(text) or build.version,
+        packages=build.packages,
         wall=ended.wall,
         cpu=ended.cpu,
-        build=found.lines,
+        build=build.lines,
         ranks=engine.ranks,
         memory=ended.memory,
         **_of_the_steps(text),
@@ -188,7 +226,7 @@ def _by_binary(
 
 
 def _of_the_steps(text: str) -> dict[str, Any]:
-    """Fields of an EngineReport from a log."""
+    """Return the fields of an EngineReport that a log contains."""
     return {
         "loop": log.loop_time(text),
         "pair_style": log.pair_style(text),
@@ -197,27 +235,27 @@ def _of_the_steps(text: str) -> dict[str, Any]:
 
 
 def _ask_module(engine: Engine, folder: Path) -> Build:
-    said = _worker(engine, folder, ["ask", *STYLES], _PROBE, launched=False)
+    """Return what the ``lammps`` module reports about itself."""
+    reply = _worker(engine, folder, ["ask", *STYLES], _PROBE, launched=False)
     return Build(
-        version=said["version"],
-        packages=tuple(said["packages"]),
-        lines=tuple(said.get("lines", ())),
-        styles=said["styles"],
-        libmpi=said.get("libmpi", ""),
+        version=reply["version"],
+        packages=tuple(reply["packages"]),
+        lines=tuple(reply.get("lines", ())),
+        styles=reply["styles"],
+        libmpi=reply.get("libmpi", ""),
     )
 
 
 def _ask_binary(engine: Engine, folder: Path) -> Build:
+    """Return what a binary reports about itself."""
     ended = _child(engine, [str(engine.lmp), "-help"], folder, _PROBE, launched=False)
     text = _read(folder / "stderr.txt")
-    found = log.build(text)
-    if found is None:
+    build = log.build(text)
+    if build is None:
         words = f": {text.strip().splitlines()[-1].strip()}" if text.strip() else ""
         advice = f"; {remedy(text)}" if "MPI" in text or "libmpi" in text else ""
-        raise BackendUnavailable(
-            f"{engine.lmp} does not answer to -help as LAMMPS does: it ended {ended.how}{words}{advice}"
-        )
-    return found
+        raise BackendUnavailable(f"{engine.lmp} is not LAMMPS: with -help it ended {ended.how}{words}{advice}")
+    return build
 
 
 def _worker(
@@ -229,23 +267,24 @@ def _worker(
     *,
     launched: bool = True,
 ) -> dict[str, Any]:
+    """Run a task in the worker process and return its reply."""
     command = [str(engine.python or sys.executable), str(WORKER), _ANSWER, *words]
     ended = _child(engine, command, folder, time_limit, watch, launched=launched)
-    # the answer first, the exit code second: an engine may crash after it has answered
-    said = _answer(folder / _ANSWER)
-    if said["stage"] == "done" and (ended.code == 0 or engine.ranks == 1):
-        return said
-    ranks = [said, *(_answer(path) for path in sorted(folder.glob(f"{_ANSWER}.*")))]
-    error = next((str(one["error"]) for one in ranks if one["error"]), "")
+    # the reply counts before the exit code, because an engine may crash after its reply
+    reply = _answer(folder / _ANSWER)
+    if reply["stage"] == "done" and (ended.code == 0 or engine.ranks == 1):
+        return reply
+    ranks = [reply, *(_answer(path) for path in sorted(folder.glob(f"{_ANSWER}.*")))]
+    error = next((str(rank_reply["error"]) for rank_reply in ranks if rank_reply["error"]), "")
     if not error:
-        raise _death(ended, _SILENT_STAGES[said["stage"]], folder)
-    # arguments that LAMMPS refuses are named on its screen alone
-    own = log.error(_read(folder / "stderr.txt").replace("LAMMPS Exception: ", ""))
-    if said["stage"] == "load" and not own:
+        raise _death(ended, _SILENT_STAGES[reply["stage"]], folder)
+    # LAMMPS reports invalid arguments on the screen only
+    screen_error = log.error(_read(folder / "stderr.txt").replace("LAMMPS Exception: ", ""))
+    if reply["stage"] == "load" and not screen_error:
         text = " ".join(error.split())
         whose = f"the lammps module of {engine.python}" if engine.python else "the lammps module"
         raise BackendUnavailable(f"{whose} does not load: {text}; {remedy(text)}")
-    raise _failure(own if said["stage"] == "load" else error, folder)
+    raise _failure(screen_error if reply["stage"] == "load" else error, folder)
 
 
 def _child(
@@ -257,9 +296,9 @@ def _child(
     *,
     launched: bool = True,
 ) -> _Ended:
-    """Run a command, on the engine's ranks if ``launched``; whatever happens, nothing of it is left."""
+    """Run a command, on the engine's ranks if ``launched``; no process of it remains, whatever happens."""
     launcher = engine.launcher() if launched else []
-    if launcher or engine.lmp:  # the worker looks after itself
+    if launcher or engine.lmp:  # the worker ends with its parent by itself
         launcher = [sys.executable, "-IS", str(PARENT_DEATH_GUARD), *launcher]
     began = time.perf_counter()
     with (folder / "stderr.txt").open("wb") as sink:
@@ -271,7 +310,7 @@ def _child(
                 stdout=sink,
                 stderr=sink,
                 env=engine.environment(),
-                start_new_session=True,  # so that a hanging engine goes with all it has started
+                start_new_session=True,  # so that a hanging engine can be killed with all its children
             )
         except OSError as error:
             raise BackendUnavailable(f"{command[0]} cannot be started: {error.strerror}") from error
@@ -284,22 +323,24 @@ def _child(
             ) from None
         finally:
             if child.returncode is None:
-                # ranks have sessions of their own: they end with MPI's launcher
+                # ranks are in other sessions: they end with MPI's launcher
                 os.killpg(child.pid, signal.SIGKILL)
                 child.wait()
             _sweep(child.pid)
 
 
 def _sweep(pid: int) -> None:
-    """Remove the shared memory of an MPI whose process ended without its farewell: MPICH keeps 1 MB for each, named
-    after the process, until the machine is started anew."""
+    """Remove the shared memory of an MPI library whose process was killed.
+
+    MPICH keeps 1 MB for each, named after the process, until the machine is restarted.
+    """
     for path in SHARED_MEMORY.glob(f"mpich_shm_{pid:x}_*"):
-        with suppress(OSError):  # another user's
+        with suppress(OSError):  # it belongs to another user
             path.unlink()
 
 
 def _wait(child: subprocess.Popen[bytes], began: float, time_limit: float, watch: Callable[[], None] | None) -> _Ended:
-    """How the child ended; TimeoutExpired beyond the limit."""
+    """Wait for the child and return its end, or raise TimeoutExpired."""
     end = began + time_limit
     with _ending(child) as ended_within:
         while True:
@@ -310,24 +351,27 @@ def _wait(child: subprocess.Popen[bytes], began: float, time_limit: float, watch
                 raise subprocess.TimeoutExpired(child.args, time_limit)
             if watch is not None:
                 watch()
-    # wait4 and not wait, for what the child and its children have used
-    _, status, used = os.wait4(child.pid, 0)
+    # wait4 returns the resources that the child and its children used
+    _, status, usage = os.wait4(child.pid, 0)
     child.returncode = os.waitstatus_to_exitcode(status)
     return _Ended(
         code=child.returncode,
         wall=time.perf_counter() - began,
-        cpu=used.ru_utime + used.ru_stime,
-        # a child takes over what its parent had at the fork: below that nothing is known of it
-        memory=1024 * used.ru_maxrss if used.ru_maxrss > resource.getrusage(resource.RUSAGE_SELF).ru_maxrss else 0,
+        cpu=usage.ru_utime + usage.ru_stime,
+        # a child inherits its parent's peak at the fork, so that only a larger value is its own
+        memory=1024 * usage.ru_maxrss if usage.ru_maxrss > resource.getrusage(resource.RUSAGE_SELF).ru_maxrss else 0,
     )
 
 
 @contextmanager
 def _ending(child: subprocess.Popen[bytes]) -> Iterator[Callable[[float], bool]]:
-    """A wait of so many seconds for the child's end, that reaps nothing and wakes at once."""
+    """Yield a function that waits some seconds for the child's end and returns at once when it ends.
+
+    It does not reap the child.
+    """
     try:
         handle = os.pidfd_open(child.pid)
-    except OSError:  # an old kernel, or one that forbids it: look again and again
+    except OSError:  # an old kernel, or one that forbids it: poll instead
         handle = -1
 
     def within(seconds: float) -> bool:
@@ -349,39 +393,44 @@ def _ending(child: subprocess.Popen[bytes]) -> Iterator[Callable[[float], bool]]
             os.close(handle)
 
 
-def _check_ranks(engine: Engine, found: int) -> None:
-    if engine.ranks > 1 and found != engine.ranks:
+def _check_ranks(engine: Engine, actual: int) -> None:
+    """Raise BackendUnavailable if LAMMPS ran on another number of ranks."""
+    if engine.ranks > 1 and actual != engine.ranks:
         raise BackendUnavailable(
-            f"ranks = {engine.ranks}, but LAMMPS ran {engine.ranks} times on {found}: {engine.launcher()[0]} is not"
-            " of the MPI that it was built with; put the right mpiexec beside it or first on PATH"
+            f"ranks = {engine.ranks}, but LAMMPS ran {engine.ranks} times on {actual}: {engine.launcher()[0]} does not"
+            " belong to the MPI library that LAMMPS was built with; put the right mpiexec next to it or first on PATH"
         )
 
 
 def _failure(error: str, folder: Path) -> BackendUnavailable | RunBroken:
-    """What LAMMPS' own words mean."""
+    """Return the exception for an error of LAMMPS."""
     text = "LAMMPS: " + " ".join(error.split())
     return BackendUnavailable(text) if lacks(text) else RunBroken(text, log=_last_lines(folder))
 
 
-def _death(ended: _Ended, doing: str, folder: Path) -> RunBroken:
-    said = [line.strip() for line in _read(folder / "stderr.txt").split("\n") if line.strip(" =\t")]
-    # MPI's launcher ends with a farewell that says nothing
-    said = [line for line in said if "EXIT STRING" in line] or said
-    words = f": {said[-1]}" if said else ""
-    return RunBroken(f"LAMMPS ended {ended.how} while {doing}{words}", log=_last_lines(folder))
+def _death(ended: _Ended, stage: str, folder: Path) -> RunBroken:
+    """Return the exception for a child that ended without an error message."""
+    lines = [line.strip() for line in _read(folder / "stderr.txt").split("\n") if line.strip(" =\t")]
+    # the last lines of MPI's launcher contain no information
+    lines = [line for line in lines if "EXIT STRING" in line] or lines
+    words = f": {lines[-1]}" if lines else ""
+    return RunBroken(f"LAMMPS ended {ended.how} while {stage}{words}", log=_last_lines(folder))
 
 
 def _answer(path: Path) -> dict[str, Any]:
+    """Return the reply that the worker wrote, or that of a worker which has not started."""
     try:
-        said: dict[str, Any] = json.loads(path.read_text())
+        reply: dict[str, Any] = json.loads(path.read_text())
     except (FileNotFoundError, json.JSONDecodeError):
         return {"stage": "load", "error": ""}
-    return said
+    return reply
 
 
 def _read(path: Path) -> str:
+    """Return the text of a file; '' if there is none."""
     return path.read_text(errors="replace") if path.is_file() else ""
 
 
 def _last_lines(folder: Path) -> str:
+    """Return the last 20 lines of LAMMPS' log."""
     return "\n".join(_read(folder / "log.lammps").splitlines()[-20:])

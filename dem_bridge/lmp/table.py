@@ -1,9 +1,10 @@
-"""Contact laws as LAMMPS table files (``pair_style table``): pure text, any exponent, any law of the overlap.
+"""Contact laws as LAMMPS table files (``pair_style table``): text, for any exponent and any law of the overlap.
 
 A file holds distance, energy and force of a pair from the deepest overlap (*reach*) to touch, which is the cutoff. Its
-lines are close together at touch, where ``F ~ overlap^(n-1)`` has no Taylor series; force and energy are those of the
-law at the distances as written, to the last digit. What LAMMPS makes of a file: :mod:`dem_bridge.lmp.interpolation`.
-Format: LAMMPS manual, *pair_style table*.
+lines are clustered at touch, where ``F ~ overlap^(n-1)`` has no Taylor series; force and energy are those of the law at
+the distances as written, to the last digit. :mod:`dem_bridge.lmp.interpolation` reproduces how LAMMPS evaluates a file.
+Format: LAMMPS manual,
+*pair_style table*.
 """
 
 from __future__ import annotations
@@ -20,40 +21,40 @@ from dem_bridge.physics.contact import Floats
 from dem_bridge.physics.law import ContactLaw, clustered
 from dem_bridge.version import __version__
 
-#: how LAMMPS interpolates between the points of its internal table
+#: LAMMPS' interpolation between the points of its internal table
 Style = Literal["linear", "spline"]
 STYLES: tuple[Style, ...] = ("linear", "spline")
-#: lines of a file: its own share of the error is 3e-11 at n = 2.5 and 1.5e-9 at n = 5, whatever the points
+#: lines of a file; they cause an error of 3e-11 at n = 2.5 and 1.5e-9 at n = 5, for any number of points
 LINES = 250
-#: points of LAMMPS' internal table where memory allows: relative error of force 8e-9 at n = 2.5
+#: points of LAMMPS' internal table, if memory allows; the relative error of the force is 8e-9 at n = 2.5
 POINTS = 10_000
-#: below this many points a table is worse than 1e-6 at n = 2.5
+#: fewest points; below, the error exceeds 1e-6 at n = 2.5
 FEWEST_POINTS = 500
-#: cells of the internal table next to touch that the slope at touch is fitted to
+#: number of cells next to touch by which the slope at touch is fitted
 _CELLS = 24
 _EPS = float(np.finfo(float).eps)
-#: Gauss rules of a panel
+#: Gauss rules for one interval
 _RULES = [np.polynomial.legendre.leggauss(order) for order in (4, 5, 7)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ContactTable:
-    """A table file; its columns are read-only and exact at the doubles as written."""
+    """A table file; its columns are read-only and exact at the distances as written."""
 
     keyword: str
     header: str
     distance: Floats
-    """m, ascending to touch, ``(lines,)``."""
+    """Distances, m, ascending to touch, ``(lines,)``."""
     energy: Floats
-    """J, ``(lines,)``."""
+    """Energies, J, ``(lines,)``."""
     force: Floats
-    """N, ``(lines,)``."""
+    """Forces, N, ``(lines,)``."""
     slopes: tuple[float, float]
-    """Derivative of force by distance at the first and the last line, N/m, as LAMMPS' splines take it."""
+    """Derivative of the force by the distance at the first and the last line, N/m, for LAMMPS' splines."""
 
     @property
     def text(self) -> str:
-        """The file. Every number has all its digits."""
+        """The text of the file, with all digits of every number."""
         rows = zip(
             range(1, len(self.distance) + 1),
             self.distance.tolist(),
@@ -76,13 +77,34 @@ def contact_table(
     points: int = POINTS,
     lines: int = LINES,
 ) -> ContactTable:
-    """The table of ``law`` for overlaps up to ``reach`` (m) of two bodies of ``diameter`` (m), which is the cutoff.
+    """Return the table of a law for two bodies of equal diameter, which is the cutoff.
 
-    ``date``: of the file's form, YYYY-MM-DD. ``points``: N of ``pair_style table spline N``, for which the slope at
-    touch is chosen: there the least error of LAMMPS' spline is not that of the exact slope but of the one that fits
-    its first cells best (7 times less at n = 2.5, 60 times at n = 2.05). With more or fewer points the table is sound
-    too, but less good. Raises UsageError where the law is none: a force that is not finite or pulls, force or energy
-    that do not vanish at touch, an energy whose derivative is not the force.
+    The slope at touch is chosen for LAMMPS' spline with ``points`` points: the best slope is not the exact one, but the
+    one that fits the first cells best (7 times smaller errors at n = 2.5, 60 times at n = 2.05). With another number of
+    points the table is valid, but less accurate.
+
+    Parameters
+    ----------
+    law : ContactLaw
+        The law.
+    keyword : str
+        Name of the section in the file.
+    diameter : float
+        Diameter of both bodies, m.
+    reach : float
+        Largest overlap, m.
+    date : str
+        Date of the file's format, YYYY-MM-DD.
+    points : int
+        N of ``pair_style table spline N``.
+    lines : int
+        Number of lines.
+
+    Raises
+    ------
+    UsageError
+        If a parameter or the law is invalid: a force that is not finite or pulls, force or energy that do not vanish at
+        touch, or an energy whose derivative is not the force.
     """
     if not keyword or keyword.split() != [keyword] or keyword.startswith("#"):
         raise UsageError(f"table keyword {keyword!r}; allowed: one word that does not begin with #")
@@ -95,7 +117,8 @@ def contact_table(
     distance = np.unique(diameter - clustered(reach, law.kinks, lines - 1))
     if len(distance) < 8:
         raise UsageError(
-            f"table reach = {reach!r} m has only {len(distance)} doubles at diameter {diameter!r} m; take a smaller one"
+            f"table reach = {reach!r} m has only {len(distance)} doubles at diameter {diameter!r} m;"
+            " choose a smaller diameter"
         )
     distance[0] = _innermost(float(distance[0]), diameter, points)
     overlap = diameter - distance
@@ -114,10 +137,10 @@ def contact_table(
 
 
 def zero_table(*, keyword: str, diameter: float, date: str, reach: float | None = None) -> ContactTable:
-    """No force: for ``pair_coeff * *``, which must come first and covers the pairs that have no contact.
+    """Return a table without force, for ``pair_coeff * *``, which must come first and covers the pairs without contact.
 
-    Its innermost line is ``reach`` (m; None: 1/1024 of it) below the diameter: bodies that are no neighbours and meet
-    stop LAMMPS there.
+    Its innermost line is ``reach`` (m; None: 1/1024 of the diameter) below the diameter. LAMMPS stops if bodies that
+    are not neighbours come closer.
     """
     distance = np.array([diameter - reach if reach is not None else diameter * (1.0 - 2.0**-10), diameter])
     none = np.zeros(2)
@@ -127,10 +150,24 @@ def zero_table(*, keyword: str, diameter: float, date: str, reach: float | None 
 
 
 def points_for(tables: int, *, memory: float = 5e8) -> int:
-    """Points of each of ``tables`` internal tables (one a ``pair_coeff``) such that all take at most ``memory`` bytes.
+    """Return the number of points of each internal table, so that all together take at most ``memory`` bytes.
 
-    LAMMPS holds five arrays of the points and five of the lines for each. Raises UsageError where too few are left.
+    LAMMPS has one internal table per ``pair_coeff``, with five arrays of the points and five of the lines.
 
+    Parameters
+    ----------
+    tables : int
+        Number of tables.
+    memory : float
+        Memory for all tables, bytes.
+
+    Raises
+    ------
+    UsageError
+        If there are too few points for an accurate table.
+
+    Examples
+    --------
     >>> points_for(40), points_for(5000)
     (10000, 2250)
     """
@@ -138,22 +175,23 @@ def points_for(tables: int, *, memory: float = 5e8) -> int:
     if points < FEWEST_POINTS:
         raise UsageError(
             f"{tables} tables in {memory:g} bytes leave {max(points, 0)} points each; allowed: >= {FEWEST_POINTS};"
-            " contacts of one stiffness can share a table"
+            " contacts of equal stiffness can share a table"
         )
     return points
 
 
 def _header(date: str) -> str:
+    """Return the first line of a file."""
     # LAMMPS reads DATE and UNITS
     return f"# DATE: {date} UNITS: si CONTRIBUTOR: dem_bridge {__version__}"
 
 
 def _innermost(distance: float, diameter: float, points: int) -> float:
-    """The innermost distance, moved by a few ulps until LAMMPS finds a cell for every distance below the cutoff.
+    """Return the innermost distance, moved by a few ulps until LAMMPS finds a cell for every distance below the cutoff.
 
-    LAMMPS multiplies by a rounded inverse of the spacing. At overlaps of an ulp that can give the number of the
-    cell after the last, and LAMMPS stops with "Pair distance > table outer cutoff"; a contact that just opens or
-    closes gets there. What is found rises with the distance, so the largest one decides.
+    LAMMPS multiplies by a rounded inverse of the spacing. At overlaps of an ulp, where a contact opens or closes, the
+    result can be the number of the cell after the last, and LAMMPS stops with "Pair distance > table outer cutoff". The
+    number rises with the distance, so it is sufficient to check the largest distance.
     """
     while not finds_all_cells(distance, diameter, points):
         distance = math.nextafter(distance, 0.0)
@@ -161,14 +199,14 @@ def _innermost(distance: float, diameter: float, points: int) -> float:
 
 
 def finds_all_cells(inner: float, cut: float, points: int) -> bool:
-    """Whether LAMMPS finds a cell for each distance from ``inner`` to just below ``cut``."""
+    """Return True if LAMMPS finds a cell for each distance from ``inner`` to just below ``cut``."""
     squared = inner * inner
     spacing = (cut * cut - squared) / (points - 1)
     return int((math.nextafter(cut * cut, 0.0) - squared) * (1.0 / spacing)) < points - 1
 
 
 def _values(law: ContactLaw, overlap: Floats) -> tuple[Floats, Floats]:
-    """Force and energy at the overlaps, descending to 0; UsageError where they are not those of a contact."""
+    """Return force and energy at the overlaps, which descend to 0, or raise UsageError for an invalid law."""
     force, energy = (np.array(column(overlap), dtype=float) for column in (law.force, law.energy))
     for name, unit, column in (("force", "N", force), ("energy", "J", energy)):
         if column.shape != overlap.shape:
@@ -187,10 +225,10 @@ def _values(law: ContactLaw, overlap: Floats) -> tuple[Floats, Floats]:
 
 
 def _check_energy(law: ContactLaw, overlap: Floats, energy: Floats) -> None:
-    """Between any two lines the energy must rise by the integral of the force.
+    """Raise UsageError unless the energy rises by the integral of the force between any two lines.
 
-    Tolerance: the integral's own error, of which the spread of three Gauss rules is a bound with a factor 8 (they
-    differ where a law is not smooth), and round-off: 8 ulps of the two energies that are subtracted and 64 of the
+    The tolerance has two terms: the error of the integral, for which 8 times the spread of three Gauss rules is a bound
+    (they differ where a law is not smooth); and round-off, 8 ulps of the two energies that are subtracted and 64 of the
     integral (the force at a rounded node, times n <= 5, summed).
     """
     low, width = overlap[1:, None], (overlap[:-1] - overlap[1:])[:, None]
@@ -207,20 +245,20 @@ def _check_energy(law: ContactLaw, overlap: Floats, energy: Floats) -> None:
         raise UsageError(
             f"contact law: from overlap {float(overlap[k + 1])!r} m to {float(overlap[k])!r} m the energy rises by"
             f" {float(rise[k])!r} J and the force does {float(best[k])!r} J of work; allowed: force = -d energy/dr;"
-            " law_of(force, ...) finds the energy, and needs the overlaps where the slope of the force jumps as kinks"
+            " use law_of(force, ..., kinks=...) to compute the energy, with the overlaps at which the slope jumps"
         )
 
 
 def _slope(distance: Floats, force: Floats) -> float:
-    """Derivative of the polynomial through the points at the first of them."""
+    """Return the derivative at the first point of the polynomial through all points."""
     x = (distance - distance[0]) / (distance[-1] - distance[0])
     return float(np.linalg.solve(np.vander(x), force)[-2] / (distance[-1] - distance[0]))
 
 
 @cache
 def _cardinal(cells: int) -> tuple[Floats, Floats, Floats]:
-    """Places in a grid of unit cells; spline there through (0 ... 1 ... 0) each, and with unit slope at the start."""
-    from scipy.interpolate import CubicSpline  # brings half of scipy, and runs without tables need none of it
+    """Return places in a grid of unit cells, the cardinal splines there, and the spline with unit start slope."""
+    from scipy.interpolate import CubicSpline  # slow to import, and only tables need it
 
     place = np.concatenate([np.arange(1, 64) / 64.0, np.arange(64, 64 * min(cells // 2, 8) + 1, 4) / 64.0])
     grid = np.arange(cells + 1.0)
@@ -230,9 +268,9 @@ def _cardinal(cells: int) -> tuple[Floats, Floats, Floats]:
 
 
 def _slope_at_touch(law: ContactLaw, inner: float, cut: float, points: int) -> float:
-    """Derivative of force by distance at touch with which LAMMPS' spline comes nearest to the law in its last cells.
+    """Return the derivative of the force at touch with which LAMMPS' spline fits the law best near touch.
 
-    The spline is linear in it: least squares of the error over the cells.
+    The spline depends linearly on it, so it follows from least squares.
     """
     cells = min(_CELLS, points - 1)
     if cells < 4:
@@ -246,5 +284,5 @@ def _slope_at_touch(law: ContactLaw, inner: float, cut: float, points: int) -> f
 
     error = through @ over_distance(np.arange(cells + 1.0)) - over_distance(place)
     by_squared = (error @ slope) / (slope @ slope) / spacing
-    # f/r by r^2, to f by r
+    # from the derivative of f/r by r^2 to that of f by r
     return float(by_squared * 2.0 * cut * cut)

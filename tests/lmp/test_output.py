@@ -66,7 +66,7 @@ def test_a_text_dump_is_a_broken_run(tmp_path: Path) -> None:
 
 
 def test_another_revision_is_refused_by_its_number(tmp_path: Path) -> None:
-    with pytest.raises(RunBroken, match="binary dump revision 3; known: 2"):
+    with pytest.raises(RunBroken, match="binary dump revision 3; allowed: 2"):
         read_binary_dump(_file(tmp_path, frame(0, ROWS, revision=3)), columns=4)
 
 
@@ -76,12 +76,12 @@ def test_a_number_of_atoms_that_changes_is_a_broken_run(tmp_path: Path) -> None:
 
 
 def test_a_number_of_columns_that_does_not_fit_is_a_broken_run(tmp_path: Path) -> None:
-    with pytest.raises(RunBroken, match="is cut or has another form"):
+    with pytest.raises(RunBroken, match="is incomplete or has another layout"):
         read_binary_dump(_file(tmp_path, frame(0, ROWS)), columns=3)
 
 
 def test_the_frame_that_does_not_fit_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RunBroken, match="frame 0 is cut"):
+    with pytest.raises(RunBroken, match="frame 0 is incomplete"):
         read_binary_dump(_file(tmp_path, frame(0, ROWS)), columns=3)
 
 

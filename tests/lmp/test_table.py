@@ -119,7 +119,7 @@ def test_lines_are_close_together_at_touch_and_at_kinks() -> None:
         (changed(HERTZ, force=1e-3), "force = 0.001 N at overlap 0; allowed: 0 N"),
         (changed(HERTZ, energy=1e-9), "energy = 1e-09 J at overlap 0; allowed: 0 J"),
         (ContactLaw(force=HERTZ.force, energy=lambda d: np.zeros(3)), "energy has shape (3,)"),
-        (changed(HERTZ, factor=1.0 + 1e-9), "allowed: force = -d energy/dr; law_of(force, ...) finds the energy"),
+        (changed(HERTZ, factor=1.0 + 1e-9), "allowed: force = -d energy/dr; use law_of(force, ..., kinks=...)"),
         (ContactLaw(force=HERTZ.force, energy=power_law(1e9, 2.5 + 1e-9).energy), "allowed: force = -d energy/dr"),
         # wrong in one place alone
         (

@@ -1,1 +1,1 @@
-"""LAMMPS scripts of others read as scenes: pure, text in, Scene out."""
+"""Reading of LAMMPS input scripts as scenes: text to Scene, without reading files itself."""

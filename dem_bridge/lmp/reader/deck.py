@@ -1,7 +1,7 @@
-"""A LAMMPS input script read as LAMMPS would, up to its first run: particles, pair laws, fixes, steps.
+"""Evaluation of a LAMMPS input script as LAMMPS does it, up to its first run: particles, pair laws, fixes, steps.
 
-What has no say in the motion is passed over by name; what has one is understood or refused, with file and line. How a
-Scene follows is in :mod:`.scene`.
+Commands that do not affect the motion are skipped by name. All others are evaluated, or reported as unsupported with
+file and line. :mod:`.scene` converts the result to a Scene.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from dem_bridge.lmp.reader.pairs import Pairs
 from dem_bridge.lmp.reader.particles import Particles
 from dem_bridge.lmp.reader.script import Command, Opened, Script
 
-#: SI values of a style's length, time and mass; forces and stiffnesses follow of them (manual, command units)
+#: SI values of the units of length, time and mass; units of force and stiffness follow (manual, command units)
 UNITS = {
     "si": (1.0, 1.0, 1.0),
     "cgs": (1e-2, 1.0, 1e-3),
     "micro": (1e-6, 1e-6, 1e-15),
     "nano": (1e-9, 1e-9, 1e-21),
 }
-#: time steps of scripts that name none, in their own units (manual, command timestep)
+#: default time steps, in the units of the script (manual, command timestep)
 _DEFAULT_STEP = {"si": 1e-8, "cgs": 1e-8, "micro": 2.0, "nano": 0.00045}
-#: commands that change no motion
+#: commands that do not affect the motion
 SILENT = frozenset(
     {
         *("atom_modify", "balance", "comm_modify", "comm_style", "compute", "compute_modify", "dump", "dump_modify"),
@@ -32,34 +32,37 @@ SILENT = frozenset(
         *("undump", "write_data", "write_dump", "write_restart"),
     }
 )
-#: ... and fixes
+#: fixes that do not affect the motion
 _SILENT_FIXES = frozenset({"ave/atom", "ave/chunk", "ave/time", "balance", "enforce2d", "print", "vector"})
-#: steps between two looks at who is near: those that LAMMPS has had as defaults are safe with its default skin
+#: steps between rebuilds of the neighbour list that are safe with LAMMPS' default skin: up to its former defaults
 _WAITS = frozenset(map(str, range(11)))
 _FIXES = ("nve", "nve/sphere", "gravity", "addforce", "langevin", "freeze", "setforce")
 
 
 @dataclass
 class Forces:
-    """What fixes do, by atom, in the units of the script."""
+    """The effect of all fixes, by atom, in the units of the script."""
 
     moves: set[int] = field(default_factory=set)
-    """Integrated."""
+    """Atoms that a fix integrates."""
     frozen: set[int] = field(default_factory=set)
-    """By ``fix freeze``, which takes their mass out of m_eff, too."""
+    """Atoms of ``fix freeze``, which also removes their mass from m_eff."""
     held: dict[int, set[int]] = field(default_factory=dict)
-    """Axes along which nothing acts that an earlier fix or a contact does."""
+    """Axes along which the forces of contacts and earlier fixes are set to zero."""
     gravity: dict[int, list[float]] = field(default_factory=dict)
     drag: dict[int, float] = field(default_factory=dict)
-    """Inverse times."""
+    """Inverse relaxation times."""
     load: dict[int, list[float]] = field(default_factory=dict)
-    said: dict[str, Command] = field(default_factory=dict)
-    """Style -> the last command of it."""
+    commands: dict[str, Command] = field(default_factory=dict)
+    """Style -> its last command."""
 
 
 @dataclass
 class ReadScript:
-    """What a script has said. Made by :func:`read_script`."""
+    """State of a script that is being evaluated.
+
+    :func:`read_script` creates it.
+    """
 
     script: Script
     particles: Particles
@@ -67,41 +70,42 @@ class ReadScript:
     units: str = "lj"
     step: float | None = None
     duration: float = 0.0
-    """In the units of the script."""
+    """Duration of all runs, in the units of the script."""
     steps: int = 0
     counter: int = 0
-    """What LAMMPS counts steps by, which a script may set."""
+    """LAMMPS' step counter, which a script can set."""
     dump_every: int | None = None
     """Steps between the frames of the first dump."""
     run: Command | None = None
-    """The first."""
+    """The first run command."""
     last: Command | None = None
     fixes: dict[str, Command] = field(default_factory=dict)
     acting: Forces | None = None
-    """What fixes do while it runs."""
+    """Effect of the fixes during the run."""
     _dump: str | None = None
 
     def take(self, command: Command) -> None:
-        """One command."""
+        """Evaluate one command."""
         self.last = command
-        known = self._known
+        supported = self._supported
         if command.name in ("dump", "dump_modify"):
             self._frames(command)
         if command.name in SILENT:
             return
-        if command.name not in known:
-            allowed = f"{', '.join(known)}, and what changes no motion: {', '.join(sorted(SILENT))}"
-            raise command.refused("is a command that is not read here and may change the motion", allowed)
+        if command.name not in supported:
+            allowed = f"{', '.join(supported)}, and commands without effect on the motion: {', '.join(sorted(SILENT))}"
+            raise command.error("is not supported and may change the motion", allowed)
         if self.run is not None and command.name not in ("run", "timestep", "reset_timestep"):
-            raise command.refused(
-                f"stands behind the run in line {self.run.line}, and a scene has one start",
-                "run, timestep, reset_timestep and what changes no motion",
-                "a state that an earlier run made: write it with write_data, and read that",
+            raise command.error(
+                f"comes after the run in line {self.run.line}, but a scene has one start",
+                "run, timestep, reset_timestep and commands without effect on the motion",
+                "to start from the state after a run, write it by write_data and read that file",
             )
-        known[command.name](command)
+        supported[command.name](command)
 
     @property
-    def _known(self) -> Mapping[str, Callable[[Command], None]]:
+    def _supported(self) -> Mapping[str, Callable[[Command], None]]:
+        """Supported commands and their functions."""
         particles = self.particles
         return {
             "units": self._units,
@@ -129,22 +133,30 @@ class ReadScript:
 
     @staticmethod
     def _only(command: Command, *allowed: tuple[str, ...]) -> None:
+        """Raise SceneError unless the arguments are among the allowed ones."""
         if command.rest not in allowed:
-            raise command.refused("is not read here", " or ".join(f"{command.name} {' '.join(one)}" for one in allowed))
+            raise command.error(
+                "is not supported", " or ".join(f"{command.name} {' '.join(words)}" for words in allowed)
+            )
 
     def _units(self, command: Command) -> None:
-        self._only(command, *((one,) for one in UNITS))
+        self._only(command, *((name,) for name in UNITS))
         self.units = command.rest[0]
 
     @staticmethod
     def _neigh_modify(command: Command) -> None:
         if "exclude" in command.rest:
-            raise command.refused("leaves out pairs that may touch", "neigh_modify without exclude")
-        said = dict(pairwise(command.rest))
-        waits = any(said.get(key, "0") not in _WAITS for key in ("every", "delay"))
-        if waits or said.get("once") == "yes" or (said.get("check") == "no" and said.get("every", "1") != "1"):
-            raise command.refused(
-                "may miss bodies that meet between two looks", "every and delay of 0 to 10, check yes"
+            raise command.error("excludes pairs that may touch", "neigh_modify without exclude")
+        settings = dict(pairwise(command.rest))
+        delayed = any(settings.get(key, "0") not in _WAITS for key in ("every", "delay"))
+        if (
+            delayed
+            or settings.get("once") == "yes"
+            or (settings.get("check") == "no" and settings.get("every", "1") != "1")
+        ):
+            raise command.error(
+                "may miss bodies that meet between two rebuilds of the neighbour list",
+                "every and delay of 0 to 10, check yes",
             )
 
     def _frames(self, command: Command) -> None:
@@ -159,13 +171,14 @@ class ReadScript:
 
     def _fix(self, command: Command) -> None:
         if len(command.rest) < 3:
-            raise command.refused("is no fix", "fix ID GROUP STYLE ...")
+            raise command.error("is incomplete", "fix ID GROUP STYLE ...")
         name, group, style = command.rest[:3]
         if style in _SILENT_FIXES:
             return
         if style not in _FIXES:
-            allowed = f"{', '.join(_FIXES)}, and what changes no motion: {', '.join(sorted(_SILENT_FIXES))}"
-            raise command.refused(f"is a fix that is not read here and may change the motion: {style}", allowed)
+            silent = ", ".join(sorted(_SILENT_FIXES))
+            allowed = f"{', '.join(_FIXES)}, and fixes without effect on the motion: {silent}"
+            raise command.error(f"has the fix style {style}, which is not supported and may change the motion", allowed)
         self.particles.members(command, group)
         self.fixes[name] = command
 
@@ -176,11 +189,11 @@ class ReadScript:
     def _timestep(self, command: Command) -> None:
         self.step = self.script.number(command, command.rest[0]) if len(command.rest) == 1 else 0.0
         if not self.step > 0.0:
-            raise command.refused("is no time step", "timestep DT, a number > 0")
+            raise command.error("has no valid time step", "timestep DT, a number > 0")
 
     def _reset_timestep(self, command: Command) -> None:
         if len(command.rest) != 1:
-            raise command.refused("is not read here", "reset_timestep N")
+            raise command.error("is not supported", "reset_timestep N")
         self.counter = self.script.whole(command, command.rest[0])
 
     def _run(self, command: Command) -> None:
@@ -191,13 +204,13 @@ class ReadScript:
             steps -= self.counter
         options = dict(zip(words[::2], words[1::2], strict=False))
         if steps < 0 or len(words) % 2 or not set(options) <= {"pre", "post"}:
-            raise command.refused("is not read here", "run N [upto] [pre yes|no] [post yes|no]")
+            raise command.error("is not supported", "run N [upto] [pre yes|no] [post yes|no]")
         if steps:
             acting = self.forces()
             if self.run is not None and acting != self.acting:
-                raise command.refused(
-                    f"has other forces than the run in line {self.run.line}: a variable of a fix has changed",
-                    "forces that are the same from the start to the end",
+                raise command.error(
+                    f"has other forces than the run in line {self.run.line}, because a variable of a fix has changed",
+                    "the same forces in all runs",
                 )
             self.run, self.acting = self.run or command, acting
         if self.step is None:
@@ -207,85 +220,103 @@ class ReadScript:
         self.duration += steps * self.step
 
     def forces(self) -> Forces:
-        """What the fixes of the script do."""
-        found = Forces()
+        """Return the effect of the script's fixes."""
+        forces = Forces()
         acting = {"gravity": self._gravity, "addforce": self._addforce, "langevin": self._langevin}
         for command in self.fixes.values():
             style, members = command.rest[2], self.particles.members(command, command.rest[1])
-            found.said[style] = command
+            forces.commands[style] = command
             if style in acting:
-                acting[style](command, members, found)
+                acting[style](command, members, forces)
             elif style == "setforce":
-                self._setforce(command, members, found)
+                self._setforce(command, members, forces)
             elif len(command.rest) > 3:
-                raise command.refused("has settings that are not read here", f"fix ID GROUP {style}")
+                raise command.error("has settings that are not supported", f"fix ID GROUP {style}")
             elif style == "freeze":
-                found.frozen |= members
-                self._hold(members, (0, 1, 2), found)
-            elif found.moves & members:
-                raise command.refused("moves what another fix moves already", "one fix nve or nve/sphere for each atom")
+                forces.frozen |= members
+                self._hold(members, (0, 1, 2), forces)
+            elif forces.moves & members:
+                raise command.error(
+                    "integrates atoms that another fix integrates", "one fix nve or nve/sphere for each atom"
+                )
             else:
-                found.moves |= members
-        return found
+                forces.moves |= members
+        return forces
 
     def _numbers(self, command: Command, words: tuple[str, ...]) -> list[float]:
         return [self.script.number(command, word) for word in words]
 
-    def _gravity(self, command: Command, members: set[int], found: Forces) -> None:
+    def _gravity(self, command: Command, members: set[int], forces: Forces) -> None:
         words = command.rest[3:]
         if len(words) != 5 or words[1] != "vector":
-            raise command.refused("is not read here", "fix ID GROUP gravity MAGNITUDE vector x y z")
-        size, *way = self._numbers(command, (words[0], *words[2:]))
-        length = sum(one * one for one in way) ** 0.5
+            raise command.error("is not supported", "fix ID GROUP gravity MAGNITUDE vector x y z")
+        size, *direction = self._numbers(command, (words[0], *words[2:]))
+        length = sum(component * component for component in direction) ** 0.5
         if not length > 0.0:
-            raise command.refused("has no direction", "a vector that is not 0 0 0")
+            raise command.error("has no direction", "a vector other than 0 0 0")
         for number in members:
-            here = found.gravity.setdefault(number, [0.0, 0.0, 0.0])
-            found.gravity[number] = [old + size * one / length for old, one in zip(here, way, strict=True)]
+            total = forces.gravity.setdefault(number, [0.0, 0.0, 0.0])
+            forces.gravity[number] = [
+                old + size * component / length for old, component in zip(total, direction, strict=True)
+            ]
 
-    def _addforce(self, command: Command, members: set[int], found: Forces) -> None:
+    def _addforce(self, command: Command, members: set[int], forces: Forces) -> None:
         words = command.rest[3:]
         if len(words) != 3:
-            raise command.refused("is not read here", "fix ID GROUP addforce fx fy fz, constants")
+            raise command.error("is not supported", "fix ID GROUP addforce fx fy fz, constants")
         force = self._numbers(command, words)
         for number in members:
-            here = found.load.setdefault(number, [0.0, 0.0, 0.0])
-            found.load[number] = [old + one for old, one in zip(here, force, strict=True)]
+            total = forces.load.setdefault(number, [0.0, 0.0, 0.0])
+            forces.load[number] = [old + component for old, component in zip(total, force, strict=True)]
 
-    def _langevin(self, command: Command, members: set[int], found: Forces) -> None:
+    def _langevin(self, command: Command, members: set[int], forces: Forces) -> None:
         words = command.rest[3:]
         numbers = self._numbers(command, words[:4])
         if len(words) != 4 or numbers[0] != 0.0 or numbers[1] != 0.0 or not numbers[2] > 0.0:
-            raise command.refused("is no drag alone", "fix ID GROUP langevin 0 0 TIME SEED, without settings")
+            raise command.error("is not a pure drag", "fix ID GROUP langevin 0 0 TIME SEED, without settings")
         for number in members:
-            found.drag[number] = found.drag.get(number, 0.0) + 1.0 / numbers[2]
+            forces.drag[number] = forces.drag.get(number, 0.0) + 1.0 / numbers[2]
 
-    def _setforce(self, command: Command, members: set[int], found: Forces) -> None:
+    def _setforce(self, command: Command, members: set[int], forces: Forces) -> None:
         words = command.rest[3:]
         if len(words) != 3:
-            raise command.refused("is not read here", "fix ID GROUP setforce with 0 or NULL along x, y and z")
+            raise command.error("is not supported", "fix ID GROUP setforce with 0 or NULL along x, y and z")
         axes = [axis for axis, word in enumerate(words) if word != "NULL"]
         if any(self.script.number(command, words[axis]) != 0.0 for axis in axes):
-            raise command.refused("sets a force", "0 or NULL along x, y and z; a load is addforce")
-        self._hold(members, axes, found)
+            raise command.error("sets a force other than 0", "0 or NULL along x, y and z; use addforce for a load")
+        self._hold(members, axes, forces)
 
     @staticmethod
-    def _hold(members: set[int], axes: Iterable[int], found: Forces) -> None:
-        """Fixes act in their order: what was there before is gone along ``axes``."""
+    def _hold(members: set[int], axes: Iterable[int], forces: Forces) -> None:
+        """Set the forces along ``axes`` to zero, as they are up to this fix; fixes act in their order."""
         for number in members:
-            found.held.setdefault(number, set()).update(axes)
-            for acting in (found.gravity, found.load):
+            forces.held.setdefault(number, set()).update(axes)
+            for acting in (forces.gravity, forces.load):
                 for axis in axes if number in acting else ():
                     acting[number][axis] = 0.0
 
 
 def read_script(text: str, *, file: str, opened: Opened, variables: Mapping[str, str] | None = None) -> ReadScript:
-    """What a script says; ``variables``: those that LAMMPS is given by ``-var``. Raises SceneError in one line.
+    """Evaluate a script.
 
-    ``opened``: the text of a file that the script names, OSError or KeyError where there is none.
+    Parameters
+    ----------
+    text : str
+        The script.
+    file : str
+        Its name, for messages.
+    opened : callable
+        Function that returns the text of a file that the script names; it raises OSError or KeyError if there is none.
+    variables : mapping, optional
+        Variables that LAMMPS is given by ``-var``.
+
+    Raises
+    ------
+    SceneError
+        If a command is invalid or unsupported.
     """
     script = Script(opened, {name: ("index", (value,)) for name, value in (variables or {}).items()})
-    found = ReadScript(script, Particles(script), Pairs(script))
+    state = ReadScript(script, Particles(script), Pairs(script))
     for command in script.commands(text, file):
-        found.take(command)
-    return found
+        state.take(command)
+    return state

@@ -1,10 +1,10 @@
-"""``pair_style`` and ``pair_coeff`` read: the normal force between the atoms of two types, on a straight line.
+"""Evaluation of ``pair_style`` and ``pair_coeff``: the normal force between the atoms of two types on a straight line.
 
-``hertz K``: K sqrt(R_eff) overlap^1.5; ``hertz/material E eta nu`` the same with K = 4/3 / ((1-nu_i^2)/E_i +
-(1-nu_j^2)/E_j); ``hooke k``: k overlap. 1/R_eff = 1/R_i + 1/R_j. Damping: eta overlap' (``velocity``), eta m_eff
-overlap' (``mass_velocity``) or eta m_eff sqrt(R_eff overlap) overlap' (``viscoelastic``, which is the default); the
-older ``gran`` styles have m_eff too (LAMMPS manual, *pair_style granular* and *pair_style gran*). Tangential, rolling
-and twisting models have nothing to do where nothing turns and nothing moves across the line.
+``hertz K`` is K sqrt(R_eff) overlap^1.5; ``hertz/material E eta nu`` is the same with K = 4/3 / ((1-nu_i^2)/E_i +
+(1-nu_j^2)/E_j); ``hooke k`` is k overlap. 1/R_eff = 1/R_i + 1/R_j. Damping is eta overlap' (``velocity``), eta m_eff
+overlap' (``mass_velocity``) or eta m_eff sqrt(R_eff overlap) overlap' (``viscoelastic``, the default); the older
+``gran`` styles have the factor m_eff as well (LAMMPS manual, *pair_style granular* and *pair_style gran*). Tangential,
+rolling and twisting models have no effect if nothing rotates or moves across the line.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from dataclasses import dataclass, field
 
 from dem_bridge.lmp.reader.script import Command, Script
 
-#: normal model -> how many numbers follow it
+#: normal model -> number of its coefficients
 _MODELS = {"hertz": 2, "hooke": 2, "hertz/material": 3}
 _GRAN = {"gran/hertz/history": "hertz", "gran/hooke": "hooke", "gran/hooke/history": "hooke"}
 _DAMPINGS = ("velocity", "mass_velocity", "viscoelastic", "coeff_restitution")
-#: what may stand behind the normal model; only ``damping`` and ``limit_damping`` say anything of motion along a line
+#: settings after the normal model; only ``damping`` and ``limit_damping`` affect motion along a line
 _SECTIONS = ("tangential", "rolling", "twisting", "damping", "limit_damping")
 _STYLES = f"granular, {', '.join(_GRAN)}"
 _ALLOWED = f"{', '.join(_MODELS)} with tangential, rolling, twisting, limit_damping and damping {', '.join(_DAMPINGS)}"
@@ -27,90 +27,93 @@ _ALLOWED = f"{', '.join(_MODELS)} with tangential, rolling, twisting, limit_damp
 
 @dataclass(frozen=True)
 class PairLaw:
-    """Of two types, in the units of the script."""
+    """The law of two types, in the units of the script."""
 
-    said: Command
+    command: Command
     model: str
     """"hertz" or "hooke"."""
     stiffness: float
-    """K or k."""
+    """Coefficient K or k."""
     eta: float
     damping: str
     clipped: bool
-    """``limit_damping``: the sum never pulls."""
+    """True with ``limit_damping``: the net force is clipped at zero."""
     material: tuple[float, float] | None = None
     """E and nu of ``hertz/material``."""
 
     @property
     def exponent(self) -> float:
+        """Exponent n of the energy."""
         return {"hertz": 2.5, "hooke": 2.0}[self.model]
 
     def coefficient(self, radius: float) -> float:
-        """beta, for the effective radius of a contact."""
+        """Return the stiffness beta for the effective radius of a contact."""
         return self.stiffness * math.sqrt(radius) if self.model == "hertz" else self.stiffness
 
-    def mixed(self, other: PairLaw, said: Command) -> PairLaw:
-        """Of the types i and j, where only i with i and j with j have coefficients."""
+    def mixed(self, other: PairLaw, command: Command) -> PairLaw:
+        """Return the law of types i and j that LAMMPS mixes from the laws of i with i and j with j."""
         alike = (self.model, self.damping, self.clipped, self.material is None)
         if alike != (other.model, other.damping, other.clipped, other.material is None):
-            raise said.refused(
-                "leaves two types that meet without coefficients of their own", "pair_coeff I J for them"
-            )
+            raise command.error("leaves two types that meet without coefficients", "pair_coeff I J for these types")
         if self.material is None or other.material is None:
             stiffness, material = math.sqrt(self.stiffness * other.stiffness), None
         else:
             stiffness, material = 4.0 / 3.0 / (compliance(*self.material) + compliance(*other.material)), self.material
         eta = math.sqrt(self.eta * other.eta)
-        return PairLaw(self.said, self.model, stiffness, eta, self.damping, self.clipped, material)
+        return PairLaw(self.command, self.model, stiffness, eta, self.damping, self.clipped, material)
 
 
 def compliance(young: float, poisson: float) -> float:
-    """Of one body, in the sum of which two bodies have their inverse effective modulus."""
+    """Return the term of one body in the sum that is the inverse effective modulus of two bodies."""
     return (1.0 - poisson**2) / young
 
 
 @dataclass
 class Pairs:
-    """What the pair commands of a script have said so far."""
+    """State of the pair commands of a script."""
 
     script: Script
     style: str = ""
-    said: Command | None = None
+    command: Command | None = None
     _named: dict[tuple[int, int], tuple[int, PairLaw]] = field(default_factory=dict)
-    """Two types that a line names, with the number of that line."""
+    """Laws of pairs of types that a line names, with the number of that line."""
     _ranges: list[tuple[int, range, range, PairLaw]] = field(default_factory=list)
-    """Those with a *, which may be many: not written out."""
+    """Laws of ranges of types (with *), which are not expanded because they may be large."""
     _whole: PairLaw | None = None
-    """Of the styles that have one law for all."""
+    """Law of a style that has one law for all pairs."""
     _lines: int = 0
 
     def pair_style(self, command: Command) -> None:
+        """Evaluate a ``pair_style`` command."""
         if not command.rest:
-            raise command.refused("names no style", _STYLES)
+            raise command.error("names no style", _STYLES)
         style, *words = command.rest
         if style == "table" or style.startswith("hybrid"):
-            why = "has forces that are numbers in a file" if style == "table" else "has more than one law for a pair"
-            raise command.refused(f"{why}: no power of the overlap can be read off", _STYLES)
+            why = "reads forces from a file" if style == "table" else "has more than one law for a pair"
+            raise command.error(f"{why}, so that the force is not a power of the overlap", _STYLES)
         if style not in (*_GRAN, "granular"):
-            raise command.refused(f"is a style that is not read here: {style}", _STYLES)
-        self.style, self.said, self._whole = style, command, None
+            raise command.error(f"has the style {style}, which is not supported", _STYLES)
+        self.style, self.command, self._whole = style, command, None
         self._named, self._ranges, self._lines = {}, [], 0
         if style in _GRAN:
             self._whole = self._gran(command, style, words)
 
     def _gran(self, command: Command, style: str, words: Sequence[str]) -> PairLaw:
-        """Kn Kt gamma_n gamma_t xmu dampflag [limit_damping]."""
+        """Return the law of ``pair_style gran/... Kn Kt gamma_n gamma_t xmu dampflag [limit_damping]``."""
         if len(words) not in (6, 7) or (len(words) == 7 and words[6] != "limit_damping"):
-            raise command.refused(f"has {len(words)} settings", "Kn Kt gamma_n gamma_t xmu dampflag [limit_damping]")
+            raise command.error(f"has {len(words)} settings", "Kn Kt gamma_n gamma_t xmu dampflag [limit_damping]")
         stiffness, eta = (self.script.number(command, words[at]) for at in (0, 2))
         kind = "viscoelastic" if _GRAN[style] == "hertz" else "mass_velocity"
         return PairLaw(command, _GRAN[style], stiffness, eta, kind, len(words) == 7)
 
     def pair_coeff(self, command: Command, types: int) -> None:
+        """Evaluate a ``pair_coeff`` command."""
         if not self.style or len(command.rest) < 2:
-            raise command.refused("stands before pair_style, or names no types", "pair_coeff I J MODEL ...")
+            raise command.error(
+                "comes before pair_style, or names no types", "pair_coeff I J MODEL ... after pair_style"
+            )
         if self._whole is not None and len(command.rest) > 2:
-            raise command.refused(f"has coefficients, and {self.style} has one law for all", "pair_coeff * *")
+            raise command.error(f"has coefficients, but {self.style} has one law for all pairs", "pair_coeff * *")
         low, high, *words = command.rest
         law = self._whole or self._granular(command, words)
         first, second = (numbered(self.script, command, word, types) for word in (low, high))
@@ -121,14 +124,15 @@ class Pairs:
             self._named[min(first[0], second[0]), max(first[0], second[0])] = (self._lines, law)
 
     def _granular(self, command: Command, words: Sequence[str]) -> PairLaw:
+        """Return the law of the coefficients of ``pair_style granular``."""
         if not words or words[0] not in _MODELS:
-            raise command.refused(f"has the normal model {(*words, 'none')[0]}, which is not read here", _ALLOWED)
+            raise command.error(f"has the normal model {(*words, 'none')[0]}, which is not supported", _ALLOWED)
         model, count = words[0], _MODELS[words[0]]
         if len(words) < 1 + count:
-            raise command.refused(f"has {len(words) - 1} numbers for {model}", f"{count}")
+            raise command.error(f"has {len(words) - 1} numbers for {model}", f"{count}")
         numbers = [self.script.number(command, word) for word in words[1 : 1 + count]]
         if numbers[0] < 0.0 or numbers[1] < 0.0:
-            raise command.refused("has a stiffness or a damping below 0", "numbers >= 0")
+            raise command.error("has a stiffness or a damping below 0", "numbers >= 0")
         behind, damping = list(words[1 + count :]), "viscoelastic"
         section = ""
         for at, word in enumerate(behind):
@@ -137,46 +141,50 @@ class Pairs:
                 if word == "damping":
                     damping = (*behind[at + 1 : at + 2], "nothing")[0]
             elif not section or word in ("cutoff", "heat", "synchronized_verlet"):
-                raise command.refused(f"has the setting {word}, which is not read here", _ALLOWED)
+                raise command.error(f"has the setting {word}, which is not supported", _ALLOWED)
         if damping not in _DAMPINGS:
-            raise command.refused(f"has damping {damping}, which no scene has", f"damping {', '.join(_DAMPINGS)}")
+            raise command.error(f"has damping {damping}, which is not supported", f"damping {', '.join(_DAMPINGS)}")
         eta = numbers[1]
         if damping == "coeff_restitution":
             if eta != 1.0:
-                raise command.refused("has a coefficient of restitution, which no scene has", "1, or damping velocity")
+                raise command.error(
+                    "has a coefficient of restitution below 1, which is not supported yet",
+                    "a coefficient of 1 (elastic contacts), or damping velocity",
+                )
             eta = 0.0
         stiffness, material = numbers[0], None
         if model == "hertz/material":
             if numbers[0] == 0.0 or not -1.0 < numbers[2] <= 0.5:
-                raise command.refused("has no such material", "E > 0 and -1 < nu <= 0.5")
+                raise command.error("has an impossible material", "E > 0 and -1 < nu <= 0.5")
             material = (numbers[0], numbers[2])
             stiffness = 4.0 / 3.0 / (2.0 * compliance(*material))
         name = "hooke" if model == "hooke" else "hertz"
         return PairLaw(command, name, stiffness, eta, damping, "limit_damping" in behind, material)
 
-    def between(self, one: int, other: int) -> PairLaw:
-        """Of the atoms of two types; SceneError where a script says nothing of them."""
-        low, high = min(one, other), max(one, other)
-        assert self.said is not None  # looked at before
+    def between(self, first: int, second: int) -> PairLaw:
+        """Return the law between the atoms of two types, or raise SceneError if the script defines none."""
+        low, high = min(first, second), max(first, second)
+        assert self.command is not None  # checked before
         if (law := self._last(low, high)) is not None:
             return law
         left, right = self._last(low, low), self._last(high, high)
         if left is None or right is None:
-            raise self.said.refused(f"leaves types {low} and {high}, which meet, without pair_coeff", "one")
-        return left.mixed(right, self.said)
+            problem = f"leaves types {low} and {high}, which meet, without pair_coeff"
+            raise self.command.error(problem, f"pair_coeff {low} {high} or *")
+        return left.mixed(right, self.command)
 
     def _last(self, low: int, high: int) -> PairLaw | None:
-        """What the last line says that names two types, low <= high."""
-        found = [(line, law) for line, first, second, law in self._ranges if low in first and high in second]
-        found += [self._named[low, high]] if (low, high) in self._named else []
-        return max(found, key=lambda one: one[0])[1] if found else None
+        """Return the law of the last line that names both types, low <= high."""
+        laws = [(line, law) for line, first, second, law in self._ranges if low in first and high in second]
+        laws += [self._named[low, high]] if (low, high) in self._named else []
+        return max(laws, key=lambda entry: entry[0])[1] if laws else None
 
 
 def numbered(script: Script, command: Command, word: str, most: int) -> range:
-    """``n``, ``*``, ``n*``, ``*m`` and ``n*m``, of 1 to ``most``."""
+    """Return the range of ``n``, ``*``, ``n*``, ``*m`` or ``n*m`` within 1 to ``most``."""
     low, star, high = word.partition("*")
     first = script.whole(command, low) if low else 1
     last = (script.whole(command, high) if high else most) if star else first
     if not 1 <= first <= last <= most:
-        raise command.refused(f"has {word!r}", f"1 to {most}")
+        raise command.error(f"has {word!r}", f"1 to {most}")
     return range(first, last + 1)

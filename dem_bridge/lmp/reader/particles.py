@@ -1,7 +1,8 @@
-"""The particles of a LAMMPS script: what ``read_data``, ``create_atoms``, ``set``, ``group`` and ``velocity`` make.
+"""The particles of a LAMMPS script.
 
-In the units of the script. Spheres alone; a mass is what ``set`` gave, else density times volume. What LAMMPS does with
-a command is done here in the same order, for later commands change what earlier ones made.
+They are defined by ``read_data``, ``create_atoms``, ``set``, ``group`` and ``velocity``. All values are in the units
+of the script. Only spheres are supported; a mass is that of ``set``, or else density times volume. Commands are
+evaluated in the same order as by LAMMPS, because later ones change the results of earlier ones.
 """
 
 from __future__ import annotations
@@ -27,20 +28,22 @@ class Particle:
     diameter: float = 1.0
     mass: float = math.pi / 6.0
     weighed: bool = False
-    """Whether the mass is one that was given, not a product of density and volume."""
+    """True if the mass is given, and not a product of density and volume."""
     velocity: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
 
     @property
     def radius(self) -> float:
+        """Radius of the sphere."""
         return 0.5 * self.diameter
 
     def made_of(self, density: float) -> None:
+        """Set the mass to density times volume."""
         self.mass, self.weighed = 4.0 * math.pi / 3.0 * self.radius**3 * density, False
 
 
 @dataclass
 class Particles:
-    """All of them, and the box."""
+    """All particles and the box."""
 
     script: Script
     types: int = 0
@@ -51,54 +54,59 @@ class Particles:
     _regions: dict[str, Command] = field(default_factory=dict)
 
     def region(self, command: Command) -> None:
+        """Evaluate a ``region`` command."""
         if len(command.rest) < 2:
-            raise command.refused("is no region", "region ID block xlo xhi ylo yhi zlo zhi")
+            raise command.error("is incomplete", "region ID block xlo xhi ylo yhi zlo zhi")
         self._regions[command.rest[0]] = command
 
     def set_boundary(self, command: Command) -> None:
+        """Evaluate a ``boundary`` command."""
         if len(command.rest) != 3:
-            raise command.refused("names no three sides", "boundary x y z")
+            raise command.error(f"has {len(command.rest)} arguments", "boundary x y z")
         x, y, z = command.rest
         self.boundary = (x, y, z)
 
     def create_box(self, command: Command) -> None:
+        """Evaluate a ``create_box`` command."""
         if len(command.rest) != 2 or command.rest[1] not in self._regions:
-            raise command.refused("names no region above", "create_box TYPES REGION")
+            raise command.error("names no region that is defined before it", "create_box TYPES REGION")
         region = self._regions[command.rest[1]]
         words = region.rest[2:]
         usual = not words[6:] or words[6:] in (("units", "box"), ("units", "lattice"))
         if region.rest[1] != "block" or len(words) < 6 or not usual:
-            raise region.refused("is not read here", "region ID block xlo xhi ylo yhi zlo zhi")
+            raise region.error("is not supported", "region ID block xlo xhi ylo yhi zlo zhi")
         ends = [self.script.number(region, word) for word in words[:6]]
         self.types = self.script.whole(command, command.rest[0])
         self.box = [(ends[0], ends[1]), (ends[2], ends[3]), (ends[4], ends[5])]
 
     def create_atoms(self, command: Command) -> None:
+        """Evaluate a ``create_atoms`` command."""
         words = command.rest
         if len(words) < 5 or words[1] != "single" or words[5:] not in ((), ("units", "box"), ("units", "lattice")):
-            raise command.refused("is not read here", "create_atoms TYPE single x y z")
+            raise command.error("is not supported", "create_atoms TYPE single x y z")
         if not self.box:
-            raise command.refused("stands before the box", "create_box or read_data first")
+            raise command.error("comes before the box is defined", "create_box or read_data first")
         place = [self.script.number(command, word) for word in words[2:5]]
-        for (low, high), one, axis in zip(self.box, place, "xyz", strict=True):
-            if not low <= one < high:  # on the upper side LAMMPS makes none, and says nothing
-                raise command.refused(f"lies outside of the box along {axis}", f"{low:g} to {high:g}, below the latter")
+        for (low, high), coordinate, axis in zip(self.box, place, "xyz", strict=True):
+            if not low <= coordinate < high:  # on the upper side LAMMPS creates no atom, without a message
+                raise command.error(f"is outside of the box along {axis}", f"from {low:g} to below {high:g}")
         number = max(self.atoms, default=0) + 1
         self.atoms[number] = Particle(number, self._kind(command, words[0]), place)
 
     def _kind(self, command: Command, word: str) -> int:
+        """Return a valid atom type."""
         kind = self.script.whole(command, word)
         if not 1 <= kind <= self.types:
-            raise command.refused(f"has the atom type {kind}", f"1 to {self.types}")
+            raise command.error(f"has the atom type {kind}", f"1 to {self.types}")
         return kind
 
     def read_data(self, command: Command) -> None:
-        """As LAMMPS, without the first line."""
+        """Evaluate a LAMMPS data file, whose first line is a comment."""
         if len(command.rest) != 1 or self.atoms:
-            raise command.refused("adds to what is there, or changes it", "one read_data FILE, without settings")
+            raise command.error("has settings, or comes after other atoms", "one read_data FILE, without settings")
         file = command.rest[0]
         section, box = "", dict[str, tuple[float, float]]()
-        wanted = 0
+        declared = 0
         for number, line in enumerate(read(self.script.opened, command, file).splitlines(), start=1):
             words = tuple(line.partition("#")[0].split())
             if number == 1 or not words:
@@ -107,65 +115,69 @@ class Particles:
             if words[0][0].isalpha():
                 section = words[0]
                 if section not in _SECTIONS or len(words) > 1:
-                    raise at.refused("is a section that is not read here", ", ".join(_SECTIONS))
+                    raise at.error("is a section that is not supported", ", ".join(_SECTIONS))
                 if section == "Atoms" and (style := line.partition("#")[2].split()[:1]) not in ([], ["sphere"]):
-                    raise at.refused(f"is of atom style {style[0]}", "Atoms # sphere")
+                    raise at.error(f"has atom style {style[0]}", "Atoms # sphere")
             elif section:
                 (self._atom if section == "Atoms" else self._velocity)(at)
             elif words[1:] == ("atoms",):
-                wanted = self.script.whole(at, words[0])
+                declared = self.script.whole(at, words[0])
             elif words[1:] == ("atom", "types"):
                 self.types = self.script.whole(at, words[0])
             elif len(words) == 4 and words[2:] in (("xlo", "xhi"), ("ylo", "yhi"), ("zlo", "zhi")):
                 box[words[2]] = (self.script.number(at, words[0]), self.script.number(at, words[1]))
-            elif words[0] != "0":  # no bonds, no angles
-                raise at.refused("is not read here", "N atoms, N atom types, xlo xhi, ylo yhi, zlo zhi")
-        if len(self.atoms) != wanted or len(box) < 3:
+            elif words[0] != "0":  # such as "0 bonds"
+                raise at.error("is not supported", "N atoms, N atom types, xlo xhi, ylo yhi, zlo zhi")
+        if len(self.atoms) != declared or len(box) < 3:
             problem = f"{file} has {len(self.atoms)} atoms and {len(box)} sides of a box"
-            raise command.refused(problem, f"{wanted} atoms, as it says, and xlo xhi, ylo yhi, zlo zhi")
+            raise command.error(problem, f"the {declared} atoms of its header, and xlo xhi, ylo yhi, zlo zhi")
         self.box = [box["xlo"], box["ylo"], box["zlo"]]
 
     def _atom(self, at: Command) -> None:
-        """id type diameter density x y z [image flags]."""
+        """Evaluate a line ``id type diameter density x y z [image flags]``."""
         if len(at.words) not in (7, 10):
-            raise at.refused(f"has {len(at.words)} columns", "id type diameter density x y z, of atom_style sphere")
+            raise at.error(f"has {len(at.words)} columns", "id type diameter density x y z, as atom_style sphere has")
         if any(self.script.whole(at, word) for word in at.words[7:]):
-            raise at.refused("has left the box", "image flags of 0")
+            raise at.error("is an atom that has left the box", "image flags of 0")
         number, place = self.script.whole(at, at.words[0]), [self.script.number(at, word) for word in at.words[4:7]]
         if number in self.atoms:
-            raise at.refused(f"is atom {number} a second time", "each id once")
+            raise at.error(f"repeats atom {number}", "each id once")
         diameter, density = (self.script.number(at, word) for word in at.words[2:4])
         if not (diameter > 0.0 and density > 0.0):
-            raise at.refused("has no size or no density", "numbers > 0")
+            raise at.error("has a diameter or density that is not positive", "numbers > 0")
         atom = Particle(number, self._kind(at, at.words[1]), place, diameter)
         atom.made_of(density)
         self.atoms[number] = atom
 
     def _velocity(self, at: Command) -> None:
+        """Evaluate a line ``id vx vy vz wx wy wz``."""
         numbers = [self.script.number(at, word) for word in at.words[1:]]
         number = self.script.whole(at, at.words[0])
         if len(numbers) != 6 or number not in self.atoms:
-            raise at.refused("is no velocity of an atom above", "id vx vy vz wx wy wz")
+            raise at.error("is not the velocity of an atom of this file", "id vx vy vz wx wy wz")
         if any(numbers[3:]):
-            raise at.refused("turns", "wx wy wz of 0: bodies of a scene do not turn")
+            raise at.error("has an angular velocity", "wx wy wz of 0, since bodies of a scene do not rotate")
         self.atoms[number].velocity = numbers[:3]
 
     def members(self, command: Command, name: str) -> set[int]:
-        """Ids of a group."""
+        """Return the ids of a group."""
         if name == "all":
             return set(self.atoms)
         if name not in self.groups:
-            raise command.refused(f"names the group {name}, which is not defined", f"all, {', '.join(self.groups)}")
+            raise command.error(f"names the group {name}, which is not defined", f"all, {', '.join(self.groups)}")
         return self.groups[name]
 
     def group(self, command: Command) -> None:
+        """Evaluate a ``group`` command."""
         if len(command.rest) < 2:
-            raise command.refused("is no group", "group ID STYLE ...")
+            raise command.error("is incomplete", "group ID STYLE ...")
         name, style, *words = command.rest
         if style in ("id", "type"):
             chosen = self._ranged(command, words)
-            found = {one.number for one in self.atoms.values() if (one.number if style == "id" else one.kind) in chosen}
-            self.groups[name] = self.groups.get(name, set()) | found
+            members = {
+                atom.number for atom in self.atoms.values() if (atom.number if style == "id" else atom.kind) in chosen
+            }
+            self.groups[name] = self.groups.get(name, set()) | members
         elif style in ("union", "subtract", "intersect") and words:
             sets = [self.members(command, word) for word in words]
             joins: dict[str, Callable[..., set[int]]]
@@ -174,45 +186,48 @@ class Particles:
         elif style in ("empty", "clear"):
             self.groups[name] = set()
         else:
-            raise command.refused("is not read here", "id, type, union, subtract, intersect, empty and clear")
+            raise command.error("is not supported", "id, type, union, subtract, intersect, empty and clear")
 
     def _ranged(self, command: Command, words: Iterable[str]) -> set[int]:
-        """``n``, ``n:m`` and ``n:m:step``."""
-        found: set[int] = set()
+        """Return the numbers of ``n``, ``n:m`` and ``n:m:step``."""
+        numbers: set[int] = set()
         for word in words:
             parts = [self.script.whole(command, part) for part in word.split(":")]
             if len(parts) > 3 or (len(parts) == 3 and parts[2] < 1):
-                raise command.refused(f"has {word!r}", "n, n:m or n:m:step")
-            found |= set(range(parts[0], parts[-1] + 1) if len(parts) < 3 else range(parts[0], parts[1] + 1, parts[2]))
-        return found
+                raise command.error(f"has {word!r}", "n, n:m or n:m:step")
+            numbers |= set(
+                range(parts[0], parts[-1] + 1) if len(parts) < 3 else range(parts[0], parts[1] + 1, parts[2])
+            )
+        return numbers
 
     def set_values(self, command: Command) -> None:
+        """Evaluate a ``set`` command."""
         if len(command.rest) < 4 or len(command.rest) % 2 or command.rest[0] not in ("atom", "type", "group"):
-            raise command.refused("is not read here", f"set atom|type|group ID and {', '.join(_SETTABLE)} with a value")
+            raise command.error("is not supported", f"set atom|type|group ID and {', '.join(_SETTABLE)} with a value")
         style, who, *pairs = command.rest
         if style == "group":
             chosen = self.members(command, who)
         else:
             most = max(self.atoms, default=0) if style == "atom" else self.types
-            wanted = numbered(self.script, command, who, most)
+            numbers = numbered(self.script, command, who, most)
             if style == "atom":
-                chosen = {number for number in wanted if number in self.atoms}
+                chosen = {number for number in numbers if number in self.atoms}
             else:
-                chosen = {atom.number for atom in self.atoms.values() if atom.kind in wanted}
+                chosen = {atom.number for atom in self.atoms.values() if atom.kind in numbers}
         if not chosen:
-            raise command.refused("changes no atom", "atoms that are there")
+            raise command.error("changes no atom", "atoms that exist")
         for key, word in zip(pairs[::2], pairs[1::2], strict=True):
             if key not in _SETTABLE:
-                raise command.refused(f"sets {key}, which is not read here", ", ".join(_SETTABLE))
+                raise command.error(f"sets {key}, which is not supported", ", ".join(_SETTABLE))
             rows = self._rows(command, word)
             for number in sorted(chosen):
                 if rows is not None and number not in rows:
-                    raise command.refused(f"has no value for atom {number}", "one for each")
+                    raise command.error(f"has no value for atom {number}", "one value for each atom")
                 value = self.script.number(command, word) if rows is None else rows[number]
                 self._set(command, self.atoms[number], key, value)
 
     def _rows(self, command: Command, word: str) -> dict[int, float] | None:
-        """Values by atom, of a variable of style atomfile; None: one value for all."""
+        """Return the values by atom of a variable of style atomfile, or None for one value for all."""
         style, words = self.script.variables.get(word.removeprefix("v_"), ("", ()))
         if not word.startswith("v_") or style != "atomfile":
             return None
@@ -222,28 +237,30 @@ class Particles:
         ]
         count, *rows = [line for line in lines if line.words]
         if any(len(row.words) != 2 for row in rows) or self.script.whole(count, count.words[0]) != len(rows):
-            raise count.refused(f"stands above {len(rows)} rows", "the number of rows `id value` that follow")
+            raise count.error(f"is followed by {len(rows)} rows", "the number of rows `id value` that follow")
         return {self.script.whole(row, row.words[0]): self.script.number(row, row.words[1]) for row in rows}
 
     def _set(self, command: Command, atom: Particle, key: str, value: float) -> None:
+        """Set one property of one atom."""
         if key in ("mass", "density", "diameter") and not value > 0.0:
-            raise command.refused(f"sets {key} to {value:g}", "a number > 0")
+            raise command.error(f"sets {key} to {value:g}", "a number > 0")
         if key == "type":
             atom.kind = self._kind(command, f"{value!r}")
         elif key == "mass":
             atom.mass, atom.weighed = value, True
         elif key == "density":
             atom.made_of(value)
-        elif key == "diameter":  # and the mass stays
+        elif key == "diameter":  # the mass does not change
             atom.diameter = value
         else:
             where = atom.velocity if key.startswith("v") else atom.place
             where["xyz".index(key[-1])] = value
 
     def set_velocity(self, command: Command) -> None:
+        """Evaluate a ``velocity`` command."""
         words = command.rest
         if len(words) < 5 or words[1] != "set" or words[5:] not in ((), ("units", "box"), ("sum", "no")):
-            raise command.refused("is not read here", "velocity GROUP set vx vy vz")
+            raise command.error("is not supported", "velocity GROUP set vx vy vz")
         for number in self.members(command, words[0]):
             for axis, word in enumerate(words[2:5]):
                 if word != "NULL":

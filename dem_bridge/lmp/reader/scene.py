@@ -1,8 +1,8 @@
-"""A LAMMPS script that has been read, as a Scene: the line of particles, its contacts, walls, weight, load and drag.
+"""Conversion of an evaluated LAMMPS script to a Scene: the line of particles, contacts, walls, weight, load and drag.
 
-Numbers are known as well as the script has them: overlaps, differences of positions, to the last digit of the farthest
-position; stiffnesses to the round-off of K sqrt(R_eff). Each is taken as the shortest decimal within that, so that a
-deck written from plain numbers gives these numbers back.
+Numbers are known with the precision of the script: overlaps, which are differences of positions, to the last digit of
+the farthest position; stiffnesses to the round-off of K sqrt(R_eff). Each is replaced by the shortest decimal within
+that precision, so that a deck written from simple numbers gives these numbers back.
 """
 
 from __future__ import annotations
@@ -25,23 +25,25 @@ from dem_bridge.scene import Damping, Scene, Wall
 
 #: round-off of the few operations between K and beta, and between density and mass
 ROUND_OFF = 3.0 * 2.0**-52
-#: overlaps at the start are those of a load in equilibrium within this part of themselves
+#: largest relative difference between the initial overlaps and those of static equilibrium under the load
 EQUILIBRIUM_WITHIN = 1e-6
 _AXES = "xyz"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadDeck:
-    """A scene and how it was read."""
+    """A scene that was read from a deck."""
 
     scene: Scene
     notes: tuple[str, ...]
-    """Sentences: what was found, what was taken for granted."""
+    """Sentences about what was recognised and assumed."""
 
 
 def plain(value: float, within: float) -> float:
-    """The shortest decimal no farther than ``within`` from ``value``.
+    """Return the shortest decimal that differs from ``value`` by at most ``within``.
 
+    Examples
+    --------
     >>> plain(0.30000000000000004, 1e-15), plain(1e-19, 1e-16), plain(0.1234, 0.0)
     (0.3, 0.0, 0.1234)
     """
@@ -66,37 +68,43 @@ def read_deck(
     reverse: bool | None = None,
     variables: Mapping[str, str] | None = None,
 ) -> ReadDeck:
-    """The scene of a LAMMPS script and how it was read; arguments as in :func:`dem_bridge.scene_from_deck`.
+    """Return the scene of a LAMMPS script, and notes on what was recognised and assumed.
 
-    ``opened``: the text of a file that the script names. Raises SceneError in one line for what is not understood.
+    The parameters are those of :func:`dem_bridge.scene_from_deck`; ``opened`` is a function that returns the text of a
+    file that the script names.
+
+    Raises
+    ------
+    SceneError
+        If a command is invalid or unsupported.
     """
-    found = read_script(text, file=file, opened=opened, variables=variables)
-    if found.last is None:
+    script = read_script(text, file=file, opened=opened, variables=variables)
+    if script.last is None:
         raise SceneError("", problem="has no command", allowed="a LAMMPS input script", where=file)
-    for there, what in ((found.units != "lj", f"units {' or '.join(UNITS)}"), (found.pairs.said, "pair_style")):
-        if not there:
-            problem = "is the last command, and something is missing above it"
-            raise found.last.refused(problem, f"a script with {what}")
-    if not found.particles.atoms:
-        raise found.last.refused("is the last command, and there is no atom", "read_data or create_atoms single")
-    if found.run is None and duration is None:
-        raise found.last.refused("is the last command, and there is no run", "run N, or a duration given beside it")
-    length, time, mass = UNITS[found.units]
+    for present, what in ((script.units != "lj", f"units {' or '.join(UNITS)}"), (script.pairs.command, "pair_style")):
+        if not present:
+            problem = f"is the last command, but {what.split()[0]} is missing before it"
+            raise script.last.error(problem, f"a script with {what}")
+    if not script.particles.atoms:
+        raise script.last.error("is the last command, but there is no atom", "read_data or create_atoms single")
+    if script.run is None and duration is None:
+        raise script.last.error("is the last command, but there is no run", "run N, or the setting duration")
+    length, time, mass = UNITS[script.units]
     if duration is None:
-        duration = plain(found.duration * time, 2.0 * math.ulp(found.duration * time))
+        duration = plain(script.duration * time, 2.0 * math.ulp(script.duration * time))
     else:
-        found.duration = duration / time
-    line = _line(found, reverse)
-    notes = [line.found, *_named(found)]
-    frames, how = (samples, "") if samples is not None else _samples(found)
-    notes += [how] if how else []
+        script.duration = duration / time
+    line = _line(script, reverse)
+    notes = [line.description, *_summary(script)]
+    count, remark = (samples, "") if samples is not None else _samples(script)
+    notes += [remark] if remark else []
     scene = _scene(
         line,
         {
             "name": name or scene_name(file),
-            "description": description if description is not None else f"from {_printable(file)}: {line.found}",
+            "description": description if description is not None else f"from {_printable(file)}: {line.description}",
             "duration": duration,
-            "samples": frames,
+            "samples": count,
         },
         (length, time, mass),
         notes,
@@ -105,9 +113,11 @@ def read_deck(
 
 
 def scene_name(file: str) -> str:
-    """What a scene is called that is read from a file: in.chain, chain.in and chain.lmp are "chain".
+    """Return the name of a scene that is read from a file: in.chain, chain.in and chain.lmp give "chain".
 
-    >>> [scene_name(one) for one in ("runs/in.chain", "chain.csv", "my chain.in", "...")]
+    Examples
+    --------
+    >>> [scene_name(file) for file in ("runs/in.chain", "chain.csv", "my chain.in", "...")]
     ['chain', 'chain', 'my-chain', 'scene']
     """
     name = re.split(r"[/\\]", file)[-1]
@@ -116,6 +126,7 @@ def scene_name(file: str) -> str:
 
 
 def _printable(text: str) -> str:
+    """Return the name of a file without its folder and unprintable characters."""
     return "".join(sign for sign in re.split(r"[/\\]", text)[-1] if sign.isprintable())
 
 
@@ -127,48 +138,50 @@ class _Line:
     forces: Forces
     axis: int
     sign: float
-    """+1 where the scene's positive direction is that of the axis."""
+    """+1 if the positive direction of the scene is that of the axis, else -1."""
     atoms: tuple[Particle, ...]
     left: bool
     right: bool
-    found: str
+    description: str
 
     @property
     def bodies(self) -> tuple[Particle, ...]:
+        """Particles without the walls."""
         return self.atoms[int(self.left) : len(self.atoms) - int(self.right)]
 
     @property
     def grain(self) -> float:
-        """To which gaps are known."""
-        return 2.0 * max(math.ulp(abs(one.place[self.axis]) + one.radius) for one in self.atoms)
+        """Precision of the gaps."""
+        return 2.0 * max(math.ulp(abs(atom.place[self.axis]) + atom.radius) for atom in self.atoms)
 
     @property
     def gaps(self) -> list[float]:
-        """Of each contact along the line, exact but for one rounding."""
+        """Gap of each contact along the line, exact except for one rounding."""
         return [
             math.fsum((self.sign * b.place[self.axis], -self.sign * a.place[self.axis], -a.radius, -b.radius))
             for a, b in pairwise(self.atoms)
         ]
 
     def along(self, vectors: Mapping[int, list[float]], atom: Particle) -> float:
-        """The component of what acts on an atom, positive as in the scene."""
+        """Return the component of a vector of an atom along the chain, positive as in the scene."""
         return self.sign * vectors.get(atom.number, [0.0, 0.0, 0.0])[self.axis] + 0.0  # no -0.0
 
 
-def _line(found: ReadScript, reverse: bool | None) -> _Line:
-    said = found.run or found.last
-    assert said is not None  # the script has commands
-    forces = found.acting or found.forces()
-    atoms = list(found.particles.atoms.values())
-    axis = _axis(said, atoms)
-    atoms.sort(key=lambda one: one.place[axis])
-    still = [_at_rest(said, one, forces, axis) for one in atoms]
-    if all(still):
-        raise said.refused("runs, and nothing moves", "fix nve on the bodies of the chain")
-    left, right = still[0], still[-1]
-    for one, held in list(zip(atoms, still, strict=True))[1:-1]:
+def _line(script: ReadScript, reverse: bool | None) -> _Line:
+    """Return the particles as a line, with body 0 at the moving end, or as ``reverse`` requires."""
+    command = script.run or script.last
+    assert command is not None  # the script has commands
+    forces = script.acting or script.forces()
+    atoms = list(script.particles.atoms.values())
+    axis = _axis(command, atoms)
+    atoms.sort(key=lambda atom: atom.place[axis])
+    fixed = [_at_rest(command, atom, forces, axis) for atom in atoms]
+    if all(fixed):
+        raise command.error("runs without any moving atom", "fix nve on the bodies of the chain")
+    left, right = fixed[0], fixed[-1]
+    for atom, held in list(zip(atoms, fixed, strict=True))[1:-1]:
         if held:
-            raise said.refused(f"runs with atom {one.number} frozen inside of the chain", "frozen atoms at its ends")
+            raise command.error(f"runs with atom {atom.number} frozen inside of the chain", "frozen atoms at its ends")
     bodies = atoms[int(left) : len(atoms) - int(right)]
     if reverse is None:
         reverse = len(bodies) > 1 and bodies[0].velocity[axis] == 0.0 and bodies[-1].velocity[axis] != 0.0
@@ -176,139 +189,153 @@ def _line(found: ReadScript, reverse: bool | None) -> _Line:
         atoms.reverse()
         bodies.reverse()
         left, right = right, left
-    way = f"{'-' if reverse else '+'}{_AXES[axis]}"
+    direction = f"{'-' if reverse else '+'}{_AXES[axis]}"
     first = "which moves" if bodies[0].velocity[axis] else "the end of lowest coordinate"
     if reverse and not bodies[0].velocity[axis]:
         first = "the end of highest coordinate"
     line = _Line(
-        script=found,
+        script=script,
         forces=forces,
         axis=axis,
         sign=-1.0 if reverse else 1.0,
         atoms=tuple(atoms),
         left=left,
         right=right,
-        found=f"the chain lies along {_AXES[axis]}; body 0 is atom {bodies[0].number} ({first}), positive is {way}",
+        description=(
+            f"the chain lies along {_AXES[axis]}; body 0 is atom {bodies[0].number} ({first}), positive is {direction}"
+        ),
     )
-    _check_places(said, line)
+    _check_places(command, line)
     return line
 
 
-def _axis(said: Command, atoms: list[Particle]) -> int:
-    """Along which all lie and move; SceneError where they do not."""
-    spread = [max(one.place[k] for one in atoms) - min(one.place[k] for one in atoms) for k in range(3)]
-    moving = [max(abs(one.velocity[k]) for one in atoms) for k in range(3)]
+def _axis(command: Command, atoms: list[Particle]) -> int:
+    """Return the axis along which all particles lie and move, or raise SceneError."""
+    spread = [max(atom.place[k] for atom in atoms) - min(atom.place[k] for atom in atoms) for k in range(3)]
+    moving = [max(abs(atom.velocity[k]) for atom in atoms) for k in range(3)]
     axis = max(range(3), key=lambda k: (spread[k], moving[k]))
     for k in range(3):
         if k != axis and (spread[k] > 0.0 or moving[k] > 0.0):
             kind, off = ("lie", spread[k]) if spread[k] > 0.0 else ("move", moving[k])
             problem = f"runs with atoms that {kind} off the line along {_AXES[axis]}, by {off:g} along {_AXES[k]}"
-            raise said.refused(problem, "one straight line along x, y or z")
+            raise command.error(problem, "one straight line along x, y or z")
     return axis
 
 
-def _at_rest(said: Command, atom: Particle, forces: Forces, axis: int) -> bool:
-    """Whether an atom is part of a wall."""
+def _at_rest(command: Command, atom: Particle, forces: Forces, axis: int) -> bool:
+    """Return True if an atom is part of a wall."""
     held = axis in forces.held.get(atom.number, ())
     if atom.number in forces.moves and not held:
         for across in range(3):
             acting = (vectors.get(atom.number, [0.0] * 3)[across] for vectors in (forces.gravity, forces.load))
-            if across != axis and any(acting):  # what an earlier one of them did, setforce has taken away
+            if across != axis and any(acting):  # setforce has already removed the forces of earlier fixes
                 what = f"runs with a force on atom {atom.number} along {_AXES[across]}, across the chain"
-                raise said.refused(what, f"forces along {_AXES[axis]}")
+                raise command.error(what, f"forces along {_AXES[axis]}")
         return False
     if any(atom.velocity):
         why = "held by setforce or freeze" if held else "in no fix nve"
         problem = f"runs with atom {atom.number}, which is {why} and has a velocity"
-        raise said.refused(problem, "walls at rest; a wall that is driven is no scene's")
+        raise command.error(problem, "walls at rest, since a scene has no moving walls")
     if atom.number in forces.moves and any(
         vectors.get(atom.number, [0.0] * 3)[axis] for vectors in (forces.gravity, forces.load)
     ):
-        fix = forces.said.get("setforce", forces.said.get("freeze", said))
-        raise fix.refused(f"stands before a force on atom {atom.number}, which then moves it", "it as the last fix")
+        fix = forces.commands.get("setforce", forces.commands.get("freeze", command))
+        raise fix.error(f"comes before a force on atom {atom.number}, which then moves it", "this fix as the last one")
     return True
 
 
-def _check_places(said: Command, line: _Line) -> None:
-    """Neighbours alone touch, which follows where none overlaps by a radius; and the box has no say."""
+def _check_places(command: Command, line: _Line) -> None:
+    """Raise SceneError unless only neighbours can touch and the box does not affect the motion.
+
+    Only neighbours touch if none of them overlap by a radius.
+    """
     for (a, b), gap in zip(pairwise(line.atoms), line.gaps, strict=True):
         if not gap > -min(a.radius, b.radius):
-            raise said.refused(
+            raise command.error(
                 f"runs with atoms {a.number} and {b.number} {a.radius + b.radius + gap:g} apart, of radii"
                 f" {a.radius:g} and {b.radius:g}",
                 "neighbours that overlap by less than a radius",
             )
     particles = line.script.particles
-    widest = 2.0 * max(one.radius for one in line.atoms)
+    widest = 2.0 * max(atom.radius for atom in line.atoms)
     for k, (low, high) in enumerate(particles.box):
         if k == line.axis and particles.boundary[k] == "p" and high - low < 2.0 * _flight(line):
-            raise said.refused(
-                f"runs in a box that is periodic along the chain and {high - low:g} long: its ends may meet",
-                "boundary f, s or m along it, or a box that none can fly through",
+            raise command.error(
+                f"runs in a box that is periodic along the chain and {high - low:g} long, so that its ends may meet",
+                "boundary f, s or m along the chain, or a box that no body can cross",
             )
         if k != line.axis and particles.boundary[k] == "p" and high - low < widest:
             problem = f"runs in a box that is {high - low:g} wide along {_AXES[k]}, so that atoms meet their images"
-            raise said.refused(problem, f"{widest:g}, the largest diameter, or more")
+            raise command.error(problem, f"{widest:g}, the largest diameter, or more")
 
 
 def _flight(line: _Line) -> float:
-    """Length of the chain and how far all energy at hand may carry its lightest body; the work of weight apart."""
+    """Return the length of the chain plus a bound of the distance that its lightest body can travel.
+
+    The bound uses the initial energy, and the work of weight and load.
+    """
     forces, duration = line.forces, line.script.duration
-    length = sum(2.0 * one.radius for one in line.atoms) + sum(max(gap, 0.0) for gap in line.gaps)
-    energy = sum(0.5 * one.mass * one.velocity[line.axis] ** 2 for one in line.atoms)
+    length = sum(2.0 * atom.radius for atom in line.atoms) + sum(max(gap, 0.0) for gap in line.gaps)
+    energy = sum(0.5 * atom.mass * atom.velocity[line.axis] ** 2 for atom in line.atoms)
     for law, (a, b), gap in zip(_laws(line), pairwise(line.atoms), line.gaps, strict=True):
         beta = law.coefficient(a.radius * b.radius / (a.radius + b.radius))
         energy += beta * max(-gap, 0.0) ** law.exponent / law.exponent
-    lightest = min(one.mass for one in line.bodies)
+    lightest = min(atom.mass for atom in line.bodies)
     push = max(
-        abs(line.along(forces.gravity, one)) + abs(line.along(forces.load, one)) / one.mass for one in line.bodies
+        abs(line.along(forces.gravity, atom)) + abs(line.along(forces.load, atom)) / atom.mass for atom in line.bodies
     )
     return length + math.sqrt(2.0 * energy / lightest) * duration + 0.5 * push * duration**2
 
 
 def _laws(line: _Line) -> list[PairLaw]:
+    """Return the law of each contact along the line."""
     return [line.script.pairs.between(a.kind, b.kind) for a, b in pairwise(line.atoms)]
 
 
-def _named(found: ReadScript) -> list[str]:
-    step = "" if found.step is None else f"; its time step is {found.step:g}"
-    return [f"units {found.units}, pair_style {found.pairs.style}, {len(found.particles.atoms)} atoms{step}"]
+def _summary(script: ReadScript) -> list[str]:
+    """Return a note on units, pair style, number of atoms and time step."""
+    step = "" if script.step is None else f"; its time step is {script.step:g}"
+    return [f"units {script.units}, pair_style {script.pairs.style}, {len(script.particles.atoms)} atoms{step}"]
 
 
-def _samples(found: ReadScript) -> tuple[int, str]:
-    """From the frames of the script's first dump; a deck of ours says it by ``per_sample``."""
-    said = found.script.variables.get("per_sample", ("", ()))[1]
-    every = int(said[0]) if said and said[0].isdigit() else found.dump_every
-    if every and found.steps and found.steps % every == 0:
-        return found.steps // every, ""
+def _samples(script: ReadScript) -> tuple[int, str]:
+    """Return the number of samples, and a note if it is the default.
+
+    It is that of the script's first dump; decks of dem_bridge state it by ``per_sample``.
+    """
+    words = script.script.variables.get("per_sample", ("", ()))[1]
+    every = int(words[0]) if words and words[0].isdigit() else script.dump_every
+    if every and script.steps and script.steps % every == 0:
+        return script.steps // every, ""
     default = Scene.samples
-    why = "no dump at equal intervals of steps" if not every else f"{found.steps} steps, and dumps every {every}"
+    why = "no dump at equal intervals of steps" if not every else f"{script.steps} steps, and dumps every {every}"
     return default, f"{default} samples, the default: the script has {why}"
 
 
-def _scene(line: _Line, said: dict[str, Any], units: tuple[float, float, float], notes: list[str]) -> Scene:
+def _scene(line: _Line, settings: dict[str, Any], units: tuple[float, float, float], notes: list[str]) -> Scene:
+    """Return the Scene of a line."""
     length, time, mass = units
     force = mass * length / time**2
     laws, gaps = _laws(line), [plain(gap * length, line.grain * length) for gap in line.gaps]
     ends = list(pairwise(line.atoms))
     radius = [a.radius * b.radius / (a.radius + b.radius) for a, b in ends]
     raw = [law.coefficient(r) * force / length ** (law.exponent - 1.0) for law, r in zip(laws, radius, strict=True)]
-    for law, (a, b), one in zip(laws, ends, raw, strict=True):
-        if not one > 0.0:
-            what = f"leaves atoms {a.number} and {b.number}, which are neighbours, without a force"
-            raise law.said.refused(what, "a stiffness > 0, or a pair_coeff of their own")
-    stiffness = [plain(one, ROUND_OFF * one) for one in raw]
+    for law, (a, b), value in zip(laws, ends, raw, strict=True):
+        if not value > 0.0:
+            problem = f"leaves atoms {a.number} and {b.number}, which are neighbours, without a force"
+            raise law.command.error(problem, "a stiffness > 0, or another pair_coeff for these types")
+    stiffness = [plain(value, ROUND_OFF * value) for value in raw]
     exponent = [law.exponent for law in laws]
     inner = slice(int(line.left), len(laws) - int(line.right))
 
     def wall(there: bool, k: int) -> Wall | None:
         return Wall(stiffness=stiffness[k], gap=gaps[k], exponent=exponent[k]) if there else None
 
-    # the scene counts walls behind the chain
+    # in the scene the walls come after the contacts of the chain
     order = [*range(len(laws))[inner], *([0] if line.left else []), *([len(laws) - 1] if line.right else [])]
-    parts: dict[str, Any] = said | {
-        "mass": [(one.mass if one.weighed else plain(one.mass, ROUND_OFF * one.mass)) * mass for one in line.bodies],
-        "velocity": [line.sign * one.velocity[line.axis] * length / time + 0.0 for one in line.bodies],
+    parts: dict[str, Any] = settings | {
+        "mass": [(b.mass if b.weighed else plain(b.mass, ROUND_OFF * b.mass)) * mass for b in line.bodies],
+        "velocity": [line.sign * body.velocity[line.axis] * length / time + 0.0 for body in line.bodies],
         "stiffness": stiffness[inner],
         "exponent": exponent[inner] or 2.5,
         "gap": gaps[inner],
@@ -318,24 +345,24 @@ def _scene(line: _Line, said: dict[str, Any], units: tuple[float, float, float],
         "drag": _common(line, "langevin", 1.0 / time),
         "damping": _damping(line, [laws[k] for k in order], [ends[k] for k in order], time, force / length * time),
     }
-    loads = [line.along(line.forces.load, one) * force for one in line.bodies]
+    loads = [line.along(line.forces.load, body) * force for body in line.bodies]
     if not any(loads):
         return Scene(**parts)
     return _pressed(line, parts, loads, [gaps[k] for k in order], length, notes)
 
 
 def _common(line: _Line, style: str, unit: float) -> float:
-    """What acts on all bodies alike; SceneError where it does not."""
+    """Return the gravity or drag that acts on all bodies, or raise SceneError if it differs between them."""
     forces = line.forces
     if style == "gravity":
-        values = [line.along(forces.gravity, one) for one in line.bodies]
+        values = [line.along(forces.gravity, body) for body in line.bodies]
     else:
-        values = [forces.drag.get(one.number, 0.0) for one in line.bodies]
-    odd = next((k for k, one in enumerate(values) if one != values[0]), None)
+        values = [forces.drag.get(body.number, 0.0) for body in line.bodies]
+    odd = next((k for k, value in enumerate(values) if value != values[0]), None)
     if odd is not None:
         a, b = line.bodies[0], line.bodies[odd]
         problem = f"gives atom {a.number} {values[0]:g} and atom {b.number} {values[odd]:g}"
-        raise forces.said[style].refused(problem, "the same for all that moves")
+        raise forces.commands[style].error(problem, "the same value for all moving atoms")
     value = values[0] * unit
     return plain(value, ROUND_OFF * abs(value))
 
@@ -343,18 +370,22 @@ def _common(line: _Line, style: str, unit: float) -> float:
 def _damping(
     line: _Line, laws: list[PairLaw], ends: list[tuple[Particle, Particle]], time: float, dashpot: float
 ) -> Damping | None:
-    """Of the scene's contacts in its order; ``time``, ``dashpot``: SI values of the units of the two coefficients."""
+    """Return the damping of the scene's contacts, in its order.
+
+    ``time`` and ``dashpot`` are the SI values of the units of the two coefficients.
+    """
     damped = [law for law in laws if law.eta > 0.0]
     if not damped:
         return None
     for law in damped:
         if not law.clipped:
-            raise law.said.refused("has damping that may pull", "limit_damping: net forces of a scene never pull")
+            allowed = "limit_damping, since the net force of a scene is clipped at zero"
+            raise law.command.error("has damping that can make a contact tensile", allowed)
     viscous = any(law.damping == "viscoelastic" for law in damped)
-    found = []
+    coefficients = []
     for law, (a, b) in zip(laws, ends, strict=True):
         if law.eta == 0.0:
-            found.append(0.0)
+            coefficients.append(0.0)
             continue
         radius, mass = a.radius * b.radius / (a.radius + b.radius), a.mass * b.mass / (a.mass + b.mass)
         for frozen, other in ((a, b), (b, a)):
@@ -362,8 +393,8 @@ def _damping(
                 mass = other.mass
         hertz = law.model == "hertz"
         if (law.damping == "viscoelastic") != (viscous and hertz):
-            raise law.said.refused(
-                "has another damping than other contacts, or viscoelastic with hooke",
+            raise law.command.error(
+                "has other damping than other contacts, or viscoelastic with hooke",
                 "velocity or mass_velocity everywhere, or viscoelastic for hertz and velocity for hooke",
             )
         value = law.eta * (1.0 if law.damping == "velocity" else mass)
@@ -371,38 +402,39 @@ def _damping(
             value *= (math.sqrt(radius) if hertz else 1.0) / law.coefficient(radius) * time
         else:
             value *= dashpot
-        found.append(plain(value, 2.0 * ROUND_OFF * value))
-    return Damping(law="kuwabara-kono" if viscous else "dashpot", coefficient=tuple(found))
+        coefficients.append(plain(value, 2.0 * ROUND_OFF * value))
+    return Damping(law="kuwabara-kono" if viscous else "dashpot", coefficient=tuple(coefficients))
 
 
 def _pressed(
     line: _Line, parts: dict[str, Any], loads: list[float], gaps: list[float], length: float, notes: list[str]
 ) -> Scene:
-    """The scene whose precompression gives these loads, if its static overlaps are those of the script."""
-    said = line.forces.said["addforce"]
+    """Return the scene with the precompression of these loads, if its static overlaps are those of the script."""
+    command = line.forces.commands["addforce"]
     end = loads[0] if parts["wall_left"] is None else -loads[-1]
-    still: dict[str, Wall] = {}
+    walls: dict[str, Wall] = {}
     for side in ("wall_left", "wall_right"):
         if (wall := parts[side]) is not None:
-            still[side] = Wall(stiffness=wall.stiffness, exponent=wall.exponent)
+            walls[side] = Wall(stiffness=wall.stiffness, exponent=wall.exponent)
     try:
-        scene = Scene(**parts | still | {"gap": 0.0, "precompression": end})
+        scene = Scene(**parts | walls | {"gap": 0.0, "precompression": end})
     except SceneError as error:
-        raise said.refused(f"is no load that presses a chain ({error})", _LOADS) from None
+        raise command.error(f"is not a load that compresses a chain ({error})", _LOADS) from None
     if not np.allclose(scene.load, loads, rtol=4.0 * ROUND_OFF, atol=0.0):
         k = int(np.argmax(np.abs(scene.load - loads)))
-        problem = f"loads atom {line.bodies[k].number} with {loads[k]:g} N, where a chain that is pressed"
-        raise said.refused(f"{problem} has {scene.load[k]:g} N", _LOADS)
-    off = np.abs(scene.contacts.gap - gaps)
-    far = off - np.maximum(2.0 * line.grain * length, EQUILIBRIUM_WITHIN * np.abs(scene.contacts.gap))
-    if np.any(far > 0.0):
-        k = int(np.argmax(far))
-        problem = f"presses the chain, whose contact {k} starts with an overlap of {-gaps[k]:.9g} m"
-        raise said.refused(f"{problem} and not of {-scene.contacts.gap[k]:.9g} m, that of equilibrium", _LOADS)
+        problem = f"loads atom {line.bodies[k].number} with {loads[k]:g} N, but a precompressed chain has"
+        raise command.error(f"{problem} {scene.load[k]:g} N there", _LOADS)
+    difference = np.abs(scene.contacts.gap - gaps)
+    excess = difference - np.maximum(2.0 * line.grain * length, EQUILIBRIUM_WITHIN * np.abs(scene.contacts.gap))
+    if np.any(excess > 0.0):
+        k = int(np.argmax(excess))
+        problem = f"compresses the chain, but contact {k} starts with an overlap of {-gaps[k]:.9g} m"
+        raise command.error(f"{problem} instead of {-scene.contacts.gap[k]:.9g} m, that of equilibrium", _LOADS)
     notes.append(
-        f"the load of {end:g} N is taken as precompression; overlaps at the start are within {np.max(off):.1e} m of its"
+        f"the load of {end:g} N is taken as precompression; initial overlaps differ from it by at most"
+        f" {np.max(difference):.1e} m"
     )
     return scene
 
 
-_LOADS = "a constant load inwards on each end body without a wall, and a start in equilibrium under it"
+_LOADS = "a constant inward load on each end body without a wall, and initial overlaps in equilibrium with it"

@@ -93,7 +93,7 @@ def test_decks_of_the_shipped_scenes_give_the_shipped_scenes_back(name: str, typ
 def test_a_force_that_goes_with_time_is_refused(name: str) -> None:
     scene = load_scene(name)
     deck = LammpsGranular().deck(scene, Resolution(dt=1e-6), Sampling(count=scene.samples))
-    with pytest.raises(SceneError, match=r"line \d+: `fix drive driven addforce v_drive 0 0` .*no constant"):
+    with pytest.raises(SceneError, match=r"line \d+: `fix drive driven addforce v_drive 0 0` .*not a constant"):
         _own(deck)
 
 
@@ -169,10 +169,10 @@ def test_a_load_without_its_equilibrium_is_refused() -> None:
     )
     deck = _deck(pressed)
     text = deck.files[deck.input_file].replace("addforce 20.0", "addforce 20.1")
-    with pytest.raises(SceneError, match=r"addforce -20.0 0 0` loads atom 2 with -20 N, .* has -20.1 N"):
+    with pytest.raises(SceneError, match=r"addforce -20.0 0 0` loads atom 2 with -20 N, .* has -20.1 N there"):
         read_deck(text, file="in.pressed", opened=deck.files.__getitem__)
     text = text.replace("addforce -20.0", "addforce -20.1")
-    with pytest.raises(SceneError, match=r"contact 0 starts with an overlap of 2\.92\S*e-06 m and not of 2\.93"):
+    with pytest.raises(SceneError, match=r"contact 0 starts with an overlap of 2\.92\S*e-06 m instead of 2\.93"):
         read_deck(text, file="in.pressed", opened=deck.files.__getitem__)
 
 
@@ -421,73 +421,73 @@ def test_samples_are_the_frames_of_the_first_dump(dump: str, samples: int, note:
 
 REFUSED = [
     # a part, what stands in its place, and what is said
-    ({"units": "units lj"}, "line 1: `units lj` is not read here; allowed: units si or units cgs or"),
-    ({"units": ""}, "something is missing above it; allowed: a script with units si or"),
-    ({"style": "atom_style ellipsoid"}, "`atom_style ellipsoid` is not read here; allowed: atom_style sphere"),
-    ({"pair": "pair_style table linear 1000"}, "has forces that are numbers in a file"),
+    ({"units": "units lj"}, "line 1: `units lj` is not supported; allowed: units si or units cgs or"),
+    ({"units": ""}, "but units is missing before it; allowed: a script with units si or"),
+    ({"style": "atom_style ellipsoid"}, "`atom_style ellipsoid` is not supported; allowed: atom_style sphere"),
+    ({"pair": "pair_style table linear 1000"}, "reads forces from a file, so that the force is not a power"),
     ({"pair": "pair_style hybrid granular none"}, "has more than one law for a pair"),
-    ({"pair": "pair_style lj/cut 2.5"}, "is a style that is not read here: lj/cut; allowed: granular"),
+    ({"pair": "pair_style lj/cut 2.5"}, "has the style lj/cut, which is not supported; allowed: granular"),
     ({"pair": "pair_style gran/hooke 1e9 NULL"}, "has 2 settings; allowed: Kn Kt gamma_n"),
-    ({"pair": ""}, "stands before pair_style"),
+    ({"pair": ""}, "comes before pair_style"),
     ({"coefficients": "pair_coeff * * jkr 1e9 0 0.3 10 damping velocity"}, "has the normal model jkr, which is not"),
-    ({"coefficients": "pair_coeff * * hertz 1e9 0 damping tsuji"}, "has damping tsuji, which no scene has"),
-    ({"coefficients": "pair_coeff * * hertz 1e9 0.5 damping coeff_restitution"}, "coefficient of restitution"),
-    ({"coefficients": "pair_coeff * * hertz 1e9 5 damping velocity"}, "has damping that may pull; allowed: limit"),
+    ({"coefficients": "pair_coeff * * hertz 1e9 0 damping tsuji"}, "has damping tsuji, which is not supported"),
+    ({"coefficients": "pair_coeff * * hertz 1e9 0.5 damping coeff_restitution"}, "coefficient of restitution below 1"),
+    ({"coefficients": "pair_coeff * * hertz 1e9 5 damping velocity"}, "can make a contact tensile; allowed: limit"),
     ({"coefficients": "pair_coeff * * hertz 1e9 0 cutoff 0.1 damping velocity"}, "has the setting cutoff"),
     ({"coefficients": "pair_coeff * * hertz 1e9"}, "has 1 numbers for hertz; allowed: 2"),
-    ({"coefficients": "pair_coeff * * hertz abc 0"}, "has 'abc' where a number is needed"),
-    ({"coefficients": "pair_coeff * * hertz inf 0"}, "has 'inf' where a number is needed"),
+    ({"coefficients": "pair_coeff * * hertz abc 0"}, "has 'abc' where a number is required"),
+    ({"coefficients": "pair_coeff * * hertz inf 0"}, "has 'inf' where a number is required"),
     ({"coefficients": "pair_coeff 1 1 hertz 1e9 0 damping velocity"}, "leaves types 1 and 2, which meet, without"),
     ({"coefficients": "pair_coeff * * hertz 0 0 damping velocity"}, "leaves atoms 1 and 2, which are neighbours"),
     ({"coefficients": "pair_coeff 3 3 hertz 1e9 0 damping velocity"}, "has '3'; allowed: 1 to 2"),
-    ({"fixes": "fix move all npt temp 1 1 1"}, "may change the motion: npt; allowed: nve, nve/sphere, gravity"),
-    ({"fixes": "", "start": ""}, "runs, and nothing moves"),
+    ({"fixes": "fix move all npt temp 1 1 1"}, "npt, which is not supported and may change the motion; allowed: nve"),
+    ({"fixes": "", "start": ""}, "runs without any moving atom"),
     ({"fixes": "group inner id 1 3\nfix move inner nve"}, "with atom 2 frozen inside of the chain"),
-    ({"fixes": "fix move all nve\nfix again all nve/sphere"}, "moves what another fix moves already"),
+    ({"fixes": "fix move all nve\nfix again all nve/sphere"}, "integrates atoms that another fix integrates"),
     ({"fixes": "fix move gone nve"}, "names the group gone, which is not defined; allowed: all, striker"),
-    ({"more": "fix w all wall/gran hooke 1 1 1 1 1 1 xplane 0 1"}, "may change the motion: wall/gran"),
+    ({"more": "fix w all wall/gran hooke 1 1 1 1 1 1 xplane 0 1"}, "has the fix style wall/gran, which is not"),
     ({"more": "fix g striker gravity 9.81 vector 1 0 0"}, "gives atom 1 9.81 and atom 2 0; allowed: the same"),
     ({"more": "fix g bodies gravity 9.81 vector 0 0 -1"}, "with a force on atom 1 along z, across the chain"),
     ({"more": "fix s bodies setforce NULL 0 0\nfix g bodies gravity 9.81 vector 0 0 -1"}, "on atom 1 along z, across"),
     ({"more": "fix h all setforce 0 0 0\nfix g all gravity 9.81 vector 1 0 0", "start": ""},
-     "`fix h all setforce 0 0 0` stands before a force on atom 1, which then moves it"),
+     "`fix h all setforce 0 0 0` comes before a force on atom 1, which then moves it"),
     ({"more": "fix g bodies gravity 9.81 chute 20"}, "allowed: fix ID GROUP gravity MAGNITUDE vector"),
-    ({"more": "fix t bodies langevin 300 300 0.1 1"}, "is no drag alone"),
+    ({"more": "fix t bodies langevin 300 300 0.1 1"}, "is not a pure drag"),
     ({"more": "fix a striker addforce v_f 0 0"}, "uses the variable f, which is not defined"),
     ({"more": "group m id 2\nfix a m addforce 1 0 0"}, "loads atom"),
-    ({"more": "fix a striker addforce -1 0 0"}, "is no load that presses a chain"),
-    ({"more": "fix s striker setforce 1 0 0"}, "sets a force; allowed: 0 or NULL"),
+    ({"more": "fix a striker addforce -1 0 0"}, "is not a load that compresses a chain"),
+    ({"more": "fix s striker setforce 1 0 0"}, "sets a force other than 0; allowed: 0 or NULL"),
     ({"more": "velocity all set 0 0 0.1"}, "with atoms that move off the line along x, by 0.1 along z"),
     ({"more": "group w id 4\nvelocity w set 0.1 0 0"}, "atom 4, which is in no fix nve and has a velocity"),
     ({"more": "fix s all setforce 0 0 0\n"}, "which is held by setforce or freeze and has a velocity"),
-    ({"more": "minimize 0 0 100 100"}, "is a command that is not read here and may change the motion"),
-    ({"more": "neigh_modify exclude type 1 2"}, "leaves out pairs that may touch"),
-    ({"more": "neigh_modify every 1000000 delay 0 check no"}, "may miss bodies that meet between two looks"),
-    ({"more": "neigh_modify delay 5000"}, "may miss bodies that meet between two looks"),
-    ({"more": "neigh_modify once yes"}, "may miss bodies that meet between two looks"),
-    ({"more": "run_style respa 2 2"}, "is not read here; allowed: run_style verlet"),
-    ({"more": "if 1 then quit"}, "`if 1 then quit` is a command that is not read here"),
+    ({"more": "minimize 0 0 100 100"}, "is not supported and may change the motion"),
+    ({"more": "neigh_modify exclude type 1 2"}, "excludes pairs that may touch"),
+    ({"more": "neigh_modify every 1000000 delay 0 check no"}, "may miss bodies that meet between two rebuilds"),
+    ({"more": "neigh_modify delay 5000"}, "may miss bodies that meet between two rebuilds"),
+    ({"more": "neigh_modify once yes"}, "may miss bodies that meet between two rebuilds"),
+    ({"more": "run_style respa 2 2"}, "is not supported; allowed: run_style verlet"),
+    ({"more": "if 1 then quit"}, "`if 1 then quit` is not supported and may change"),
     ({"start": "velocity all create 1 1"}, "allowed: velocity GROUP set vx vy vz"),
     ({"start": "group striker region box"}, "allowed: id, type, union"),
     ({"atoms": "create_atoms 1 box"}, "allowed: create_atoms TYPE single x y z"),
-    ({"atoms": "create_atoms 1 single 0.2 0 0"}, "lies outside of the box along x; allowed: -0.1 to 0.1"),
+    ({"atoms": "create_atoms 1 single 0.2 0 0"}, "is outside of the box along x; allowed: from -0.1 to"),
     ({"atoms": "create_atoms 3 single 0 0 0"}, "has the atom type 3; allowed: 1 to 2"),
     ({"atoms": PARTS["atoms"].replace("0.02 0 0", "0.02 1e-9 0")}, "that lie off the line along x, by 1e-09 along y"),
     ({"atoms": PARTS["atoms"].replace("-0.02", "-0.009")}, "runs with atoms 1 and 2 0.009 apart, of radii 0.01"),
     ({"box": "region box sphere 0 0 0 1\ncreate_box 2 box"}, "allowed: region ID block xlo"),
-    ({"sizes": "set type 1 charge 1"}, "sets charge, which is not read here"),
+    ({"sizes": "set type 1 charge 1"}, "sets charge, which is not supported"),
     ({"sizes": "set atom 9 mass 1"}, "has '9'; allowed: 1 to 4"),
     ({"sizes": "set type 1 mass -1"}, "sets mass to -1; allowed: a number > 0"),
-    ({"step": "timestep 0"}, "is no time step"),
-    ({"run": "run 1.5"}, "has '1.5' where a whole number is needed"),
+    ({"step": "timestep 0"}, "has no valid time step"),
+    ({"run": "run 1.5"}, "has '1.5' where a whole number is required"),
     ({"run": 'run 100 every 10 "velocity all set 0 0 0"'}, "allowed: run N [upto]"),
-    ({"run": ""}, "there is no run; allowed: run N, or a duration"),
-    ({"after": "velocity all set 0 0 0\nrun 10"}, "stands behind the run in line 21, and a scene has one start"),
+    ({"run": ""}, "there is no run; allowed: run N, or the setting duration"),
+    ({"after": "velocity all set 0 0 0\nrun 10"}, "comes after the run in line 21, but a scene has one start"),
     ({"more": "variable g equal 5\nfix weight all gravity v_g vector 1 0 0",
-      "after": "variable g equal 7\nrun 100"}, "has other forces than the run in line 22: a variable of a fix has"),
-    ({"more": "reset_timestep 1 time 0.5"}, "is not read here; allowed: reset_timestep N"),
-    ({"atoms": "create_atoms 1 single 0.1 0 0"}, "lies outside of the box along x; allowed: -0.1 to 0.1, below"),
-    ({"boundary": "boundary p p p", "run": "run 9000000"}, "periodic along the chain and 0.2 long: its ends may meet"),
+      "after": "variable g equal 7\nrun 100"}, "has other forces than the run in line 22, because a variable of a fix"),
+    ({"more": "reset_timestep 1 time 0.5"}, "is not supported; allowed: reset_timestep N"),
+    ({"atoms": "create_atoms 1 single 0.1 0 0"}, "is outside of the box along x; allowed: from -0.1 to below 0.1"),
+    ({"boundary": "boundary p p p", "run": "run 9000000"}, "periodic along the chain and 0.2 long, so that its ends"),
     ({"boundary": "boundary f p p", "box": PARTS["box"].replace("-0.1 0.1", "-0.1 0.1", 1).replace(
         "block -0.1 0.1 -0.1 0.1", "block -0.1 0.1 -0.009 0.009")}, "0.018 wide along y, so that atoms meet their"),
 ]  # fmt: skip
@@ -565,15 +565,15 @@ def test_a_data_file_is_read_by_its_ids() -> None:
     [
         ("4 atoms", "5 atoms", "`read_data data.test` data.test has 4 atoms"),
         ("1 1 0.02 1000 -0.02 0 0", "1 1 -0.02 0 0", "data.test, line 11: `1 1 -0.02 0 0` has 5 columns"),
-        ("Atoms # sphere", "Atoms # molecular", "is of atom style molecular; allowed: Atoms # sphere"),
-        ("3 1 0.02", "2 1 0.02", "is atom 2 a second time"),
+        ("Atoms # sphere", "Atoms # molecular", "has atom style molecular; allowed: Atoms # sphere"),
+        ("3 1 0.02", "2 1 0.02", "repeats atom 2"),
         ("3 1 0.02", "3 2 0.02", "has the atom type 2; allowed: 1 to 1"),
-        ("3 1 0.02", "3 1 0", "has no size or no density"),
-        ("1 0.5 0 0 0 0 0", "1 0.5 0 0 0 0 9", "`1 0.5 0 0 0 0 9` turns; allowed: wx wy wz of 0"),
-        ("1 0.5 0 0 0 0 0", "7 0.5 0 0 0 0 0", "is no velocity of an atom above"),
-        ("0 0 0 0 0 0\n4", "0 0 0 1 0 0\n4", "has left the box; allowed: image flags of 0"),
-        ("Velocities", "Bonds", "`Bonds` is a section that is not read here; allowed: Atoms, Velocities"),
-        ("1 atom types", "1 atom types\n3 bonds", "`3 bonds` is not read here"),
+        ("3 1 0.02", "3 1 0", "has a diameter or density that is not positive"),
+        ("1 0.5 0 0 0 0 0", "1 0.5 0 0 0 0 9", "`1 0.5 0 0 0 0 9` has an angular velocity; allowed: wx wy wz of 0"),
+        ("1 0.5 0 0 0 0 0", "7 0.5 0 0 0 0 0", "is not the velocity of an atom of this file"),
+        ("0 0 0 0 0 0\n4", "0 0 0 1 0 0\n4", "is an atom that has left the box; allowed: image flags of 0"),
+        ("Velocities", "Bonds", "`Bonds` is a section that is not supported; allowed: Atoms, Velocities"),
+        ("1 atom types", "1 atom types\n3 bonds", "`3 bonds` is not supported"),
     ],
 )
 def test_a_data_file_that_is_not_understood_is_refused_by_its_line(old: str, new: str, why: str) -> None:
