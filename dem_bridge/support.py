@@ -34,7 +34,9 @@ class Exponents:
         return exponent in self.values if self.values else self.least <= exponent <= self.most
 
     def __str__(self) -> str:
-        return listed(f"{n:g}" for n in self.values) if self.values else f"{self.least:g} to {self.most:g}"
+        if self.values:
+            return listed(f"{n:g}" for n in self.values)
+        return "any" if self == ANY else f"{self.least:g} to {self.most:g}"
 
 
 #: no restriction: a scene itself requires n > 1

@@ -23,6 +23,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends import base
 from dem_bridge.backends.base import BACKENDS, backend
+from dem_bridge.backends.catalogue import Entry
 from dem_bridge.cli import main
 from dem_bridge.planning.predict import EVALUATIONS
 from dem_bridge.scene import Scene
@@ -167,7 +168,7 @@ def test_the_example_of_a_backend_runs_within_its_bars(
     built: Callable[[str], list[ModuleType]], monkeypatch: pytest.MonkeyPatch, solved: Solve
 ) -> None:
     modules = built("backend")
-    more = {"leapfrog": ("dem_bridge.backends.leapfrog", "Leapfrog")}
+    more = {"leapfrog": Entry("dem_bridge.backends.leapfrog", "Leapfrog", "", "")}
     monkeypatch.setattr(base, "BACKENDS", {**BACKENDS, **more})
     assert _run(modules, solved) == 1
     scene = Scene(name="pair", duration=2e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=20)

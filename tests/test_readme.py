@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.helpers.readme_tables import with_tables
+
 ROOT = Path(__file__).parent.parent
 NAMES = {
     "LAMMPS": "lammps-granular",
@@ -41,12 +43,9 @@ def test_the_table_of_verdicts_is_that_of_the_committed_report() -> None:
         )
 
 
-def test_the_table_of_backends_has_all_of_them_in_their_order() -> None:
-    from dem_bridge.backends.base import BACKENDS
-
+def test_the_tables_of_backends_are_what_the_backends_declare() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    table = readme.split("| backend | solves |")[1].split("\n\n")[0]
-    assert re.findall(r"^\| `([\w-]+)` \|", table, re.MULTILINE) == list(BACKENDS)
+    assert readme == with_tables(readme), "run: python -m tests.helpers.readme_tables"
 
 
 @pytest.mark.lammps

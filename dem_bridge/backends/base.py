@@ -164,8 +164,8 @@ def backend(name: str, engine: Engine | None = None) -> Backend:
     """
     if not isinstance(name, str) or name not in BACKENDS:
         raise UsageError(f"backend = {name!r}; allowed: {', '.join(BACKENDS)}")
-    module, attribute = BACKENDS[name]
-    made = getattr(importlib.import_module(module), attribute)
+    entry = BACKENDS[name]
+    made = getattr(importlib.import_module(entry.module), entry.attribute)
     if name in ENGINE_BACKENDS:
         found: Backend = made(engine)
         return found
@@ -195,8 +195,8 @@ def unsupported_reason(chosen: Backend, scene: Scene) -> str | None:
 
 def supports_of(name: str) -> Support:
     """Return what the backend of that name in the catalogue supports, without making one."""
-    module, attribute = BACKENDS[name]
-    declared: Support = getattr(importlib.import_module(module), attribute).supports
+    entry = BACKENDS[name]
+    declared: Support = getattr(importlib.import_module(entry.module), entry.attribute).supports
     return declared
 
 

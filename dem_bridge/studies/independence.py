@@ -63,9 +63,9 @@ def _short(modules: Iterable[str]) -> tuple[str, ...]:
 
 def _reached(backend: str, without: frozenset[str] = frozenset()) -> frozenset[str]:
     """Modules that a backend imports, and they in turn; the language left out, and what lies behind ``without``."""
-    start = BACKENDS[backend][0]
+    start = BACKENDS[backend].module
     other = ANSWERS_THROUGH.get(backend)
-    stops = LANGUAGE | without | ({BACKENDS[other][0]} if other else set())
+    stops = LANGUAGE | without | ({BACKENDS[other].module} if other else set())
     found, waiting = {start}, [start]
     while waiting:
         for name in _imports(waiting.pop()) - found - stops:

@@ -1,4 +1,4 @@
-"""Every shipped scene: the numbers it had, the bodies it says, the front that passes, and who can solve it."""
+"""Every shipped scene: the numbers it had, the bodies it says, the front that passes, and the features."""
 
 from __future__ import annotations
 
@@ -9,47 +9,65 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.backends.base import BACKENDS, supports_of
+from dem_bridge.features import (
+    CHIRP_DRIVE,
+    DASHPOT,
+    DRAG,
+    GAPS,
+    GRADED_EXPONENTS,
+    GRAVITY,
+    KUWABARA_KONO,
+    OTHER_EXPONENTS,
+    PRECOMPRESSION,
+    WALLS,
+    Feature,
+)
 from dem_bridge.physics.hertz import crossed_cylinders, sphere_on_cylinder, sphere_on_sphere
 from dem_bridge.scene import Damping, Scene
 from dem_bridge.scene_file import MAIN_SCENES
 from tests.conftest import Solve
 
-#: backends that refuse
-NONE: set[str] = set()
-NO_PULSE = {"bca", "adiabatic"}
-LOSSY = {*NO_PULSE, "blanes-moan", "ase", "ode45"}
-NO_HERTZ = {"lammps-granular"}
-DRIVEN = {*NO_PULSE, "ase", "ode45"}
-
-#: name -> content hash, backends that refuse. A changed hash is a changed scene: on purpose, and said in the change log
+#: name -> content hash. A changed hash is a changed scene: on purpose, and said in the change log
 SHIPPED = {
-    "accelerating-200": ("9f50f1bd8e5b3dc10a4b0d55e67f69c32b9e489ae6278cd34603c0414e579526", NONE),
-    "accelerating-40": ("9858599c934d30bb63c923afc95a1d5bbbf55ea910fce7a0ea30defee10e6dc8", NONE),
-    "accelerating-40-heavier": ("017b5f1b09e32c88ad24fb7dc37e89eeb912c2828f4ee1ad0ffd54d54da70241", NONE),
-    "accelerating-40-lighter": ("abe5b6c682199c3e2c710b7de3fd2d98e23c35d1dc1ab757eb5954e1894d9583", NONE),
-    "decelerating-200": ("c93e34f5dd9c65037cb7cd9a729b656407e03769568fd68b7ca18f64fe1b8aa2", NONE),
-    "decelerating-40": ("78cb53a62263adca587f59d8c2e757bd4b4a9a0f6bc45af0e486b21e7df62c34", NONE),
-    "decelerating-40-dashpot": ("0bd1e8ecc791505d9916cf4736555d4fae53f676b24ca4b70948d0f79b27f56b", LOSSY),
-    "decelerating-40-drag": ("ed8cd73ddd5dcb916dec4a7cf6e2936bcb4e539ac024f57e27e9db1097e7115b", LOSSY),
-    "decelerating-40-exact": ("78ca415ece4fa5dd0b51adbfb09442f23fe0c654fc95036c17330081a2134fb9", NONE),
-    "decelerating-40-gaps": ("91eac19542df1bb232eefd6b5d54a6f6acb996f803e7d4d7506d7ca5b9ea409d", NO_PULSE),
-    "decelerating-40-graded-exponent": ("e3082ccac05736c94b587004279738f09f43b7e40bea8e90a297d2d5bb09aaf3", NO_HERTZ),
-    "decelerating-40-heavier": ("16f1398b9fe92dfd8d71e8bbc80bb37e1bc9e96a78fa77d8c5fb1ba323e6d366", NONE),
-    "decelerating-40-kuwabara-kono": ("6df56cc27d18c7fa3bbc7fda4fbf48571bf2f5dfc98b8982844b7ae57282031b", LOSSY),
-    "decelerating-40-lighter": ("c2de123251a251c6e279b27782e3ed45a965016450f43aba5e87f03e0d58d90a", NONE),
-    "decelerating-40-on-base": ("2ef7302fac0bcea4ae1c78090e1277fcca1a1c964900ee186455cd09dfe65aac", NO_PULSE),
-    "decelerating-40-scattered": ("1db240547772be32b2a4e757bab4936cb1f1be626e6f6aa59ad49e1a48cc159a", NONE),
-    "decelerating-40-soft-exponent": ("dc58d6ffb439b9f9b4de2ae98a6937625efe1a34643a58b767724e6af1575d80", NO_HERTZ),
-    "dimer-1-1": ("399a10d8d951eaea6943cf4ab37385b56dbc11dabe3be55f699039ece10a9874", NONE),
-    "driven-dimer": ("c3be171b916a3445973aad93b70882499e8a0b3330674af65f131273c02d3e68", DRIVEN),
-    "driven-monomer": ("2758482a8e2e8589b2c9dcb95f568c275af612b35592192394a752ae1f5b7e5c", DRIVEN),
-    "homogeneous-cylinders": ("598d28f01755d98e4181a37ededac3d465cf29643dc756b2d95c38500144625d", NONE),
-    "homogeneous-spheres": ("b71ef731114fe2a6acc9388f49def434b4f6c2795e101c6955d1eaca8af2fff0", NONE),
-    "sphere-cylinder-sphere": ("75a254ad4486276543a89877eef3f08720fc85fa57dea9b75177bef905163e71", NONE),
-    "stacked-40": ("e5090829a035ed813e9a75e8f47627d4077729cab6ea85c49e2b24bf12f467a9", NO_PULSE),
-    "tapered-backward": ("2113478c9aeeacdcd05842493089b416110ed0c8e79446fb5465e8f557752333", NONE),
-    "tapered-forward": ("dc573fd8ba7682c8cf8b55296ce44e6ec1d47a9484cca20582aff9ca8aaed461", NONE),
+    "accelerating-200": "9f50f1bd8e5b3dc10a4b0d55e67f69c32b9e489ae6278cd34603c0414e579526",
+    "accelerating-40": "9858599c934d30bb63c923afc95a1d5bbbf55ea910fce7a0ea30defee10e6dc8",
+    "accelerating-40-heavier": "017b5f1b09e32c88ad24fb7dc37e89eeb912c2828f4ee1ad0ffd54d54da70241",
+    "accelerating-40-lighter": "abe5b6c682199c3e2c710b7de3fd2d98e23c35d1dc1ab757eb5954e1894d9583",
+    "decelerating-200": "c93e34f5dd9c65037cb7cd9a729b656407e03769568fd68b7ca18f64fe1b8aa2",
+    "decelerating-40": "78cb53a62263adca587f59d8c2e757bd4b4a9a0f6bc45af0e486b21e7df62c34",
+    "decelerating-40-dashpot": "0bd1e8ecc791505d9916cf4736555d4fae53f676b24ca4b70948d0f79b27f56b",
+    "decelerating-40-drag": "ed8cd73ddd5dcb916dec4a7cf6e2936bcb4e539ac024f57e27e9db1097e7115b",
+    "decelerating-40-exact": "78ca415ece4fa5dd0b51adbfb09442f23fe0c654fc95036c17330081a2134fb9",
+    "decelerating-40-gaps": "91eac19542df1bb232eefd6b5d54a6f6acb996f803e7d4d7506d7ca5b9ea409d",
+    "decelerating-40-graded-exponent": "e3082ccac05736c94b587004279738f09f43b7e40bea8e90a297d2d5bb09aaf3",
+    "decelerating-40-heavier": "16f1398b9fe92dfd8d71e8bbc80bb37e1bc9e96a78fa77d8c5fb1ba323e6d366",
+    "decelerating-40-kuwabara-kono": "6df56cc27d18c7fa3bbc7fda4fbf48571bf2f5dfc98b8982844b7ae57282031b",
+    "decelerating-40-lighter": "c2de123251a251c6e279b27782e3ed45a965016450f43aba5e87f03e0d58d90a",
+    "decelerating-40-on-base": "2ef7302fac0bcea4ae1c78090e1277fcca1a1c964900ee186455cd09dfe65aac",
+    "decelerating-40-scattered": "1db240547772be32b2a4e757bab4936cb1f1be626e6f6aa59ad49e1a48cc159a",
+    "decelerating-40-soft-exponent": "dc58d6ffb439b9f9b4de2ae98a6937625efe1a34643a58b767724e6af1575d80",
+    "dimer-1-1": "399a10d8d951eaea6943cf4ab37385b56dbc11dabe3be55f699039ece10a9874",
+    "driven-dimer": "c3be171b916a3445973aad93b70882499e8a0b3330674af65f131273c02d3e68",
+    "driven-monomer": "2758482a8e2e8589b2c9dcb95f568c275af612b35592192394a752ae1f5b7e5c",
+    "homogeneous-cylinders": "598d28f01755d98e4181a37ededac3d465cf29643dc756b2d95c38500144625d",
+    "homogeneous-spheres": "b71ef731114fe2a6acc9388f49def434b4f6c2795e101c6955d1eaca8af2fff0",
+    "sphere-cylinder-sphere": "75a254ad4486276543a89877eef3f08720fc85fa57dea9b75177bef905163e71",
+    "stacked-40": "e5090829a035ed813e9a75e8f47627d4077729cab6ea85c49e2b24bf12f467a9",
+    "tapered-backward": "2113478c9aeeacdcd05842493089b416110ed0c8e79446fb5465e8f557752333",
+    "tapered-forward": "dc573fd8ba7682c8cf8b55296ce44e6ec1d47a9484cca20582aff9ca8aaed461",
+}
+#: features of the scenes that have any; README.md has the backends that support them
+FEATURES_OF: dict[str, set[Feature]] = {
+    "decelerating-40-dashpot": {DASHPOT},
+    "decelerating-40-drag": {DRAG},
+    "decelerating-40-gaps": {GAPS},
+    "decelerating-40-graded-exponent": {OTHER_EXPONENTS, GRADED_EXPONENTS},
+    "decelerating-40-kuwabara-kono": {KUWABARA_KONO},
+    "decelerating-40-on-base": {WALLS},
+    "decelerating-40-soft-exponent": {OTHER_EXPONENTS},
+    "driven-dimer": {PRECOMPRESSION, CHIRP_DRIVE},
+    "driven-monomer": {PRECOMPRESSION, CHIRP_DRIVE},
+    "stacked-40": {WALLS, GRAVITY, PRECOMPRESSION},
 }
 #: those that the reference hands on to scipy, which takes seconds; the twin says as well where the front is
 BY_SCIPY = {"-dashpot", "-kuwabara-kono", "-drag", "-soft-exponent", "-graded-exponent"}
@@ -65,14 +83,13 @@ def test_all_shipped_scenes_are_in_this_table() -> None:
 @every_scene
 def test_a_shipped_scene_keeps_its_name_and_numbers(name: str) -> None:
     scene = db.load_scene(name)
-    assert (scene.name, scene.content_hash) == (name, SHIPPED[name][0])
+    assert (scene.name, scene.content_hash) == (name, SHIPPED[name])
     assert 20 < len(scene.description) < 80
 
 
 @every_scene
-def test_a_shipped_scene_is_refused_by_those_in_the_table_alone(name: str) -> None:
-    scene = db.load_scene(name)
-    assert {one for one in BACKENDS if not supports_of(one).covers(scene)} == SHIPPED[name][1]
+def test_a_shipped_scene_has_the_features_in_the_table(name: str) -> None:
+    assert db.load_scene(name).features == FEATURES_OF.get(name, set())
 
 
 @every_scene
