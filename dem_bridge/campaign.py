@@ -27,6 +27,7 @@ from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
+from dem_bridge.uncertainty.estimate import solve
 
 #: s that a worker needs until it can begin: what takes less in all is run here
 _START = 2.0
@@ -57,7 +58,7 @@ def run_case(case: Case, *, everything: bool = False, by: Backend | None = None)
         reason = unsupported_reason(chosen, case.scene)
         if reason:
             return Result(case=case, failure=UnsupportedScene(reason))
-        return Result(case=case, trajectory=chosen.run(case.scene, case.resolution, case.sampling))
+        return Result(case=case, trajectory=solve(case, chosen))
     except (UnsupportedScene, BackendUnavailable, RunBroken) as error:
         return Result(case=case, failure=error)
     except UsageError as error:

@@ -15,7 +15,9 @@ from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, UNKNOWN, Cost, Trajectory
 
 
-def extrapolated(chosen: Backend, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
+def extrapolated(
+    chosen: Backend, scene: Scene, resolution: Resolution, sampling: Sampling, *, uncertainty: bool = False
+) -> Trajectory:
     """The run of a fixed-step backend, extrapolated from steps of 2 dt, dt and dt/2 to 0.
 
     Velocities and displacements must show the backend's order, else NotAsymptotic says why not. Peak forces and
@@ -27,9 +29,9 @@ def extrapolated(chosen: Backend, scene: Scene, resolution: Resolution, sampling
         raise UsageError(f"order = 'richardson' with {chosen.name}, which has no fixed step; give rtol, or nothing")
     # forces that depend on velocities are those of the half step
     order = 1 if scene.dissipates else chosen.order
-    main = chosen.run(scene, replace(resolution, bars=False), sampling)
+    main = chosen.run(scene, resolution, sampling)
     step = float(main.provenance["settings"]["dt"])
-    coarse = chosen.run(scene, replace(resolution, dt=2.0 * step, bars=False), sampling)
+    coarse = chosen.run(scene, replace(resolution, dt=2.0 * step), sampling)
     # its bars know the round-off, also where none are wanted of the answer
     fine = chosen.run(scene, replace(resolution, dt=0.5 * step, bars=True), sampling)
     runs = (coarse, main, fine)
@@ -63,7 +65,7 @@ def extrapolated(chosen: Backend, scene: Scene, resolution: Resolution, sampling
         fine,
         **values,
         contact_force=np.maximum(force, 0.0),
-        uncertainty=replace(fine.uncertainty, **bars) if resolution.bars else UNKNOWN,
+        uncertainty=replace(fine.uncertainty, **bars) if uncertainty else UNKNOWN,
         cost=Cost(
             wall=sum(run.cost.wall for run in runs),
             cpu=sum(run.cost.cpu for run in runs),

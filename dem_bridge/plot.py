@@ -66,7 +66,7 @@ def spacetime(
     Examples
     --------
     >>> import dem_bridge as db
-    >>> ax = db.plot.spacetime(db.solve("accelerating-40", backend="verlet", dt=1e-6, bars=False), theory="bca")
+    >>> ax = db.plot.spacetime(db.solve("accelerating-40", backend="verlet", dt=1e-6, uncertainty=False), theory="bca")
     >>> ax.get_xlabel(), ax.get_ylabel(), [line.get_label() for line in ax.get_lines()]
     ('body', 'time (ms)', ['front by BCA'])
     """
@@ -169,7 +169,7 @@ def residence(
     Examples
     --------
     >>> import dem_bridge as db
-    >>> run = db.solve("decelerating-40", backend="verlet", dt=1e-6, bars=False)
+    >>> run = db.solve("decelerating-40", backend="verlet", dt=1e-6, uncertainty=False)
     >>> db.plot.residence(run, theory="bca").get_ylabel()
     'residence time (µs)'
     """

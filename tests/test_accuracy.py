@@ -188,7 +188,7 @@ def test_resolutions_that_do_not_fit_together_are_wrong_use(dt: list[float], val
 
 
 def _twins(truth: Truth, steps: list[float]) -> tuple[list[float], list[np.ndarray]]:
-    runs = [db.solve(truth.scene, backend="verlet", dt=dt, bars=False) for dt in steps]
+    runs = [db.solve(truth.scene, backend="verlet", dt=dt, uncertainty=False) for dt in steps]
     return [float(run.provenance["settings"]["dt"]) for run in runs], [run.velocity for run in runs]
 
 

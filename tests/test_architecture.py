@@ -27,7 +27,7 @@ LAYERS = {
     3: ("scene", "contacts", "geometry", "drive", "features", "support"),
     4: ("lmp", "scene_file", "timescales", "trajectory", "dense"),
     5: ("backends", "observables", "runs"),
-    6: ("differences", "campaign"),
+    6: ("differences", "campaign", "uncertainty"),
     7: (
         "verification",
         "planning",
@@ -53,6 +53,7 @@ SIDEWAYS = {
     ("notebook", "notebook_sketch"): "a scene is shown with a sketch of its chain",
     ("lmp", "dense"): "a deck dumps at the steps of a Schedule",
     ("runs", "backends"): "a case names a backend and its settings",
+    ("campaign", "uncertainty"): "a case is solved with its uncertainty",
     ("planning", "extrapolate"): "settings may be those of an extrapolation",
     ("accuracy", "errors"): "an accuracy that is none is a UsageError",
 }

@@ -51,7 +51,11 @@ SCENE = Scene(
 
 def _case(dt: float = 1e-6, scene: Scene = SCENE, backend: str = "verlet", **settings: Any) -> Case:
     return Case(
-        scene=scene, backend=backend, resolution=Resolution(dt=dt, bars=False, **settings), sampling=Sampling(count=4)
+        scene=scene,
+        backend=backend,
+        resolution=Resolution(dt=dt, **settings),
+        sampling=Sampling(count=4),
+        uncertainty=False,
     )
 
 

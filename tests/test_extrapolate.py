@@ -19,7 +19,7 @@ from tests.helpers.quadruple_truth import Truth
 @pytest.mark.parametrize("dt", [1e-7, 2e-8])
 def test_it_is_twenty_times_better_than_its_finest_run_and_within_its_bars(free_chain: Truth, dt: float) -> None:
     run = db.solve(free_chain.scene, backend="verlet", dt=dt, order="richardson")
-    plain = db.solve(free_chain.scene, backend="verlet", dt=0.5 * dt, bars=False)
+    plain = db.solve(free_chain.scene, backend="verlet", dt=0.5 * dt, uncertainty=False)
     # 23 (decelerating, 1e-7 s) to 900 times were found
     assert free_chain.error(run, "velocity") < 0.05 * free_chain.error(plain, "velocity")
     for quantity in QUANTITIES:
@@ -32,7 +32,7 @@ def test_it_is_twenty_times_better_than_its_finest_run_and_within_its_bars(free_
 @pytest.mark.lammps
 def test_lammps_is_extrapolated_like_its_twin(accelerating: Truth) -> None:
     scene = replace(accelerating.scene, duration=3e-4, samples=50)
-    truth = db.solve(scene, backend="reference", bars=False).velocity
+    truth = db.solve(scene, backend="reference", uncertainty=False).velocity
     run = db.solve(scene, backend="lammps-granular", dt=1e-7, order="richardson")
     error = float(np.max(np.abs(run.velocity - truth)))
     assert error <= run.uncertainty["velocity"] < 1e-6
@@ -53,7 +53,7 @@ def test_what_has_no_clean_order_is_that_of_the_finest_run(decelerating: Truth) 
 
 def test_without_bars_nothing_is_claimed(accelerating: Truth) -> None:
     scene = replace(accelerating.scene, duration=1e-4, samples=10)
-    run = db.solve(scene, backend="verlet", dt=1e-7, order="richardson", bars=False)
+    run = db.solve(scene, backend="verlet", dt=1e-7, order="richardson", uncertainty=False)
     assert all(np.all(np.isinf(run.uncertainty[quantity])) for quantity in QUANTITIES)
     assert np.all(run.contact_force >= 0.0)
 

@@ -178,7 +178,7 @@ def test_the_example_of_a_backend_runs_within_its_bars(
     counted = {
         name: int(count) for name, count in re.findall(r'"([\w-]+)": (\d+)', _diff("planning/predict.py").added())
     }
-    assert counted["leapfrog"] == _evaluations(solved(scene, "leapfrog", dt=1e-7, bars=False))
+    assert counted["leapfrog"] == _evaluations(solved(scene, "leapfrog", dt=1e-7, uncertainty=False))
 
 
 def test_the_example_of_an_observable_runs(built: Callable[[str], list[ModuleType]], solved: Solve) -> None:
@@ -236,7 +236,7 @@ def _evaluations(run: db.Trajectory) -> int:
 )
 def test_the_planner_knows_what_a_step_of_every_backend_costs(name: str, solved: Solve) -> None:
     scene = Scene(name="pair", duration=1e-5, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=5)
-    run = solved(scene, name, dt=1e-7, bars=False)
+    run = solved(scene, name, dt=1e-7, uncertainty=False)
     assert EVALUATIONS.get(name, 1) == _evaluations(run)
 
 

@@ -151,7 +151,7 @@ def test_a_trajectory_shows_who_made_it_its_bars_and_its_cost(solved: Solve) -> 
 
 
 def test_bars_that_are_not_known_are_said_to_be(solved: Solve) -> None:
-    text = _text(solved(SCENE, "verlet", dt=1e-6, bars=False)._repr_html_())
+    text = _text(solved(SCENE, "verlet", dt=1e-6, uncertainty=False)._repr_html_())
     assert "velocity unknown unknown" in text
     still = replace(SCENE, velocity=(0.0,) * 3)  # no largest velocity, no peak, no crossing
     text = _text(solved(still, "verlet", dt=1e-6)._repr_html_())

@@ -195,7 +195,7 @@ def test_what_cannot_be_drawn_is_refused_in_a_line(runs: dict[str, Any], call: A
 
 
 def test_two_bodies_have_no_residence_time(two_bodies: Any) -> None:
-    run = db.solve(two_bodies.scene, backend="verlet", dt=1e-6, bars=False)
+    run = db.solve(two_bodies.scene, backend="verlet", dt=1e-6, uncertainty=False)
     with pytest.raises(UsageError, match="2 bodies; allowed: at least three"):
         db.plot.residence(run)
 

@@ -21,9 +21,11 @@ from dem_bridge.backends.base import (
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.files import check_folder, write_whole
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import scene_of
 from dem_bridge.trajectory import Trajectory
+from dem_bridge.uncertainty.estimate import solve as solve_case
 
 if TYPE_CHECKING:
     from dem_bridge.campaign import Progress
@@ -31,9 +33,9 @@ if TYPE_CHECKING:
     from dem_bridge.runs.store import Store
     from dem_bridge.studies.verify import Verification
 
-_RESOLUTION = tuple(field.name for field in fields(Resolution))
+_RESOLUTION = tuple(field.name for field in fields(Resolution) if field.name != "bars")
 #: settings of solve that are no field of a Resolution
-_OTHER = ("samples", "accuracy", "order")
+_OTHER = ("samples", "accuracy", "order", "uncertainty")
 #: what verify calls all shipped scenes and the claims that are read from them
 PAPER = "paper"
 #: settings that say which LAMMPS
@@ -49,9 +51,9 @@ def solve(scene: Scene | str | Path, *, backend: str | None = None, **settings: 
     ``order="richardson"`` to extrapolate from 2 dt, dt and dt/2 (NotAsymptotic where their order is not clean);
     ``surrogate_radius`` (m), or ``geometry`` ("surrogate", "physical"), and ``types`` ("euler", "per-body") of a deck;
     ``table_style`` ("spline", "linear"), ``table_lines`` and ``table_points`` of its tables; ``time_limit`` (s);
-    ``bars=False`` for no error bars. Which LAMMPS: ``lmp`` (a binary; the
-    variable ``DEM_BRIDGE_LMP`` names one too) or ``python`` (an interpreter with the ``lammps`` module), ``lmp_args``
-    ("-sf omp") and ``ranks`` (of MPI); None: the module of this environment, on one. Raises UsageError for an unknown
+    ``uncertainty=False`` for a run without the further runs that its uncertainty takes. Which LAMMPS: ``lmp`` (a
+    binary; the variable ``DEM_BRIDGE_LMP`` names one too) or ``python`` (an interpreter with the ``lammps`` module),
+    ``lmp_args`` ("-sf omp") and ``ranks`` (of MPI); None: the module of this environment, on one. Raises UsageError for an unknown
     backend or setting, UnsupportedScene, BackendUnavailable or RunBroken.
 
     >>> import dem_bridge as db
@@ -72,12 +74,14 @@ def solve(scene: Scene | str | Path, *, backend: str | None = None, **settings: 
         tables = resolution.tables or chosen.name == "lammps-table"
         own = chosen if chosen.name not in (*ENGINE_BACKENDS, "ase") else None
         resolution = resolution_for(scene, accuracy, replace(resolution, tables=tables), sampling, own)
+    uncertainty = bool(settings.get("uncertainty", True))
     if settings.get("order") is None:
-        run = chosen.run(scene, resolution, sampling)
+        case = Case(scene=scene, backend=backend, resolution=resolution, sampling=sampling, uncertainty=uncertainty)
+        run = solve_case(case, chosen)
     else:
         from dem_bridge.extrapolate import extrapolated
 
-        run = extrapolated(chosen, scene, resolution, sampling)
+        run = extrapolated(chosen, scene, resolution, sampling, uncertainty=uncertainty)
     if accuracy is not None:
         _check_accuracy(chosen, scene, run, accuracy)
     return run
@@ -280,10 +284,14 @@ def _settings(
     accuracy = settings.get("accuracy")
     if accuracy is not None:
         accuracy = checked_accuracy(accuracy)
-        if settings.get("bars") is False:
-            raise UsageError("accuracy is promised by error bars; allowed with bars=True only")
+        if settings.get("uncertainty") is False:
+            raise UsageError(
+                "uncertainty = False with an accuracy, which is compared with the uncertainty; leave one of them out"
+            )
         if settings.get("dt") is not None:
             raise UsageError("dt and accuracy are both given; give one: the other follows from it")
+    if not isinstance(settings.get("uncertainty", True), bool):
+        raise UsageError(f"uncertainty = {settings['uncertainty']!r}; allowed: True or False")
     if settings.get("order") not in (None, "richardson"):
         raise UsageError(f"order = {settings['order']!r}; allowed: 'richardson'")
     sampling = _sampling(scene, settings.get("samples"))

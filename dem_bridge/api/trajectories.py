@@ -53,7 +53,7 @@ def write_trajectory(
     --------
     >>> import dem_bridge as db, tempfile
     >>> scene = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
-    >>> run = db.solve(scene, backend="verlet", dt=1e-6, samples=10, bars=False)
+    >>> run = db.solve(scene, backend="verlet", dt=1e-6, samples=10, uncertainty=False)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     db.write_trajectory(run, scene, f"{folder}/pair.lammpstrj")
     ...     again = db.read_trajectory(f"{folder}/pair.lammpstrj", scene)
@@ -174,7 +174,7 @@ def compare(run: Trajectory, reference: Trajectory, *, tolerance: float = 0.0) -
     --------
     >>> import dem_bridge as db
     >>> scene = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
-    >>> coarse, fine = (db.solve(scene, backend="verlet", dt=dt, samples=10, bars=False) for dt in (2e-6, 1e-6))
+    >>> coarse, fine = (db.solve(scene, backend="verlet", dt=dt, samples=10, uncertainty=False) for dt in (2e-6, 1e-6))
     >>> comparison = db.compare(coarse, fine, tolerance=1e-6)
     >>> velocity = comparison.differences[1]
     >>> velocity.quantity, velocity.value < 1e-2, comparison.divergence is not None

@@ -34,7 +34,7 @@ class AseVerlet:
 
     >>> import dem_bridge as db
     >>> scene = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
-    >>> ase, twin = (db.solve(scene, backend=name, dt=2e-7, bars=False) for name in ("ase", "verlet"))
+    >>> ase, twin = (db.solve(scene, backend=name, dt=2e-7, uncertainty=False) for name in ("ase", "verlet"))
     >>> bool(abs(ase.velocity - twin.velocity).max() < 1e-12)
     True
     """

@@ -42,7 +42,6 @@ CHOICES = {
     "types": ("euler", "per-body"),
     "table_style": ("spline", "linear"),
     "tables": (False, True),
-    "bars": (True, False),
 }
 
 
@@ -74,8 +73,8 @@ class Resolution:
     """Of the twin: take forces from the tables that LAMMPS would have, not from the laws."""
     time_limit: float = 3600.0
     """Wall time, s, after which an engine in a child process is stopped."""
-    bars: bool = True
-    """False: no error bars (inf) and no run that only serves them."""
+    bars: bool = False
+    """True: with an uncertainty, which takes further runs."""
 
     def __post_init__(self) -> None:
         limits = {

@@ -105,7 +105,7 @@ def speed_power_law(
 
     >>> import dem_bridge as db
     >>> scene = db.load_scene("decelerating-40")
-    >>> fit = speed_power_law(scene, db.solve(scene, backend="reference", bars=False))
+    >>> fit = speed_power_law(scene, db.solve(scene, backend="reference", uncertainty=False))
     >>> fit.first, fit.last, f"{fit.speed(3):.0f} to {fit.speed(38):.0f} m/s, rms {fit.residual:.1%}"
     (3, 38, '1817 to 717 m/s, rms 0.7%')
     """
@@ -193,7 +193,7 @@ def force_exponent(scene: Scene, trajectory: Trajectory, *, window: tuple[int, i
 
     >>> import dem_bridge as db
     >>> scene = db.load_scene("accelerating-40")
-    >>> fit = force_exponent(scene, db.solve(scene, backend="reference", bars=False))
+    >>> fit = force_exponent(scene, db.solve(scene, backend="reference", uncertainty=False))
     >>> f"{fit.slope:.3f} +- {fit.stderr:.3f}, spread {fit.spread[0]:.3f} to {fit.spread[1]:.3f}", fit.first, fit.last
     ('0.435 +- 0.001, spread 0.419 to 0.439', 4, 37)
     """

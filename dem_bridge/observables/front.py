@@ -103,7 +103,7 @@ def peak_velocity_of_front(scene: Scene, trajectory: Trajectory) -> PeakVelocity
     (binary collisions) it is the largest sample.
 
     >>> import dem_bridge as db
-    >>> run = db.solve("accelerating-40", backend="reference", samples=2000, bars=False)
+    >>> run = db.solve("accelerating-40", backend="reference", samples=2000, uncertainty=False)
     >>> peak = peak_velocity_of_front(db.load_scene("accelerating-40"), run)
     >>> f"{peak.velocity[20]:.6f} m/s at {1e6 * peak.time[20]:.2f} us", bool(peak.sampling[20] < 1e-6)
     ('0.462627 m/s at 348.74 us', True)
@@ -180,7 +180,7 @@ def local_speed_constant(scene: Scene, trajectory: Trajectory) -> SpeedConstant:
     >>> from dem_bridge.scene import Scene
     >>> chain = Scene(name="uniform", duration=1e-3, mass=(0.01,) * 60, stiffness=(2e10,) * 59,
     ...               velocity=(0.8,) + (0.0,) * 59)
-    >>> found = local_speed_constant(chain, db.solve(chain, backend="reference", bars=False))
+    >>> found = local_speed_constant(chain, db.solve(chain, backend="reference", uncertainty=False))
     >>> f"{found.solitary:.9f} {found.by_force[39]:.9f} {found.by_velocity[39]:.9f}"
     '0.907470078 0.907470078 0.907470078'
     """

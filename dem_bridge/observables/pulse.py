@@ -58,7 +58,7 @@ def pulse_width_by_force(scene: Scene, trajectory: Trajectory) -> PulseWidth:
 
     >>> import dem_bridge as db
     >>> scene = db.load_scene("accelerating-40")
-    >>> found = pulse_width_by_force(scene, db.solve(scene, backend="reference", samples=1500, bars=False))
+    >>> found = pulse_width_by_force(scene, db.solve(scene, backend="reference", samples=1500, uncertainty=False))
     >>> f"{found.width[10]:.3f} to {found.width[35]:.3f} bodies"
     '1.576 to 1.449 bodies'
     """
@@ -156,7 +156,7 @@ def leading_pulse(scene: Scene, trajectory: Trajectory) -> LeadingPulse:
 
     >>> import dem_bridge as db
     >>> scene = db.load_scene("decelerating-40")
-    >>> found = leading_pulse(scene, db.solve(scene, backend="reference", samples=1500, bars=False))
+    >>> found = leading_pulse(scene, db.solve(scene, backend="reference", samples=1500, uncertainty=False))
     >>> f"{found.energy_share[30]:.3f} of the energy, {found.momentum_share[30]:.3f} of the momentum"
     '0.598 of the energy, 0.963 of the momentum'
     """
@@ -170,7 +170,7 @@ def reflected(scene: Scene, trajectory: Trajectory) -> Reflected:
 
     >>> import dem_bridge as db
     >>> scene = db.load_scene("accelerating-40")
-    >>> found = reflected(scene, db.solve(scene, backend="reference", samples=1500, bars=False))
+    >>> found = reflected(scene, db.solve(scene, backend="reference", samples=1500, uncertainty=False))
     >>> f"{1e3 * found.backward_momentum[35]:.3f} g m/s, {1e6 * found.backward_energy[35]:.1f} uJ"
     '-3.575 g m/s, 113.9 uJ'
     """
@@ -273,7 +273,7 @@ def secondary_fronts(
     >>> import dem_bridge as db
     >>> counts = {}
     >>> for name in ("decelerating-40", "accelerating-40"):
-    ...     run = db.solve(name, backend="reference", samples=1500, bars=False)
+    ...     run = db.solve(name, backend="reference", samples=1500, uncertainty=False)
     ...     counts[name] = secondary_fronts(db.load_scene(name), run, 10).count
     >>> counts
     {'decelerating-40': 2, 'accelerating-40': 0}
@@ -318,7 +318,7 @@ def speed_ratio(
 
     >>> import dem_bridge as db
     >>> scene = db.load_scene("decelerating-40")
-    >>> found = speed_ratio(scene, db.solve(scene, backend="reference", bars=False))
+    >>> found = speed_ratio(scene, db.solve(scene, backend="reference", uncertainty=False))
     >>> f"{found.ratio:.3f} from body {found.first} to {found.last}"
     '0.394 from body 3 to 38'
     """

@@ -76,7 +76,7 @@ def frequency_spectrum(
 
     >>> import dem_bridge as db
     >>> scene = db.load_scene("accelerating-40")
-    >>> spectrum = frequency_spectrum(scene, db.solve(scene, backend="reference", samples=1500, bars=False))
+    >>> spectrum = frequency_spectrum(scene, db.solve(scene, backend="reference", samples=1500, uncertainty=False))
     >>> [f"{1e-3 * spectrum.centroid[j]:.2f} kHz at body {spectrum.position[j]:.0f}" for j in (0, -1)]
     ['5.74 kHz at body 4', '14.01 kHz at body 37']
     >>> spectrum.parseval < 1e-14
@@ -110,7 +110,7 @@ def wavenumber_spectrum(
 
     >>> import dem_bridge as db
     >>> scene = db.load_scene("accelerating-40")
-    >>> spectrum = wavenumber_spectrum(scene, db.solve(scene, backend="reference", bars=False))
+    >>> spectrum = wavenumber_spectrum(scene, db.solve(scene, backend="reference", uncertainty=False))
     >>> f"{spectrum.centroid[0]:.3f} to {spectrum.centroid[-1]:.3f} cycles per body", spectrum.parseval < 1e-14
     ('0.128 to 0.134 cycles per body', True)
     """
@@ -210,7 +210,7 @@ def cascade(spectrum: Spectrum, *, against: Floats | None = None, threshold: flo
 
     >>> import dem_bridge as db
     >>> scene = db.load_scene("accelerating-40")
-    >>> run = db.solve(scene, backend="reference", samples=1500, bars=False)
+    >>> run = db.solve(scene, backend="reference", samples=1500, uncertainty=False)
     >>> [cascade(spectrum(scene, run)).cascades for spectrum in (frequency_spectrum, wavenumber_spectrum)]
     [True, False]
     """

@@ -127,7 +127,7 @@ class Judge:
         if key in self._runs:
             return self._runs[key]
         self.progress(f"{candidate.runs} at {candidate.knob} = {setting:.3g}" if candidate.knob else candidate.runs)
-        settings = {**candidate.given, **({candidate.knob: setting} if candidate.knob else {}), "bars": False}
+        settings = {**candidate.given, **({candidate.knob: setting} if candidate.knob else {})}
         run = backend(candidate.runs).run(self.scene, Resolution(**settings), self.sampling)
         if self.truth is None:
             self._runs[key] = run

@@ -34,8 +34,10 @@ from dem_bridge.planning.check import (
 )
 from dem_bridge.planning.options import MOST_STEPS, THEORIES, Option, Options
 from dem_bridge.planning.predict import OF_RTOL
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
+from dem_bridge.uncertainty.estimate import solve
 
 #: at accuracies below this the round-off of codes that keep positions is measured first, in a run of so many steps
 ROUND_OFF_BELOW, FEW_STEPS = 1e-7, 5_000_000
@@ -159,9 +161,8 @@ class Planner:
                 continue
             self._say(f"reference by {name}")
             try:
-                run = backend(name).run(
-                    self.scene, Resolution() if name == "reference" else Resolution(rtol=setting), self.sampling
-                )
+                how = Resolution() if name == "reference" else Resolution(rtol=setting)
+                run = solve(Case(scene=self.scene, backend=name, resolution=how, sampling=self.sampling))
             except RunBroken as error:
                 self.measured_against = f"finer runs of the same backend, because {error}"
                 return None
@@ -232,7 +233,7 @@ class Planner:
             setting = self.judge.snapped(candidate, float(f"{setting:.2e}"))
             self._say(f"{candidate.runs} extrapolated from dt = {setting:.3g}")
             try:
-                resolution = Resolution(**candidate.given, dt=setting, bars=False)
+                resolution = Resolution(**candidate.given, dt=setting)
                 run = extrapolated(backend(candidate.runs), self.scene, resolution, self.sampling)
                 error = measured_error(self.observable, self.scene, run, reference)
             except (NotAsymptotic, RunBroken):
@@ -305,7 +306,7 @@ class Planner:
             if reference is not None and reference.provenance["backend"] == name:
                 run = reference
             else:
-                run = backend(name).run(self.scene, Resolution(), self.sampling)
+                run = solve(Case(scene=self.scene, backend=name, resolution=Resolution(), sampling=self.sampling))
             error, evidence = (
                 measured_uncertainty(self.observable, self.scene, run),
                 "its uncertainty is taken as its error",

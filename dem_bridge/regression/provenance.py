@@ -91,7 +91,7 @@ def roundoff_tolerance(
         )
     else:
         code = backend(name)
-        unperturbed, perturbed = run, code.run(_perturbed(scene), replace(resolution, bars=False), sampling)
+        unperturbed, perturbed = run, code.run(_perturbed(scene), resolution, sampling)
         cause = "the effect of a perturbation of every mass and stiffness by its last digit"
     tolerances = {}
     for quantity in QUANTITIES:

@@ -51,14 +51,15 @@ class Task:
     baseline: Baseline | None = None
     """Baseline to compare with; None if there is none yet."""
 
-    def case(self, engine: Engine | None, *, bars: bool) -> Case:
-        """Return the run of the scene, with an estimate of its uncertainty if ``bars`` is True."""
+    def case(self, engine: Engine | None, *, uncertainty: bool) -> Case:
+        """Return the run of the scene, with an estimate of its uncertainty if ``uncertainty`` is True."""
         return Case(
             scene=self.scene,
             backend=self.backend,
-            resolution=replace(self.resolution, bars=bars),
+            resolution=self.resolution,
             sampling=self.sampling,
             engine=engine if self.backend in ENGINE_BACKENDS else None,
+            uncertainty=uncertainty,
         )
 
     @property
@@ -139,7 +140,9 @@ def regress_scenes(
         selection = " of these scenes and backends" if scenes or backends else ""
         raise UsageError(f"{folder}: the folder has no baselines{selection}; write some: name scenes and add --update")
     # an uncertainty costs runs; a run that is only compared has the uncertainty of its baseline
-    cases = [task.case(engine, bars=update or task.baseline is None or task.backend == REFERENCE) for task in tasks]
+    cases = [
+        task.case(engine, uncertainty=update or task.baseline is None or task.backend == REFERENCE) for task in tasks
+    ]
     references = [task.reference for task in tasks]
     results = run_cases([*cases, *references], jobs=jobs, progress=progress, everything=True)
     comparisons: list[Comparison] = [*gone]
@@ -191,7 +194,7 @@ def compare_engines(
         raise UsageError(f"{folder}: the folder has no baselines of LAMMPS; name the scenes on which to compare")
     # the uncertainty follows from the settings, which both sides share, so one side estimates it
     sides = ((other, True), (engine or Engine.chosen(), False))
-    cases = [task.case(each, bars=bars) for task in tasks for each, bars in sides]
+    cases = [task.case(each, uncertainty=estimated) for task in tasks for each, estimated in sides]
     results = run_cases([*cases, *(task.reference for task in tasks)], jobs=jobs, progress=progress, everything=True)
     references, comparisons, versions = results[len(cases) :], [], {}
     for side in (results[: len(cases) : 2], results[1 : len(cases) : 2]):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.lmp.engine import Engine
@@ -26,6 +26,8 @@ class Case:
     sampling: Sampling
     engine: Engine | None = None
     """Which LAMMPS, for a backend that runs it; None: the default."""
+    uncertainty: bool = True
+    """Estimate the uncertainty of the run, too, which takes further runs; False: inf."""
 
     @property
     def label(self) -> str:
@@ -36,7 +38,8 @@ class Case:
     @property
     def key(self) -> str | None:
         """Key of the run in a store; None: the run cannot be stored."""
-        return run_key(self.scene, self.backend, self.resolution, self.sampling, self.engine)
+        how = replace(self.resolution, bars=self.uncertainty)
+        return run_key(self.scene, self.backend, how, self.sampling, self.engine)
 
     @property
     def expected(self) -> float:
@@ -46,5 +49,5 @@ class Case:
             factor, power = _PER_BODIES[self.backend]
             return factor * float(bodies**power)
         steps = self.scene.duration / dt if dt else 1e5
-        runs = 1 + _FURTHER_RUNS * (self.backend in ("verlet", "blanes-moan") and self.resolution.bars)
+        runs = 1 + _FURTHER_RUNS * (self.backend in ("verlet", "blanes-moan") and self.uncertainty)
         return 0.05 + runs * _PER_STEP.get(self.backend, 0.0) * bodies * steps

@@ -107,14 +107,15 @@ def study_bands(
     top = cell.edges[-1] / (2.0 * math.pi)
     _check_range(scene, scene.drive, cell)
     sampling = Sampling(count=math.ceil(SAMPLES * top * scene.duration))
-    step = Resolution(dt=1.0 / (STEPS * top), bars=False)
+    step = Resolution(dt=1.0 / (STEPS * top))
     cases = [
         Case(
             scene=scene,
             backend=name,
-            resolution=Resolution(bars=False) if name == "scipy" else step,
+            resolution=Resolution() if name == "scipy" else step,
             sampling=sampling,
             engine=engine if name.startswith("lammps") else None,
+            uncertainty=False,
         )
         for name in COMPARED
     ]

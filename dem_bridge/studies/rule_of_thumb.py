@@ -134,12 +134,12 @@ def cases_of(scene: Scene, *, engine: Engine | None = None, with_engine: bool = 
     if rayleigh is None:
         return []
     sampling, steps = steps_at(scene, rayleigh)
-    truth = Resolution(rtol=TRUTH_RTOL, bars=False)
-    runs = [(TRUTH, truth, None), *((TWIN, Resolution(dt=steps[share], bars=False), None) for share in SHARES)]
+    truth = Resolution(rtol=TRUTH_RTOL)
+    runs = [(TRUTH, truth, None), *((TWIN, Resolution(dt=steps[share]), None) for share in SHARES)]
     if with_engine:
-        runs += [(ENGINE, Resolution(dt=steps[share], bars=False), engine) for share in ENGINE_SHARES]  # type: ignore[misc]
+        runs += [(ENGINE, Resolution(dt=steps[share]), engine) for share in ENGINE_SHARES]  # type: ignore[misc]
     return [
-        Case(scene=scene, backend=name, resolution=resolution, sampling=sampling, engine=which)
+        Case(scene=scene, backend=name, resolution=resolution, sampling=sampling, engine=which, uncertainty=False)
         for name, resolution, which in runs
     ]
 

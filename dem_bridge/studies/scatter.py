@@ -100,7 +100,7 @@ def cases_of(scene: Scene, *, spread: float, count: int, seed: int = 0) -> list[
     chains = [scene, *(scattered(scene, spread=spread, seed=seed + i) for i in range(count))]
     # crossing times and peak forces are those of the run, not of its samples
     one = Sampling(count=1)
-    return [Case(scene=c, backend=REFERENCE, resolution=Resolution(bars=False), sampling=one) for c in chains]
+    return [Case(scene=c, backend=REFERENCE, resolution=Resolution(), sampling=one, uncertainty=False) for c in chains]
 
 
 def chains_of(scene: Scene, results: Sequence[Result], *, spread: float, seed: int = 0) -> ScatteredChains:

@@ -251,7 +251,7 @@ def study_styles(
 
 def base_of(scene: Scene, *, dt: float | None, engine: Engine | None = None, time_limit: float = 3600.0) -> Base:
     """Return what every way starts from; raise as :func:`study_styles` does."""
-    resolution = Resolution(dt=dt, time_limit=time_limit, bars=False)
+    resolution = Resolution(dt=dt, time_limit=time_limit)
     prescan, backend = prescan_hertz(scene), LammpsGranular(engine)
     version = str(require(backend.engine, "pair granular").version)
     deck = backend.written(scene, resolution, Sampling(count=scene.samples), prescan).deck

@@ -157,7 +157,7 @@ def main_resolution(scene: Scene, accuracy: float, store: Store | None = None) -
 def _default_run(scene: Scene, engine: Engine | None) -> Case:
     """Return the case of LAMMPS at the default step, without uncertainty."""
     name, sampling = engine_for(scene), Sampling(count=scene.samples)
-    return Case(scene=scene, backend=name, resolution=Resolution(bars=False), sampling=sampling, engine=engine)
+    return Case(scene=scene, backend=name, resolution=Resolution(), sampling=sampling, engine=engine, uncertainty=False)
 
 
 def study_without_runs(scene: Scene, error: RunBroken | UnsupportedScene | UsageError) -> SceneStudy:

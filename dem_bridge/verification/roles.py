@@ -142,13 +142,19 @@ def list_cases(scene: Scene, main: Resolution, *, engine: Engine | None = None, 
     """
     assert main.dt is not None
     roles, sampling = assign_roles(scene), Sampling(count=scene.samples)
-    levels = [replace(main, dt=factor * main.dt, bars=False) for factor in REFINEMENT if full]
-    tabled = replace(main, tables=roles.takes_tables, bars=False)
+    levels = [replace(main, dt=factor * main.dt) for factor in REFINEMENT if full]
+    tabled = replace(main, tables=roles.takes_tables)
     positional = replace(tabled, surrogate_radius=prescan_scene(scene).surrogate_radius)
 
-    def case(name: str, resolution: Resolution) -> Case:
-        lammps = engine if name == roles.engine else None
-        return Case(scene=scene, backend=name, resolution=resolution, sampling=sampling, engine=lammps)
+    def case(name: str, resolution: Resolution, uncertainty: bool = True) -> Case:
+        return Case(
+            scene=scene,
+            backend=name,
+            resolution=resolution,
+            sampling=sampling,
+            engine=engine if name == roles.engine else None,
+            uncertainty=uncertainty,
+        )
 
     return Runs(
         reference=case(roles.reference, Resolution()),
@@ -156,20 +162,20 @@ def list_cases(scene: Scene, main: Resolution, *, engine: Engine | None = None, 
         theory=case(roles.theory, Resolution()),
         twin=case(roles.twin, main),
         engine=case(roles.engine, main),
-        tabled_twin=case(roles.twin, tabled) if roles.takes_tables else None,
-        positional_twin=case(roles.twin, positional),
-        twin_refinements=tuple(case(roles.twin, level) for level in levels),
-        engine_refinements=tuple(case(roles.engine, level) for level in levels),
+        tabled_twin=case(roles.twin, tabled, False) if roles.takes_tables else None,
+        positional_twin=case(roles.twin, positional, False),
+        twin_refinements=tuple(case(roles.twin, level, False) for level in levels),
+        engine_refinements=tuple(case(roles.engine, level, False) for level in levels),
     )
 
 
 def _second_reference(
-    roles: Roles, case: Callable[[str, Resolution], Case], scene: Scene, sampling: Sampling, full: bool
+    roles: Roles, case: Callable[..., Case], scene: Scene, sampling: Sampling, full: bool
 ) -> Case | None:
     """Return the case of the second reference, None where the scene has none."""
     if roles.second_reference is None:
         return None
     if roles.second_reference == SCIPY:
-        return case(SCIPY, Resolution(bars=full))
+        return case(SCIPY, Resolution(), full)
     step = default_step(scene, sampling, prescan_scene(scene), PHASE) / FINER
     return case(BLANES_MOAN, Resolution(dt=step))

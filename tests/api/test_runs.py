@@ -53,8 +53,8 @@ def test_a_scene_may_be_given_as_itself_a_name_or_a_path(tmp_path: Path, solved:
     file = tmp_path / "pair.toml"
     file.write_text(PAIR_FILE)
     for source in (file, str(file)):
-        run = db.solve(source, backend="verlet", dt=1e-7, bars=False)
-        np.testing.assert_array_equal(run.velocity, solved(PAIR, "verlet", dt=1e-7, bars=False).velocity)
+        run = db.solve(source, backend="verlet", dt=1e-7, uncertainty=False)
+        np.testing.assert_array_equal(run.velocity, solved(PAIR, "verlet", dt=1e-7, uncertainty=False).velocity)
     assert db.solve("accelerating-40", backend="bca").velocity.shape == (501, 41)
 
 
@@ -71,10 +71,9 @@ def test_every_setting_that_is_advertised_is_taken() -> None:
         "table_points": 5000,
         "tables": True,
         "time_limit": 60.0,
-        "bars": False,
     }
-    assert set(settings) == {field.name for field in fields(Resolution)}
-    run = db.solve(PAIR, backend="verlet", samples=5, **settings)
+    assert set(settings) == {field.name for field in fields(Resolution)} - {"bars"}
+    run = db.solve(PAIR, backend="verlet", samples=5, uncertainty=False, **settings)
     assert run.velocity.shape == (6, 2)
 
 
@@ -93,7 +92,7 @@ def test_every_setting_that_is_advertised_is_taken() -> None:
         ("table_points", "10000", "a whole number from 2"),
         ("tables", 1, "False or True"),
         ("tables", "yes", "False or True"),
-        ("bars", 0, "True or False"),
+        ("uncertainty", 0, "True or False"),
         ("geometry", ["physical"], "'surrogate' or 'physical'"),
     ],
 )
@@ -112,7 +111,7 @@ def test_the_least_that_a_table_may_have_still_makes_a_deck(how: dict[str, objec
     assert db.write_deck(PAIR, tmp_path, style="table", dt=1e-6, **how)
     run = db.solve(PAIR, backend="verlet", dt=1e-6, tables=True, **how)
     # coarse tables are wrong, and the bar knows it
-    truth = db.solve(PAIR, backend="scipy", bars=False)
+    truth = db.solve(PAIR, backend="scipy", uncertainty=False)
     assert np.max(np.abs(run.velocity - truth.velocity)) <= run.uncertainty["velocity"]
 
 

@@ -86,7 +86,7 @@ def _fastest(run: Trajectory) -> Floats:
 
 @lru_cache
 def _run(scene: Scene, backend: str) -> Trajectory:
-    return db.solve(scene, backend=backend, bars=False)
+    return db.solve(scene, backend=backend, uncertainty=False)
 
 
 @lru_cache

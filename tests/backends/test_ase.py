@@ -44,7 +44,7 @@ def test_it_repeats_the_twin_on_the_papers_chains(
 ) -> None:
     truth: Truth = request.getfixturevalue(chain)
     scene = replace(truth.scene, duration=duration, samples=100)
-    run, twin = (solved(scene, name, dt=1e-7, bars=False) for name in ("ase", "verlet"))
+    run, twin = (solved(scene, name, dt=1e-7, uncertainty=False) for name in ("ase", "verlet"))
     # 1e-8 is promised; over 3 ms 4.1e-12 and 2.5e-14 were found: displacements of 2e-3 m lose two digits of overlaps of
     # 1e-5 m in 30,000 steps
     assert np.max(np.abs(run.velocity - twin.velocity)) < 1e-10 * truth.v0
@@ -55,14 +55,14 @@ def test_it_repeats_the_twin_on_the_papers_chains(
 @examples(15)
 @given(scene=scenes(bodies=(1, 5), exponents=ANY, walls=True, gravity=True, samples=10))
 def test_it_repeats_the_twin_on_random_scenes(scene: Scene) -> None:
-    run, twin = (db.solve(scene, backend=name, dt=1e-6, bars=False) for name in ("ase", "verlet"))
+    run, twin = (db.solve(scene, backend=name, dt=1e-6, uncertainty=False) for name in ("ase", "verlet"))
     speed = float(np.max(np.abs(twin.velocity)))
     # 300 steps, overlaps of 1e-6 m from displacements of up to 1e-3 m, and what a hard wall makes of them
     assert np.max(np.abs(run.velocity - twin.velocity)) <= 300 * 1e3 * EPS * 10.0 * speed
 
 
 def test_walls_gaps_weight_and_mixed_exponents_are_those_of_the_scene(solved: Solve) -> None:
-    run, twin = (solved(WALLED, name, dt=1e-7, bars=False) for name in ("ase", "verlet"))
+    run, twin = (solved(WALLED, name, dt=1e-7, uncertainty=False) for name in ("ase", "verlet"))
     assert np.all(twin.peak_force > 0.0), "a contact is never closed"
     assert run.velocity == pytest.approx(twin.velocity, abs=1e-11)
     assert run.displacement == pytest.approx(twin.displacement, abs=1e-15)
@@ -81,7 +81,7 @@ def test_it_is_velocity_verlet_in_si_as_written_down_by_hand() -> None:
         x = x + dt * v
         v = v + 0.5 * dt * acceleration(x)
     scene = Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(beta,), velocity=(0.8, 0.0), samples=1)
-    run = db.solve(scene, backend="ase", dt=dt, bars=False)
+    run = db.solve(scene, backend="ase", dt=dt, uncertainty=False)
     assert run.cost.steps == 500
     # 500 steps round momenta here and velocities there
     assert run.velocity[-1] == pytest.approx(v, abs=500 * EPS)
@@ -91,7 +91,7 @@ def test_it_is_velocity_verlet_in_si_as_written_down_by_hand() -> None:
 def test_motion_below_a_femtometre_is_motion() -> None:
     # ASE's own calculators take positions within 1e-15 for unchanged: here a whole collision is smaller
     slow = Scene(name="slow", duration=2e-3, mass=(1e-2, 1e-2), stiffness=(1e12,), velocity=(1e-13, 0.0), samples=4)
-    run, twin = (db.solve(slow, backend=name, dt=1e-5, bars=False) for name in ("ase", "verlet"))
+    run, twin = (db.solve(slow, backend=name, dt=1e-5, uncertainty=False) for name in ("ase", "verlet"))
     assert float(np.max(np.abs(twin.displacement))) < 1e-15
     assert twin.velocity[-1, 1] > 0.0
     assert run.velocity == pytest.approx(twin.velocity, rel=1e-12, abs=1e-25)
@@ -100,7 +100,7 @@ def test_motion_below_a_femtometre_is_motion() -> None:
 def test_the_start_is_the_scenes_to_the_last_digit_though_momenta_round_it() -> None:
     scene = Scene(name="start", duration=1e-6, mass=(0.01,) * 3, stiffness=(1e9,) * 2, velocity=(0.06, 0.23, 0.48))
     assert [0.01 * v / 0.01 for v in scene.velocity] != list(scene.velocity)
-    run = db.solve(scene, backend="ase", dt=1e-6, samples=1, bars=False)
+    run = db.solve(scene, backend="ase", dt=1e-6, samples=1, uncertainty=False)
     assert run.velocity[0].tolist() == list(scene.velocity)
 
 
@@ -146,20 +146,20 @@ def test_the_calculator_answers_ase_itself() -> None:
 
 
 def test_one_evaluation_a_step_and_one_at_the_start(solved: Solve) -> None:
-    run = solved(WALLED, "ase", dt=1e-7, bars=False)
+    run = solved(WALLED, "ase", dt=1e-7, uncertainty=False)
     assert (run.cost.steps, run.cost.force_evaluations) == (3000, 3001)
 
 
 def test_its_version_is_in_the_provenance(solved: Solve) -> None:
     import ase
 
-    assert solved(WALLED, "ase", dt=1e-7, bars=False).provenance["versions"]["ase"] == ase.__version__
+    assert solved(WALLED, "ase", dt=1e-7, uncertainty=False).provenance["versions"]["ase"] == ase.__version__
 
 
 def test_it_tells_how_far_it_is() -> None:
     seen: list[float] = []
     with progress.listening(seen.append):
-        db.solve(WALLED, backend="ase", dt=1e-6, bars=False)
+        db.solve(WALLED, backend="ase", dt=1e-6, uncertainty=False)
     assert len(seen) >= WALLED.samples
     assert seen == sorted(seen)
     assert 0.0 < seen[0] < 0.1 < 0.9 < seen[-1] < 1.0
@@ -168,7 +168,7 @@ def test_it_tells_how_far_it_is() -> None:
 def test_a_step_beyond_stability_is_a_broken_run() -> None:
     scene = replace(WALLED, exponent=3.5, wall_left=None, wall_right=Wall(stiffness=1e24, exponent=3.5), duration=1e-2)
     with pytest.raises(RunBroken, match=r"ase on walled: velocities are not finite; dt = .* s is beyond stability"):
-        db.solve(scene, backend="ase", dt=3e-4, bars=False)
+        db.solve(scene, backend="ase", dt=3e-4, uncertainty=False)
 
 
 def test_without_ase_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,8 +36,8 @@ SMOOTH = Scene(
 )
 
 
-def _solve(scene: Scene, dt: float, *, bars: bool = False) -> Trajectory:
-    return db.solve(scene, backend="blanes-moan", dt=dt, bars=bars)
+def _solve(scene: Scene, dt: float, *, uncertainty: bool = False) -> Trajectory:
+    return db.solve(scene, backend="blanes-moan", dt=dt, uncertainty=uncertainty)
 
 
 def _error(run: Trajectory, reference: Trajectory, quantity: str = "velocity") -> float:
@@ -76,7 +76,7 @@ def test_a_step_keeps_areas() -> None:
 
 
 def test_the_order_is_four_where_no_contact_opens() -> None:
-    reference = db.solve(SMOOTH, backend="reference", bars=False)
+    reference = db.solve(SMOOTH, backend="reference", uncertainty=False)
     refinement = (4e-6, 2e-6, 1e-6, 5e-7)
     runs = [_solve(SMOOTH, dt) for dt in refinement]
     assert all(np.all(run.contact_force > 0.0) for run in runs)
@@ -86,7 +86,7 @@ def test_the_order_is_four_where_no_contact_opens() -> None:
 
 
 def test_richardson_takes_the_order_of_the_method() -> None:
-    reference = db.solve(SMOOTH, backend="reference", bars=False)
+    reference = db.solve(SMOOTH, backend="reference", uncertainty=False)
     plain, better = (db.solve(SMOOTH, backend="blanes-moan", dt=1e-6, order=order) for order in (None, "richardson"))
     # of dt/2 by order 4, less what is of order 6: (1 - 1/16) of the error is gone with that of dt/2 alone
     assert _error(better, reference) < 1e-2 * _error(plain, reference)
@@ -94,7 +94,7 @@ def test_richardson_takes_the_order_of_the_method() -> None:
 
 
 def test_a_step_that_is_not_named_is_as_accurate_as_velocity_verlets_own(free_chain: Truth) -> None:
-    run, twin = (db.solve(free_chain.scene, backend=name, bars=False) for name in ("blanes-moan", "verlet"))
+    run, twin = (db.solve(free_chain.scene, backend=name, uncertainty=False) for name in ("blanes-moan", "verlet"))
     assert free_chain.error(run, "velocity") < free_chain.error(twin, "velocity")
     assert run.cost.force_evaluations < 0.4 * twin.cost.force_evaluations
 
@@ -130,7 +130,7 @@ def test_bars_hold_on_random_scenes() -> None:
 @examples(25)
 @given(scene=scenes(exponents=ANY, walls=True, gravity=True))
 def test_any_exponent_wall_and_gap_is_as_the_twin_has_it(scene: Scene) -> None:
-    run, twin = _solve(scene, 2.5e-7, bars=True), db.solve(scene, backend="verlet", dt=1e-7)
+    run, twin = _solve(scene, 2.5e-7, uncertainty=True), db.solve(scene, backend="verlet", dt=1e-7)
     for quantity in ("velocity", "displacement"):
         assert _error(run, twin, quantity) <= run.uncertainty[quantity] + twin.uncertainty[quantity], quantity
 

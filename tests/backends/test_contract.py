@@ -112,7 +112,7 @@ def test_bars_are_there_for_every_quantity_and_none_is_negative(name: str, solve
 
 @every_backend
 def test_without_bars_nothing_is_claimed_and_nothing_else_changes(name: str, solved: Solve) -> None:
-    bare, full = solved(PULSE, name, dt=1e-7, bars=False), solved(PULSE, name, dt=1e-7)
+    bare, full = solved(PULSE, name, dt=1e-7, uncertainty=False), solved(PULSE, name, dt=1e-7)
     assert all(np.all(np.isinf(bar)) for bar in bare.uncertainty.values())
     for quantity in ("velocity", "displacement", "peak_force", "crossing_time"):
         np.testing.assert_array_equal(getattr(bare, quantity), getattr(full, quantity))
@@ -129,7 +129,7 @@ def test_the_birth_certificate_says_what_was_run(name: str, solved: Solve) -> No
 
 @every_backend
 def test_what_a_run_cost_is_kept(name: str, solved: Solve) -> None:
-    run = solved(PULSE, name, dt=1e-7, bars=False)
+    run = solved(PULSE, name, dt=1e-7, uncertainty=False)
     assert run.cost.wall > 0.0
     assert run.cost.cpu >= 0.0
     if backend(name).order is not None:
@@ -140,7 +140,10 @@ def test_what_a_run_cost_is_kept(name: str, solved: Solve) -> None:
 
 @every_backend
 def test_asked_for_samples_replace_the_scenes(name: str, solved: Solve) -> None:
-    few, many = solved(PULSE, name, dt=1e-7, samples=6, bars=False), solved(PULSE, name, dt=1e-7, bars=False)
+    few, many = (
+        solved(PULSE, name, dt=1e-7, samples=6, uncertainty=False),
+        solved(PULSE, name, dt=1e-7, uncertainty=False),
+    )
     assert len(few.time) == 7
     np.testing.assert_array_equal(few.time, many.time[::4])
     # the same steps, or steps of an adaptive integrator that does not see the samples
@@ -150,7 +153,7 @@ def test_asked_for_samples_replace_the_scenes(name: str, solved: Solve) -> None:
 @every_backend
 def test_a_run_needs_no_default_to_be_named(name: str) -> None:
     found = backend(name)
-    run = found.run(PULSE, Resolution(bars=False), Sampling(count=3))
+    run = found.run(PULSE, Resolution(), Sampling(count=3))
     assert run.velocity.shape == (4, 4)
 
 
@@ -174,7 +177,7 @@ def test_walls_stand_behind_the_contacts_of_the_chain_left_before_right(name: st
 
 @hertz
 def test_forces_are_what_changes_the_momenta(name: str, solved: Solve) -> None:
-    run = solved(EVERYTHING, name, dt=1e-7, samples=600, bars=False)
+    run = solved(EVERYTHING, name, dt=1e-7, samples=600, uncertainty=False)
     c, mass = EVERYTHING.contacts, np.array(EVERYTHING.mass)
     push = np.zeros((601, 5))
     for k in range(5):

@@ -84,7 +84,9 @@ def _far(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
 
 
 def _in_positions(scene: Scene, run: Trajectory, solved: Callable[..., Trajectory] = db.solve) -> Trajectory:
-    return solved(scene, TWIN, dt=STEP, surrogate_radius=run.provenance["settings"]["surrogate_radius"], bars=False)
+    return solved(
+        scene, TWIN, dt=STEP, surrogate_radius=run.provenance["settings"]["surrogate_radius"], uncertainty=False
+    )
 
 
 @pytest.mark.lammps
@@ -117,9 +119,9 @@ def test_lammps_repeats_its_twin_on_random_damped_scenes(seed: int) -> None:
 def test_masses_from_a_file_are_the_masses_that_are_set_to_the_last_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     # masses that no density gives back exactly, walls whose atoms have one too
     scene = replace(SCENES["everything, dashpots"], mass=(0.1 + 0.2, math.pi, 1 / 3, 0.7, 2 / 3), name="masses")
-    one_by_one = db.solve(scene, backend=ENGINE, dt=STEP, bars=False)
+    one_by_one = db.solve(scene, backend=ENGINE, dt=STEP, uncertainty=False)
     monkeypatch.setattr(deck_module, "MOST_SETS", 2)
-    from_file = db.solve(scene, backend=ENGINE, dt=STEP, bars=False)
+    from_file = db.solve(scene, backend=ENGINE, dt=STEP, uncertainty=False)
     assert from_file.provenance["deck_hash"] != one_by_one.provenance["deck_hash"]
     for name in ("velocity", "displacement", "contact_force", "peak_force"):
         np.testing.assert_array_equal(getattr(from_file, name), getattr(one_by_one, name))
@@ -133,7 +135,7 @@ REFINEMENT = [4e-8, 2e-8, 1e-8, 5e-9]
 
 def _order(scene: Scene, backend: str, solved: Solve) -> float:
     truth = solved(scene, "scipy").velocity
-    errors = [_far(solved(scene, backend, dt=dt, bars=False).velocity, truth) for dt in REFINEMENT]
+    errors = [_far(solved(scene, backend, dt=dt, uncertainty=False).velocity, truth) for dt in REFINEMENT]
     fit = observed_order(REFINEMENT, errors)
     # errors of 1e-6 and more are far above the truth's 1e-11
     assert fit.points == 4
@@ -201,7 +203,7 @@ def test_bars_hold_where_steps_with_a_common_multiple_miss_touch_by_the_same(
 def test_a_step_chosen_for_an_accuracy_keeps_the_promise(name: str, accuracy: float, solved: Solve) -> None:
     scene = SCENES[name]
     chosen = resolution_for(scene, accuracy, Resolution(), Sampling(count=scene.samples))
-    run = solved(scene, TWIN, dt=chosen.dt, bars=False)
+    run = solved(scene, TWIN, dt=chosen.dt, uncertainty=False)
     error = _far(run.velocity, solved(scene, "scipy").velocity)
     assert error <= accuracy
     # and is no finer than a 1-2-5 series, a bar three times the error and its second part make it
@@ -253,7 +255,7 @@ def test_a_collision_with_a_dashpot_is_the_exact_clipped_one(ratio: float, gap: 
 @pytest.mark.parametrize("ratio", [0.3, 0.49, 1.0, 3.0])
 def test_lammps_hooke_with_a_dashpot_is_the_exact_clipped_collision(ratio: float) -> None:
     scene, hit = _collision(ratio, 1.037e-6)
-    _assert_is(db.solve(scene, backend=ENGINE, dt=1e-3 / OMEGA, bars=False), hit, 1.037e-6, 1e-3)
+    _assert_is(db.solve(scene, backend=ENGINE, dt=1e-3 / OMEGA, uncertainty=False), hit, 1.037e-6, 1e-3)
 
 
 # what holds whatever the numbers
@@ -262,7 +264,7 @@ def test_lammps_hooke_with_a_dashpot_is_the_exact_clipped_collision(ratio: float
 @pytest.mark.parametrize("name", [name for name, scene in SCENES.items() if "loads" not in name])
 def test_energy_only_falls(name: str, solved: Solve) -> None:
     scene = SCENES[name]
-    run = solved(scene, TWIN, dt=1e-8, bars=False)
+    run = solved(scene, TWIN, dt=1e-8, uncertainty=False)
     scale = float(np.max(sum(np.abs(part) for part in energy_parts(scene, run))))
     # elastic energy of velocity-Verlet goes up and down by (omega dt)^2 / 8 of itself
     slack = (prescan_hertz(scene).frequency * 1e-8) ** 2 / 8.0
@@ -274,7 +276,7 @@ def test_energy_only_falls(name: str, solved: Solve) -> None:
 @pytest.mark.parametrize("name", ["dashpots", "Kuwabara-Kono", "n = 2, Kuwabara-Kono", "pressed by loads"])
 def test_damping_between_bodies_takes_no_momentum(name: str, solved: Solve) -> None:
     scene = SCENES[name]
-    run = solved(scene, TWIN, dt=1e-8, bars=False)
+    run = solved(scene, TWIN, dt=1e-8, uncertainty=False)
     size = float(np.sum(scene.mass) * np.max(np.abs(run.velocity)))
     # each step rounds each velocity by half a unit in its last place
     assert momentum(scene, run) == pytest.approx(np.full(41, momentum(scene, run)[0]), abs=run.cost.steps * EPS * size)
@@ -283,7 +285,7 @@ def test_damping_between_bodies_takes_no_momentum(name: str, solved: Solve) -> N
 @pytest.mark.parametrize("backend", [TWIN, pytest.param(ENGINE, marks=pytest.mark.lammps)])
 def test_drag_takes_the_momentum_that_the_half_steps_velocity_says(backend: str, solved: Solve) -> None:
     scene = SCENES["drag"]
-    run = solved(scene, backend, dt=STEP, bars=False)
+    run = solved(scene, backend, dt=STEP, uncertainty=False)
     per_sample = run.cost.steps // scene.samples
     step = per_sample * np.arange(1, scene.samples + 1)
     # p of half steps shrinks by 1 - drag dt a step; half a kick leads in, and half a kick out of the last
@@ -298,10 +300,10 @@ DAMPED = [replace(CHAIN, gap=(1.3e-6, 0.0, 2e-6, 0.0), damping=d) for d in (dash
 
 @pytest.mark.parametrize("scene", DAMPED, ids=["dashpots", "Kuwabara-Kono"])
 def test_a_moving_observer_sees_the_same_collisions(scene: Scene, solved: Solve) -> None:
-    still = solved(scene, TWIN, dt=STEP, bars=False)
+    still = solved(scene, TWIN, dt=STEP, uncertainty=False)
     # a power of two above all speeds: adding it rounds, taking it off does not
     moving = db.solve(
-        replace(scene, velocity=tuple(v + 2.0 for v in scene.velocity)), backend=TWIN, dt=STEP, bars=False
+        replace(scene, velocity=tuple(v + 2.0 for v in scene.velocity)), backend=TWIN, dt=STEP, uncertainty=False
     )
     allowed = still.cost.steps * EPS * 3.0
     assert moving.velocity - 2.0 == pytest.approx(still.velocity, abs=allowed)
@@ -324,7 +326,10 @@ def test_a_mirror_shows_the_mirrored_motion(scene: Scene, solved: Solve) -> None
         wall_left=scene.wall_right, wall_right=scene.wall_left,
         damping=Damping(law=scene.damping.law, coefficient=(*chain[::-1], *walls[::-1])),
     )  # fmt: skip
-    run, image = solved(scene, TWIN, dt=STEP, bars=False), db.solve(mirrored, backend=TWIN, dt=STEP, bars=False)
+    run, image = (
+        solved(scene, TWIN, dt=STEP, uncertainty=False),
+        db.solve(mirrored, backend=TWIN, dt=STEP, uncertainty=False),
+    )
     # sums in another order: half a unit in the last place a step
     assert -image.velocity[:, ::-1] == pytest.approx(run.velocity, abs=run.cost.steps * EPS)
     assert image.peak_force[:links][::-1] == pytest.approx(run.peak_force[:links], rel=run.cost.steps * EPS)
@@ -333,9 +338,9 @@ def test_a_mirror_shows_the_mirrored_motion(scene: Scene, solved: Solve) -> None
 @pytest.mark.parametrize("scene", DAMPED, ids=["dashpots", "Kuwabara-Kono"])
 def test_what_begins_later_ends_later(scene: Scene, solved: Solve) -> None:
     # the striker flies for four samples more; contact 0 closes at the same place within a step
-    run = solved(scene, TWIN, dt=STEP, bars=False)
+    run = solved(scene, TWIN, dt=STEP, uncertainty=False)
     way = 0.8 * 4 * scene.duration / scene.samples
-    late = db.solve(replace(scene, gap=(scene.gap[0] + way, *scene.gap[1:])), backend=TWIN, dt=STEP, bars=False)  # type: ignore[index]
+    late = db.solve(replace(scene, gap=(scene.gap[0] + way, *scene.gap[1:])), backend=TWIN, dt=STEP, uncertainty=False)  # type: ignore[index]
     # a way of 3e-5 m in 800 steps of rounding, against overlaps of 1e-5 m
     allowed = 4.0 * run.cost.steps * EPS
     assert late.velocity[4:] == pytest.approx(run.velocity[:-4], abs=allowed)
@@ -384,7 +389,7 @@ def test_a_fault_in_the_twins_damping_parts_it_from_lammps(
 ) -> None:
     run = solved(SCENES[name], ENGINE, dt=STEP)
     _planted(monkeypatch, old, new)
-    assert _far(run.velocity, db.solve(SCENES[name], backend=TWIN, dt=STEP, bars=False).velocity) > GATE
+    assert _far(run.velocity, db.solve(SCENES[name], backend=TWIN, dt=STEP, uncertainty=False).velocity) > GATE
 
 
 @pytest.mark.lammps
@@ -392,7 +397,7 @@ def test_the_twin_compiled_anew_without_a_fault_repeats_lammps(solved: Solve, mo
     # the counterpart of the test above: what parts the two there is the fault and not the way it is planted
     run = solved(SCENES["dashpots"], ENGINE, dt=STEP)
     _planted(monkeypatch, "", "")
-    difference = _far(run.velocity, db.solve(SCENES["dashpots"], backend=TWIN, dt=STEP, bars=False).velocity)
+    difference = _far(run.velocity, db.solve(SCENES["dashpots"], backend=TWIN, dt=STEP, uncertainty=False).velocity)
     assert difference < GATE
     assert difference <= run.uncertainty.parts["round_off"]
 
@@ -412,7 +417,7 @@ def test_damping_with_the_velocity_of_the_full_step_is_of_another_order(
 def test_a_force_that_pulls_misses_the_exact_exit_speed(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, hit = _collision(0.5, 0.0)
     _planted(monkeypatch, *TWIN_FAULTS["a force that pulls"][:2])
-    run = db.solve(scene, backend=TWIN, dt=1e-3 / OMEGA, bars=False)
+    run = db.solve(scene, backend=TWIN, dt=1e-3 / OMEGA, uncertainty=False)
     # 0.065 m/s off; a sound run is within 8e-4 m/s of the clipped collision's exit velocity (_assert_is)
     assert np.max(np.abs(run.velocity[-1] - hit.exit_velocity)) > 0.03
     # it leaves as the unclipped one, which another closed form gives
@@ -455,7 +460,11 @@ DECK_FAULTS: dict[str, tuple[Change, str]] = {
 def test_a_fault_in_the_damping_of_a_deck_shows(change: Change, name: str, solved: Solve) -> None:
     scene = SCENES[name]
     case = Case(
-        scene=scene, backend=ENGINE, resolution=Resolution(dt=STEP, bars=False), sampling=Sampling(count=scene.samples)
+        scene=scene,
+        backend=ENGINE,
+        resolution=Resolution(dt=STEP),
+        sampling=Sampling(count=scene.samples),
+        uncertainty=False,
     )
     result = run_with(change, case)
     assert result.trajectory is not None, result.failure

@@ -119,7 +119,7 @@ def test_straight_lines_of_a_table_are_integrated_piece_by_piece(name: str) -> N
 def test_a_table_whose_knots_are_no_steps_is_still_of_second_order() -> None:
     scene = replace(free_body(replace(TABLE, interval=8.1e-5)), samples=1)
     assert isinstance(scene.drive, Drive)
-    reference = db.solve(scene, backend="scipy", bars=False).velocity[-1, 0]
+    reference = db.solve(scene, backend="scipy", uncertainty=False).velocity[-1, 0]
     steps = [2e-6, 1e-6, 5e-7, 2.5e-7, 1.25e-7]
     errors = [abs(float(db.solve(scene, backend="verlet", dt=dt).velocity[-1, 0] - reference)) for dt in steps]
     # where knots fall within steps changes each error by up to a factor: dt^2 times a bend's (8e4 N/s) / 8 m each
@@ -138,7 +138,7 @@ def test_the_order_is_the_methods_own_on_a_smooth_chain(
     scene = driven(PRESSED, shape)
     reference = solved(scene, "scipy")
     steps = [coarsest / factor for factor in (1, 2, 4)]
-    errors = [_error(db.solve(scene, backend=name, dt=dt, bars=False), reference) for dt in steps]
+    errors = [_error(db.solve(scene, backend=name, dt=dt, uncertainty=False), reference) for dt in steps]
     assert observed_order(steps, errors).order == pytest.approx(order, abs=0.05 * order)
 
 
@@ -163,7 +163,7 @@ def test_scipy_is_within_its_bars_of_a_looser_run(scene: Scene, solved: Solve) -
 
 def test_scipy_begins_anew_where_a_table_bends(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = replace(free_body(replace(TABLE, interval=8.1e-5)), samples=1)
-    sound = db.solve(scene, backend="scipy", bars=False)
+    sound = db.solve(scene, backend="scipy", uncertainty=False)
     exact = np.interp(scene.duration, 8.1e-5 * np.arange(6), np.array(TABLE.force))
     pairs = [*itertools.pairwise([*TABLE.force[:5], exact])]  # type: ignore[index]
     widths = [8.1e-5] * 4 + [scene.duration - 4 * 8.1e-5]
@@ -171,7 +171,7 @@ def test_scipy_begins_anew_where_a_table_bends(monkeypatch: pytest.MonkeyPatch) 
     assert float(sound.velocity[-1, 0]) == pytest.approx(speed, rel=1e-13)
     # planted: a drive that does not say where it bends
     monkeypatch.setattr(Drive, "breaks", np.zeros(0))
-    rough = db.solve(replace(scene, drive=replace(TABLE, interval=8.1e-5)), backend="scipy", bars=False)
+    rough = db.solve(replace(scene, drive=replace(TABLE, interval=8.1e-5)), backend="scipy", uncertainty=False)
     # it finds each bend by steps that fail
     assert rough.cost.force_evaluations > 3 * sound.cost.force_evaluations
 
@@ -212,7 +212,7 @@ def test_a_chain_with_a_law_of_its_own_is_driven_and_its_law_deep_enough() -> No
     same = replace(scene, law=None, stiffness=4e9 * np.ones(3))  # type: ignore[arg-type]
     truth = db.solve(same, backend="scipy")
     for name in ("scipy", "verlet"):
-        run = db.solve(scene, backend=name, bars=False, **({} if name == "scipy" else {"dt": 1e-7}))
+        run = db.solve(scene, backend=name, uncertainty=False, **({} if name == "scipy" else {"dt": 1e-7}))
         speed = np.max(np.abs(truth.velocity))
         # the law is the same; the twin errs by its step, see the bars
         assert _error(run, truth) < (1e-10 if name == "scipy" else 1e-5) * speed
@@ -224,14 +224,16 @@ def test_two_runs_from_the_same_drive_are_the_same_bits_and_a_silent_drive_is_no
         TOUCHING, drive=Drive(shape="table", force=(0.0, 0.0), interval=1.0), velocity=(0.5, 0.0, 0.0, 0.0)
     )
     for name in ("verlet", "blanes-moan", "scipy"):
-        one, other = (db.solve(scene, backend=name, bars=False) for scene in (silent, replace(silent, drive=None)))
+        one, other = (
+            db.solve(scene, backend=name, uncertainty=False) for scene in (silent, replace(silent, drive=None))
+        )
         np.testing.assert_array_equal(one.velocity, other.velocity)
 
 
 def test_the_reference_answers_through_scipy() -> None:
-    run = db.solve(TOUCHING, backend="reference", bars=False)
+    run = db.solve(TOUCHING, backend="reference", uncertainty=False)
     assert run.provenance["answered_by"] == "scipy"
-    np.testing.assert_array_equal(run.velocity, db.solve(TOUCHING, backend="scipy", bars=False).velocity)
+    np.testing.assert_array_equal(run.velocity, db.solve(TOUCHING, backend="scipy", uncertainty=False).velocity)
 
 
 def test_those_that_cannot_say_so_and_what_to_take() -> None:
@@ -250,14 +252,14 @@ def test_those_that_cannot_say_so_and_what_to_take() -> None:
 def test_a_driven_chain_at_rest_has_a_scale() -> None:
     scene = free_body(replace(SINE, rise=0.0, phase=0.0))
     speed, _ = natural_scales(scene)
-    moved = float(np.max(np.abs(db.solve(scene, backend="scipy", bars=False).velocity)))
+    moved = float(np.max(np.abs(db.solve(scene, backend="scipy", uncertainty=False).velocity)))
     assert moved == pytest.approx(2.0 * speed, rel=0.01)
     assert natural_scales(replace(scene, drive=None))[0] == 0.0
 
 
 @each_scene
 def test_the_coarse_run_finds_overlaps_and_the_rate_of_the_drive(scene: Scene) -> None:
-    prescan, run = prescan_hertz(scene), db.solve(scene, backend="verlet", dt=1e-7, bars=False)
+    prescan, run = prescan_hertz(scene), db.solve(scene, backend="verlet", dt=1e-7, uncertainty=False)
     deepest = np.max(run.peak_force / scene.contacts.stiffness) ** (2.0 / 3.0)
     assert np.max(prescan.peak_overlap) == pytest.approx(deepest, rel=0.02)
     assert scene.drive is not None
@@ -280,11 +282,11 @@ def test_a_drive_faster_than_any_contact_decides_the_step() -> None:
 def test_lammps_is_the_twin_in_positions_to_round_off(scene: Scene, solved: Solve) -> None:
     run = db.solve(scene, backend="lammps-granular", dt=1e-7)
     radius = run.provenance["settings"]["surrogate_radius"]
-    twin = db.solve(scene, backend="verlet", dt=1e-7, surrogate_radius=radius, bars=False)
+    twin = db.solve(scene, backend="verlet", dt=1e-7, surrogate_radius=radius, uncertainty=False)
     # 4000 steps, each of which rounds velocities of a few last digits; positions are the same numbers
     speed = float(np.max(np.abs(twin.velocity)))
     assert _error(run, twin) < 5e-12 * speed
-    assert _error(run, db.solve(scene, backend="verlet", dt=1e-7, bars=False)) <= (
+    assert _error(run, db.solve(scene, backend="verlet", dt=1e-7, uncertainty=False)) <= (
         run.uncertainty.parts["round_off"] * speed
     )
     truth = solved(scene, "scipy")
@@ -312,6 +314,6 @@ def test_walls_drag_and_damping_stand_beside_a_drive_in_lammps() -> None:
         damping=Damping(law="dashpot", coefficient=1.0),
     )  # fmt: skip
     run = db.solve(scene, backend="lammps-granular", dt=1e-7)
-    twin = db.solve(scene, backend="verlet", dt=1e-7, bars=False)
+    twin = db.solve(scene, backend="verlet", dt=1e-7, uncertainty=False)
     assert _error(run, twin) <= run.uncertainty.parts["round_off"] * np.max(np.abs(twin.velocity))
     assert _error(run, twin, "contact_force") < 1e-9 * np.max(twin.contact_force)

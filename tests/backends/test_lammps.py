@@ -68,7 +68,7 @@ def test_lammps_is_a_time_step_away_from_the_truth(free_chain: Truth, solved: So
 
 @pytest.mark.lammps
 def test_the_order_of_lammps_is_two(free_chain: Truth, solved: Solve) -> None:
-    runs = [solved(free_chain.scene, ENGINE, dt=dt, bars=False) for dt in REFINEMENT]
+    runs = [solved(free_chain.scene, ENGINE, dt=dt, uncertainty=False) for dt in REFINEMENT]
     fit = observed_order(REFINEMENT, [float(free_chain.error(run, "velocity")) for run in runs])
     # round-off (2e-9) is three decades below the smallest of these errors
     assert (fit.points, fit.order) == (4, pytest.approx(2.0, abs=0.05))
@@ -143,7 +143,7 @@ SCENES = {
 @pytest.mark.lammps
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 def test_lammps_repeats_its_twin_on_every_kind_of_scene(scene: Scene) -> None:
-    run, twin = (db.solve(scene, backend=name, dt=5e-8, bars=False) for name in (ENGINE, TWIN))
+    run, twin = (db.solve(scene, backend=name, dt=5e-8, uncertainty=False) for name in (ENGINE, TWIN))
     # 8000 steps of a few bodies: three decades less round-off than on the paper's chains
     allowed = 1e-11
     assert _apart(run, twin) < allowed
@@ -169,7 +169,7 @@ def test_lammps_repeats_its_twin_on_random_scenes(scene: Scene) -> None:
 def test_a_prime_number_of_steps_per_sample_gives_the_right_samples() -> None:
     scene = replace(PAIR, duration=2e-4, samples=20)
     dt = scene.duration / 20 / 601
-    run, twin = (db.solve(scene, backend=name, dt=dt, bars=False) for name in (ENGINE, TWIN))
+    run, twin = (db.solve(scene, backend=name, dt=dt, uncertainty=False) for name in (ENGINE, TWIN))
     assert run.cost.steps == 601 * 20
     assert run.provenance["settings"]["dt"] == pytest.approx(dt, rel=4.0 * EPS)
     np.testing.assert_array_equal(run.time, np.linspace(0.0, 2e-4, 21))
@@ -209,9 +209,9 @@ def test_overlaps_beyond_the_gauge_are_a_broken_run_with_the_numbers(
     # a coarse run that sees too little: only the check after the run is left
     prescan = prescan_hertz(PAIR)
     monkeypatch.setattr(lammps, "prescan_scene", lambda _: replace(prescan, peak_overlap=0.1 * prescan.peak_overlap))
-    exact = float((db.solve(PAIR, backend="scipy", bars=False).peak_force[0] / 4e9) ** (2.0 / 3.0))
+    exact = float((db.solve(PAIR, backend="scipy", uncertainty=False).peak_force[0] / 4e9) ** (2.0 / 3.0))
     with pytest.raises(RunBroken, match="give a larger surrogate_radius") as caught:
-        db.solve(PAIR, backend=ENGINE, dt=1e-7, surrogate_radius=share * exact, bars=False)
+        db.solve(PAIR, backend=ENGINE, dt=1e-7, surrogate_radius=share * exact, uncertainty=False)
     assert f"gauge radius {share * exact:.6g} m" in str(caught.value)
 
 
@@ -228,7 +228,7 @@ def test_bodies_that_touch_across_another_are_a_broken_run_with_the_numbers(monk
     radius = 0.8 * float(np.max(prescan.peak_overlap))
     monkeypatch.setattr(lammps, "prescan_scene", lambda _: replace(prescan, peak_overlap=0.1 * prescan.peak_overlap))
     with pytest.raises(RunBroken, match="atoms 1 and 3, which are not neighbours, overlap by") as caught:
-        db.solve(SQUEEZED, backend=ENGINE, dt=1e-7, surrogate_radius=radius, bars=False)
+        db.solve(SQUEEZED, backend=ENGINE, dt=1e-7, surrogate_radius=radius, uncertainty=False)
     assert f"exceeds the gauge radius {radius:.6g} m" in str(caught.value)
     assert "give a larger surrogate_radius" in str(caught.value)
 
@@ -246,11 +246,11 @@ def test_the_numbers_are_those_of_the_bodies_that_touch(sound: bool, monkeypatch
     )
     monkeypatch.setattr(lammps, "run_deck", _answering(dump))
     if sound:
-        assert not np.any(db.solve(SQUEEZED, backend=ENGINE, dt=1e-6, bars=False).velocity)
+        assert not np.any(db.solve(SQUEEZED, backend=ENGINE, dt=1e-6, uncertainty=False).velocity)
         return
     words = f"atoms 1 and 3, which are not neighbours, overlap by {0.2 * radius:.6g} m at step {plan.steps}"
     with pytest.raises(RunBroken, match=f"an overlap of {1.3 * radius:.6g} m exceeds .*{words}"):
-        db.solve(SQUEEZED, backend=ENGINE, dt=1e-6, bars=False)
+        db.solve(SQUEEZED, backend=ENGINE, dt=1e-6, uncertainty=False)
 
 
 def test_a_surrogate_radius_below_the_overlap_is_refused_before_the_run() -> None:
@@ -260,7 +260,7 @@ def test_a_surrogate_radius_below_the_overlap_is_refused_before_the_run() -> Non
 
 @pytest.mark.lammps
 def test_a_large_step_within_stability_gives_a_finite_run_that_is_off_by_a_percent(decelerating: Truth) -> None:
-    run = db.solve(decelerating.scene, backend=ENGINE, dt=1e-6, bars=False)
+    run = db.solve(decelerating.scene, backend=ENGINE, dt=1e-6, uncertainty=False)
     for name in ("displacement", "contact_force", "peak_force"):
         assert np.all(np.isfinite(getattr(run, name))), name
     # measured: 1.08 % of v0, as for the twin
@@ -272,7 +272,7 @@ def test_a_large_step_within_stability_gives_a_finite_run_that_is_off_by_a_perce
 def test_a_step_beyond_stability_is_a_broken_run_and_never_nan(decelerating: Truth, dt: float) -> None:
     # LAMMPS itself ends without an error: bodies have passed through each other
     with pytest.raises(RunBroken, match=r"an overlap of \S+ m exceeds .*not neighbours, overlap by \S+ m at step \d+"):
-        db.solve(decelerating.scene, backend=ENGINE, dt=dt, samples=10, bars=False)
+        db.solve(decelerating.scene, backend=ENGINE, dt=dt, samples=10, uncertainty=False)
 
 
 def _answering(content: bytes) -> object:
@@ -295,7 +295,7 @@ def _frames(**changes: object) -> bytes:
 
 def test_a_sound_dump_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lammps, "run_deck", _answering(_frames()))
-    run = db.solve(PAIR, backend=ENGINE, dt=1e-6, bars=False)
+    run = db.solve(PAIR, backend=ENGINE, dt=1e-6, uncertainty=False)
     assert run.velocity.tolist() == [[0.8, 0.0]] * 11
 
 
@@ -305,13 +305,13 @@ def test_a_dump_cut_at_the_end_of_a_frame_is_a_broken_run(monkeypatch: pytest.Mo
     monkeypatch.setattr(lammps, "run_deck", _answering(whole[: -3 * length]))
     count = len(whole) // length
     with pytest.raises(RunBroken, match=f"LAMMPS dumped {count - 3} frames of 2 atoms; the deck asks for {count} of 2"):
-        db.solve(PAIR, backend=ENGINE, dt=1e-6, bars=False)
+        db.solve(PAIR, backend=ENGINE, dt=1e-6, uncertainty=False)
 
 
 def test_a_dump_cut_within_a_frame_is_a_broken_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lammps, "run_deck", _answering(_frames()[:-5]))
     with pytest.raises(RunBroken, match=r"dump\.pair\.bin: frame \d+ is incomplete"):
-        db.solve(PAIR, backend=ENGINE, dt=1e-6, bars=False)
+        db.solve(PAIR, backend=ENGINE, dt=1e-6, uncertainty=False)
 
 
 def test_a_dump_without_a_number_of_atoms_that_fits_is_a_broken_run(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -320,13 +320,13 @@ def test_a_dump_without_a_number_of_atoms_that_fits_is_a_broken_run(monkeypatch:
     one = b"".join(frame(int(step), [[1.0, 1.0, 0.0, 0.0, 0.0, 0.8, 0.0]]) for step in plan.dense_steps)
     monkeypatch.setattr(lammps, "run_deck", _answering(one))
     with pytest.raises(RunBroken, match="frames of 1 atoms; the deck asks for"):
-        db.solve(PAIR, backend=ENGINE, dt=1e-6, bars=False)
+        db.solve(PAIR, backend=ENGINE, dt=1e-6, uncertainty=False)
 
 
 def test_an_empty_dump_is_a_broken_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lammps, "run_deck", _answering(b""))
     with pytest.raises(RunBroken, match=r"dump\.pair\.bin: the dump is empty"):
-        db.solve(PAIR, backend=ENGINE, dt=1e-6, bars=False)
+        db.solve(PAIR, backend=ENGINE, dt=1e-6, uncertainty=False)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
@@ -336,7 +336,7 @@ def test_values_that_are_not_finite_are_a_broken_run_with_the_step(monkeypatch: 
     late = frame(100, [[1.0, 1.0, 0.0, 0.0, 0.0, bad, 0.0], [2.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
     monkeypatch.setattr(lammps, "run_deck", _answering(frames[:-length] + late))
     with pytest.raises(RunBroken, match="without an error, but from step 100 on its values are not finite"):
-        db.solve(PAIR, backend=ENGINE, dt=1e-6, bars=False)
+        db.solve(PAIR, backend=ENGINE, dt=1e-6, uncertainty=False)
 
 
 def test_an_exponent_that_lammps_does_not_have_is_refused_before_anything_runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -371,7 +371,7 @@ def test_a_committed_deck_runs_by_the_lmp_program_alone(name: str, kind: str, tm
     rows = (folder / "dump.txt").read_text().split("ITEM: ATOMS id type x y z vx fx")[-1].splitlines()[1:]
     values = np.array([[float(word) for word in row.split()] for row in rows])
     # 600 steps are the first sample; the twin makes the same
-    twin = db.solve(replace(db.load_scene(name), duration=6e-6, samples=1), backend=TWIN, dt=1e-8, bars=False)
+    twin = db.solve(replace(db.load_scene(name), duration=6e-6, samples=1), backend=TWIN, dt=1e-8, uncertainty=False)
     assert values[:, 0].tolist() == list(range(1, 42))
     assert values[:, 5] == pytest.approx(twin.velocity[-1], abs=1e-12)
 

@@ -57,12 +57,12 @@ def _same(exponent: float) -> Scene:
 def _twin(run: Trajectory, scene: Scene | str, **settings: Any) -> Trajectory:
     """The twin in positions with the same tables, at the same step."""
     how = {"dt": run.provenance["settings"]["dt"], "surrogate_radius": run.provenance["settings"]["surrogate_radius"]}
-    return db.solve(scene, backend=TWIN, tables=True, bars=False, **how, **settings)
+    return db.solve(scene, backend=TWIN, tables=True, uncertainty=False, **how, **settings)
 
 
 def _in_overlaps(run: Trajectory, scene: Scene) -> Trajectory:
     """The twin with the same tables and without positions."""
-    return db.solve(scene, backend=TWIN, tables=True, bars=False, dt=run.provenance["settings"]["dt"])
+    return db.solve(scene, backend=TWIN, tables=True, uncertainty=False, dt=run.provenance["settings"]["dt"])
 
 
 def _apart(one: Trajectory, other: Trajectory) -> float:
@@ -95,7 +95,7 @@ def test_lammps_is_its_twin_bit_for_bit_on_the_shipped_chains(
 def test_types_and_radius_leave_lammps_its_twin_bit_for_bit(name: str, solved: Solve) -> None:
     scene = db.load_scene(name)
     euler = solved(scene, ENGINE, dt=1e-7)
-    per_body = solved(scene, ENGINE, dt=1e-7, types="per-body", bars=False)
+    per_body = solved(scene, ENGINE, dt=1e-7, types="per-body", uncertainty=False)
     assert (euler.provenance["atom_types"], per_body.provenance["atom_types"]) == (9, 41)
     for quantity in ("velocity", "displacement", "contact_force", "peak_force", "crossing_time"):
         np.testing.assert_array_equal(getattr(euler, quantity), getattr(per_body, quantity))
@@ -145,7 +145,7 @@ ROUNDED = {
 
 @pytest.mark.parametrize("scene", EXACT.values(), ids=EXACT)
 def test_lammps_is_its_twin_bit_for_bit_on_every_kind_of_contact(scene: Scene) -> None:
-    run = db.solve(scene, backend=ENGINE, dt=1e-7, bars=False)
+    run = db.solve(scene, backend=ENGINE, dt=1e-7, uncertainty=False)
     twin = _twin(run, scene)
     _assert_equal(run, twin, scene.n_contact)
     assert np.count_nonzero(twin.peak_force) == scene.n_contact, "a contact that never closes shows nothing"
@@ -158,7 +158,7 @@ def test_lammps_is_its_twin_but_for_the_order_of_sums(scene: Scene) -> None:
     predicted = run.uncertainty.parts["round_off"]
     assert _apart(run, twin) <= predicted < 1e-11
     # against the truth the bar also covers that dashpots beside tables may pull
-    truth = db.solve(scene, backend="scipy", bars=False)
+    truth = db.solve(scene, backend="scipy", uncertainty=False)
     assert _inside(run, truth, "velocity")
     assert _inside(run, truth, "peak_force")
 
@@ -168,21 +168,23 @@ def test_a_dashpot_beside_a_table_pulls_where_granular_clips_and_the_bar_says_so
         name="pulls", duration=2e-4, mass=(1e-2, 1e-2), stiffness=(stiffness_for(3.0, 4e9),), exponent=3.0,
         velocity=(0.8, 0.0), damping=Damping(law="dashpot", coefficient=50.0), samples=40,
     )  # fmt: skip
-    run, truth = db.solve(scene, backend=ENGINE, dt=1e-7), db.solve(scene, backend="scipy", bars=False)
+    run, truth = db.solve(scene, backend=ENGINE, dt=1e-7), db.solve(scene, backend="scipy", uncertainty=False)
     assert np.min(run.contact_force) < 0.0 <= np.min(truth.contact_force)
     # a pull that is far more than time step and round-off: without it the bar would not hold
     parts = run.uncertainty.parts
     assert parts["table"] > 10.0 * (parts["time_step"] + parts["round_off"])
     assert _inside(run, truth, "velocity")
     clipped = replace(scene, exponent=2.5, stiffness=(4e9,))
-    assert np.min(db.solve(clipped, backend=ENGINE, dt=1e-7, bars=False).contact_force) >= 0.0
+    assert np.min(db.solve(clipped, backend=ENGINE, dt=1e-7, uncertainty=False).contact_force) >= 0.0
 
 
 def test_the_round_off_of_a_sound_run_is_predicted_where_laws_alone_would_predict_half_of_it() -> None:
     exponent = (2.3, 3.0, 2.8)
     scene = replace(FREE, exponent=exponent, stiffness=tuple(map(stiffness_for, exponent, FREE.stiffness)), samples=150)
     run = db.solve(scene, backend=ENGINE, dt=1e-8)
-    twins = [db.solve(scene, backend=TWIN, dt=1e-8, bars=False, **how) for how in ({}, {"surrogate_radius": 2.0**-15})]
+    twins = [
+        db.solve(scene, backend=TWIN, dt=1e-8, uncertainty=False, **how) for how in ({}, {"surrogate_radius": 2.0**-15})
+    ]
     round_off = run.uncertainty.parts["round_off"]
     # three realisations of it, and the last digit
     assert 3.0 * (_apart(*twins) + math.sqrt(15_000) * EPS) < _apart(run, _in_overlaps(run, scene)) <= round_off
@@ -215,7 +217,9 @@ def test_an_accuracy_below_the_floor_of_9_mm_is_refused_with_the_floor() -> None
         db.solve("decelerating-40", backend=ENGINE, accuracy=1e-7, geometry="physical")
     said = float(str(caught.value).split("round off ")[1].split()[0])
     step = float(str(caught.value).split("at dt = ")[1].split()[0])
-    runs = [db.solve("decelerating-40", backend=TWIN, dt=step, surrogate_radius=r, bars=False) for r in (0.009, None)]
+    runs = [
+        db.solve("decelerating-40", backend=TWIN, dt=step, surrogate_radius=r, uncertainty=False) for r in (0.009, None)
+    ]
     assert said == pytest.approx(_apart(*runs), rel=0.1)  # two digits are said
     assert "\n" not in str(caught.value)
 
@@ -267,7 +271,7 @@ def test_the_bars_hold_on_random_scenes_of_any_exponents() -> None:
     outside, tried = [], 0
     for seed in range(15):
         scene = _random(seed)
-        run, truth = db.solve(scene, backend=ENGINE, dt=1e-7), db.solve(scene, backend="scipy", bars=False)
+        run, truth = db.solve(scene, backend=ENGINE, dt=1e-7), db.solve(scene, backend="scipy", uncertainty=False)
         round_off = run.uncertainty.parts["round_off"]
         assert _apart(run, _twin(run, scene)) <= round_off
         # a distance that is looked up in a table is rounded, too
@@ -280,7 +284,10 @@ def test_the_bars_hold_on_random_scenes_of_any_exponents() -> None:
 
 @pytest.mark.parametrize("accuracy", [1e-4, 1e-6])
 def test_an_accuracy_asked_for_is_kept(accuracy: float) -> None:
-    run, truth = db.solve(WALLED, backend=ENGINE, accuracy=accuracy), db.solve(WALLED, backend="scipy", bars=False)
+    run, truth = (
+        db.solve(WALLED, backend=ENGINE, accuracy=accuracy),
+        db.solve(WALLED, backend="scipy", uncertainty=False),
+    )
     assert _apart(run, truth) <= accuracy
     assert run.uncertainty["velocity"] <= accuracy * float(np.max(np.abs(run.velocity)))
 
@@ -298,7 +305,7 @@ def test_an_accuracy_below_the_error_of_the_tables_is_refused_with_what_would_he
 def test_an_overlap_beyond_the_table_is_a_broken_run_in_lammps_own_words(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pairing, "MARGIN", 0.5)
     with pytest.raises(RunBroken, match="Pair distance < table inner cutoff"):
-        db.solve(MIXED, backend=ENGINE, dt=1e-7, bars=False)
+        db.solve(MIXED, backend=ENGINE, dt=1e-7, uncertainty=False)
 
 
 @pytest.mark.parametrize("exponent", [1.999, 5.001])

@@ -190,7 +190,7 @@ def test_the_bars_of_lammps_hold(what: str, solved: Solve) -> None:
 def test_lammps_is_the_twin_with_the_same_tables(what: str, solved: Solve) -> None:
     run = solved(SCENES[what], "lammps-table", dt=DT)
     radius = run.provenance["settings"]["surrogate_radius"]
-    beside = solved(SCENES[what], "verlet", dt=DT, tables=True, surrogate_radius=radius, bars=False)
+    beside = solved(SCENES[what], "verlet", dt=DT, tables=True, surrogate_radius=radius, uncertainty=False)
     # no bit differs undamped; damping may be summed in another order, an ulp a step in 6000 steps
     assert _apart(run, beside) < 6000 * np.finfo(float).eps
 
@@ -209,7 +209,7 @@ def test_a_law_that_is_off_by_1e_6_in_the_table_is_seen(monkeypatch: pytest.Monk
 
     sound = solved(scene, "lammps-table", dt=DT)
     monkeypatch.setattr(Laws, "law", planted)
-    run = db.solve(scene, backend="lammps-table", dt=DT, bars=False)
+    run = db.solve(scene, backend="lammps-table", dt=DT, uncertainty=False)
     limit = 4.0 * sound.provenance["table"]["predicted_error"]
     assert _apart(sound, beside) < limit < _apart(run, beside)
 

@@ -80,7 +80,7 @@ def _second_writing(scene: Scene, reltol: float, abstol: float) -> matlab_ode45.
 @pytest.mark.parametrize(("rtol", "atol"), [(1e-3, 1e-6), (1e-3, 1e-9), (1e-5, 1e-8)])
 @pytest.mark.parametrize("scene", [SMOOTH, SHORT], ids=lambda scene: scene.name)
 def test_steps_and_values_are_those_of_a_second_writing(scene: Scene, rtol: float, atol: float) -> None:
-    run = db.solve(scene, backend="ode45", rtol=rtol, atol=atol, bars=False)
+    run = db.solve(scene, backend="ode45", rtol=rtol, atol=atol, uncertainty=False)
     other = _second_writing(scene, rtol, atol)
     assert (run.cost.steps, run.provenance["failed_steps"]) == (other.accepted, other.failed)
     assert run.cost.force_evaluations == other.evaluations == 6 * (other.accepted + other.failed) + 1
@@ -92,7 +92,7 @@ def test_steps_and_values_are_those_of_a_second_writing(scene: Scene, rtol: floa
 
 
 def test_steps_that_fail_by_far_and_fail_again_are_those_of_a_second_writing() -> None:
-    run = db.solve(FLIGHT, backend="ode45", bars=False)
+    run = db.solve(FLIGHT, backend="ode45", uncertainty=False)
     other = _second_writing(FLIGHT, 1e-3, 1e-6)
     assert min(other.cut, other.halved) >= 3
     assert (run.cost.steps, run.provenance["failed_steps"]) == (other.accepted, other.failed)
@@ -102,8 +102,8 @@ def test_steps_that_fail_by_far_and_fail_again_are_those_of_a_second_writing() -
 
 
 def test_the_scenes_compared_show_all_that_the_control_does() -> None:
-    assert np.all(db.solve(SMOOTH, backend="reference", bars=False).contact_force > 0.0)
-    assert db.solve(SHORT, backend="ode45", rtol=1e-5, atol=1e-8, bars=False).provenance["failed_steps"] > 2
+    assert np.all(db.solve(SMOOTH, backend="reference", uncertainty=False).contact_force > 0.0)
+    assert db.solve(SHORT, backend="ode45", rtol=1e-5, atol=1e-8, uncertainty=False).provenance["failed_steps"] > 2
 
 
 def test_the_tableau_is_scipys() -> None:
@@ -135,7 +135,9 @@ def test_the_continuous_extension_is_of_fourth_order(s: float) -> None:
 
 
 def test_the_error_of_the_papers_method_is_that_of_the_paper(decelerating: Truth, accelerating: Truth) -> None:
-    runs = {t.scene.name: (t, db.solve(t.scene, backend="ode45", bars=False)) for t in (decelerating, accelerating)}
+    runs = {
+        t.scene.name: (t, db.solve(t.scene, backend="ode45", uncertainty=False)) for t in (decelerating, accelerating)
+    }
     errors = [float(t.error(run, "velocity")) / t.v0 for t, run in runs.values()]
     # 3.6e-3 and 1.6e-3 of v0
     assert errors == pytest.approx([3.6e-3, 1.6e-3], rel=0.1)
@@ -149,7 +151,7 @@ def test_the_error_of_the_papers_method_is_that_of_the_paper(decelerating: Truth
 
 def test_tightened_tolerances_converge_to_the_truth(free_chain: Truth) -> None:
     tolerances = [1e-4, 1e-6, 1e-8, 1e-10]
-    runs = [db.solve(free_chain.scene, backend="ode45", rtol=r, atol=1e-3 * r, bars=False) for r in tolerances]
+    runs = [db.solve(free_chain.scene, backend="ode45", rtol=r, atol=1e-3 * r, uncertainty=False) for r in tolerances]
     for quantity in ("displacement", "velocity", "peak_force", "crossing_time"):
         fit = observed_order(tolerances, [float(np.max(free_chain.error(run, quantity))) for run in runs])
         # the error goes as the tolerance, up to what steps across openings and closings cost: 0.7 to 1.0 were found
@@ -161,14 +163,14 @@ def test_tightened_tolerances_converge_to_the_truth(free_chain: Truth) -> None:
 
 
 def test_peaks_and_crossings_have_the_accuracy_of_the_run_and_not_of_its_samples(accelerating: Truth) -> None:
-    run = db.solve(accelerating.scene, backend="ode45", rtol=1e-9, atol=1e-12, samples=3, bars=False)
+    run = db.solve(accelerating.scene, backend="ode45", rtol=1e-9, atol=1e-12, samples=3, uncertainty=False)
     for quantity, truth in (("peak_force", "F_peak"), ("crossing_time", "t_cross")):
         assert np.all(accelerating.error(run, quantity) < 1e-7 * accelerating.data[truth]), quantity
 
 
 def test_the_stages_motion_ahead_of_a_front_is_no_collision(decelerating: Truth) -> None:
     truth = decelerating.data["t_cross"]
-    run = db.solve(decelerating.scene, backend="ode45", bars=False)
+    run = db.solve(decelerating.scene, backend="ode45", uncertainty=False)
     assert np.max(np.abs(run.crossing_time - truth) / truth) < 1e-3
 
 
@@ -320,12 +322,12 @@ def test_where_only_one_run_sees_a_crossing_nothing_is_said_of_it(monkeypatch: p
 
 
 def test_the_tolerances_are_in_the_provenance_and_matlabs_by_default() -> None:
-    assert db.solve(SHORT, backend="ode45", bars=False).provenance["settings"] == {
+    assert db.solve(SHORT, backend="ode45", uncertainty=False).provenance["settings"] == {
         "rtol": 1e-3,
         "atol": 1e-6,
         "samples": 40,
     }
-    run = db.solve(SHORT, backend="ode45", rtol=1e-8, bars=False)
+    run = db.solve(SHORT, backend="ode45", rtol=1e-8, uncertainty=False)
     assert (run.provenance["settings"]["rtol"], run.provenance["settings"]["atol"]) == (1e-8, 1e-6)
 
 

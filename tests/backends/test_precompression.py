@@ -55,7 +55,7 @@ def static_speed(scene: Scene) -> float:
 
 
 def _assert_at_rest(scene: Scene, name: str) -> None:
-    run = db.solve(scene, backend=name, dt=1e-7, bars=False)
+    run = db.solve(scene, backend=name, dt=1e-7, uncertainty=False)
     # forces balance to a few units in the last place, and 1e4 steps add such errors up
     assert float(np.max(np.abs(run.velocity))) < 1e-12 * static_speed(scene)
     assert float(np.max(np.abs(run.displacement))) < 1e-12 * float(np.max(-scene.contacts.gap))
@@ -81,7 +81,7 @@ def test_lammps_keeps_a_precompressed_chain_at_rest(scene: Scene) -> None:
 def test_where_no_wall_bears_the_weight_the_chain_falls_as_one() -> None:
     scene = replace(CHAIN, gravity=9.81)
     for name in ("scipy", "reference"):
-        run = db.solve(scene, backend=name, bars=False)
+        run = db.solve(scene, backend=name, uncertainty=False)
         assert run.velocity == pytest.approx(np.tile(9.81 * run.time[:, None], 5), abs=1e-12 * static_speed(scene))
 
 
@@ -108,7 +108,7 @@ def test_small_motions_are_the_modes_of_the_dynamical_matrix(held: str, name: st
         # a millionth of the speed that opens contacts: the law's curvature changes motions by as much
         start = 1e-6 * static_speed(scene) * mode / np.max(np.abs(mode))
         cycles = replace(scene, velocity=tuple(start.tolist()), duration=6.0 * math.pi / frequency)
-        run = db.solve(cycles, backend=name, bars=False)
+        run = db.solve(cycles, backend=name, uncertainty=False)
         exact = np.cos(frequency * run.time)[:, None] * start
         assert run.velocity == pytest.approx(exact, abs=3e-5 * float(np.max(np.abs(start))))
         assert run.displacement == pytest.approx(
@@ -164,12 +164,14 @@ def test_lammps_follows_it_as_the_twin_does(wall: Wall | None) -> None:
 
 @pytest.mark.parametrize("name", ["scipy", "reference", "verlet"])
 def test_without_force_it_is_the_plain_chain(name: str) -> None:
-    plain = db.solve(replace(PULSE, precompression=0.0), backend=name, dt=1e-7, bars=False)
+    plain = db.solve(replace(PULSE, precompression=0.0), backend=name, dt=1e-7, uncertainty=False)
     errors = [
-        float(np.max(np.abs(db.solve(replace(PULSE, precompression=f), backend=name, dt=1e-7, bars=False).velocity
-                            - plain.velocity)))
-        for f in (1e-2, 1e-5, 1e-8)
-    ]  # fmt: skip
+        float(np.max(np.abs(run.velocity - plain.velocity)))
+        for run in (
+            db.solve(replace(PULSE, precompression=force), backend=name, dt=1e-7, uncertainty=False)
+            for force in (1e-2, 1e-5, 1e-8)
+        )
+    ]
     # loads of F act for 1e-3 s on bodies of 5e-3 kg: 2e-9 m/s at the last; overlaps of 2e-12 m against 1e-5 m
     assert errors[0] > 10.0 * errors[1] > 100.0 * errors[2]
     assert errors[2] < 1e-5
@@ -178,7 +180,7 @@ def test_without_force_it_is_the_plain_chain(name: str) -> None:
 def test_momentum_is_kept_by_two_loads_and_energy_by_any() -> None:
     for wall in (None, RIGHT):
         scene = replace(PULSE, wall_right=wall)
-        run = db.solve(scene, backend="reference", bars=False)
+        run = db.solve(scene, backend="reference", uncertainty=False)
         total, kept = energy(scene, run), momentum(scene, run)
         assert total == pytest.approx(np.full(21, total[0]), rel=1e-12)
         drift = float(np.max(np.abs(kept - kept[0]))) / kept[0]
@@ -203,7 +205,7 @@ def test_round_off_ahead_of_the_front_is_no_crossing(name: str) -> None:
         precompression=10.0,
         samples=10,
     )
-    crossing = db.solve(long, backend=name, dt=1e-7, bars=False).crossing_time
+    crossing = db.solve(long, backend=name, dt=1e-7, uncertainty=False).crossing_time
     there = ~np.isnan(crossing)
     assert 3 < np.count_nonzero(there) < 29
     assert np.all(there[: np.count_nonzero(there)]), "the front comes to one contact after the other"
@@ -216,7 +218,9 @@ def test_without_the_threshold_round_off_would_cross(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(reference, "resting_acceleration", nothing)
     monkeypatch.setattr(scipy_integration, "resting_acceleration", nothing)
-    found = [db.solve(HELD["by walls"], backend=name, bars=False).crossing_time for name in ("reference", "scipy")]
+    found = [
+        db.solve(HELD["by walls"], backend=name, uncertainty=False).crossing_time for name in ("reference", "scipy")
+    ]
     assert any(np.any(np.isfinite(crossing)) for crossing in found)
 
 
@@ -256,7 +260,7 @@ def test_a_maximum_right_after_the_start_is_the_first(force: float, name: str) -
         return float(to_contact[1] @ velocity)
 
     exact = brentq(rate, 1e-8, 1e-7)
-    run = db.solve(scene, backend=name, bars=False)
+    run = db.solve(scene, backend=name, uncertainty=False)
     assert run.crossing_time[1] == pytest.approx(exact, rel=1e-3)
 
 

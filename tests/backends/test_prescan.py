@@ -54,7 +54,7 @@ def test_overlaps_of_random_scenes_are_those_of_a_fine_run(scene: Scene) -> None
     from dem_bridge.backends.verlet import Verlet
 
     prescan = prescan_hertz(scene)
-    fine = Verlet().run(scene, Resolution(bars=False), Sampling(count=10))
+    fine = Verlet().run(scene, Resolution(), Sampling(count=10))
     depth = (fine.peak_force / scene.contacts.stiffness) ** (2.0 / 3.0)
     # a re-collision may turn out a few times softer or harder in a coarse run; what a deck needs is the deepest
     deepest = float(np.max(depth, initial=0.0))
@@ -99,7 +99,7 @@ def test_an_initial_overlap_counts_as_an_overlap() -> None:
 def test_a_left_wall_and_a_motion_backwards_are_seen(solved: Solve) -> None:
     scene = replace(PAIR, velocity=(-0.5, 0.0), wall_left=Wall(stiffness=1e9, gap=1e-5))
     prescan = prescan_hertz(scene)
-    exact = solved(scene, "scipy", bars=False)
+    exact = solved(scene, "scipy", uncertainty=False)
     assert prescan.peak_overlap[1] == pytest.approx(float((exact.peak_force[1] / 1e9) ** (2.0 / 3.0)), rel=COARSE)
     assert prescan.lowest == pytest.approx(-1e-5 - prescan.peak_overlap[1], rel=COARSE)
 
@@ -136,7 +136,7 @@ def test_a_contact_is_deeper_for_dashpots_behind_it(solved: Solve) -> None:
     damped = replace(chain, name="behind", damping=Damping(law="dashpot", coefficient=(0.0, 300.0, 300.0)))
     free, prescan = prescan_hertz(chain), prescan_hertz(damped)
     assert prescan.peak_overlap[0] > 1.02 * free.peak_overlap[0]
-    exact = solved(damped, "scipy", bars=False)
+    exact = solved(damped, "scipy", uncertainty=False)
     assert prescan.peak_overlap[0] == pytest.approx(float((exact.peak_force[0] / 4e9) ** (2.0 / 3.0)), rel=COARSE)
 
 
@@ -152,7 +152,7 @@ def test_a_contact_is_deeper_for_dashpots_behind_it(solved: Solve) -> None:
 def test_a_step_that_nobody_named_is_stable_where_much_is_damped(scene: Scene, solved: Solve) -> None:
     # steps that followed the springs alone gave 1e30 m/s in the first, no number in the second, 1 m/s too much in
     # the third. Of first order, DEFAULT_PHASE = 2.5e-3 of the shortest time: an error of that order
-    run, exact = solved(scene, "verlet", bars=False), solved(scene, "scipy", bars=False)
+    run, exact = solved(scene, "verlet", uncertainty=False), solved(scene, "scipy", uncertainty=False)
     assert np.max(np.abs(run.velocity - exact.velocity)) < 2.5e-3 * max(scene.velocity)
     wanted = resolution_for(scene, 1e-3, Resolution(), Sampling(count=scene.samples))
     coarse = solved(scene, "verlet", dt=wanted.dt)

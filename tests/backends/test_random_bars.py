@@ -39,7 +39,7 @@ def test_the_bars_of_fixed_steps_hold(backend: str, parts: tuple[float, ...]) ->
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_a_bar_that_is_too_narrow_is_noticed(quantity: str) -> None:
     scene, truth = random_scene(0), random_truth(0)
-    run = db.solve(scene, backend="verlet", dt=scene.duration / 1e4, bars=False)
+    run = db.solve(scene, backend="verlet", dt=scene.duration / 1e4, uncertainty=False)
     error = truth.error(run, quantity)
     too_narrow: Any = 0.9 * error if error.size > 1 else 0.9 * error[0]
     narrow = replace(run, uncertainty=replace(run.uncertainty, **{quantity: too_narrow}))

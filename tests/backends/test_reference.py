@@ -23,7 +23,7 @@ QUANTITIES = ("velocity", "displacement", "peak_force", "crossing_time")
 @pytest.mark.parametrize("chain", ["decelerating", "accelerating", "two_bodies"])
 def test_every_sample_of_the_free_chains_is_that_of_the_truth(chain: str, request: pytest.FixtureRequest) -> None:
     truth: Truth = request.getfixturevalue(chain)
-    run = db.solve(truth.scene, backend="reference", bars=False)
+    run = db.solve(truth.scene, backend="reference", uncertainty=False)
     # one part in 1e16 of the inputs moves v by 1e-14 v0 and x by 4e-16: some hundred steps leave ten times that
     assert truth.error(run, "velocity") < 1e-12 * truth.v0
     assert truth.error(run, "displacement") < 1e-13 * float(np.max(np.abs(truth.data["x"])))
@@ -32,7 +32,7 @@ def test_every_sample_of_the_free_chains_is_that_of_the_truth(chain: str, reques
 
 
 def test_the_ill_conditioned_wall_is_that_of_the_truth(walled: Truth) -> None:
-    run = db.solve(walled.scene, backend="reference", bars=False)
+    run = db.solve(walled.scene, backend="reference", uncertainty=False)
     assert walled.error(run, "velocity") < 1e-10 * walled.v0
     assert walled.error(run, "displacement") < 1e-12 * float(np.max(np.abs(walled.data["x"])))
     assert run.provenance["openings"] + run.provenance["closings"] == len(walled.data["events"]) + 1  # the first touch
@@ -54,7 +54,7 @@ def test_at_any_speed_it_is_the_scaled_truth(chain: str, speed: float, request: 
     scene, data = truth.scene, truth.data
     s = speed / truth.v0
     scaled = replace(scene, velocity=(speed, *scene.velocity[1:]), duration=s**-0.2 * scene.duration)
-    run = db.solve(scaled, backend="reference", bars=False)
+    run = db.solve(scaled, backend="reference", uncertainty=False)
     # The scene has no scale, so the rounding of s, s v0 and s^(-1/5) T is itself a scaling, which the ill-conditioning
     # of the wall does not touch: two roundings shift the times by 2 ulp at most, and nothing else
     late = 2.0 * EPS * scene.duration
@@ -132,7 +132,7 @@ def test_an_exponent_without_a_series_is_answered_by_scipy_and_says_so() -> None
     scene = Scene(
         name="odd", duration=1e-4, mass=(0.01, 0.01), stiffness=(4e9,), velocity=(1.0, 0.0), exponent=2.4, samples=5
     )
-    assert db.solve(scene, backend="reference", bars=False).provenance["answered_by"] == "scipy"
+    assert db.solve(scene, backend="reference", uncertainty=False).provenance["answered_by"] == "scipy"
 
 
 def test_a_quiet_chain_costs_nothing() -> None:
@@ -143,7 +143,7 @@ def test_a_quiet_chain_costs_nothing() -> None:
             name="long", duration=3e-4, mass=(0.01,) * bodies, stiffness=(4e9,) * (bodies - 1),
             velocity=(1.0, *[0.0] * (bodies - 1)), samples=5,
         )  # fmt: skip
-        return db.solve(scene, backend="reference", bars=False).cost.steps
+        return db.solve(scene, backend="reference", uncertainty=False).cost.steps
 
     assert steps(40) == pytest.approx(steps(400), rel=0.02)
 

@@ -106,7 +106,7 @@ def test_a_collision_is_the_exact_one_for_any_masses_exponents_and_speeds(
         velocity=velocities,
         samples=5,
     )
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     # a hundred steps at a local tolerance of 3e-14; the exponent multiplies relative errors of the overlap
     allowed = 1e-11 * max(abs(velocities[0]), abs(velocities[1]), speed)
     assert run.velocity[-1] == pytest.approx(hit.exit_velocity, abs=allowed)
@@ -118,7 +118,7 @@ def test_a_collision_is_the_exact_one_for_any_masses_exponents_and_speeds(
 @examples(12)
 @given(scene=scenes(bodies=(1, 5), exponents=ANY, walls=True, gravity=True, samples=10))
 def test_energy_and_without_outer_forces_momentum_are_conserved_on_random_scenes(scene: Scene) -> None:
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     found, mass = energy(scene, run), np.array(scene.mass)
     # kinetic and stored energy, and the work of weight, are what round-off and tolerance scale with
     scale = float(np.max(np.abs(found))) + 0.5 * float(np.max(run.velocity**2 @ mass))
@@ -150,7 +150,7 @@ def test_a_motion_without_scale_is_repeated_at_another_speed(scene: Scene) -> No
 
 def test_a_finer_tolerance_errs_less(two_bodies: Truth) -> None:
     errors = [
-        float(two_bodies.error(db.solve(two_bodies.scene, backend="scipy", rtol=rtol, bars=False), "velocity"))
+        float(two_bodies.error(db.solve(two_bodies.scene, backend="scipy", rtol=rtol, uncertainty=False), "velocity"))
         for rtol in (1e-6, 1e-9, 1e-12)
     ]
     assert errors[0] > 10.0 * errors[1] > 100.0 * errors[2]
@@ -159,17 +159,17 @@ def test_a_finer_tolerance_errs_less(two_bodies: Truth) -> None:
 def test_a_tolerance_too_loose_for_a_reference_is_refused(two_bodies: Truth) -> None:
     with pytest.raises(UsageError, match=r"rtol = 0.001 is too loose for scipy; allowed: up to 0.0001"):
         db.solve(two_bodies.scene, backend="scipy", rtol=1e-3)
-    assert db.solve(two_bodies.scene, backend="scipy", rtol=1e-4, bars=False).cost.steps > 0
+    assert db.solve(two_bodies.scene, backend="scipy", rtol=1e-4, uncertainty=False).cost.steps > 0
 
 
 def test_the_tolerance_is_in_the_provenance(two_bodies: Truth, solved: Solve) -> None:
     assert solved(two_bodies.scene, "scipy").provenance["settings"]["rtol"] == scipy_dop853.DEFAULT_RTOL
-    run = db.solve(two_bodies.scene, backend="scipy", rtol=1e-8, bars=False)
+    run = db.solve(two_bodies.scene, backend="scipy", rtol=1e-8, uncertainty=False)
     assert run.provenance["settings"]["rtol"] == 1e-8
 
 
 def test_samples_do_not_change_the_motion(accelerating: Truth, solved: Solve) -> None:
-    few, many = solved(accelerating.scene, "scipy", samples=5, bars=False), solved(accelerating.scene, "scipy")
+    few, many = solved(accelerating.scene, "scipy", samples=5, uncertainty=False), solved(accelerating.scene, "scipy")
     np.testing.assert_array_equal(few.velocity, many.velocity[::100])
     np.testing.assert_array_equal(few.crossing_time, many.crossing_time)
     np.testing.assert_array_equal(few.peak_force, many.peak_force)
@@ -187,7 +187,7 @@ def test_a_chain_pressed_between_walls_and_let_go_keeps_its_mirror_symmetry() ->
         wall_right=Wall(stiffness=1e9, gap=1e-6),
         samples=20,
     )
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     speed = float(np.max(np.abs(run.velocity)))
     assert run.velocity == pytest.approx(-run.velocity[:, ::-1], abs=1e-11 * speed)
     assert run.velocity[:, 1] == pytest.approx(np.zeros(21), abs=1e-11 * speed)
@@ -219,7 +219,7 @@ def test_a_body_bouncing_in_its_weight_returns_in_the_time_of_its_fall() -> None
         gravity=9.81,
         samples=200,
     )
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     closed = run.provenance["restarts"] / 2
     fall = math.sqrt(2.0 * 1e-4 / 9.81)
     assert closed == pytest.approx(scene.duration / (2.0 * fall), abs=1.0)

@@ -37,7 +37,7 @@ REDUCED = 1.0 / (1.0 / 1e-2 + 1.0 / 3e-2)
 
 def test_a_body_in_drag_slows_down_exponentially() -> None:
     scene = Scene(name="dragged", duration=1e-2, mass=(2e-2,), stiffness=(), velocity=(0.7,), drag=300.0, samples=20)
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     # some ten steps at 3e-14
     assert run.velocity[:, 0] == pytest.approx(0.7 * np.exp(-300.0 * run.time), abs=0.7e-12)
     assert run.displacement[:, 0] == pytest.approx(-0.7 / 300.0 * np.expm1(-300.0 * run.time), abs=1e-12 * 0.7 / 300.0)
@@ -47,13 +47,13 @@ def test_a_falling_body_in_drag_reaches_its_final_speed() -> None:
     scene = Scene(
         name="falling", duration=0.2, mass=(2e-2,), stiffness=(), velocity=(0.0,), drag=30.0, gravity=9.81, samples=20
     )
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     assert run.velocity[:, 0] == pytest.approx(-9.81 / 30.0 * np.expm1(-30.0 * run.time), abs=1e-12)
 
 
 def test_drag_takes_momentum_from_a_chain_as_from_one_body() -> None:
     scene = replace(PAIR, damping=None, drag=5e3)
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     # contact forces cancel in the sum, whatever they are
     assert momentum(scene, run) == pytest.approx(1e-2 * np.exp(-5e3 * run.time), rel=1e-12)
 
@@ -125,7 +125,7 @@ def test_the_force_that_would_pull_is_not_there() -> None:
     assert clipped - whole > 0.1
     damping = Damping(law="dashpot", coefficient=c)
     scene = replace(PAIR, exponent=2.0, stiffness=(stiffness,), damping=damping, duration=1e-3)
-    last = db.solve(scene, backend="scipy", bars=False).velocity[-1]
+    last = db.solve(scene, backend="scipy", uncertainty=False).velocity[-1]
     assert last[1] - last[0] == pytest.approx(clipped, abs=1e-12)
 
 
@@ -159,7 +159,7 @@ def test_kuwabara_konos_collision_is_that_of_a_second_writing(gamma: float, beta
         PAIR, stiffness=(beta,), velocity=(speed, 0.0), damping=Damping(law="kuwabara-kono", coefficient=gamma),
         duration=2.0 * end,
     )  # fmt: skip
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     assert run.velocity[-1, 0] - run.velocity[-1, 1] == pytest.approx(exit_rate, abs=1e-12 * speed)
     assert run.peak_force[0] == pytest.approx(largest, rel=1e-7)  # (1/20000)^2 of the grid, and some
     assert np.all(run.contact_force[run.time > end] == 0.0)
@@ -206,7 +206,7 @@ SLACK = replace(
 @pytest.mark.parametrize("law", ["dashpot", "kuwabara-kono"])
 def test_a_slack_contact_is_pressed_again(law: str) -> None:
     scene = SLACK if law == "dashpot" else replace(SLACK, damping=Damping(law=law, coefficient=1e-4))
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     overlap = run.displacement[:, 0] - run.displacement[:, 1]
     pressed, slack = run.contact_force[:, 0] > 0.0, (run.contact_force[:, 0] == 0.0) & (overlap > 0.0)
     first = int(np.flatnonzero(slack)[0])
@@ -227,7 +227,7 @@ def test_a_chain_with_everything_is_that_of_the_equations_as_written(law: str, p
         wall_left=Wall(stiffness=3e9, gap=0.0 if pressed else 2e-6),
         wall_right=Wall(stiffness=2e9, gap=0.0 if pressed else 1e-5),
     )  # fmt: skip
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     # a local tolerance of 1e-9 where forces are not smooth: measured up to 2e-7
     assert run.velocity == pytest.approx(_straight(scene), abs=1e-6)
 
@@ -235,7 +235,7 @@ def test_a_chain_with_everything_is_that_of_the_equations_as_written(law: str, p
 @examples(6)
 @given(scene=damped_scenes(bodies=(2, 5), samples=40))
 def test_energy_only_falls_forces_only_push_and_momentum_stays_on_random_scenes(scene: Scene) -> None:
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     assert np.all(run.contact_force >= 0.0)
     assert np.all(run.peak_force >= run.contact_force.max(axis=0))
     total = energy(scene, run)
@@ -259,7 +259,7 @@ def test_two_bodies_part_more_slowly_than_they_met_and_keep_their_momentum(
 ) -> None:
     coefficient = 300.0 * strength if law == "dashpot" else 1e-4 * strength
     scene = replace(PAIR, mass=masses, damping=Damping(law=law, coefficient=coefficient), duration=2e-3)
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     assert 0.0 < run.velocity[-1, 1] - run.velocity[-1, 0] < 1.0
     assert momentum(scene, run) == pytest.approx(np.full(51, masses[0]), rel=1e4 * EPS)
 
@@ -279,8 +279,8 @@ def test_an_elastic_contact_among_damped_ones_is_integrated_as_ever() -> None:
         velocity=(1.0, 0.0, 2.0, 1.0), gap=(0.0, 1.0, 0.0),
         damping=Damping(law="kuwabara-kono", coefficient=(0.0, 0.0, 1e-4)),
     )  # fmt: skip
-    run = db.solve(both, backend="scipy", bars=False)
-    plain = db.solve(replace(PAIR, damping=None), backend="scipy", bars=False)
+    run = db.solve(both, backend="scipy", uncertainty=False)
+    plain = db.solve(replace(PAIR, damping=None), backend="scipy", uncertainty=False)
     assert run.velocity[:, :2] == pytest.approx(plain.velocity, abs=1e-12)
     assert run.peak_force[0] == pytest.approx(plain.peak_force[0], rel=1e-12)
     assert run.crossing_time[0] == pytest.approx(plain.crossing_time[0], rel=1e-12)
@@ -288,9 +288,9 @@ def test_an_elastic_contact_among_damped_ones_is_integrated_as_ever() -> None:
 
 def test_bodies_at_rest_in_touch_stay_there_and_fall_off_a_wall_without_sticking() -> None:
     rest = replace(PAIR, velocity=(0.0, 0.0))
-    assert not np.any(db.solve(rest, backend="scipy", bars=False).velocity)
+    assert not np.any(db.solve(rest, backend="scipy", uncertainty=False).velocity)
     off = replace(rest, damping=Damping(law="dashpot", coefficient=20.0), wall_right=Wall(stiffness=4e9), gravity=-9.81)
-    run = db.solve(off, backend="scipy", bars=False)
+    run = db.solve(off, backend="scipy", uncertainty=False)
     assert run.velocity == pytest.approx(np.tile(-9.81 * run.time[:, None], 2), abs=1e-14)
     # 1e-13 of a collision at the speed of that fall
     assert np.all(run.peak_force < 1e-10)
@@ -311,7 +311,10 @@ def test_a_contact_that_chatters_is_a_broken_run(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize("changes", [{}, {"damping": None, "drag": 1.0}], ids=["damping", "drag"])
 def test_the_reference_answers_through_scipy_and_says_so(changes: dict[str, float]) -> None:
     scene = replace(PAIR, **changes)  # type: ignore[arg-type]
-    run, other = db.solve(scene, backend="reference", bars=False), db.solve(scene, backend="scipy", bars=False)
+    run, other = (
+        db.solve(scene, backend="reference", uncertainty=False),
+        db.solve(scene, backend="scipy", uncertainty=False),
+    )
     assert (run.provenance["backend"], run.provenance["answered_by"]) == ("reference", "scipy")
     assert run.velocity.tobytes() == other.velocity.tobytes()
 

@@ -107,7 +107,7 @@ def test_a_touch_between_both_ends_of_a_step_is_located(overshoot: float) -> Non
         name="thrown", duration=1.9 * speed / 9.81, mass=(1e-2,), stiffness=(), velocity=(speed,), wall_right=wall,
         gravity=-9.81, samples=1,
     )  # fmt: skip
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     assert run.provenance["restarts"] == 2
     assert run.peak_force[0] > 0.0
 
@@ -121,7 +121,7 @@ def test_a_dense_output_is_made_for_few_steps_alone(monkeypatch: pytest.MonkeyPa
             return super().dense_output()
 
     monkeypatch.setattr(scipy_integration, "DOP853", Counted)
-    run = db.solve(CHAIN, backend="scipy", samples=5, bars=False)
+    run = db.solve(CHAIN, backend="scipy", samples=5, uncertainty=False)
     # one for each sample and event, and for each maximum; 20 or so steps lie between two events
     assert Counted.made < 0.2 * run.cost.steps
 

@@ -58,7 +58,7 @@ def test_without_the_look_for_misses_the_bar_would_be_wrong_in_silence() -> None
     plan = fixed_step_plan(scene, Resolution(dt=4e-7), sampling, prescan)
     twins = twins_of(scene, plan, prescan, radius=prescan.surrogate_radius)
     assert twins is not None
-    run = db.solve(scene, backend="verlet", dt=4e-7, bars=False)
+    run = db.solve(scene, backend="verlet", dt=4e-7, uncertainty=False)
     assert np.isfinite(with_bars(run, replace(twins, grazes=None)).uncertainty["crossing_time"][0])
     assert math.isinf(with_bars(run, twins).uncertainty["crossing_time"][0])
 

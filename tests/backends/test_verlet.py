@@ -29,8 +29,8 @@ EPS = float(np.finfo(float).eps)
 REFINEMENT = (1e-7, 5e-8, 2.5e-8, 1.25e-8)
 
 
-def _solve(scene: Scene, dt: float | None = None, *, bars: bool = False) -> Trajectory:
-    return db.solve(scene, backend="verlet", dt=dt, bars=bars)
+def _solve(scene: Scene, dt: float | None = None, *, uncertainty: bool = False) -> Trajectory:
+    return db.solve(scene, backend="verlet", dt=dt, uncertainty=uncertainty)
 
 
 # accuracy
@@ -218,7 +218,7 @@ def test_momentum_is_exact(scene: Scene) -> None:
 @examples(25)
 @given(scene=scenes(walls=True, gravity=True))
 def test_energy_is_conserved_to_the_size_of_the_error(scene: Scene) -> None:
-    run = _solve(scene, bars=True)
+    run = _solve(scene, uncertainty=True)
     error = np.abs(energy(scene, run) - energy(scene, run)[0])
     # dE = sum m v dv - sum F dx - m g dx, with dv and dx at most the bars
     mass = np.array(scene.mass)
@@ -258,7 +258,7 @@ def test_the_step_is_at_most_what_is_asked_and_in_the_provenance() -> None:
 
 def test_one_step_a_sample_still_has_a_bar_that_holds() -> None:
     scene = Scene(name="pair", duration=1e-4, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=1000)
-    run, exact = _solve(scene, 1.0, bars=True), db.solve(scene, backend="scipy", samples=1000)
+    run, exact = _solve(scene, 1.0, uncertainty=True), db.solve(scene, backend="scipy", samples=1000)
     assert run.cost.steps == 1000
     assert np.max(np.abs(run.velocity - exact.velocity)) <= run.uncertainty["velocity"]
     # a finer twin instead of a coarser one: its difference times 2 is 3/2 of the error at order 2
@@ -266,7 +266,7 @@ def test_one_step_a_sample_still_has_a_bar_that_holds() -> None:
 
 
 def test_a_large_step_within_stability_gives_a_finite_run_that_is_off_by_a_percent(decelerating: Truth) -> None:
-    run = db.solve(decelerating.scene, backend="verlet", dt=1e-6, bars=False)
+    run = db.solve(decelerating.scene, backend="verlet", dt=1e-6, uncertainty=False)
     assert np.all(np.isfinite(run.displacement))
     # measured: 1.08 % of v0
     assert decelerating.error(run, "velocity") == pytest.approx(0.0108 * decelerating.v0, rel=0.01)
@@ -275,7 +275,7 @@ def test_a_large_step_within_stability_gives_a_finite_run_that_is_off_by_a_perce
 @pytest.mark.parametrize("dt", [1e-5, 1e-4])
 def test_a_step_beyond_stability_is_a_broken_run_and_never_nan(decelerating: Truth, dt: float) -> None:
     with pytest.raises(RunBroken, match=rf"velocities are not finite; dt = {dt:g} s is beyond stability"):
-        db.solve(decelerating.scene, backend="verlet", dt=dt, samples=10, bars=False)
+        db.solve(decelerating.scene, backend="verlet", dt=dt, samples=10, uncertainty=False)
 
 
 def test_more_steps_than_can_be_counted_are_refused() -> None:

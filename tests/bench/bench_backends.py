@@ -74,7 +74,7 @@ def solves(extent: Extent) -> Iterator[Row]:
     settings: list[tuple[str, dict[str, Any]]] = [
         (name, {"dt": extent.dt, "bars": bars}) for name in ("lammps-granular", "verlet") for bars in (False, True)
     ]
-    settings += [(name, {"bars": False}) for name in ("reference", "scipy", "ode45")]
+    settings += [(name, {"uncertainty": False}) for name in ("reference", "scipy", "ode45")]
     for name, chosen in settings:
         work = partial(db.solve, extent.scene, backend=name, **chosen)
         forces = work().cost.force_evaluations
@@ -101,7 +101,7 @@ def decelerating(cylinders: int) -> Scene:
 def fronts(extent: Extent) -> Iterator[Row]:
     """Measure the reference that follows a front through a long chain."""
     for cylinders in extent.fronts:
-        work = partial(db.solve, decelerating(cylinders), backend="reference", bars=False)
+        work = partial(db.solve, decelerating(cylinders), backend="reference", uncertainty=False)
         reached = int(np.sum(np.isfinite(work().crossing_time)))
         seconds = wall_seconds(work, 1 if cylinders > 1_000 else extent.rounds)
         remark = f"{1e3 * statistics.median(seconds) / reached:.4f} ms for a cylinder"

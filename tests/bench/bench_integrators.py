@@ -102,7 +102,7 @@ def in_house(name: str, scene: Scene, per_sample: int) -> Answer:
     """Make a whole run of a backend without bars: prescan the scene, solve, read off peaks and crossings."""
     dt = scene.duration / scene.samples / per_sample
     began = time.process_time()
-    run = backend(name).run(scene, Resolution(dt=dt, bars=False), Sampling(count=scene.samples))
+    run = backend(name).run(scene, Resolution(dt=dt), Sampling(count=scene.samples))
     return time.process_time() - began, run.velocity[1:]
 
 
@@ -187,7 +187,7 @@ def cheapest(code: Callable[[int], Answer], truth: Floats, accuracy: float, star
 
 def to_accuracy(libraries: Mapping[str, ctypes.CDLL], scene: Scene, extent: Extent) -> Table:
     """Time what an accuracy of the velocities costs each code, at the largest step that has it."""
-    truth = db.solve(scene, backend="reference", bars=False).velocity[1:]
+    truth = db.solve(scene, backend="reference", uncertainty=False).velocity[1:]
     steps = dict.fromkeys(METHODS, 1)
     table = Table(
         "velocity to", "code", "dt, s", "forces", "CPU, ms: least (median)", *(f"over {c}" for c in libraries)

@@ -104,9 +104,9 @@ def _bare(scene: Scene, *, ranks: int = 1, **settings: Any) -> EngineReport:
 
 def table(extent: Extent) -> Iterator[Row]:
     """Measure the error of tables beside granular, and what tables cost."""
-    truth = db.solve(extent.scene, backend="reference", bars=False)
+    truth = db.solve(extent.scene, backend="reference", uncertainty=False)
     granular, tabled = (
-        db.solve(extent.scene, backend=name, dt=extent.dt, bars=False) for name in ("lammps-granular", "lammps-table")
+        db.solve(extent.scene, backend=name, dt=extent.dt, uncertainty=False) for name in ("lammps-granular", "lammps-table")
     )
     more = _difference(tabled, truth) - _difference(granular, truth)
     yield "table, error above granular's", "<= 1e-6", f"{more:.1e}"
@@ -119,8 +119,8 @@ def table(extent: Extent) -> Iterator[Row]:
             write = partial(db.write_deck, scene, folder, style="table", dt=1e-7)
             seconds = median_seconds(write, extent.repeats(3))
             lines = max(len(file.read_text().splitlines()) for file in Path(folder).glob("*.table"))
-        run = db.solve(scene, backend="lammps-table", dt=1e-7, bars=False)
-        plain = db.solve(scene, backend="lammps-granular", dt=1e-7, bars=False)
+        run = db.solve(scene, backend="lammps-table", dt=1e-7, uncertainty=False)
+        plain = db.solve(scene, backend="lammps-granular", dt=1e-7, uncertainty=False)
         more = run.provenance["engine_wall"] - plain.provenance["engine_wall"]
         memory = run.provenance["engine_memory"] / 1e9
         result = f"{seconds + more:.2f} s, {memory:.2f} GB, {lines} lines"
@@ -142,8 +142,8 @@ def floor(extent: Extent) -> Iterator[Row]:
             stiffness=(chain.stiffness[0], *np.linspace(chain.stiffness[1], chain.stiffness[-1], 19).tolist()),
             velocity=(speed, *[0.0] * 20),
         )
-        truth = db.solve(scene, backend="reference", bars=False)
-        plain = db.solve(scene, backend="lammps-granular", dt=1e-9 * slow, bars=False)
+        truth = db.solve(scene, backend="reference", uncertainty=False)
+        plain = db.solve(scene, backend="lammps-granular", dt=1e-9 * slow, uncertainty=False)
         better = db.solve(scene, backend="lammps-granular", dt=1e-8 * slow, order="richardson")
         result = f"{_difference(plain, truth):.1e} / {_difference(better, truth):.1e}"
         yield f"N = 20 at {speed:g} m/s, plain / Richardson", "<= 5e-8 / 1e-8", result
@@ -172,7 +172,7 @@ def million(extent: Extent) -> Iterator[Row]:
     """Write, run and read back a million bodies with two stiffnesses."""
     scene = _chain(extent.length(1_000_000), distinct=2)
     began = time.perf_counter()
-    run = db.solve(scene, backend="lammps-granular", dt=1e-7, bars=False)
+    run = db.solve(scene, backend="lammps-granular", dt=1e-7, uncertainty=False)
     both = run.provenance["engine_memory"] + 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     result = (
         f"{time.perf_counter() - began:.0f} s, {both / 1e9:.1f} GB with LAMMPS, {run.provenance['atom_types']} types"
@@ -188,7 +188,9 @@ def ranks(extent: Extent) -> Iterator[Row]:
         for number in loop:
             loop[number].append(_bare(scene, ranks=number).loop)
     short = replace(scene, duration=2e-5)
-    runs = {number: db.solve(short, backend="lammps-granular", dt=1e-7, ranks=number, bars=False) for number in loop}
+    runs = {
+        number: db.solve(short, backend="lammps-granular", dt=1e-7, ranks=number, uncertainty=False) for number in loop
+    }
     same = np.array_equal(runs[1].velocity, runs[2].velocity)
     faster = statistics.median(loop[1]) / statistics.median(loop[2])
     result = f"{faster:.2f} times, bitwise {'equal' if same else 'DIFFERENT'}"
@@ -214,7 +216,7 @@ def overhead(extent: Extent) -> Iterator[Row]:
         alone = script(bare)
         dumped = script(whole)
         solve = median_seconds(lambda: db.solve(scene, backend="lammps-granular", dt=extent.dt), rounds)
-        no_bars = median_seconds(lambda: db.solve(scene, backend="lammps-granular", dt=extent.dt, bars=False), rounds)
+        no_bars = median_seconds(lambda: db.solve(scene, backend="lammps-granular", dt=extent.dt, uncertainty=False), rounds)
         words = [sys.executable, "-m", "dem_bridge.cli", "run", scene.name]
         words += ["--backend", "lammps-granular", "--dt", f"{extent.dt}"]
         cold = median_seconds(lambda: subprocess.run(words, check=True, capture_output=True), extent.repeats(5))
@@ -237,11 +239,11 @@ def damped(extent: Extent) -> Iterator[Row]:
     }
     for law, settings in laws.items():
         scene = replace(chain, **settings)
-        truth = db.solve(scene, backend="scipy", bars=False)
+        truth = db.solve(scene, backend="scipy", uncertainty=False)
         # so small that the second order of the springs is nothing beside the first of the damping
         steps = [1e-8, 5e-9, 2.5e-9]
-        runs = [db.solve(scene, backend="lammps-granular", dt=dt, bars=False) for dt in steps]
-        twin = db.solve(scene, backend="verlet", dt=steps[-1], bars=False)
+        runs = [db.solve(scene, backend="lammps-granular", dt=dt, uncertainty=False) for dt in steps]
+        twin = db.solve(scene, backend="verlet", dt=steps[-1], uncertainty=False)
         order = np.polyfit(np.log(steps), np.log([_difference(run, truth) for run in runs]), 1)[0]
         yield f"{law}, LAMMPS - twin; order", "<= 5e-9; 1.0 +- 0.1", f"{_difference(runs[-1], twin):.1e}; {order:.2f}"
 

@@ -69,7 +69,7 @@ class Bench:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         # where the series do not fit the answer is scipy's, at the least tolerance
-        self.truth = db.solve(scene, backend="reference", bars=SERIES.covers(scene))
+        self.truth = db.solve(scene, backend="reference", uncertainty=SERIES.covers(scene))
         self.scale = float(np.abs(self.truth.velocity).max())
         self.prescan = prescan_scene(scene)
         self._errors: dict[tuple[object, ...], float] = {}
@@ -82,7 +82,7 @@ class Bench:
         return float(np.abs(run.velocity - self.truth.velocity).max()) / self.scale
 
     def run(self, name: str, **settings: object) -> Trajectory:
-        return db.solve(self.scene, backend=name, bars=False, **settings)
+        return db.solve(self.scene, backend=name, uncertainty=False, **settings)
 
     def cost(self, name: str, **settings: object) -> float:
         return min(self.run(name, **settings).cost.cpu for _ in range(REPEATS))

@@ -72,7 +72,7 @@ def test_a_template_loads_under_the_name_that_is_asked_for(form: str) -> None:
 @every_form
 def test_the_front_of_a_template_comes_to_the_last_body(form: str) -> None:
     scene = parse_scene(template(form, "own"))
-    run = db.solve(scene, backend="verlet", bars=False)
+    run = db.solve(scene, backend="verlet", uncertainty=False)
     assert np.all(np.isfinite(run.crossing_time))
     assert 0.5 * scene.duration < run.crossing_time[-1] < 0.9 * scene.duration
 

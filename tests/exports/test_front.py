@@ -42,7 +42,7 @@ def test_bars_hold_between_a_coarse_run_and_the_reference() -> None:
 
 
 def test_a_bar_as_long_as_the_residence_leaves_no_bar_of_the_speed(monkeypatch: pytest.MonkeyPatch) -> None:
-    run = db.solve(CROSSED, backend="reference", bars=False)
+    run = db.solve(CROSSED, backend="reference", uncertainty=False)
     from dem_bridge.exports.front import observables
 
     frame = observables(CROSSED, run).to_pandas()

@@ -352,7 +352,7 @@ def test_a_dump_that_lammps_wrote_is_our_own_run_to_the_last_digit(scene: Scene,
     deck.write_text(deck.read_text().replace(f"dump.{scene.name}.bin", "run.lammpstrj"))
     run_deck(tmp_path, deck.name, time_limit=60.0)
     found = db.read_trajectory(tmp_path / "run.lammpstrj", scene)
-    ours = db.solve(scene, backend="lammps-granular", dt=dt, bars=False)
+    ours = db.solve(scene, backend="lammps-granular", dt=dt, uncertainty=False)
     assert len(found.time) >= len(ours.time)
     compared = db.compare(found, ours)
     assert compared.samples == len(ours.time)

@@ -101,7 +101,7 @@ def _with_twin(bench: Bench, monkeypatch: pytest.MonkeyPatch, changes: Changes) 
 def _faulty(case: Case, sound: Results, scene: Scene | None = None) -> Trajectory:
     """A run of the case, of another scene if one is given, with the bars of the sound one: none is made for them."""
     kept = next(result.trajectory for result in sound if result.case == case)
-    planted = replace(case, scene=scene or case.scene, resolution=replace(case.resolution, bars=False))
+    planted = replace(case, scene=scene or case.scene, uncertainty=False)
     run = run_case(planted).trajectory
     assert run is not None
     assert kept is not None

@@ -322,7 +322,7 @@ def test_a_deck_of_the_scenes_own_radius_says_what_round_off_to_expect(name: str
     text = (INPUTS / f"{name}-physical" / f"in.{name}").read_text()
     [said] = re.findall(r"^# .*expect round-off of (\S+) of the$", text, re.MULTILINE)
     runs = [
-        db.solve(name, backend="verlet", dt=1e-8, surrogate_radius=radius, bars=False).velocity
+        db.solve(name, backend="verlet", dt=1e-8, surrogate_radius=radius, uncertainty=False).velocity
         for radius in (0.009, None)
     ]
     # one digit is said
@@ -511,7 +511,7 @@ def test_contacts_with_one_law_share_a_file_and_others_do_not() -> None:
 def test_a_table_reaches_a_tenth_beyond_the_overlap_that_was_foreseen() -> None:
     read = _read(_tabled(PAIR))
     [table] = [read.tables[pair] for pair in read.pairs]
-    deepest = float((db.solve(PAIR, backend="scipy", bars=False).peak_force[0] / 4e9) ** (2.0 / 3.0))
+    deepest = float((db.solve(PAIR, backend="scipy", uncertainty=False).peak_force[0] / 4e9) ** (2.0 / 3.0))
     # the coarse run is good to a per cent
     assert table.distance[-1] - table.distance[0] == pytest.approx(1.1 * deepest, rel=0.01)
 

@@ -119,7 +119,7 @@ def test_a_table_of_a_hundred_thousand_values_runs() -> None:
         TOUCHING,
         drive=Drive(shape="table", force=tuple(SINE.at(time).tolist()), interval=4e-9),
     )
-    run = db.solve(scene, backend="lammps-granular", dt=1e-6, bars=False)
-    sine = db.solve(TOUCHING, backend="lammps-granular", dt=1e-6, bars=False)
+    run = db.solve(scene, backend="lammps-granular", dt=1e-6, uncertainty=False)
+    sine = db.solve(TOUCHING, backend="lammps-granular", dt=1e-6, uncertainty=False)
     # between values straight lines miss (omega h)^2 / 8 = 1e-9 of the force; the steps are values themselves
     assert np.max(np.abs(run.velocity - sine.velocity)) < 1e-9 * np.max(np.abs(sine.velocity))

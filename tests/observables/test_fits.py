@@ -191,20 +191,20 @@ def test_the_force_exponents_of_the_long_chains_differ_from_two_fifths(
     direction: str, slope: float, spread: tuple[float, float], solved: Solve
 ) -> None:
     scene = long_chain(direction)
-    fit = force_exponent(scene, solved(scene, "reference", bars=False))
+    fit = force_exponent(scene, solved(scene, "reference", uncertainty=False))
     assert fit.slope == pytest.approx(slope, abs=1e-5)
     assert fit.spread == pytest.approx(spread, abs=1e-5)
     assert fit.stderr < 1.2e-4
     assert not fit.spread[0] < 0.4 < fit.spread[1]
     # known to three digits, over all but the ends: 0.395 and 0.406
-    wide = force_exponent(scene, solved(scene, "reference", bars=False), window=(10, 189))
+    wide = force_exponent(scene, solved(scene, "reference", uncertainty=False), window=(10, 189))
     assert f"{wide.slope:.3f}" == {"decelerating": "0.395", "accelerating": "0.406"}[direction]
 
 
 def test_the_speed_of_the_long_chains_is_the_papers_power_law_to_a_thousandth(solved: Solve) -> None:
     for direction in ("decelerating", "accelerating"):
         scene = long_chain(direction)
-        fit = speed_power_law(scene, solved(scene, "reference", bars=False))
+        fit = speed_power_law(scene, solved(scene, "reference", uncertainty=False))
         assert fit.residual < 1e-3
         assert math.copysign(1.0, fit.b2) == (-1.0 if direction == "decelerating" else 1.0)
 
@@ -212,11 +212,11 @@ def test_the_speed_of_the_long_chains_is_the_papers_power_law_to_a_thousandth(so
 @pytest.mark.parametrize(("ratio", "slope"), [(0.98, 0.0295), (1.0 / 0.98, -0.0309)])
 def test_peak_velocities_of_tapered_chains_have_their_known_slopes(ratio: float, slope: float, solved: Solve) -> None:
     scene = tapered_chain(ratio)
-    fit = log_velocity_slope(scene, solved(scene, "reference", bars=False), 15, 35)
+    fit = log_velocity_slope(scene, solved(scene, "reference", uncertainty=False), 15, 35)
     assert f"{fit.slope:.4f}" == f"{slope:.4f}"
     assert math.isinf(fit.bar)  # a run without bars
     coarse = replace(scene, samples=500)
-    again = log_velocity_slope(coarse, solved(coarse, "reference", bars=False), 15, 35)
+    again = log_velocity_slope(coarse, solved(coarse, "reference", uncertainty=False), 15, 35)
     assert again.slope == pytest.approx(fit.slope, abs=1e-9)
 
 
@@ -262,6 +262,6 @@ def test_a_solved_chain_and_its_copy_at_another_speed_have_the_same_exponent(sol
     # v -> 32 v: forces times 32^(6/5) = 64, times over 2, for every contact
     scene = db.load_scene("accelerating-40")
     fast = replace(scene, velocity=tuple(32.0 * v for v in scene.velocity), duration=scene.duration / 2.0)
-    slow, quick = (force_exponent(one, solved(one, "reference", bars=False)) for one in (scene, fast))
+    slow, quick = (force_exponent(one, solved(one, "reference", uncertainty=False)) for one in (scene, fast))
     assert quick.slope == pytest.approx(slow.slope, abs=1e-11)
     assert quick.spread == pytest.approx(slow.spread, abs=1e-11)

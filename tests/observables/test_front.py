@@ -88,7 +88,7 @@ def test_the_twin_finds_the_same_residence_times_within_its_bars(free_chain: Tru
 def test_the_wave_slows_down_and_speeds_up_as_the_scenes_are_named(solved: Solve) -> None:
     for name, sign in (("decelerating-40", -1.0), ("accelerating-40", 1.0)):
         scene = db.load_scene(name)
-        speed = wave_speed_by_crossing(scene, solved(scene, "verlet", dt=1e-7, bars=False))
+        speed = wave_speed_by_crossing(scene, solved(scene, "verlet", dt=1e-7, uncertainty=False))
         # the paper's figure 3: monotone from the third cylinder on, to the one before the free end
         assert np.all(sign * np.diff(speed[2:-1]) > 0.0)
 
@@ -128,7 +128,7 @@ def test_the_bar_of_a_peak_velocity_is_that_of_the_run_and_of_the_samples() -> N
 
 def test_the_striker_is_fastest_at_the_start_and_the_last_body_when_it_flies_off(solved: Solve) -> None:
     scene = db.load_scene("accelerating-40")
-    run = solved(scene, "reference", samples=2000, bars=False)
+    run = solved(scene, "reference", samples=2000, uncertainty=False)
     peak = peak_velocity_of_front(scene, run)
     assert (peak.velocity[0], peak.time[0]) == (0.8, 0.0)
     assert peak.velocity[-1] == run.velocity[-1, -1]

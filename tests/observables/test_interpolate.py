@@ -93,7 +93,7 @@ def test_the_acceleration_is_the_slope_of_the_velocity_in_all_that_a_scene_has()
         drive=Drive(shape="sine", force=50.0, frequency=5000.0),
         samples=2000,
     )
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     a, h = acceleration(scene, run), run.time[1]
     slope = (run.velocity[2:] - run.velocity[:-2]) / (2.0 * h)
     # (omega h)^2 / 6 with omega h = 2e5 * 1e-7, and first order where a contact opens: (omega h) of a small force
@@ -106,7 +106,7 @@ def test_the_acceleration_is_the_slope_of_the_velocity_in_all_that_a_scene_has()
 def test_a_load_in_place_of_a_wall_belongs_to_the_acceleration() -> None:
     scene = Scene(name="pressed", duration=1e-4, mass=(0.01,) * 4, stiffness=(1e9,) * 3, velocity=(0.0,) * 4,
                   precompression=20.0, samples=20)  # fmt: skip
-    run = db.solve(scene, backend="reference", bars=False)
+    run = db.solve(scene, backend="reference", uncertainty=False)
     assert np.max(np.abs(acceleration(scene, run))) < 1e-9 * 20.0 / 0.01
 
 

@@ -121,7 +121,7 @@ def _rebound() -> tuple[Scene, float]:
 
 def test_what_runs_back_is_the_striker_where_a_heavier_body_is_struck(solved: Solve) -> None:
     scene, exit_velocity = _rebound()
-    run = solved(scene, "reference", bars=False)
+    run = solved(scene, "reference", uncertainty=False)
     behind, pulse = reflected(scene, run), leading_pulse(scene, run)
     # contact 1 is so soft and body 2 so light that they take 2 % of the collision
     assert behind.striker_velocity[1] == pytest.approx(exit_velocity, rel=0.03)
@@ -135,7 +135,7 @@ def test_what_runs_back_is_the_striker_where_a_heavier_body_is_struck(solved: So
 def test_pulse_and_what_is_behind_it_are_all_there_is(solved: Solve) -> None:
     for name in ("decelerating-40", "accelerating-40"):
         scene = db.load_scene(name)
-        run = solved(scene, "reference", samples=2000, bars=False)
+        run = solved(scene, "reference", samples=2000, uncertainty=False)
         pulse, behind = leading_pulse(scene, run), reflected(scene, run)
         # 7 samples per residence time where it is shortest; 3e-7 found, next to a contact that opens between samples
         assert pulse.energy + behind.energy == pytest.approx(energy(scene, run)[0], rel=1e-6)
@@ -164,7 +164,7 @@ def test_the_paper_chains_keep_kinetic_energy_and_width_of_the_front(solved: Sol
     # section 4b: graded stiffness alone preserves the spatial width and the kinetic energy of the wave front
     for direction, drift in (("decelerating", 0.05), ("accelerating", 0.05)):
         scene = long_chain(direction)
-        run = solved(scene, "reference", bars=False)
+        run = solved(scene, "reference", uncertainty=False)
         kinetic, width = front_kinetic_energy(scene, run)[20:190], pulse_width_by_force(scene, run).width[20:190]
         assert np.ptp(kinetic) < 0.005 * np.mean(kinetic)
         assert np.ptp(width) < drift * np.mean(width)
@@ -216,7 +216,7 @@ def test_only_the_decelerating_chain_of_the_paper_has_further_fronts(solved: Sol
     # section 4a, for the mismatch of the first two contacts
     for name, counts in (("decelerating-40", [1, 2, 2, 2, 1]), ("accelerating-40", [0] * 5)):
         scene = db.load_scene(name)
-        run = solved(scene, "reference", samples=2000, bars=False)
+        run = solved(scene, "reference", samples=2000, uncertainty=False)
         assert [secondary_fronts(scene, run, body).count for body in (5, 10, 20, 30, 38)] == counts
 
 
@@ -237,7 +237,7 @@ def test_the_speed_ratio_is_that_of_two_stated_bodies() -> None:
 def test_the_papers_chains_slow_down_and_speed_up(solved: Solve) -> None:
     for name, ratio in (("decelerating-40", 0.3945), ("accelerating-40", 2.3527)):
         scene = db.load_scene(name)
-        found = speed_ratio(scene, solved(scene, "reference", samples=2000, bars=False))
+        found = speed_ratio(scene, solved(scene, "reference", samples=2000, uncertainty=False))
         assert found.ratio == pytest.approx(ratio, abs=5e-5)
 
 

@@ -176,7 +176,7 @@ def test_the_error_of_a_ratio_is_that_of_repeated_noise() -> None:
 def test_frequencies_of_the_long_chains_cascade_and_wavenumbers_do_not(solved: Solve) -> None:
     for direction, power in (("decelerating", 0.392), ("accelerating", 0.413)):
         scene = long_chain(direction)
-        run = solved(scene, "reference", bars=False)
+        run = solved(scene, "reference", uncertainty=False)
         in_time, in_space = frequency_spectrum(scene, run), wavenumber_spectrum(scene, run)
         assert max(in_time.parseval, in_space.parseval) < 3e-15
         of_time, of_space = cascade(in_time), cascade(in_space)
@@ -190,7 +190,7 @@ def test_frequencies_of_the_long_chains_cascade_and_wavenumbers_do_not(solved: S
 
 def test_nothing_cascades_in_a_uniform_chain(solved: Solve) -> None:
     scene = uniform_chain(200, samples=1000)
-    run = solved(scene, "reference", bars=False)
+    run = solved(scene, "reference", uncertainty=False)
     for spectrum in (frequency_spectrum(scene, run), wavenumber_spectrum(scene, run)):
         assert cascade(spectrum).ratio == pytest.approx(1.0, abs=2e-3)
         assert cascade(spectrum).cascades is False

@@ -79,7 +79,7 @@ def _first_order(n: float, eps: float) -> tuple[float, float, float]:
         velocity=(1.0, *[0.0] * links),
         samples=1,
     )
-    run = db.solve(scene, backend="reference", bars=False)
+    run = db.solve(scene, backend="reference", uncertainty=False)
     formed, mid, last = UNIFORM - 10, UNIFORM + 40, links - 20
     uniform = solitary_wave(
         mass=1.0, stiffness=float(beta[formed]), exponent=n, peak_force=float(run.peak_force[formed])

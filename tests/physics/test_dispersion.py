@@ -116,7 +116,7 @@ def test_a_pressed_chain_rings_in_its_mode() -> None:
         gap=-chain.static_overlap, wall_left=pressed, wall_right=pressed,
         velocity=tuple((size * omega * shape).tolist()), samples=64,
     )  # fmt: skip
-    run = db.solve(scene, backend="scipy", bars=False)
+    run = db.solve(scene, backend="scipy", uncertainty=False)
     expected = size * np.sin(omega * run.time)[:, None] * shape
     # what is left out is second order in size / delta0 = 1e-5; the integrator's own error is 1e-11 of delta0
     assert np.max(np.abs(run.displacement - expected)) < 3e-5 * size

@@ -174,7 +174,7 @@ def test_a_rebound_is_that_of_a_simulated_body_on_a_wall() -> None:
     scene = Scene(
         name="bounce", duration=1e-4, mass=(0.01,), stiffness=(), velocity=(0.8,), wall_right=Wall(stiffness=4e9)
     )
-    run = db.solve(scene, backend="reference", bars=False)
+    run = db.solve(scene, backend="reference", uncertainty=False)
     bounce = wall_rebound(mass=0.01, velocity=0.8, stiffness=4e9, exponent=2.5)
     assert run.peak_force[0] == pytest.approx(bounce.peak_force, rel=1e-13)
     assert run.crossing_time[0] == pytest.approx(bounce.half_time, rel=1e-13)
@@ -230,7 +230,7 @@ def test_a_whole_chain_with_gaps_and_gravity_scales(n: float) -> None:
         stiffness=tuple(0.2 * b for b in beta), exponent=n, velocity=tuple(3.0 * v for v in one.velocity),
         gap=tuple(g * by.displacement for g in (0.0, 1e-6, -2e-7)), gravity=50.0 * by.acceleration, samples=50,
     )  # fmt: skip
-    first, second = (db.solve(scene, backend="scipy", bars=False) for scene in (one, two))
+    first, second = (db.solve(scene, backend="scipy", uncertainty=False) for scene in (one, two))
     # scipy is good to 1e-11 on scenes like this
     assert np.max(np.abs(second.velocity / by.velocity - first.velocity)) < 1e-9 * 0.8
     assert second.peak_force / by.force == pytest.approx(first.peak_force, rel=1e-9)

@@ -25,7 +25,7 @@ def test_the_launch_is_that_of_a_long_run_of_the_reference(n: float) -> None:
         velocity=(v, *[0.0] * 80),
         samples=1,
     )
-    run = db.solve(scene, backend="reference", bars=False)
+    run = db.solve(scene, backend="reference", uncertainty=False)
     exact = solitary_wave(mass=m, stiffness=beta, exponent=n, peak_force=float(run.peak_force[50]))
     # read off where it is formed to 1e-6, from a run of relative tolerance 1e-9
     assert launch.energy == pytest.approx(exact.energy, rel=1e-5)

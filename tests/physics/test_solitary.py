@@ -173,7 +173,7 @@ def _launched(n: float, *, bodies: int, start: float, duration_grains: float) ->
         velocity=tuple(wave.velocity(start - np.arange(bodies) + 0.5).tolist()),
         samples=40,
     )
-    return db.solve(scene, backend="reference", bars=False), wave
+    return db.solve(scene, backend="reference", uncertainty=False), wave
 
 
 @pytest.mark.parametrize(("n", "bodies"), [(2.5, 50), (3.0, 45), (2.2, 60)])
@@ -209,7 +209,7 @@ def test_a_struck_chain_forms_the_wave_by_itself() -> None:
         name="struck", duration=6e-3, mass=(m,) * bodies, stiffness=(beta,) * (bodies - 1),
         velocity=(0.5, *[0.0] * (bodies - 1)), samples=2000,
     )  # fmt: skip
-    run = db.solve(scene, backend="reference", bars=False)
+    run = db.solve(scene, backend="reference", uncertainty=False)
     far = slice(90, 110)
     wave = solitary_wave(mass=m, stiffness=beta, exponent=2.5, peak_force=float(run.peak_force[100]))
     speed = 1.0 / np.diff(run.crossing_time[far])

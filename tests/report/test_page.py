@@ -54,7 +54,9 @@ def _verification(scene: Scene, broken: bool = False) -> Verification:
             return Result(case=case, failure=RunBroken("LAMMPS: ERROR: Lost atoms"))
         name = TWIN if case.backend == engine_for(scene) else case.backend
         how = case.resolution
-        run = db.solve(scene, backend=name, dt=how.dt, bars=how.bars, surrogate_radius=how.surrogate_radius)
+        run = db.solve(
+            scene, backend=name, dt=how.dt, uncertainty=case.uncertainty, surrogate_radius=how.surrogate_radius
+        )
         return Result(case=case, trajectory=run)
 
     plan = plan_scene(scene, 1e-3)

@@ -96,7 +96,7 @@ def test_a_shipped_scene_has_the_features_in_the_table(name: str) -> None:
 def test_the_front_passes_the_last_body(name: str, solved: Solve) -> None:
     scene = db.load_scene(name)
     by_twin = name.removeprefix("decelerating-40") in BY_SCIPY or scene.drive is not None
-    run = solved(scene, "verlet" if by_twin else "reference", bars=False)
+    run = solved(scene, "verlet" if by_twin else "reference", uncertainty=False)
     arrival = run.crossing_time[: scene.n_body - 1]
     # the striker's soft contact may be at its deepest after the stiff one behind it; a light sphere swings between its
     # heavy neighbours, so that in a dimer the front is one of cells
@@ -198,7 +198,7 @@ def test_damped_cylinders_rebound_as_the_scene_says(name: str, rebounds: tuple[f
             damping=damping,
             samples=1,
         )
-        run = db.solve(pair, backend="scipy", bars=False)
+        run = db.solve(pair, backend="scipy", uncertainty=False)
         assert (run.velocity[-1, 1] - run.velocity[-1, 0]) / 0.7 == pytest.approx(said, abs=5e-3)
 
 
@@ -233,7 +233,7 @@ def test_scattered_angles_are_half_a_degree_off() -> None:
 @pytest.mark.parametrize("name", ["homogeneous-spheres", "homogeneous-cylinders"])
 def test_a_homogeneous_chain_carries_the_solitary_wave(name: str, solved: Solve) -> None:
     scene = db.load_scene(name)
-    run = solved(scene, "reference", bars=False)
+    run = solved(scene, "reference", uncertainty=False)
     [mass], [stiffness] = set(scene.mass), set(scene.stiffness)
     # the exact wave of the discrete chain, known to 12 digits; away from both ends
     force = run.peak_force[40:90]
@@ -244,7 +244,7 @@ def test_a_homogeneous_chain_carries_the_solitary_wave(name: str, solved: Solve)
 @pytest.mark.parametrize(("name", "slope"), [("tapered-forward", 0.0295), ("tapered-backward", -0.0309)])
 def test_the_front_of_a_tapered_chain_gains_or_loses_3_percent_a_sphere(name: str, slope: float) -> None:
     scene = db.load_scene(name)
-    fastest = np.max(db.solve(scene, backend="reference", samples=5000, bars=False).velocity, axis=0)
+    fastest = np.max(db.solve(scene, backend="reference", samples=5000, uncertainty=False).velocity, axis=0)
     grains = np.arange(15, 36)
     # the digits known; samples of 0.2 us miss less than 1e-4 of a peak 20 us wide
     assert np.polyfit(grains, np.log(fastest[grains]), 1)[0] == pytest.approx(slope, abs=6e-5)
@@ -252,7 +252,7 @@ def test_the_front_of_a_tapered_chain_gains_or_loses_3_percent_a_sphere(name: st
 
 def test_a_dimer_carries_a_wave_that_sheds_little_a_cell(solved: Solve) -> None:
     scene = db.load_scene("dimer-1-1")
-    run = solved(scene, "reference", bars=False)
+    run = solved(scene, "reference", uncertainty=False)
     # (4/3) E* sqrt(R/2) of steel on PTFE, and the ratio of their densities
     modulus = 1.0 / ((1.0 - 0.3**2) / 193e9 + (1.0 - 0.46**2) / 1.46e9)
     assert set(scene.stiffness) == {float(f"{4.0 / 3.0 * modulus * math.sqrt(4.76e-3 / 2.0):.12g}")}

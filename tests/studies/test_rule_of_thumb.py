@@ -63,7 +63,7 @@ def test_errors_are_those_of_runs_at_these_steps() -> None:
     sampling, steps = steps_at(CHAIN, rayleigh)
     for share in SHARES:
         run, truth = (
-            db.solve(CHAIN, backend=name, dt=steps[share], samples=sampling.count, bars=False)
+            db.solve(CHAIN, backend=name, dt=steps[share], samples=sampling.count, uncertainty=False)
             for name in ("verlet", "reference")
         )
         found = judged.found[share]

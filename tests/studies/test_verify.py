@@ -50,7 +50,11 @@ def results() -> Runs[Result]:
         backend = TWIN if case.backend == ENGINE else case.backend
         settings = case.resolution
         run = db.solve(
-            SHORT, backend=backend, dt=settings.dt, bars=settings.bars, surrogate_radius=settings.surrogate_radius
+            SHORT,
+            backend=backend,
+            dt=settings.dt,
+            uncertainty=case.uncertainty,
+            surrogate_radius=settings.surrogate_radius,
         )
         return Result(case=case, trajectory=run)
 
@@ -373,9 +377,9 @@ def test_where_no_step_decides_velocities_what_is_conserved_is_judged(monkeypatc
 
     monkeypatch.setattr("dem_bridge.studies.verify.main_resolution", none)
     monkeypatch.setattr("dem_bridge.studies.verify.run_groups", run)
-    made = db.solve(SHORT, backend=TWIN, bars=False)
+    made = db.solve(SHORT, backend=TWIN, uncertainty=False)
     found = verify_scenes([SHORT], accuracy=1e-13)
-    assert [(case.backend, case.resolution.bars) for case in asked] == [(ENGINE, False)]
+    assert [(case.backend, case.uncertainty) for case in asked] == [(ENGINE, False)]
     assert [(v.quantity, v.outcome) for v in found.verdicts] == [
         ("velocity", Outcome.UNDECIDED), ("momentum", Outcome.PASS), ("energy", Outcome.PASS),
     ]  # fmt: skip

@@ -39,7 +39,7 @@ def _budgets(engine: Trajectory, runs: dict[str, Trajectory]) -> dict[str, Budge
 
 @pytest.mark.lammps
 def test_the_parts_explain_what_lammps_differs_by(runs: dict[str, Trajectory]) -> None:
-    engine = db.solve(SCENE, backend="lammps-granular", dt=DT, surrogate_radius=RADIUS, bars=False)
+    engine = db.solve(SCENE, backend="lammps-granular", dt=DT, surrogate_radius=RADIUS, uncertainty=False)
     found = _budgets(engine, runs)
     assert set(found) == set(QUANTITIES)
     for quantity, one in found.items():

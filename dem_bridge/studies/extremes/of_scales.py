@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.reference import Reference
 from dem_bridge.physics.hertz import crossed_cylinders
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Wall
 from dem_bridge.studies.extremes.entry import (
     BETA,
@@ -33,6 +33,7 @@ from dem_bridge.studies.extremes.truths import (
     shorter,
     two_bodies,
 )
+from dem_bridge.uncertainty.estimate import solve
 
 
 def speeds() -> Iterator[Entry]:
@@ -160,7 +161,9 @@ def symmetries() -> Iterator[Entry]:
         truths=(by_others(mirror), mirrored(mirror)), expected=moving,
     )  # fmt: skip
     there = chain("there", stiffness=beta, times=4.0)
-    forward = Reference().run(there, Resolution(), Sampling(count=there.samples))
+    forward = solve(
+        Case(scene=there, backend="reference", resolution=Resolution(), sampling=Sampling(count=there.samples))
+    )
     scene, truth = back_again(forward, there)
     scene = replace(scene, name="time-reversal")
     yield Entry(

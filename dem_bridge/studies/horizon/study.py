@@ -103,10 +103,11 @@ def study_horizon(
     judged = engine_for(scene)
     moved = [perturbed(scene, PERTURBATION, seed + i) for i in range(perturbations)]
     digits = [perturbed(scene, DIGIT, _OTHER + seed + i) for i in range(DIGITS)]
-    bare = Resolution(bars=False)
-    cases = [Case(scene=one, backend=REFERENCE, resolution=bare, sampling=sampling) for one in (scene, *moved, *digits)]
-    told = Resolution(dt=plan.step, bars=False)
-    cases.append(Case(scene=scene, backend=judged, resolution=told, sampling=sampling, engine=engine))
+    cases = [
+        Case(scene=each, backend=REFERENCE, resolution=Resolution(), sampling=sampling, uncertainty=False)
+        for each in (scene, *moved, *digits)
+    ]
+    cases.append(replace(cases[0], backend=judged, resolution=Resolution(dt=plan.step), engine=engine))
     wanted = plan.steps if steps is None else steps
     # seconds, roughly: for the share that each part of the work has in its progress
     compared, stepped = sum(case.expected for case in cases), _PER_STEP * scene.n_body * wanted

@@ -83,11 +83,12 @@ def choices(bench: Bench, asked: Sequence[str], engine: Engine | None) -> Iterat
     hierarchy, full = bench.hierarchy, bench.hierarchy.model()
     barest = _barest(hierarchy)
     wanted = [*_without_engine(full, hierarchy.samples), *_of_engine(full, hierarchy.samples)]
-    wanted.append(("ode45", "ode45 at MATLAB's default tolerances", "ode45", Resolution(bars=False)))
+    wanted.append(("ode45", "ode45 at MATLAB's default tolerances", "ode45", Resolution()))
     cases = []
     for *_, name, resolution in wanted:
         on = full if supports_of(name).covers(full) else barest
-        cases.append(replace(hierarchy.case(on, name, resolution), engine=engine if name in ENGINE_BACKENDS else None))
+        case = hierarchy.case(on, name, resolution)
+        cases.append(replace(case, engine=engine if name in ENGINE_BACKENDS else None, uncertainty=False))
     truths = bench.of([case.scene for case in cases])
     for (name, what, *_), case, truth, result in zip(wanted, cases, truths, bench.run(cases), strict=True):
         what = what if case.scene is full else f"{what} (of the barest chain)"
@@ -96,7 +97,7 @@ def choices(bench: Bench, asked: Sequence[str], engine: Engine | None) -> Iterat
 
 def _without_engine(scene: Scene, samples: int) -> Iterator[Choice]:
     """From the coarsest to the finest."""
-    rough = Resolution(bars=False)
+    rough = Resolution()
     yield "binary collisions", "binary collisions in place of the equations of motion", "bca", rough
     yield "the adiabatic wave", "the adiabatic wave in place of the equations of motion", "adiabatic", rough
     for factor in STEPS:
@@ -105,7 +106,7 @@ def _without_engine(scene: Scene, samples: int) -> Iterator[Choice]:
 
 
 def _of_engine(scene: Scene, samples: int) -> Iterator[Choice]:
-    own = Resolution(dt=OF_ENGINE * _default_step(scene, samples), bars=False)
+    own = Resolution(dt=OF_ENGINE * _default_step(scene, samples))
     yield "LAMMPS granular", "LAMMPS, pair_style granular", "lammps-granular", own
     if scene.spacing is not None:
         large = replace(own, geometry="physical")

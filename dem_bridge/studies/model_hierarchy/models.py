@@ -145,7 +145,7 @@ def model_hierarchy_of(
         for id in needs(scene, model_terms, one) & bears.keys():
             bears[id].add(one.id)
     full = model(scene, model_terms)
-    coarse = Case(scene=full, backend=TWIN, resolution=Resolution(bars=False), sampling=Sampling(count=1))
+    coarse = Case(scene=full, backend=TWIN, resolution=Resolution(), sampling=Sampling(count=1), uncertainty=False)
     [result] = run_cases([coarse], store=store)
     crossing = _trajectory(result).crossing_time[: scene.n_body - 1]
     duration, whole = scene.duration, window == "whole"

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from dem_bridge.backends.base import Resolution, Sampling, supports_of
+from dem_bridge.backends.base import Resolution, Sampling, backend, supports_of
 from dem_bridge.campaign import Result
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.case import Case
@@ -25,8 +25,8 @@ LONG = ("decelerating-200", "accelerating-200")
 OTHER_ACCURACY = 1e-4
 #: beside those that every verification has: another's integrator, one of order 4, the paper's method, the better theory
 BESIDE = {
-    "ase": Resolution(dt=1e-7, bars=False),
-    "blanes-moan": Resolution(bars=False),
+    "ase": Resolution(dt=1e-7),
+    "blanes-moan": Resolution(),
     "ode45": Resolution(),
     "adiabatic": Resolution(),
 }
@@ -97,15 +97,23 @@ def beside(scene: Scene) -> Iterator[Case]:
     sampling = Sampling(count=scene.samples)
     for name, resolution in BESIDE.items():
         if supports_of(name).covers(scene):
-            yield Case(scene=scene, backend=name, resolution=resolution, sampling=sampling)
+            # codes with a fixed step take further runs for an uncertainty, which no table shows
+            estimated = backend(name).order is None
+            yield Case(scene=scene, backend=name, resolution=resolution, sampling=sampling, uncertainty=estimated)
 
 
 def quick(
-    scenes: Sequence[Scene], names: Sequence[str] = (REFERENCE,), *, samples: int = 1, bars: bool = False
+    scenes: Sequence[Scene], names: Sequence[str] = (REFERENCE,), *, samples: int = 1, uncertainty: bool = False
 ) -> list[Case]:
     """Scenes of which only peak forces and crossing times are wanted, or one number."""
     return [
-        Case(scene=scene, backend=name, resolution=replace(COARSE, bars=bars), sampling=Sampling(count=samples))
+        Case(
+            scene=scene,
+            backend=name,
+            resolution=COARSE,
+            sampling=Sampling(count=samples),
+            uncertainty=uncertainty,
+        )
         for scene in scenes
         for name in names
     ]
@@ -170,5 +178,7 @@ def steeper_tapers() -> list[Case]:
     """Chains that taper more than the shipped ones."""
     scene = load_scene("tapered-forward")
     return [
-        case for q, samples in STEEPER.items() for case in quick([steeper_taper(scene, q)], samples=samples, bars=True)
+        case
+        for q, samples in STEEPER.items()
+        for case in quick([steeper_taper(scene, q)], samples=samples, uncertainty=True)
     ]

@@ -183,7 +183,7 @@ def measured(scene: Scene) -> Measured:
     prescan = prescan_scene(scene)
     count = math.ceil(math.sqrt(2.0) * prescan.frequency * scene.duration / PHASE)
     sampling = Sampling(count=min(max(count, FEWEST), MOST))
-    truth = Reference().run(scene, Resolution(bars=False), sampling)
+    truth = Reference().run(scene, Resolution(), sampling)
     scale = in_motion(scene, truth)
     pair, mode = highest_frequencies(scene, truth)
     return Measured(scene=scene, truth=truth, pair=pair, mode=mode, scale=scale)

@@ -113,7 +113,7 @@ def lammps(name: str, engine: Engine | None, *, radius: float) -> Stepper:
     chosen = backend(name, engine)
 
     def run(scene: Scene, dt: float) -> Trajectory:
-        resolution = Resolution(dt=dt, surrogate_radius=radius, bars=False)
+        resolution = Resolution(dt=dt, surrogate_radius=radius)
         return chosen.run(scene, resolution, Sampling(count=scene.samples))
 
     return run

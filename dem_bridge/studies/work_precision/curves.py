@@ -70,8 +70,8 @@ class Curve:
         return asked
 
     def resolution(self, value: float, *, limit: float) -> Resolution:
-        """Without bars; ``limit`` (s) ends an engine in another process."""
-        return Resolution(**self.settings(value), time_limit=limit, bars=False)
+        """Return the settings of a run; ``limit`` (s) stops an engine in another process."""
+        return Resolution(**self.settings(value), time_limit=limit)
 
     def size(self, value: float) -> float:
         """What the seconds of a run grow with, about linearly."""
@@ -91,7 +91,9 @@ class Curve:
         resolution = self.resolution(value, limit=1e9)
         if resolution.dt is None:
             return UNKNOWN
-        steps = Case(scene=scene, backend=self.backend, resolution=resolution, sampling=sampling).expected
+        steps = Case(
+            scene=scene, backend=self.backend, resolution=resolution, sampling=sampling, uncertainty=False
+        ).expected
         return steps * (10.0 if self.richardson else 1.0)
 
 

@@ -175,17 +175,19 @@ def test_each_law_that_is_read_is_that_of_lammps(case: str, tmp_path: Path) -> N
     text = script(**{**usual, **changes, "more": "neighbor 0.002 bin\n" + changes.get("more", "")})
     found = _velocities(_run(tmp_path / "run", {"in.test": text}, "in.test", {}), "vx", [1, 2, 3])
     scene = db.scene_from_deck(tmp_path / "run" / "in.test")
-    twin = db.solve(scene, backend="verlet", dt=STEP, bars=False)
+    twin = db.solve(scene, backend="verlet", dt=STEP, uncertainty=False)
     scale = np.max(np.abs(twin.velocity))
     assert np.max(np.abs(found - twin.velocity)) < 1e-9 * scale
     # a stiffness or a damping that is off by a millionth is seen
     off = replace(scene, stiffness=(scene.stiffness[0] * (1.0 + 1e-6), *scene.stiffness[1:]))
-    assert np.max(np.abs(found - db.solve(off, backend="verlet", dt=STEP, bars=False).velocity)) > 1e-8 * scale
+    assert np.max(np.abs(found - db.solve(off, backend="verlet", dt=STEP, uncertainty=False).velocity)) > 1e-8 * scale
     if scene.damping is not None:
         assert isinstance(scene.damping.coefficient, tuple)
         weaker = tuple(one * (1.0 - 1e-5) for one in scene.damping.coefficient)
         off = replace(scene, damping=replace(scene.damping, coefficient=weaker))
-        assert np.max(np.abs(found - db.solve(off, backend="verlet", dt=STEP, bars=False).velocity)) > 1e-8 * scale
+        assert (
+            np.max(np.abs(found - db.solve(off, backend="verlet", dt=STEP, uncertainty=False).velocity)) > 1e-8 * scale
+        )
 
 
 @pytest.mark.parametrize("units", list(UNITS))

@@ -14,7 +14,6 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.twin_bars import twins_of
-from dem_bridge.backends.verlet import Verlet
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.studies.horizon import runs as horizon_runs
@@ -78,7 +77,7 @@ def test_a_bar_over_time_ends_as_that_of_the_whole_run() -> None:
     plan = fixed_step_plan(scene, Resolution(dt=1e-7), sampling, prescan)
     twins = twins_of(scene, plan, prescan, radius=prescan.surrogate_radius)
     assert twins is not None
-    whole = Verlet().run(scene, Resolution(dt=1e-7), sampling)
+    whole = db.solve(scene, backend="verlet", dt=1e-7, samples=50)
     speed = float(np.max(np.abs(whole.velocity)))
     found = step_bar(twins, speed) + round_off_bar(twins.own.velocity, [twins.positional.velocity], plan, speed)
     # the same sums in another order

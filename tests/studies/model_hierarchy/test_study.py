@@ -124,7 +124,7 @@ def test_an_effect_is_that_of_two_runs_made_by_hand() -> None:
     assert [one.id for one in hierarchy.model_terms] == ["gaps", "drag", "base", "gravity"]
     found = {one.term.id: one for one in left_out(Bench(hierarchy, jobs=1), JUDGED)}
     full, without = (
-        db.solve(replace(one, duration=hierarchy.duration), backend="scipy", samples=4, bars=False)
+        db.solve(replace(one, duration=hierarchy.duration), backend="scipy", samples=4, uncertainty=False)
         for one in (RAW, replace(RAW, gap=0.0))
     )
     # without the gap the front is earlier: by the time that a body takes to cross it, roughly
@@ -138,7 +138,7 @@ def test_an_effect_is_that_of_two_runs_made_by_hand() -> None:
 def test_runs_last_as_long_as_what_is_asked_about() -> None:
     passage, whole = model_hierarchy_of(RAW), model_hierarchy_of(RAW, window="whole")
     assert (whole.duration, whole.model().duration) == (RAW.duration, RAW.duration)
-    arrival = float(db.solve(RAW, backend="verlet", samples=1, bars=False).crossing_time[BODIES - 2])
+    arrival = float(db.solve(RAW, backend="verlet", samples=1, uncertainty=False).crossing_time[BODIES - 2])
     assert passage.duration == pytest.approx(1.3 * arrival, rel=5e-3)  # three digits
     six: dict[str, Any] = {"mass": RAW.mass[:7], "velocity": RAW.velocity[:7], "stiffness": RAW.stiffness[:6]}
     few = replace(RAW, name="few", exponent=2.5, gap=0.0, **six)
@@ -257,7 +257,9 @@ def test_numerical_errors_fall_with_the_step_and_theories_are_of_what_they_know(
     )
     # of the barest chain, not of the fullest, from which it is also off by what is left out
     barest = replace(RAW, wall_right=None, gravity=0.0, drag=0.0, gap=0.0)
-    arrivals = [db.solve(barest, backend=name, samples=500, bars=False).crossing_time[-1] for name in ("scipy", "bca")]
+    arrivals = [
+        db.solve(barest, backend=name, samples=500, uncertainty=False).crossing_time[-1] for name in ("scipy", "bca")
+    ]
     bca = numerics["binary collisions in place of the equations of motion (of the barest chain)"]
     assert bca["arrival (%)"] == pytest.approx(100.0 * (arrivals[1] / arrivals[0] - 1.0), rel=1e-6)
     words = " ".join(found.answer)

@@ -47,12 +47,13 @@ def few_gradients() -> list[Case]:
     return quick(scenes, ("reference", "ode45", *THEORIES))
 
 
-def _case(scene: Scene, backend: str, *, bars: bool = True, dt: float | None = None) -> Case:
+def _case(scene: Scene, backend: str, *, uncertainty: bool = True, dt: float | None = None) -> Case:
     return Case(
         scene=scene,
         backend=backend,
-        resolution=Resolution(bars=bars, dt=dt),
+        resolution=Resolution(dt=dt),
         sampling=Sampling(count=scene.samples),
+        uncertainty=uncertainty,
     )
 
 
@@ -61,7 +62,7 @@ def _cases() -> Iterator[Case]:
         yield from (_case(scene, name) for name in ("reference", "ode45", *THEORIES))
         yield _case(scene, "verlet", dt=1e-7)
     for scene in map(db.load_scene, LONG):
-        yield _case(scene, "reference", bars=False)
+        yield _case(scene, "reference", uncertainty=False)
         yield from (_case(scene, name) for name in THEORIES)
     for scene in map(db.load_scene, OTHERS):
         yield from (_case(scene, name) for name in ("reference", *THEORIES))

@@ -35,7 +35,7 @@ def _runs(truth: Truth, solved: Solve) -> ChainRuns:
     """The twin stands in for LAMMPS: same algorithm, no engine."""
     scene = replace(truth.scene, spacing=0.018)
     backends = {"reference": "reference", "lammps-granular": "verlet", "bca": "bca", "ode45": "ode45"}
-    return ChainRuns(scene, {name: solved(scene, backend, bars=False) for name, backend in backends.items()})
+    return ChainRuns(scene, {name: solved(scene, backend, uncertainty=False) for name, backend in backends.items()})
 
 
 @pytest.fixture(scope="module")

@@ -288,5 +288,5 @@ def test_the_paper_is_asked_for_alone(scenes: Sequence[str]) -> None:
 
 def test_quick_runs_have_no_bars_and_one_sample() -> None:
     [case] = quick([with_mass_gradient(db.load_scene(MAIN[0]), 0.0)])
-    assert case.resolution == Resolution(dt=1e-7, bars=False)
+    assert (case.resolution, case.uncertainty) == (Resolution(dt=1e-7), False)
     assert (case.backend, case.sampling.count) == (REFERENCE, 1)

@@ -135,7 +135,7 @@ def test_speed_changes_nothing_but_the_scale(pair: Measured) -> None:
 
 def test_an_error_is_told_from_none_and_from_another(pair: Measured) -> None:
     def reference(scene: Scene, dt: float) -> Trajectory:
-        return Reference().run(scene, Resolution(bars=False), Sampling(count=scene.samples))
+        return Reference().run(scene, Resolution(), Sampling(count=scene.samples))
 
     def softer(scene: Scene, dt: float) -> Trajectory:
         return reference(replace(scene, stiffness=tuple(0.99 * k for k in scene.stiffness)), dt)

@@ -26,7 +26,7 @@ def truth() -> Trajectory:
 
 @pytest.fixture(scope="module")
 def run() -> Trajectory:
-    return db.solve(CHAIN, backend="verlet", dt=6e-7, bars=False)
+    return db.solve(CHAIN, backend="verlet", dt=6e-7, uncertainty=False)
 
 
 def errors(run: Trajectory, reference: Trajectory, scene: Scene = CHAIN) -> Norms:
@@ -84,10 +84,10 @@ def test_a_run_is_no_distance_from_itself(truth: Trajectory) -> None:
 
 def test_a_scene_in_which_nothing_moves_has_no_errors() -> None:
     still = replace(CHAIN, name="still", velocity=(0.0,) * CHAIN.n_body)
-    truth, run = (db.solve(still, backend=name, bars=False, samples=2) for name in ("reference", "verlet"))
+    truth, run = (db.solve(still, backend=name, uncertainty=False, samples=2) for name in ("reference", "verlet"))
     assert set(errors(run, truth, still).values()) == {0.0}
 
 
 def test_a_reference_without_bars_leaves_every_error_unknown(truth: Trajectory) -> None:
-    bare = db.solve(CHAIN, backend="reference", bars=False)
+    bare = db.solve(CHAIN, backend="reference", uncertainty=False)
     assert all(np.isinf(bar) for bar in uncertainties_of(readings_of(CHAIN, bare)).values())

@@ -91,7 +91,7 @@ def test_every_row_of_the_tidy_table_is_what_its_settings_give(written: tuple[St
         if any(row["reason"] for row in mine.values()):
             assert {row["error"] for row in mine.values()} == {"nan"}
             continue
-        run = db.solve(SCENE, backend=backend, bars=False, **json.loads(asked))
+        run = db.solve(SCENE, backend=backend, uncertainty=False, **json.loads(asked))
         expected = bars if backend == "reference" else errors_of(SCENE, run, truth_readings)
         assert {key: float(row["error"]) for key, row in mine.items()} == expected
         assert {float(row["force_evaluations"]) for row in mine.values()} == {run.cost.force_evaluations}
@@ -193,7 +193,7 @@ def test_beyond_the_limit_rows_stay_without_numbers_and_without_runs(monkeypatch
 
     def run(value: float) -> Any:
         made.append(value)
-        return db.solve(SCENE, backend="verlet", dt=value, bars=False)
+        return db.solve(SCENE, backend="verlet", dt=value, uncertainty=False)
 
     points = _measured(monkeypatch, run, limit=1e-9)
     assert [point.value for point in points] == [8e-8, 4e-8, 2e-8, 1e-8]
@@ -207,7 +207,7 @@ def test_a_run_that_breaks_says_why_and_the_next_are_made(monkeypatch: pytest.Mo
     def run(value: float) -> Any:
         if value == 4e-8:
             raise RunBroken("lost atoms")
-        return db.solve(SCENE, backend="verlet", dt=value, bars=False)
+        return db.solve(SCENE, backend="verlet", dt=value, uncertainty=False)
 
     points = _measured(monkeypatch, run)
     assert [point.reason for point in points] == ["", "lost atoms", "", ""]
