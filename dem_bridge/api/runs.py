@@ -53,8 +53,8 @@ def solve(scene: Scene | str | Path, *, backend: str | None = None, **settings: 
     ``table_style`` ("spline", "linear"), ``table_lines`` and ``table_points`` of its tables; ``time_limit`` (s);
     ``uncertainty=False`` for a run without the further runs that its uncertainty takes. Which LAMMPS: ``lmp`` (a
     binary; the variable ``DEM_BRIDGE_LMP`` names one too) or ``python`` (an interpreter with the ``lammps`` module),
-    ``lmp_args`` ("-sf omp") and ``ranks`` (of MPI); None: the module of this environment, on one. Raises UsageError for an unknown
-    backend or setting, UnsupportedScene, BackendUnavailable or RunBroken.
+    ``lmp_args`` ("-sf omp") and ``ranks`` (of MPI); None: the module of this environment, on one. Raises UsageError for
+    an unknown backend or setting, UnsupportedScene, BackendUnavailable or RunBroken.
 
     >>> import dem_bridge as db
     >>> run = db.solve("accelerating-40", backend="verlet", dt=1e-7)
