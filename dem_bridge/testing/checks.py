@@ -244,7 +244,7 @@ class _Subject:
     def scene_unchanged(self) -> None:
         scene = replace(self.base)
         before = repr(scene), repr(scene.contacts)
-        self.backend.run(scene, Resolution(bars=False), Sampling(count=scene.samples))
+        self.backend.run(scene, Resolution(), Sampling(count=scene.samples))
         _require(before == (repr(scene), repr(scene.contacts)), "the run changed the scene")
 
     def working_directory(self) -> None:
@@ -321,7 +321,7 @@ def _require(condition: object, sentence: str) -> None:
 @cache
 def _solution(name: str, scene: Scene) -> Trajectory:
     """Return the solution of a code of this package."""
-    return backend(name).run(scene, Resolution(bars=False), Sampling(count=scene.samples))
+    return backend(name).run(scene, Resolution(), Sampling(count=scene.samples))
 
 
 def _assert_close(name: str, values: Floats, expected: Floats, source: str, stated: float = math.inf) -> None:

@@ -21,6 +21,7 @@ from dem_bridge.backends.steps import Dense, fixed_step_plan
 from dem_bridge.backends.twin import TWIN, VERLET
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, Trajectory
+from tests.helpers.no_support import NOTHING
 from tests.helpers.strategies import examples, scenes
 
 METHODS = {"verlet": VERLET, "srkn_6b": SRKN_6B}
@@ -32,7 +33,7 @@ def _run(
     plan = fixed_step_plan(scene, Resolution(dt=dt), Sampling(count=scene.samples), prescan_hertz(scene))
     with pytest.MonkeyPatch.context() as patch:
         if plain:
-            patch.setattr(splitting, "fits", lambda *_: False)
+            patch.setattr(splitting, "FUSED", NOTHING)
         return splitting.solve(TWIN, method, scene, plan, radius=radius, full=full)
 
 

@@ -70,16 +70,19 @@ def bare_engine(extent: Extent) -> Iterator[Row]:
 
 
 def solves(extent: Extent) -> Iterator[Row]:
-    """Measure runs of fixed step with and without error bars, and adaptive ones without."""
+    """Measure runs of fixed step with and without uncertainty, and adaptive ones without."""
     settings: list[tuple[str, dict[str, Any]]] = [
-        (name, {"dt": extent.dt, "bars": bars}) for name in ("lammps-granular", "verlet") for bars in (False, True)
+        (name, {"dt": extent.dt, "uncertainty": estimated})
+        for name in ("lammps-granular", "verlet")
+        for estimated in (False, True)
     ]
     settings += [(name, {"uncertainty": False}) for name in ("reference", "scipy", "ode45")]
     for name, chosen in settings:
         work = partial(db.solve, extent.scene, backend=name, **chosen)
         forces = work().cost.force_evaluations
-        bars = "with" if chosen["bars"] else "without"
-        yield Row(extent.scene.name, f"{name}, {bars} bars", wall_seconds(work, extent.rounds), f"{forces:,} forces")
+        how = "with" if chosen["uncertainty"] else "without"
+        label = f"{name}, {how} uncertainty"
+        yield Row(extent.scene.name, label, wall_seconds(work, extent.rounds), f"{forces:,} forces")
 
 
 def decelerating(cylinders: int) -> Scene:

@@ -106,7 +106,8 @@ def table(extent: Extent) -> Iterator[Row]:
     """Measure the error of tables beside granular, and what tables cost."""
     truth = db.solve(extent.scene, backend="reference", uncertainty=False)
     granular, tabled = (
-        db.solve(extent.scene, backend=name, dt=extent.dt, uncertainty=False) for name in ("lammps-granular", "lammps-table")
+        db.solve(extent.scene, backend=name, dt=extent.dt, uncertainty=False)
+        for name in ("lammps-granular", "lammps-table")
     )
     more = _difference(tabled, truth) - _difference(granular, truth)
     yield "table, error above granular's", "<= 1e-6", f"{more:.1e}"
@@ -216,17 +217,18 @@ def overhead(extent: Extent) -> Iterator[Row]:
         alone = script(bare)
         dumped = script(whole)
         solve = median_seconds(lambda: db.solve(scene, backend="lammps-granular", dt=extent.dt), rounds)
-        no_bars = median_seconds(lambda: db.solve(scene, backend="lammps-granular", dt=extent.dt, uncertainty=False), rounds)
+        settings: dict[str, Any] = {"backend": "lammps-granular", "dt": extent.dt, "uncertainty": False}
+        run_alone = median_seconds(lambda: db.solve(scene, **settings), rounds)
         words = [sys.executable, "-m", "dem_bridge.cli", "run", scene.name]
         words += ["--backend", "lammps-granular", "--dt", f"{extent.dt}"]
         cold = median_seconds(lambda: subprocess.run(words, check=True, capture_output=True), extent.repeats(5))
     yield "sampling, 500 samples with peaks and crossings", "<= 1.15 times the bare run", f"{dumped / alone:.2f} times"
     yield (
-        "warm db.solve, with bars (without)",
+        "warm db.solve with (without) uncertainty",
         "<= 1.25 times",
-        f"{solve / alone:.2f} ({no_bars / alone:.2f}) times {alone:.2f} s",
+        f"{solve / alone:.2f} ({run_alone / alone:.2f}) times {alone:.2f} s",
     )
-    yield "cold command line, with bars", "<= 1.8 times", f"{cold / alone:.2f} times"
+    yield "cold command line, with uncertainty", "<= 1.8 times", f"{cold / alone:.2f} times"
 
 
 def damped(extent: Extent) -> Iterator[Row]:

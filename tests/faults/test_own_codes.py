@@ -35,6 +35,7 @@ from tests.helpers.fault_judging import (
     minus,
     with_trajectory,
 )
+from tests.helpers.no_support import NOTHING
 
 # the twin
 
@@ -90,7 +91,7 @@ def _with_twin(bench: Bench, monkeypatch: pytest.MonkeyPatch, changes: Changes) 
     exec(text.split("\n", 1)[1], names)  # without the decorator
     results = bench.sound_runs
     monkeypatch.setattr(splitting, "integrate", names["integrate"])
-    monkeypatch.setattr(splitting, "fits", lambda *_: False)
+    monkeypatch.setattr(splitting, "FUSED", NOTHING)
     main, *others = bench.of(TWIN)
     [positional] = [case for case in others if case.resolution.surrogate_radius is not None]
     for case in (main, positional):

@@ -26,7 +26,7 @@ def test_a_feature_that_is_ignored_would_be_seen(feature: Feature, solved: Solve
     scene = example(feature, FULL)
     assert scene is not None
     assert feature in scene.features
-    run, plain = solved(scene, "scipy", bars=False), solved(plain_scene(3), "scipy", bars=False)
+    run, plain = solved(scene, "scipy", uncertainty=False), solved(plain_scene(3), "scipy", uncertainty=False)
     assert np.max(np.abs(run.velocity - plain.velocity)) > 5.0 * TOLERANCE * np.max(np.abs(run.velocity))
 
 
