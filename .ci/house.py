@@ -1,8 +1,8 @@
 """Measure the size of the package: ``python .ci/house.py [CHECKOUT]``.
 
 It prints the number of modules, the lines of code without docstrings, comments and blank lines, the statements, and the
-lines of docstrings; then how often functions of the package are called from ``dem-bridge verify decelerating-40`` to its
-first run.
+lines of docstrings. It then counts the calls of functions of the package from ``dem-bridge verify decelerating-40`` to
+its first run.
 """
 
 from __future__ import annotations
