@@ -1,15 +1,15 @@
-"""The budget of a LAMMPS run: what its error consists of, each part measured by other runs than the one it explains.
+"""The error budget of a LAMMPS run: each part of its error, measured by other runs than the run that it explains.
 
 ==============  =================================================================================================
-time step       twin minus reference: the same algorithm at the same step, in overlap variables
-table           twin with the deck's tables minus twin; none with ``pair_style granular``, which has the law itself
-round-off       twin in positions, with the deck's gauge radius, minus twin in overlaps, with the same tables if any
-sampling        what is read between time steps: peaks and crossings from every second dense sample; samples are steps
-reference       the bar of the reference
+time step       twin - reference: the same algorithm at the same step, in overlap variables
+table           twin with the deck's tables - twin; zero with ``pair_style granular``, which evaluates the law itself
+round-off       positional twin - twin (both with the same tables, if any)
+sampling        error of peaks and crossing times, which are read between time steps: every second dense sample - all
+reference       uncertainty of the reference
 ==============  =================================================================================================
 
-Parts with a sign are differences of whole trajectories, so what they leave *unexplained* is a trajectory, too: LAMMPS
-minus the twin in positions. It is a finding where it exceeds what is uncertain in the explanation.
+The first three parts are differences of trajectories, so the *unexplained* part is a trajectory, too: LAMMPS minus the
+positional twin. An unexplained part that is larger than the uncertainty of the explanation indicates a fault.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from dem_bridge.verification.verdict import plain
 
 @dataclass(frozen=True, kw_only=True)
 class Budget:
-    """Error of one quantity of a run, relative to ``scale_name``, and its parts."""
+    """Error of one quantity of a run and its parts, relative to the scale ``scale_name``."""
 
     quantity: str
     found: float
@@ -36,20 +36,21 @@ class Budget:
     parts: Mapping[str, float]
     unexplained: float
     allowed: float
-    """What may stay unexplained: one more realisation of the round-off."""
+    """Largest unexplained part that another realisation of the round-off can cause."""
     scale_name: str
 
     @property
     def total(self) -> float:
-        """Sum of the parts: never below ``found`` but for what is unexplained."""
+        """Sum of the parts; it is at least ``found``, except for the unexplained part."""
         return sum(self.parts.values())
 
     @property
     def is_finding(self) -> bool:
+        """Whether the unexplained part is larger than round-off allows, which indicates a fault."""
         return not self.unexplained <= self.allowed
 
     def as_json(self) -> dict[str, Any]:
-        """JSON-able, see :func:`dem_bridge.verification.verdict.plain`."""
+        """Return the budget as JSON values."""
         numbers = {name: plain(getattr(self, name)) for name in ("found", "total", "unexplained", "allowed")}
         parts = {name: plain(value) for name, value in self.parts.items()}
         return {"quantity": self.quantity, "scale_name": self.scale_name, **numbers, "parts": parts}
@@ -59,17 +60,20 @@ def budgets(
     engine: Trajectory,
     twin: Trajectory,
     positional: Trajectory,
-    truth: Trajectory,
+    reference: Trajectory,
     tabled: Trajectory | None = None,
 ) -> tuple[Budget, ...]:
-    """Budgets of all quantities. ``twin`` took the engine's steps, ``tabled`` its tables, too (None: it has none), and
-    ``positional`` keeps positions beside that."""
-    found, same = [], tabled or twin
+    """Return the budgets of all quantities.
+
+    ``twin`` has the engine's steps, ``tabled`` its tables as well (None: the engine has none), and ``positional`` keeps
+    absolute positions in addition.
+    """
+    budgets, same = [], tabled or twin
     for quantity in QUANTITIES:
-        error, step = difference(quantity, engine, truth), difference(quantity, twin, truth)
+        error, step = difference(quantity, engine, reference), difference(quantity, twin, reference)
         rounding = difference(quantity, positional, same).value
         sampling = twin.uncertainty.sampling[quantity]
-        found.append(
+        budgets.append(
             Budget(
                 quantity=quantity,
                 found=error.value,
@@ -85,17 +89,19 @@ def budgets(
                 scale_name=error.scale_name,
             )
         )
-    return tuple(found)
+    return tuple(budgets)
 
 
 def allowance(quantity: str, twin: Trajectory, positional: Trajectory, tabled: Trajectory | None = None) -> float:
-    """What LAMMPS may differ by from the twin in positions, relative: both round alike, but not each operation in the
-    same order. What the step and sampling cost is the same in both."""
+    """Return how much LAMMPS may differ from the positional twin, relative.
+
+    Both round in the same way, but not each operation in the same order; the errors of step and sampling are the same.
+    """
     return _allowed(quantity, difference(quantity, positional, tabled or twin).value, twin, positional)
 
 
 def _allowed(quantity: str, rounding: float, twin: Trajectory, positional: Trajectory) -> float:
-    # two realisations of a round-off, each as far from none as the one that is known
+    # two realisations of the round-off, each as large as the known one
     allowed = 2.0 * rounding + REALISATIONS * twin.uncertainty.parts["last_digit"]
     if quantity == "displacement":
         # a body that drifts adds the same increment at every step, which may fall on either side of a tie each time

@@ -1,14 +1,14 @@
 """The checks that a verification consists of, each a pure function from trajectories to verdicts.
 
 ===================  ===========================================================================
-implementation       LAMMPS against the twin: the round-off that twins predict, and nothing more
-table                forces and energies that LAMMPS takes from tables against the laws: no more than was predicted
-explained            LAMMPS against the twin in positions: what its error budget leaves over
-two_methods          the two references against each other
-accuracy             a run against the reference
-order                errors along the ladder of steps
-conserved            momentum and energy, where nothing takes or gives any but a drive
-model                binary collisions against the reference: a number, never pass or fail
+implementation       LAMMPS - twin: at most the round-off that the twins predict
+table                forces and energies from LAMMPS' tables - contact laws: at most the predicted interpolation error
+explained            LAMMPS - positional twin: the part of the error that the budget leaves unexplained
+two_methods          second reference - reference: at most the sum of their uncertainties
+accuracy             a run - reference: at most the accuracy
+order                order of convergence over the refinement levels
+conserved            drift of momentum and energy, where the scene conserves them
+model                binary collisions - reference: a model difference, never PASS or FAIL
 ===================  ===========================================================================
 """
 
@@ -35,19 +35,21 @@ from dem_bridge.verification.verdict import Outcome, Verdict, judge, numerical_v
 
 Floats = NDArray[np.float64]
 
-#: what the order of velocity-Verlet may differ by from 2, and from 1 where forces depend on velocities
+#: permissible deviation of the observed order from 2, and from 1 where forces depend on velocities
 ORDER_TOLERANCE = {2: 0.05, 1: 0.1}
-#: what the second reference shows beside the first
-INDEPENDENT = "nothing: two methods"
-#: error of scipy where it was not asked for its bars: what they are at most on the shipped scenes, of the largest speed
-SECOND_BAR = 2e-10
-#: observables in which binary collisions are set beside the reference
+#: meaning of the difference between the two references
+INDEPENDENT = "independent check (two unrelated integrators)"
+#: uncertainty of scipy, relative to the largest velocity, where it was not estimated: its maximum over the shipped
+#: scenes
+SCIPY_UNCERTAINTY = 2e-10
+#: observables in which binary collisions are compared with the reference
 MODELLED = ("arrival", "residence_time", "arrival_at_end", "peak_force", "velocity")
-#: measured errors of tables may exceed predicted ones so much: both look at places, and each misses the worst
+#: permissible ratio of measured to predicted table errors: both are sampled, and neither samples the exact maximum
 TABLE_TOLERANCE = 1.1
 
 
 def absent(scene: Scene, name: str, result: Result) -> Verdict:
+    """Return the verdict on a run that was not made or that failed."""
     outcome = Outcome.BROKEN if isinstance(result.failure, RunBroken) else Outcome.NOT_RUN
     return Verdict(
         scene=scene.name,
@@ -60,15 +62,15 @@ def absent(scene: Scene, name: str, result: Result) -> Verdict:
 
 
 def implementation(scene: Scene, engine: Trajectory, twin: Trajectory) -> Verdict:
-    """LAMMPS against the twin: no more than the round-off that twins predict for a code that keeps positions."""
+    """Judge LAMMPS against the twin: only the round-off of absolute positions, predicted by twins, may differ."""
     expected = engine.uncertainty.parts
     tolerance = expected["round_off"]
-    # the same algorithm at the same step: the bars of the time step are common to both and drop out
-    found = replace(
+    # the time-step error is the same in both and cancels
+    compared = replace(
         difference("velocity", engine, twin), uncertainty=tolerance, reference_uncertainty=expected["last_digit"]
     )
     return numerical_verdict(
-        found,
+        compared,
         scene=scene.name,
         backend=engine_for(scene),
         reference=TWIN,
@@ -79,15 +81,15 @@ def implementation(scene: Scene, engine: Trajectory, twin: Trajectory) -> Verdic
 
 
 def table(scene: Scene, engine: Trajectory) -> list[Verdict]:
-    """Forces and energies of a run beside the laws that its tables stand for; its own bars are what was predicted."""
-    told, name = engine.provenance["table"], engine_for(scene)
-    found = [("table", "forces", "each contact's largest force", "error", TABLE_TOLERANCE)]
-    if "measured_energy_error" in told:  # a contact was closed when LAMMPS printed its energies
-        found.append(("table_energy", "potential energies", "the largest energy in contacts", "energy_error", 1.0))
+    """Judge forces and energies that LAMMPS takes from tables against the contact laws and the predicted errors."""
+    errors, name = engine.provenance["table"], engine_for(scene)
+    checked = [("table", "forces", "each contact's largest force", "error", TABLE_TOLERANCE)]
+    if "measured_energy_error" in errors:  # a contact was closed when LAMMPS printed its energies
+        checked.append(("table_energy", "potential energies", "the largest energy in contacts", "energy_error", 1.0))
     verdicts = []
-    for quantity, what, scale, key, factor in found:
-        measured, predicted = told[f"measured_{key}"], told[f"predicted_{key}"]
-        tolerance = factor * predicted + told["round_off"]
+    for quantity, what, scale, key, factor in checked:
+        measured, predicted = errors[f"measured_{key}"], errors[f"predicted_{key}"]
+        tolerance = factor * predicted + errors["round_off"]
         verdicts.append(
             Verdict(
                 scene=scene.name,
@@ -97,7 +99,7 @@ def table(scene: Scene, engine: Trajectory) -> list[Verdict]:
                 outcome=judge(measured, 0.0, tolerance),
                 sentence=(
                     f"{what} that {name} takes from tables differ from the contact laws by {measured:.2e} of {scale};"
-                    f" {predicted:.2e} was predicted, and the tolerance is {tolerance:.1e}."
+                    f" the predicted error is {predicted:.2e} and the tolerance {tolerance:.1e}."
                 ),
                 difference=measured,
                 scale=1.0,
@@ -112,11 +114,11 @@ def table(scene: Scene, engine: Trajectory) -> list[Verdict]:
 
 
 def explained(scene: Scene, quantity: str, engine: Trajectory, positional: Trajectory, *, allowed: float) -> Verdict:
-    """What a budget leaves unexplained: the twin in positions shares the step and the round-off."""
+    """Judge the part of an error that its budget leaves unexplained: LAMMPS minus the positional twin."""
     digit = engine.uncertainty.parts["last_digit"]
-    found = replace(difference(quantity, engine, positional), uncertainty=allowed, reference_uncertainty=digit)
+    compared = replace(difference(quantity, engine, positional), uncertainty=allowed, reference_uncertainty=digit)
     return numerical_verdict(
-        found,
+        compared,
         scene=scene.name,
         backend=engine_for(scene),
         reference=POSITIONAL,
@@ -127,105 +129,120 @@ def explained(scene: Scene, quantity: str, engine: Trajectory, positional: Traje
 
 
 def two_methods(scene: Scene, second: Trajectory | None, reference: Trajectory) -> Verdict:
-    """Return the verdict on two references: each must be right within the uncertainty that it states.
+    """Judge two references against each other: each must be right within the uncertainty that it states.
 
     ``second`` is None where only one backend solves the scene to the accuracy of a reference: NOT_RUN.
     """
-    found = difference("velocity", second or reference, reference)
-    if not math.isfinite(found.uncertainty):
-        found = replace(found, uncertainty=SECOND_BAR)
-    allowed = found.uncertainty + found.reference_uncertainty
+    compared = difference("velocity", second or reference, reference)
+    if not math.isfinite(compared.uncertainty):
+        compared = replace(compared, uncertainty=SCIPY_UNCERTAINTY)
+    allowed = compared.uncertainty + compared.reference_uncertainty
     if second is None:
         name, outcome = SCIPY, Outcome.NOT_RUN
-        sentence = f"{REFERENCE} on {scene.name} was answered by {SCIPY}: nothing to compare."
+        sentence = f"{REFERENCE} on {scene.name} was answered by {SCIPY}: no second solution to compare with."
     else:
-        # both uncertainties are in the tolerance already: no doubt is left
-        name, outcome = second.provenance["backend"], judge(found.value, 0.0, allowed)
+        # both uncertainties are part of the tolerance already
+        name, outcome = second.provenance["backend"], judge(compared.value, 0.0, allowed)
         sentence = (
-            f"velocity of {name} differs from {REFERENCE} by {found.value:.2e} of {found.scale_name};"
-            f" their bars together are {allowed:.1e}."
+            f"velocity of {name} differs from {REFERENCE} by {compared.value:.2e} of {compared.scale_name};"
+            f" the sum of their uncertainties is {allowed:.1e}."
         )
-    return Verdict(
-        scene=scene.name,
-        quantity="velocity",
-        backend=name,
-        reference=REFERENCE,
-        outcome=outcome,
-        sentence=sentence,
-        difference=found.value,
-        scale=found.scale,
-        unit=found.unit,
-        scale_name=found.scale_name,
-        uncertainty=found.uncertainty,
-        reference_uncertainty=found.reference_uncertainty,
+    return replace(
+        _of_difference(scene, name, compared, outcome, sentence, INDEPENDENT),
+        uncertainty=compared.uncertainty,
         tolerance=allowed,
-        meaning=INDEPENDENT,
     )
 
 
-def accuracy(scene: Scene, name: str, run: Trajectory, truth: Trajectory, wanted: float) -> list[Verdict]:
-    """A run against the reference: velocity for the twin, every quantity for LAMMPS."""
+def _of_difference(
+    scene: Scene, backend: str, compared: Difference, outcome: Outcome, sentence: str, meaning: str
+) -> Verdict:
+    """Return a verdict on a difference from the reference, without own uncertainty and tolerance."""
+    return Verdict(
+        scene=scene.name,
+        quantity=compared.quantity,
+        backend=backend,
+        reference=REFERENCE,
+        outcome=outcome,
+        sentence=sentence,
+        difference=compared.value,
+        scale=compared.scale,
+        unit=compared.unit,
+        scale_name=compared.scale_name,
+        reference_uncertainty=compared.reference_uncertainty,
+        meaning=meaning,
+    )
+
+
+def accuracy(scene: Scene, name: str, run: Trajectory, reference: Trajectory, tolerance: float) -> list[Verdict]:
+    """Judge a run against the reference: the velocity of the twin, every quantity of LAMMPS."""
     parts = ["time step", *(["table"] if "table" in run.provenance else []), "implementation and round-off"]
     meaning = "time step" if name == TWIN else ", ".join(parts)
     quantities: tuple[str, ...] = ("velocity",)
     if name != TWIN:
         quantities = (*QUANTITIES, "residence_time") if scene.n_body > 2 else QUANTITIES
-    found = [difference(quantity, run, truth, scene) for quantity in quantities]
-    verdicts = [
-        numerical_verdict(
-            one,
+    verdicts = []
+    for compared in (difference(quantity, run, reference, scene) for quantity in quantities):
+        of_velocity = compared.quantity == "velocity"
+        verdict = numerical_verdict(
+            compared,
             scene=scene.name,
             backend=name,
             reference=REFERENCE,
-            # the accuracy was asked of velocities; the others may err by what twins predict for this step
-            tolerance=wanted if one.quantity == "velocity" else max(wanted, one.uncertainty),
+            # the accuracy is that of velocities; other quantities may err by the uncertainty at this step
+            tolerance=tolerance if of_velocity else max(tolerance, compared.uncertainty),
             meaning=meaning,
-            first_divergence=first_divergence(run, truth, wanted) if one.quantity == "velocity" else None,
+            first_divergence=first_divergence(run, reference, tolerance) if of_velocity else None,
         )
-        for one in found
-    ]
-    why = _pull(name, run)
-    return [one if one.outcome is Outcome.PASS else replace(one, sentence=one.sentence + why) for one in verdicts]
+        if verdict.outcome is not Outcome.PASS:
+            verdict = replace(verdict, sentence=verdict.sentence + _pull(name, run))
+        verdicts.append(verdict)
+    return verdicts
 
 
 def _pull(name: str, run: Trajectory) -> str:
-    """What a run with tables has that its equations have not; '' where that is nothing."""
+    """Describe the tension in damped contacts of a run with tables; empty where there is none."""
     pull = float(run.provenance.get("table", {}).get("pull", 0.0))
     if pull == 0.0:
         return ""
     return (
-        f" {name} has contacts that pull, with up to {pull:.3g} N: their damping stands beside a table, and LAMMPS"
-        " cannot clip the sum of two pair styles, as the equations do; with n = 2 or 2.5 in damped contacts it can."
+        f" In {name} damped contacts are tensile, by up to {pull:.3g} N: their damping is added to a table, and"
+        " LAMMPS cannot"
+        " clip the sum of two pair styles at zero, as the equations do. With n = 2 or 2.5 in damped contacts it can."
     )
 
 
-def order(scene: Scene, name: str, refinement: tuple[list[float], list[float]], truth: Trajectory) -> Verdict:
-    """Order of convergence over the ladder, without the main run; its bar is the residual over the ladder's length.
+def order(scene: Scene, name: str, refinement: tuple[list[float], list[float]], reference: Trajectory) -> Verdict:
+    """Judge the order of convergence over the refinement levels, the main run excluded.
 
-    Of first order, it is the residual over one rung: a dashpot's contact closes anywhere within a step, and errors of
-    first and of second order may have different signs, so the order between two neighbours need not be that of all.
+    The uncertainty of the order is the fit's residual over the range of steps. For first order it is the residual
+    between two neighbouring levels: contacts with a dashpot close anywhere within a step, and errors of first and
+    second order may have different signs, so the order between two levels can differ from that of all.
     """
     expected = order_on(scene)
     allowed = ORDER_TOLERANCE[expected]
     steps, errors = refinement[0][:-1], refinement[1][:-1]
-    floor = 10.0 * truth.uncertainty["velocity"] / max(float(np.max(np.abs(truth.velocity))), 1e-300)
+    floor = 10.0 * reference.uncertainty["velocity"] / max(float(np.max(np.abs(reference.velocity))), 1e-300)
     fit: ObservedOrder = observed_order(steps, errors, floor=floor)
-    away, bar, why, outcome = abs(fit.order - expected), math.inf, "", Outcome.NOT_RUN
+    deviation, uncertainty, why, outcome = abs(fit.order - expected), math.inf, "", Outcome.NOT_RUN
     if fit.points < 3:
         why = f"{fit.points} of {len(steps)} errors are above round-off, and 3 are needed for a fit"
     elif len(set(steps)) < 3:
-        why = f"with one sample in {scene.duration / scene.samples:.3g} s the steps of the ladder fall together"
+        why = (
+            f"one sample every {scene.duration / scene.samples:.3g} s is too dense to test convergence, because all"
+            " levels have the same step; lower sampling.count"
+        )
     else:
-        bar = 2.0 * math.log1p(fit.residual) / math.log(steps[0] / steps[-1])
+        uncertainty = 2.0 * math.log1p(fit.residual) / math.log(steps[0] / steps[-1])
         if expected == 1:
-            bar *= fit.points - 1
-        outcome = judge(away, bar, allowed)
-        if not bar < allowed or (expected == 1 and outcome is Outcome.UNDECIDED):
-            why = f"errors scatter by {100 * fit.residual:.0f} % about a power of dt: no asymptotic range here"
+            uncertainty *= fit.points - 1
+        outcome = judge(deviation, uncertainty, allowed)
+        if not uncertainty < allowed or (expected == 1 and outcome is Outcome.UNDECIDED):
+            why = f"errors scatter by {100 * fit.residual:.0f} % about a power of dt: there is no asymptotic range"
         elif expected == 1 and fit.order > 1.0 and outcome is Outcome.FAIL:
             why = (
-                f"velocity errors fall as dt^{fit.order:.3f}: little is damped, and the part of second order, which all"
-                " scenes have, is not yet small beside that of first order"
+                f"velocity errors fall as dt^{fit.order:.3f}: little is damped, and the second-order part of the"
+                " error, which all scenes have, is not small compared with the first-order part"
             )
     if why:
         return Verdict(
@@ -238,9 +255,10 @@ def order(scene: Scene, name: str, refinement: tuple[list[float], list[float]], 
             meaning="convergence in the time step",
         )
     reason = (
-        f"velocity-Verlet has 2 +- {allowed}"
+        f"velocity-Verlet has order 2, tolerance +- {allowed}"
         if expected == 2
-        else f"forces that depend on velocities are evaluated with those of the half step, which leaves 1 +- {allowed}"
+        else f"velocity-dependent forces are evaluated at the half step, which makes the order 1,"
+        f" tolerance +- {allowed}"
     )
     return Verdict(
         scene=scene.name,
@@ -252,20 +270,20 @@ def order(scene: Scene, name: str, refinement: tuple[list[float], list[float]], 
             f"velocity errors of {name} fall as dt^{fit.order:.3f} over dt = {steps[0]:.3g} .. {steps[-1]:.3g} s"
             f" ({fit.points} points, residual {100 * fit.residual:.1f} %); {reason}."
         ),
-        difference=away,
+        difference=deviation,
         scale=1.0,
         scale_name="1",
-        reference_uncertainty=bar,
+        reference_uncertainty=uncertainty,
         tolerance=allowed,
         meaning="convergence in the time step",
     )
 
 
-def conserved(scene: Scene, run: Trajectory, wanted: float, truth: Trajectory | None = None) -> list[Verdict]:
-    """Judge the drift of momentum, to round-off, and of energy, to the wanted accuracy.
+def conserved(scene: Scene, run: Trajectory, tolerance: float, reference: Trajectory | None = None) -> list[Verdict]:
+    """Judge the drift of momentum, within round-off, and of energy, within the tolerance.
 
     Each is judged where the scene conserves it. Where a drive gives energy, the energy less its work is, unless samples
-    are too far apart to tell that work; ``truth`` is the run by which this is decided (None: the run itself).
+    are too far apart to give that work; ``reference`` is the run by which this is decided (None: the run itself).
 
     The loads on the ends of a precompressed chain without walls cancel; with one wall there is one load alone.
     """
@@ -275,11 +293,11 @@ def conserved(scene: Scene, run: Trajectory, wanted: float, truth: Trajectory | 
         digits = run.cost.steps * float(np.finfo(float).eps)
         verdicts.append(_drift(scene, run, "momentum", digits, "round-off"))
     if scene.conserves_energy:
-        verdicts.append(_drift(scene, run, "energy", wanted, "time step"))
+        verdicts.append(_drift(scene, run, "energy", tolerance, "time step"))
     elif not scene.dissipates:
-        unknown = work(scene, run if truth is None else truth)[1]
-        verdict = _drift(scene, run, "energy_less_work", wanted, "time step", unknown)
-        if unknown < wanted * verdict.scale or verdict.scale == 0.0:
+        unknown = work(scene, run if reference is None else reference)[1]
+        verdict = _drift(scene, run, "energy_less_work", tolerance, "time step", unknown)
+        if unknown < tolerance * verdict.scale or verdict.scale == 0.0:
             verdicts.append(verdict)
     return verdicts
 
@@ -288,7 +306,7 @@ def _drift(scene: Scene, run: Trajectory, name: str, tolerance: float, meaning: 
     """Return the verdict on the largest change of an observable from its start, which may err by ``unknown``."""
     reading, backend = read(name, scene, run), engine_for(scene)
     observable, scale = reading.observable, float(reading.scale[0])
-    drift, bar = (
+    drift, uncertainty = (
         part / scale if scale > 0.0 else 0.0 for part in (np.max(np.abs(reading.values - reading.values[0])), unknown)
     )
     return Verdict(
@@ -296,7 +314,7 @@ def _drift(scene: Scene, run: Trajectory, name: str, tolerance: float, meaning: 
         quantity=observable.words,
         backend=backend,
         reference="its own start",
-        outcome=judge(float(drift), bar, tolerance),
+        outcome=judge(float(drift), uncertainty, tolerance),
         sentence=(
             f"{observable.words} of {backend} drifts by at most {drift:.2e} of {scale:.4g} {observable.unit};"
             f" tolerance {tolerance:.1e} ({meaning})."
@@ -306,42 +324,31 @@ def _drift(scene: Scene, run: Trajectory, name: str, tolerance: float, meaning: 
         unit=observable.unit,
         scale_name=observable.scale_name,
         uncertainty=0.0,
-        reference_uncertainty=bar,
+        reference_uncertainty=uncertainty,
         tolerance=tolerance,
         meaning=meaning,
     )
 
 
-def model(scene: Scene, theory: Trajectory, truth: Trajectory) -> list[Verdict]:
+def model(scene: Scene, theory: Trajectory, reference: Trajectory) -> list[Verdict]:
     """Return the differences of binary collisions from the reference: numbers of a theory with other equations."""
-    found = [difference(quantity, theory, truth, scene) for quantity in MODELLED]
+    differences = [difference(quantity, theory, reference, scene) for quantity in MODELLED]
     if scene.n_body <= 2:
-        found = [one for one in found if one.quantity != "residence_time"]
-    # only one of the two reaches the end
-    found = [one for one in found if one.quantity != "arrival_at_end" or math.isfinite(one.value)]
+        differences = [part for part in differences if part.quantity != "residence_time"]
+    # where only one of the two reaches the end there is no arrival to compare
+    differences = [part for part in differences if part.quantity != "arrival_at_end" or math.isfinite(part.value)]
     return [
-        Verdict(
-            scene=scene.name,
-            quantity=one.quantity,
-            backend=THEORY,
-            reference=REFERENCE,
-            outcome=Outcome.MODEL_DIFFERENCE,
-            sentence=_of_theory(one),
-            difference=one.value,
-            scale=one.scale,
-            unit=one.unit,
-            scale_name=one.scale_name,
-            reference_uncertainty=one.reference_uncertainty,
-            meaning="model",
-        )
-        for one in found
+        _of_difference(scene, THEORY, part, Outcome.MODEL_DIFFERENCE, _model_sentence(part), "model")
+        for part in differences
     ]
 
 
-def _of_theory(found: Difference) -> str:
-    what, place = observable_named(found.quantity).words, found.place
+def _model_sentence(compared: Difference) -> str:
+    what, place = observable_named(compared.quantity).words, compared.place
+    if not math.isfinite(compared.value):
+        return f"Binary collisions and the reference do not both have the {what} of {place} within the duration."
     at = f" ({place})" if place else ""
-    missed = f"binary collisions miss the {what} by up to {100 * found.value:.3g} % of {found.scale_name}{at}"
-    if not math.isfinite(found.value):
-        missed = f"binary collisions and the reference do not both have the {what} of {place} within the duration"
-    return f"{missed}: they are another model, so this is no error of either code."
+    return (
+        f"Binary collisions differ from the reference in the {what} by up to {100 * compared.value:.3g} % of"
+        f" {compared.scale_name}{at}: a model difference, because they are other equations."
+    )

@@ -98,10 +98,12 @@ def numerical_verdict(
     meaning: str,
     first_divergence: tuple[float, int] | None = None,
 ) -> Verdict:
-    """Verdict on an error against a reference. The bar that counts is the reference's: the difference itself is known;
-    only where the truth lies is not."""
-    doubt = found.reference_uncertainty
-    outcome = judge(found.value, doubt, tolerance)
+    """Return the verdict on an error against a reference.
+
+    The uncertainty that counts is the reference's: the difference itself is known exactly.
+    """
+    uncertainty = found.reference_uncertainty
+    outcome = judge(found.value, uncertainty, tolerance)
     relation = {
         Outcome.PASS: "is within",
         Outcome.FAIL: "exceeds",
@@ -116,7 +118,7 @@ def numerical_verdict(
         outcome=outcome,
         sentence=(
             f"{found.quantity} of {backend} differs from {reference} by {found.value:.2e} of"
-            f" {found.scale_name} ({found.place}{when}), +- {doubt:.1e}; this {relation} the tolerance of"
+            f" {found.scale_name} ({found.place}{when}), +- {uncertainty:.1e}; this {relation} the tolerance of"
             f" {tolerance:.1e}."
         ),
         difference=found.value,

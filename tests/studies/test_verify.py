@@ -164,9 +164,14 @@ DASHPOT = Damping(law="dashpot", coefficient=1.0)
 @pytest.mark.parametrize(
     ("changes", "errors", "outcome", "words"),
     [
-        ({}, lambda h: h**2, Outcome.PASS, "velocity-Verlet has 2 +- 0.05"),
+        ({}, lambda h: h**2, Outcome.PASS, "velocity-Verlet has order 2, tolerance +- 0.05"),
         ({}, lambda h: h, Outcome.FAIL, "fall as dt^1.000"),
-        ({"drag": 1.0}, lambda h: h, Outcome.PASS, "evaluated with those of the half step, which leaves 1 +- 0.1"),
+        (
+            {"drag": 1.0},
+            lambda h: h,
+            Outcome.PASS,
+            "evaluated at the half step, which makes the order 1, tolerance +- 0.1",
+        ),
         ({"damping": DASHPOT}, lambda h: h**0.95, Outcome.PASS, "fall as dt^0.950"),
         ({"damping": DASHPOT}, lambda h: h**0.85, Outcome.FAIL, "fall as dt^0.850"),
         # an error that does not fall to 0: forces that are wrong
@@ -176,7 +181,7 @@ DASHPOT = Damping(law="dashpot", coefficient=1.0)
         # touch anywhere within a step; 8 % of scatter moves the order between two neighbours by 0.2
         ({"damping": DASHPOT}, lambda h: h * (1.08 if h in (1.0, 4.0) else 1.0), Outcome.NOT_RUN, "scatter by"),
         # errors of both orders, with different signs: 0.86 over all, but on its way to 1
-        ({"damping": DASHPOT}, lambda h: h - 0.035 * h**2, Outcome.NOT_RUN, "no asymptotic range"),
+        ({"damping": DASHPOT}, lambda h: h - 0.035 * h**2, Outcome.NOT_RUN, "there is no asymptotic range"),
     ],
     # the name of a function without a name is another in each process
     ids=lambda one: "error" if callable(one) else str(one),
@@ -316,7 +321,9 @@ def test_a_contact_that_pulls_in_lammps_alone_fails_with_the_reason() -> None:
     found = db.verify(scene, accuracy=1e-3)
     [verdict] = [v for v in found.verdicts if (v.quantity, v.backend, v.reference) == ("velocity", TABLE, REFERENCE)]
     assert verdict.outcome is Outcome.FAIL
-    assert re.search(r"contacts that pull, with up to [\d.]+ N: their damping stands beside a table", verdict.sentence)
+    assert re.search(
+        r"damped contacts are tensile, by up to [\d.]+ N: their damping is added to a table", verdict.sentence
+    )
     # all the rest is sound, and says that it is the table; no order can be told of an error that no step changes
     failed = {(v.backend, v.reference) for v in found.verdicts if v.outcome is Outcome.FAIL}
     assert failed == {(TABLE, REFERENCE)}
