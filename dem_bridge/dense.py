@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.polynomial import polynomial as poly
 from numpy.typing import NDArray
 
+from dem_bridge.compiled import kernel
 from dem_bridge.contacts import Contacts
 from dem_bridge.errors import UsageError
 
@@ -393,7 +393,7 @@ def _quartic(speed: Floats, value: Floats, slope: Floats, curvature: Floats, wid
     return np.array([np.zeros_like(width), speed * width, rise - c3 - c4, c3, c4, np.zeros_like(width)])
 
 
-@njit(cache=True)  # type: ignore[misc,unused-ignore]
+@kernel(nogil=False)
 def _turning_point(polynomial):  # type: ignore[no-untyped-def]
     """Return the root in [0, 1] of each derivative, ``(6, m)`` to ``(m,)``, by bisection.
 

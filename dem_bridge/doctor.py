@@ -162,7 +162,7 @@ def numba_cache() -> Finding:
     """Check the folder of compiled kernels; without such a folder they cannot be loaded."""
     remedy = "set NUMBA_CACHE_DIR to a writable folder"
     try:
-        path = importlib.import_module("dem_bridge.backends.prescan")._run.stats.cache_path
+        path = importlib.import_module("dem_bridge.backends.prescan")._run.compiled.stats.cache_path
     except RuntimeError as error:
         return Finding(name="numba cache", fine=False, state=str(error).split("\n")[0], remedy=remedy)
     fine = os.access(path, os.W_OK)

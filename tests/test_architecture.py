@@ -205,7 +205,11 @@ def test_lower_layers_know_numpy_and_scipy_alone() -> None:
     for name in INNER:
         if LAYER_OF[_part(name)] <= 3:
             foreign = {found.split(".")[0] for found in _imports(MODULES[name])} - standard
-            assert foreign <= {"numpy", "scipy"}, name
+            assert foreign <= {"numpy", "scipy", *(["numba"] if name == "dem_bridge.compiled" else [])}, name
+
+
+def test_numba_is_imported_when_a_kernel_is_first_called() -> None:
+    assert _importers("numba") == {"compiled"}
 
 
 def test_physics_knows_nothing_of_ours() -> None:

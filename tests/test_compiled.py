@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
+import numba
 import pytest
 
-from dem_bridge.compiled import forget_stale
+from dem_bridge.compiled import forget_stale, kernel
 
 
 @pytest.fixture
@@ -49,3 +52,25 @@ def test_a_kernel_that_was_made_after_the_change_is_kept(package: Path) -> None:
 def test_a_package_without_kernels_is_left_alone(tmp_path: Path) -> None:
     forget_stale(tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+@kernel(nogil=False)
+def _square(number):  # type: ignore[no-untyped-def]
+    return number * number
+
+
+@kernel()
+def _cube(number):  # type: ignore[no-untyped-def]
+    return number * _square(number)
+
+
+def test_a_kernel_calls_another_and_is_compiled_when_it_is_called() -> None:
+    assert vars(_cube)["__name__"] == "_cube"
+    assert (_cube(3.0), _cube.py_func(3.0)) == (27.0, 27.0)
+    assert [one.compiled.signatures for one in (_square, _cube)] == [[(numba.float64,)]] * 2
+
+
+@pytest.mark.parametrize("backend", ["lammps", "verlet", "reference", "scipy_dop853"])
+def test_a_backend_is_imported_without_numba(backend: str) -> None:
+    code = f"import sys, dem_bridge.backends.{backend}; sys.exit('numba' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)

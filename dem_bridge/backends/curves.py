@@ -10,9 +10,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from dem_bridge.compiled import kernel
 from dem_bridge.contacts import Contacts
 from dem_bridge.scene import Scene
 
@@ -64,7 +64,7 @@ def _curves(c: Contacts, cells: int) -> Curves:
     return Curves(c.law, start, per_root, coefficient)
 
 
-@njit(cache=True)  # type: ignore[misc,unused-ignore]
+@kernel(nogil=False)
 def curve_force(contact, overlap, curves):  # type: ignore[no-untyped-def]
     """Force, N, of a contact at an overlap > 0; scalar, for kernels."""
     row = curves.law[contact]

@@ -8,7 +8,8 @@ the contacts. Peaks and crossings come from the continuous extension of each ste
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from dem_bridge.compiled import kernel
 
 #: weights of the earlier stages in each stage; the last row is the step itself (order 5)
 STAGES = np.array(
@@ -49,7 +50,7 @@ UNFELT = 1e-6
 FINISHED, STEP_TOO_SMALL, TOO_MANY_STEPS = 0, 1, 2
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def integrate(  # type: ignore[no-untyped-def]
     mass, velocity, left, right, stiffness, exponent, gap, free, times, rtol, atol, most_steps, share, wary
 ):
@@ -152,7 +153,7 @@ def integrate(  # type: ignore[no-untyped-def]
     return out[:, :n], out[:, n:], out_force, peak, crossing, accepted, failed, ended, t
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _slope(y, out, mass, left, right, stiffness, exponent, gap, free):  # type: ignore[no-untyped-def]
     """Velocities and accelerations of the state ``y``, into ``out``."""
     n = mass.shape[0]
@@ -171,7 +172,7 @@ def _slope(y, out, mass, left, right, stiffness, exponent, gap, free):  # type: 
         out[n + i] = out[n + i] / mass[i] + free[i]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _clear(y, slope, mass, left, right, stiffness, exponent, gap, atol):  # type: ignore[no-untyped-def]
     """Time that passes over no contact: to the next touch, as bodies go on by now, and ``WARY`` of that contact."""
     n, clear = mass.shape[0], np.inf
@@ -202,21 +203,21 @@ def _clear(y, slope, mass, left, right, stiffness, exponent, gap, atol):  # type
     return clear
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _law(overlap, stiffness, exponent):  # type: ignore[no-untyped-def]
     if exponent == 2.5:
         return stiffness * overlap * np.sqrt(overlap)
     return stiffness * overlap ** (exponent - 1.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _between(y, first, n, left, right):  # type: ignore[no-untyped-def]
     """Entry of body ``left`` minus that of body ``right``, in the part of ``y`` from ``first`` on; a wall has 0."""
     there = y[first + left] if left < n else 0.0
     return there - (y[first + right] if right < n else 0.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _forces(y, out, peak, left, right, stiffness, exponent, gap):  # type: ignore[no-untyped-def]
     """Forces in the state ``y``, into ``out``; ``peak`` rises to them."""
     n = y.shape[0] // 2
@@ -226,7 +227,7 @@ def _forces(y, out, peak, left, right, stiffness, exponent, gap):  # type: ignor
         peak[k] = max(peak[k], out[k])
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _look(  # type: ignore[no-untyped-def]
     y, new, extension, doubt, t, h, peak, crossing, left, right, stiffness, exponent, gap
 ):
@@ -265,13 +266,13 @@ def _look(  # type: ignore[no-untyped-def]
                     crossing[k] = t + s * h
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _above(c, s):  # type: ignore[no-untyped-def]
     """``sum_j c[j] s^(j+1)``."""
     return s * (c[0] + s * (c[1] + s * (c[2] + s * c[3])))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _positive_somewhere(c):  # type: ignore[no-untyped-def]
     """Whether the quartic ``sum_j c[j] s^j`` may be positive in [0, 1]: whether a Bernstein coefficient is."""
     return (
@@ -283,7 +284,7 @@ def _positive_somewhere(c):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _falls(c, last):  # type: ignore[no-untyped-def]
     """Where in [0, 1] the quartic ``sum_j c[j] s^j`` falls through zero, ascending, and how many; ``last`` is its value
     at 1, to the last digit that of the next step's start, so that no fall is seen twice or not at all.
@@ -326,6 +327,6 @@ def _falls(c, last):  # type: ignore[no-untyped-def]
     return found, count
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _value(c, s):  # type: ignore[no-untyped-def]
     return c[0] + _above(c[1:], s)

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from dem_bridge.compiled import kernel
 from dem_bridge.scene import Scene
 
 
@@ -61,7 +61,7 @@ def rate_of(scene: Scene) -> float:
     return 0.0 if scene.drive is None else scene.drive.rate
 
 
-@njit(cache=True)  # type: ignore[misc,unused-ignore]
+@kernel(nogil=False)
 def driving_force(time, driven):  # type: ignore[no-untyped-def]
     """N, at a time (s); scalar, for kernels."""
     if len(driven.values) > 0:

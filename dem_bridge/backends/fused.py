@@ -12,7 +12,8 @@ that nothing acts on; contact k is between k and k + 1, without stiffness where 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from dem_bridge.compiled import kernel
 
 #: bodies that are worked on come in such blocks, so that no loop has a remainder
 BLOCK = 16
@@ -21,7 +22,7 @@ PADDING = BLOCK
 _LOOK = 16
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def advance(  # type: ignore[no-untyped-def]
     n_body, first, last, mass, velocity, weight, stiffness, overlap, positional, reach, start,
     drifts, kicks, dt, dense_steps, keep, full, resting,
@@ -145,7 +146,7 @@ def advance(  # type: ignore[no-untyped-def]
     return out_v, out_x, out_force, out_a, out_overlap, top, np.max(farthest), where[:turns], sides[:turns]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _doubled(where, sides):  # type: ignore[no-untyped-def]
     more_where, more_sides = np.zeros((2 * len(where), 2), dtype=np.int64), np.zeros((2 * len(where), 8))
     for turn in range(len(where)):

@@ -7,7 +7,8 @@ their cache (``__pycache__``) is out of date.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from dem_bridge.compiled import kernel
 
 #: pieces of a step that are looked at for a turning point of their own; the first is halved so many times where the
 #: closing rate is exactly 0 at the start: what it does then may be round-off, and a turning point follow at once
@@ -15,7 +16,7 @@ PIECES, HALVINGS = 8, 20
 MOST_TURNS = 2 * (PIECES + HALVINGS)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def value(c, order, r):  # type: ignore[no-untyped-def]
     total = c[order]
     for o in range(order - 1, -1, -1):
@@ -23,7 +24,7 @@ def value(c, order, r):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def root(c, order, level, low, high):  # type: ignore[no-untyped-def]
     """Where the polynomial passes ``level`` in [low, high], whose ends lie on different sides: regula falsi with the
     Illinois weight, and bisection where that is slow. The end on the far side of the passage is returned."""
@@ -54,7 +55,7 @@ def root(c, order, level, low, high):  # type: ignore[no-untyped-def]
     return b
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def first_nonzero(c, order, start):  # type: ignore[no-untyped-def]
     """Index of the first coefficient from ``start`` on that is not 0: its sign is that of the polynomial right after 0;
     ``order + 1``: there is none."""
@@ -64,7 +65,7 @@ def first_nonzero(c, order, start):  # type: ignore[no-untyped-def]
     return o
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def swing(c, order, r):  # type: ignore[no-untyped-def]
     """The most by which the polynomial can leave its value at 0 within [0, r]."""
     most = 0.0
@@ -73,14 +74,14 @@ def swing(c, order, r):  # type: ignore[no-untyped-def]
     return most
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def between(c, order, low, high):  # type: ignore[no-untyped-def]
     """The root between ``low`` and ``high``, on which the signs differ; a root at 0 itself is divided out."""
     lead = first_nonzero(c, order, 0) if low == 0.0 else 0
     return root(c[lead:], order - lead, 0.0, low, high)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def turning_points(c, order, r, turns):  # type: ignore[no-untyped-def]
     """Where the polynomial changes its sign in (0, r], into ``turns`` (room for MOST_TURNS), in order. Returns their
     number and whether the first goes from + to -; every other one then does.

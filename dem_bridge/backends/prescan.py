@@ -11,11 +11,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from dem_bridge.backends.driven import driven_of, driving_force, rate_of
-from dem_bridge.compiled import interruptible
+from dem_bridge.compiled import interruptible, kernel
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
 
@@ -116,14 +115,14 @@ def _pace(scene: Scene) -> float:
     return float(np.max(np.sqrt(slope * mobility), initial=scene.drive.rate))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _elastic(stiffness, overlap, exponent):  # type: ignore[no-untyped-def]
     if exponent == 2.5:
         return stiffness * overlap * np.sqrt(overlap)
     return stiffness * overlap ** (exponent - 1.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _run(  # type: ignore[no-untyped-def]
     inverse_mass,
     velocity,

@@ -210,7 +210,7 @@ class Integration:
     def _slope(self, state: NDArray[Any]) -> Callable[[float, Floats], Floats]:
         """Return the right-hand side for a fixed state of the contacts: smooth across the closing of any other."""
         k, contacts, bodies, drag, drive = self.k, self.contacts, self.bodies, self.scene.drag, self.scene.drive
-        derivative, nothing = kernels.derivative, np.empty(0)
+        derivative, nothing = kernels.derivative.compiled, np.empty(0)
 
         def slope(t: float, y: Floats) -> Floats:
             out = np.empty_like(y)

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from dem_bridge.compiled import kernel
 from dem_bridge.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -64,7 +64,7 @@ def body_table(scene: Scene) -> NDArray[Any]:
     return table
 
 
-@njit(cache=True)
+@kernel(nogil=False)
 def derivative(y, state, elastic, contacts, bodies, drag, push, out):  # type: ignore[no-untyped-def]
     """Write the time derivative of the state ``y`` into ``out``, with forces at the contacts that are PRESSING.
 
@@ -87,7 +87,7 @@ def derivative(y, state, elastic, contacts, bodies, drag, push, out):  # type: i
     out[k + n] = y[k]
 
 
-@njit(cache=True)
+@kernel(nogil=False)
 def contact_forces(rows, elastic, contacts, n, out):  # type: ignore[no-untyped-def]
     """Write elastic and damping force of every contact, whatever the sign of their sum, for each state in ``rows``.
 
@@ -99,14 +99,14 @@ def contact_forces(rows, elastic, contacts, n, out):  # type: ignore[no-untyped-
             out[row, i] = contact_force(rows[row, i], rate, elastic[row], contacts, i)
 
 
-@njit(cache=True)
+@kernel(nogil=False)
 def closing_rates(y, contacts, n, out):  # type: ignore[no-untyped-def]
     """Write the closing rate of every contact into ``out``; the closing acceleration where ``y`` is a derivative."""
     for i in range(len(contacts)):
         out[i] = closing_rate(y, contacts[i], len(contacts), n)
 
 
-@njit(cache=True)
+@kernel(nogil=False)
 def examine(  # type: ignore[no-untyped-def]
     before, after, begin, end, width, state, contacts, n, touch, resting, marks
 ):
@@ -142,7 +142,7 @@ def examine(  # type: ignore[no-untyped-def]
         marks[i] = mark
 
 
-@njit(cache=True)
+@kernel(nogil=False)
 def margins(rows, state, elastic, contacts, n, touch, unnoticed, out):  # type: ignore[no-untyped-def]
     """Write how far each contact is from a change of its state, for each state in ``rows``; arrays as above.
 
@@ -164,14 +164,14 @@ def margins(rows, state, elastic, contacts, n, touch, unnoticed, out):  # type: 
                 out[row, i] = overlap
 
 
-@njit(cache=True)
+@kernel(nogil=False)
 def closing_rate(y, contact, k, n):  # type: ignore[no-untyped-def]
     """Return the velocity of the left body less that of the right one; a wall rests."""
     left = y[k + contact.left] if contact.left < n else 0.0
     return left - (y[k + contact.right] if contact.right < n else 0.0)
 
 
-@njit(cache=True)
+@kernel(nogil=False)
 def contact_force(overlap, rate, elastic, contacts, i):  # type: ignore[no-untyped-def]
     """Return elastic and damping force of contact ``i``, N, whatever the sign of their sum; 0 below no overlap."""
     contact, depth = contacts[i], max(overlap, 0.0)

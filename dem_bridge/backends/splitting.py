@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from dem_bridge import features
@@ -21,7 +20,7 @@ from dem_bridge.backends.driven import driven_of, driving_force
 from dem_bridge.backends.fused import PADDING, advance
 from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.backends.steps import Dense, answer, check_finite, read_off, touching_in_flight
-from dem_bridge.compiled import interruptible
+from dem_bridge.compiled import interruptible, kernel
 from dem_bridge.dense import Schedule, Turns, at_turns
 from dem_bridge.lmp.cell import pair_force
 from dem_bridge.scene import Scene
@@ -219,7 +218,7 @@ def _frame(
     return reach, start, wall
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def integrate(  # type: ignore[no-untyped-def]
     mass,
     velocity,

@@ -19,15 +19,15 @@ from __future__ import annotations
 from heapq import heappop, heappush
 
 import numpy as np
-from numba import njit
 
 from dem_bridge.backends.polynomials import MOST_TURNS, root, swing, turning_points, value
+from dem_bridge.compiled import kernel
 
 #: coefficients looked at for the length of a step: by symmetry some may vanish
 _TAIL = 5
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _series(  # type: ignore[no-untyped-def]
     order, near, bodies, contacts, closed, a, b, stiffness, exponent, overlap, velocity, position, inverse, weight,
     w, power, t, v, x, s, u, f, g,
@@ -105,7 +105,7 @@ def _series(  # type: ignore[no-untyped-def]
                 s[j, o + 1] = total / (o + 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _step(order, near, bodies, contacts, closed, overlap, speed, touch, accuracy, v, s):  # type: ignore[no-untyped-def]
     """Length of a step for which the last coefficients contribute ``accuracy`` of speeds and overlaps."""
     step = np.inf
@@ -121,7 +121,7 @@ def _step(order, near, bodies, contacts, closed, overlap, speed, touch, accuracy
     return step
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def integrate(  # type: ignore[no-untyped-def]
     mass, velocity, c_left, c_right, of_left, of_right, stiffness, exponent, gap, free, times, touch, speed,
     resting, order, accuracy, most_steps,
@@ -366,7 +366,7 @@ def integrate(  # type: ignore[no-untyped-def]
     return out_x, out_v, out_f, deepest, crossing, steps, opened, shuttings
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _coast(i, now, x, v, t, weight):  # type: ignore[no-untyped-def]
     """Bring body ``i``, which flies freely, to ``now``."""
     lag = now - t[i]
@@ -375,7 +375,7 @@ def _coast(i, now, x, v, t, weight):  # type: ignore[no-untyped-def]
     t[i] = now
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _await(heap, j, stamp, now, left, right, s, v, weight, touch):  # type: ignore[no-untyped-def]
     """Put the time at which contact ``j``, whose bodies coast, will close into the heap, if it will."""
     wait = _collision(s[j], v[left] - v[right], weight[left] - weight[right], touch[j])
@@ -383,7 +383,7 @@ def _await(heap, j, stamp, now, left, right, s, v, weight, touch):  # type: igno
         heappush(heap, (now + wait, j, stamp))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _open(j, shut, shut_list, shut_at, count):  # type: ignore[no-untyped-def]
     """Take contact ``j`` from the list of closed ones; the new length."""
     shut[j] = False
@@ -392,7 +392,7 @@ def _open(j, shut, shut_list, shut_at, count):  # type: ignore[no-untyped-def]
     return count - 1
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _collision(overlap, rate, pull, touch):  # type: ignore[no-untyped-def]
     """Time until two coasting bodies touch; inf: never. ``pull``: difference of their accelerations. Bodies in touch
     that are pulled together meet at an overlap of ``touch``: without a closing rate nothing can start at 0."""

@@ -6,10 +6,10 @@ calls it, does not depend on the construction of tables.
 
 from __future__ import annotations
 
-from numba import njit
+from dem_bridge.compiled import kernel
 
 
-@njit(cache=True)  # type: ignore[misc,unused-ignore]
+@kernel(nogil=False)
 def pair_force(rsq, inner_squared, spacing, inverse_spacing, sixth, value, second):  # type: ignore[no-untyped-def]
     """Return force over distance, N/m, at the squared distance ``rsq`` (m^2), for use in kernels.
 

@@ -15,8 +15,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from dem_bridge.compiled import kernel
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.cell import pair_force
 from dem_bridge.lmp.table import STYLES, ContactTable, Style, finds_all_cells
@@ -24,7 +24,7 @@ from dem_bridge.physics.contact import Floats
 from dem_bridge.physics.law import ContactLaw
 
 
-@njit(cache=True)  # type: ignore[misc,unused-ignore]
+@kernel(nogil=False)
 def _pair_forces(rsq, cut_squared, inner_squared, spacing, inverse_spacing, sixth, value, second):  # type: ignore[no-untyped-def]
     """Return force over distance of many pairs, N/m; 0 from the cutoff on."""
     out = np.zeros(len(rsq))
@@ -34,7 +34,7 @@ def _pair_forces(rsq, cut_squared, inner_squared, spacing, inverse_spacing, sixt
     return out
 
 
-@njit(cache=True)  # type: ignore[misc,unused-ignore]
+@kernel(nogil=False)
 def _second_derivatives(x, y, first, last):  # type: ignore[no-untyped-def]
     """Return the second derivatives of the cubic spline through (x, y) with the slopes ``first`` and ``last``."""
     n = len(x)
@@ -55,7 +55,7 @@ def _second_derivatives(x, y, first, last):  # type: ignore[no-untyped-def]
     return second
 
 
-@njit(cache=True)  # type: ignore[misc,unused-ignore]
+@kernel(nogil=False)
 def _read_off(x, y, second, at):  # type: ignore[no-untyped-def]
     """Return the values of the spline at the ascending places ``at``."""
     out = np.empty(len(at))

@@ -44,7 +44,7 @@ def test_only_fixed_step_codes_take_their_bars_from_the_twin() -> None:
 
 
 def test_a_twin_with_tables_has_the_lines_of_the_deck_and_lammps_has_nothing_of_its_interpolation() -> None:
-    lent = {"pairing", "table", "law", "contact", "coefficients", "encoding", "tabled", "version"}
+    lent = {"pairing", "table", "law", "contact", "elliptic", "coefficients", "encoding", "tabled", "version"}
     emulated = {"cell", "interpolation", "splitting", "twin"}
     found = shared("lammps-table", "verlet")
     assert set(found.bars) == lent | emulated | {"bars", "curves", "fused", "touches", "twin_bars"}
