@@ -1,4 +1,7 @@
-"""The command line, as a program: what it prints, where, and how it ends."""
+"""The command line prints what it must where it must, and ends with the exit code of its outcome.
+
+Most commands run in this process; three start the program, as a shell does.
+"""
 
 from __future__ import annotations
 
@@ -12,21 +15,8 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.cli.terminal import print_scenes
+from tests.helpers.command_line import PROGRAM, assert_one_line, run_here, run_program
 from tests.helpers.fake_runs import CHAIN
-
-PROGRAM = str(Path(sys.executable).with_name("dem-bridge"))
-
-
-def _run(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([PROGRAM, *words], capture_output=True, text=True, cwd=cwd, timeout=300)
-
-
-def _one_line(done: subprocess.CompletedProcess[str], *parts: str) -> None:
-    assert done.stdout == ""
-    assert "Traceback" not in done.stderr
-    assert done.stderr.count("\n") == 1, done.stderr
-    for part in parts:
-        assert part in done.stderr
 
 
 def test_help_needs_no_numpy(tmp_path: Path) -> None:
@@ -42,13 +32,13 @@ def test_help_needs_no_numpy(tmp_path: Path) -> None:
 
 
 def test_scenes_lists_every_shipped_scene(tmp_path: Path) -> None:
-    done = _run("scenes", cwd=tmp_path)
+    done = run_here("scenes", cwd=tmp_path)
     assert done.returncode == 0
     lines = done.stdout.splitlines()
     assert tuple(line.split()[0] for line in lines) == ("scene", *db.shipped_scenes())
     assert max(map(len, lines)) <= 124
-    found = {scene["name"]: scene for scene in json.loads(_run("scenes", "--json", cwd=tmp_path).stdout)}
-    assert found["decelerating-40"]["contacts"] == 40
+    scenes = {scene["name"]: scene for scene in json.loads(run_here("scenes", "--json", cwd=tmp_path).stdout)}
+    assert scenes["decelerating-40"]["contacts"] == 40
 
 
 @pytest.mark.parametrize("width", [80, 120])
@@ -64,20 +54,22 @@ def test_scenes_fit_a_terminal(width: int, monkeypatch: pytest.MonkeyPatch, caps
 
 def test_run_prints_json_on_stdout_and_nothing_on_stderr_in_a_pipe(tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text(CHAIN)
-    done = _run("run", "small.toml", "--backend", "verlet", "--dt", "1e-7", "--json", "-o", "run.nc", cwd=tmp_path)
+    done = run_program(
+        "run", "small.toml", "--backend", "verlet", "--dt", "1e-7", "--json", "-o", "run.nc", cwd=tmp_path
+    )
     assert done.returncode == 0
     assert done.stderr == ""
-    found = json.loads(done.stdout)
-    assert found["settings"]["dt"] == pytest.approx(1e-7)
-    assert 0.0 < found["velocity_uncertainty_m_per_s"] < 1e-3
+    printed = json.loads(done.stdout)
+    assert printed["settings"]["dt"] == pytest.approx(1e-7)
+    assert 0.0 < printed["velocity_uncertainty_m_per_s"] < 1e-3
     assert (tmp_path / "run.nc").exists()
     assert not list(tmp_path.glob("*.part"))
 
 
 def test_run_takes_the_tolerances_of_an_adaptive_backend(tmp_path: Path) -> None:
     words = ("run", "accelerating-40", "--backend", "ode45", "--rtol", "1e-5", "--atol", "1e-8", "--json")
-    found = json.loads(_run(*words, cwd=tmp_path).stdout)
-    assert (found["settings"]["rtol"], found["settings"]["atol"]) == (1e-5, 1e-8)
+    printed = json.loads(run_here(*words, cwd=tmp_path).stdout)
+    assert (printed["settings"]["rtol"], printed["settings"]["atol"]) == (1e-5, 1e-8)
 
 
 @pytest.mark.parametrize(
@@ -88,17 +80,17 @@ def test_run_takes_the_tolerances_of_an_adaptive_backend(tmp_path: Path) -> None
 def test_no_output_takes_the_place_of_the_scene_that_is_read(words: tuple[str, ...], tmp_path: Path) -> None:
     file = tmp_path / "own.toml"
     file.write_text(CHAIN, encoding="utf-8")
-    done = _run(*words, "-o", "own.toml", cwd=tmp_path)
+    done = run_here(*words, "-o", "own.toml", cwd=tmp_path)
     assert done.returncode == 2
-    _one_line(done, "own.toml: the output would replace the scene file")
+    assert_one_line(done, "own.toml: the output would replace the scene file")
     assert file.read_text(encoding="utf-8") == CHAIN
 
 
 def test_a_bad_scene_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
     (tmp_path / "bad.toml").write_text(CHAIN.replace("8.1e-3", "-8.1e-3"))
-    done = _run("run", "bad.toml", "--backend", "verlet", cwd=tmp_path)
+    done = run_program("run", "bad.toml", "--backend", "verlet", cwd=tmp_path)
     assert done.returncode == 2
-    _one_line(done, "bad.toml", "chain.mass[0]", "-0.0081", "allowed")
+    assert_one_line(done, "bad.toml", "chain.mass[0]", "-0.0081", "allowed")
 
 
 @pytest.mark.parametrize(
@@ -120,34 +112,34 @@ def test_a_bad_scene_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_use_is_one_line_and_exit_code_2(words: tuple[str, ...], tmp_path: Path) -> None:
-    done = _run(*words, cwd=tmp_path)
+    done = run_here(*words, cwd=tmp_path)
     assert done.returncode == 2
-    _one_line(done)
+    assert_one_line(done)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_backend_that_cannot_do_the_scene_says_so(tmp_path: Path) -> None:
     (tmp_path / "steep.toml").write_text(CHAIN.replace("velocity =", "exponent = 3.0\nvelocity ="))
-    done = _run("run", "steep.toml", "--backend", "lammps-granular", cwd=tmp_path)
+    done = run_here("run", "steep.toml", "--backend", "lammps-granular", cwd=tmp_path)
     assert done.returncode == 2
-    _one_line(done, "NOT_RUN", "exponent")
+    assert_one_line(done, "NOT_RUN", "exponent")
 
 
 def test_an_output_folder_that_is_missing_is_found_before_the_run(tmp_path: Path) -> None:
-    done = _run("run", "decelerating-40", "--backend", "scipy", "-o", "no/such/run.nc", cwd=tmp_path)
+    done = run_here("run", "decelerating-40", "--backend", "scipy", "-o", "no/such/run.nc", cwd=tmp_path)
     assert done.returncode == 2
     assert "no/such" in done.stderr
 
 
 def test_deck_writes_the_deck(tmp_path: Path) -> None:
-    done = _run("deck", "accelerating-40", "-o", "deck", cwd=tmp_path)
+    done = run_here("deck", "accelerating-40", "-o", "deck", cwd=tmp_path)
     assert done.returncode == 0
     assert [Path(line).name for line in done.stdout.split()] == ["in.accelerating-40", "data.accelerating-40"]
 
 
 def test_a_deck_may_have_tables_the_scenes_own_radius_and_a_type_for_each_body(tmp_path: Path) -> None:
     words = ("deck", "accelerating-40", "--dt", "1e-7", "--style", "table")
-    done = _run(*words, "--geometry", "physical", "--types", "per-body", "-o", "deck", cwd=tmp_path)
+    done = run_here(*words, "--geometry", "physical", "--types", "per-body", "-o", "deck", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert {Path(line).name for line in done.stdout.split()} == {file.name for file in (tmp_path / "deck").iterdir()}
     text = (tmp_path / "deck" / "in.accelerating-40").read_text()
@@ -159,9 +151,9 @@ def test_a_deck_may_have_tables_the_scenes_own_radius_and_a_type_for_each_body(t
 
 def test_a_scene_without_a_spacing_has_no_deck_of_its_own_radius(tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text(CHAIN)
-    done = _run("deck", "small.toml", "--geometry", "physical", "-o", "deck", cwd=tmp_path)
+    done = run_here("deck", "small.toml", "--geometry", "physical", "-o", "deck", cwd=tmp_path)
     assert done.returncode == 2
-    _one_line(done, "geometry = 'physical' on small", "no spacing", "allowed: 'surrogate'")
+    assert_one_line(done, "geometry = 'physical' on small", "no spacing", "allowed: 'surrogate'")
     assert not (tmp_path / "deck").exists()
 
 
@@ -169,20 +161,20 @@ def test_a_scene_without_a_spacing_has_no_deck_of_its_own_radius(tmp_path: Path)
 def test_run_solves_any_exponent_by_tables_and_prints_their_errors_and_round_off(tmp_path: Path) -> None:
     (tmp_path / "steep.toml").write_text(CHAIN.replace("velocity =", "exponent = [3.2, 2.1]\nvelocity ="))
     words = ("run", "steep.toml", "--backend", "lammps-table", "--types", "per-body", "--dt", "1e-7", "--json")
-    done = _run(*words, cwd=tmp_path)
+    done = run_here(*words, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
-    found = json.loads(done.stdout)
-    assert found["backend"] == "lammps-table"
-    assert 0.0 < found["roundoff_floor_relative"] < 1e-10
-    assert 0.0 < found["table_measured_error_relative"] < 2.0 * found["table_predicted_error_relative"] < 1e-6
-    assert 0.0 < found["velocity_uncertainty_m_per_s"] < 1e-3
+    printed = json.loads(done.stdout)
+    assert printed["backend"] == "lammps-table"
+    assert 0.0 < printed["roundoff_floor_relative"] < 1e-10
+    assert 0.0 < printed["table_measured_error_relative"] < 2.0 * printed["table_predicted_error_relative"] < 1e-6
+    assert 0.0 < printed["velocity_uncertainty_m_per_s"] < 1e-3
 
 
 @pytest.mark.lammps
 def test_verify_writes_page_json_and_junit_and_ends_with_0(tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text(CHAIN)
     words = ("verify", "small.toml", "--accuracy", "1e-4", "-o", "report", "--json", "v.json", "--junit", "v.xml")
-    done = _run(*words, cwd=tmp_path)
+    done = run_here(*words, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr == ""
     assert "PASS" in done.stdout
@@ -194,9 +186,9 @@ def test_verify_writes_page_json_and_junit_and_ends_with_0(tmp_path: Path) -> No
 def test_a_bundle_is_not_written_into_a_folder_with_other_things(tmp_path: Path) -> None:
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "thesis.tex").write_text("years of work")
-    done = _run("verify", "decelerating-40", "-o", "report", "--bundle", "thesis", cwd=tmp_path)
+    done = run_here("verify", "decelerating-40", "-o", "report", "--bundle", "thesis", cwd=tmp_path)
     assert done.returncode == 2
-    _one_line(done, "thesis", "is there and no bundle", "allowed: a new or empty folder")
+    assert_one_line(done, "thesis", "is there and no bundle", "allowed: a new or empty folder")
     assert [path.name for path in (tmp_path / "thesis").iterdir()] == ["thesis.tex"]
     assert not list((tmp_path / "report").iterdir())
 
@@ -204,7 +196,7 @@ def test_a_bundle_is_not_written_into_a_folder_with_other_things(tmp_path: Path)
 @pytest.mark.lammps
 def test_verify_writes_a_bundle_and_names_the_command_that_runs_it_again(tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text(CHAIN)
-    done = _run("verify", "small.toml", "--accuracy", "1e-4", "-o", "report", "--bundle", "bundle", cwd=tmp_path)
+    done = run_program("verify", "small.toml", "--accuracy", "1e-4", "-o", "report", "--bundle", "bundle", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert "bundle: bundle; repeat the runs with: sh bundle/replay.sh" in done.stdout
     same = (tmp_path / "report/verdicts.json").read_text() == (tmp_path / "bundle/report/verdicts.json").read_text()
@@ -212,27 +204,30 @@ def test_verify_writes_a_bundle_and_names_the_command_that_runs_it_again(tmp_pat
 
 
 def test_tab_completion_offers_the_shipped_scenes(tmp_path: Path) -> None:
-    asked = {"_DEM_BRIDGE_COMPLETE": "bash_complete", "COMP_WORDS": "dem-bridge run dec", "COMP_CWORD": "2"}
+    completion = {"_DEM_BRIDGE_COMPLETE": "bash_complete", "COMP_WORDS": "dem-bridge run dec", "COMP_CWORD": "2"}
     done = subprocess.run(
-        [PROGRAM], capture_output=True, text=True, cwd=tmp_path, env={**os.environ, **asked}, timeout=60
+        [PROGRAM], capture_output=True, text=True, cwd=tmp_path, env={**os.environ, **completion}, timeout=60
     )
     assert "decelerating-40" in done.stdout
 
 
-def test_a_study_prints_its_answer_and_its_tables_and_says_where_it_is_written(tmp_path: Path) -> None:
+def test_a_study_prints_its_answer_and_its_tables_and_says_where_it_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DEM_BRIDGE_STORE", str(tmp_path / "store"))
     words = ("study", "scatter", "accelerating-40", "--count", "3", "--spread", "0.5", "--seed", "4", "-j", "1")
-    done = _run(*words, "-o", "found", cwd=tmp_path)
+    done = run_here(*words, "-o", "found", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
-    told = json.loads((tmp_path / "found/scatter.json").read_text())
+    written = json.loads((tmp_path / "found/scatter.json").read_text())
     shown = " ".join(done.stdout.split())
-    for sentence in told["answer"]:
+    for sentence in written["answer"]:
         assert f"* {sentence}" in shown
-    [row] = told["tables"]["scatter"]
+    [row] = written["tables"]["scatter"]
     assert (row["chain"], row["chains"], row["angle (degrees)"]) == ("accelerating-40", 3, 0.5)
     assert f"{row['arrival at the end: mean shift (%)']:.4g} {row['its deviation (%)']:.4g}" in shown
     assert done.stdout.splitlines()[-1] == "written: found/index.html, with its tables, figures and scatter.json"
-    again = _run(*words, "--json", cwd=tmp_path)
-    assert (again.returncode, again.stderr, json.loads(again.stdout)) == (0, "", told)
+    again = run_here(*words, "--json", cwd=tmp_path)
+    assert (again.returncode, again.stderr, json.loads(again.stdout)) == (0, "", written)
 
 
 @pytest.mark.parametrize(
@@ -250,13 +245,13 @@ def test_a_study_prints_its_answer_and_its_tables_and_says_where_it_is_written(t
 def test_a_scatter_that_cannot_be_is_one_line_and_exit_code_2(
     words: tuple[str, ...], parts: tuple[str, ...], tmp_path: Path
 ) -> None:
-    done = _run("study", "scatter", *words, cwd=tmp_path)
+    done = run_here("study", "scatter", *words, cwd=tmp_path)
     assert done.returncode == 2
-    _one_line(done, *parts)
+    assert_one_line(done, *parts)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_the_paper_is_verified_alone(tmp_path: Path) -> None:
-    done = _run("verify", "paper", "decelerating-40", cwd=tmp_path)
+    done = run_here("verify", "paper", "decelerating-40", cwd=tmp_path)
     assert done.returncode == 2
-    _one_line(done, "'paper' is all shipped scenes together", "give it alone")
+    assert_one_line(done, "'paper' is all shipped scenes together", "give it alone")

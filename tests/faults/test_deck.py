@@ -49,9 +49,9 @@ def sticky(overlap: np.ndarray, beta: float) -> tuple[np.ndarray, np.ndarray]:
 def swapped(deck: Deck) -> dict[str, str]:
     """The stiffnesses of contacts 1 and 2 change places."""
     text = deck.files[deck.input_file]
-    one, other = (re.findall(rf"hertz (\S+) 0 .*# contact {k}:", text)[0] for k in (1, 2))
-    exchange = {one: other, other: one}
-    return substituted(rf"(?<=hertz )({re.escape(one)}|{re.escape(other)})", lambda m: exchange[m[0]], places=2)(deck)
+    first, other = (re.findall(rf"hertz (\S+) 0 .*# contact {k}:", text)[0] for k in (1, 2))
+    exchange = {first: other, other: first}
+    return substituted(rf"(?<=hertz )({re.escape(first)}|{re.escape(other)})", lambda m: exchange[m[0]], places=2)(deck)
 
 
 def list_rebuilt_every(steps: int) -> Change:
@@ -184,10 +184,10 @@ def test_a_harmless_change_fails_nothing(change: Change) -> None:
 
 def test_a_fine_table_of_the_sound_law_is_what_the_user_asked_for() -> None:
     run = run_with(tabulated(hertz, "spline 20000"), BENCH.engine_cases[0])
-    found = BENCH.verdicts(replaced(BENCH.sound_runs, run))
+    verdicts = BENCH.verdicts(replaced(BENCH.sound_runs, run))
     # motion 1e-12 from the twin, forces 1e-11: what a spline through 20,000 points leaves of the force
-    assert {name for name, verdict in found.items() if verdict.outcome is not Outcome.PASS} <= IMPLEMENTATION
-    assert max(found[name].difference for name in IMPLEMENTATION) < 3e-11
+    assert {name for name, verdict in verdicts.items() if verdict.outcome is not Outcome.PASS} <= IMPLEMENTATION
+    assert max(verdicts[name].difference for name in IMPLEMENTATION) < 3e-11
 
 
 @pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS)
@@ -217,10 +217,10 @@ BROKEN: dict[str, tuple[Change, str]] = {
 
 @pytest.mark.parametrize(("change", "why"), BROKEN.values(), ids=BROKEN)
 def test_what_a_run_notices_itself_is_broken_and_says_why(change: Change, why: str) -> None:
-    found = BENCH.verdicts(replaced(BENCH.sound_runs, run_with(change, BENCH.engine_cases[0])))
-    [broken] = [name for name, verdict in found.items() if verdict.outcome is not Outcome.PASS]
-    assert (broken, found[broken].outcome) == ("velocity - reference", Outcome.BROKEN)
-    assert why in found[broken].sentence
+    verdicts = BENCH.verdicts(replaced(BENCH.sound_runs, run_with(change, BENCH.engine_cases[0])))
+    [broken] = [name for name, verdict in verdicts.items() if verdict.outcome is not Outcome.PASS]
+    assert (broken, verdicts[broken].outcome) == ("velocity - reference", Outcome.BROKEN)
+    assert why in verdicts[broken].sentence
 
 
 def test_a_missing_root_shows_where_bodies_are_large_enough_to_take_it() -> None:

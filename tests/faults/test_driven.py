@@ -82,7 +82,7 @@ def test_a_truth_of_another_phase_is_named() -> None:
     other = replace(SINE_BENCH.scene, drive=replace(SINE, phase=30.1))
     run = _faulty(case, SINE_BENCH.sound_runs, scene=other)
     results = with_trajectory(SINE_BENCH.sound_runs, case, run)
-    found = SINE_BENCH.verdicts(results)
-    failed = {name for name, verdict in found.items() if verdict.outcome is Outcome.FAIL}
+    verdicts = SINE_BENCH.verdicts(results)
+    failed = {name for name, verdict in verdicts.items() if verdict.outcome is Outcome.FAIL}
     assert failed >= TWIN_ERROR | TWO_METHODS | {f"velocity - {REFERENCE}"}
     assert not failed & IMPLEMENTATION

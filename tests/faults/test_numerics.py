@@ -39,7 +39,7 @@ class Leapfrog(Code):
         x, v, f = state
         first, self.before = not self.before, [dt]
         v = self.kicked(v, f, mass, 0.5 * dt if first else dt)
-        x = [one + dt * speed for one, speed in zip(x, v, strict=True)]
+        x = [place + dt * speed for place, speed in zip(x, v, strict=True)]
         return x, v, net(x)
 
 

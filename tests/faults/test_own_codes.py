@@ -136,8 +136,8 @@ def test_a_second_method_that_restarts_late_is_named(monkeypatch: pytest.MonkeyP
     sound = scipy_integration.Integration._first_event
 
     def late(self: Any, solver: Any, dense: Any, closed: NDArray[np.bool_]) -> tuple[float, int] | None:
-        found = sound(self, solver, dense, closed)
-        return None if found is None else (float(solver.t), found[1])
+        event = sound(self, solver, dense, closed)
+        return None if event is None else (float(solver.t), event[1])
 
     monkeypatch.setattr(scipy_integration.Integration, "_first_event", late)
     [case] = BENCH.of(SCIPY)
@@ -160,8 +160,8 @@ def test_a_reference_of_another_stiffness_is_named(backend: str, factor: float, 
     [case] = BENCH.of(backend)
     other = replace(FREE, stiffness=tuple(factor * k for k in FREE.stiffness))
     run = _faulty(case, BENCH.sound_runs, scene=other)
-    found = BENCH.check(with_trajectory(BENCH.sound_runs, case, run), shows)
-    assert all(found[name].outcome is Outcome.PASS for name in IMPLEMENTATION)
+    verdicts = BENCH.check(with_trajectory(BENCH.sound_runs, case, run), shows)
+    assert all(verdicts[name].outcome is Outcome.PASS for name in IMPLEMENTATION)
 
 
 # the theory

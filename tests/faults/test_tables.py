@@ -39,9 +39,9 @@ def rows(law: int, change: Callable[[list[Row]], list[Row]]) -> Change:
     def changed(deck: Deck) -> dict[str, str]:
         name = f"{deck.name}.{law}.table"
         head, body = re.split(r"(?<=\n)(?=1 )", deck.files[name], maxsplit=1)
-        found = change([line.split() for line in body.splitlines()])
-        head = re.sub(r"^N \d+", f"N {len(found)}", head, flags=re.MULTILINE)
-        text = "".join(f"{i} {' '.join(row[1:])}\n" for i, row in enumerate(found, start=1))
+        lines = change([line.split() for line in body.splitlines()])
+        head = re.sub(r"^N \d+", f"N {len(lines)}", head, flags=re.MULTILINE)
+        text = "".join(f"{i} {' '.join(row[1:])}\n" for i, row in enumerate(lines, start=1))
         return {**deck.files, name: head + text}
 
     return changed
@@ -50,11 +50,11 @@ def rows(law: int, change: Callable[[list[Row]], list[Row]]) -> Change:
 def scaled(column: int, factor: float, *, only: int | None = None) -> Callable[[list[Row]], list[Row]]:
     """A column (2: energy, 3: force) times a factor, in one row or in all."""
 
-    def change(found: list[Row]) -> list[Row]:
-        for row in found:
+    def change(table: list[Row]) -> list[Row]:
+        for row in table:
             if only in (None, int(row[0])):
                 row[column] = repr(float(row[column]) * factor)
-        return found
+        return table
 
     return change
 
@@ -62,18 +62,18 @@ def scaled(column: int, factor: float, *, only: int | None = None) -> Callable[[
 def steeper(by: float) -> Callable[[list[Row]], list[Row]]:
     """Another exponent, with the same force (and energy) at 5 um."""
 
-    def change(found: list[Row]) -> list[Row]:
-        for row in found[:-1]:
-            factor = ((float(found[-1][1]) - float(row[1])) / 5e-6) ** by
+    def change(table: list[Row]) -> list[Row]:
+        for row in table[:-1]:
+            factor = ((float(table[-1][1]) - float(row[1])) / 5e-6) ** by
             row[2:] = [repr(float(value) * factor) for value in row[2:]]
-        return found
+        return table
 
     return change
 
 
-def moved(found: list[Row]) -> list[Row]:
+def moved(table: list[Row]) -> list[Row]:
     """All distances a nanometre larger: a law that begins too early."""
-    return [[number, repr(float(r) + 1e-9), *rest] for number, r, *rest in found]
+    return [[number, repr(float(r) + 1e-9), *rest] for number, r, *rest in table]
 
 
 def reading(law: int, other: int) -> Change:
@@ -99,7 +99,7 @@ FAULTS: dict[str, Fault[Change]] = {
         plant=rows(1, scaled(3, 1.0 + 1e-4)), shows=TABLES | IMPLEMENTATION | USER | ENERGY
     ),
     "one line in ten": Fault(
-        plant=rows(1, lambda found: [*found[:-1:10], found[-1]]), shows=TABLES | TABLE_ENERGY | IMPLEMENTATION
+        plant=rows(1, lambda table: [*table[:-1:10], table[-1]]), shows=TABLES | TABLE_ENERGY | IMPLEMENTATION
     ),
     # it moves nothing: only what LAMMPS prints as energy is wrong
     "an energy column that does not fit": Fault(plant=rows(1, scaled(2, 1.0 + 1e-5)), shows=TABLE_ENERGY),
@@ -127,8 +127,8 @@ FAULTS: dict[str, Fault[Change]] = {
 
 def test_sound_tables_have_no_fault() -> None:
     assert {case.backend for case in BENCH.engine_cases} == {TABLE}
-    found = BENCH.check(BENCH.sound_runs)
-    assert set(found) >= TABLES | TABLE_ENERGY
+    verdicts = BENCH.check(BENCH.sound_runs)
+    assert set(verdicts) >= TABLES | TABLE_ENERGY
 
 
 @pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS)
@@ -151,7 +151,7 @@ BROKEN: dict[str, tuple[Change, str]] = {
     "a file that is missing": (missing, "ERROR"),
     "a section that is missing": (substituted("table LAW1 ", "table LAW9 "), "ERROR"),
     "a file that ends before the deepest overlap": (
-        rows(0, lambda found: found[20:]),
+        rows(0, lambda table: table[20:]),
         "Pair distance < table inner cutoff",
     ),
     "a cutoff beyond the file": (cut_before_touch(-1e-9), "Pair table cutoff outside of table"),
@@ -160,10 +160,10 @@ BROKEN: dict[str, tuple[Change, str]] = {
 
 @pytest.mark.parametrize(("change", "why"), BROKEN.values(), ids=BROKEN)
 def test_what_lammps_notices_itself_is_broken_in_its_words(change: Change, why: str) -> None:
-    found = BENCH.verdicts(replaced(BENCH.sound_runs, run_with(change, BENCH.engine_cases[0])))
-    [broken] = [name for name, verdict in found.items() if verdict.outcome is not Outcome.PASS]
-    assert (broken, found[broken].outcome) == ("velocity - reference", Outcome.BROKEN)
-    assert why in found[broken].sentence
+    verdicts = BENCH.verdicts(replaced(BENCH.sound_runs, run_with(change, BENCH.engine_cases[0])))
+    [broken] = [name for name, verdict in verdicts.items() if verdict.outcome is not Outcome.PASS]
+    assert (broken, verdicts[broken].outcome) == ("velocity - reference", Outcome.BROKEN)
+    assert why in verdicts[broken].sentence
 
 
 # the code that makes tables: LAMMPS and the twin with tables have the fault alike, so LAMMPS minus twin cannot show it
@@ -177,8 +177,8 @@ def test_a_fault_in_the_laws_of_tables_shows_against_the_reference(
         return power_law(stiffness * 1e-5**-by, exponent + by)
 
     monkeypatch.setattr(coefficients, "power_law", wrong)
-    found = BENCH.verdicts(BENCH.cases.map(run_case))
-    bad = {name: verdict.outcome for name, verdict in found.items() if verdict.outcome is not Outcome.PASS}
+    verdicts = BENCH.verdicts(BENCH.cases.map(run_case))
+    bad = {name: verdict.outcome for name, verdict in verdicts.items() if verdict.outcome is not Outcome.PASS}
     assert set(bad) == minus(REFERENCE, "velocity") | shows
     # of other quantities the bar, which knows the twin with the laws themselves, is the tolerance
     assert bad["velocity - reference"] is Outcome.FAIL

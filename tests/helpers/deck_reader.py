@@ -1,4 +1,4 @@
-"""A reader of LAMMPS decks, ``granular`` or ``table`` or both, written from LAMMPS' manual and nothing of this project.
+"""Read LAMMPS decks, ``granular`` or ``table`` or both: written from LAMMPS' manual and nothing of this project.
 
 It does what LAMMPS does with ``in.NAME`` and the data file that it reads: strips comments, substitutes variables, lets
 later ``pair_coeff`` and ``set`` lines override earlier ones, and knows a frozen atom by the absence of an integrator.
@@ -22,7 +22,7 @@ SILENT = {
 
 @dataclass
 class Atom:
-    """One line of the data file's Atoms section, with what ``set`` and Velocities add."""
+    """Hold one line of the data file's Atoms section, with what ``set`` and Velocities add."""
 
     number: int
     kind: int
@@ -36,7 +36,7 @@ class Atom:
 
     @property
     def mass(self) -> float:
-        """What ``set`` gave it; without that, density times the volume of the sphere."""
+        """Return the mass that ``set`` gave, else density times the volume of the sphere, kg."""
         if self.set_mass is not None:
             return self.set_mass
         return self.density * 4.0 / 3.0 * math.pi * (self.diameter / 2.0) ** 3
@@ -44,7 +44,7 @@ class Atom:
 
 @dataclass
 class Coefficients:
-    """``hertz K eta`` or ``hooke k eta`` of one pair of types, and the damping model's name."""
+    """Hold ``hertz K eta`` or ``hooke k eta`` of one pair of types, and the damping model's name."""
 
     model: str
     stiffness: float
@@ -57,7 +57,7 @@ class Coefficients:
 
 @dataclass
 class Table:
-    """One section of a table file: distance (m), energy (J) and force (N) of each line."""
+    """Hold one section of a table file: distance (m), energy (J) and force (N) of each line."""
 
     file: str
     keyword: str
@@ -71,7 +71,7 @@ class Table:
 
 @dataclass
 class ReadDeck:
-    """What LAMMPS would simulate."""
+    """Hold all that LAMMPS would simulate: atoms, coefficients of pairs, forces, settings."""
 
     atoms: list[Atom]
     coefficients: dict[tuple[int, int], Coefficients]
@@ -113,23 +113,23 @@ class ReadDeck:
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """Types of each contact along the line, walls included."""
+        """Return the types of each contact along the line, walls included."""
         ends = zip(self.atoms, self.atoms[1:], strict=False)
         return [(min(a.kind, b.kind), max(a.kind, b.kind)) for a, b in ends]
 
     @property
     def found(self) -> list[Coefficients]:
-        """Coefficients of each contact along the line."""
+        """Return the coefficients of each contact along the line."""
         return [self.coefficients[pair] for pair in self.pairs]
 
     @property
     def exponents(self) -> list[float]:
-        """n of each contact along the line: the force goes as overlap^(n - 1)."""
-        return [{"hertz": 2.5, "hooke": 2.0}[one.model] for one in self.found]
+        """Return n of each contact along the line: the force goes as overlap^(n - 1)."""
+        return [{"hertz": 2.5, "hooke": 2.0}[law.model] for law in self.found]
 
     @property
     def _effective(self) -> list[tuple[float, float]]:
-        """Radius and mass of each contact: 1/R_eff = 1/R_a + 1/R_b, and so the mass, if the atom moves or not."""
+        """Return radius and mass of each contact: 1/R_eff = 1/R_a + 1/R_b, and so the mass, of fixed atoms too."""
         ends = list(zip(self.atoms, self.atoms[1:], strict=False))
         return [
             (a.diameter * b.diameter / (2.0 * (a.diameter + b.diameter)), a.mass * b.mass / (a.mass + b.mass))
@@ -138,30 +138,32 @@ class ReadDeck:
 
     @property
     def stiffnesses(self) -> list[float]:
-        """beta of each contact along the line: F = K sqrt(R_eff) overlap^1.5 (hertz), k overlap (hooke)."""
+        """Return beta of each contact along the line: F = K sqrt(R_eff) overlap^1.5 (hertz), k overlap (hooke)."""
         return [
-            one.stiffness * (math.sqrt(radius) if one.model == "hertz" else 1.0)
-            for one, (radius, _) in zip(self.found, self._effective, strict=True)
+            law.stiffness * (math.sqrt(radius) if law.model == "hertz" else 1.0)
+            for law, (radius, _) in zip(self.found, self._effective, strict=True)
         ]
 
     @property
     def dampings(self) -> list[tuple[float, float]]:
-        """Coefficient c and power p of each contact along the line, F = c overlap^p overlap'. ``velocity``: eta and 0;
+        """Return c and p of each contact along the line, F = c overlap^p overlap'.
+
+        ``velocity``: eta and 0;
         ``viscoelastic``: eta m_eff times the contact's radius sqrt(R_eff overlap), of every model but JKR's."""
         return [
-            {"velocity": (one.eta, 0.0), "viscoelastic": (one.eta * mass * math.sqrt(radius), 0.5)}[one.damping]
-            for one, (radius, mass) in zip(self.found, self._effective, strict=True)
+            {"velocity": (model.eta, 0.0), "viscoelastic": (model.eta * mass * math.sqrt(radius), 0.5)}[model.damping]
+            for model, (radius, mass) in zip(self.found, self._effective, strict=True)
         ]
 
     @property
     def gaps(self) -> list[float]:
-        """Clearance of each contact along the line, m."""
+        """Return the clearance of each contact along the line, m."""
         ends = zip(self.atoms, self.atoms[1:], strict=False)
         return [b.place[0] - a.place[0] - 0.5 * (a.diameter + b.diameter) for a, b in ends]
 
 
 def read_deck(folder: Path, name: str) -> ReadDeck:
-    """Read ``in.NAME`` and what it reads."""
+    """Return what LAMMPS would simulate, from ``in.NAME`` and the files that it reads."""
     variables: dict[str, str] = {}
     settings: dict[str, str] = {}
     atoms: list[Atom] = []
@@ -223,8 +225,8 @@ def read_deck(folder: Path, name: str) -> ReadDeck:
             else:
                 # the cutoff, where none is named, is the last line
                 assert len(rest) == 4, line
-                found = _read_table(folder / rest[2], rest[3])
-                tables |= dict.fromkeys(_pairs(rest, types), found)
+                table = _read_table(folder / rest[2], rest[3])
+                tables |= dict.fromkeys(_pairs(rest, types), table)
         elif command == "group":
             if rest[1] == "id":
                 groups[rest[0]] = {int(word) for word in rest[2:]}
@@ -269,7 +271,7 @@ def read_deck(folder: Path, name: str) -> ReadDeck:
 
 
 def _whole_lines(file: Path) -> list[str]:
-    """Commands, those of included files in their places; a line that ends with & goes on in the next."""
+    """Return the commands, those of included files in their places; a line that ends with & goes on in the next."""
     lines: list[str] = []
     for line in re.sub(r"&[ \t]*\n", "", file.read_text()).splitlines():
         words = line.split("#")[0].split()
@@ -278,7 +280,9 @@ def _whole_lines(file: Path) -> list[str]:
 
 
 def _formula(text: str, formulas: dict[str, str], variables: dict[str, str]) -> Callable[[int], float]:
-    """An equal-style formula as a function of the step. A variable within a formula has 15 digits (LAMMPS,
+    """Return an equal-style formula as a function of the step.
+
+    A variable within a formula has 15 digits (LAMMPS,
     ``Variable::retrieve``), one of style index its own text; vectors count from 1."""
 
     def value(formula: str, step: int) -> float:
@@ -290,14 +294,14 @@ def _formula(text: str, formulas: dict[str, str], variables: dict[str, str]) -> 
             return f"({variables[name]})" if name in variables else f"({value(formulas[name], step):.15g})"
 
         written = re.sub(r"v_(\w+)", number, re.sub(r"v_(\w+)\[v_(\w+)\]", entry, formula))
-        known = {"step": step, "sin": math.sin, "floor": math.floor, "__builtins__": {}}
-        return float(eval(written.replace("^", "**"), known))
+        scope = {"step": step, "sin": math.sin, "floor": math.floor, "__builtins__": {}}
+        return float(eval(written.replace("^", "**"), scope))
 
     return lambda step: value(text, step)
 
 
 def _read_data(file: Path) -> tuple[list[Atom], int]:
-    """Atoms and the number of types. As in LAMMPS, the first line is skipped whatever it says."""
+    """Return the atoms and the number of types; as in LAMMPS, the first line is skipped whatever it says."""
     counts: dict[str, int] = {}
     section, atoms = "", {}
     box: tuple[float, float] = (math.nan, math.nan)
@@ -325,7 +329,7 @@ def _read_data(file: Path) -> tuple[list[Atom], int]:
 
 
 def _read_atomfile(file: Path) -> dict[int, float]:
-    """A number for each atom named; as in LAMMPS, comments and blank lines are skipped, then comes how many."""
+    """Return a number for each atom named; as in LAMMPS, comments and blank lines are skipped before the count."""
     lines = [words for line in file.read_text().splitlines() if (words := line.split("#")[0].split())]
     [count], rows = lines[0], lines[1:]
     assert int(count) == len(rows)
@@ -333,7 +337,7 @@ def _read_atomfile(file: Path) -> dict[int, float]:
 
 
 def _read_table(file: Path, keyword: str) -> Table:
-    """The section ``keyword``: its name, ``N n FPRIME low high``, a blank line, n lines ``index r energy force``."""
+    """Return the section ``keyword``: its name, ``N n FPRIME low high``, a blank line, ``index r energy force``."""
     lines = file.read_text().splitlines()
     at = next(i for i, line in enumerate(lines) if line.split() == [keyword])
     parameters = lines[at + 1].split()
@@ -348,14 +352,14 @@ def _read_table(file: Path, keyword: str) -> Table:
 
 
 def _pairs(words: list[str], types: int) -> list[tuple[int, int]]:
-    """All pairs I <= J that ``pair_coeff I J`` names."""
-    found = [(i, j) for i in _numbers(words[0], types) for j in _numbers(words[1], types) if i <= j]
-    assert found, f"LAMMPS rejects this line, I > J: {words}"
-    return found
+    """Return all pairs I <= J that ``pair_coeff I J`` names."""
+    pairs = [(i, j) for i in _numbers(words[0], types) for j in _numbers(words[1], types) if i <= j]
+    assert pairs, f"LAMMPS rejects this line, I > J: {words}"
+    return pairs
 
 
 def _numbers(word: str, most: int) -> range:
-    """LAMMPS' ``*``, ``n``, ``n*``, ``*m`` and ``n*m``."""
+    """Return the types that ``*``, ``n``, ``n*``, ``*m`` or ``n*m`` stands for."""
     if "*" not in word:
         return range(int(word), int(word) + 1)
     low, high = word.split("*")
@@ -363,8 +367,7 @@ def _numbers(word: str, most: int) -> range:
 
 
 def _pair_coeff(words: list[str], types: int, coefficients: dict[tuple[int, int], Coefficients]) -> None:
-    """``pair_coeff I J MODEL k eta tangential linear_nohistory kt xgamma damping NAME [limit_damping]``, for all
-    I <= J named."""
+    """Read ``I J MODEL k eta tangential linear_nohistory kt xgamma damping NAME [limit_damping]`` for all I <= J."""
     assert words[2] in ("hertz", "hooke"), words
     assert words[5:7] == ["tangential", "linear_nohistory"], words
     assert words[9] == "damping", words

@@ -1,4 +1,4 @@
-"""Driven chains for tests: each shape of drive, on bodies that touch and on bodies that are pressed."""
+"""Provide driven chains: each shape of drive, on bodies that touch and on bodies that are pressed."""
 
 from __future__ import annotations
 
@@ -30,30 +30,30 @@ PRESSED = replace(TOUCHING, name="pressed", precompression=200.0)
 
 
 def driven(scene: Scene, shape: str, **changes: Any) -> Scene:
-    """The scene with the drive of that shape."""
+    """Return the scene with the drive of that shape."""
     return replace(scene, name=f"{scene.name}-{shape}", drive=replace(DRIVES[shape], **changes))
 
 
 def free_body(drive: Drive, *, mass: float = 2e-3, duration: float = 4e-4, samples: int = 50) -> Scene:
-    """One body that touches nothing."""
+    """Return one driven body that touches nothing."""
     return Scene(
         name="alone", duration=duration, mass=(mass,), stiffness=(), velocity=(0.0,), drive=drive, samples=samples
     )
 
 
 def oscillator(frequency: float, *, amplitude: float = 1.0, cycles: float = 6.0) -> tuple[Scene, float]:
-    """One body pressed by 10 N to a wall behind a linear spring, driven from rest; and its own frequency, rad/s."""
+    """Return a body pressed by 10 N to a wall behind a linear spring, driven from rest, and its resonance, rad/s."""
     mass, spring = 5e-3, 2e6
-    own = math.sqrt(spring / mass)
+    resonance = math.sqrt(spring / mass)
     scene = Scene(
         name="oscillator",
-        duration=cycles * 2.0 * math.pi / own,
+        duration=cycles * 2.0 * math.pi / resonance,
         mass=(mass,),
         stiffness=(),
         velocity=(0.0,),
         wall_right=Wall(stiffness=spring, exponent=2.0),
         precompression=10.0,
-        drive=Drive(shape="sine", force=amplitude, frequency=frequency * own / (2.0 * math.pi)),
+        drive=Drive(shape="sine", force=amplitude, frequency=frequency * resonance / (2.0 * math.pi)),
         samples=200,
     )
-    return scene, own
+    return scene, resonance

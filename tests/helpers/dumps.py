@@ -1,4 +1,4 @@
-"""A writer of binary LAMMPS dumps, from the layout of LAMMPS' dump_custom.cpp, revision 2."""
+"""Write binary LAMMPS dumps, from the layout of LAMMPS' dump_custom.cpp, revision 2."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def frame(
     magic: bytes = b"DUMPCUSTOM",
     revision: int = 2,
 ) -> bytes:
-    """One frame; ``chunks`` is the number of MPI ranks that wrote it."""
+    """Return one frame; ``chunks`` is the number of MPI ranks that wrote it."""
     head = struct.pack("=q", -len(magic)) + magic + struct.pack("=iiqqi", 1, revision, step, len(rows), int(triclinic))
     head += struct.pack("=6i", *[1] * 6) + struct.pack("=6d", *[0.0, 1.0] * 3)
     if triclinic:
@@ -28,6 +28,6 @@ def frame(
     head += struct.pack("=i", len(columns)) + columns.encode() + struct.pack("=i", chunks)
     body = b""
     for chunk in range(chunks):
-        own = [value for row in rows[chunk::chunks] for value in row]
-        body += struct.pack("=i", len(own)) + struct.pack(f"={len(own)}d", *own)
+        values = [value for row in rows[chunk::chunks] for value in row]
+        body += struct.pack("=i", len(values)) + struct.pack(f"={len(values)}d", *values)
     return head + body

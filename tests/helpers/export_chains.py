@@ -1,4 +1,4 @@
-"""Small scenes for tables: each has something that another has not."""
+"""Provide small scenes for tables: each has something that another has not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs that were never run: numbers of all sizes whose every digit counts, on a scene's bodies."""
+"""Provide trajectories of random numbers of all sizes, on a scene's bodies, for formats that must keep every digit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NAMES = ("time", "displacement", "velocity", "contact_force")
 
 
 def made_up(scene: Scene, *, seed: int = 1, forces: bool = True) -> Trajectory:
-    """Starts as the scene does; random ever after, over twelve orders of magnitude, but no body passes another."""
+    """Return a run that starts as the scene does and is random then, over twelve decades; no body passes another."""
     rng = np.random.default_rng(seed)
 
     def numbers(width: int, largest: float) -> np.ndarray:
@@ -42,7 +42,7 @@ def made_up(scene: Scene, *, seed: int = 1, forces: bool = True) -> Trajectory:
 def foreign_dump(
     scene: Scene, run: Trajectory, *, number: str = ".17g", place: float = 0.018, walls: bool = False
 ) -> str:
-    """The run as LAMMPS dumps it: ids from 1, in no order, net forces, no column of ours."""
+    """Return the run as LAMMPS dumps it: ids from 1, in no order, net forces, no column of ours."""
     first = walls and scene.wall_left is not None
     last = walls and scene.wall_right is not None
     links = scene.n_body - 1
@@ -56,10 +56,10 @@ def foreign_dump(
     x = place * np.arange(scene.n_body) + run.displacement
     columns = [x, run.velocity, net]
     if first:
-        columns = [np.hstack([one, more]) for one, more in zip((none - place, none, -left), columns, strict=True)]
+        columns = [np.hstack([column, more]) for column, more in zip((none - place, none, -left), columns, strict=True)]
     if last:
         end = none + place * scene.n_body
-        columns = [np.hstack([more, one]) for one, more in zip((end, none, right), columns, strict=True)]
+        columns = [np.hstack([more, column]) for column, more in zip((end, none, right), columns, strict=True)]
     lines = ["ITEM: UNITS", "si"]
     rng = np.random.default_rng(3)
     for k, time in enumerate(run.time.tolist()):
@@ -67,6 +67,6 @@ def foreign_dump(
         lines += ["ITEM: TIME", f"{time:.17g}", "ITEM: TIMESTEP", str(100 * k), "ITEM: NUMBER OF ATOMS", str(atoms)]
         lines += ["ITEM: BOX BOUNDS ff ff ff", "-1 1", "-1 1", "-1 1", "ITEM: ATOMS id type x y z vx fx"]
         for i in rng.permutation(atoms).tolist():
-            px, vx, fx = (format(one[k, i], number) for one in columns)
+            px, vx, fx = (format(column[k, i], number) for column in columns)
             lines.append(f"{i + 1} 1 {px} 0 0 {vx} {fx}")
     return "\n".join(lines) + "\n"

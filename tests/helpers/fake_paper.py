@@ -1,4 +1,4 @@
-"""A paper as large as a real one, with made-up numbers: what pages and bundles are tried on."""
+"""Provide a paper as large as a real one, with invented numbers, for tests of pages and bundles."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _BACKENDS = ("paper", "reference", "lammps-granular", "ode45", "bca", "adiabatic
 
 
 def fake_paper() -> Paper:
-    """20 claims, 6 tables of up to 200 rows and 14 columns, 5 figures."""
+    """Return 20 claims, 6 tables of up to 200 rows and 14 columns, 5 figures."""
     return Paper(
         answer=(
             "The paper's chains do accelerate and decelerate the front as it says, by 44 % and 31 %.",

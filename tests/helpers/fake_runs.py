@@ -1,4 +1,4 @@
-"""Trajectories with closed-form answers, for tests that need no integration."""
+"""Provide trajectories with closed-form answers, for tests that need no integration."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ NO_ERROR = Uncertainty(velocity=0.0, displacement=0.0, peak_force=0.0, crossing_
 
 
 def uncertain(**values: Any) -> Uncertainty:
-    """An uncertainty with these values, 0 for the other quantities."""
+    """Return an uncertainty with these values, 0 for the other quantities."""
     return replace(NO_ERROR, **values)
 
 
 def free_flight(
     *, bodies: int = 3, contacts: int = 2, samples: int = 4, duration: float = 1.0, **changes: Any
 ) -> Trajectory:
-    """Body i flies at speed i + 1 (m/s); contact k has peak force 10 (k + 1) N and crosses at 0.1 (k + 1) s."""
+    """Return a run: body i flies at i + 1 m/s, contact k has peak force 10 (k + 1) N and crosses at 0.1 (k + 1) s."""
     time = np.linspace(0.0, duration, samples + 1)
     speed = np.arange(1.0, bodies + 1.0)
     parts: dict[str, Any] = {

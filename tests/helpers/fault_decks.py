@@ -1,4 +1,4 @@
-"""Decks with something planted: LAMMPS itself commits the fault."""
+"""Plant faults in decks, so that LAMMPS itself commits them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Change = Callable[[Deck], dict[str, str]]
 def substituted(
     pattern: str, new: str | Callable[[re.Match[str]], str], *, places: int = 1, data: bool = False
 ) -> Change:
-    """A change of the places in the deck (or its data file) where the pattern fits."""
+    """Return a change of the places in the deck (or its data file) where the pattern fits."""
 
     def change(deck: Deck) -> dict[str, str]:
         file = f"data.{deck.name}" if data else deck.input_file
@@ -33,22 +33,22 @@ def substituted(
 
 
 def both(first: Change, second: Change) -> Change:
-    """One change after the other."""
+    """Return both changes, one after the other."""
     return lambda deck: second(replace(deck, files=first(deck)))
 
 
 def times(factor: float) -> Callable[[re.Match[str]], str]:
-    """The first group of a match, a number, times ``factor``."""
+    """Return a replacement that multiplies the first group of a match, a number, by ``factor``."""
     return lambda match: match[0].replace(match[1], repr(float(match[1]) * factor))
 
 
 def run_with(change: Change, case: Case, *, surrogate_radius: float | None = None) -> Result:
-    """LAMMPS on the changed deck; ``surrogate_radius`` in m, None: that of the case."""
+    """Run LAMMPS on the changed deck; ``surrogate_radius`` in m, None: that of the case."""
 
     def planted(sound: Callable[..., Deck]) -> Callable[..., Deck]:
         def deck(*of: Any, **how: Any) -> Deck:
-            made = sound(*of, **how)
-            return replace(made, files=change(made))
+            written = sound(*of, **how)
+            return replace(written, files=change(written))
 
         return deck
 

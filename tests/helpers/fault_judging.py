@@ -1,4 +1,4 @@
-"""Scenes on which faults are planted, the runs that ``verify`` makes for them, and short names for its verdicts."""
+"""Provide scenes on which faults are planted, the runs that ``verify`` makes for them, and names of its verdicts."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ HELD = Scene(
 
 
 def named(verdict: Verdict) -> str:
-    """What of a study a verdict judges: ``velocity - verlet``, ``energy``, ``scipy: velocity - reference``."""
+    """Return a verdict's name: ``velocity - verlet``, ``energy``, ``scipy: velocity - reference``."""
     name = verdict.quantity
     if name not in ("momentum", "energy", "order"):
         name += f" - {verdict.reference}"
@@ -56,7 +56,7 @@ def named(verdict: Verdict) -> str:
 
 
 def minus(reference: str, *quantities: str) -> frozenset[str]:
-    """Names of the verdicts on quantities of LAMMPS against ``reference``."""
+    """Return the names of the verdicts on quantities of LAMMPS against ``reference``."""
     return frozenset(f"{quantity} - {reference}" for quantity in quantities)
 
 
@@ -74,30 +74,30 @@ TWO_REFERENCES = frozenset({f"{SCIPY}: velocity - {REFERENCE}"})
 
 @dataclass(frozen=True, kw_only=True)
 class Fault(Generic[Plant]):
-    """A planted defect: what changes, and the verdicts that must be FAIL. All others must be PASS."""
+    """Say what a planted defect changes and which verdicts must be FAIL; all others must be PASS."""
 
     plant: Plant
     shows: frozenset[str]
     begins: float | None = None
-    """s: the sample at which velocities first leave those of the twin, within one; None: not looked at."""
+    """The sample at which velocities first leave those of the twin, s, within one sample; None: not checked."""
 
 
 class Bench:
-    """One scene with all its runs, each made once and shared by all faults."""
+    """Hold a scene with all its runs, each made once and shared by all faults."""
 
     def __init__(self, scene: Scene, accuracy: float) -> None:
         self.scene, self.accuracy = scene, accuracy
 
     @cached_property
     def cases(self) -> Runs[Case]:
-        """The cases of the scene, in their roles."""
+        """Return the cases of the scene, in their roles."""
         runs = plan_scene(self.scene, self.accuracy).runs
         assert runs is not None
         return runs
 
     @property
     def engine_cases(self) -> list[Case]:
-        """LAMMPS' cases, the main one first."""
+        """Return LAMMPS' cases, the main one first."""
         return self.of(engine_for(self.scene))
 
     @cached_property
@@ -106,52 +106,52 @@ class Bench:
         return {id(case): run_case(case) for case in self.cases if case.backend != engine}
 
     def runs_with(self, run_engine: Callable[[Case], Result]) -> Results:
-        """Results in which ``run_engine`` makes those of LAMMPS; all others are made once."""
+        """Return results in which ``run_engine`` makes those of LAMMPS; all others are made once."""
         ours = self._results_of_ours
         return self.cases.map(lambda case: ours.get(id(case)) or run_engine(case))
 
     @cached_property
     def sound_runs(self) -> Results:
-        """Results without a fault, those of LAMMPS at its refinement levels included."""
+        """Return the results without a fault, those of LAMMPS at its refinement levels included."""
         return self.runs_with(run_case)
 
     @cached_property
     def reference(self) -> Trajectory:
-        """The reference, for which LAMMPS is not run."""
+        """Return the run of the reference, for which LAMMPS is not needed."""
         run = self._results_of_ours[id(self.cases.reference)].trajectory
         assert run is not None
         return run
 
     def of(self, backend: str) -> list[Case]:
-        """Cases of one backend, the main one first."""
+        """Return the cases of one backend, the main one first."""
         return [case for case in self.cases if case.backend == backend]
 
     def main(self, results: Results, backend: str) -> Trajectory:
-        found = next(result.trajectory for result in results if result.case.backend == backend)
-        assert found is not None
-        return found
+        run = next(result.trajectory for result in results if result.case.backend == backend)
+        assert run is not None
+        return run
 
     def verdicts(self, results: Results) -> dict[str, Verdict]:
-        """Name -> verdict, without those on the theory, which are never pass or fail."""
+        """Return the verdicts by name, without those on the theory, which are never pass or fail."""
         judged = [v for v in assess_scene(self.scene, results, self.accuracy).verdicts if v.backend != THEORY]
-        found = {named(verdict): verdict for verdict in judged}
-        assert len(found) == len(judged), "two verdicts share a name"
-        return found
+        by_name = {named(verdict): verdict for verdict in judged}
+        assert len(by_name) == len(judged), "two verdicts share a name"
+        return by_name
 
     def check(self, results: Results, shows: Iterable[str] = ()) -> dict[str, Verdict]:
-        """Assert that the verdicts in ``shows`` are FAIL and that all others are PASS; hands them out."""
-        found = self.verdicts(results)
+        """Assert that the verdicts in ``shows`` are FAIL and that all others are PASS; return them all."""
+        verdicts = self.verdicts(results)
         expected = set(shows)
-        assert {name for name, verdict in found.items() if verdict.outcome is Outcome.FAIL} == expected
-        others = {name: verdict.outcome for name, verdict in found.items() if name not in expected}
+        assert {name for name, verdict in verdicts.items() if verdict.outcome is Outcome.FAIL} == expected
+        others = {name: verdict.outcome for name, verdict in verdicts.items() if name not in expected}
         assert set(others.values()) == {Outcome.PASS}, others
-        return found
+        return verdicts
 
     def check_fault(self, results: Results, fault: Fault[Any]) -> None:
-        """Assert that the results show the fault as it says."""
-        found = self.check(results, fault.shows)
+        """Assert that the results show the fault where and when it must show."""
+        verdicts = self.check(results, fault.shows)
         if fault.begins is not None:
-            parted = found[f"velocity - {TWIN}"].first_divergence
+            parted = verdicts[f"velocity - {TWIN}"].first_divergence
             assert parted is not None
             assert abs(parted[0] - fault.begins) < 1.5 * self.scene.duration / self.scene.samples
 
@@ -163,7 +163,7 @@ def replaced(results: Results, new: Result) -> Results:
 
 
 def with_trajectory(results: Results, case: Case, run: Trajectory) -> Results:
-    """The results with another trajectory for this case."""
+    """Return the results with another trajectory for this case."""
     return results.map(lambda result: replace(result, trajectory=run) if result.case == case else result)
 
 

@@ -1,4 +1,4 @@
-"""Velocity-Verlet in plain Python that stands in for LAMMPS, for faults that no deck can make LAMMPS commit.
+"""Stand in for LAMMPS by velocity-Verlet in plain Python, for faults that no deck can make LAMMPS commit.
 
 It keeps absolute positions and answers with the columns of LAMMPS' dump, so that all that reads a dump is at work. Free
 scenes of Hertzian contacts only. A third writing beside LAMMPS and the twin.
@@ -32,7 +32,7 @@ Net = Callable[[list[float]], list[float]]
 
 @dataclass
 class Code:
-    """The sound code; a fault overrides one method."""
+    """Integrate soundly; a fault overrides one method."""
 
     before: list[float] = field(default_factory=list)
     """Whatever a fault keeps from the step before."""
@@ -44,17 +44,17 @@ class Code:
         return [left - right for left, right in zip([0.0, *force], [*force, 0.0], strict=True)]
 
     def kicked(self, v: list[float], f: list[float], mass: tuple[float, ...], dt: float) -> list[float]:
-        return [one + dt / m * net for one, m, net in zip(v, mass, f, strict=True)]
+        return [speed + dt / m * net for speed, m, net in zip(v, mass, f, strict=True)]
 
     def stepped(self, state: State, net: Net, mass: tuple[float, ...], dt: float) -> State:
         x, v, f = state
         v = self.kicked(v, f, mass, 0.5 * dt)
-        x = [one + dt * speed for one, speed in zip(x, v, strict=True)]
+        x = [place + dt * speed for place, speed in zip(x, v, strict=True)]
         f = net(x)
         return x, self.kicked(v, f, mass, 0.5 * dt), f
 
     def frames(self, scene: Scene, deck: Deck) -> tuple[np.ndarray, np.ndarray]:
-        """Steps ``(n_dense,)`` and x, v, f in LAMMPS' columns ``(n_dense, n_body, 7)``."""
+        """Return steps ``(n_dense,)`` and x, v, f in LAMMPS' columns ``(n_dense, n_body, 7)``."""
         dt, diameter = deck.schedule.step, 2.0 * deck.surrogate_radius
 
         def net(x: list[float]) -> list[float]:
@@ -63,31 +63,31 @@ class Code:
 
         start = list(deck.line)
         state: State = (start, list(scene.velocity), net(start))
-        step, found = 0, []
+        step, rows = 0, []
         for row in deck.schedule.dense_steps.tolist():
             while step < row:
                 state = self.stepped(state, net, scene.mass, dt)
                 step += 1
-            found.append(state)
-        values = np.zeros((len(found), scene.n_body, len(DUMP_COLUMNS)))
-        for name, column in zip(("x", "vx", "fx"), np.moveaxis(np.array(found), 1, 0), strict=True):
+            rows.append(state)
+        values = np.zeros((len(rows), scene.n_body, len(DUMP_COLUMNS)))
+        for name, column in zip(("x", "vx", "fx"), np.moveaxis(np.array(rows), 1, 0), strict=True):
             values[:, :, DUMP_COLUMNS.index(name)] = column
         return deck.schedule.dense_steps, values
 
 
 def run_in_place_of_lammps(code: Callable[[], Code], case: Case) -> Result:
-    """The case as LAMMPS' backend runs it, with ``code`` as the engine."""
-    wanted: list[tuple[Scene, Deck]] = []
+    """Run the case as LAMMPS' backend does, with ``code`` as the engine."""
+    decks: list[tuple[Scene, Deck]] = []
 
     def deck(scene: Scene, **how: Any) -> Deck:
-        wanted.append((scene, deck_of(scene, **how)))
-        return wanted[-1][1]
+        decks.append((scene, deck_of(scene, **how)))
+        return decks[-1][1]
 
     def engine(folder: Path, input_file: str, **how: Any) -> EngineReport:
         return EngineReport(version=0, packages=(), wall=0.0, cpu=0.0)
 
     def dump(path: Path, columns: int) -> tuple[np.ndarray, np.ndarray]:
-        return code().frames(*wanted[-1])
+        return code().frames(*decks[-1])
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(lammps, "deck_of", deck)
@@ -98,5 +98,5 @@ def run_in_place_of_lammps(code: Callable[[], Code], case: Case) -> Result:
 
 @cache
 def runs_of(code: Callable[[], Code]) -> Results:
-    """All runs of the free scene, with ``code`` in place of LAMMPS in each of them, the ladder too."""
+    """Return all runs of the free scene, with ``code`` in place of LAMMPS in each of them, refinement levels too."""
     return BENCH.runs_with(partial(run_in_place_of_lammps, code))

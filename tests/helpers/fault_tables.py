@@ -1,4 +1,4 @@
-"""Tables of a contact law: with ``pair_style table`` in place of ``granular`` LAMMPS can be given any."""
+"""Write tables of a contact law: with ``pair_style table`` in place of ``granular`` LAMMPS can be given any law."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ RANGE = 1.3
 
 
 def hertz(overlap: np.ndarray, beta: float) -> tuple[np.ndarray, np.ndarray]:
-    """The sound law."""
+    """Return force and energy of the sound law."""
     closed = np.maximum(overlap, 0.0)
     return beta * closed**1.5, beta * closed**2.5 / 2.5
 
 
 def tabulated(law: Law, style: str, *, reach: float = 0.0) -> Callable[[Deck], dict[str, str]]:
-    """The deck with tables of ``law``; ``style`` as ``spline 20000``, ``reach`` (m): how far open bodies feel it."""
+    """Put tables of ``law`` in a deck; ``style`` as ``spline 20000``, ``reach`` (m): how far open bodies feel it."""
 
     def change(deck: Deck) -> dict[str, str]:
         files = dict(deck.files)

@@ -1,4 +1,4 @@
-"""Readers of what people read, written from Markdown's, LaTeX', booktabs' and siunitx' rules and nothing of ours."""
+"""Read Markdown and LaTeX tables by the rules of Markdown, LaTeX, booktabs and siunitx and nothing of ours."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SPECIAL = re.compile(r"(?<!\\)[&%$#_^~]")
 
 @dataclass(frozen=True)
 class Tabular:
-    """A ``tabular`` taken apart."""
+    """Hold the parts of a ``tabular``."""
 
     types: list[str]
     """Of columns: "l", or "S[table-format=...]"."""
@@ -22,18 +22,18 @@ class Tabular:
 
 
 def read_tex(text: str) -> Tabular:
-    """AssertionError for what LaTeX, booktabs or siunitx would not take as it is meant."""
+    """Return the parts of a ``tabular``; AssertionError where LaTeX, booktabs or siunitx would not take it as meant."""
     lines = [line for line in text.splitlines() if not line.startswith("%")]
     assert all("%" not in line.replace(r"\%", "") for line in lines)
-    found = re.fullmatch(
+    match = re.fullmatch(
         r"\\begin{tabular}{(?P<types>.*?)\n}\n\\toprule\n(?P<head>.*)\n\\midrule\n(?P<rows>.*\n)?\\bottomrule\n\\end{tabular}",
         "\n".join(lines),
         re.DOTALL,
     )
-    assert found is not None, text
-    types = re.findall(r"l|S\[table-format=-?\d+\.\d+(?:e-?\d+)?\]", found["types"])
-    assert re.sub(r"\s", "", found["types"]) == "".join(types)
-    head, rows = _cells(found["head"]), [_cells(line) for line in (found["rows"] or "").splitlines()]
+    assert match is not None, text
+    types = re.findall(r"l|S\[table-format=-?\d+\.\d+(?:e-?\d+)?\]", match["types"])
+    assert re.sub(r"\s", "", match["types"]) == "".join(types)
+    head, rows = _cells(match["head"]), [_cells(line) for line in (match["rows"] or "").splitlines()]
     assert all(len(row) == len(types) for row in (head, *rows)), "as many cells as columns"
     for row, is_head in ((head, True), *((row, False) for row in rows)):
         for cell, kind in zip(row, types, strict=True):
@@ -76,7 +76,7 @@ def _check_cell(cell: str, kind: str, is_head: bool) -> None:
 
 
 def read_markdown(text: str) -> tuple[list[str], list[list[str]]]:
-    """Headings and rows of the one pipe table in a text."""
+    """Return headings and rows of the one pipe table in a text."""
     lines = [line for line in text.splitlines() if line.startswith("|")]
     cut = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines]
     head, rule, *rows = [[re.sub(r"\\(.)", r"\1", cell) for cell in row] for row in cut]

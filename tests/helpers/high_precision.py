@@ -1,4 +1,4 @@
-"""A second writing of the paper's eq. 3.1, in decimal arithmetic of 60 digits and nothing but the standard library.
+"""Write the paper's eq. 3.1 a second time, in decimal arithmetic of 60 digits, with the standard library alone.
 
 As printed, with K and E from the arithmetic-geometric mean (Abramowitz & Stegun 17.6); what cancels near 2 and 90
 degrees costs some of the 60 digits and none of the first 16.
@@ -11,24 +11,24 @@ from decimal import Decimal, localcontext
 DIGITS = 60
 
 
-def mean_of_means(one: Decimal, other: Decimal) -> tuple[Decimal, list[Decimal]]:
-    """Arithmetic-geometric mean and the differences c_1, c_2, ... on its way."""
+def mean_of_means(first: Decimal, other: Decimal) -> tuple[Decimal, list[Decimal]]:
+    """Return the arithmetic-geometric mean and the differences c_1, c_2, ... of its iteration."""
     differences = []
-    while abs(one - other) > Decimal(10) ** (5 - DIGITS):
-        differences.append((one - other) / 2)
-        one, other = (one + other) / 2, (one * other).sqrt()
-    return one, differences
+    while abs(first - other) > Decimal(10) ** (5 - DIGITS):
+        differences.append((first - other) / 2)
+        first, other = (first + other) / 2, (first * other).sqrt()
+    return first, differences
 
 
 def pi() -> Decimal:
-    """pi by Gauss, Brent and Salamin: 4 M^2 / (1 - sum 2^(j+1) c_j^2), M the mean of 1 and 1/sqrt(2)."""
+    """Return pi by Gauss, Brent and Salamin: 4 M^2 / (1 - sum 2^(j+1) c_j^2), M the mean of 1 and 1/sqrt(2)."""
     mean, differences = mean_of_means(Decimal(1), (1 / Decimal(2)).sqrt())
     lost = sum((2 ** (j + 1) * c**2 for j, c in enumerate(differences, start=1)), Decimal(0))
     return 4 * mean**2 / (1 - lost)
 
 
 def cosine(x: Decimal) -> Decimal:
-    """cos x by its power series."""
+    """Return cos x by its power series."""
     total, term, n = Decimal(0), Decimal(1), 0
     while abs(term) > Decimal(10) ** (-DIGITS - 5):
         total += term
@@ -38,7 +38,7 @@ def cosine(x: Decimal) -> Decimal:
 
 
 def complete_elliptic(squared_modulus: Decimal) -> tuple[Decimal, Decimal]:
-    """K and E of modulus e."""
+    """Return the complete elliptic integrals K and E of modulus e."""
     mean, differences = mean_of_means(Decimal(1), (1 - squared_modulus).sqrt())
     first = pi() / (2 * mean)
     lost = squared_modulus / 2 + sum(2 ** (j - 1) * c**2 for j, c in enumerate(differences, start=1))
@@ -46,7 +46,7 @@ def complete_elliptic(squared_modulus: Decimal) -> tuple[Decimal, Decimal]:
 
 
 def cylinder_stiffness(angle: float, *, radius: float, young: float, poisson: float) -> float:
-    """Eq. 3.1 as printed; ``angle`` in degrees, below 90."""
+    """Return eq. 3.1 as printed; ``angle`` in degrees, below 90."""
     with localcontext() as context:
         context.prec = DIGITS
         a = Decimal(angle) * pi() / 180

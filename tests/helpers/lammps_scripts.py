@@ -1,4 +1,4 @@
-"""A small script of LAMMPS with one line changed, for tests of what reads them."""
+"""Provide a small LAMMPS script with one line changed, for tests of the reader of scripts."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ create_atoms 2 single 0.04 0 0""",
 
 
 def script(**changes: str) -> str:
-    """The script with parts of it changed."""
+    """Return the script with parts of it changed."""
     assert set(changes) <= set(PARTS)
     return "\n".join({**PARTS, **changes}.values()) + "\n"
 
 
 def read(files: dict[str, str] | None = None, /, file: str = "in.test", **changes: str) -> ReadDeck:
-    """What is read from it."""
+    """Return what the reader of scripts makes of the changed script."""
     return read_deck(script(**changes), file=file, opened=(files or {}).__getitem__)

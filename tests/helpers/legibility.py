@@ -1,4 +1,4 @@
-"""Whether a figure can be read: no text on another, none beyond the page."""
+"""Check that a figure is legible: no text covers another, none lies beyond the page."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from matplotlib.text import Text
 
 
 def assert_legible(figure: Figure) -> int:
-    """The number of texts that were looked at."""
+    """Assert that no two texts overlap and all lie on the page; return how many were checked."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    texts = {one for one in figure.findobj(Text) if isinstance(one, Text) and one.get_visible() and one.get_text()}
+    texts = {text for text in figure.findobj(Text) if isinstance(text, Text) and text.get_visible() and text.get_text()}
     texts -= {label for ax in figure.axes for label in beyond(ax)}
-    shown = [(one.get_text(), one.get_window_extent(canvas.get_renderer())) for one in texts]
+    shown = [(text.get_text(), text.get_window_extent(canvas.get_renderer())) for text in texts]
     for name, box in shown:
         assert box.x0 >= 0.0, name
         assert box.y0 >= 0.0, name
@@ -29,10 +29,10 @@ def assert_legible(figure: Figure) -> int:
 
 
 def beyond(ax: Axes) -> list[Text]:
-    """Labels of ticks outside the limits: they exist and are not drawn."""
-    found = []
+    """Return the labels of ticks outside the limits: they exist and are not drawn."""
+    labels = []
     for axis in (ax.xaxis, ax.yaxis):
         low, high = sorted(axis.get_view_interval())
         ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
-        found += [label for tick in ticks if not low <= tick.get_loc() <= high for label in (tick.label1, tick.label2)]
-    return found
+        labels += [label for tick in ticks if not low <= tick.get_loc() <= high for label in (tick.label1, tick.label2)]
+    return labels

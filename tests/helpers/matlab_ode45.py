@@ -1,4 +1,4 @@
-"""ode45 as documented by Shampine & Reichelt (1997), step for step in numpy and for any ODE: a second writing.
+"""Write ode45 a second time, as documented by Shampine & Reichelt (1997), step for step in numpy and for any ODE.
 
 Its tableau is scipy's and its continuous extension that of ntrp45 in the paper's form; no code of the package is used.
 """
@@ -40,7 +40,7 @@ class Solution:
 def ode45(
     odefun: Callable[[float, Floats], Floats], tspan: Floats, y0: Floats, *, reltol: float, abstol: float
 ) -> Solution:
-    """States at ``tspan (n_t,)``, ``(n_t, n_y)``; the first step as if only its ends were given."""
+    """Return states at ``tspan (n_t,)``, ``(n_t, n_y)``; the first step is chosen as if only the ends were passed."""
     t, tfinal, y = float(tspan[0]), float(tspan[-1]), np.array(y0)
     threshold, hmax, power = abstol / reltol, 0.1 * (tspan[-1] - tspan[0]), 1 / 5
     f0 = odefun(t, y)

@@ -1,4 +1,4 @@
-"""The program ``.ci/move_pins.py`` as a module: CI's folder is no package."""
+"""Load the program ``.ci/move_pins.py`` as a module, for the folder of CI is no package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The quadruple-precision truth in tests/data, as scenes and arrays; no code of this project made it.
+"""Read the quadruple-precision truth in tests/data as scenes and arrays; no code of this project computed it.
 
 A truth file's samples start at T/500; a Trajectory has the start in addition, so its row i + 1 is the file's row i.
 """
@@ -23,18 +23,18 @@ NAMES = {"velocity": "v", "displacement": "x", "peak_force": "F_peak", "crossing
 
 @dataclass(frozen=True)
 class Truth:
-    """Arrays of a truth file and the Scene that they solve."""
+    """Hold the arrays of a truth file and the Scene that they solve."""
 
     data: Mapping[str, NDArray[np.float64]]
     scene: Scene
 
     @property
     def v0(self) -> float:
-        """Impact speed, m/s: the scale of velocities."""
+        """Return the impact speed, m/s: the scale of velocities."""
         return float(self.data["v0"])
 
     def error(self, run: Trajectory, quantity: str) -> NDArray[np.float64]:
-        """|run - truth| in the quantity's unit: one number for sampled quantities, one per contact for the others."""
+        """Return |run - truth| in the quantity's unit: the maximum over samples and bodies, or one per contact."""
         truth = self.data[NAMES[quantity]]
         if quantity in ("velocity", "displacement"):
             return np.asarray(np.max(np.abs(getattr(run, quantity)[1:] - truth)))
@@ -42,7 +42,7 @@ class Truth:
 
 
 def load_truth(name: str) -> Truth:
-    """The truth file of that name with its raw-form scene."""
+    """Return the truth file of that name with its raw-form scene."""
     with np.load(DATA / f"{name}.npz") as file:
         data = {key: file[key] for key in file.files}
     bodies = len(data["m"])

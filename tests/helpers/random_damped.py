@@ -1,4 +1,4 @@
-"""Random scenes with damped contacts and drag: seeded, n = 2 and 5/2 side by side, gaps, walls, weight, precompression.
+"""Provide random scenes with damped contacts and drag: n = 2 and 5/2 side by side, gaps, walls, weight, precompression.
 
 Two to 8 bodies over a decade of masses and one and a half of stiffnesses; in two thirds of the contacts a dashpot or
 Kuwabara-Kono damping of a hundredth to three times the critical one at the largest overlap; drag in four of ten.
@@ -12,7 +12,9 @@ from dem_bridge.scene import Damping, Scene, Wall
 
 
 def random_damped(seed: int, *, severe: bool = False) -> Scene:
-    """Scene ``seed``; ``severe``: dashpots alone, of a tenth to ten times critical damping, and all contacts open, so
+    """Return scene ``seed``.
+
+    ``severe``: dashpots alone, of a tenth to ten times critical damping, and all contacts open, so
     that forces jump somewhere within a step."""
     rng = np.random.default_rng([1971, seed])
     n = int(rng.integers(2, 9))

@@ -1,4 +1,4 @@
-"""Random scenes on which the planner is tried: seeded, as different as what users ask for.
+"""Provide random scenes for the planner: seeded, as different as those of users.
 
 Of ten, six are chains of 2 to 40 bodies with an impact: graded or random stiffnesses, n = 5/2 mostly, gaps, walls,
 weight, precompression; one has an exponent for which the reference has no series; two are of :mod:`.random_scenes`,
@@ -21,7 +21,7 @@ MOST_BODIES = 40
 
 
 def planned_scene(seed: int) -> Scene:
-    """Scene ``seed``."""
+    """Return scene ``seed``."""
     kind = seed % 10
     if kind in (3, 7):
         scene = drawn(seed)

@@ -1,4 +1,4 @@
-"""The random scenes on which error bars are tried: seeded, Hertzian, and as unlike each other as users' chains are.
+"""Provide the random scenes for error bars: seeded, Hertzian, and as unlike each other as users' chains are.
 
 Their truths, in extended precision and by a method of its own, are in tests/data/random_scenes.npz; run this module to
 make them again (a C compiler and an hour).
@@ -70,7 +70,7 @@ SAMPLES = 8
 
 
 def drawn(seed: int) -> Scene:
-    """A new scene; its last digits depend on a library's powers, so those that are used are stored."""
+    """Draw a scene; its last digits depend on a library's powers, so the scenes that are used are stored."""
     rng = np.random.default_rng([2018, seed])
     n = round(math.exp(rng.uniform(math.log(2), math.log(60))))
     links = n - 1
@@ -125,7 +125,7 @@ def drawn(seed: int) -> Scene:
 
 
 def shortest_contact(scene: Scene) -> float:
-    """Shortest time, s, that a contact of the scene would last if its two bodies met at the largest start speed."""
+    """Return the shortest time, s, that a contact would last if its two bodies met at the largest start speed."""
     mobility = np.append(1.0 / np.array(scene.mass), 0.0)
     c, speed = scene.contacts, max(abs(v) for v in scene.velocity)
     depth = (1.25 * speed**2 / (mobility[c.left] + mobility[c.right]) / c.stiffness) ** 0.4
@@ -134,7 +134,7 @@ def shortest_contact(scene: Scene) -> float:
 
 @dataclass(frozen=True)
 class RandomTruth:
-    """The truth of one scene at its samples, rounded to doubles."""
+    """Hold the truth of one scene at its samples, rounded to doubles."""
 
     displacement: Floats
     velocity: Floats
@@ -142,15 +142,15 @@ class RandomTruth:
     crossing_time: Floats
 
     def error(self, run: Trajectory, quantity: str) -> Floats:
-        """Largest error over samples and bodies ``(1,)``, or that of each contact; inf where only one has a value."""
-        mine, other = getattr(run, quantity), getattr(self, quantity)
-        away = np.abs(mine - other)
+        """Return the largest error of samples ``(1,)``, or that of each contact; inf where only one run has a value."""
+        values, other = getattr(run, quantity), getattr(self, quantity)
+        away = np.abs(values - other)
         if quantity in ("velocity", "displacement"):
             return np.array([np.max(away)])
-        return np.where(np.isnan(mine) & np.isnan(other), 0.0, np.where(np.isnan(away), math.inf, away))
+        return np.where(np.isnan(values) & np.isnan(other), 0.0, np.where(np.isnan(away), math.inf, away))
 
     def outside(self, run: Trajectory, quantity: str) -> float:
-        """Error over bar, worst; what is right to the last digit is inside."""
+        """Return the largest ratio of error to bar; 0 where a value is right to the last digit."""
         error = self.error(run, quantity)
         bar = np.broadcast_to(np.atleast_1d(run.uncertainty[quantity]), error.shape)
         ratio = [0.0 if e == 0.0 or math.isinf(b) else e / b if b > 0.0 else math.inf
@@ -167,7 +167,7 @@ def _stored() -> tuple[dict[str, Floats], list[dict[str, Any]]]:
 
 @cache
 def random_scene(seed: int) -> Scene:
-    """Scene ``seed`` (0 to 299) of those with a stored truth."""
+    """Return scene ``seed`` (0 to 299) of those with a stored truth."""
     parts = dict(_stored()[1][seed])
     for side in ("wall_left", "wall_right"):
         if parts[side] is not None:
@@ -176,7 +176,7 @@ def random_scene(seed: int) -> Scene:
 
 
 def random_truth(seed: int) -> RandomTruth:
-    """The stored truth of ``random_scene(seed)``."""
+    """Return the stored truth of ``random_scene(seed)``."""
     data, scenes = _stored()
     bodies = [len(parts["mass"]) for parts in scenes]
     rows = slice(*((SAMPLES + 1) * sum(bodies[:end]) for end in (seed, seed + 1)))

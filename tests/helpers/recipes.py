@@ -1,4 +1,4 @@
-"""The recipes of docs/inherit.md, read from the page."""
+"""Read the recipes of docs/inherit.md from the page."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ _FORGOTTEN = re.compile(r"Forgotten:\s+`([\w/.]+::\w+)`")
 
 @dataclass(frozen=True)
 class Block:
-    """What stands in a fence. ``path``: of the file that is made (python, toml: its first line is a comment that says
+    """Hold one fenced block of the page.
+
+    ``path``: of the file that is made (python, toml: its first line is a comment that says
     so) or changed (diff: its first line)."""
 
     language: str
@@ -29,15 +31,15 @@ class Block:
 
     @property
     def body(self) -> str:
-        """Without the line that has the path."""
+        """Return the text without the line that has the path."""
         return self.text.split("\n", 1)[1] if self.path else self.text
 
     def added(self) -> str:
-        """Of a diff: the new lines alone."""
+        """Return the new lines of a diff."""
         return "".join(f"{line[1:]}\n" for line in self.body.splitlines() if line.startswith("+"))
 
     def patched(self, before: str) -> str:
-        """Of a diff: a file's text with it; AssertionError where its old lines do not stand there once."""
+        """Return a file's text with the diff; AssertionError unless its old lines stand there once."""
         lines = [(line[:1] or " ", line[1:]) for line in self.body.splitlines()]
         old, new = ("".join(f"{line}\n" for mark, line in lines if mark in f" {side}") for side in "-+")
         assert before.count(old) == 1, (
@@ -48,7 +50,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Step:
-    """One step of a recipe. ``forgotten``: the test that fails without it; '' where all is lost without it."""
+    """Hold one step of a recipe; ``forgotten``: the test that fails without it, '' where all tests do."""
 
     text: str
     blocks: tuple[Block, ...]
@@ -56,24 +58,24 @@ class Step:
 
 
 def blocks(text: str = PAGE) -> tuple[Block, ...]:
-    return tuple(Block(*found) for found in _FENCE.findall(text))
+    return tuple(Block(*fields) for fields in _FENCE.findall(text))
 
 
 def recipes() -> dict[str, tuple[Step, ...]]:
-    """What is added -> its steps, in their order."""
-    found = {}
+    """Return the steps of each recipe, in their order, by what it adds."""
+    steps_of = {}
     for section in re.split(r"^## ", PAGE, flags=re.MULTILINE):
         title, _, text = section.partition("\n")
         if title.startswith("Add a"):
             parts = re.split(r"^\d+\. ", text, flags=re.MULTILINE)[1:]
             forgotten = [_FORGOTTEN.search(part) for part in parts]
-            found[title.split()[-1]] = tuple(
+            steps_of[title.split()[-1]] = tuple(
                 Step(part.strip(), blocks(part), match[1] if match else "")
                 for part, match in zip(parts, forgotten, strict=True)
             )
-    return found
+    return steps_of
 
 
 def one_more_scene(readme: str) -> str:
-    """The step that has no block: the number of scenes in the README."""
+    """Return the README with one scene more: the step that has no block."""
     return re.sub(r"^(\d+)(?= scenes are shipped)", lambda match: str(int(match[1]) + 1), readme, flags=re.MULTILINE)

@@ -1,4 +1,4 @@
-"""Random small scenes for property tests. Sizes, masses, stiffnesses, exponents and speeds all vary."""
+"""Draw random small scenes for property tests: sizes, masses, stiffnesses, exponents and speeds all vary."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ EXPLORE = os.environ.get("HYPOTHESIS_PROFILE") == "explore"
 
 
 def examples(count: int) -> hypothesis.settings:
-    """Settings of a test that takes ``count`` examples; as many as its cost allows."""
+    """Return the settings of a test that takes ``count`` examples, as many as its cost allows."""
     return hypothesis.settings(max_examples=20 * count if EXPLORE else count)
 
 
@@ -31,12 +31,12 @@ DURATION = 3e-4
 
 
 def log_uniform(low: float, high: float) -> st.SearchStrategy[float]:
-    """Positive numbers, evenly spread over their decades."""
+    """Draw positive numbers, evenly spread over their decades."""
     return st.floats(math.log(low), math.log(high)).map(math.exp)
 
 
 def stiffness_for(exponent: float, hertz: float) -> float:
-    """Stiffness that gives, at an overlap of 10 um, the force of a Hertz contact of stiffness ``hertz``."""
+    """Return the stiffness that gives, at an overlap of 10 um, the force of a Hertz contact of stiffness ``hertz``."""
     return hertz * math.pow(1e-5, 2.5 - exponent)
 
 
@@ -51,7 +51,7 @@ def scenes(
     gravity: bool = False,
     samples: int = 20,
 ) -> Scene:
-    """A chain whose first body (or every body) moves; exponents n out of ``exponents``, or between two."""
+    """Draw a chain whose first body (or every body) moves; exponents n out of ``exponents``, or between two."""
     n = draw(st.integers(*bodies))
     links = n - 1
     hertz = log_uniform(1e8, 5e10)
@@ -84,18 +84,18 @@ def scenes(
 
 @st.composite
 def damped_scenes(draw: st.DrawFn, /, **how: Any) -> Scene:
-    """As :func:`scenes`, between walls and with weight if need be, with damping in some or all contacts, or drag."""
+    """Draw :func:`scenes` with walls, weight, drag, and damping in some or all contacts."""
     scene = draw(scenes(walls=True, gravity=True, **how))
     law = draw(st.sampled_from(["dashpot", "kuwabara-kono"]))
-    one = st.one_of(st.just(0.0), log_uniform(1e-1, 1e3) if law == "dashpot" else log_uniform(1e-7, 1e-3))
-    coefficient = tuple(draw(one) for _ in range(scene.n_contact))
+    coefficients = st.one_of(st.just(0.0), log_uniform(1e-1, 1e3) if law == "dashpot" else log_uniform(1e-7, 1e-3))
+    coefficient = tuple(draw(coefficients) for _ in range(scene.n_contact))
     return replace(
         scene, damping=Damping(law=law, coefficient=coefficient), drag=draw(st.sampled_from([0.0, 0.0, 1e3]))
     )
 
 
 def thirty_two_times_as_fast(scene: Scene) -> Scene:
-    """The same motion of a Hertzian scene at v -> 32 v: t -> t/2, x -> 16 x, F and g -> 64 times, all powers of two."""
+    """Return the same motion at v -> 32 v (Hertz): t -> t/2, x -> 16 x, F and g -> 64 times, all powers of two."""
 
     def scaled(wall: Wall | None) -> Wall | None:
         return None if wall is None else replace(wall, gap=16.0 * wall.gap)

@@ -1,4 +1,4 @@
-"""Runs a tutorial as a reader would: block by block, in one folder, with one Python.
+"""Run a tutorial as a reader would: block by block, in one folder, with one Python.
 
 A page is Markdown. ``python`` blocks share a namespace; the ``text`` block that follows one has what it prints (none:
 it prints nothing). In ``console`` blocks a line after "$ " is a command, and what is below it is what it prints, errors
@@ -24,7 +24,7 @@ _SAME = doctest.OutputChecker()
 
 @dataclass(frozen=True)
 class Step:
-    """One thing that a reader does, and what is to be seen then."""
+    """Hold one thing that a reader does, and what it prints."""
 
     line: int
     kind: str
@@ -33,21 +33,21 @@ class Step:
 
 
 class Drift(AssertionError):
-    """The page says one thing and the code another."""
+    """Say that the page shows one thing and the code prints another."""
 
 
 def steps(page: str) -> Iterator[Step]:
-    """Of a page of Markdown, in their order."""
+    """Yield the steps of a page of Markdown, in their order."""
     blocks = [
-        (page[: found.start()].count("\n") + 2, found[1], found[2], found.end())
-        for found in re.finditer(r"^```(\w+)\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+        (page[: fence.start()].count("\n") + 2, fence[1], fence[2], fence.end())
+        for fence in re.finditer(r"^```(\w+)\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
     ]
     for at, (line, kind, text, end) in enumerate(blocks):
         if kind == "console":
             if not text.startswith("$ "):
                 raise Drift(f"line {line}: a console block begins with a command")
-            for one in re.finditer(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", text, re.MULTILINE):
-                yield Step(line + text[: one.start()].count("\n"), kind, one[1], one[2])
+            for command in re.finditer(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", text, re.MULTILINE):
+                yield Step(line + text[: command.start()].count("\n"), kind, command[1], command[2])
         elif kind == "python":
             follows = blocks[at + 1] if at + 1 < len(blocks) else None
             said = follows is not None and follows[1] == "text" and not page[end : page.index("```text", end)].strip()

@@ -1,4 +1,4 @@
-"""Trajectories with known pulses, made without integration; and the chains that tests of observables run."""
+"""Provide trajectories with known pulses, made without integration, and chains for tests of observables."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def travelling_wave(
     peak_velocity: float = 0.5,
     uncertainty: Uncertainty = NO_ERROR,
 ) -> tuple[Scene, Trajectory, SolitaryWave]:
-    """The exact solitary wave through a uniform chain, which it enters from the left and leaves on the right.
+    """Return the exact solitary wave through a uniform chain, which it enters from the left and leaves on the right.
 
     ``per_residence`` samples while it goes from body to body. Nothing holds for body 0, which a contact outside drives.
     """
@@ -67,7 +67,7 @@ def travelling_wave(
 
 
 def uniform_chain(bodies: int = 100, *, samples: int = 1000) -> Scene:
-    """Struck by its own first body; the wave is at the last body within the duration."""
+    """Return a uniform chain struck by its first body; the wave is at the last body within the duration."""
     return Scene(
         name="uniform",
         duration=1.6e-5 * bodies,
@@ -80,7 +80,7 @@ def uniform_chain(bodies: int = 100, *, samples: int = 1000) -> Scene:
 
 
 def long_chain(direction: str, *, samples: int = 1000) -> Scene:
-    """The paper's chain of 200 cylinders, linear in stiffness, struck by one more through the first stiffness."""
+    """Return the paper's chain of 200 cylinders, linear in stiffness, struck by one more."""
     beta = np.linspace(STIFFEST, SOFTEST, 199)
     if direction == "accelerating":
         beta = beta[::-1]
@@ -96,7 +96,7 @@ def long_chain(direction: str, *, samples: int = 1000) -> Scene:
 
 
 def tapered_chain(ratio: float, *, spheres: int = 40, samples: int = 1000) -> Scene:
-    """Spheres of quartz, each ``ratio`` times as wide as the one before, the first of 9 mm, struck by one like it."""
+    """Return spheres of quartz, each ``ratio`` times as wide as the one before, the first of 9 mm, struck alike."""
     radius = 9e-3 * ratio ** np.arange(spheres)
     radius = np.concatenate([radius[:1], radius])
     modulus, common = 72e9 / (2.0 * (1.0 - 0.17**2)), radius[1:] * radius[:-1] / (radius[1:] + radius[:-1])

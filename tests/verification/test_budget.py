@@ -34,20 +34,20 @@ def runs() -> dict[str, Trajectory]:
 
 
 def _budgets(engine: Trajectory, runs: dict[str, Trajectory]) -> dict[str, Budget]:
-    return {one.quantity: one for one in budgets(engine, runs["twin"], runs["positional"], runs["truth"])}
+    return {budget.quantity: budget for budget in budgets(engine, runs["twin"], runs["positional"], runs["truth"])}
 
 
 @pytest.mark.lammps
 def test_the_parts_explain_what_lammps_differs_by(runs: dict[str, Trajectory]) -> None:
     engine = db.solve(SCENE, backend="lammps-granular", dt=DT, surrogate_radius=RADIUS, uncertainty=False)
-    found = _budgets(engine, runs)
-    assert set(found) == set(QUANTITIES)
-    for quantity, one in found.items():
-        assert not one.is_finding, quantity
+    results = _budgets(engine, runs)
+    assert set(results) == set(QUANTITIES)
+    for quantity, budget in results.items():
+        assert not budget.is_finding, quantity
         # triangle inequality: no error is larger than the sum of its parts and the rest
-        assert one.found <= one.total + one.unexplained
-        assert one.parts["time step"] > 10.0 * one.parts["round-off"] > 0.0
-        assert one.parts["table"] == 0.0
+        assert budget.found <= budget.total + budget.unexplained
+        assert budget.parts["time step"] > 10.0 * budget.parts["round-off"] > 0.0
+        assert budget.parts["table"] == 0.0
 
 
 @pytest.mark.parametrize("quantity", ["velocity", "displacement", "peak_force", "crossing_time"])
@@ -57,15 +57,15 @@ def test_a_difference_that_no_part_explains_is_a_finding(runs: dict[str, Traject
     share = 0.1 * _budgets(honest, runs)[quantity].parts["time step"]
     value = getattr(honest, quantity)
     wrong = replace(honest, **{quantity: value + share * np.nanmax(np.abs(value))})
-    found = _budgets(wrong, runs)
-    assert [name for name, one in found.items() if one.is_finding] == [quantity]
-    assert not any(one.is_finding for one in _budgets(honest, runs).values())
+    results = _budgets(wrong, runs)
+    assert [name for name, budget in results.items() if budget.is_finding] == [quantity]
+    assert not any(budget.is_finding for budget in _budgets(honest, runs).values())
 
 
 def test_what_is_not_finite_is_a_finding_and_json_all_the_same(runs: dict[str, Trajectory]) -> None:
     crossing = runs["positional"].crossing_time.copy()
     crossing[1] = np.nan
-    one = _budgets(replace(runs["positional"], crossing_time=crossing), runs)["crossing_time"]
-    assert one.is_finding
-    assert one.as_json()["unexplained"] is None
-    assert set(one.as_json()["parts"]) == {"time step", "table", "round-off", "sampling", "reference"}
+    budget = _budgets(replace(runs["positional"], crossing_time=crossing), runs)["crossing_time"]
+    assert budget.is_finding
+    assert budget.as_json()["unexplained"] is None
+    assert set(budget.as_json()["parts"]) == {"time step", "table", "round-off", "sampling", "reference"}

@@ -1,4 +1,4 @@
-"""From a difference, a bar and a tolerance to one outcome of a closed set, with one sentence."""
+"""A difference, an uncertainty and a tolerance give one outcome of a closed set, with one sentence."""
 
 from __future__ import annotations
 
@@ -81,9 +81,14 @@ def _difference(value: float, reference_uncertainty: float, **changes: object) -
     return Difference(**(parts | changes))  # type: ignore[arg-type]
 
 
-def _verdict(found: Difference, tolerance: float = 1e-6) -> Verdict:
+def _verdict(difference: Difference, tolerance: float = 1e-6) -> Verdict:
     return numerical_verdict(
-        found, scene="chain", backend="lammps-granular", reference="scipy", tolerance=tolerance, meaning="time step"
+        difference,
+        scene="chain",
+        backend="lammps-granular",
+        reference="scipy",
+        tolerance=tolerance,
+        meaning="time step",
     )
 
 

@@ -1,0 +1,38 @@
+"""Run ``dem-bridge`` for tests: as a program, or in this process, which saves the second that a start takes."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+from pathlib import Path
+
+from click.testing import CliRunner
+
+from dem_bridge.cli import main
+
+PROGRAM = str(Path(sys.executable).with_name("dem-bridge"))
+Done = subprocess.CompletedProcess[str]
+
+
+def run_program(*words: str, cwd: Path) -> Done:
+    """Start the program as a shell does."""
+    return subprocess.run([PROGRAM, *words], capture_output=True, text=True, cwd=cwd, timeout=300)
+
+
+def run_here(*words: str, cwd: Path) -> Done:
+    """Run the command in this process; an exception that the program would end with is raised."""
+    with contextlib.chdir(cwd):
+        done = CliRunner().invoke(main, words, prog_name="dem-bridge")
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    return Done(words, done.exit_code, done.stdout, done.stderr)
+
+
+def assert_one_line(done: Done, *parts: str) -> None:
+    """Assert that a command failed in one line on stderr that has all of the parts, with nothing on stdout."""
+    assert done.stdout == ""
+    assert "Traceback" not in done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    for part in parts:
+        assert part in done.stderr
