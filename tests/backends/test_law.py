@@ -220,7 +220,7 @@ def test_a_law_that_is_off_by_1e_6_in_the_table_is_seen(monkeypatch: pytest.Monk
     [
         # too little for the scene's own look to see
         (ContactLaw(hertz_and_linear, lambda d: (1.0 + 1e-9) * (4e9 * d**2.5 / 2.5 + 1e6 * d**2)), "the energy rises"),
-        (bilinear, "needs the overlaps where the slope of the force jumps as kinks"),
+        (bilinear, "to compute the energy, with the overlaps at which the slope jumps"),
     ],
 )
 def test_tables_refuse_an_energy_that_is_not_of_the_force(law: Law, words: str) -> None:

@@ -131,7 +131,7 @@ def test_damped_walls_are_the_same_as_planes_and_a_restart_is_another_run(scene:
 def test_ways_that_the_scene_does_not_have_say_so() -> None:
     free = replace(HELD, wall_left=None, wall_right=None, exponent=2.0)
     reasons = {row.way: row.reason for row in _rows(free, *SERIAL)}
-    assert reasons["granular, fix wall/gran"] == "the scene has no wall"
+    assert reasons["granular, fix wall/gran"] == "the scene has no wall, which this variant requires"
     assert "n = 2.5 only" in reasons["gran/hertz/history"]
     scattered = Scene(
         name="scattered",
