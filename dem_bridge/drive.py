@@ -165,7 +165,7 @@ class Drive:
         """Short description of the drive."""
         if self.shape == "table":
             time, values = self._knots
-            return f"table of {len(values)} forces, one in {time[1]:.6g} s, of up to {self.peak:.6g} N"
+            return f"table of {len(values)} forces at intervals of {time[1]:.6g} s, at most {self.peak:.6g} N"
         parts = [f"{self.shape} of {self.force:.6g} N at {self.frequency:.6g} Hz"]
         if self.shape == "chirp":
             parts[0] += f" to {self.last_frequency:.6g} Hz in {self.sweep:.6g} s"

@@ -94,7 +94,7 @@ def test_a_drive_times_a_factor_has_so_many_times_its_force(shape: str) -> None:
 def test_a_drive_in_words() -> None:
     assert SINE.words == "sine of 2 N at 4000 Hz, from 30 degrees, rising over 0.0002 s"
     assert CHIRP.words == "chirp of 2 N at 1000 Hz to 8000 Hz in 0.0003 s"
-    assert TABLE.words == "table of 6 forces, one in 8e-05 s, of up to 2 N"
+    assert TABLE.words == "table of 6 forces at intervals of 8e-05 s, at most 2 N"
 
 
 def test_a_drive_cannot_be_changed_and_travels_without_what_it_finds_again() -> None:

@@ -179,8 +179,8 @@ WRONG_DRIVES = {
     "no Drive": (2.0, "drive = 2.0; allowed: a Drive or None"),
     "a table that ends early": (
         Drive(shape="table", force=(0.0, 1.0), interval=9e-4),
-        "drive.force ends at 0.0009 s (table of 2 forces, one in 0.0009 s, of up to 1 N); allowed: values up to the"
-        " duration, 0.001 s",
+        "drive.force ends at 0.0009 s (table of 2 forces at intervals of 0.0009 s, at most 1 N); allowed: values up to"
+        " the duration, 0.001 s",
     ),
 }
 

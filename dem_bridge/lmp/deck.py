@@ -233,30 +233,34 @@ def _input(line: _Line) -> Iterator[str]:
     binsize = f" binsize {line.binsize!r}" if line.binsize else ""
     kinds = int(np.max(line.types))
     alone = len(line.laws.stiffness) == scene.n_contact
-    sharing = "each contact has its own pair" if alone else "contacts with the same law may share a pair"
+    sharing = (
+        "each contact has its own pair of types" if alone else "contacts with the same law may share a pair of types"
+    )
     yield _header(scene, "LAMMPS deck")
     if scene.description:
         yield f"# {scene.description}"
     yield f"# {scene.n_body} bodies, {scene.n_contact} contacts, {kinds} atom types: {sharing}"
     if line.floor is None:
-        yield f"# gauge radius R = {radius!r} m; {line.pairing.note}"
+        yield f"# surrogate radius R = {radius!r} m (arbitrary: forces depend on overlaps only); {line.pairing.note}"
     else:
         far = float(np.max(np.abs(line.place)))
-        precision = f"overlaps, differences of positions up to {far:.3g} m, are known to {math.ulp(far):.1e} m"
+        precision = (
+            f"overlaps are differences of positions up to {far:.3g} m with a resolution of {math.ulp(far):.1e} m"
+        )
         yield f"# radius R = {radius!r} m, half the spacing of the bodies; {line.pairing.note}"
-        yield f"# {precision}: expect round-off of {line.floor:.0e} of the"
-        yield "# largest velocity, more with a finer step; with a gauge radius there is less, and motion is the same"
+        yield f"# {precision}; expect a round-off error of {line.floor:.0e} of"
+        yield "# the largest velocity, more with a smaller time step; a surrogate radius gives less and the same motion"
     yield ""
-    yield "# run it in this folder; a finer step needs dt, per_sample and steps together: half, twice and twice"
-    yield f"variable dt          index {plan.step!r}  # s"
+    yield "# run this deck in its folder; to halve the time step, halve dt and double steps and per_sample"
+    yield f"variable dt          index {plan.step!r}  # time step, s"
     yield f"variable steps       index {plan.steps}"
     yield f"variable per_sample  index {plan.per_sample}  # steps between two samples"
-    yield f"variable dense       index {plan.subdivisions}  # dumps per sample, for peaks and crossing times"
-    yield f"variable dump        index dump.{scene.name}.bin  # any other ending gives text"
+    yield f"variable dense       index {plan.subdivisions}  # dumps per sample, for peak forces and crossing times"
+    yield f"variable dump        index dump.{scene.name}.bin  # a name without .bin gives a text dump"
     if scene.gravity != 0.0:
         yield f"variable gravity     index {abs(scene.gravity)!r}  # m/s^2"
     if scene.drag > 0.0:
-        yield f"variable drag_time   index {1.0 / scene.drag!r}  # s: drag is -mass * velocity / drag_time"
+        yield f"variable drag_time   index {1.0 / scene.drag!r}  # s; the drag force is -mass * velocity / drag_time"
     if scene.drive is not None:
         yield from drive_variables(scene.drive, f"drive.{scene.name}", scene.duration)
     yield from (
@@ -287,7 +291,7 @@ def _input(line: _Line) -> Iterator[str]:
         "thermo_modify   format float %.17g lost error",
         # at samples, so that energies can be compared with those of the dump
         f"thermo          {max(1, plan.samples // 10) * plan.per_sample}",
-        "# dumps fall on ceil(j * per_sample / dense), j = 0, 1, 2, ...; every dense-th one is a sample",
+        "# dumps are at the steps ceil(j * per_sample / dense), j = 0, 1, 2, ...; every dense-th dump is a sample",
         'variable next   equal "ceil((floor(step*v_dense/v_per_sample) + 1)*v_per_sample/v_dense)"',
         f"dump            motion all custom 1 ${{dump}} {' '.join(DUMP_COLUMNS)}",
         "dump_modify     motion sort id every v_next first yes units yes time yes format float %.17g",
@@ -348,7 +352,7 @@ def _coefficients(line: _Line) -> Iterator[str]:
         name = f"contact {contact}" if contact < links else ends[contact - links]
         more = f" and {count - 1} more" if count > 1 else ""
         is_function = line.laws.functions is not None
-        what = "a law of its own" if is_function else f"beta = {float(line.laws.stiffness[law])!r}"
+        what = "not a power law" if is_function else f"beta = {float(line.laws.stiffness[law])!r}"
         for behind in line.pairing.behind[law]:
             yield f"pair_coeff      {low} {high} {behind}  # {name}{more}: {what}"
 

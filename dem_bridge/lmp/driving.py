@@ -25,8 +25,8 @@ def drive_variables(drive: Drive, file: str, duration: float) -> Iterator[str]:
     the value of a variable within another with 15 digits, which would limit the accuracy of a phase of many turns.
     """
     if drive.shape == "table":
-        yield f"include {file}  # variable drive_force, N"
-        yield f"variable drive_cell  equal floor({_TIME}/{drive.interval!r})  # of {drive.interval!r} s"
+        yield f"include {file}  # defines the variable drive_force, N"
+        yield f"variable drive_cell  equal floor({_TIME}/{drive.interval!r})  # interval of {drive.interval!r} s"
         yield "variable drive_this  equal v_drive_cell+1  # LAMMPS counts from 1"
         yield "variable drive_next  equal v_drive_cell+2"
         fraction = f"({_TIME}/{drive.interval!r}-v_drive_cell)"

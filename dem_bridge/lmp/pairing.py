@@ -133,7 +133,7 @@ def tabled(laws: Laws, radius: float, table_set: TableSet, name: str) -> Pairing
         else:
             behind.append((f"table {file(law, table.keyword)}",))
     return Pairing(
-        note=f"{note}; damping beside them, which may pull where granular has not the law itself",
+        note=f"{note}; damping is added and can make a contact tensile where granular lacks its law",
         head=(
             f"pair_style      hybrid/overlay {style} granular",
             f"pair_coeff      * * table {file('none', 'NONE')}",

@@ -55,7 +55,7 @@ def with_restart(deck: Deck, *, after: str = "") -> Deck:
     text = [
         *first,
         "",
-        f"# halfway, at step {cut} of {deck.schedule.steps}, all is written and read again",
+        f"# halfway, at step {cut} of {deck.schedule.steps}, the state is written to a restart file and read again",
         f"write_restart   {restart}",
         "clear",
         *(line for line in lines[box:cell] if line.startswith("atom_modify")),
@@ -164,7 +164,7 @@ def hertz_history(deck: Deck, scene: Scene, peak_overlap: NDArray[np.float64]) -
     text = re.sub(r"^pair_coeff .*\n", "", deck.files[deck.input_file], flags=re.MULTILINE)
     style = f"pair_style      gran/hertz/history {kn!r} 0 0 0 0 0\npair_coeff      * *"
     text = _once(r"^pair_style .*$", style, text)
-    text = _once(r"^# gauge radius .*$", "# the radii carry the stiffness: Kn sqrt(R_eff) = beta", text)
+    text = _once(r"^# surrogate radius .*$", "# the radii encode the stiffness: Kn sqrt(R_eff) = beta", text)
     return replace(
         _changed(deck, {deck.input_file: text, data: rows}),
         surrogate_radius=float(np.min(radii)),

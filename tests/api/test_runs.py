@@ -210,7 +210,7 @@ def test_steps_samples_and_radius_of_a_deck_can_be_set(tmp_path: Path) -> None:
     text = deck.read_text()
     assert "variable dt          index 1e-06" in text
     assert "variable steps       index 100\n" in text
-    assert f"gauge radius R = {2.0**-12!r} m" in text
+    assert f"surrogate radius R = {2.0**-12!r} m" in text
 
 
 def test_the_step_of_a_deck_may_follow_from_an_accuracy(tmp_path: Path) -> None:

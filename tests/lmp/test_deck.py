@@ -320,14 +320,14 @@ def test_the_committed_deck_is_the_shipped_scene(folder: str) -> None:
 @pytest.mark.parametrize("name", MAIN_SCENES)
 def test_a_deck_of_the_scenes_own_radius_says_what_round_off_to_expect(name: str) -> None:
     text = (INPUTS / f"{name}-physical" / f"in.{name}").read_text()
-    [said] = re.findall(r"^# .*expect round-off of (\S+) of the$", text, re.MULTILINE)
+    [said] = re.findall(r"^# .*expect a round-off error of (\S+) of$", text, re.MULTILINE)
     runs = [
         db.solve(name, backend="verlet", dt=1e-8, surrogate_radius=radius, uncertainty=False).velocity
         for radius in (0.009, None)
     ]
-    # one digit is said
+    # the deck states one digit
     assert float(said) == pytest.approx(np.max(np.abs(runs[0] - runs[1])) / np.max(np.abs(runs[1])), rel=0.5)
-    assert "known to 1.1e-16 m" in text
+    assert "with a resolution of 1.1e-16 m" in text
     assert math.ulp(0.72) == pytest.approx(1.1e-16, rel=0.01)
     assert "radius R = 0.009 m" in text
     assert "round-off" not in (INPUTS / name / f"in.{name}").read_text()
