@@ -14,7 +14,7 @@ import numpy as np
 
 from dem_bridge.api.runs import solve
 from dem_bridge.errors import UsageError
-from dem_bridge.report.drawing import Axes, drawn_on, new_axes
+from dem_bridge.report.drawing import Axes, draw_panel, new_axes
 from dem_bridge.report.figures import LABELS, budget_on, residence_panel, spacetime_panel
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, scene_of, shipped_scenes
@@ -75,7 +75,7 @@ def spacetime(
     [(label, run)] = runs.items()
     fronts = {} if theory is None else {theory: _by_theory(theory, scene, run)}
     panel = spacetime_panel(run, f"{_scene_name(run)} ({label})", until=until, fronts=fronts)
-    return drawn_on(new_axes() if ax is None else ax, panel)
+    return draw_panel(new_axes() if ax is None else ax, panel)
 
 
 def velocity(
@@ -135,7 +135,7 @@ def velocity(
         for colour, body in enumerate(chosen)
     ]
     panel = Panel(title=_title(runs), x_label="time (ms)", y_label="velocity (m/s)", series=tuple(lines))
-    return drawn_on(new_axes() if ax is None else ax, panel)
+    return draw_panel(new_axes() if ax is None else ax, panel)
 
 
 def residence(
@@ -188,7 +188,7 @@ def residence(
     plain = distinct and set(backends) <= {*LABELS, *THEORIES, "ode45"}
     styles = None if plain else [f"nth/{nth}/{nth}" for nth in range(len(runs))]
     panel = residence_panel(runs, _title(_by_label(t)), styles=styles)
-    return drawn_on(new_axes() if ax is None else ax, panel)
+    return draw_panel(new_axes() if ax is None else ax, panel)
 
 
 def budget(

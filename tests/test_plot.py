@@ -125,7 +125,7 @@ def _verified(*scenes: Scene) -> Verification:
 def test_a_budget_has_a_bar_for_each_part_and_its_numbers_beside() -> None:
     ax = db.plot.budget(_verified(SCENE))
     names = [tick.get_text() for tick in ax.get_yticklabels()]
-    assert names == ["found", "time step", "table", "round-off", "sampling", "reference", "unexplained"]
+    assert names == ["total error", "time step", "table", "round-off", "sampling", "reference", "unexplained"]
     assert [text.get_text() for text in ax.texts] == [
         "1.1e-06",
         "1.0e-06",

@@ -91,42 +91,42 @@ def print_plan(plan: Plan, scene: str) -> None:
         _console().print(f"reason: {reason}", markup=False, soft_wrap=True)
 
 
-def print_study(found: Study) -> None:
-    """The answer in words, then the tables."""
+def print_study(study: Study) -> None:
+    """Print the answer, the tables, the verdicts that do not pass and the notes of a study."""
     from rich.table import Table
 
     console = _console()
-    for sentence in found.answer:
+    for sentence in study.answer:
         console.print(f"* {sentence}", markup=False)
-    for one in found.tables:
-        if len(one.rows) > _MOST_ROWS:
-            console.print(f"{one.title}: {len(one.rows)} rows, with -o in {one.id}.csv", markup=False)
+    for data in study.tables:
+        if len(data.rows) > _MOST_ROWS:
+            console.print(f"{data.title}: {len(data.rows)} rows (-o writes them to {data.id}.csv)", markup=False)
             continue
-        table = Table(box=None, pad_edge=False, title=one.title, title_justify="left", title_style="bold")
-        for name in one.columns:
+        table = Table(box=None, pad_edge=False, title=data.title, title_justify="left", title_style="bold")
+        for name in data.columns:
             table.add_column(name, overflow="fold")
-        for row in one.rows:
+        for row in data.rows:
             table.add_row(*map(_cell, row))
         console.print(table)
-    for verdict in found.verdicts:
+    for verdict in study.verdicts:
         if verdict.outcome.value not in ("PASS", "MODEL_DIFFERENCE"):
             console.print(f"{verdict.outcome.value}: {verdict.sentence}", markup=False)
-    for note in found.notes:
+    for note in study.notes:
         console.print(f"note: {note}", markup=False)
-    if found.interrupted:
-        console.print("interrupted: only what was finished until then is shown", markup=False)
+    if study.interrupted:
+        console.print("interrupted: only the results up to the interruption are shown", markup=False)
 
 
 def print_claims(paper: Paper) -> None:
-    """Every claim of the paper with its outcome, and the answer."""
+    """Print every claim of the paper with its outcome, then the answer."""
     from rich.table import Table
 
     console = _console()
     table = Table(box=None, pad_edge=False)
-    for column in ("claim", "where", "outcome", "found"):
+    for column in ("claim", "where in the paper", "outcome", "result"):
         table.add_column(column, overflow="fold")
-    for one in paper.claims:
-        table.add_row(one.id, one.where, _coloured(one.outcome.value), one.sentence)
+    for claim in paper.claims:
+        table.add_row(claim.id, claim.where, _coloured(claim.outcome.value), claim.sentence)
     console.print(table)
     for sentence in paper.answer:
         console.print(f"* {sentence}", markup=False)

@@ -1,1 +1,1 @@
-"""What people look at: figures (matplotlib) and the HTML page (jinja2). No numbers are computed here."""
+"""Write figures (matplotlib), HTML pages (jinja2), JUnit XML and bundles. This package computes no results."""

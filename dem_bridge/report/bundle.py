@@ -1,6 +1,6 @@
-"""A bundle for a reviewer: everything a verification was made of and found, and one command that runs it again.
+"""Write a bundle with which a reviewer can repeat a verification by one command.
 
-It is whole: scenes, decks, numbers, the report, the exact versions, and dem_bridge's own source.
+A bundle contains the scenes, decks, numbers and report, the exact versions, and the source of dem_bridge.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from dem_bridge.verification.verdict import Verdict, plain
 from dem_bridge.version import __version__
 
 SCHEMA = "dem-bridge/bundle/1"
-#: what names a folder as a bundle, and lists its files
+#: the file that marks a folder as a bundle, and the file with the checksums
 _MARK, _SUMS = "bundle.json", "SHA256SUMS"
 _NAME = "dem-bridge"
 _PACKAGE = Path(__file__).parents[1]
 
 _REPLAY = """\
 #!/bin/sh
-# Makes an environment with the versions of requirements.txt, verifies again and compares verdict by verdict.
+# Install the versions of requirements.txt in an environment, verify again and compare verdict by verdict.
 set -eu
 cd "$(dirname "$0")"
 [ -x venv/bin/python ] || "${PYTHON:-python3}" -m venv venv
@@ -46,29 +46,47 @@ exec venv/bin/python replay.py "$@"
 
 
 def check_bundle(folder: Path) -> None:
-    """Whether a bundle may be written into ``folder``: UsageError for one that has other things in it."""
+    """Raise UsageError unless ``folder`` is new, empty or a bundle."""
     if not folder.exists() or (folder.is_dir() and (not any(folder.iterdir()) or _files_of(folder))):
         return
-    raise UsageError(f"{folder}: is there and no bundle; allowed: a new or empty folder, or a bundle to write again")
+    raise UsageError(
+        f"{folder}: the folder contains files that are not a bundle; allowed: a new or empty folder, or a bundle, which"
+        " is replaced"
+    )
 
 
 def write_bundle(
-    found: Verification,
+    verification: Verification,
     folder: Path,
     *,
     report: Mapping[str, str] | None = None,
     engine: Engine | None = None,
     words: Sequence[str] | None = None,
 ) -> None:
-    """Write the bundle of a verification into ``folder``: all of it, or nothing.
+    """Write the bundle of a verification into ``folder``, all of it or nothing.
 
-    ``report``: its files where they are made already. ``engine``: which LAMMPS was asked for. ``words``: what
-    ``dem-bridge verify`` is told when it is run again (None: "paper" where it was that, else the scenes' files). What
-    an earlier bundle there had and this one has not goes. UsageError where there are other things in the folder.
+    Parameters
+    ----------
+    verification : Verification
+        Verification to repeat.
+    folder : Path
+        New or empty folder, or a bundle, which is replaced.
+    report : mapping of str to str, optional
+        Files of the report; the default is to write them.
+    engine : Engine, optional
+        LAMMPS of the verification.
+    words : sequence of str, optional
+        Scenes on the command line of the repeated verification; the default is "paper" for a verification of the
+        paper, else the files of the scenes.
+
+    Raises
+    ------
+    UsageError
+        If the folder contains files that are not a bundle.
     """
     check_bundle(folder)
     before = _files_of(folder) if folder.exists() else []
-    files = bundle_files(found, report=report, engine=engine, words=words)
+    files = bundle_files(verification, report=report, engine=engine, words=words)
     write_whole(folder, files)
     for name in before:
         if name not in files:
@@ -76,67 +94,72 @@ def write_bundle(
 
 
 def bundle_files(
-    found: Verification,
+    verification: Verification,
     *,
     report: Mapping[str, str] | None = None,
     engine: Engine | None = None,
     words: Sequence[str] | None = None,
 ) -> dict[str, str | bytes]:
-    """Name -> content of every file; see :func:`write_bundle`. UsageError where the versions in use are not known."""
+    """Return the contents of every file by name; see :func:`write_bundle`.
+
+    Raises UsageError if the version of a package is unknown.
+    """
     engine = engine or Engine.chosen()
-    scenes, functions = _scenes(found)
+    scenes, functions = _scenes(verification)
     if words is None:
-        words = ("paper",) if found.paper else tuple(scenes)
+        words = ("paper",) if verification.paper else tuple(scenes)
     pins = pinned(_NAME)
-    told = {
+    mark = {
         "schema": SCHEMA,
-        "verify": [*words, *_options(found, engine)],
+        "verify": [*words, *_options(verification, engine)],
         "not_replayed": functions,
         "python": platform.python_version(),
     }
     files: dict[str, str | bytes] = {
-        "README.md": _readme(found, functions, pins, engine),
-        _MARK: json.dumps(told, indent=1, ensure_ascii=False) + "\n",
+        "README.md": _readme(verification, functions, pins, engine),
+        _MARK: json.dumps(mark, indent=1, ensure_ascii=False) + "\n",
         "replay.sh": _REPLAY,
         "replay.py": (_PACKAGE / "report" / "replay.py").read_bytes(),
         "requirements.txt": "".join(f"{name}=={version}\n" for name, version in pins.items()),
         **scenes,
-        **dict(_decks(found)),
-        **dict(_sheets(found)),
-        **{f"report/{name}": text for name, text in (report_files(found) if report is None else report).items()},
+        **dict(_decks(verification)),
+        **dict(_sheets(verification)),
+        **{f"report/{name}": text for name, text in (report or report_files(verification)).items()},
         **dict(_source()),
     }
     return files | {_SUMS: _sums(files)}
 
 
 def pinned(name: str) -> dict[str, str]:
-    """Name -> version of all that a distribution needs here, by name and without itself; UsageError if it is none.
+    """Return the versions of all packages that a distribution needs, by name, without the distribution itself.
+
+    Raises UsageError if one of them is not installed.
 
     >>> pins = pinned("dem-bridge")
     >>> {"numpy", "lammps", "llvmlite"} <= set(pins), "dem-bridge" in pins
     (True, False)
     """
-    found: dict[str, str] = {}
+    versions: dict[str, str] = {}
     waiting = [Requirement(name)]
     while waiting:
-        wanted = waiting.pop()
+        requirement = waiting.pop()
         try:
-            one = distribution(wanted.name)
+            package = distribution(requirement.name)
         except PackageNotFoundError:
             raise UsageError(
-                f"{wanted.name} is not installed here, so the bundle cannot say which; install it"
+                f"{requirement.name} is not installed, so the bundle cannot state its version; install it"
             ) from None
-        if (own := one.metadata["Name"]) in found:
+        if (package_name := package.metadata["Name"]) in versions:
             continue
-        found[own] = one.version
-        extras = ("", *wanted.extras)
-        needed = (Requirement(line) for line in one.requires or ())
+        versions[package_name] = package.version
+        extras = ("", *requirement.extras)
+        needed = (Requirement(line) for line in package.requires or ())
         waiting += [r for r in needed if r.marker is None or any(r.marker.evaluate({"extra": e}) for e in extras)]
-    return {key: found[key] for key in sorted(found, key=str.lower) if key != name}
+    return {key: versions[key] for key in sorted(versions, key=str.lower) if key != name}
 
 
 def _files_of(folder: Path) -> list[str]:
-    """Names of the files of the bundle in ``folder``; none where there is no bundle."""
+    """Return the names of the files of the bundle in ``folder``; empty if there is no bundle."""
     try:
         schema = json.loads((folder / _MARK).read_text(encoding="utf-8"))["schema"]
         names = [line.split("  ", 1)[1] for line in (folder / _SUMS).read_text(encoding="utf-8").splitlines()]
@@ -146,10 +169,10 @@ def _files_of(folder: Path) -> list[str]:
     return [*inside, _SUMS] if schema == SCHEMA else []
 
 
-def _scenes(found: Verification) -> tuple[dict[str, str], list[str]]:
-    """Files of the scenes, and the names of those that no file can hold."""
+def _scenes(verification: Verification) -> tuple[dict[str, str], list[str]]:
+    """Return the files of the scenes, and the names of scenes that cannot be written to a file."""
     files, functions = {}, []
-    for study in found.studies:
+    for study in verification.studies:
         try:
             files[f"scenes/{study.scene.name}.toml"] = scene_toml(study.scene)
         except UnsupportedScene:
@@ -157,17 +180,17 @@ def _scenes(found: Verification) -> tuple[dict[str, str], list[str]]:
     return files, functions
 
 
-def _options(found: Verification, engine: Engine) -> list[str]:
-    """Words for ``dem-bridge verify``. Which binary of LAMMPS is not told: a path says nothing elsewhere."""
-    words = ["--accuracy", repr(found.accuracy)]
+def _options(verification: Verification, engine: Engine) -> list[str]:
+    """Return options of ``dem-bridge verify``, without the path of LAMMPS, which other machines do not have."""
+    words = ["--accuracy", repr(verification.accuracy)]
     words += ["--ranks", str(engine.ranks)] if engine.ranks > 1 else []
     words += [f"--lmp-args={' '.join(engine.lmp_args)}"] if engine.lmp_args else []
     return words
 
 
-def _decks(found: Verification) -> Iterator[tuple[str, str]]:
-    """The deck of each scene's main run; RunBroken where it is not the one that was run."""
-    for study in found.studies:
+def _decks(verification: Verification) -> Iterator[tuple[str, str]]:
+    """Yield the deck of each scene's main run; raise RunBroken if it differs from the deck that was run."""
+    for study in verification.studies:
         run = study.run(study.engine)
         if run is None or "deck_hash" not in run.provenance:
             continue
@@ -178,34 +201,38 @@ def _decks(found: Verification) -> Iterator[tuple[str, str]]:
         deck = writer.deck(case.scene, case.resolution, case.sampling)
         if deck.content_hash != run.provenance["deck_hash"]:
             raise RunBroken(
-                f"the deck of {case.scene.name} is not the one that was run: verify again without the store"
+                f"the deck of {case.scene.name} differs from the deck that was run; verify again without the store"
+                " (--no-cache)"
             )
         yield from ((f"decks/{case.scene.name}/{name}", text) for name, text in deck.files.items())
 
 
-def _sheets(found: Verification) -> Iterator[tuple[str, str]]:
-    """Verdicts, and of each scene the contacts by all codes, as CSV in full precision."""
-    columns = tuple(one.name for one in fields(Verdict))
-    rows = tuple(tuple(_cell(plain(getattr(one, name))) for name in columns) for one in found.verdicts)
+def _sheets(verification: Verification) -> Iterator[tuple[str, str]]:
+    """Yield CSV files in full precision: verdicts, contacts of each scene by backend, and claims."""
+    columns = tuple(field.name for field in fields(Verdict))
+    rows = tuple(tuple(_cell(plain(getattr(verdict, name))) for name in columns) for verdict in verification.verdicts)
     yield "csv/verdicts.csv", _csv(columns, rows)
-    for study in found.studies:
+    for study in verification.studies:
         yield f"csv/contacts-{study.scene.name}.csv", _contacts(study)
-    if found.paper is not None:
+    if verification.paper is not None:
         columns = ("claim", "outcome", "name", "by", "value", "uncertainty", "unit")
         yield "csv/claims.csv", _csv(columns, tuple(
-            (claim.id, claim.outcome.value, one.name, one.backend, one.value, one.uncertainty, one.unit)
-            for claim in found.paper.claims
-            for one in claim.values
+            (claim.id, claim.outcome.value, value.name, value.backend, value.value, value.uncertainty, value.unit)
+            for claim in verification.paper.claims
+            for value in claim.values
         ))  # fmt: skip
 
 
 def _contacts(study: SceneStudy) -> str:
-    """Largest force and first crossing of each contact, by each code at the main resolution."""
-    columns = ("backend", "contact", "peak_force (N)", "bar (N)", "crossing_time (s)", "bar (s)")
-    made = {result.case.backend for result in study.results}
+    """Return CSV with the peak force and the crossing time of each contact by each backend of the verification."""
+    columns = (
+        "backend", "contact", "peak_force (N)", "peak_force uncertainty (N)", "crossing_time (s)",
+        "crossing_time uncertainty (s)",
+    )  # fmt: skip
+    solved = {result.case.backend for result in study.results}
     rows: list[tuple[str | float, ...]] = []
     for name in BACKENDS:
-        if name not in made or (run := study.run(name)) is None:
+        if name not in solved or (run := study.run(name)) is None:
             continue
         values = (run.peak_force, run.uncertainty["peak_force"], run.crossing_time, run.uncertainty["crossing_time"])
         rows += [(name, k, *row) for k, row in enumerate(zip(*(v.tolist() for v in values), strict=True))]
@@ -213,16 +240,17 @@ def _contacts(study: SceneStudy) -> str:
 
 
 def _csv(columns: tuple[str, ...], rows: tuple[tuple[str | float, ...], ...]) -> str:
+    """Return a table as CSV."""
     return Table(id="", title="", caption="", columns=columns, rows=rows).as_csv()
 
 
 def _cell(value: object) -> str | float:
+    """Return a value as a cell of a table."""
     return "" if value is None else value if isinstance(value, str | float) else str(value)
 
 
 def _source() -> Iterator[tuple[str, str | bytes]]:
-    """The package itself: what was run, and not what its version number says. With its metadata, by which an
-    environment knows it."""
+    """Yield the files of the package, which the version number alone does not identify, and its metadata."""
     for file in sorted(_PACKAGE.rglob("*")):
         if file.is_file() and "__pycache__" not in file.parts:
             yield f"source/dem_bridge/{file.relative_to(_PACKAGE).as_posix()}", file.read_bytes()
@@ -231,7 +259,7 @@ def _source() -> Iterator[tuple[str, str | bytes]]:
 
 
 def _sums(files: Mapping[str, str | bytes]) -> str:
-    """As ``sha256sum`` writes and checks them."""
+    """Return the checksums of the files in the format of ``sha256sum``."""
 
     def digest(content: str | bytes) -> str:
         return hashlib.sha256(content if isinstance(content, bytes) else content.encode()).hexdigest()
@@ -239,40 +267,45 @@ def _sums(files: Mapping[str, str | bytes]) -> str:
     return "".join(f"{digest(files[name])}  {name}\n" for name in sorted(files))
 
 
-def _readme(found: Verification, functions: Sequence[str], pins: Mapping[str, str], engine: Engine) -> str:
-    runs = [run for study in found.studies if (run := study.run(study.engine)) is not None]
+def _readme(verification: Verification, functions: Sequence[str], pins: Mapping[str, str], engine: Engine) -> str:
+    """Return the README of the bundle."""
+    runs = [run for study in verification.studies if (run := study.run(study.engine)) is not None]
     lammps = next((run.provenance["lammps"] for run in runs if "lammps" in run.provenance), None)
     versions = [f"dem_bridge {__version__} (in source/)", f"Python {platform.python_version()}"]
     if lammps:
         versions.append(f"LAMMPS {lammps['version']} ({lammps['run_by']})")
-    own = ""
+    remarks = ""
     if engine.lmp or engine.python:
-        own = "\nLAMMPS was the author's own: name yours by `sh replay.sh --lmp PATH`, or the one pinned here runs.\n"
+        remarks = (
+            "\nThe verification used a LAMMPS of its author. `sh replay.sh --lmp PATH` uses yours; without it, the"
+            " version in requirements.txt is used.\n"
+        )
     if functions:
-        own += (
-            f"\nNot replayed, for their contact laws are functions, which no file can hold: {', '.join(functions)}.\n"
+        remarks += (
+            "\nThese scenes are not repeated, because their contact laws are functions, which a file cannot contain:"
+            f" {', '.join(functions)}.\n"
         )
     return f"""\
-# {title(found)}
+# {title(verification)}
 
-Run it again, in an environment of its own with the same versions, and compare verdict by verdict:
+This command repeats the verification in an environment with the same versions and compares it verdict by verdict:
 
     sh replay.sh
 
-Needed: Python {".".join(platform.python_version_tuple()[:2])} (another by PYTHON=python3.x), Linux, and PyPI for the
-{len(pins)} packages in requirements.txt. It ends with 0 where every verdict is the same, and with 1 where one changed;
-more words go to `dem-bridge verify`, such as `-j 2`.
-{own}
-Made with {", ".join(versions)}; wanted accuracy {found.accuracy:g}.
+It needs Linux, Python {".".join(platform.python_version_tuple()[:2])} (another by PYTHON=python3.x), and PyPI for the
+{len(pins)} packages in requirements.txt. The exit code is 0 if every verdict is the same and 1 if one changed. Further
+arguments are passed to `dem-bridge verify`, such as `-j 2`.
+{remarks}
+Versions: {", ".join(versions)}. Tolerance of velocities: {verification.accuracy:g} of the largest velocity.
 
-| what | where |
+| contents | where |
 |---|---|
 | the report, with its figures and tables as CSV | report/index.html, report/figures/, report/tables/ |
-| verdicts, claims, budgets, provenance as JSON | report/verdicts.json |
-| verdicts, claims, and peak forces and crossing times of all contacts by all codes, as CSV | csv/ |
-| scenes, every number in full | scenes/ |
-| LAMMPS decks as they were run; each runs in its folder by `lmp -in in.NAME` | decks/ |
-| versions | requirements.txt |
-| dem_bridge itself | source/ |
-| all files with their SHA-256 (`sha256sum -c SHA256SUMS`) | SHA256SUMS |
+| verdicts, claims, error budgets and provenance as JSON | report/verdicts.json |
+| verdicts, claims, and peak forces and crossing times of all contacts by all backends, as CSV | csv/ |
+| scenes with all digits | scenes/ |
+| LAMMPS decks of the runs; each runs in its folder by `lmp -in in.NAME` | decks/ |
+| versions of packages | requirements.txt |
+| source of dem_bridge | source/ |
+| SHA-256 of all files (check with `sha256sum -c SHA256SUMS`) | SHA256SUMS |
 """

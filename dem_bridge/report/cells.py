@@ -1,4 +1,4 @@
-"""What stands in the cells of a page: numbers with the digits they deserve, outcomes in words, small pictures."""
+"""Format the cells of a page: numbers with significant digits, outcomes in words, compressed images."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import math
 from matplotlib.figure import Figure
 from PIL import Image
 
-from dem_bridge.report.drawing import settled
+from dem_bridge.report.drawing import fix_layout
 from dem_bridge.studies.study import Claim, ClaimValue, Paper, Table
 from dem_bridge.verification.verdict import Outcome
 
-#: dots to the inch
+#: resolution of images, dots per inch
 _DPI = 120
 
-#: the worst first: how outcomes sort
+#: outcomes in the order in which they are sorted, the worst first
 SEVERITY = (
     Outcome.BROKEN,
     Outcome.FAIL,
@@ -25,44 +25,44 @@ SEVERITY = (
     Outcome.MODEL_DIFFERENCE,
     Outcome.PASS,
 )
-#: what outcomes are called where a claim has them
+#: names of the outcomes of claims
 CLAIMED = {
     Outcome.PASS: "holds",
     Outcome.FAIL: "does not hold",
     Outcome.UNDECIDED: "undecided",
-    Outcome.MODEL_DIFFERENCE: "a number",
+    Outcome.MODEL_DIFFERENCE: "number only",
     Outcome.NOT_RUN: "not run",
     Outcome.BROKEN: "run broke",
 }
 
 
 def by_outcome(paper: Paper) -> list[tuple[Outcome, list[Claim]]]:
-    """Claims by what became of them: those that hold first, then by severity."""
+    """Return the claims by outcome: claims that hold first, then by severity."""
     order = (Outcome.PASS, *SEVERITY[:-1])
-    found = {outcome: [claim for claim in paper.claims if claim.outcome is outcome] for outcome in order}
-    return [(outcome, claims) for outcome, claims in found.items() if claims]
+    groups = {outcome: [claim for claim in paper.claims if claim.outcome is outcome] for outcome in order}
+    return [(outcome, claims) for outcome, claims in groups.items() if claims]
 
 
 def numeric(table: Table, column: int) -> bool:
-    """Whether a column has numbers, and beside them at most empty cells."""
+    """Return True if a column has numbers, and otherwise only empty cells."""
     cells = {row[column] for row in table.rows} - {""}
     return bool(cells) and not any(isinstance(cell, str) for cell in cells)
 
 
 def by_backend(claim: Claim) -> tuple[list[str], list[tuple[str, list[ClaimValue | None]]]]:
-    """The values of a claim side by side: who says something, and each quantity with what each of them says of it.
+    """Return the backends of a claim, and rows with the name of a quantity and its value by each backend.
 
-    >>> said = tuple(ClaimValue(name="speed", backend=who, value=1.9, unit="m/s") for who in ("bca", "ode45"))
-    >>> claim = Claim(id="C", where="", statement="", outcome=Outcome.PASS, sentence="", values=said)
+    >>> speeds = tuple(ClaimValue(name="speed", backend=name, value=1.9, unit="m/s") for name in ("bca", "ode45"))
+    >>> claim = Claim(id="C", where="", statement="", outcome=Outcome.PASS, sentence="", values=speeds)
     >>> backends, rows = by_backend(claim)
-    >>> backends, [(name, [one.value for one in values if one]) for name, values in rows]
+    >>> backends, [(name, [value.value for value in values if value]) for name, values in rows]
     (['bca', 'ode45'], [('speed (m/s)', [1.9, 1.9])])
     """
     backends = list(dict.fromkeys(value.backend for value in claim.values))
     rows: list[tuple[str, list[ClaimValue | None]]] = []
     for value in claim.values:
         name, column = value.name + (f" ({value.unit})" if value.unit else ""), backends.index(value.backend)
-        row = next((values for known, values in rows if known == name and values[column] is None), None)
+        row = next((values for row_name, values in rows if row_name == name and values[column] is None), None)
         if row is None:
             row = [None] * len(backends)
             rows.append((name, row))
@@ -71,7 +71,9 @@ def by_backend(claim: Claim) -> tuple[list[str], list[tuple[str, list[ClaimValue
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """A number as a person reads it; a dash where there is none. Whole numbers have all their digits.
+    """Return a number as text with ``digits`` significant digits, or a dash if it is unknown.
+
+    Whole numbers keep all digits.
 
     >>> number(1.6e-9), number(None), number(float("inf")), number(0.0), number(300000)
     ('1.6e-09', '–', '∞', '0', '300000')
@@ -86,7 +88,7 @@ def number(value: float | None, digits: int = 2) -> str:
 
 
 def digits_of(value: float, uncertainty: float) -> int:
-    """Digits that a number deserves: one more than its error bar leaves, 6 where there is none.
+    """Return the number of digits of a value: one more than its uncertainty leaves, or 6 without an uncertainty.
 
     >>> digits_of(0.907470078412, 3e-13), digits_of(41.2, 0.3), digits_of(41.2, float("nan")), digits_of(0.0, 0.1)
     (14, 4, 6, 6)
@@ -97,7 +99,7 @@ def digits_of(value: float, uncertainty: float) -> int:
 
 
 def sortable(value: float | str | None) -> str:
-    """What a cell is sorted by: a number in full, an outcome by its severity, else the text; '' where there is none.
+    """Return the key by which a cell is sorted: all digits of a number, the rank of an outcome, or the text.
 
     >>> sortable(0.1), sortable(float("inf")), sortable(None), sortable("FAIL"), sortable("verlet")
     ('0.1', 'Infinity', '', '1', 'verlet')
@@ -109,18 +111,18 @@ def sortable(value: float | str | None) -> str:
     return repr(float(value)).replace("inf", "Infinity")
 
 
-def picture(figure: Figure) -> str:
-    """A figure as a data URI, so that the page is one file."""
-    drawn = io.BytesIO()
-    settled(figure).savefig(drawn, format="png", dpi=_DPI)
-    return "data:image/png;base64," + base64.b64encode(packed(drawn.getvalue())).decode("ascii")
+def data_uri(figure: Figure) -> str:
+    """Return a figure as a data URI, so that the page is a single file."""
+    image = io.BytesIO()
+    fix_layout(figure).savefig(image, format="png", dpi=_DPI)
+    return "data:image/png;base64," + base64.b64encode(compress_png(image.getvalue())).decode("ascii")
 
 
-def packed(png: bytes) -> bytes:
-    """A picture in a third of its bytes: 256 colours of its own, chosen so that a thin line keeps its colour, then
-    moved to where most of the picture is, without which a map has a dozen steps.
+def compress_png(png: bytes) -> bytes:
+    """Return the image with a palette of 256 colours, in about a third of the bytes.
 
-    Without date or software: the same picture gives the same bytes.
+    The palette covers all colours, so that thin lines keep theirs, and is then refined by k-means, without which a map
+    has a dozen visible steps. The file has no date and no software, so that equal images have equal bytes.
     """
     small = io.BytesIO()
     colours = Image.open(io.BytesIO(png)).convert("RGB")

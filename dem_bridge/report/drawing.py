@@ -1,8 +1,8 @@
-"""Draw any figure (a FigureData), and write the same numbers as CSV.
+"""Draw figures (FigureData) by matplotlib, and write their numbers as CSV.
 
-Lines and marks are those of :mod:`.strokes`; maps have cividis, which colour-blind readers can tell and which rises
-evenly in lightness, so that a page printed in grey keeps its meaning. Every figure has the width of a
-page, so that a text of 10 points is read as such.
+The styles of lines and markers are those of :mod:`.strokes`. Maps have the colours of cividis, which colour-blind
+readers can distinguish and whose lightness increases evenly, so that maps can be printed in grey. Every figure has the
+width of a page, so that text of 10 points has this size on the page.
 """
 
 from __future__ import annotations
@@ -27,27 +27,27 @@ from numpy.typing import NDArray
 from dem_bridge.report.strokes import STYLES, style_of, style_on_map
 from dem_bridge.studies.study import FigureData, Map, Panel, Series
 
-#: rises evenly in lightness, alike for all eyes; of either sign too, where a scale of two hues is two-valued in grey
+#: colour map with even lightness; also for values of both signs, because two-sided colour maps are ambiguous in grey
 COLOURS = "cividis"
-#: inches; at 100 pixels to the inch the width of a page
+#: width of a figure, inches; the width of a page at 100 pixels per inch
 WIDTH = 11.0
 _HEIGHT = {"map": 3.7, "series": 3.0}
-#: of a title to the inch
+#: letters of a title per inch
 _LETTERS = 8.4
 _THINNED = "circles and crosses: not all points are marked"
-#: marks along a line; more would run together
+#: largest number of markers of a series without a line, and along a line
 _MARKS, _MARKS_ON_LINE = 24, 9
 
 
-def drawn(data: FigureData) -> Figure:
-    """The figure, panels in rows of ``data.columns``, titles and notes above each, one legend above all.
+def draw_figure(data: FigureData) -> Figure:
+    """Draw a figure: panels in rows of ``data.columns``, titles and notes above each panel, one legend above all.
 
-    Panels that share a scale have the same colours, or without map the same y axis. The scale of maps is that of the
-    fronts in them: bodies that are far faster than the rest, as the last one flying off, leave it by an arrow.
+    Panels that share a scale have the same colour scale (maps) or y axis (lines). The colour scale of maps covers 19 of
+    20 columns; an arrow of the colour bar marks values beyond it, such as those of a last body that flies off.
     """
     panels, columns = data.panels, max(1, min(data.columns, len(data.panels)))
-    rows = [list(range(at, min(at + columns, len(panels)))) for at in range(0, len(panels), columns)]
-    heights = [max(_height(panels[at]) for at in row) for row in rows]
+    rows = [list(range(k, min(k + columns, len(panels)))) for k in range(0, len(panels), columns)]
+    heights = [max(_height(panels[k]) for k in row) for row in rows]
     page = WIDTH if columns > 1 else 0.6 * WIDTH
     layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08)
     rows_of_names = -(-len(_names(panels)) // _names_in_row(_names(panels), page))
@@ -55,34 +55,34 @@ def drawn(data: FigureData) -> Figure:
     if not rows:
         return figure
     grid = figure.add_gridspec(len(rows), columns, height_ratios=heights)
-    axes = [figure.add_subplot(grid[divmod(at, columns)]) for at in range(len(panels))]
-    limits = {at: colour_limits([one.map for one in group if one.map is not None]) for at, group in _shared(panels)}
+    axes = [figure.add_subplot(grid[divmod(k, columns)]) for k in range(len(panels))]
+    limits = {k: colour_limits([panel.map for panel in group if panel.map is not None]) for k, group in _shared(panels)}
     images = {}
-    for at, (ax, panel) in enumerate(zip(axes, panels, strict=True)):
+    for k, (ax, panel) in enumerate(zip(axes, panels, strict=True)):
         if panel.map is not None:
-            images[at] = _draw_map(ax, panel.map, limits[at][:2])
+            images[k] = _draw_map(ax, panel.map, limits[k][:2])
         _draw_lines(ax, panel, page / columns)
     rowed = [ax for ax, panel in zip(axes, panels, strict=True) if panel.rows]
-    for ax in rowed:  # one x axis for all
-        ax.set_xlim(min(one.get_xlim()[0] for one in rowed), max(one.get_xlim()[1] for one in rowed))
+    for ax in rowed:  # the same x axis for all
+        ax.set_xlim(min(other.get_xlim()[0] for other in rowed), max(other.get_xlim()[1] for other in rowed))
     for group in _groups(panels):
-        lines = [at for at in group if panels[at].map is None and not panels[at].rows]
-        scale_together([axes[at] for at in lines], [panels[at] for at in lines])
+        lines = [k for k in group if panels[k].map is None and not panels[k].rows]
+        scale_together([axes[k] for k in lines], [panels[k] for k in lines])
     for row in rows:
-        mapped = [at for at in row if at in images]
-        for label_and_limits, alike in groupby(mapped, key=lambda at: (panels[at].map.label, limits[at])):  # type: ignore[union-attr]
-            places = list(alike)
+        mapped = [k for k in row if k in images]
+        for label_and_limits, alike in groupby(mapped, key=lambda k: (panels[k].map.label, limits[k])):  # type: ignore[union-attr]
+            indices = list(alike)
             label, (_, _, extend) = label_and_limits
             bar = figure.colorbar(
-                images[places[0]], ax=[axes[at] for at in places], label=label, extend=extend, pad=0.02, aspect=28
+                images[indices[0]], ax=[axes[k] for k in indices], label=label, extend=extend, pad=0.02, aspect=28
             )
             bar.ax.locator_params(nbins=6)
     _legend(figure, axes)
     return figure
 
 
-def drawn_on(ax: Axes, panel: Panel) -> Axes:
-    """The panel on axes that are there, as :func:`drawn` draws it, with its own colour bar and legend; the axes."""
+def draw_panel(ax: Axes, panel: Panel) -> Axes:
+    """Draw a panel on existing axes, with its own colour bar and legend, and return the axes."""
     figure = ax.get_figure(root=True)
     assert figure is not None
     if panel.map is not None:
@@ -97,12 +97,12 @@ def drawn_on(ax: Axes, panel: Panel) -> Axes:
     if panel.series:
         columns = _names_in_row(_names([panel]), inches)
         rows, thinned = -(-len(_names([panel])) // columns), _thinned(ax)
-        if panel.map is None:  # a strip of its own
+        if panel.map is None:  # room for the legend above the lines
             low, high = ax.get_ylim()
-            high = max(high, *(_top(one) for one in panel.series))
+            high = max(high, *(_top(line) for line in panel.series))
             ax.set_ylim(low, high + (0.085 * (rows + thinned) + 0.02) * (high - low))
         ax.legend(
-            # before the front of a map there is nothing to hide
+            # ahead of the front a map is empty
             loc="upper left" if panel.map is None else "lower right",
             fontsize=9,
             frameon=panel.map is not None,
@@ -115,22 +115,24 @@ def drawn_on(ax: Axes, panel: Panel) -> Axes:
 
 
 def new_axes(height: float = _HEIGHT["map"]) -> Axes:
-    """Axes in a figure of their own, as wide as one of a report. A notebook shows it, for pyplot knows it; without a
-    display pyplot falls back on what can be saved."""
-    from matplotlib import pyplot  # the report needs none
+    """Return axes in a new figure as wide as one of the report.
+
+    The figure is one of pyplot, so that notebooks show it; without a display, pyplot uses a backend that saves files.
+    """
+    from matplotlib import pyplot  # here, because reports do not need pyplot
 
     return pyplot.figure(figsize=(0.6 * WIDTH, height), layout="constrained").add_subplot()
 
 
 def png(data: FigureData, *, dpi: int = 130) -> bytes:
-    """The picture as a file; the same numbers give the same bytes."""
+    """Return a figure as a PNG file; equal numbers give equal bytes."""
     buffer = io.BytesIO()
-    settled(drawn(data)).savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    fix_layout(draw_figure(data)).savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()
 
 
-def settled(figure: Figure) -> Figure:
-    """The figure with its layout made once: while an engine for it is there, saving draws everything twice."""
+def fix_layout(figure: Figure) -> Figure:
+    """Compute the layout of a figure once and return the figure, because saving with a layout engine draws twice."""
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
@@ -139,12 +141,13 @@ def settled(figure: Figure) -> Figure:
 
 
 def csv_texts(data: FigureData) -> dict[str, str]:
-    """File name -> CSV: all lines as ``<id>.csv`` in long form, and each map as a matrix in ``<id>-<letter>.csv``.
+    """Return CSV files by name: all lines in ``<id>.csv`` in the long layout, each map as a matrix in a file.
 
-    In long form a map of 200 by 200 is 1.5 MB, as a matrix 0.25 MB. Its first row has x, its first column y.
+    The file of a map is ``<id>-<letter>.csv``; its first row has x and its first column y. A map of 200 by 200 values
+    has 0.25 MB as a matrix and 1.5 MB in the long layout.
 
-    >>> one = Map(label="velocity (m/s)", x=np.array([1.0, 2.0]), y=np.array([0.5]), values=np.array([[0.1, 0.25]]))
-    >>> panel = Panel(title="(a) slow", x_label="cylinder", y_label="time (ms)", map=one)
+    >>> data = Map(label="velocity (m/s)", x=np.array([1.0, 2.0]), y=np.array([0.5]), values=np.array([[0.1, 0.25]]))
+    >>> panel = Panel(title="(a) slow", x_label="cylinder", y_label="time (ms)", map=data)
     >>> texts = csv_texts(FigureData(id="figure-2", title="", caption="", panels=(panel,)))
     >>> print(texts["figure-2-a.csv"], end="")
     velocity (m/s): time (ms) by cylinder,1.0,2.0
@@ -157,24 +160,24 @@ def csv_texts(data: FigureData) -> dict[str, str]:
     for place, panel in enumerate(data.panels, start=1):
         if panel.map is None:
             continue
-        found = re.match(r"\((\w+)\)", panel.title)
-        name = f"{data.id}-{found[1] if found else place}.csv"
+        letter = re.match(r"\((\w+)\)", panel.title)
+        name = f"{data.id}-{letter[1] if letter else place}.csv"
         if name in texts:
-            raise ValueError(f"{data.id}: two maps would be written to {name}; give each panel a letter of its own")
+            raise ValueError(f"{data.id}: two maps have the file name {name}; give each panel its own letter")
         texts[name] = _matrix(panel, panel.map)
     return texts
 
 
 def colour_limits(maps: Sequence[Map]) -> tuple[float, float, str]:
-    """Least and largest value of a scale for all ``maps``, and at which ends values leave it.
+    """Return the smallest and the largest value of a colour scale for all maps, and the ends that values exceed.
 
-    The scale is that of the columns: 19 in 20 of them lie within it. A percentile of all values would follow from how
-    much of a map is quiet.
+    The extreme values of 19 of 20 columns lie within the scale. A percentile of all values would depend on how much of
+    a map is at rest.
     """
     tops, bottoms = [], []
-    for one in maps:
-        known = np.where(np.isfinite(one.values), one.values, np.nan)
-        full = known[:, np.isfinite(known).any(axis=0)]
+    for data in maps:
+        finite = np.where(np.isfinite(data.values), data.values, np.nan)
+        full = finite[:, np.isfinite(finite).any(axis=0)]
         if full.size:
             tops.append(np.nanmax(full, axis=0))
             bottoms.append(np.nanmin(full, axis=0))
@@ -182,24 +185,27 @@ def colour_limits(maps: Sequence[Map]) -> tuple[float, float, str]:
         return 0.0, 1.0, "neither"
     high, low = np.concatenate(tops), np.concatenate(bottoms)
     top, bottom = float(np.percentile(high, 95.0)), float(np.percentile(low, 5.0))
-    if any(one.diverging for one in maps):
+    if any(data.diverging for data in maps):
         top = max(abs(top), abs(bottom))
         bottom = -top
     if not top > bottom:
         top, bottom = float(high.max()), float(low.min())
     if not top > bottom:
         top = bottom + 1.0
-    step = (top - bottom) / 256.0  # of a colour: less leaves no scale
+    step = (top - bottom) / 256.0  # one of 256 colours; smaller excesses are invisible
     ends = (float(low.min()) < bottom - step, float(high.max()) > top + step)
     extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[ends]
     return bottom, top, extend
 
 
 def scale_together(axes: Sequence[Axes], panels: Sequence[Panel]) -> None:
-    """One y axis for all. Linear ones begin at zero; a first point above twice the rest is named in its panel instead
-    of squeezing the others: next to the striker a chain has such a one."""
+    """Set the same y axis for all axes.
+
+    A linear axis begins at zero. A first point above twice the others, as next to the striker of a chain, is off scale
+    and stated in a note, so that it does not compress the others.
+    """
     series = [[line.y[np.isfinite(line.y)] for line in panel.series if np.isfinite(line.y).any()] for panel in panels]
-    lines = [y for one in series for y in one]
+    lines = [y for curves in series for y in curves]
     if not lines:
         return
     if panels[0].log:
@@ -217,61 +223,64 @@ def scale_together(axes: Sequence[Axes], panels: Sequence[Panel]) -> None:
         low, high = low - 1.0, high + 1.0
     room = 0.06 * (high - low)
     beyond = any(y[0] > high + room for y in lines)
-    top = high + room * (3.5 if beyond else 1.0)  # a strip for what is said of it
-    for ax, one, panel in zip(axes, series, panels, strict=True):
+    top = high + room * (3.5 if beyond else 1.0)  # room for the note
+    for ax, curves, panel in zip(axes, series, panels, strict=True):
         ax.set_ylim(low - room if low < 0.0 else 0.0, top)
-        first = max((float(y[0]) for y in one), default=0.0)
+        first = max((float(y[0]) for y in curves), default=0.0)
         if beyond and first > high + room:
             _name_off_scale(ax, panel, first)
 
 
 def _name_off_scale(ax: Axes, panel: Panel, first: float) -> None:
-    at = next(float(line.x[0]) for line in panel.series if len(line.x) and line.y[0] == first)
+    """Write a note about a first point that is off scale."""
+    x = next(float(line.x[0]) for line in panel.series if len(line.x) and line.y[0] == first)
     _, top = ax.get_ylim()
     unit = re.search(r"\((.*)\)\s*$", panel.y_label)
-    what = re.split(r"[,(]", panel.x_label)[0].strip()
+    noun = re.split(r"[,(]", panel.x_label)[0].strip()
     note = ax.annotate(
-        f"{what} {at:g}: {first:.4g} {unit[1] if unit else ''}, off scale",
-        xy=(at, 0.985 * top),
+        f"{noun} {x:g}: {first:.4g} {unit[1] if unit else ''}, off scale",
+        xy=(x, 0.985 * top),
         xytext=(0.12, 0.925),
         textcoords="axes fraction",
         va="center",
         arrowprops={"arrowstyle": "->"},
     )
-    note.set_in_layout(False)  # a note gives way to the axes, not they to it
+    note.set_in_layout(False)  # the note does not change the size of the axes
 
 
 def _top(line: Series) -> float:
-    """The largest value with its bar."""
+    """Return the largest value plus its uncertainty."""
     bar = np.zeros(1) if line.bar is None else np.where(np.isfinite(line.bar), line.bar, 0.0)
     return float(np.nanmax(line.y + bar, initial=-np.inf))
 
 
-def _draw_map(ax: Axes, one: Map, limits: tuple[float, float]) -> Any:
+def _draw_map(ax: Axes, data: Map, limits: tuple[float, float]) -> Any:
+    """Draw a map and return its image."""
     image = ax.pcolormesh(
-        one.x, one.y, one.values, cmap=COLOURS, vmin=limits[0], vmax=limits[1], shading="nearest", rasterized=True
+        data.x, data.y, data.values, cmap=COLOURS, vmin=limits[0], vmax=limits[1], shading="nearest", rasterized=True
     )
-    ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # lines that go on beyond a map do not stretch it
+    ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # lines beyond the map do not widen the axes
     return image
 
 
 def _draw_series(ax: Axes, line: Series, *, on_map: bool) -> None:
+    """Draw a series with its markers and uncertainties."""
     style = style_of(line.style)
     n = len(line.x)
     if on_map:
         style = style_on_map(line.style)
     elif line.style.startswith("curve/") or line.style == "below":
-        pass  # each point is a setting of its own
+        pass  # all points are marked, because each is a setting
     elif style["linestyle"] == "none":
         every = max(1, -(-n // _MARKS))
-        # two sets of marks that agree stand beside each other, not on top
+        # markers of two series that agree are placed side by side
         style["markevery"] = (every // 2 if style["marker"] == "x" else 0, every)
         style["zorder"] = 3
     elif style.get("marker"):
         every = max(1, n // _MARKS_ON_LINE)
         style["markevery"] = (min(every // 3 if style["marker"] == "s" else 2 * every // 3, max(n - 1, 0)), every)
     if n == 1 and not style.get("marker"):
-        style["marker"] = "D"  # a line of one point is none
+        style["marker"] = "D"  # a line of one point would be invisible
     ax.plot(line.x, line.y, label=line.label, **style)
     if line.bar is not None and np.isfinite(line.bar).any():
         bar = np.where(np.isfinite(line.bar), line.bar, 0.0)
@@ -279,14 +288,14 @@ def _draw_series(ax: Axes, line: Series, *, on_map: bool) -> None:
 
 
 def _draw_lines(ax: Axes, panel: Panel, inches: float) -> None:
-    """All but the map, in a place that many inches wide."""
+    """Draw everything but the map, on axes of a width in inches."""
     for line in panel.series:
         _draw_series(ax, line, on_map=panel.map is not None)
-    _dress(ax, panel, inches)
+    _label(ax, panel, inches)
 
 
-def _dress(ax: Axes, panel: Panel, inches: float) -> None:
-    """Names, notes and ticks."""
+def _label(ax: Axes, panel: Panel, inches: float) -> None:
+    """Set titles, notes, labels and ticks."""
     width = int(_LETTERS * inches)
     head = textwrap.fill(panel.title, width)
     notes = "\n".join(textwrap.fill(note, int(1.35 * width)) for note in panel.notes)
@@ -324,13 +333,13 @@ def _dress(ax: Axes, panel: Panel, inches: float) -> None:
 
 
 def _decades(values: Sequence[NDArray[np.float64]]) -> float | None:
-    """That the positive values span; None without any."""
-    known = np.concatenate([np.empty(0), *(one[np.isfinite(one) & (one > 0.0)] for one in values)])
-    return float(np.log10(known.max() / known.min())) if known.size else None
+    """Return the number of decades that the positive values span; None without positive values."""
+    positive = np.concatenate([np.empty(0), *(array[np.isfinite(array) & (array > 0.0)] for array in values)])
+    return float(np.log10(positive.max() / positive.min())) if positive.size else None
 
 
 def _legend(figure: Figure, axes: Iterable[Axes]) -> None:
-    """Each name once, above all panels, where it hides nothing."""
+    """Draw a legend above all panels with each label once."""
     entries: dict[str, Line2D] = {}
     thinned = False
     for ax in axes:
@@ -352,22 +361,24 @@ def _legend(figure: Figure, axes: Iterable[Axes]) -> None:
 
 
 def _thinned(ax: Axes) -> bool:
-    """Whether marks stand for more points than they are."""
+    """Return True if not all points of a series have a marker."""
     marks = [line.get_markevery() for line in ax.get_lines() if line.get_linestyle() == "None"]
     return any(isinstance(every, tuple) and every[1] > 1 for every in marks)
 
 
 def _names(panels: Sequence[Panel]) -> set[str]:
+    """Return the labels of all series."""
     return {line.label for panel in panels for line in panel.series}
 
 
 def _names_in_row(names: Collection[str], width: float) -> int:
-    """Of a legend in a figure that many inches wide."""
+    """Return the number of labels in a row of a legend of a width in inches."""
     widest = max(map(len, names), default=0)
     return max(1, min(len(names), int(10.0 * width) // (widest + 7)))
 
 
 def _height(panel: Panel) -> float:
+    """Return the height of a panel, inches."""
     if panel.rows:
         return 1.0 + 0.3 * len(panel.rows) + 0.17 * len(panel.notes)
     height = _HEIGHT["map" if panel.map is not None else "series"]
@@ -375,26 +386,28 @@ def _height(panel: Panel) -> float:
 
 
 def _groups(panels: Sequence[Panel]) -> list[list[int]]:
-    """Places of panels that share a scale, by what any of them says of another."""
+    """Return the groups of indices of panels that share a scale."""
     group = list(range(len(panels)))
-    for at, panel in enumerate(panels):
+    for k, panel in enumerate(panels):
         for other in panel.shares_scale_with:
             if not 0 <= other < len(panels):
-                raise ValueError(f"panel {at} shares its scale with {other}; the figure has {len(panels)} panels")
-            old, new = group[at], group[other]
-            group = [new if one == old else one for one in group]
-    return [[at for at, one in enumerate(group) if one == name] for name in dict.fromkeys(group)]
+                raise ValueError(f"panel {k} shares its scale with {other}; the figure has {len(panels)} panels")
+            old, new = group[k], group[other]
+            group = [new if label == old else label for label in group]
+    return [[k for k, label in enumerate(group) if label == name] for name in dict.fromkeys(group)]
 
 
 def _shared(panels: Sequence[Panel]) -> list[tuple[int, list[Panel]]]:
-    return [(at, [panels[other] for other in group]) for group in _groups(panels) for at in group]
+    """Return for the index of each panel all panels that share its scale."""
+    return [(k, [panels[other] for other in group]) for group in _groups(panels) for k in group]
 
 
-def _matrix(panel: Panel, one: Map) -> str:
+def _matrix(panel: Panel, data: Map) -> str:
+    """Return a map as CSV with x in the first row and y in the first column."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([f"{one.label}: {panel.y_label} by {panel.x_label}", *one.x.tolist()])
-    writer.writerows([y, *row] for y, row in zip(one.y.tolist(), one.values.tolist(), strict=True))
+    writer.writerow([f"{data.label}: {panel.y_label} by {panel.x_label}", *data.x.tolist()])
+    writer.writerows([y, *row] for y, row in zip(data.y.tolist(), data.values.tolist(), strict=True))
     return text.getvalue()
 
 
@@ -403,10 +416,10 @@ __all__ = [
     "Axes",
     "colour_limits",
     "csv_texts",
-    "drawn",
-    "drawn_on",
+    "draw_figure",
+    "draw_panel",
+    "fix_layout",
     "new_axes",
     "png",
     "scale_together",
-    "settled",
 ]

@@ -1,8 +1,4 @@
-"""Figures of the report, as matplotlib Figures; panels that belong together share their scales.
-
-Colours are the Okabe-Ito set (legible for colour-blind readers); lines and markers also differ in form, so that a page
-printed in grey keeps its meaning.
-"""
+"""Draw the figures of the report by matplotlib; panels that are compared share their scales."""
 
 from __future__ import annotations
 
@@ -25,7 +21,7 @@ from dem_bridge.observables.front import (
     residence_by_crossing,
     wave_speed_by_crossing,
 )
-from dem_bridge.report.drawing import drawn
+from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.strokes import BLACK, BLUE, GREEN, STYLES, VERMILION
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import FigureData, Map, Panel, Series
@@ -35,15 +31,15 @@ from dem_bridge.verification.budget import Budget
 from dem_bridge.verification.roles import REFERENCE, THEORY, TWIN
 
 Floats = NDArray[np.float64]
-#: what backends are called in a figure
+#: labels of backends in figures
 LABELS = {**dict.fromkeys(ENGINE_BACKENDS, "LAMMPS"), REFERENCE: "reference", THEORY: "BCA"}
 
 
-def called(scene: Scene) -> str:
-    """What the bodies behind the first are: "cylinder" or "sphere" where all are one of them, else "body".
+def body_noun(scene: Scene) -> str:
+    """Return "cylinder" or "sphere" if all bodies but the first have this shape, else "body".
 
     >>> import dem_bridge as db
-    >>> [called(db.load_scene(name)) for name in ("decelerating-40", "dimer-1-1", "sphere-cylinder-sphere")]
+    >>> [body_noun(db.load_scene(name)) for name in ("decelerating-40", "dimer-1-1", "sphere-cylinder-sphere")]
     ['cylinder', 'sphere', 'body']
     """
     shapes = set() if scene.geometry is None else {body.shape for body in scene.geometry.bodies[1:]}
@@ -51,29 +47,32 @@ def called(scene: Scene) -> str:
 
 
 def spacetime_maps(studies: Sequence[SceneStudy]) -> Figure | None:
-    """Velocity over body and time for each scene (the paper's figures 2a and 2c), LAMMPS' where there is a run, with
-    the arrival that binary collisions predict. One colour scale for all. None without a run to show."""
+    """Draw the velocity of each body against time (figures 2a and 2c of the paper), with the arrivals of the BCA.
+
+    The runs are those of LAMMPS, or of the reference without LAMMPS. All panels share the colour scale. Returns None
+    without a run.
+    """
     runs = [(study, study.run(study.engine) or study.run(REFERENCE)) for study in studies]
     shown = [(study, run) for study, run in runs if run is not None and study.scene.n_body > 2]
     if not shown:
         return None
-    ends = [_front_has_passed(run) for _, run in shown]
+    ends = [_time_after_front(run) for _, run in shown]
     if max(ends) < 2.0 * min(ends):
-        ends = [max(ends)] * len(ends)  # chains that compare share their axis
+        ends = [max(ends)] * len(ends)  # chains of similar duration share the time axis
     panels = []
     for (study, run), end in zip(shown, ends, strict=True):
         theory = study.run(THEORY)
         panels.append(
             spacetime_panel(
                 run,
-                f"{study.scene.name} ({_who(study)})",
+                f"{study.scene.name} ({_shown_backend(study)})",
                 fronts={} if theory is None else {THEORY: theory},
                 until=end,
                 first=1 if study.scene.drive is None else 0,
-                body=called(study.scene),
+                body=body_noun(study.scene),
             )
         )
-    return _drawn([replace(panel, shares_scale_with=tuple(range(len(shown)))) for panel in panels])
+    return _draw([replace(panel, shares_scale_with=tuple(range(len(shown)))) for panel in panels])
 
 
 def spacetime_panel(
@@ -85,10 +84,13 @@ def spacetime_panel(
     first: int = 0,
     body: str = "body",
 ) -> Panel:
-    """Velocity of the bodies from ``first`` on over time, up to ``until`` (s; None: until a little after the front has
-    passed). ``fronts``: theory -> its run, whose arrivals are drawn over it; ``body``: what bodies are called.
+    """Return a panel with the velocity of the bodies from index ``first`` on against time.
+
+    ``until`` is the last time, s; the default is shortly after the front has passed. ``fronts`` are the runs of
+    theories whose arrivals are drawn as lines, by name. ``body`` is the label of the axis of bodies.
     """
-    rows = max(1, int(np.searchsorted(run.time, _front_has_passed(run) if until is None else until, side="right")))
+    end = _time_after_front(run) if until is None else until
+    rows = max(1, int(np.searchsorted(run.time, end, side="right")))
     bodies = np.arange(float(first), run.velocity.shape[1])
     lines = {name: arrival_by_crossing(None, theory) for name, theory in fronts.items()}
     return Panel(
@@ -115,7 +117,10 @@ def along_panel(
     styles: Sequence[str] | None = None,
     body: str = "body",
 ) -> Panel:
-    """What each of ``runs`` (label -> run) says of bodies 1 to n_body-2. ``styles``: of each; None: by its backend."""
+    """Return a panel with a quantity of bodies 1 to n_body-2 along the chain, for runs by label.
+
+    ``styles`` are the styles of the runs; the default follows from their backends.
+    """
     styles = [run.provenance["backend"] for run in runs.values()] if styles is None else styles
     return Panel(
         title=title,
@@ -137,7 +142,7 @@ def along_panel(
 def residence_panel(
     runs: Mapping[str, Trajectory], title: str, *, styles: Sequence[str] | None = None, body: str = "body"
 ) -> Panel:
-    """How long each body holds the impulse: an :func:`along_panel`."""
+    """Return a panel with the residence time of the impulse at each body."""
     return along_panel(
         runs,
         title,
@@ -150,8 +155,11 @@ def residence_panel(
 
 
 def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
-    """Residence time and wave speed along each chain (the paper's figure 3) by reference, LAMMPS and BCA."""
-    # one residence time is no line along a chain, and a wave that goes on and comes back has no front to speak of
+    """Draw the residence time and the wave speed along each chain by reference, LAMMPS and BCA (figure 3 of the paper).
+
+    Returns None without a scene that has a front and at least two residence times.
+    """
+    # a driven chain has no single front
     shown = [
         study
         for study in studies
@@ -159,36 +167,39 @@ def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
     ]
     if not shown:
         return None
-    named = [
+    labelled = [
         {LABELS[name]: run for name in (REFERENCE, THEORY, study.engine) if (run := study.run(name)) is not None}
         for study in shown
     ]
     rows = [
-        [residence_panel(runs, one.scene.name, body=called(one.scene)) for one, runs in zip(shown, named, strict=True)]
+        [
+            residence_panel(runs, study.scene.name, body=body_noun(study.scene))
+            for study, runs in zip(shown, labelled, strict=True)
+        ]
     ]
     if all(study.scene.spacing is not None for study in shown):
         rows.append(
             [
                 along_panel(
                     runs,
-                    one.scene.name,
+                    study.scene.name,
                     "wave speed (m/s)",
-                    partial(wave_speed_by_crossing, one.scene),
-                    body=called(one.scene),
+                    partial(wave_speed_by_crossing, study.scene),
+                    body=body_noun(study.scene),
                 )
-                for one, runs in zip(shown, named, strict=True)
+                for study, runs in zip(shown, labelled, strict=True)
             ]
         )
     panels = [
-        replace(panel, shares_scale_with=tuple(range(at * len(row), (at + 1) * len(row))))
-        for at, row in enumerate(rows)
+        replace(panel, shares_scale_with=tuple(range(nth * len(row), (nth + 1) * len(row))))
+        for nth, row in enumerate(rows)
         for panel in row
     ]
-    return _drawn(panels, columns=len(shown))
+    return _draw(panels, columns=len(shown))
 
 
 def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
-    """Velocity error against step for LAMMPS and twin, with what is left between the two: where an error comes from."""
+    """Draw the velocity errors of LAMMPS and its twin against the time step, and the difference between the two."""
     shown = [study for study in studies if any(max(errors) > 0.0 for _, errors in study.refinement.values())]
     if not shown:
         return None
@@ -205,23 +216,23 @@ def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
         slope = order_on(study.scene)
         line = errors[0] * (guide / steps[0]) ** slope
         ax.loglog(guide, line, color="0.6", linewidth=1.0, label=f"slope {slope}", zorder=0)
-        left = [v for v in study.verdicts if v.backend == study.engine and v.reference == TWIN]
+        between = [v for v in study.verdicts if v.backend == study.engine and v.reference == TWIN]
         run = study.run(study.engine)
-        if left and run is not None:
+        if between and run is not None:
             step = run.provenance["settings"]["dt"]
-            ax.loglog([step], [left[0].difference], color=BLUE, marker="D", linestyle="none", label="LAMMPS - twin")
+            ax.loglog([step], [between[0].difference], color=BLUE, marker="D", linestyle="none", label="LAMMPS - twin")
         ax.set(title=study.scene.name, xlabel="time step (s)")
         ax.grid(alpha=0.25)
     axes[0].set_ylabel("velocity difference / largest velocity")
-    # one legend for all, unless their guides differ
+    # one legend for all panels, unless their slopes differ
     for ax in axes if len({order_on(study.scene) for study in shown}) > 1 else axes[-1:]:
         ax.legend()
     return figure
 
 
 def error_budget(study: SceneStudy) -> Figure | None:
-    """Error of LAMMPS by quantity, the parts it is made of, and what they leave unexplained. One scale for all."""
-    rows = [_bars_of(one) for one in study.budgets]
+    """Draw the error budget of LAMMPS for each quantity, with the same axis for all."""
+    rows = [_values(budget) for budget in study.budgets]
     values = [value for row in rows for value in row.values() if 0.0 < value < np.inf]
     if not values:
         return None
@@ -236,11 +247,12 @@ def error_budget(study: SceneStudy) -> Figure | None:
 
 
 def budget_on(ax: Axes, budget: Budget, limits: tuple[float, float] | None = None) -> None:
-    """A bar for what was found, each part, and what they leave unexplained, with its allowance as dotted line.
+    """Draw the total error, each contribution and the unexplained error as horizontal bars.
 
-    ``limits``: least and largest value of the axis; None: as the values ask for.
+    A dotted line is the allowed unexplained error. ``limits`` are the ends of the axis; the default follows from the
+    values.
     """
-    row = _bars_of(budget)
+    row = _values(budget)
     values = [value for value in row.values() if 0.0 < value < np.inf] or [1e-16]
     low, high = (0.3 * max(min(values), 1e-18), 300.0 * max(values)) if limits is None else limits
     colours = [BLACK, *[BLUE] * len(budget.parts), VERMILION]
@@ -261,29 +273,33 @@ def budget_on(ax: Axes, budget: Budget, limits: tuple[float, float] | None = Non
     ax.grid(axis="x", alpha=0.25)
 
 
-def _front_has_passed(run: Trajectory) -> float:
-    """A little after the last body is reached, s; the end where it never is."""
+def _time_after_front(run: Trajectory) -> float:
+    """Return a time shortly after the front has reached the last body, s, or the end if it never does."""
     last = float(run.crossing_time[-1]) if len(run.crossing_time) else np.nan
     return min(1.15 * last, float(run.time[-1])) if np.isfinite(last) else float(run.time[-1])
 
 
-def _bars_of(budget: Budget) -> dict[str, float]:
-    return {"found": budget.found, **budget.parts, "unexplained": budget.unexplained}
+def _values(budget: Budget) -> dict[str, float]:
+    """Return the values of a budget by label."""
+    return {"total error": budget.found, **budget.parts, "unexplained": budget.unexplained}
 
 
-def _drawn(panels: Sequence[Panel], columns: int | None = None) -> Figure:
-    return drawn(FigureData(id="", title="", caption="", panels=tuple(panels), columns=columns or len(panels)))
+def _draw(panels: Sequence[Panel], columns: int | None = None) -> Figure:
+    """Draw panels as a figure."""
+    return draw_figure(FigureData(id="", title="", caption="", panels=tuple(panels), columns=columns or len(panels)))
 
 
 def _panels(
     rows: int, columns: int, *, width: float, height: float, sharey: bool = True
 ) -> tuple[Figure, NDArray[np.object_]]:
+    """Return a figure with axes in rows and columns; ``width`` and ``height`` are those of a panel, inches."""
     figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
     axes = figure.subplots(rows, columns, sharey="row" if sharey else False, squeeze=False)
     return figure, axes.ravel()
 
 
-def _who(study: SceneStudy) -> str:
+def _shown_backend(study: SceneStudy) -> str:
+    """Return the label of the run that is drawn: LAMMPS, or the reference without LAMMPS."""
     return "LAMMPS" if study.run(study.engine) is not None else "reference"
 
 

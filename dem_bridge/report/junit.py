@@ -1,4 +1,4 @@
-"""Verdicts and regressions as JUnit XML, for the boards of continuous integration."""
+"""Write verdicts and regressions as JUnit XML for continuous integration."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 from dem_bridge.regression.compare import Change, Comparison
 from dem_bridge.verification.verdict import Outcome, Verdict
 
-#: outcome -> element of JUnit; the others are passes
+#: JUnit element of each outcome; outcomes without an element pass
 _ELEMENT = {
     Outcome.FAIL: "failure",
     Outcome.UNDECIDED: "failure",
@@ -17,7 +17,7 @@ _ELEMENT = {
     Outcome.NOT_RUN: "skipped",
     Outcome.MODEL_DIFFERENCE: "skipped",
 }
-_OF_CHANGE = {
+_ELEMENT_OF_CHANGE = {
     Change.CHANGED: "failure",
     Change.GONE: "failure",
     Change.BROKEN: "error",
@@ -27,47 +27,50 @@ _OF_CHANGE = {
 
 
 class _Case(NamedTuple):
+    """Hold a test case."""
+
     group: str
     name: str
     element: str | None
-    """None: it passed."""
+    """Element of a case that does not pass; None for a pass."""
     outcome: str
     sentence: str
 
 
 def junit(verdicts: Sequence[Verdict]) -> str:
-    """One test case a verdict; its sentence is the message."""
-    return _written(
+    """Return JUnit XML with a test case per verdict."""
+    return _xml(
         [
             _Case(
-                one.scene,
-                f"{one.quantity}: {one.backend} against {one.reference}",
-                _ELEMENT.get(one.outcome),
-                one.outcome.value,
-                one.sentence,
+                verdict.scene,
+                f"{verdict.quantity}: {verdict.backend} against {verdict.reference}",
+                _ELEMENT.get(verdict.outcome),
+                verdict.outcome.value,
+                verdict.sentence,
             )
-            for one in verdicts
+            for verdict in verdicts
         ]
     )
 
 
 def regression_junit(comparisons: Sequence[Comparison]) -> str:
-    """One test case a scene and backend beside its baseline."""
-    return _written(
+    """Return JUnit XML with a test case per comparison with a baseline."""
+    return _xml(
         [
             _Case(
-                one.scene,
-                f"{one.backend}: same as its baseline",
-                _OF_CHANGE.get(one.change),
-                one.change.value,
-                "; ".join([one.sentence, *one.notes]),
+                comparison.scene,
+                f"{comparison.backend}: same as its baseline",
+                _ELEMENT_OF_CHANGE.get(comparison.change),
+                comparison.change.value,
+                "; ".join([comparison.sentence, *comparison.notes]),
             )
-            for one in comparisons
+            for comparison in comparisons
         ]
     )
 
 
-def _written(cases: Sequence[_Case]) -> str:
+def _xml(cases: Sequence[_Case]) -> str:
+    """Return the JUnit XML of test cases."""
     elements = [case.element for case in cases]
     suite = ElementTree.Element(
         "testsuite",
@@ -77,10 +80,10 @@ def _written(cases: Sequence[_Case]) -> str:
         errors=str(elements.count("error")),
         skipped=str(elements.count("skipped")),
     )
-    for one in cases:
-        case = ElementTree.SubElement(suite, "testcase", classname=one.group, name=one.name)
-        if one.element is not None:
-            ElementTree.SubElement(case, one.element, message=f"{one.outcome}: {one.sentence}")
+    for case in cases:
+        node = ElementTree.SubElement(suite, "testcase", classname=case.group, name=case.name)
+        if case.element is not None:
+            ElementTree.SubElement(node, case.element, message=f"{case.outcome}: {case.sentence}")
         else:
-            ElementTree.SubElement(case, "system-out").text = one.sentence
+            ElementTree.SubElement(node, "system-out").text = case.sentence
     return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"

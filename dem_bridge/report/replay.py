@@ -1,8 +1,8 @@
-"""Run the verification of a bundle again and say, verdict by verdict, whether it is the same.
+"""Run the verification of a bundle again and compare it with the bundle, verdict by verdict.
 
-A program of its own, copied into each bundle as ``replay.py``: it imports nothing but the standard library. More
-words on its command line go to ``dem-bridge verify``, such as ``-j 2`` or ``--lmp PATH``. Exit codes: 0 all is the
-same, 1 something changed, 2 the verification could not be run.
+This file is copied into each bundle as ``replay.py`` and imports only the standard library. Arguments on its command
+line are passed to ``dem-bridge verify``, such as ``-j 2`` or ``--lmp PATH``. Exit codes: 0 everything is the same, 1
+something changed, 2 the verification could not be run.
 """
 
 from __future__ import annotations
@@ -16,89 +16,96 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-#: of a verdict's tolerance: as far as its difference may move. Where a difference is round-off its tolerance is three
-#: times what is expected, and another processor's round-off is as likely as the first one's.
+#: allowed change of a difference, as a part of its tolerance: where a difference is round-off, its tolerance is three
+#: times the expected value, and another processor has another round-off of the same size
 WITHIN = 1.0 / 3.0
-#: relative, where there is no tolerance
+#: allowed relative change of a number without a tolerance
 ALMOST = 1e-6
 
 Record = dict[str, Any]
 
 
 def main(words: list[str]) -> int:
-    """Verify again, compare, print; the exit code."""
+    """Run the verification again, compare it, print the comparison and return the exit code."""
     here = Path(__file__).resolve().parent
     bundle, before = (json.loads((here / name).read_text("utf-8")) for name in ("bundle.json", "report/verdicts.json"))
-    lines = [("CHANGED", f"{name} is not the file that was bundled") for name in altered(here)]
+    lines = [("CHANGED", f"{name} differs from the file of the bundle") for name in altered(here)]
     (here / "again" / "verdicts.json").unlink(missing_ok=True)
     command = [sys.executable, "-m", "dem_bridge.cli", "verify", *bundle["verify"], *words, "-o", "again"]
-    # with an empty store: what is kept from the first time would prove nothing
-    ended = subprocess.run(
+    # without a store: stored results of the first verification would prove nothing
+    process = subprocess.run(
         command, cwd=here, env={**os.environ, "PYTHONPATH": str(here / "source"), "DEM_BRIDGE_STORE": ""}
     )
     if not (here / "again" / "verdicts.json").is_file():
-        print(f"replay: dem-bridge verify ended with {ended.returncode} and wrote no verdicts", file=sys.stderr)
+        print(
+            f"replay: dem-bridge verify ended with exit code {process.returncode} and wrote no verdicts",
+            file=sys.stderr,
+        )
         return 2
     after = json.loads((here / "again" / "verdicts.json").read_text("utf-8"))
     lines += compared(before, after, bundle["not_replayed"])
     print()
     for word, text in lines:
         print(f"{word:13} {text}")
-    counts = {word: sum(one == word for one, _ in lines) for word in ("SAME", "CHANGED", "NOT REPLAYED")}
-    print(f"{', '.join(f'{count} {word}' for word, count in counts.items())}. The new report: again/index.html")
+    counts = {word: sum(outcome == word for outcome, _ in lines) for word in ("SAME", "CHANGED", "NOT REPLAYED")}
+    print(f"{', '.join(f'{count} {word}' for word, count in counts.items())}. New report: again/index.html")
     return 1 if counts["CHANGED"] else 0
 
 
 def altered(folder: Path) -> list[str]:
-    """Files of the bundle that are gone or have other content than when it was made."""
-    found = []
+    """Return the files of the bundle that are missing or were changed."""
+    names = []
     for line in (folder / "SHA256SUMS").read_text("utf-8").splitlines():
         digest, name = line.split("  ", 1)
         file = folder / name
         if not file.is_file() or hashlib.sha256(file.read_bytes()).hexdigest() != digest:
-            found.append(name)
-    return found
+            names.append(name)
+    return names
 
 
 def compared(before: Record, after: Record, not_replayed: list[str]) -> Iterator[tuple[str, str]]:
-    """(SAME, CHANGED or NOT REPLAYED, what) for every verdict, deck and claim of two ``verdicts.json``."""
+    """Yield SAME, CHANGED or NOT REPLAYED with a description, for every verdict, deck and claim of two reports."""
     old, new = _verdicts(before), _verdicts(after)
     for key in {**old, **new}:
         name = f"{key[0]}: {key[1]} of {key[2]} against {key[3]}"
         if key not in new:
-            yield "NOT REPLAYED" if key[0] in not_replayed else "CHANGED", f"{name}: there is no such verdict now"
+            yield "NOT REPLAYED" if key[0] in not_replayed else "CHANGED", f"{name}: the verdict is missing now"
         elif key not in old:
-            yield "CHANGED", f"{name}: there was no such verdict"
+            yield "CHANGED", f"{name}: the verdict is not in the bundle"
         else:
-            yield _word(_is_same(old[key], new[key])), f"{name}: {_told(old[key])}, now {_told(new[key])}"
+            yield _word(_is_same(old[key], new[key])), f"{name}: {_summary(old[key])}, now {_summary(new[key])}"
     first, second = _inputs(before), _inputs(after)
     for scene, (hashes, decks) in first.items():
         if scene not in not_replayed:
             same = second.get(scene) == (hashes, decks)
-            yield _word(same), f"{scene}: the scene and its {len(decks)} decks, byte for byte"
+            yield _word(same), f"{scene}: hashes of the scene and of its {len(decks)} decks"
     yield from _claims(before, after)
 
 
 def _word(same: bool) -> str:
+    """Return the outcome of a comparison."""
     return "SAME" if same else "CHANGED"
 
 
 def _verdicts(record: Record) -> dict[tuple[str, ...], Record]:
-    return {tuple(one[key] for key in ("scene", "quantity", "backend", "reference")): one for one in record["verdicts"]}
+    """Return the verdicts by scene, quantity, backend and reference."""
+    keys = ("scene", "quantity", "backend", "reference")
+    return {tuple(verdict[key] for key in keys): verdict for verdict in record["verdicts"]}
 
 
 def _inputs(record: Record) -> dict[str, tuple[set[str], set[str]]]:
-    """Hashes of each scene and of its decks."""
-    found: dict[str, tuple[set[str], set[str]]] = {}
+    """Return the hashes of each scene and of its decks."""
+    inputs: dict[str, tuple[set[str], set[str]]] = {}
     for run in record["provenance"]["runs"]:
-        hashes, decks = found.setdefault(run["scene"], (set(), set()))
+        hashes, decks = inputs.setdefault(run["scene"], (set(), set()))
         hashes.add(run["scene_hash"])
         if run["deck_hash"]:
             decks.add(run["deck_hash"])
-    return found
+    return inputs
 
 
 def _is_same(old: Record, new: Record) -> bool:
+    """Return True if outcome, difference and scale of a verdict are the same within their tolerances."""
     allowed = WITHIN * old["tolerance"] if old["tolerance"] else ALMOST * abs(old["difference"] or 0.0)
     return (
         old["outcome"] == new["outcome"]
@@ -107,35 +114,39 @@ def _is_same(old: Record, new: Record) -> bool:
     )
 
 
-def _near(one: float | None, other: float | None, allowed: float) -> bool:
-    if one is None or other is None:
-        return one is other
-    return abs(one - other) <= allowed
+def _near(a: float | None, b: float | None, allowed: float) -> bool:
+    """Return True if two numbers differ by at most ``allowed``, or both are unknown."""
+    if a is None or b is None:
+        return a is b
+    return abs(a - b) <= allowed
 
 
-def _told(verdict: Record) -> str:
+def _summary(verdict: Record) -> str:
+    """Return the outcome and the difference of a verdict."""
     difference = verdict["difference"]
     return str(verdict["outcome"]) + ("" if difference is None else f" {difference:.6e}")
 
 
 def _claims(before: Record, after: Record) -> Iterator[tuple[str, str]]:
-    new = {one["id"]: one for one in after["claims"]}
-    if before["claims"] and not new:
-        yield "NOT REPLAYED", f"the {len(before['claims'])} claims: they follow from more runs than those of the scenes"
+    """Yield the outcome of the comparison of each claim."""
+    new_claims = {claim["id"]: claim for claim in after["claims"]}
+    if before["claims"] and not new_claims:
+        count = len(before["claims"])
+        yield "NOT REPLAYED", f"the {count} claims, because they need more runs than those of the scenes"
         return
     for old in before["claims"]:
         name = f"claim {old['id']}"
-        if old["id"] not in new:
-            yield "CHANGED", f"{name}: there is no such claim now"
+        if old["id"] not in new_claims:
+            yield "CHANGED", f"{name}: the claim is missing now"
             continue
-        one = new[old["id"]]
+        new = new_claims[old["id"]]
         moved = [
-            f"{a['name']} by {a['backend']} {a['value']} now {b['value']}"
-            for a, b in zip(old["values"], one["values"], strict=False)
+            f"{a['name']} by {a['backend']} was {a['value']} and is {b['value']}"
+            for a, b in zip(old["values"], new["values"], strict=False)
             if not _near(a["value"], b["value"], (a["uncertainty"] or 0.0) + ALMOST * abs(a["value"] or 0.0))
         ]
-        same = old["outcome"] == one["outcome"] and len(old["values"]) == len(one["values"]) and not moved
-        yield _word(same), "; ".join([f"{name}: {old['outcome']}, now {one['outcome']}", *moved])
+        same = old["outcome"] == new["outcome"] and len(old["values"]) == len(new["values"]) and not moved
+        yield _word(same), "; ".join([f"{name}: {old['outcome']}, now {new['outcome']}", *moved])
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What lines and marks of a diagram look like: one colour, mark and dash for each code, whatever the figure.
+"""Styles of lines and markers: one colour, marker and dash pattern for each backend in all figures.
 
 Colours are the Okabe-Ito set (legible for colour-blind readers); lines and marks also differ in form, so that a page
 printed in grey keeps its meaning.
@@ -17,7 +17,7 @@ BLACK, BLUE, VERMILION, GREEN, PURPLE = "#000000", "#0072B2", "#D55E00", "#009E7
 ORANGE, GREY, SKY, PALE = "#E69F00", "#7F7F7F", "#56B4E9", "#C8C8C8"
 _HOLLOW = {"markerfacecolor": "none", "markeredgewidth": 1.1}
 _CIRCLES = {"color": BLUE, "linestyle": "none", "marker": "o", "markersize": 4.5, **_HOLLOW}
-#: style of a Series -> how matplotlib draws it; no two are alike in grey, and marks at one place stand in each other
+#: matplotlib arguments of each style of a Series; all differ in grey, and markers at one place stay visible
 STYLES: Mapping[str, Mapping[str, Any]] = {
     **dict.fromkeys(ENGINE_BACKENDS, _CIRCLES),
     "reference": {"color": BLACK, "linestyle": "-", "linewidth": 1.4},
@@ -26,7 +26,7 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
     "ode45": {"color": GREEN, "linestyle": "none", "marker": "x", "markersize": 4.5},
     "fit": {"color": ORANGE, "linestyle": ":", "linewidth": 2.4, "zorder": 4},
     "guide": {"color": GREY, "linestyle": (0, (9, 3)), "linewidth": 1.2},
-    # marks of several quantities in one row: by form, and filled or not
+    # markers of several quantities in one row
     "mark-1": {"color": BLACK, "linestyle": "none", "marker": "*", "markersize": 9.0},
     "mark-2": {"color": BLUE, "linestyle": "none", "marker": "s", "markersize": 8.0, **_HOLLOW},
     "mark-3": {"color": VERMILION, "linestyle": "none", "marker": "^", "markersize": 8.5, **_HOLLOW},
@@ -34,7 +34,7 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
     "mark-5": {"color": PURPLE, "linestyle": "none", "marker": "D", "markersize": 11.0, **_HOLLOW},
 }
 _OTHER: Mapping[str, Any] = {"color": GREY, "linestyle": "-", "linewidth": 1.2}
-#: of cost against error: a wide pale band behind all, at its height until the next point of the front is paid for
+#: Pareto front of cost against error: a wide pale step line behind everything
 _FRONT: Mapping[str, Any] = {
     "color": PALE,
     "linestyle": "-",
@@ -42,7 +42,7 @@ _FRONT: Mapping[str, Any] = {
     "drawstyle": "steps-post",
     "zorder": 0.5,
 }
-#: at a bar: what is on it is somewhere below
+#: arrow down at an uncertainty: the value is below it
 _BELOW: Mapping[str, Any] = {
     "color": BLACK,
     "linestyle": "none",
@@ -50,7 +50,7 @@ _BELOW: Mapping[str, Any] = {
     "markersize": 11.0,
     "zorder": 4,
 }
-#: in diagrams of many codes, style "curve/BACKEND/VARIANT": a colour and a mark for each code ...
+#: style "curve/BACKEND/VARIANT" in diagrams of many backends: colour, marker and size for each backend ...
 _CODES: Mapping[str, tuple[str, str, float]] = {
     "lammps-granular": (BLUE, "o", 5.0),
     "lammps-table": (SKY, "s", 5.0),
@@ -63,7 +63,7 @@ _CODES: Mapping[str, tuple[str, str, float]] = {
     "bca": (VERMILION, "X", 8.0),
     "adiabatic": (PURPLE, "^", 8.0),
 }
-#: style "nth/COLOUR/FORM": the nth of things that have no colour or form of their own
+#: style "nth/COLOUR/FORM": numbered colours and forms for series without a style of their own
 _COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 _FORMS: tuple[Mapping[str, Any], ...] = (
     {"linestyle": "-", "linewidth": 1.4},
@@ -73,7 +73,7 @@ _FORMS: tuple[Mapping[str, Any], ...] = (
     {"linestyle": "none", "marker": "s", "markersize": 6.5, **_HOLLOW},
     {"linestyle": ":", "linewidth": 2.0},
 )
-#: style "line/COLOUR/FORM": the same of long lines, where the first is a pale band that others run in
+#: style "line/COLOUR/FORM": numbered forms of long lines; form 1 is a broad pale line on which others lie
 _LINES: tuple[Mapping[str, Any], ...] = (
     {"linestyle": "-", "linewidth": 1.4},
     {"linestyle": "-", "linewidth": 5.0, "alpha": 0.35},
@@ -82,10 +82,10 @@ _LINES: tuple[Mapping[str, Any], ...] = (
     {"linestyle": ":", "linewidth": 2.0},
     {"linestyle": "-.", "linewidth": 1.4},
 )
-#: those of one setting, so of no line
+#: backends with a single setting, which have a marker and no line
 _ALONE = ("reference", "bca", "adiabatic")
 _CODE = (GREY, ">", 5.5)
-#: ... and a dash for each variant of it; extrapolated ones are filled
+#: ... and a dash pattern for each variant; markers of extrapolated runs are filled
 _DASHES: Mapping[str, Any] = {
     "": "-",
     "richardson": (0, (4, 1.5)),
@@ -95,8 +95,8 @@ _DASHES: Mapping[str, Any] = {
     "linear": (0, (4, 1.5)),
     "lines": (0, (1, 1.2)),
 }
-#: on a map a line is thin, for it must not hide the front that it stands beside, and black or white, for colours and
-#: greys are the map's; its edge is of the other, so that it is seen on either
+#: lines over a map: thin, so that they do not hide the front, and black or white with an edge of the other, so that
+#: they are visible on every colour of the map
 _ON_MAP: Mapping[str, Mapping[str, Any]] = {
     name: {
         "color": ink,
@@ -109,10 +109,10 @@ _ON_MAP: Mapping[str, Mapping[str, Any]] = {
 
 
 def style_of(name: str) -> dict[str, Any]:
-    """How matplotlib draws a Series of that style: of :data:`STYLES`, "front", "below", "curve/BACKEND/VARIANT", of
-    marks alone "mark/BACKEND", or "nth/COLOUR/FORM" and "line/COLOUR/FORM" by number.
+    """Return the matplotlib arguments of the style of a Series.
 
-    What is unknown is grey, and drawn nevertheless.
+    A style is a key of :data:`STYLES`, "front", "below", "curve/BACKEND/VARIANT", "mark/BACKEND" (markers without a
+    line), or "nth/COLOUR/FORM" or "line/COLOUR/FORM" by number. An unknown style is grey.
 
     >>> style_of("curve/verlet")["marker"], style_of("curve/verlet/richardson")["linestyle"]
     ('v', (0, (4, 1.5)))
@@ -141,5 +141,5 @@ def style_of(name: str) -> dict[str, Any]:
 
 
 def style_on_map(name: str) -> dict[str, Any]:
-    """As :func:`style_of`, of a line over a map."""
+    """Return the matplotlib arguments of a line over a map."""
     return dict(_ON_MAP.get(name, _ON_MAP[""]))

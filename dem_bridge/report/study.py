@@ -1,4 +1,4 @@
-"""A study as files: a page, its tables as CSV, its figures as PNG with their numbers as CSV, and all of it as JSON."""
+"""Write a study as files: a page, tables as CSV, figures as PNG and CSV, and everything as JSON."""
 
 from __future__ import annotations
 
@@ -13,32 +13,36 @@ from dem_bridge.report.drawing import csv_texts, png
 from dem_bridge.studies.study import Study
 
 
-def write_study(found: Study, folder: Path) -> tuple[str, ...]:
-    """Write :func:`study_files` into ``folder`` (made if need be), all or none; the names, the page first."""
-    files = study_files(found)
+def write_study(study: Study, folder: Path) -> tuple[str, ...]:
+    """Write the files of a study into ``folder``, all or none, and return their names, the page first."""
+    files = study_files(study)
     write_whole(folder, files)
     return tuple(files)
 
 
-def study_files(found: Study) -> dict[str, str | bytes]:
-    """Name -> content: ``index.html``, ``<study>.json``, ``<table>.csv``, each figure as ``.png`` and ``.csv``, and the
-    study's own ``files``."""
-    numbers = {one.id: csv_texts(one) for one in found.figures}
+def study_files(study: Study) -> dict[str, str | bytes]:
+    """Return the contents of the files of a study by name.
+
+    The files are ``index.html``, ``<study>.json``, ``<table>.csv``, each figure as ``.png`` and ``.csv``, and the
+    further ``files`` of the study.
+    """
+    numbers = {figure.id: csv_texts(figure) for figure in study.figures}
     files: dict[str, str | bytes] = {
-        "index.html": _page(found, {id: tuple(texts) for id, texts in numbers.items()}),
-        f"{found.id}.json": json.dumps(found.as_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+        "index.html": _page(study, {id: tuple(texts) for id, texts in numbers.items()}),
+        f"{study.id}.json": json.dumps(study.as_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
     }
-    parts: list[dict[str, str | bytes]] = [{name: content()} for name, content in found.files.items()]
-    parts += [{f"{one.id}.csv": one.as_csv()} for one in found.tables]
-    parts += [{f"{one.id}.png": png(one), **numbers[one.id]} for one in found.figures]
+    parts: list[dict[str, str | bytes]] = [{name: content()} for name, content in study.files.items()]
+    parts += [{f"{table.id}.csv": table.as_csv()} for table in study.tables]
+    parts += [{f"{figure.id}.png": png(figure), **numbers[figure.id]} for figure in study.figures]
     for part in parts:
         if twice := set(part) & set(files):
-            raise ValueError(f"study {found.id}: two of its parts would be written to {min(twice)}")
+            raise ValueError(f"study {study.id}: two parts have the file name {min(twice)}; allowed: distinct names")
         files |= part
     return files
 
 
-def _page(found: Study, numbers: dict[str, tuple[str, ...]]) -> str:
+def _page(study: Study, numbers: dict[str, tuple[str, ...]]) -> str:
+    """Return the page of a study; ``numbers`` are the CSV files of each figure."""
     environment = Environment(
         loader=PackageLoader("dem_bridge.report", "templates"),
         undefined=StrictUndefined,
@@ -47,4 +51,4 @@ def _page(found: Study, numbers: dict[str, tuple[str, ...]]) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {"number": number, "numeric": numeric, "sortable": sortable}
-    return environment.get_template("study.html.j2").render(found=found, numbers=numbers)
+    return environment.get_template("study.html.j2").render(study=study, numbers=numbers)

@@ -188,7 +188,7 @@ def test_a_bundle_is_not_written_into_a_folder_with_other_things(tmp_path: Path)
     (tmp_path / "thesis" / "thesis.tex").write_text("years of work")
     done = run_here("verify", "decelerating-40", "-o", "report", "--bundle", "thesis", cwd=tmp_path)
     assert done.returncode == 2
-    assert_one_line(done, "thesis", "is there and no bundle", "allowed: a new or empty folder")
+    assert_one_line(done, "thesis", "contains files that are not a bundle", "allowed: a new or empty folder")
     assert [path.name for path in (tmp_path / "thesis").iterdir()] == ["thesis.tex"]
     assert not list((tmp_path / "report").iterdir())
 

@@ -85,7 +85,7 @@ def test_a_deck_that_is_not_the_one_that_was_run_is_no_part_of_a_bundle(found: V
     assert study.runs is not None
     engine = replace(study.runs.engine, case=replace(study.runs.engine.case, sampling=Sampling(count=5)))
     runs = replace(study.runs, engine=engine)
-    with pytest.raises(RunBroken, match="small is not the one that was run"):
+    with pytest.raises(RunBroken, match="the deck of small differs from the deck that was run"):
         bundle_files(replace(found, studies=(replace(study, runs=runs),)), report={})
 
 
@@ -115,29 +115,31 @@ def test_pins_are_all_that_is_needed_and_exact() -> None:
 
 
 def test_what_is_not_installed_has_no_pin() -> None:
-    with pytest.raises(UsageError, match="no-such-thing is not installed here"):
+    with pytest.raises(UsageError, match="no-such-thing is not installed, so the bundle cannot state its version"):
         pinned("no-such-thing")
 
 
 def test_a_folder_with_other_things_is_refused_and_left_alone(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("years of work")
     for refuse in (lambda: check_bundle(tmp_path), lambda: write_bundle(NOTHING, tmp_path, report={})):
-        with pytest.raises(UsageError, match="is there and no bundle; allowed: a new or empty folder") as error:
+        with pytest.raises(
+            UsageError, match="contains files that are not a bundle; allowed: a new or empty folder"
+        ) as error:
             refuse()
         assert "\n" not in str(error.value)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
-    with pytest.raises(UsageError, match="no bundle"):
+    with pytest.raises(UsageError, match="not a bundle"):
         check_bundle(tmp_path / "thesis.tex")
     (tmp_path / "bundle.json").write_text('{"schema": "another program\'s"}')
     (tmp_path / "SHA256SUMS").write_text("0  thesis.tex\n")
-    with pytest.raises(UsageError, match="no bundle"):
+    with pytest.raises(UsageError, match="not a bundle"):
         check_bundle(tmp_path)
 
 
 def test_a_refused_folder_is_found_before_anything_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "thesis.tex").write_text("years of work")
     monkeypatch.setattr("dem_bridge.studies.verify.verify_scenes", lambda *_, **__: pytest.fail("it was run"))
-    with pytest.raises(UsageError, match="no bundle"):
+    with pytest.raises(UsageError, match="not a bundle"):
         verify(SMALL, bundle=tmp_path)
 
 
@@ -166,7 +168,11 @@ def test_scenes_whose_laws_are_functions_are_named_in_one_line(tmp_path: Path) -
     studies = tuple(SceneStudy(scene=one, verdicts=()) for one in (SMALL, glued))
     files = bundle_files(replace(NOTHING, studies=studies), report={})
     readme, told = str(files["README.md"]), json.loads(files["bundle.json"])
-    assert [line for line in readme.splitlines() if line.startswith("Not replayed") and line.endswith(": glued.")]
+    assert [
+        line
+        for line in readme.splitlines()
+        if line.startswith("These scenes are not repeated") and line.endswith(": glued.")
+    ]
     assert told["not_replayed"] == ["glued"]
     assert told["verify"] == ["scenes/small.toml", "--accuracy", "0.001"]
 
@@ -202,8 +208,8 @@ def test_a_replay_says_same_and_after_a_scene_was_touched_changed(found: Verific
     scene.write_text(scene.read_text(encoding="utf-8").replace("0.0081", "0.0082"), encoding="utf-8")
     done = _replayed(folder)
     assert done.returncode == 1
-    assert "CHANGED       scenes/small.toml is not the file that was bundled" in done.stdout
-    assert re.search(r"CHANGED +small: the scene and its 5 decks, byte for byte", done.stdout)
+    assert "CHANGED       scenes/small.toml differs from the file of the bundle" in done.stdout
+    assert re.search(r"CHANGED +small: hashes of the scene and of its 5 decks", done.stdout)
     assert re.search(r"CHANGED +small: peak_force of bca against reference: MODEL_DIFFERENCE", done.stdout)
     scene.unlink()
     done = _replayed(folder)

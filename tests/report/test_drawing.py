@@ -17,7 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
-from dem_bridge.report.drawing import STYLES, colour_limits, csv_texts, drawn, png
+from dem_bridge.report.drawing import STYLES, colour_limits, csv_texts, draw_figure, png
 from dem_bridge.report.strokes import style_of
 from dem_bridge.studies.study import FigureData, Map, Panel, Series
 from tests.helpers.legibility import assert_legible
@@ -65,7 +65,7 @@ def _norm(ax: Axes) -> Any:
 
 
 def test_each_panel_has_its_names_and_everything_in_it() -> None:
-    axes = _axes(drawn(FULL))
+    axes = _axes(draw_figure(FULL))
     assert [ax.get_title(loc="left").split()[0] for ax in axes] == ["(a)", "(c)", "(b)", "(d)"]
     for ax, panel in zip(axes, FULL.panels, strict=True):
         assert (ax.get_xlabel(), ax.get_ylabel()) == (panel.x_label, panel.y_label)
@@ -76,8 +76,8 @@ def test_each_panel_has_its_names_and_everything_in_it() -> None:
 
 def test_maps_that_share_have_one_scale_and_one_bar_and_others_their_own() -> None:
     shared, alone = (
-        drawn(FULL),
-        drawn(replace(FULL, panels=tuple(replace(p, shares_scale_with=()) for p in FULL.panels))),
+        draw_figure(FULL),
+        draw_figure(replace(FULL, panels=tuple(replace(p, shares_scale_with=()) for p in FULL.panels))),
     )
     one, other = (_norm(ax) for ax in _axes(shared)[:2])
     assert one == other
@@ -109,7 +109,7 @@ def test_a_scale_is_never_empty_and_says_where_values_leave_it(values: np.ndarra
 @pytest.mark.parametrize("log", [False, True])
 def test_panels_of_lines_that_share_have_one_axis_that_shows_all(log: bool) -> None:
     low, high = (_panel(f"({at})", series=(_line("reference", at * X),), log=log) for at in (1.0, 7.0))
-    axes = _axes(drawn(_figure(low, replace(high, shares_scale_with=(0,)))))
+    axes = _axes(draw_figure(_figure(low, replace(high, shares_scale_with=(0,)))))
     assert axes[0].get_ylim() == axes[1].get_ylim()
     bottom, top = axes[0].get_ylim()
     assert bottom <= 1.0
@@ -119,13 +119,16 @@ def test_panels_of_lines_that_share_have_one_axis_that_shows_all(log: bool) -> N
 
 def test_zero_is_on_every_linear_axis() -> None:
     for sign in (1.0, -1.0):
-        bottom, top = _axes(drawn(_figure(_panel("a", series=(_line("reference", sign * (100.0 + X)),)))))[0].get_ylim()
+        [ax] = _axes(draw_figure(_figure(_panel("a", series=(_line("reference", sign * (100.0 + X)),)))))
+        bottom, top = ax.get_ylim()
         assert bottom <= 0.0 <= top
 
 
 def test_a_first_point_far_above_is_named_and_squeezes_nothing() -> None:
     near, far = (np.concatenate([[first], np.full(39, 10.0)]) for first in (15.0, 300.0))
-    axes = _axes(drawn(_figure(*(_panel(at, series=(_line("reference", y),)) for at, y in (("n", near), ("f", far))))))
+    axes = _axes(
+        draw_figure(_figure(*(_panel(at, series=(_line("reference", y),)) for at, y in (("n", near), ("f", far)))))
+    )
     texts = [[one.get_text() for one in ax.texts if "off scale" in one.get_text()] for ax in axes]
     assert texts == [[], ["cylinder 1: 300 µs, off scale"]]
     assert [15.0 < ax.get_ylim()[1] < 20.0 for ax in axes] == [True, False]
@@ -164,7 +167,7 @@ def test_no_two_curves_of_many_codes_are_told_apart_by_colour_alone() -> None:
 def test_the_front_is_behind_all_and_goes_down_where_the_next_is_paid_for() -> None:
     front = Series(label="Pareto front", style="front", x=X[:3], y=np.array([1e-2, 1e-4, 1e-6]))
     below = Series(label="less, not known", style="below", x=X[2:3], y=np.array([1e-6]))
-    figure = drawn(_figure(_panel("(a)", series=(front, *COST, below), log=True)))
+    figure = draw_figure(_figure(_panel("(a)", series=(front, *COST, below), log=True)))
     lines = figure.axes[0].get_lines()
     assert lines[0].get_drawstyle() == "steps-post"
     assert lines[0].get_zorder() < min(line.get_zorder() for line in lines[1:])
@@ -175,7 +178,7 @@ def test_the_front_is_behind_all_and_goes_down_where_the_next_is_paid_for() -> N
 
 def test_a_tall_panel_keeps_its_height_under_a_legend_of_many_rows() -> None:
     def height(*, tall: bool, names: int) -> float:
-        figure = drawn(_figure(*(_panel(at, series=COST[:names], log=True, tall=tall) for at in "ab")))
+        figure = draw_figure(_figure(*(_panel(at, series=COST[:names], log=True, tall=tall) for at in "ab")))
         FigureCanvasAgg(figure).draw()
         return float(figure.axes[0].get_window_extent().height)
 
@@ -185,7 +188,7 @@ def test_a_tall_panel_keeps_its_height_under_a_legend_of_many_rows() -> None:
 
 
 def test_the_colours_of_maps_rise_in_lightness_so_that_grey_keeps_their_order() -> None:
-    figure = drawn(FULL)
+    figure = draw_figure(FULL)
     image = _axes(figure)[0].collections[0]
     low, high = _norm(_axes(figure)[0])
     colours = np.asarray(image.to_rgba(np.linspace(low, high, 64)))
@@ -202,7 +205,7 @@ STEEP = tuple(
 
 @pytest.mark.parametrize(("columns", "steep"), [*STEEP, (2, _panel("(d) many", series=COST, log=True, tall=True))])
 def test_no_text_overlaps_another_or_leaves_the_page(columns: int, steep: Panel) -> None:
-    figure = drawn(replace(FULL, columns=columns, panels=(*FULL.panels[:3], steep)))
+    figure = draw_figure(replace(FULL, columns=columns, panels=(*FULL.panels[:3], steep)))
     assert assert_legible(figure) > 30
 
 
@@ -231,18 +234,18 @@ def test_a_single_panel_with_little_in_it_is_drawn(panel: Panel) -> None:
 
 
 def test_a_figure_without_panels_is_an_empty_page() -> None:
-    assert drawn(_figure()).axes == []
+    assert draw_figure(_figure()).axes == []
 
 
 def test_a_panel_that_shares_with_none_that_is_there_is_refused() -> None:
     with pytest.raises(ValueError, match="panel 0 shares its scale with 4; the figure has 1 panels"):
-        drawn(_figure(_panel("a", shares_scale_with=(4,))))
+        draw_figure(_figure(_panel("a", shares_scale_with=(4,))))
 
 
 def test_marks_that_are_left_out_are_spoken_of() -> None:
     def said(count: int) -> str:
         many = Series(label="LAMMPS", style="lammps-granular", x=np.arange(float(count)), y=np.ones(count))
-        return drawn(_figure(_panel("a", series=(many,)))).legends[0].get_title().get_text()
+        return draw_figure(_figure(_panel("a", series=(many,)))).legends[0].get_title().get_text()
 
     assert said(20) == ""
     assert "not all points" in said(400)
@@ -272,7 +275,7 @@ def test_csv_gives_back_every_number() -> None:
 
 def test_two_maps_never_share_a_file() -> None:
     panels = (_panel("(a) one", map=_map(1.0)), _panel("(a) other", map=_map(1.0)))
-    with pytest.raises(ValueError, match=r"two maps would be written to figure-9-a\.csv"):
+    with pytest.raises(ValueError, match=r"two maps have the file name figure-9-a\.csv"):
         csv_texts(_figure(*panels))
     assert set(csv_texts(_figure(*(replace(p, title="no letter") for p in panels)))) == {
         "figure-9-1.csv",

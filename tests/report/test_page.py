@@ -19,8 +19,8 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Result
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.report.cells import digits_of, number, packed, sortable
-from dem_bridge.report.drawing import csv_texts, drawn
+from dem_bridge.report.cells import compress_png, digits_of, number, sortable
+from dem_bridge.report.drawing import csv_texts, draw_figure
 from dem_bridge.report.junit import junit
 from dem_bridge.report.page import SCHEMA, as_json, headline, not_verified, write_report
 from dem_bridge.runs.case import Case
@@ -106,18 +106,23 @@ def test_the_page_shows_every_verdict_and_what_is_not_verified(found: Verificati
 @pytest.mark.parametrize(
     ("changes", "provenance", "words"),
     [
-        ({}, {}, "pair_style granular (hertz), fix nve, on 1 rank."),
-        ({"exponent": (2.0, 2.5), "gravity": 9.8}, {}, "granular (hooke and hertz), fix nve, fix gravity, on 1 rank."),
+        ({}, {}, "on 1 rank: pair_style granular (hertz), fix nve."),
+        (
+            {"exponent": (2.0, 2.5), "gravity": 9.8},
+            {},
+            "on 1 rank: pair_style granular (hooke and hertz), fix nve, fix gravity.",
+        ),
         (
             {"damping": Damping(law="kuwabara-kono", coefficient=1e-6), "drag": 1.0},
             {"lammps": {"ranks": 2}},
-            "(hertz with damping viscoelastic), fix nve, fix langevin at zero temperature, on 2 ranks.",
+            "on 2 ranks: pair_style granular (hertz with damping viscoelastic), fix nve,"
+            " fix langevin at zero temperature.",
         ),
-        ({"exponent": 3.0}, {"table": {"style": "spline"}}, "pair_style table spline, fix nve, on 1 rank."),
+        ({"exponent": 3.0}, {"table": {"style": "spline"}}, "on 1 rank: pair_style table spline, fix nve."),
         (
             {"exponent": 3.0, "damping": Damping(law="dashpot", coefficient=1.0)},
             {"table": {"style": "linear"}},
-            "pair_style table linear, pair_style granular (damping velocity), fix nve, on 1 rank.",
+            "on 1 rank: pair_style table linear, pair_style granular (damping velocity), fix nve.",
         ),
     ],
     ids=str,
@@ -195,7 +200,7 @@ def _text(folder: Path) -> str:
 def test_page_one_of_a_paper_has_answer_what_is_not_verified_and_the_whole_budget(whole: Path) -> None:
     text, paper = _text(whole), fake_paper()
     order = ["the answer", "what is not verified", "the whole budget", "claims of the paper", "figures", "tables"]
-    order += ["verdicts", "where lammps' error comes from", "pictures", "who shares what", "provenance"]
+    order += ["verdicts", "error budget of lammps", "figures of runs", "modules that backends share", "provenance"]
     headings = [unescape(re.sub("<.*?>", "", one)).lower() for one in re.findall(r"<h2[^>]*>(.*?)</h2>", text)]
     assert [one.split(",")[0] for one in headings] == order
     first = text.split('id="claims"')[0]
@@ -210,7 +215,7 @@ def _escaped(text: str) -> str:
 
 
 def test_runs_that_do_not_pass_stand_on_page_one_of_a_paper(found: Verification, tmp_path: Path, whole: Path) -> None:
-    assert "these are no pass" not in _text(whole)
+    assert "verdicts on runs</a> do not pass" not in _text(whole)
     broken = replace(_verification(PAIR, broken=True), paper=fake_paper())
     first = write_report(broken, tmp_path)[0].read_text(encoding="utf-8").split('id="not-verified"')[0]
     assert re.search('<span class="outcome BROKEN">BROKEN</span> three: [^<]*ERROR: Lost atoms', first)
@@ -218,7 +223,7 @@ def test_runs_that_do_not_pass_stand_on_page_one_of_a_paper(found: Verification,
 
 def test_every_claim_has_its_anchor_its_words_and_its_values(whole: Path) -> None:
     text = _text(whole)
-    words = {"PASS": "holds", "FAIL": "does not hold", "UNDECIDED": "undecided", "MODEL_DIFFERENCE": "a number"}
+    words = {"PASS": "holds", "FAIL": "does not hold", "UNDECIDED": "undecided", "MODEL_DIFFERENCE": "number only"}
     words["NOT_RUN"] = "not run"
     for claim in fake_paper().claims:
         [body] = re.findall(rf'<tbody id="claim-{claim.id}">(.*?)</tbody>\n(?:<tbody|</table></div>)', text, re.DOTALL)
@@ -284,8 +289,8 @@ def test_a_heading_stands_to_the_right_where_its_column_has_numbers(whole: Path)
 def test_fewer_bytes_take_no_colour_from_a_picture() -> None:
     """Of 1235 colours 256 are left; the rest move by 4 of 255, where the usual choice moves thin lines by 41."""
     full = io.BytesIO()
-    drawn(fake_paper().figures[0]).savefig(full, format="png", dpi=120)
-    small = packed(full.getvalue())
+    draw_figure(fake_paper().figures[0]).savefig(full, format="png", dpi=120)
+    small = compress_png(full.getvalue())
     before, after = (np.asarray(Image.open(io.BytesIO(one)).convert("RGB"), float) for one in (full.getvalue(), small))
     assert np.max(np.abs(before - after)) <= 12.0
     assert len(small) < 0.5 * len(full.getvalue())

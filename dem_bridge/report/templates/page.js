@@ -1,6 +1,6 @@
 "use strict";
 (() => {
-  // Tables sort by a click on a heading. What sorts is a body of rows where a table has several, else a row.
+  // A click on a heading sorts a table: by its bodies of rows if it has several, else by its rows.
   const words = new Intl.Collator("en", { numeric: true });
 
   function cellAt(row, column) {
@@ -19,7 +19,7 @@
     return text === "" ? null : Number.isNaN(Number(text)) ? text : Number(text);
   }
 
-  // numbers by value, then words; what is empty stays last either way
+  // numbers by value, then words; empty cells are last in both directions
   function compared(a, b, sign) {
     if (a === null || b === null) return (a === null) - (b === null);
     if (typeof a !== typeof b) return typeof a === "number" ? -1 : 1;
@@ -39,7 +39,7 @@
 
   for (const table of document.querySelectorAll("table.sorts")) {
     [...table.tHead.rows[0].cells].forEach((heading, column) => {
-      // no <button>: Chromium does not paint those where it repeats a heading on the next sheet
+      // no <button>: Chromium does not paint buttons in a heading that is repeated on the next printed page
       const button = document.createElement("span");
       button.setAttribute("role", "button");
       button.tabIndex = 0;
@@ -55,7 +55,7 @@
     });
   }
 
-  // A link to what stands in a fold opens it.
+  // A link to an element in a folded section unfolds it.
   function unfold() {
     const target = location.hash && document.getElementById(decodeURIComponent(location.hash.slice(1)));
     if (!target) return;
@@ -65,7 +65,7 @@
   addEventListener("hashchange", unfold);
   unfold();
 
-  // Paper has no folds.
+  // Unfold everything for printing.
   let closed = [];
   addEventListener("beforeprint", () => {
     closed = [...document.querySelectorAll("details:not([open])")];

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 import dem_bridge as db
 from dem_bridge.cli import main
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
-from dem_bridge.report.drawing import drawn
+from dem_bridge.report.drawing import draw_figure
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.studies.model_hierarchy import choices as hierarchy_choices
@@ -303,7 +303,7 @@ def test_the_figure_has_every_effect_beside_the_accuracy(found: Study) -> None:
         sizes = [abs(row[f"{one.label} (%)"]) for row in rows.values()]
         assert one.x.tolist() == pytest.approx([max(size, LEAST_SHOWN) for size in sizes])
         assert one.y.tolist() == [0.0, 1.0, 2.0, 3.0]
-    axes = drawn(figure).axes
+    axes = draw_figure(figure).axes
     assert [label.get_text() for label in axes[0].get_yticklabels()] == list(physics.rows)
     assert axes[0].get_xscale() == "log"
     assert axes[0].get_xlim() == axes[1].get_xlim()

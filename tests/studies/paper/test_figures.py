@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.report.drawing import csv_texts, drawn, png
+from dem_bridge.report.drawing import csv_texts, draw_figure, png
 from dem_bridge.scene import Scene
 from dem_bridge.studies.paper.figures import ChainRuns, figure_2, figure_3, figure_4, figure_5, figure_6
 from dem_bridge.studies.paper.panels import MAP_ROWS, window
@@ -266,7 +266,7 @@ def test_figures_are_drawn_with_whatever_runs_there_are(figure: Figures, chains:
     slow, fast = chains
     alone = ChainRuns(slow.scene, {"reference": slow.reference})
     pictured = figure(alone, fast)
-    assert len(drawn(pictured).axes) >= len(pictured.panels)
+    assert len(draw_figure(pictured).axes) >= len(pictured.panels)
     styles = {line.style for panel in figure(alone, alone).panels for line in panel.series}
     assert styles <= {"reference", "fit", "guide"}
 
