@@ -49,7 +49,7 @@ _HOME = {
     "solve": "api.runs",
     "study": "api.studies",
     "table_of": "api.tables",
-    "verify": "api.runs",
+    "verify": "api.verification",
     "write_deck": "api.runs",
     "write_trajectory": "api.trajectories",
 }
@@ -60,11 +60,12 @@ if TYPE_CHECKING:
     from dem_bridge import errors, features, plot, testing
     from dem_bridge.accuracy import observed_order
     from dem_bridge.api.regress import regress
-    from dem_bridge.api.runs import available, plan, solve, verify, write_deck
+    from dem_bridge.api.runs import available, plan, solve, write_deck
     from dem_bridge.api.scenes import scene_from_csv, scene_from_deck
     from dem_bridge.api.studies import minimal, study
     from dem_bridge.api.tables import export, table_of
     from dem_bridge.api.trajectories import compare, read_trajectory, write_trajectory
+    from dem_bridge.api.verification import verify
     from dem_bridge.backends.base import Resolution, Sampling
     from dem_bridge.drive import Drive
     from dem_bridge.exports.angles import angles_for

@@ -102,15 +102,12 @@ def scene_html(scene: Any) -> str:
     return _card(f"Scene {scene.name}", scene.description, drawing, _facts(facts))
 
 
-def trajectory_html(run: Any, scales: Mapping[str, Any], units: Mapping[str, str]) -> str:
-    """Return the HTML of a Trajectory: settings, cost, uncertainties and provenance.
-
-    ``scales`` has the scale of each uncertainty, a number or an array over contacts, and ``units`` the unit.
-    """
+def _run_facts(run: Any) -> dict[str, str]:
+    """Return how a Trajectory was made: backend, scene, time step, samples and cost."""
     provenance, settings = run.provenance, run.provenance.get("settings", {})
     step, cost = settings.get("dt"), run.cost
     spent = [f"{quantity(value, 's')} {name}" for name, value in (("wall", cost.wall), ("CPU", cost.cpu))]
-    facts = {
+    return {
         "backend": f"{provenance.get('backend', 'unknown')} ({provenance.get('equations', 'equations unknown')})",
         "scene": f"{provenance.get('scene', 'unknown')}, hash {str(provenance.get('scene_hash', 'unknown'))[:_HASH]}",
         "time step": "no fixed time step" if step is None else quantity(step, "s"),
@@ -118,24 +115,45 @@ def trajectory_html(run: Any, scales: Mapping[str, Any], units: Mapping[str, str
         f" {run.velocity.shape[1]} bodies, {len(run.peak_force)} contacts",
         "cost": f"{', '.join(spent)}, {cost.steps} time steps, {cost.force_evaluations} force evaluations",
     }
-    rows = []
+
+
+def _uncertainty_rows(
+    run: Any, scales: Mapping[str, Any], units: Mapping[str, str]
+) -> Iterable[tuple[str, str, str, str]]:
+    """Yield quantity, absolute and relative uncertainty of a Trajectory, and what the latter is relative to."""
     for name, estimate in run.uncertainty.items():
         value, scale = np.atleast_1d(estimate), np.atleast_1d(scales[name])
         present = (scale > 0.0) & (np.isfinite(getattr(run, name)) if np.ndim(estimate) else True)
         if not present.any():
-            rows.append((name.replace("_", " "), "no value", "", ""))
+            yield name.replace("_", " "), "no value", "", ""
             continue
         largest, relative = float(value[present].max()), float((value[present] / scale[present]).max())
-        rows.append(
-            (
-                name.replace("_", " "),
-                quantity(largest, units[name], 2),
-                f"{relative:.1e}" if math.isfinite(relative) else "unknown",
-                f"the largest, {quantity(float(scale[0]), units[name])}"
-                if np.ndim(estimate) == 0
-                else "the value of each contact (largest ratio)",
-            )
+        yield (
+            name.replace("_", " "),
+            quantity(largest, units[name], 2),
+            f"{relative:.1e}" if math.isfinite(relative) else "unknown",
+            f"the largest, {quantity(float(scale[0]), units[name])}"
+            if np.ndim(estimate) == 0
+            else "the value of each contact (largest ratio)",
         )
+
+
+def trajectory_text(run: Any, scales: Mapping[str, Any], units: Mapping[str, str]) -> str:
+    """Return ten lines on a Trajectory for a terminal: how it was made, and its uncertainties."""
+    lines = [f"Trajectory of {run.provenance.get('scene', 'an unknown scene')}"]
+    lines += [f"  {key:14} {value}" for key, value in _run_facts(run).items()]
+    for name, absolute, relative, scale in _uncertainty_rows(run, scales, units):
+        lines.append(f"  {name:14} uncertainty {absolute}" + (f", {relative} of {scale}" if relative else ""))
+    return "\n".join(lines)
+
+
+def trajectory_html(run: Any, scales: Mapping[str, Any], units: Mapping[str, str]) -> str:
+    """Return the HTML of a Trajectory: settings, cost, uncertainties and provenance.
+
+    ``scales`` has the scale of each uncertainty, a number or an array over contacts, and ``units`` the unit.
+    """
+    provenance, facts = run.provenance, _run_facts(run)
+    rows = tuple(_uncertainty_rows(run, scales, units))
     uncertainties = _table(("uncertainty of", "absolute", "relative", "relative to"), rows)
     text = "\n".join(f"{key}: {_plain(value)}" for key, value in provenance.items())
     pre = f'<pre style="max-height:16em;overflow:auto;white-space:pre-wrap;background:none">{escape(text)}</pre>'

@@ -201,13 +201,25 @@ class Trajectory:
         parts = {each.name: getattr(self, each.name) for each in fields(self)}
         return _rebuild, (Trajectory, parts | {"provenance": dict(self.provenance)})
 
+    def __str__(self) -> str:
+        """Return ten lines: backend, scene, time step, samples, cost and uncertainties."""
+        from dem_bridge.notebook import trajectory_text
+
+        return trajectory_text(self, *self._scales_and_units())
+
+    __repr__ = __str__
+
     def _repr_html_(self) -> str:
         """Return the card of a notebook: backend, scene, uncertainty and cost."""
         from dem_bridge.notebook import trajectory_html
 
+        return trajectory_html(self, *self._scales_and_units())
+
+    def _scales_and_units(self) -> tuple[dict[str, Any], dict[str, str]]:
+        """Return the scale and the unit of each quantity that has an uncertainty."""
         sampled = {name: np.max(np.abs(getattr(self, name)), initial=0.0) for name in ("velocity", "displacement")}
-        owned = {name: own_scale(getattr(self, name)) for name in ("peak_force", "crossing_time")}
-        return trajectory_html(self, sampled | owned, {name: VOCABULARY[name][0] for name in QUANTITIES})
+        contacts = {name: own_scale(getattr(self, name)) for name in ("peak_force", "crossing_time")}
+        return sampled | contacts, {name: VOCABULARY[name][0] for name in QUANTITIES}
 
     def to_xarray(self) -> xr.Dataset:
         """Return a labelled dataset: dimensions time, body and contact, units as attributes, ``*_uncertainty``."""

@@ -10,6 +10,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pytest
@@ -79,7 +80,7 @@ def solved() -> Solve:
     """``db.solve`` that runs each combination of scene, backend and settings once in a session."""
     runs: dict[tuple[object, ...], Trajectory] = {}
 
-    def solve(scene: Scene, backend: str, **settings: object) -> Trajectory:
+    def solve(scene: Scene, backend: str, **settings: Any) -> Trajectory:
         key = (scene.name, scene.content_hash, backend, *sorted(settings.items()))
         if key not in runs:
             runs[key] = db.solve(scene, backend=backend, **settings)

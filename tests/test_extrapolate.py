@@ -78,6 +78,6 @@ def test_a_code_of_another_order_is_refused(accelerating: Truth, monkeypatch: py
         ({"backend": "scipy", "order": "richardson"}, r"'richardson' with scipy, which has no fixed step"),
     ],
 )
-def test_wrong_use_is_one_line(accelerating: Truth, settings: dict[str, str], words: str) -> None:
+def test_wrong_use_is_one_line(accelerating: Truth, settings: dict[str, Any], words: str) -> None:
     with pytest.raises(UsageError, match=words):
         db.solve(accelerating.scene, **settings)

@@ -6,8 +6,12 @@ import inspect
 import pkgutil
 import subprocess
 import sys
+from collections.abc import Callable
+from dataclasses import fields
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -53,3 +57,52 @@ def test_the_first_import_offers_all_names_and_loads_no_numpy() -> None:
     )
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert answer.split() == ["False", "True", "UsageError"]
+
+
+PAIR = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
+
+
+def test_solve_names_its_settings_in_its_signature() -> None:
+    solve = inspect.signature(db.solve).parameters
+    settings = {field.name for field in fields(db.Resolution)} - {"bars"}
+    engine = {"lmp", "lmp_args", "python", "ranks"}
+    assert settings | engine | {"engine", "backend", "accuracy", "order", "samples", "uncertainty"} <= set(solve)
+    for name in settings:  # the defaults stand in two places
+        assert solve[name].default == getattr(db.Resolution(), name), name
+
+
+@pytest.mark.parametrize("function", [db.solve, db.verify, db.study, db.regress])
+def test_an_engine_may_be_named_beside_its_four_settings(function: Callable[..., Any]) -> None:
+    assert {"engine", "lmp", "lmp_args", "python", "ranks"} <= set(inspect.signature(function).parameters)
+
+
+def test_an_engine_and_one_of_its_settings_are_not_both_given() -> None:
+    with pytest.raises(db.errors.UsageError, match="engine and ranks are both given; give one of them"):
+        db.solve(PAIR, backend="lammps-granular", engine=db.Engine(), ranks=2)
+    with pytest.raises(db.errors.UsageError, match=r"engine = 'lmp'; allowed: an Engine"):
+        db.verify(PAIR, engine="lmp")  # type: ignore[arg-type]
+
+
+def test_a_keyword_that_solve_does_not_have_is_refused_with_those_that_it_has() -> None:
+    with pytest.raises(db.errors.UsageError, match="setting 'stepsize' is unknown; allowed: backend, dt, "):
+        db.solve(PAIR, backend="verlet", stepsize=1e-7)
+
+
+def test_a_printed_run_is_ten_lines_with_its_uncertainties() -> None:
+    run = db.solve(PAIR, backend="verlet", dt=1e-6)
+    lines = str(run).splitlines()
+    assert len(lines) == 10
+    assert lines[0] == "Trajectory of pair"
+    assert "verlet" in lines[1]
+    [velocity] = [line for line in lines if line.startswith("  velocity")]
+    assert f"uncertainty {1e3 * run.uncertainty['velocity']:.2g} mm/s" in velocity
+
+
+@pytest.mark.lammps
+def test_a_verification_has_a_table_and_can_be_saved(tmp_path: Path) -> None:
+    found = db.verify(PAIR, accuracy=1e-3, jobs=1, store=False)
+    table = found.table()
+    assert len(table) == len(found.verdicts)
+    assert list(table.outcome) == [verdict.outcome for verdict in found.verdicts]
+    found.save(tmp_path / "report")
+    assert {file.name for file in (tmp_path / "report").iterdir()} == {"index.html", "verdicts.json"}

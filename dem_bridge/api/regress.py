@@ -34,6 +34,7 @@ def regress(
     since: Mapping[str, Any] | None = None,
     jobs: int | None = None,
     progress: Progress | None = None,
+    engine: Engine | None = None,
     lmp: str | Path | None = None,
     lmp_args: str | None = None,
     python: str | Path | None = None,
@@ -69,7 +70,7 @@ def regress(
         Number of runs at the same time; the default is the number of cores.
     progress : callable, optional
         Function of the completed runs, their total number and a label.
-    lmp, lmp_args, python, ranks
+    engine, lmp, lmp_args, python, ranks
         Selection of LAMMPS, as in :func:`dem_bridge.solve`.
 
     Returns
@@ -107,7 +108,7 @@ def regress(
         "folder": folder,
         "accuracy": None if accuracy is None else checked_accuracy(accuracy),
         "dt": dt,
-        "engine": Engine.chosen(lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks),
+        "engine": Engine.named(engine, lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks) or Engine.chosen(),
         "jobs": jobs,
         "progress": progress,
     }

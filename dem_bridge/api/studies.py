@@ -28,6 +28,7 @@ def study(
     progress: Progress | None = None,
     store: bool | str | Path = True,
     recompute: bool = False,
+    engine: Engine | None = None,
     lmp: str | Path | None = None,
     lmp_args: str | None = None,
     python: str | Path | None = None,
@@ -52,7 +53,7 @@ def study(
         Where runs are kept, as in :func:`dem_bridge.verify`.
     recompute : bool
         Whether stored runs are repeated.
-    lmp, lmp_args, python, ranks : optional
+    engine, lmp, lmp_args, python, ranks : optional
         Which LAMMPS is used, as in :func:`dem_bridge.solve`.
     **settings
         Settings of the study, such as ``spread`` of "scatter". ``dem-bridge study NAME --help`` lists them.
@@ -82,12 +83,12 @@ def study(
         raise UsageError(f"study {name!r} needs a scene; allowed: the name of a shipped scene, a scene file or a Scene")
     if scene is not None and "scene" not in parameters:
         raise UsageError(f"study {name!r} has scenes of its own, and {scene!r} was given; leave the scene out")
-    engine = {"lmp": lmp, "lmp_args": lmp_args, "python": python, "ranks": ranks}
+    lammps = Engine.named(engine, lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
     given = dict(settings)
     if jobs is not None:
         given["jobs"] = jobs
-    if "engine" in parameters or any(value is not None for value in engine.values()):
-        given["engine"] = Engine.chosen(**engine)  # type: ignore[arg-type]
+    if "engine" in parameters or lammps is not None:
+        given["engine"] = lammps or Engine.chosen()
     if "store" in parameters or recompute:
         given["store"] = Store.opened(store, recompute=recompute)
     if unknown := [key for key in given if key not in parameters]:

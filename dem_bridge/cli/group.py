@@ -192,7 +192,7 @@ def run(
 def deck(scene: str, style: str, dt: float | None, geometry: str | None, types: str | None, folder: Path) -> None:
     """Write the LAMMPS deck of SCENE, which runs by `lmp -in in.NAME`."""
     options = {"dt": dt, "geometry": geometry, "types": types}
-    settings = {key: value for key, value in options.items() if value is not None}
+    settings: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
     for path in dem_bridge.write_deck(scene, folder, style=style, **settings):
         click.echo(path)
 

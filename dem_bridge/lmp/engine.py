@@ -86,6 +86,28 @@ class Engine:
             lmp = os.environ.get(VARIABLE) or None
         return cls(lmp=lmp, lmp_args=lmp_args or (), python=python, ranks=1 if ranks is None else ranks)  # type: ignore[arg-type]
 
+    @classmethod
+    def named(
+        cls,
+        engine: Engine | None,
+        *,
+        lmp: str | Path | None = None,
+        lmp_args: str | tuple[str, ...] | None = None,
+        python: str | Path | None = None,
+        ranks: int | None = None,
+    ) -> Engine | None:
+        """Return the engine of these settings, None where all are None.
+
+        Raises UsageError where an engine and one of its settings are both given.
+        """
+        settings = {"lmp": lmp, "lmp_args": lmp_args, "python": python, "ranks": ranks}
+        given_settings = [key for key, value in settings.items() if value is not None]
+        if engine is not None and given_settings:
+            raise UsageError(f"engine and {given_settings[0]} are both given; give one of them")
+        if engine is not None and not isinstance(engine, Engine):
+            raise UsageError(f"engine = {engine!r}; allowed: an Engine, such as Engine(lmp=PATH), or None")
+        return cls.chosen(**settings) if given_settings else engine  # type: ignore[arg-type]
+
     @property
     def label(self) -> str:
         """Description of the engine without paths, which have no meaning on other machines.

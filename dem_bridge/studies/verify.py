@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,6 +31,11 @@ from dem_bridge.verification.assess import SceneStudy, assess_scene
 from dem_bridge.verification.roles import REFERENCE, Runs, assign_roles, engine_for, list_cases
 from dem_bridge.verification.verdict import Outcome, Verdict, exit_code
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+#: the module that writes the page of a verification
+REPORT = "dem_bridge.report.page"
 #: wanted accuracy of velocities where none is named; the paper's chains reach it at dt = 1e-8 s
 DEFAULT_ACCURACY = 5e-6
 
@@ -55,6 +63,25 @@ class Verification:
 
     def _repr_html_(self) -> str:
         return verification_html(self)
+
+    def table(self) -> DataFrame:
+        """Return the verdicts as a table, a row for each.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Its columns are the fields of a :class:`~dem_bridge.verification.verdict.Verdict`; differences,
+            uncertainties and tolerances are relative to ``scale``.
+        """
+        from pandas import DataFrame
+
+        columns = [field.name for field in fields(Verdict)]
+        return DataFrame([asdict(verdict) for verdict in self.verdicts], columns=columns)
+
+    def save(self, folder: str | Path) -> None:
+        """Write the page ``index.html`` and ``verdicts.json`` into ``folder``, which is created if need be."""
+        # by name, because the report is built on studies
+        import_module(REPORT).write_report(self, Path(folder))
 
 
 def verify_scenes(

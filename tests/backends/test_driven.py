@@ -110,7 +110,7 @@ def test_straight_lines_of_a_table_are_integrated_piece_by_piece(name: str) -> N
     that of the other method, whose forces between are symmetric."""
     scene = replace(free_body(TABLE), samples=10)
     assert isinstance(TABLE.force, tuple)
-    run = db.solve(scene, backend=name, **({} if name == "scipy" else {"dt": 4e-6}))
+    run = db.solve(scene, backend=name, dt=None if name == "scipy" else 4e-6)
     speeds = np.cumsum([0.0, *(0.5 * (a + b) * 8e-5 for a, b in itertools.pairwise(TABLE.force))]) / scene.mass[0]
     # samples 0, 2, 4, ... are the knots; 100 steps of six kicks, each rounded
     assert np.max(np.abs(run.velocity[::2, 0] - speeds)) < 600.0 * EPS * np.max(np.abs(speeds))
@@ -212,7 +212,7 @@ def test_a_chain_with_a_law_of_its_own_is_driven_and_its_law_deep_enough() -> No
     same = replace(scene, law=None, stiffness=4e9 * np.ones(3))  # type: ignore[arg-type]
     truth = db.solve(same, backend="scipy")
     for name in ("scipy", "verlet"):
-        run = db.solve(scene, backend=name, uncertainty=False, **({} if name == "scipy" else {"dt": 1e-7}))
+        run = db.solve(scene, backend=name, uncertainty=False, dt=None if name == "scipy" else 1e-7)
         speed = np.max(np.abs(truth.velocity))
         # the law is the same; the twin errs by its step, see the bars
         assert _error(run, truth) < (1e-10 if name == "scipy" else 1e-5) * speed

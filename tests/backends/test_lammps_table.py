@@ -182,9 +182,8 @@ def test_the_round_off_of_a_sound_run_is_predicted_where_laws_alone_would_predic
     exponent = (2.3, 3.0, 2.8)
     scene = replace(FREE, exponent=exponent, stiffness=tuple(map(stiffness_for, exponent, FREE.stiffness)), samples=150)
     run = db.solve(scene, backend=ENGINE, dt=1e-8)
-    twins = [
-        db.solve(scene, backend=TWIN, dt=1e-8, uncertainty=False, **how) for how in ({}, {"surrogate_radius": 2.0**-15})
-    ]
+    radii = (None, 2.0**-15)
+    twins = [db.solve(scene, backend=TWIN, dt=1e-8, uncertainty=False, surrogate_radius=radius) for radius in radii]
     round_off = run.uncertainty.parts["round_off"]
     # three realisations of it, and the last digit
     assert 3.0 * (_apart(*twins) + math.sqrt(15_000) * EPS) < _apart(run, _in_overlaps(run, scene)) <= round_off

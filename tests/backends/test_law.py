@@ -7,6 +7,7 @@ import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -348,7 +349,7 @@ def _runs_across_a_kink() -> list[object]:
 
 
 @pytest.mark.parametrize(("name", "settings", "law"), _runs_across_a_kink())
-def test_bars_hold_across_a_kink(name: str, settings: dict[str, float], law: Law) -> None:
+def test_bars_hold_across_a_kink(name: str, settings: dict[str, Any], law: Law) -> None:
     scene, peak, top, velocity = _against_a_wall(law)
     run = db.solve(scene, backend=name, **settings)
     assert np.max(np.abs(run.velocity[:, 0] - velocity(run.time))) <= run.uncertainty["velocity"]

@@ -10,6 +10,7 @@ import math
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -43,7 +44,7 @@ def trials(backend: str, seeds: Sequence[int], fractions: Sequence[float] = FRAC
     for seed in seeds:
         scene, truth = random_scene(seed), random_truth(seed)
         for part in fractions if backend in FIXED_STEP else (None,):
-            settings = {} if part is None else {"dt": part * shortest_contact(scene)}
+            settings: dict[str, Any] = {} if part is None else {"dt": part * shortest_contact(scene)}
             run = db.solve(scene, backend=backend, **settings)
             outside, wide, finite = {}, {}, {}
             for quantity in QUANTITIES:

@@ -12,6 +12,7 @@ import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -81,7 +82,7 @@ class Bench:
     def error(self, run: Trajectory) -> float:
         return float(np.abs(run.velocity - self.truth.velocity).max()) / self.scale
 
-    def run(self, name: str, **settings: object) -> Trajectory:
+    def run(self, name: str, **settings: Any) -> Trajectory:
         return db.solve(self.scene, backend=name, uncertainty=False, **settings)
 
     def cost(self, name: str, **settings: object) -> float:

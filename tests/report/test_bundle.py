@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 import dem_bridge
-from dem_bridge.api.runs import verify, write_found
+from dem_bridge.api.verification import verify, write_found
 from dem_bridge.backends.base import Sampling
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.lmp.engine import Engine
