@@ -116,7 +116,9 @@ def test_the_least_that_a_table_may_have_still_makes_a_deck(how: dict[str, Any],
 
 
 def test_an_unknown_setting_is_refused_with_those_that_exist() -> None:
-    with pytest.raises(UsageError, match=r"setting 'timestep' is unknown; allowed: backend, dt, accuracy, .*rtol, .*ranks"):
+    with pytest.raises(
+        UsageError, match=r"setting 'timestep' is unknown; allowed: backend, dt, accuracy, .*rtol, .*ranks"
+    ):
         db.solve(PAIR, backend="verlet", timestep=1e-7)
 
 
