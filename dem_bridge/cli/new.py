@@ -26,8 +26,11 @@ _NAME, _NAMES = "my-chain", re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 def template(form: str, name: str) -> str:
     """Return the scene file of a form (a key of FORMS) with the scene's name ``name``."""
+    from dem_bridge.scene_file.forms import Environment
+
     text = resources.files("dem_bridge").joinpath("scene_file", "templates", f"{form}.toml").read_text(encoding="utf-8")
-    return text.replace(f'"{_NAME}"', f'"{name}"', 1)
+    head, *keys = Environment.template_lines()
+    return text.replace(f'"{_NAME}"', f'"{name}"', 1).replace(head, "\n".join([head, *keys]))
 
 
 @click.command("new", epilog=f"Forms: {'. '.join(f'{form}: {use}' for form, use in FORMS.items())}.")

@@ -6,6 +6,7 @@ Numbers that are passed to the Scene unchanged have no limits here, because the 
 from __future__ import annotations
 
 import math
+import re
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -87,10 +88,26 @@ class Sampling(RawTable):
 
 
 class Environment(RawTable):
-    """Table [environment]."""
+    """Table [environment]: each key is an argument of Scene; its description begins with its unit.
 
-    gravity: float = 0.0
-    drag: float = 0.0
+    Scene files that are written, and templates with the value under ``examples``, follow from these declarations.
+    """
+
+    gravity: Annotated[float, Field(description="m/s^2, positive towards the last body", examples=[9.81])] = 0.0
+    drag: Annotated[float, Field(description="1/s: a force -drag mass velocity on each body", examples=[1.0])] = 0.0
+
+    @classmethod
+    def template_lines(cls) -> list[str]:
+        """Return the table as lines that are commented out, with the example and the description of each key."""
+        keys = [
+            (f"#{key} = {(field.examples or [0.0])[0]!r}", field.description) for key, field in cls.model_fields.items()
+        ]
+        return ["#[environment]", *(f"{setting:<31}# {description}" for setting, description in keys)]
+
+    @classmethod
+    def units(cls) -> dict[str, str]:
+        """Return the unit of each key."""
+        return {key: re.split("[,:]", field.description or "")[0] for key, field in cls.model_fields.items()}
 
 
 # raw form: numbers as lists
@@ -361,9 +378,8 @@ def in_common(file: RawScene | CylinderScene | SphereScene | PatternScene) -> di
         "precompression": 0.0 if chain.precompression is None else chain.precompression.force,
         "damping": None if damping is None else Damping(law=damping.law, coefficient=numbers(damping.coefficient)),
         "drive": None if chain.drive is None else chain.drive.drive(file.duration),
-        "gravity": file.environment.gravity,
-        "drag": file.environment.drag,
         "samples": file.sampling.count,
+        **file.environment.model_dump(),
     }
 
 

@@ -21,7 +21,7 @@ from pydantic import BaseModel, ValidationError
 from dem_bridge.errors import SceneError
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file.drive import with_force_of_file
-from dem_bridge.scene_file.forms import CylinderScene, PatternScene, RawScene, SphereScene, from_raw
+from dem_bridge.scene_file.forms import CylinderScene, Environment, PatternScene, RawScene, SphereScene, from_raw
 from dem_bridge.scene_file.pattern import from_pattern
 from dem_bridge.scene_file.physical import from_cylinders, from_spheres
 
@@ -144,9 +144,8 @@ _FILE_KEYS = {
     "name": "name",
     "duration": "duration",
     "samples": "sampling.count",
-    "gravity": "environment.gravity",
-    "drag": "environment.drag",
     "precompression": "chain.precompression.force",
+    **{key: f"environment.{key}" for key in Environment.model_fields},
 }
 
 

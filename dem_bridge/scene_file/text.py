@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dem_bridge.drive import KEYS, Drive
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene_file.forms import Environment
 
 #: numbers per line of a list
 _ON_A_LINE = 6
@@ -59,8 +60,7 @@ def _lines(scene: Scene) -> Iterator[str]:
     if scene.drive is not None:
         yield from _drive(scene.drive)
     yield "[environment]"
-    yield f"gravity = {scene.gravity!r}  # m/s^2"
-    yield f"drag = {scene.drag!r}  # 1/s"
+    yield from (f"{key} = {getattr(scene, key)!r}  # {unit}" for key, unit in Environment.units().items())
     yield "[sampling]"
     yield f"count = {scene.samples}"
 
