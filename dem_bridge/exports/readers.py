@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.exports.frames import Frames, Sheet, read_ase, read_csv, read_dump, rounding_error
+from dem_bridge.observables.interpolate import KNOWN_FORCES
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Cost, Trajectory
 from dem_bridge.version import __version__
@@ -249,7 +250,7 @@ def _from_sides(left: Floats, right: Floats, scene: Scene) -> Floats:
 def _from_net(net: Floats, time: Floats, scene: Scene, with_walls: bool) -> Floats | None:
     """Return contact forces from the net force on each atom at each time; None if they do not follow from it."""
     left, right = scene.wall_left is not None, scene.wall_right is not None
-    if scene.drag > 0.0 or (left and right and not with_walls):
+    if scene.drag > 0.0 or not KNOWN_FORCES.covers(scene) or (left and right and not with_walls):
         return None
     outer = np.tile(scene.steady_force, (len(time), 1))
     if scene.drive is not None:

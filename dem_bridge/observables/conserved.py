@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.observables.interpolate import NODES, acceleration, contact_motion, hermite
+from dem_bridge.observables.interpolate import NODES, acceleration, contact_motion, hermite, require_known_forces
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
@@ -30,6 +30,7 @@ def momentum_uncertainty(scene: Scene, trajectory: Trajectory) -> Floats:
 def energy_parts(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats, Floats]:
     """Energies, J, ``(n_t,)`` each: kinetic, stored in contacts (``beta overlap^n / n``, or what the
     law says), potential (``-(m g + load) x``)."""
+    require_known_forces(scene, "energies")
     mass, c = np.array(scene.mass), scene.contacts
     kinetic = 0.5 * trajectory.velocity**2 @ mass
     overlap = np.maximum(contact_motion(scene, trajectory)[0], 0.0)

@@ -16,13 +16,22 @@ from numpy.polynomial import Polynomial
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
-from dem_bridge.errors import UsageError
+from dem_bridge import features
+from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.scene import Scene
+from dem_bridge.support import Support
 from dem_bridge.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 Bracketed = Callable[[Floats], Floats]
 
+#: features whose forces and energies observables derive from a trajectory; of others they know nothing
+KNOWN_FORCES = Support(
+    {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
+    | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
+    | {features.CONTACT_FUNCTIONS, features.DASHPOT, features.KUWABARA_KONO, features.DRAG}
+    | {features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE}
+)
 #: samples that carry a polynomial, and those that carry the coarser one
 NODES, FEWER = 6, 4
 #: halvings that leave one double between two
@@ -34,6 +43,7 @@ def acceleration(scene: Scene, trajectory: Trajectory) -> Floats:
 
     nan where a trajectory has no contact forces (binary collisions).
     """
+    require_known_forces(scene, "the accelerations of bodies")
     c, force = scene.contacts, trajectory.contact_force
     total = np.zeros((len(trajectory.time), scene.n_body + 1))  # the last column is that of walls
     total[:, c.right] += force  # no body has two contacts on one side
@@ -56,6 +66,12 @@ def _spacing(times: bytes) -> float:
     if not np.all(np.abs(steps - steps[0]) <= 1e-9 * steps[0]):
         raise UsageError("the trajectory's samples are not evenly spaced; this observable needs Sampling's even times")
     return float(steps[0])
+
+
+def require_known_forces(scene: Scene, what: str) -> None:
+    """Raise UnsupportedScene for a scene with forces that observables do not know."""
+    if reason := KNOWN_FORCES.unsupported_reason(scene):
+        raise UnsupportedScene(f"{what} in {scene.name} cannot be computed: {reason}")
 
 
 def require_forces(trajectory: Trajectory, what: str) -> None:

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 import dem_bridge as db
 from dem_bridge.drive import Drive
-from dem_bridge.errors import UsageError
+from dem_bridge.errors import UnsupportedScene, UsageError
+from dem_bridge.features import FEATURES, Feature
+from dem_bridge.observables.conserved import energy, energy_parts
 from dem_bridge.observables.interpolate import acceleration, hermite, require_forces, root_between, spacing, state_at
 from dem_bridge.scene import Scene, Wall
 from tests.helpers.fake_runs import free_flight
@@ -152,3 +154,13 @@ def test_a_run_without_contact_forces_is_refused_by_the_name_of_its_backend() ->
     run = db.solve("decelerating-40", backend="bca")
     with pytest.raises(UsageError, match="width: backend 'bca' gives no contact forces"):
         require_forces(run, "width")
+
+
+def test_forces_that_observables_do_not_know_are_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    magnet = Feature("a magnet", "A constant force acts on each body.", lambda scene: scene.name == "magnetic")
+    for module in ("scene", "support"):
+        monkeypatch.setattr(f"dem_bridge.{module}.FEATURES", (*FEATURES, magnet))
+    scene = Scene(name="magnetic", duration=1.0, mass=(2.0, 3.0, 5.0), stiffness=(7.0, 11.0), velocity=(1.0, 2.0, 3.0))
+    for function in (acceleration, energy_parts, energy):
+        with pytest.raises(UnsupportedScene, match="in magnetic cannot be computed: the scene has a magnet;"):
+            function(scene, free_flight(contacts=2))
