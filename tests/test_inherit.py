@@ -9,8 +9,11 @@ import ast
 import doctest
 import inspect
 import json
+import os
 import re
 import shlex
+import shutil
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -57,7 +60,7 @@ def _sources(folder: str, pattern: str = "*.py") -> Iterator[tuple[Path, ast.Mod
 
 
 def test_every_recipe_has_steps_and_a_test_for_each_but_the_first() -> None:
-    assert set(recipes()) == {"backend", "observable", "scene", "fault", "study"}
+    assert set(recipes()) == {"backend", "observable", "scene", "field", "fault", "study"}
     for name, steps in recipes().items():
         assert len(steps) > 1, name
         assert all(step.forgotten for step in steps[1:]), name
@@ -189,6 +192,28 @@ def test_the_example_of_a_study_runs(built: Callable[[str], list[ModuleType]], s
     modules = built("study")
     assert _run(modules, solved) == 1
     assert "times smaller" in modules[1].study_halving(modules[1].PRESSED).answer[0]
+
+
+def test_the_example_of_a_field_changes_few_files_and_no_backend_that_refuses_it(tmp_path: Path) -> None:
+    blocks_of_field = [block for step in recipes()["field"] for block in step.blocks]
+    changed = {block.path for block in blocks_of_field if block.path.startswith("dem_bridge/")}
+    assert len(changed) <= 8
+    assert f"It changes {len(changed)} files of the\npackage." in PAGE
+    modules = {entry.module.replace(".", "/") + ".py" for entry in BACKENDS.values()}
+    assert changed & modules == {"dem_bridge/backends/verlet.py"}
+    shutil.copytree(ROOT / "dem_bridge", tmp_path / "dem_bridge", ignore=shutil.ignore_patterns("__pycache__"))
+    [test] = [block for block in blocks_of_field if block in MADE]
+    (tmp_path / "test_magnet.py").write_text(test.body, encoding="utf-8")
+    for block in blocks_of_field:
+        if block.path in changed:
+            file = tmp_path / block.path
+            file.write_text(block.patched(file.read_text(encoding="utf-8")), encoding="utf-8")
+    # interpreted: to compile the changed kernels would take longer than these few steps
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "NUMBA_DISABLE_JIT": "1"}
+    words = [sys.executable, "-m", "pytest", "-q", "-c", os.devnull, "-p", "no:cacheprovider", "test_magnet.py"]
+    done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-3000:]
+    assert f"{2 * len(BACKENDS)} passed" in done.stdout
 
 
 def test_the_example_of_a_scene_loads_and_has_the_hash_that_the_page_says(tmp_path: Path) -> None:

@@ -95,3 +95,8 @@ def test_gravity_alone_is_what_a_theory_refuses() -> None:
         " supported: exponents other than 5/2 and exponents that differ between contacts"
     )
     assert GRAVITY not in supports_of("bca").features
+
+
+def test_every_feature_is_supported_by_a_backend() -> None:
+    supported = {feature for name in BACKENDS for feature in supports_of(name).features}
+    assert [feature.label for feature in FEATURES if feature not in supported] == []

@@ -69,7 +69,7 @@ def recipes() -> dict[str, tuple[Step, ...]]:
         if title.startswith("Add a"):
             parts = re.split(r"^\d+\. ", text, flags=re.MULTILINE)[1:]
             forgotten = [_FORGOTTEN.search(part) for part in parts]
-            steps_of[title.split()[-1]] = tuple(
+            steps_of[title.split()[2]] = tuple(
                 Step(part.strip(), blocks(part), match[1] if match else "")
                 for part, match in zip(parts, forgotten, strict=True)
             )
