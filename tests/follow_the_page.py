@@ -64,8 +64,8 @@ def followed(copy: Path, steps: Sequence[Step], *, whole: bool) -> Path:
                 assert not file.exists(), f"{block.path} is there already"
                 file.write_text(block.body, encoding="utf-8")
         if not step.blocks:
-            readme = copy / "README.md"
-            readme.write_text(one_more_scene(readme.read_text(encoding="utf-8")), encoding="utf-8")
+            page = copy / "docs" / "scenes.md"
+            page.write_text(one_more_scene(page.read_text(encoding="utf-8")), encoding="utf-8")
     return copy
 
 

@@ -37,7 +37,9 @@ from tests.conftest import Solve
 from tests.helpers.move_pins import move_pins
 from tests.helpers.recipes import PAGE, ROOT, Block, blocks, one_more_scene, recipes
 
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+COMMANDS, PAPER, SCENES = (
+    (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in ("commands", "paper", "scenes")
+)
 VERDICTS = json.loads((ROOT / "reports/paper/verdicts.json").read_text(encoding="utf-8"))
 #: in physics each of these is near one that has baselines, and all are in the report
 WITHOUT_BASELINE = {
@@ -223,7 +225,7 @@ def test_the_example_of_a_scene_loads_and_has_the_hash_that_the_page_says(tmp_pa
     scene = db.load_scene(file)
     assert scene.name == file.stem
     assert f'"{scene.content_hash}"' in _diff("tests/scene_file/test_shipped_scenes.py", "twelve").added()
-    assert one_more_scene(README) != README
+    assert one_more_scene(SCENES) != SCENES
 
 
 def test_the_example_of_a_fault_is_named_by_the_verdicts_that_the_page_says() -> None:
@@ -296,8 +298,8 @@ def test_every_scene_has_baselines_or_none_on_purpose() -> None:
     assert not having & WITHOUT_BASELINE
 
 
-def test_the_readme_counts_the_shipped_scenes() -> None:
-    assert re.findall(r"^(\d+) scenes are shipped", README, re.MULTILINE) == [str(len(db.shipped_scenes()))]
+def test_the_page_of_scenes_counts_the_shipped_scenes() -> None:
+    assert re.findall(r"^(\d+) scenes are shipped", SCENES, re.MULTILINE) == [str(len(db.shipped_scenes()))]
 
 
 def test_the_committed_report_has_every_shipped_scene() -> None:
@@ -305,9 +307,9 @@ def test_the_committed_report_has_every_shipped_scene() -> None:
     assert found == set(db.shipped_scenes()), "dem-bridge verify paper --no-cache -o reports/paper"
 
 
-def test_the_readme_counts_the_claims_of_the_committed_report() -> None:
+def test_the_page_of_the_paper_counts_the_claims_of_the_committed_report() -> None:
     outcomes = [one["outcome"] for one in VERDICTS["claims"]]
-    told = re.search(r"reads (\d+) statements .*? (\d+) hold: .*? (\d+) do not: ", README, re.DOTALL)
+    told = re.search(r"reads (\d+) statements .*? (\d+) hold: .*? (\d+) do not: ", PAPER, re.DOTALL)
     assert told is not None
     assert [*map(int, told.groups())] == [len(outcomes), outcomes.count("PASS"), outcomes.count("FAIL")]
 
@@ -350,15 +352,15 @@ def test_every_study_is_in_the_catalogue() -> None:
     assert found == {(entry.module, entry.function) for entry in STUDIES.values()}
 
 
-def test_every_study_stands_in_the_readme_and_is_tested() -> None:
+def test_every_study_is_a_documented_command_and_is_tested() -> None:
     tests = "\n".join(file.read_text(encoding="utf-8") for file, _ in _sources("tests/studies", "test_*.py"))
     for name, (module, *_) in STUDIES.items():
-        assert f"dem-bridge study {name} " in README, name
+        assert f"dem-bridge study {name} " in COMMANDS, name
         package = module.removesuffix(".study")
         assert package in tests or f'"{name}"' in tests, f"no test of {name} in tests/studies"
 
 
 def test_a_made_up_recipe_that_does_not_fit_is_refused() -> None:
-    block = Block("diff", "README.md\n-no such line\n+another\n")
-    with pytest.raises(AssertionError, match=r"0 times in README\.md"):
-        block.patched(README)
+    block = Block("diff", "docs/commands.md\n-no such line\n+another\n")
+    with pytest.raises(AssertionError, match=r"0 times in docs/commands\.md"):
+        block.patched(COMMANDS)

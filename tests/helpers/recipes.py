@@ -76,6 +76,6 @@ def recipes() -> dict[str, tuple[Step, ...]]:
     return steps_of
 
 
-def one_more_scene(readme: str) -> str:
-    """Return the README with one scene more: the step that has no block."""
-    return re.sub(r"^(\d+)(?= scenes are shipped)", lambda match: str(int(match[1]) + 1), readme, flags=re.MULTILINE)
+def one_more_scene(page: str) -> str:
+    """Return the page of scenes with one scene more: the step that has no block."""
+    return re.sub(r"^(\d+)(?= scenes are shipped)", lambda match: str(int(match[1]) + 1), page, flags=re.MULTILINE)
