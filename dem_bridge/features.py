@@ -1,4 +1,4 @@
-"""What a scene may have beyond masses, power-law contacts and a struck first body: one declaration for each feature.
+"""Features of scenes: one declaration for each thing beyond masses, power-law contacts and a struck first body.
 
 ``Scene.features`` is computed from these declarations, and a backend lists the features that it supports
 (:mod:`dem_bridge.support`). A backend refuses every feature that it does not list, so a feature that is added here is
@@ -186,4 +186,4 @@ FIELDS: Mapping[str, tuple[Feature, ...]] = MappingProxyType(
     }
 )
 #: all features that the fields can give, each once, in the order of lists and messages
-FEATURES: tuple[Feature, ...] = tuple(dict.fromkeys(feature for found in FIELDS.values() for feature in found))
+FEATURES: tuple[Feature, ...] = tuple(dict.fromkeys(feature for declared in FIELDS.values() for feature in declared))

@@ -1,4 +1,4 @@
-"""Which scenes a code can solve, as a declaration from which every refusal is generated.
+"""Support of a code: a declaration of the scenes that it can solve, from which the reasons for all others follow.
 
 >>> from dem_bridge.features import GAPS
 >>> import dem_bridge as db
@@ -68,7 +68,7 @@ class Support:
     conditions : tuple of Condition
         Further requirements.
     scope : str
-        A clause that explains the limits, for the reason of a refusal.
+        A clause that explains the limits; it is part of the reason why a scene is not supported.
     instead : str
         The backend to recommend first for other scenes.
     """

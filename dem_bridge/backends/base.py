@@ -178,8 +178,22 @@ def backend(name: str, engine: Engine | None = None) -> Backend:
 
 
 def unsupported_reason(chosen: Backend, scene: Scene) -> str | None:
-    """Return in one line why a backend does not support a scene and which one does; None if it does.
+    """Return the reason why a backend does not support a scene, in one line; None if it supports it.
 
+    Parameters
+    ----------
+    chosen : Backend
+        Any backend; only its declaration of support is used.
+    scene : Scene
+        The scene that it is to solve.
+
+    Returns
+    -------
+    str or None
+        What the scene has, what the backend supports, and the backend to use instead.
+
+    Examples
+    --------
     >>> scene = Scene(name="pair", duration=1e-4, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), drag=1.0)
     >>> unsupported_reason(backend("blanes-moan"), scene).split("; ")[0::3]
     ['the scene has drag', "use backend = 'scipy'"]
@@ -193,7 +207,7 @@ def unsupported_reason(chosen: Backend, scene: Scene) -> str | None:
 
 
 def supports_of(name: str) -> Support:
-    """Return what the backend of that name in the catalogue supports, without making one."""
+    """Return the declaration of the backend of that name in the catalogue, without creating the backend."""
     entry = BACKENDS[name]
     declared: Support = getattr(importlib.import_module(entry.module), entry.attribute).supports
     return declared

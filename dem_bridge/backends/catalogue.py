@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 
 class Entry(NamedTuple):
-    """Where a backend is, and what it is, in the words of the README's table."""
+    """The module and class of a backend, and its method and purpose for the README's table."""
 
     module: str
     """Imported only when the backend is used."""

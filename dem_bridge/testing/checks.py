@@ -98,11 +98,23 @@ def check_backend(chosen: Backend) -> None:
 
 
 def backend_checks(chosen: Backend) -> list[Check]:
-    """Return the checks of a backend, each with its name.
+    """Return the checks of a backend, for one test each.
 
-    Those of features depend on what the backend declares: a scene with each supported feature must be solved, and a
-    scene with each other feature must be refused by name.
+    Checks of features follow from the declaration of the backend: a scene with each supported feature must be solved,
+    and a scene with each other feature must be refused by name.
 
+    Parameters
+    ----------
+    chosen : Backend
+        As for :func:`check_backend`.
+
+    Returns
+    -------
+    list of Check
+        Functions without arguments; ``str(check)`` is the name.
+
+    Examples
+    --------
     >>> from dem_bridge.testing import ExactPair
     >>> names = [check.name for check in backend_checks(ExactPair())]
     >>> names[0], "solves gravity" in names, "refuses drag" in names
@@ -131,19 +143,19 @@ def _generate(chosen: Backend) -> Iterator[Check]:
         yield Check(test.__name__.replace("_", " "), test)
     exponent = subject.base.contacts.exponent.tolist()[0] if subject.base.n_contact else 2.5
     for bodies, test_of in ((1, subject.free_flight), (2, subject.two_bodies)):
-        scene = plain_scene(bodies, exponent)
-        if chosen.equations == HERTZ and chosen.supports.covers(scene):
-            yield Check(test_of.__name__.replace("_", " "), partial(test_of, scene))
+        plain = plain_scene(bodies, exponent)
+        if chosen.equations == HERTZ and chosen.supports.covers(plain):
+            yield Check(test_of.__name__.replace("_", " "), partial(test_of, plain))
     for feature in FEATURES:
-        found = example(feature, chosen.supports)
+        scene = example(feature, chosen.supports)
         if feature in chosen.supports.features:
-            yield Check(f"solves {feature.label}", partial(subject.solves, feature, found))
-        elif found is not None:
-            yield Check(f"refuses {feature.label}", partial(subject.refuses, feature.label, found))
+            yield Check(f"solves {feature.label}", partial(subject.solves, feature, scene))
+        elif scene is not None:
+            yield Check(f"refuses {feature.label}", partial(subject.refuses, feature.label, scene))
     refused = next((n for n in OTHER if n not in chosen.supports.exponents), None)
     if refused is not None and subject.base.n_contact:
-        scene = plain_scene(subject.base.n_body, refused)
-        yield Check(f"refuses the exponent {refused:g}", partial(subject.refuses, f"exponent n = {refused!r}", scene))
+        plain = plain_scene(subject.base.n_body, refused)
+        yield Check(f"refuses the exponent {refused:g}", partial(subject.refuses, f"exponent n = {refused!r}", plain))
 
 
 class _Subject:
@@ -173,10 +185,14 @@ class _Subject:
         _require(reason is None, f"no chain of one to three bodies without any feature is supported: {reason}")
 
     def availability(self) -> None:
-        found = self.backend.availability()
-        _require(isinstance(found, Availability), f"availability() returns {found!r}; required: an Availability")
-        _require(found.available == (not found.reason), "a reason is required exactly if the backend is not available")
-        _require(found.available, f"the backend is not available here, and nothing else can be checked: {found.reason}")
+        answer = self.backend.availability()
+        _require(isinstance(answer, Availability), f"availability() returns {answer!r}; required: an Availability")
+        _require(
+            answer.available == (not answer.reason), "a reason is required exactly if the backend is not available"
+        )
+        _require(
+            answer.available, f"the backend is not available here, and nothing else can be checked: {answer.reason}"
+        )
 
     def shapes(self) -> None:
         run, scene = self.first_run(), self.base
@@ -206,28 +222,28 @@ class _Subject:
         _require(not np.any(run.contact_force[0] > 0.0), "bodies that only touch have a contact force at the start")
 
     def provenance(self) -> None:
-        found = self.first_run().provenance
+        provenance = self.first_run().provenance
         for key, value in {
             "backend": self.backend.name,
             "equations": self.backend.equations,
             "scene": self.base.name,
             "scene_hash": self.base.content_hash,
         }.items():
-            _require(found.get(key) == value, f"provenance[{key!r}] = {found.get(key)!r}; required: {value!r}")
+            _require(provenance.get(key) == value, f"{key} = {provenance.get(key)!r}; required: {value!r}")
 
     def uncertainty(self) -> None:
-        found = self.run(self.base, full=True).uncertainty
-        _require(set(found) == set(QUANTITIES), f"quantities are {sorted(found)}; required: {sorted(QUANTITIES)}")
+        estimate = self.run(self.base, full=True).uncertainty
+        _require(set(estimate) == set(QUANTITIES), f"quantities are {sorted(estimate)}; required: {sorted(QUANTITIES)}")
         for name in QUANTITIES:
-            _require(np.all(np.asarray(found[name]) >= 0.0), f"the uncertainty of {name} is negative or nan")
+            _require(np.all(np.asarray(estimate[name]) >= 0.0), f"the uncertainty of {name} is negative or nan")
         for name in PER_CONTACT:
-            shape, contacts = np.shape(found[name]), self.base.n_contact
+            shape, contacts = np.shape(estimate[name]), self.base.n_contact
             _require(shape == (contacts,), f"the uncertainty of {name} has the shape {shape}; required: ({contacts},)")
 
     def cost(self) -> None:
-        found = self.first_run().cost
+        cost = self.first_run().cost
         for name in ("wall", "cpu", "steps", "force_evaluations"):
-            _require(getattr(found, name) >= 0.0, f"{name} = {getattr(found, name)}; required: a number >= 0")
+            _require(getattr(cost, name) >= 0.0, f"{name} = {getattr(cost, name)}; required: a number >= 0")
 
     def sampling(self) -> None:
         count = self.base.samples // 5

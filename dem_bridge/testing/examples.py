@@ -98,10 +98,24 @@ EXAMPLES: Mapping[Feature, Callable[[Scene], Mapping[str, Any]]] = MappingProxyT
 
 
 def example(feature: Feature, support: Support) -> Scene | None:
-    """Return a scene that has the feature, if possible one that a backend with this support accepts.
+    """Return a small scene that has a feature and otherwise nothing that a backend does not support.
 
-    None: no scene has the feature without another that is not supported, as exponents that differ between contacts
-    where only Hertz's is.
+    Parameters
+    ----------
+    feature : Feature
+        The feature that the scene has, whether or not it is supported.
+    support : Support
+        What else the scene may have.
+
+    Returns
+    -------
+    Scene or None
+        None if the conditions or exponents of the support exclude every example of the feature.
+
+    Examples
+    --------
+    >>> example(features.DRAG, Support({features.GAPS})).features
+    frozenset({<Feature: drag>})
     """
     needs = {features.OTHER_EXPONENTS} if feature is features.GRADED_EXPONENTS else set()
     wider = Support({*support.features, feature, *needs}, exponents=support.exponents, conditions=support.conditions)
