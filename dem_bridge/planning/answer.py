@@ -75,7 +75,7 @@ def answer(options: Options, chosen: Option, left_out: Mapping[str, str], measur
         resolution["rtol"] = chosen.setting
     if options.outlook.sampling.count != options.scene.samples:
         resolution["samples"] = options.outlook.sampling.count
-    own = candidate.runs == candidate.name
+    own_value = candidate.runs == candidate.name
     return Plan(
         scene=options.scene.name,
         accuracy=options.accuracy,
@@ -85,7 +85,7 @@ def answer(options: Options, chosen: Option, left_out: Mapping[str, str], measur
         predicted_error=chosen.error,
         predicted_cost=chosen.cost,
         found_error=None if trial is None else trial.error,
-        found_cost=chosen.cost if trial is not None and own else None,
+        found_cost=chosen.cost if trial is not None and own_value else None,
         model_error=_modelled(options, chosen),
         model_cost=options.outlook.cost(candidate.name, chosen.setting),
         steps=steps,

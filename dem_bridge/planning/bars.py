@@ -19,14 +19,14 @@ MOST_STEPS = 50_000_000
 
 
 def resolution_for(
-    scene: Scene, accuracy: float, resolution: Resolution, sampling: Sampling, own: Backend | None = None
+    scene: Scene, accuracy: float, resolution: Resolution, sampling: Sampling, backend: Backend | None = None
 ) -> Resolution:
     """``resolution`` with the largest step of the 1-2-5 series whose velocity bar is within ``accuracy``.
 
     Bars are those of ``own``, a fixed-step backend, or of the twin, which are those of LAMMPS, too. Raises
     UsageError where that would take more than 5e7 steps, UnsupportedScene where that code cannot do the scene.
     """
-    code = own or Verlet()
+    code = backend or Verlet()
     assert code.order is not None  # it has a fixed step
     order = order_on(scene) if code.order == Verlet.order else code.order
     reason = unsupported_reason(code, scene)

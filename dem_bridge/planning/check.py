@@ -148,9 +148,9 @@ class Judge:
         if self.truth is not None:
             return measured_error(self.observable, self.scene, run, self.truth)
         kind = "damped" if candidate.knob == "dt" and candidate.order == 1.0 else candidate.knob
-        wanted = setting / FINER[kind]
-        there = [one for name, one in self._runs if name == candidate.name and one <= 1.05 * wanted]
-        finer = max(there, default=self.snapped(candidate, wanted))
+        requested = setting / FINER[kind]
+        there = [item for name, item in self._runs if name == candidate.name and item <= 1.05 * requested]
+        finer = max(there, default=self.snapped(candidate, requested))
         if not finer < setting:
             return math.inf  # there is no finer one to see its error by
         apart = measured_error(self.observable, self.scene, run, self.run(candidate, finer))
@@ -159,11 +159,11 @@ class Judge:
     def cpu(self, candidate: Candidate, setting: float, first: float) -> float:
         """CPU of a run that took ``first``, s: the least of three where they are short, for one may bring the compiler
         and another be disturbed."""
-        found = [first]
-        while len(found) < 3 and sum(found) < 0.5:
+        results = [first]
+        while len(results) < 3 and sum(results) < 0.5:
             self._runs.pop((candidate.name, self.snapped(candidate, setting)), None)
-            found.append(self.run(candidate, setting).cost.cpu)
-        return min(found)
+            results.append(self.run(candidate, setting).cost.cpu)
+        return min(results)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,12 +177,12 @@ class Settled:
     @property
     def least(self) -> float:
         """The least error that was found."""
-        return min(one.error for one in self.trials)
+        return min(trial.error for trial in self.trials)
 
 
 def observed_order(trials: Sequence[Trial]) -> float:
     """Slope of the errors in the settings, in decades, by least squares; nan where there is none."""
-    real = [(math.log(one.setting), math.log(one.error)) for one in trials if 0.0 < one.error < math.inf]
+    real = [(math.log(trial.setting), math.log(trial.error)) for trial in trials if 0.0 < trial.error < math.inf]
     settings, errors = [s for s, _ in real], [e for _, e in real]
     if len({*settings}) < 2:
         return math.nan
@@ -207,25 +207,25 @@ def settle(
     setting everywhere: the coarsest that serves of all that were tried is the answer, and where they are ``erratic``
     some that are coarser than that are tried besides.
     """
-    made: list[Trial] = []
+    created: list[Trial] = []
     close, aim = CLOSE[knob], AIM[knob]
 
     def known(setting: float) -> bool:
-        return any(math.isclose(one.setting, setting, rel_tol=1e-9) for one in made)
+        return any(math.isclose(item.setting, setting, rel_tol=1e-9) for item in created)
 
     setting = min(max(first, least), most)
     for _ in range(MOST_TRIALS):
-        found = trial(setting)
-        if known(found.setting):
+        result = trial(setting)
+        if known(result.setting):
             break  # no step between the two that are known
-        made.append(found)
-        best = max((one for one in made if one.error <= target), key=lambda one: one.setting, default=None)
-        above = min((o.setting for o in made if best is None or o.setting > best.setting), default=math.inf)
-        slope = _slope(made, target, order)
+        created.append(result)
+        best = max((item for item in created if item.error <= target), key=lambda item: item.setting, default=None)
+        above = min((o.setting for o in created if best is None or o.setting > best.setting), default=math.inf)
+        slope = _slope(created, target, order)
         if best is not None:
             room = (target / best.error) ** (1.0 / slope) if best.error > 0.0 else math.inf
             enough = min(room, above / best.setting, most / best.setting) <= close
-            if enough and len(made) > 1:
+            if enough and len(created) > 1:
                 break
             setting = best.setting * min(
                 8.0, max(room * aim ** (1.0 / slope), math.sqrt(room)) if room > close else close
@@ -234,31 +234,31 @@ def settle(
                 setting = math.sqrt(best.setting * above)
             setting = min(setting, most)
         else:
-            lowest = min(made, key=lambda one: one.setting)
-            if lowest.setting <= least * (1.0 + 1e-9) or _stalled(made):
+            lowest = min(created, key=lambda item: item.setting)
+            if lowest.setting <= least * (1.0 + 1e-9) or _stalled(created):
                 break
             ratio = (aim * target / lowest.error) ** (1.0 / slope) if lowest.error < math.inf else 0.25
             setting = max(least, lowest.setting * min(0.9, max(0.05, ratio)))
-    best = max((one for one in made if one.error <= target), key=lambda one: one.setting, default=None)
+    best = max((item for item in created if item.error <= target), key=lambda item: item.setting, default=None)
     if erratic and best is not None:
         coarser = {trial(min(factor * best.setting, most)) for factor in COARSER}
-        made += [one for one in coarser if not known(one.setting)]
-        best = max((one for one in made if one.error <= target), key=lambda one: one.setting)
-    return Settled(best=best, trials=tuple(made))
+        created += [item for item in coarser if not known(item.setting)]
+        best = max((item for item in created if item.error <= target), key=lambda item: item.setting)
+    return Settled(best=best, trials=tuple(created))
 
 
-def _slope(made: list[Trial], target: float, order: float) -> float:
+def _slope(created: list[Trial], target: float, order: float) -> float:
     """The order that the two trials nearest to the target show, as far as it is credible."""
     real = sorted(
-        (one for one in made if 0.0 < one.error < math.inf), key=lambda one: abs(math.log(one.error / target))
+        (item for item in created if 0.0 < item.error < math.inf), key=lambda item: abs(math.log(item.error / target))
     )
     shown = observed_order(real[:2])
     return order if math.isnan(shown) else min(1.5 * order, max(0.5 * order, shown))
 
 
-def _stalled(made: list[Trial]) -> bool:
+def _stalled(created: list[Trial]) -> bool:
     """Whether the last three, each finer than the one before, did no better: a floor, which no setting lowers."""
-    if len(made) < 4:
+    if len(created) < 4:
         return False
-    a, *_, d = made[-4:]
+    a, *_, d = created[-4:]
     return d.setting < 0.3 * a.setting and d.error > 0.7 * a.error

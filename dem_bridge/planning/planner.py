@@ -321,14 +321,14 @@ class Planner:
         """Return a candidate with all settings of its runs: for LAMMPS the surrogate radius and the tables."""
         if candidate.name not in ENGINE_BACKENDS:
             return candidate
-        given = {"surrogate_radius": radius_of(self.scene, Resolution(), self.outlook.prescan)}
+        provided = {"surrogate_radius": radius_of(self.scene, Resolution(), self.outlook.prescan)}
         if candidate.name != "lammps-table":
-            return replace(candidate, given=given)
-        plain = replace(candidate, given=given, name="without tables")
+            return replace(candidate, given=provided)
+        plain = replace(candidate, given=provided, name="without tables")
         error = math.inf
         for points in TABLE_POINTS:
             answer = {} if points is None else {"table_points": points}
-            tabled = replace(candidate, given={**given, **answer, "tables": True}, answer=answer)
+            tabled = replace(candidate, given={**provided, **answer, "tables": True}, answer=answer)
             # named by its points, so that runs with other tables are told apart
             run = self.judge.run(replace(tabled, name=f"{points} points"), setting)
             error = measured_error(self.observable, self.scene, run, self.judge.run(plain, setting))

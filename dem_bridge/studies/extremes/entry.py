@@ -49,16 +49,16 @@ class Entry:
 
 def kinds(judged: Backend) -> tuple[str, ...]:
     """What an expectation for this backend may stand under, the most special first."""
-    found = [judged.name]
+    results = [judged.name]
     if judged.name in ENGINE_BACKENDS:
-        found.append(ENGINE)
+        results.append(ENGINE)
     if judged.equations != "hertz":
-        return (*found, THEORY)
+        return (*results, THEORY)
     if judged.order == 2:
-        found.append(VERLET)
+        results.append(VERLET)
     if judged.order is not None:
-        found.append(FIXED_STEP)
-    return (*found, HERTZ)
+        results.append(FIXED_STEP)
+    return (*results, HERTZ)
 
 
 def expectation(entry: Entry, name: str) -> Expected:
@@ -88,17 +88,19 @@ def theories_refuse(because: str, **more: Expected) -> dict[str, Expected]:
 
 def checked(entries: Sequence[Entry]) -> Mapping[str, Entry]:
     """By name; ValueError where two share one, or an expectation or setting is for nobody."""
-    known = {*BACKENDS, THEORY, VERLET, FIXED_STEP, ENGINE, HERTZ}
-    found: dict[str, Entry] = {}
-    for one in entries:
-        if one.name in found:
-            raise ValueError(f"two entries are called {one.name}")
-        if stray := ({*one.expected} - known) | ({*one.settings, *one.left_out, *one.instead} - {*BACKENDS}):
+    known_values = {*BACKENDS, THEORY, VERLET, FIXED_STEP, ENGINE, HERTZ}
+    results: dict[str, Entry] = {}
+    for entry in entries:
+        if entry.name in results:
+            raise ValueError(f"two entries are called {entry.name}")
+        if stray := ({*entry.expected} - known_values) | (
+            {*entry.settings, *entry.left_out, *entry.instead} - {*BACKENDS}
+        ):
             raise ValueError(
-                f"{one.name}: {min(stray)!r} is no backend and no kind; allowed: {', '.join(sorted(known))}"
+                f"{entry.name}: {min(stray)!r} is no backend and no kind; allowed: {', '.join(sorted(known_values))}"
             )
-        found[one.name] = one
-    return MappingProxyType(found)
+        results[entry.name] = entry
+    return MappingProxyType(results)
 
 
 def plain(value: float) -> str:

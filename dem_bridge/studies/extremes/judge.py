@@ -123,27 +123,27 @@ def judge(result: Result, standards: Sequence[Standard], *, model: bool) -> Find
         return Finding(word=Word.REFUSED, reason=str(failure))
     if model:
         return _model(run, standards)
-    for one in standards:
-        if one.run is None:
-            return Finding(word=Word.NO_TRUTH, standard=one.says, reason=one.reason)
-    found = [_worst(run, one.run, one) for one in standards if one.run is not None]
-    worst = max(found, key=lambda one: one.ratio)
+    for standard in standards:
+        if standard.run is None:
+            return Finding(word=Word.NO_TRUTH, standard=standard.says, reason=standard.reason)
+    results = [_worst(run, standard.run, standard) for standard in standards if standard.run is not None]
+    worst = max(results, key=lambda item: item.ratio)
     if worst.ratio > 1.0:
         return worst
     if worst.velocity_bar >= WHOLE:
         return Finding(**{**vars(worst), "word": Word.NO_BAR, "reason": "its bar is a whole scale: it says nothing"})
-    if min(_said(one.run) for one in standards if one.run is not None) >= WHOLE:
+    if min(_said(standard.run) for standard in standards if standard.run is not None) >= WHOLE:
         return Finding(**{**vars(worst), "word": Word.NO_TRUTH, "reason": "no truth has a bar"})
     return worst
 
 
-def outcome(found: Finding, expected: Expected) -> Outcome:
+def outcome(finding: Finding, expected: Expected) -> Outcome:
     """PASS where what was found is expected; a missing engine is NOT_RUN, a crash BROKEN whatever is expected."""
-    if found.word is Word.NOT_RUN:
+    if finding.word is Word.NOT_RUN:
         return Outcome.NOT_RUN
-    if found.word is Word.BROKEN:
+    if finding.word is Word.BROKEN:
         return Outcome.BROKEN
-    return Outcome.PASS if expected.fits(found.word, found.reason) else Outcome.FAIL
+    return Outcome.PASS if expected.fits(finding.word, finding.reason) else Outcome.FAIL
 
 
 def _said(run: Trajectory) -> float:
@@ -174,20 +174,20 @@ def _model(run: Trajectory, standards: Sequence[Standard]) -> Finding:
 
 def _worst(run: Trajectory, truth: Trajectory, standard: Standard) -> Finding:
     """The quantity of which the error is the largest part of both bars."""
-    found: list[Finding] = []
+    results: list[Finding] = []
     unsaid: list[str] = []
     for name in QUANTITIES:
-        mine, other = getattr(run, name), getattr(truth, name)
-        error = np.abs(mine - other)
+        first, other = getattr(run, name), getattr(truth, name)
+        error = np.abs(first - other)
         # neither has a value: agreed; only one has: infinitely far apart
-        error = np.where(np.isnan(mine) & np.isnan(other), 0.0, np.where(np.isnan(error), math.inf, error))
+        error = np.where(np.isnan(first) & np.isnan(other), 0.0, np.where(np.isnan(error), math.inf, error))
         sampled = name in ("velocity", "displacement")
         if sampled:
             error = np.max(error, initial=0.0, keepdims=True).ravel()
             scale = np.array([np.max(np.abs(other), initial=0.0)])
         else:
             scale = own_scale(other)
-        bars = [np.broadcast_to(np.atleast_1d(one.uncertainty[name]), error.shape) for one in (run, truth)]
+        bars = [np.broadcast_to(np.atleast_1d(item.uncertainty[name]), error.shape) for item in (run, truth)]
         allowed = np.zeros_like(error) if standard.to_the_bit else bars[0] + bars[1]
         ratio = np.array([_ratio(e, b) for e, b in zip(error, allowed, strict=True)])
         if not len(ratio):
@@ -198,7 +198,7 @@ def _worst(run: Trajectory, truth: Trajectory, standard: Standard) -> Finding:
             unsaid.append(name if sampled else f"{name} of {vague} of {len(ratio)}")
         at = int(np.argmax(ratio))
         of = float(scale[at])
-        found.append(
+        results.append(
             Finding(
                 word=Word.RIGHT if ratio[at] <= 1.0 else Word.WRONG,
                 standard=standard.says,
@@ -210,7 +210,7 @@ def _worst(run: Trajectory, truth: Trajectory, standard: Standard) -> Finding:
                 velocity_bar=_said(run),
             )
         )
-    worst = max(found, key=lambda one: one.ratio)
+    worst = max(results, key=lambda result: result.ratio)
     return Finding(**{**vars(worst), "unsaid": ", ".join(unsaid)})
 
 

@@ -34,13 +34,13 @@ class ShortTable(LammpsTable):
     """Tables that end where the deepest overlap is foreseen, a line short of it."""
 
     def _tables(self, scene: Scene, resolution: Resolution, prescan: Prescan) -> TableSet | None:
-        found = tables_for(scene, resolution, prescan)
+        result = tables_for(scene, resolution, prescan)
         deepest = float(np.max(prescan.peak_overlap))
         cut = {}
-        for law, table in found.tables.items():
+        for law, table in result.tables.items():
             kept = table.distance > table.distance[-1] - deepest
             cut[law] = replace(table, distance=table.distance[kept], energy=table.energy[kept], force=table.force[kept])
-        return replace(found, tables=cut)
+        return replace(result, tables=cut)
 
 
 def tables() -> Iterator[Entry]:

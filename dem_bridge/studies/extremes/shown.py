@@ -46,20 +46,20 @@ class Row:
     @property
     def verdict(self) -> Verdict:
         """The same with its numbers."""
-        found = self.found
+        result = self.found
         return Verdict(
             scene=self.entry.name,
-            quantity=found.quantity,
+            quantity=result.quantity,
             backend=self.backend,
-            reference=found.standard,
+            reference=result.standard,
             outcome=self.outcome,
-            sentence=f"{self.backend} on {self.entry.name}: expected {self.expected}, found {found.cell}"
-            + (f" ({found.reason})" if found.reason else "")
+            sentence=f"{self.backend} on {self.entry.name}: expected {self.expected}, found {result.cell}"
+            + (f" ({result.reason})" if result.reason else "")
             + ".",
-            difference=found.error,
-            uncertainty=found.bar,
-            reference_uncertainty=found.standard_bar,
-            tolerance=found.bar + found.standard_bar,
+            difference=result.error,
+            uncertainty=result.bar,
+            reference_uncertainty=result.standard_bar,
+            tolerance=result.bar + result.standard_bar,
         )
 
 
@@ -75,8 +75,8 @@ def answer(rows: Sequence[Row]) -> tuple[str, ...]:
         if not wrong
         else f"{len(wrong)} of {len(rows)} are wrong in silence ({_named(wrong)})"
     )
-    told = ", ".join(f"{count[word]} {what}" for word, what in _WORDS.items() if count[word])
-    sentences = [f"{said}: {entries} extremes by {backends} backends, {told}."]
+    details = ", ".join(f"{count[word]} {what}" for word, what in _WORDS.items() if count[word])
+    sentences = [f"{said}: {entries} extremes by {backends} backends, {details}."]
     if judged:
         nearest = max(judged, key=lambda row: row.found.ratio)
         sentences.append(
@@ -117,9 +117,9 @@ def _named(rows: Sequence[Row]) -> str:
     by_entry: dict[str, list[str]] = {}
     for row in rows:
         by_entry.setdefault(row.entry.name, []).append(row.backend)
-    told = [f"{name}: {', '.join(backends)}" for name, backends in by_entry.items()]
-    more = len(told) - 8
-    return "; ".join(told[:8]) + (f"; and {more} more" if more > 0 else "")
+    details = [f"{name}: {', '.join(backends)}" for name, backends in by_entry.items()]
+    more = len(details) - 8
+    return "; ".join(details[:8]) + (f"; and {more} more" if more > 0 else "")
 
 
 def tables(rows: Sequence[Row]) -> tuple[Table, ...]:
@@ -132,10 +132,10 @@ def _counts(rows: Sequence[Row]) -> Table:
     backends = list(dict.fromkeys(row.backend for row in rows))
     lines: list[tuple[str | float, ...]] = []
     for name in backends:
-        mine = [row for row in rows if row.backend == name]
-        ratios = [row.found.ratio for row in mine if row.found.word is Word.RIGHT]
-        count = Counter(row.found.word for row in mine)
-        expected = sum(row.outcome is Outcome.PASS for row in mine)
+        first = [row for row in rows if row.backend == name]
+        ratios = [row.found.ratio for row in first if row.found.word is Word.RIGHT]
+        count = Counter(row.found.word for row in first)
+        expected = sum(row.outcome is Outcome.PASS for row in first)
         lines.append((name, float(expected), *(float(count[word]) for word in words), max(ratios, default=math.nan)))
     return Table(
         id="counts",
@@ -158,7 +158,7 @@ def _matrix(rows: Sequence[Row]) -> Table:
         caption="right: with the bar of velocities over the largest; model: with the median difference of arrivals."
         " What is not as expected is marked.",
         columns=("extreme", *backends),
-        rows=tuple((name, *(line[one] for one in backends)) for name, line in cells.items()),
+        rows=tuple((name, *(line[backend] for backend in backends)) for name, line in cells.items()),
     )
 
 
@@ -214,8 +214,8 @@ def _asked(rows: Sequence[Row]) -> Table:
         caption="And what a run must be, all of it.",
         columns=("extreme", "asks", "bodies", "truths"),
         rows=tuple(
-            (one.name, one.asks, float(one.scene.n_body), "; ".join(truth.says for truth in one.truths))
-            for one in entries.values()
+            (entry.name, entry.asks, float(entry.scene.n_body), "; ".join(truth.says for truth in entry.truths))
+            for entry in entries.values()
         ),
     )
 
@@ -233,13 +233,13 @@ def figures(rows: Sequence[Row]) -> tuple[FigureData, ...]:
             Series(label="error = bars", style="guide", x=np.ones(2), y=np.array([-0.5, len(some) - 0.5])),
         ]
         for name in dict.fromkeys(row.backend for row in judged):
-            mine = [row for row in judged if row.backend == name and row.entry.name in some]
+            first = [row for row in judged if row.backend == name and row.entry.name in some]
             series.append(
                 Series(
                     label=name,
                     style=f"mark/{name}",
-                    x=np.array([min(max(row.found.ratio, LEAST), MOST) for row in mine]),
-                    y=np.array([float(some.index(row.entry.name)) for row in mine]),
+                    x=np.array([min(max(row.found.ratio, LEAST), MOST) for row in first]),
+                    y=np.array([float(some.index(row.entry.name)) for row in first]),
                 )
             )
         panels.append(

@@ -64,7 +64,9 @@ def study_extremes(
     UsageError
         If no extreme is left.
     """
-    entries = [one for one in catalogue().values() if (match is None or match in one.name) and not (quick and one.slow)]
+    entries = [
+        item for item in catalogue().values() if (match is None or match in item.name) and not (quick and item.slow)
+    ]
     if not entries:
         raise UsageError(f"match = {match!r}; allowed: a part of one of: {', '.join(catalogue())}")
     rows = rows_of(entries, engine=engine, jobs=jobs, progress=progress, store=store)
@@ -93,11 +95,11 @@ def rows_of(
     cases = [
         case
         for plan in plans
-        for case in (plan.own, *(one for _, some in plan.truths for one in some))
+        for case in (plan.own, *(item for _, some in plan.truths for item in some))
         if isinstance(case, Case) and not (case is plan.own and plan.backend in plan.entry.instead)
     ]
-    found = run_cases(cases, jobs=jobs, progress=progress, store=store, everything=True)
-    results = {id(case): one for case, one in zip(cases, found, strict=True)}
+    result = run_cases(cases, jobs=jobs, progress=progress, store=store, everything=True)
+    results = {id(case): result for case, result in zip(cases, result, strict=True)}
     return [_judged(plan, results, engine) for plan in plans]
 
 
@@ -124,11 +126,11 @@ def _plan(entry: Entry, name: str, dt: float | None, engine: Engine | None) -> _
     if name in entry.left_out:
         return _Plan(entry=entry, backend=name, own=BackendUnavailable(entry.left_out[name]), truths=())
     try:
-        own = case(entry.scene, name)
+        own_value = case(entry.scene, name)
     except UsageError as error:
         return _Plan(entry=entry, backend=name, own=error, truths=())
     if not supports_of(name).covers(entry.scene):
-        return _Plan(entry=entry, backend=name, own=own, truths=())
+        return _Plan(entry=entry, backend=name, own=own_value, truths=())
     theory = backend(name).equations != "hertz"
     truths = []
     for truth in entry.truths[:1] if theory else entry.truths:
@@ -136,32 +138,32 @@ def _plan(entry: Entry, name: str, dt: float | None, engine: Engine | None) -> _
         # a witness with a step has a finer one
         faster = truth.faster * (1.0 if truth.own else FINER)
         truths.append((truth, tuple(case(scene, by, faster) for scene in truth.scenes)))
-    return _Plan(entry=entry, backend=name, own=own, truths=tuple(truths))
+    return _Plan(entry=entry, backend=name, own=own_value, truths=tuple(truths))
 
 
 def _judged(plan: _Plan, results: Mapping[int, Result], engine: Engine | None) -> Row:
     expected = expectation(plan.entry, plan.backend)
     if isinstance(plan.own, DemBridgeError):
         word = Word.NOT_RUN if isinstance(plan.own, BackendUnavailable) else Word.REFUSED
-        found = Finding(word=word, reason=str(plan.own))
+        result = Finding(word=word, reason=str(plan.own))
     else:
         standards = [_standard(truth, [results[id(case)] for case in cases], plan) for truth, cases in plan.truths]
         theory = backend(plan.backend).equations != "hertz"
         if plan.backend in plan.entry.instead:
-            own = run_case(plan.own, everything=True, by=plan.entry.instead[plan.backend](engine))
+            own_value = run_case(plan.own, everything=True, by=plan.entry.instead[plan.backend](engine))
         else:
-            own = results[id(plan.own)]
-        found = judge(own, standards, model=theory)
-    return Row(entry=plan.entry, backend=plan.backend, expected=expected, found=found)
+            own_value = results[id(plan.own)]
+        result = judge(own_value, standards, model=theory)
+    return Row(entry=plan.entry, backend=plan.backend, expected=expected, found=result)
 
 
 def _standard(truth: Truth, results: list[Result], plan: _Plan) -> Standard:
     says = truth.says if truth.own or not results else results[0].case.backend
-    runs = [one.trajectory for one in results]
+    runs = [result.trajectory for result in results]
     if any(run is None for run in runs):
-        failed = next(one for one in results if one.trajectory is None)
+        failed = next(result for result in results if result.trajectory is None)
         return Standard(says=says, run=None, reason=f"{failed.case.label}: {failed.failure}")
-    made = truth.make([run for run in runs if run is not None])
+    created = truth.make([run for run in runs if run is not None])
     # samples of scaled times differ from those of the scene in their last digit
-    made = replace(made, time=np.linspace(0.0, plan.entry.scene.duration, len(made.time)))
-    return Standard(says=says, run=made, to_the_bit=bool({*truth.to_the_bit} & {*kinds(backend(plan.backend))}))
+    created = replace(created, time=np.linspace(0.0, plan.entry.scene.duration, len(created.time)))
+    return Standard(says=says, run=created, to_the_bit=bool({*truth.to_the_bit} & {*kinds(backend(plan.backend))}))

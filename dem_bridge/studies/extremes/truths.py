@@ -233,8 +233,8 @@ def back_again(forward: Trajectory, start: Scene) -> tuple[Scene, Truth]:
 
     def make(runs: Sequence[Trajectory]) -> Trajectory:
         digits = forward.uncertainty["velocity"] / (EPS * float(np.max(np.abs(forward.velocity))))
-        known = ("velocity", "displacement", "peak_force")
-        uncertainty = {name: (1.0 + digits) * forward.uncertainty[name] for name in known}
+        known_values = ("velocity", "displacement", "peak_force")
+        uncertainty = {name: (1.0 + digits) * forward.uncertainty[name] for name in known_values}
         return replace(
             forward,
             displacement=forward.displacement[::-1] - x,

@@ -38,8 +38,8 @@ def perturbed(scene: Scene, share: float, seed: int) -> Scene:
     def moved(value: float) -> float:
         return value * (1.0 + share * float(deviate.standard_normal()))
 
-    def wall(one: Wall | None) -> Wall | None:
-        return None if one is None else replace(one, stiffness=moved(one.stiffness))
+    def wall(item: Wall | None) -> Wall | None:
+        return None if item is None else replace(item, stiffness=moved(item.stiffness))
 
     return replace(
         scene,
@@ -52,10 +52,10 @@ def perturbed(scene: Scene, share: float, seed: int) -> Scene:
     )
 
 
-def apart(one: Floats, other: Floats, scale: float) -> Floats:
+def apart(first: Floats, other: Floats, scale: float) -> Floats:
     """Largest distance so far of velocities ``(n_t, n_body)`` over the bodies and all earlier samples, in units of
     ``scale`` (m/s), ``(n_t,)``."""
-    return np.asarray(np.maximum.accumulate(np.max(np.abs(one - other), axis=1)) / scale)
+    return np.asarray(np.maximum.accumulate(np.max(np.abs(first - other), axis=1)) / scale)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,22 +136,22 @@ def step_bar(twins: Twins, scale: float) -> Floats:
     return np.asarray(np.max(parts, axis=0))
 
 
-def round_off_bar(own: Floats, others: Sequence[Floats], plan: Schedule, scale: float) -> Floats:
+def round_off_bar(own_value: Floats, others: Sequence[Floats], plan: Schedule, scale: float) -> Floats:
     """Bar of the round-off up to each sample from other realisations of it, as bars of whole runs have it."""
-    found = np.max([apart(own, other, scale) for other in others], axis=0)
-    speed = float(np.max(np.abs(own))) / scale
+    result = np.max([apart(own_value, other, scale) for other in others], axis=0)
+    speed = float(np.max(np.abs(own_value))) / scale
     digits = REALISATIONS * last_digit(plan) + 0.5 * plan.steps * float(np.finfo(float).eps)
-    return np.asarray(REALISATIONS * found + digits * speed)
+    return np.asarray(REALISATIONS * result + digits * speed)
 
 
-def reference_bar(own: Floats, others: Sequence[Floats], scale: float) -> Floats:
+def reference_bar(own_value: Floats, others: Sequence[Floats], scale: float) -> Floats:
     """Bar of the reference up to each sample, from runs whose inputs were moved by their last digits."""
-    return np.asarray(SAFETY * np.max([apart(own, other, scale) for other in others], axis=0) + 16.0 * 2.0**-52)
+    return np.asarray(SAFETY * np.max([apart(own_value, other, scale) for other in others], axis=0) + 16.0 * 2.0**-52)
 
 
-def horizon_of(time: Floats, bar: Floats, known: float = KNOWN) -> float:
+def horizon_of(time: Floats, bar: Floats, available: float = KNOWN) -> float:
     """First time (s) at which a bar is above ``known``; inf: at none."""
-    beyond = np.flatnonzero(~(bar <= known))
+    beyond = np.flatnonzero(~(bar <= available))
     return float(time[beyond[0]]) if len(beyond) else math.inf
 
 
@@ -222,7 +222,7 @@ def long_run(
     in_parts = scene.precompression == 0.0 and scene.conserves_energy
     each = max(1, _PART // per_sample) if in_parts else count
     there, done, complete = np.zeros(scene.n_body), 0, True
-    now, parts, found = scene, [], count
+    now, parts, results = scene, [], count
     while done < count:
         rows = min(each, count - done)
         part = replace(now, duration=rows * per_sample * dt, samples=rows)
@@ -232,7 +232,7 @@ def long_run(
                 progress(done * per_sample, count * per_sample, f"{scene.name}: {count * per_sample:.0e} steps")
             run, dense = solve_dense(part, plan, 0.0)
         except KeyboardInterrupt:
-            complete, found = False, done
+            complete, results = False, done
             break
         kinetic, stored, potential = energy_parts(part, run)
         potential = potential - scene.gravity * there @ np.array(scene.mass) - work(part, run)[0]
@@ -247,7 +247,7 @@ def long_run(
     total = kinetic + stored + potential
     return LongRun(
         dt=dt,
-        steps=found * per_sample,
+        steps=results * per_sample,
         time=np.asarray(per_sample * dt * np.arange(len(values))),
         velocity=values[:, 4:],
         kinetic=kinetic,
@@ -264,8 +264,8 @@ def _from_here(scene: Scene, overlap: Floats, velocity: Floats) -> Scene:
     gap, links = (-overlap).tolist(), len(scene.stiffness)
     walls = iter(gap[links:])
 
-    def wall(one: Wall | None) -> Wall | None:
-        return None if one is None else replace(one, gap=next(walls))
+    def wall(item: Wall | None) -> Wall | None:
+        return None if item is None else replace(item, gap=next(walls))
 
     return replace(
         scene,

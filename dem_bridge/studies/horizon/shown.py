@@ -17,9 +17,9 @@ from dem_bridge.verification.verdict import Outcome, Verdict
 _POINTS, _LEAST = 1000, 1e-18
 
 
-def tables(found: Found, judged: Sequence[Verdict]) -> tuple[Table, ...]:
+def tables(result: Found, judged: Sequence[Verdict]) -> tuple[Table, ...]:
     """Horizons, growth, the long run, and all verdicts."""
-    g = found.growth
+    g = result.growth
     horizons = Table(
         id="horizons",
         title="How long single velocities are known to 1 %",
@@ -33,22 +33,22 @@ def tables(found: Found, judged: Sequence[Verdict]) -> tuple[Table, ...]:
         ),
         rows=tuple(
             (
-                one.backend,
-                one.horizon,
-                one.horizon / found.contact_time,
-                one.collisions,
-                float(one.bar[-1]),
-                math.nan if one.error is None else float(one.error[-1]),
-                math.nan if one.error is None else horizon_of(found.truth.time, one.error),
+                trust.backend,
+                trust.horizon,
+                trust.horizon / result.contact_time,
+                trust.collisions,
+                float(trust.bar[-1]),
+                math.nan if trust.error is None else float(trust.error[-1]),
+                math.nan if trust.error is None else horizon_of(result.truth.time, trust.error),
             )
-            for one in found.trusts
+            for trust in result.trusts
         ),
     )  # fmt: skip
     growth = Table(
         id="growth",
         title="How a nudge grows",
-        caption=f"{len(found.distance)} runs of the reference with masses, velocities and stiffnesses moved by"
-        f" {found.perturbation:g}; bars are 95 % intervals from their scatter.",
+        caption=f"{len(result.distance)} runs of the reference with masses, velocities and stiffnesses moved by"
+        f" {result.perturbation:g}; bars are 95 % intervals from their scatter.",
         columns=(
             "fits", "rate (1/s) or power", "bar", "e-folding time in contact times", "fitted from (s)", "to (s)",
             "misfit, exponential", "misfit, power", "largest distance / nudge",
@@ -58,7 +58,7 @@ def tables(found: Found, judged: Sequence[Verdict]) -> tuple[Table, ...]:
                 g.kind,
                 g.rate,
                 g.bar,
-                1.0 / (g.rate * found.contact_time) if g.exponential else math.nan,
+                1.0 / (g.rate * result.contact_time) if g.exponential else math.nan,
                 *g.window,
                 *g.misfit,
                 g.factor,
@@ -74,60 +74,62 @@ def tables(found: Found, judged: Sequence[Verdict]) -> tuple[Table, ...]:
             "dt (s)", "steps", "duration (s)", "drift", "bar", "drift told from none", "swing, found",
             "swing, predicted", "mean kinetic / stored energy",
         ),
-        rows=tuple(_long_row(one) for one in (found.long, found.halved) if one is not None),
+        rows=tuple(_long_row(item) for item in (result.long, result.halved) if item is not None),
     )  # fmt: skip
     return horizons, growth, long, verdict_table(judged)
 
 
-def _long_row(one: LongRun) -> tuple[str | float, ...]:
-    nan, drift = math.nan, one.drift
-    predicted, swing = one.swing
-    stored = float(np.mean(one.stored))
+def _long_row(long_run: LongRun) -> tuple[str | float, ...]:
+    nan, drift = math.nan, long_run.drift
+    predicted, swing = long_run.swing
+    stored = float(np.mean(long_run.stored))
     return (
-        one.dt,
-        float(one.steps),
-        float(one.time[-1]),
+        long_run.dt,
+        float(long_run.steps),
+        float(long_run.time[-1]),
         *(drift.total if drift is not None else (nan, nan)),
         "too short" if drift is None else "yes" if drift.found else "no",
         swing,
         predicted,
-        float(np.mean(one.kinetic)) / stored if stored > 0.0 else nan,
+        float(np.mean(long_run.kinetic)) / stored if stored > 0.0 else nan,
     )
 
 
-def figures(found: Found) -> tuple[FigureData, ...]:
+def figures(result: Found) -> tuple[FigureData, ...]:
     """Distances and bars over time; the energy of the long run; the distribution of velocities beyond the horizon."""
-    made = [_parting(found)]
-    if len(found.long.time) > 2:
-        made.append(_energy(found.long))
-    first = independent_from(found)
+    created = [_parting(result)]
+    if len(result.long.time) > 2:
+        created.append(_energy(result.long))
+    first = independent_from(result)
     if first is not None:
-        made.append(_distribution(found, first))
-    return tuple(made)
+        created.append(_distribution(result, first))
+    return tuple(created)
 
 
 def _log(values: Floats) -> Floats:
     return np.asarray(np.log10(np.maximum(values, _LEAST)))
 
 
-def _parting(found: Found) -> FigureData:
-    time = 1e3 * found.truth.time
-    middle = np.exp(np.mean(np.log(np.maximum(found.distance, _LEAST)), axis=0))
+def _parting(result: Found) -> FigureData:
+    time = 1e3 * result.truth.time
+    middle = np.exp(np.mean(np.log(np.maximum(result.distance, _LEAST)), axis=0))
 
     def line(label: str, style: str, y: Floats) -> Series:
         return Series(label=label, style=style, x=time, y=_log(y))
 
     perturbations = (
-        line(f"inputs moved by {found.perturbation:g}", "reference", middle),
-        line("the nearest", "guide", np.min(found.distance, axis=0)),
-        line("the farthest", "guide", np.max(found.distance, axis=0)),
+        line(f"inputs moved by {result.perturbation:g}", "reference", middle),
+        line("the nearest", "guide", np.min(result.distance, axis=0)),
+        line("the farthest", "guide", np.max(result.distance, axis=0)),
     )
     styles = {REFERENCE: "adiabatic", TWIN: "bca"}
-    bars = [line(f"bar of {one.backend}", styles.get(one.backend, one.backend), one.bar) for one in found.trusts]
+    bars = [
+        line(f"bar of {trust.backend}", styles.get(trust.backend, trust.backend), trust.bar) for trust in result.trusts
+    ]
     bars += [
-        line(f"{one.backend} - reference", "fit" if one.backend == TWIN else "ode45", one.error)
-        for one in found.trusts
-        if one.error is not None
+        line(f"{trust.backend} - reference", "fit" if trust.backend == TWIN else "ode45", trust.error)
+        for trust in result.trusts
+        if trust.error is not None
     ]
     bars.append(Series(label="1 %", style="guide", x=time[[0, -1]], y=np.log10([KNOWN, KNOWN])))
     label = "log10 of distance"
@@ -147,7 +149,7 @@ def _parting(found: Found) -> FigureData:
 def _energy(long: LongRun) -> FigureData:
     every = max(1, len(long.time) // _POINTS)
     time, drift = long.time[::every], long.drift
-    energy, kept = ((one - long.conserved[0]) / long.scale for one in (long.total, long.conserved))
+    energy, kept = ((item - long.conserved[0]) / long.scale for item in (long.total, long.conserved))
     unit = 10.0 ** math.floor(math.log10(max(float(np.max(np.abs(energy))), _LEAST)))
     series = [
         Series(label="energy", style="guide", x=time, y=energy[::every] / unit),
@@ -176,19 +178,19 @@ def _energy(long: LongRun) -> FigureData:
     )
 
 
-def _distribution(found: Found, first: int) -> FigureData:
-    root = np.sqrt(np.array(found.scene.mass))
-    parts = [(one.backend, one.backend, [one.run]) for one in found.trusts[1:]]
+def _distribution(result: Found, first: int) -> FigureData:
+    root = np.sqrt(np.array(result.scene.mass))
+    parts = [(trust.backend, trust.backend, [trust.run]) for trust in result.trusts[1:]]
     styles = {TWIN: "bca"}
     edges = np.linspace(-4.0, 4.0, 41)
     middle = 0.5 * (edges[1:] + edges[:-1])
 
     def density(runs: Sequence[Floats]) -> Floats:
-        values = np.concatenate([one.ravel() for one in runs])
+        values = np.concatenate([run.ravel() for run in runs])
         return np.asarray(np.histogram(values / np.sqrt(np.mean(values**2)), bins=edges, density=True)[0])
 
-    known = density([one.velocity[first:] * root for one in (found.truth, *found.ensemble)])
-    series = [Series(label="reference, independent runs", style="reference", x=middle, y=known)]
+    available = density([item.velocity[first:] * root for item in (result.truth, *result.ensemble)])
+    series = [Series(label="reference, independent runs", style="reference", x=middle, y=available)]
     series += [
         Series(
             label=name,
@@ -203,35 +205,38 @@ def _distribution(found: Found, first: int) -> FigureData:
     return FigureData(
         id="horizon-distribution",
         title="Velocities beyond the horizon",
-        caption=f"Of all bodies and samples from {1e3 * found.truth.time[first]:.3g} ms on, times the root of the mass,"
+        caption=f"Of all bodies and samples from {1e3 * result.truth.time[first]:.3g} ms on, times the root of the"
+        " mass,"
         " over their root mean square: one by one unknown, together well known.",
         panels=(
             Panel(
-                title=found.scene.name, x_label="velocity / root mean square", y_label="density", series=tuple(series)
+                title=result.scene.name, x_label="velocity / root mean square", y_label="density", series=tuple(series)
             ),
         ),
         columns=1,
     )
 
 
-def answer(found: Found, judged: Sequence[Verdict]) -> tuple[str, ...]:
+def answer(result: Found, judged: Sequence[Verdict]) -> tuple[str, ...]:
     """In sentences, the horizons first."""
-    g, scene = found.growth, found.scene
+    g, scene = result.growth, result.scene
     said = []
     # a chain that is driven from rest has no collision to count by
-    known = math.isfinite(found.contact_time)
-    for one in found.trusts:
-        if math.isinf(one.horizon):
+    available = math.isfinite(result.contact_time)
+    for trust in result.trusts:
+        if math.isinf(trust.horizon):
             said.append(
-                f"Velocities of {one.backend} on {scene.name} have no horizon within {scene.duration:.3g} s: their bar"
-                f" is {float(one.bar[-1]):.1e} of the largest at the end."
+                f"Velocities of {trust.backend} on {scene.name} have no horizon within {scene.duration:.3g} s: their"
+                " bar"
+                f" is {float(trust.bar[-1]):.1e} of the largest at the end."
             )
         else:
-            at = f" at dt = {found.plan.step:.3g} s" if one.backend != REFERENCE else ""
+            at = f" at dt = {result.plan.step:.3g} s" if trust.backend != REFERENCE else ""
             said.append(
-                f"Single velocities of {one.backend} on {scene.name}{at} are known to 1 % until"
-                f" {1e3 * one.horizon:.3g} ms ({f'{one.horizon / found.contact_time:.0f} contact times, ' * known}"
-                f"{one.collisions:.0f} contacts closed); beyond that they are UNDECIDED."
+                f"Single velocities of {trust.backend} on {scene.name}{at} are known to 1 % until"
+                f" {1e3 * trust.horizon:.3g} ms"
+                f" ({f'{trust.horizon / result.contact_time:.0f} contact times, ' * available}"
+                f"{trust.collisions:.0f} contacts closed); beyond that they are UNDECIDED."
             )
     fits = f"misfit in the logarithm {g.misfit[0]:.2g}, of a power of time {g.misfit[1]:.2g}"
     if g.kind == "neither":
@@ -239,10 +244,11 @@ def answer(found: Found, judged: Sequence[Verdict]) -> tuple[str, ...]:
             f"A nudge grows {g.factor:.1e} times, not steadily: neither an exponential nor a power fits ({fits})."
         )
     elif g.exponential:
-        beside = f", which is {1.0 / (g.rate * found.contact_time):.2g} contact times" * known
+        companion = f", which is {1.0 / (g.rate * result.contact_time):.2g} contact times" * available
         said.append(
-            f"A nudge grows {g.factor:.1e} times, exponentially ({fits}): by a factor e in {1.0 / g.rate:.2e} s{beside}"
-            f" (rate {g.rate:.4g} +- {g.bar:.2g} 1/s, from {len(found.distance)} nudges). One digit more in a run"
+            f"A nudge grows {g.factor:.1e} times, exponentially ({fits}): by a factor e in {1.0 / g.rate:.2e}"
+            f" s{companion}"
+            f" (rate {g.rate:.4g} +- {g.bar:.2g} 1/s, from {len(result.distance)} nudges). One digit more in a run"
             f" buys {2.302585 / g.rate:.2e} s."
         )
     else:
@@ -250,23 +256,23 @@ def answer(found: Found, judged: Sequence[Verdict]) -> tuple[str, ...]:
             f"A nudge grows {g.factor:.1e} times, as time to the power {g.rate:.2f} +- {g.bar:.2g} and not"
             f" exponentially ({fits})."
         )
-    drift = found.long.drift
+    drift = result.long.drift
     if drift is not None:
         total, bar = drift.total
-        predicted, swing = found.long.swing
+        predicted, swing = result.long.swing
         said.append(
-            f"Energy of the twin over {found.long.steps:.3g} steps ({drift.duration:.3g} s): drift {total:+.1e} +-"
+            f"Energy of the twin over {result.long.steps:.3g} steps ({drift.duration:.3g} s): drift {total:+.1e} +-"
             f" {bar:.1e} of the most in motion, {'told' if drift.found else 'not told'} from none; it swings by"
             f" {swing:.1e} at most ({predicted:.1e} predicted from the step)."
         )
-        if found.halved is not None:
-            until = float(found.halved.time[-1])
-            ratio = found.long.predicted_swing(until) / found.halved.predicted_swing(until)
+        if result.halved is not None:
+            until = float(result.halved.time[-1])
+            ratio = result.long.predicted_swing(until) / result.halved.predicted_swing(until)
             said.append(
                 f"At half the step it swings {ratio:.2f} times less (root mean square over {until:.3g} s): second order"
                 " has 4."
             )
-    beyond = [one for one in judged if one.quantity != "velocity"]
-    passed = sum(one.outcome is Outcome.PASS for one in beyond)
+    beyond = [item for item in judged if item.quantity != "velocity"]
+    passed = sum(item.outcome is Outcome.PASS for item in beyond)
     said.append(f"{passed} of {len(beyond)} conserved and statistical quantities pass.")
     return tuple(said)

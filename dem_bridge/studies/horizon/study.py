@@ -108,34 +108,34 @@ def study_horizon(
         for each in (scene, *moved, *digits)
     ]
     cases.append(replace(cases[0], backend=judged, resolution=Resolution(dt=plan.step), engine=engine))
-    wanted = plan.steps if steps is None else steps
+    requested = plan.steps if steps is None else steps
     # seconds, roughly: for the share that each part of the work has in its progress
-    compared, stepped = sum(case.expected for case in cases), _PER_STEP * scene.n_body * wanted
+    compared, stepped = sum(case.expected for case in cases), _PER_STEP * scene.n_body * requested
     first, second, third = _stages(progress, (compared, stepped, 0.25 * stepped))
     *references, lmp = run_cases(cases, jobs=jobs, progress=first, store=store)
-    for one in references:
-        if one.failure is not None:
-            raise one.failure
-    truth, *others = (one.trajectory for one in references if one.trajectory is not None)
+    for reference in references:
+        if reference.failure is not None:
+            raise reference.failure
+    truth, *others = (reference.trajectory for reference in references if reference.trajectory is not None)
     ensemble, last = others[:perturbations], others[perturbations:]
     scale = float(np.max(np.abs(truth.velocity)))
     if scale == 0.0:
         raise UsageError(f"nothing moves in {scene.name}, so that nothing can part; allowed: a scene with an impact")
-    distance = np.array([apart(one.velocity, truth.velocity, scale) for one in ensemble])
-    own, dense = solve_dense(scene, plan, 0.0)
-    twins = twins_of(scene, plan, prescan, radius=prescan.surrogate_radius, own=own)
+    distance = np.array([apart(item.velocity, truth.velocity, scale) for item in ensemble])
+    own_value, dense = solve_dense(scene, plan, 0.0)
+    twins = twins_of(scene, plan, prescan, radius=prescan.surrogate_radius, own=own_value)
     if twins is None:
         raise UsageError(
             f"dt = {plan.step:g} s takes {plan.steps:.2g} steps, too many for twins at finer ones to make a bar of;"
             " allowed: a larger dt or a shorter duration"
         )
-    rounded = [solve_plan(one, plan).velocity for one in digits[:TWIN_DIGITS]]
+    rounded = [solve_plan(digit, plan).velocity for digit in digits[:TWIN_DIGITS]]
     bars = {
-        REFERENCE: reference_bar(truth.velocity, [one.velocity for one in last], scale),
-        TWIN: step_bar(twins, scale) + round_off_bar(own.velocity, rounded, plan, scale),
-        judged: step_bar(twins, scale) + round_off_bar(own.velocity, [twins.positional.velocity], plan, scale),
+        REFERENCE: reference_bar(truth.velocity, [item.velocity for item in last], scale),
+        TWIN: step_bar(twins, scale) + round_off_bar(own_value.velocity, rounded, plan, scale),
+        judged: step_bar(twins, scale) + round_off_bar(own_value.velocity, [twins.positional.velocity], plan, scale),
     }
-    runs = {REFERENCE: truth, TWIN: own} | ({judged: lmp.trajectory} if lmp.trajectory is not None else {})
+    runs = {REFERENCE: truth, TWIN: own_value} | ({judged: lmp.trajectory} if lmp.trajectory is not None else {})
     closed = np.sum((dense.overlap[1:] > 0.0) & (dense.overlap[:-1] <= 0.0), axis=1)
     when = plan.dense_steps[1:] * plan.step
 
@@ -150,9 +150,9 @@ def study_horizon(
             collisions=float(np.sum(closed[when <= horizon])) if plan.resolved else math.nan,
         )
 
-    long = long_run(scene, plan.step, wanted, progress=second)
-    halved = long_run(scene, 0.5 * plan.step, max(wanted // 4, 1), progress=third) if long.complete else None
-    found = Found(
+    long = long_run(scene, plan.step, requested, progress=second)
+    halved = long_run(scene, 0.5 * plan.step, max(requested // 4, 1), progress=third) if long.complete else None
+    result = Found(
         scene=scene,
         plan=plan,
         perturbation=PERTURBATION,
@@ -164,14 +164,14 @@ def study_horizon(
         halved=halved if halved is not None and halved.complete else None,
         contact_time=contact_time_of(scene) or math.nan,
     )
-    made = verdicts(found)
+    created = verdicts(result)
     return Study(
         id="horizon",
         title=f"How long trajectories of {scene.name} can be trusted",
-        answer=answer(found, made),
-        tables=tables(found, made),
-        figures=figures(found),
-        verdicts=made,
+        answer=answer(result, created),
+        tables=tables(result, created),
+        figures=figures(result),
+        verdicts=created,
         notes=(
             *(() if lmp.failure is None else (f"LAMMPS was not run: {lmp.failure}.",)),
             "Bars over time are made as those of whole runs are, from differences up to each time: of the time step"
@@ -179,7 +179,7 @@ def study_horizon(
             " the reference's from inputs moved by their last digits.",
             "Statistics are compared with runs of the reference that were nudged and have become independent.",
         ),
-        interrupted=found.halved is None,
+        interrupted=result.halved is None,
         provenance={
             "scene": scene.name,
             "scene_hash": scene.content_hash,

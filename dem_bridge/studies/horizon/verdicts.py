@@ -23,23 +23,23 @@ LEFT = 0.25
 ONCE_IN = 1000.0
 
 
-def verdicts(found: Found) -> tuple[Verdict, ...]:
+def verdicts(result: Found) -> tuple[Verdict, ...]:
     """On single velocities of each backend, then on statistics and on what is conserved."""
-    made = [single(found, trust) for trust in found.trusts]
-    for trust in found.trusts[1:]:
-        made += statistical(found, trust)
-        made += conserved(found, trust)
-    return (*made, *drift(found))
+    created = [single(result, trust) for trust in result.trusts]
+    for trust in result.trusts[1:]:
+        created += statistical(result, trust)
+        created += conserved(result, trust)
+    return (*created, *drift(result))
 
 
-def single(found: Found, trust: Trust) -> Verdict:
+def single(result: Found, trust: Trust) -> Verdict:
     """Whether each velocity is known to 1 % all along; beyond the horizon nothing is said about any."""
-    name, scene, last = trust.backend, found.scene.name, float(trust.bar[-1])
+    name, scene, last = trust.backend, result.scene.name, float(trust.bar[-1])
     if math.isinf(trust.horizon):
         outcome = Outcome.PASS
         sentence = (
             f"by its own bar {name} knows single velocities to {last:.1e} of the largest over all"
-            f" {found.scene.duration:.3g} s."
+            f" {result.scene.duration:.3g} s."
         )
     else:
         outcome = Outcome.UNDECIDED
@@ -55,10 +55,10 @@ def single(found: Found, trust: Trust) -> Verdict:
     )  # fmt: skip
 
 
-def independent_from(found: Found) -> int | None:
+def independent_from(result: Found) -> int | None:
     """First sample from which all nudged runs are independent; None: never, or too late for statistics."""
-    apart = np.flatnonzero(np.min(found.distance, axis=0) >= INDEPENDENT)
-    if len(apart) == 0 or found.truth.time[apart[0]] > (1.0 - LEFT) * found.scene.duration:
+    apart = np.flatnonzero(np.min(result.distance, axis=0) >= INDEPENDENT)
+    if len(apart) == 0 or result.truth.time[apart[0]] > (1.0 - LEFT) * result.scene.duration:
         return None
     return int(apart[0])
 
@@ -78,27 +78,28 @@ def statistics(scene: Scene, run: Trajectory, first: int) -> dict[str, float]:
     }
 
 
-def statistical(found: Found, trust: Trust) -> list[Verdict]:
+def statistical(result: Found, trust: Trust) -> list[Verdict]:
     """Statistics of a run beside those of independent runs of the reference; none where there are no such runs."""
-    first = independent_from(found)
+    first = independent_from(result)
     if first is None:
         return []
-    scene, name = found.scene, trust.backend
-    others = [statistics(scene, run, first) for run in (found.truth, *found.ensemble)]
-    made = []
+    scene, name = result.scene, trust.backend
+    others = [statistics(scene, run, first) for run in (result.truth, *result.ensemble)]
+    created = []
     for quantity, value in statistics(scene, trust.run, first).items():
-        known: Floats = np.array([one[quantity] for one in others])
+        available: Floats = np.array([other[quantity] for other in others])
         # of one more of the same kind: its own scatter, and that of the mean
-        width = float(student.ppf(1.0 - 0.5 / ONCE_IN, len(known) - 1) * np.std(known, ddof=1))
-        width *= math.sqrt(1.0 + 1.0 / len(known))
-        middle = float(np.mean(known))
+        width = float(student.ppf(1.0 - 0.5 / ONCE_IN, len(available) - 1) * np.std(available, ddof=1))
+        width *= math.sqrt(1.0 + 1.0 / len(available))
+        middle = float(np.mean(available))
         away = abs(value - middle)
-        made.append(
+        created.append(
             Verdict(
                 scene=scene.name, quantity=quantity, backend=name, reference=REFERENCE,
                 outcome=judge(away, 0.0, width),
                 sentence=(
-                    f"{quantity} of {name} is {value:.4g} from {1e3 * found.truth.time[first]:.3g} ms on; {len(known)}"
+                    f"{quantity} of {name} is {value:.4g} from {1e3 * result.truth.time[first]:.3g} ms on;"
+                    f" {len(available)}"
                     f" independent runs of the reference have {middle:.4g}, and one more like them is within"
                     f" {width:.2g} in {ONCE_IN - 1:.0f} of {ONCE_IN:.0f} cases."
                 ),
@@ -106,23 +107,23 @@ def statistical(found: Found, trust: Trust) -> list[Verdict]:
                 tolerance=width, meaning="statistics beyond the horizon",
             )
         )  # fmt: skip
-    return made
+    return created
 
 
-def conserved(found: Found, trust: Trust) -> list[Verdict]:
+def conserved(result: Found, trust: Trust) -> list[Verdict]:
     """Momentum to round-off, and energy to twice what velocity-Verlet is predicted to swing by and what the twin's
     drifts by, over the runs that are compared."""
-    scene, run, made, long = found.scene, trust.run, [], found.long
+    scene, run, created, long = result.scene, trust.run, [], result.long
     drifted = sum(map(abs, long.drift.total)) if long.drift is not None else 0.0
     if scene.conserves_momentum:
         scale = sum(scene.mass) * float(np.max(np.abs(run.velocity)))
-        made.append((momentum(scene, run), "momentum", scale, "kg m/s", run.cost.steps * float(np.finfo(float).eps)))
+        created.append((momentum(scene, run), "momentum", scale, "kg m/s", run.cost.steps * float(np.finfo(float).eps)))
     if not scene.dissipates:
         quantity = "energy" if scene.conserves_energy else "energy less work"
         balance = energy(scene, run) - work(scene, run)[0]
-        made.append((balance, quantity, long.scale, "J", 2.0 * long.swing[0] + drifted))
+        created.append((balance, quantity, long.scale, "J", 2.0 * long.swing[0] + drifted))
     verdicts = []
-    for series, quantity, scale, unit, tolerance in made:
+    for series, quantity, scale, unit, tolerance in created:
         away = float(np.max(np.abs(series - series[0]))) / scale
         verdicts.append(
             Verdict(
@@ -139,18 +140,18 @@ def conserved(found: Found, trust: Trust) -> list[Verdict]:
     return verdicts
 
 
-def drift(found: Found) -> list[Verdict]:
+def drift(result: Found) -> list[Verdict]:
     """Whether the energy of the long run drifts by 1 % of the most in motion, with the bar of the drift; and, where the
     virial theorem says what it is, the mean kinetic to the mean stored energy, with the bar of that."""
-    long, scene, made = found.long, found.scene, []
+    long, scene, created = result.long, result.scene, []
     name, over = f"energy of {TWIN}", f"over {long.steps:.3g} steps ({long.time[-1]:.3g} s at dt = {long.dt:.3g} s)"
     if not scene.dissipates and long.drift is not None:
         total, bar = long.drift.total
-        told = "which is told from none" if long.drift.found else "which cannot be told from none"
+        details = "which is told from none" if long.drift.found else "which cannot be told from none"
         sentence = (
-            f"{name} drifts by {total:+.1e} +- {bar:.1e} of the most in motion {over}, {told}; tolerance {KNOWN:g}."
+            f"{name} drifts by {total:+.1e} +- {bar:.1e} of the most in motion {over}, {details}; tolerance {KNOWN:g}."
         )
-        made.append(
+        created.append(
             Verdict(
                 scene=scene.name, quantity="energy drift", backend=TWIN, reference="none",
                 outcome=judge(abs(total), bar, KNOWN), sentence=sentence, difference=abs(total), scale=long.scale,
@@ -161,14 +162,14 @@ def drift(found: Found) -> list[Verdict]:
     exact = virial(scene)
     if exact is not None and long.drift is not None:
         kinetic, stored = (
-            np.array([np.mean(part) for part in np.array_split(one, BLOCKS)]) for one in (long.kinetic, long.stored)
+            np.array([np.mean(part) for part in np.array_split(item, BLOCKS)]) for item in (long.kinetic, long.stored)
         )
         found_ratio = float(np.sum(kinetic) / np.sum(stored))
         # of a ratio of sums: the blocks' scatter about it, as parts of the mean below the line
         scatter = float(np.std(kinetic - found_ratio * stored, ddof=1) / np.mean(stored))
         width = float(student.ppf(1.0 - 0.5 / ONCE_IN, BLOCKS - 1)) * scatter / math.sqrt(BLOCKS)
         away = abs(found_ratio - exact)
-        made.append(
+        created.append(
             Verdict(
                 scene=scene.name, quantity="mean kinetic / stored energy, long run", backend=TWIN,
                 reference="virial theorem", outcome=judge(away, 0.0, width),
@@ -180,7 +181,7 @@ def drift(found: Found) -> list[Verdict]:
                 tolerance=width, meaning="statistics beyond the horizon",
             )
         )  # fmt: skip
-    return made
+    return created
 
 
 def virial(scene: Scene) -> float | None:

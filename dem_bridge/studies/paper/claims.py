@@ -38,9 +38,9 @@ def heard(runs: Runs, scene: str, measure: Measure) -> tuple[ClaimValue, ...]:
 
 def by(values: Iterable[ClaimValue], *backends: str) -> ClaimValue:
     """Return the value by the first of ``backends`` that has one (default: :data:`DECIDE`); nan where none has."""
-    names, known = backends or DECIDE, {value.backend: value for value in reversed(list(values))}
+    names, known_values = backends or DECIDE, {value.backend: value for value in reversed(list(values))}
     missing = ClaimValue(name="", backend=names[0], value=math.nan)
-    return next((known[name] for name in names if name in known), missing)
+    return next((known_values[name] for name in names if name in known_values), missing)
 
 
 def decided(values: Sequence[ClaimValue], low: float = -math.inf, high: float = math.inf) -> Outcome:

@@ -47,7 +47,7 @@ def _exponents(runs: Runs) -> Iterator[Claim]:
             of=lambda s, r: force_exponent(s, r).slope,
             bar=lambda s, r: force_exponent(s, r).bar,
         )
-        found = heard(runs, name, measure)
+        result = heard(runs, name, measure)
         truth = runs.truth(name)
         text = ""
         if truth is not None:
@@ -56,18 +56,18 @@ def _exponents(runs: Runs) -> Iterator[Claim]:
                 f" (95 %: {fit.interval[0]:.4f} to {fit.interval[1]:.4f}; over windows {fit.spread[0]:.4f} to"
                 f" {fit.spread[1]:.4f}; contacts {fit.first} to {fit.last})"
             )
-        theory = by(found, "adiabatic").value
+        theory = by(result, "adiabatic").value
         yield claim(
             f"force-exponent-{name.split('-')[0]}",
             f"section 4c, figure 5{panel}",
             "The largest contact force goes as the stiffness to the power 1/n = 2/5.",
-            decided(found, low=0.4 * (1.0 - REMARKABLE), high=0.4 * (1.0 + REMARKABLE)),
-            f"The exponent is {by(found).value:.4f}{text}: near 2/5, but not equal to it. Binary collisions give"
-            f" {by(found, 'bca').value:.4f}, the adiabatic wave {theory:.4f} (difference"
-            f" {by(found).value - theory:+.4f}). Acceptance criterion (ours) for remarkable agreement: within"
+            decided(result, low=0.4 * (1.0 - REMARKABLE), high=0.4 * (1.0 + REMARKABLE)),
+            f"The exponent is {by(result).value:.4f}{text}: near 2/5, but not equal to it. Binary collisions give"
+            f" {by(result, 'bca').value:.4f}, the adiabatic wave {theory:.4f} (difference"
+            f" {by(result).value - theory:+.4f}). Acceptance criterion (ours) for remarkable agreement: within"
             f" {percent(REMARKABLE)}.",
             printed("exponent", 0.4, ""),
-            found,
+            result,
         )
 
 
@@ -97,22 +97,25 @@ def _compression(runs: Runs) -> Claim:
 
 def _with_gradient(runs: Runs, chain: str) -> dict[str, Floats]:
     """Return V_out/V_in at each mass gradient by backend; nan where there is no run."""
-    found = {}
+    results = {}
     for name in JUDGES:
         values = []
         for gamma in GRADIENTS:
             scene = f"{chain}.gamma{gamma:g}"
             run = runs.run(scene, name) if scene in runs.scenes else None
             values.append(np.nan if run is None else speed_ratio(runs.scenes[scene], run).ratio)
-        found[name] = np.array(values)
-    return found
+        results[name] = np.array(values)
+    return results
 
 
 def ratios(runs: Runs, chain: str) -> list[tuple[float, dict[str, float]]]:
     """Return the data of figures 6c and 6f: gamma with V_out/V_in by each backend that ran."""
-    found, engine = _with_gradient(runs, chain), {"lammps": engine_for(runs.scenes[chain])}
+    results, engine = _with_gradient(runs, chain), {"lammps": engine_for(runs.scenes[chain])}
     return [
-        (gamma, {engine.get(name, name): float(values[i]) for name, values in found.items() if np.isfinite(values[i])})
+        (
+            gamma,
+            {engine.get(name, name): float(values[i]) for name, values in results.items() if np.isfinite(values[i])},
+        )
         for i, gamma in enumerate(GRADIENTS)
     ]
 
@@ -131,13 +134,17 @@ def _mass_gradient(runs: Runs) -> Iterator[Claim]:
         ),
     }
     for chain, (id, where, statement) in said.items():
-        found = _with_gradient(runs, chain)
-        truth = found["reference"]
-        known = {name: values[np.isfinite(values)] for name, values in found.items()}
-        falls = [bool(np.all(np.diff(known[name]) < 0.0)) for name in ("reference", "lammps") if len(known[name]) > 1]
+        result = _with_gradient(runs, chain)
+        truth = result["reference"]
+        known_values = {name: values[np.isfinite(values)] for name, values in result.items()}
+        falls = [
+            bool(np.all(np.diff(known_values[name]) < 0.0))
+            for name in ("reference", "lammps")
+            if len(known_values[name]) > 1
+        ]
         values = [
             ClaimValue(name=f"V_out/V_in at gamma = {gamma:+g}", backend=name, value=float(column[i]))
-            for name, column in found.items()
+            for name, column in result.items()
             for i, gamma in enumerate(GRADIENTS)
             if gamma in (-0.02, -0.01, 0.0, 0.01, 0.02) and np.isfinite(column[i])
         ]
@@ -158,8 +165,8 @@ def _mass_gradient(runs: Runs) -> Iterator[Claim]:
 def _mass_gradient_by_bca(runs: Runs) -> Claim:
     words, outcomes = [], []
     for chain in (DECELERATING, ACCELERATING):
-        found = _with_gradient(runs, chain)
-        away, better = (_largest(found[name] / found["reference"] - 1.0) for name in THEORIES)
+        result = _with_gradient(runs, chain)
+        away, better = (_largest(result[name] / result["reference"] - 1.0) for name in THEORIES)
         words.append(f"{chain}: V_out/V_in within {percent(away)} (adiabatic wave: {percent(better)})")
         outcomes.append(Outcome.NOT_RUN if np.isnan(away) else Outcome.PASS if away < 0.05 else Outcome.FAIL)
     arrivals = []
@@ -181,8 +188,8 @@ def _mass_gradient_by_bca(runs: Runs) -> Claim:
 
 def _largest(values: Floats) -> float:
     """Return the largest magnitude of the finite values; nan where there is none."""
-    known = np.abs(values[np.isfinite(values)])
-    return float(known.max()) if known.size else float("nan")
+    available = np.abs(values[np.isfinite(values)])
+    return float(available.max()) if available.size else float("nan")
 
 
 def _latest(scene: Scene, theory: Trajectory, truth: Trajectory) -> float:
@@ -195,21 +202,21 @@ def _solitary(runs: Runs) -> Claim:
     values, outcomes, words = [], [], []
     for name, run in runs.judges(UNIFORM):
         # with the v_max of the wave that has the peak forces beside the cylinder
-        found = local_speed_constant(runs.scenes[UNIFORM], run)
-        known = name not in THEORIES
+        result = local_speed_constant(runs.scenes[UNIFORM], run)
+        available = name not in THEORIES
         values += [
             ClaimValue(
                 name=f"c/((beta/m)^0.4 v^0.2) at cylinder {body}",
                 backend=name,
-                value=float(found.by_force[body - 1]),
-                uncertainty=float(found.by_force_bar[body - 1]) if known else float("nan"),
+                value=float(result.by_force[body - 1]),
+                uncertainty=float(result.by_force_bar[body - 1]) if available else float("nan"),
             )
             for body in (10, 20, 40, 60)
         ]
         # the last bodies with a residence time feel the free end
-        away = np.abs(found.by_force - truth)[SETTLED - 1 : -3]
+        away = np.abs(result.by_force - truth)[SETTLED - 1 : -3]
         if name in DECIDE:
-            allowed = np.full(len(away), EXACT) if name == REFERENCE else found.by_force_bar[SETTLED - 1 : -3]
+            allowed = np.full(len(away), EXACT) if name == REFERENCE else result.by_force_bar[SETTLED - 1 : -3]
             outcomes.append(Outcome.PASS if bool(np.all(away <= allowed)) else Outcome.FAIL)
             within = (
                 f"within {EXACT:.0e}"
@@ -239,10 +246,10 @@ def _tapered_slopes(runs: Runs) -> Claim:
             of=lambda s, r: log_velocity_slope(s, r, 15, 35).slope,
             bar=lambda s, r: log_velocity_slope(s, r, 15, 35).bar,
         )
-        found = heard(runs, name, slope)
-        values.append(found)
-        words.append(f"{by(found).value:+.4f} in {name} (BCA {by(found, 'bca').value:+.4f})")
-        outcomes.append(decided(found, low=low, high=high))
+        result = heard(runs, name, slope)
+        values.append(result)
+        words.append(f"{by(result).value:+.4f} in {name} (BCA {by(result, 'bca').value:+.4f})")
+        outcomes.append(decided(result, low=low, high=high))
     return claim(
         "tapered-velocity",
         "section 1, on Sen et al. 2001",

@@ -36,14 +36,14 @@ def numbers(runs: Runs) -> Iterator[Claim]:
     yield _bca_velocity(runs)
 
 
-def _agrees(value: float, beside: ClaimValue) -> Outcome:
+def _agrees(value: float, claim_value: ClaimValue) -> Outcome:
     """Judge whether a number rounds to the printed one."""
-    found = ClaimValue(name="", backend="formula", value=value, uncertainty=0.0)
-    return inside(found, beside.value - beside.uncertainty, beside.value + beside.uncertainty)
+    result = ClaimValue(name="", backend="formula", value=value, uncertainty=0.0)
+    return inside(result, claim_value.value - claim_value.uncertainty, claim_value.value + claim_value.uncertainty)
 
 
 def _striker_mass(runs: Runs) -> Claim:
-    mass, beside = (
+    mass, companion = (
         quartz_sphere(runs.scenes[DECELERATING]),
         printed("mass of the striker", 8.1e-3, "kg", last_digit=1e-4),
     )
@@ -51,33 +51,33 @@ def _striker_mass(runs: Runs) -> Claim:
         "striker-mass",
         "section 2",
         "The striker is a quartz sphere of r = 9 mm that weighs 8.1 g.",
-        _agrees(mass, beside),
+        _agrees(mass, companion),
         f"A quartz sphere of r = 9 mm weighs {1e3 * mass:.2f} g, {percent(1.0 - mass / 8.1e-3)} less than printed, so"
         " the"
         " printed radius, density and mass do not agree. The scenes keep the printed mass; the budget lists the effect"
         " of the other mass.",
-        beside,
+        companion,
         exact("4/3 pi r^3 rho", mass, "kg"),
     )
 
 
 def _stiffness() -> Iterator[Claim]:
     for angle, value, digit in ((2.0, 7.27e10, 1e8), (90.0, 4.68e9, 1e7)):
-        found = cylinder_stiffness_paper(angle, radius=RADIUS, **QUARTZ)
-        beside = printed(f"stiffness at {angle:g} degrees", value, "N/m^1.5", last_digit=digit)
+        result = cylinder_stiffness_paper(angle, radius=RADIUS, **QUARTZ)
+        companion = printed(f"stiffness at {angle:g} degrees", value, "N/m^1.5", last_digit=digit)
         yield claim(
             f"stiffness-{angle:g}-degrees",
             "section 3, eq. 3.1",
             f"The contact stiffness at {angle:g} degrees is {value:.2e} N/m^1.5.",
-            _agrees(found, beside),
-            f"Eq. 3.1 gives {found:.6g} N/m^1.5, {percent(found / value - 1.0)} off the printed value."
+            _agrees(result, companion),
+            f"Eq. 3.1 gives {result:.6g} N/m^1.5, {percent(result / value - 1.0)} off the printed value."
             + (
                 ""
                 if angle == 2.0
                 else " This is the minimum of eq. 3.1 over all angles, so no angle gives the printed value."
             ),
-            beside,
-            exact("eq. 3.1", found, "N/m^1.5"),
+            companion,
+            exact("eq. 3.1", result, "N/m^1.5"),
         )
 
 
@@ -101,16 +101,16 @@ def _approximation() -> Claim:
 
 
 def _striker_stiffness() -> Claim:
-    found = sphere_on_cylinder(radius=RADIUS, radius2=RADIUS, **QUARTZ).stiffness
-    beside = printed("beta_0", 3.98e9, "N/m^1.5", last_digit=1e7)
+    result = sphere_on_cylinder(radius=RADIUS, radius2=RADIUS, **QUARTZ).stiffness
+    companion = printed("beta_0", 3.98e9, "N/m^1.5", last_digit=1e7)
     return claim(
         "striker-stiffness",
         "section 3, below eq. 3.2",
         "The stiffness of the contact of the striker with the first cylinder is 3.98e9 N/m^1.5.",
-        _agrees(found, beside),
-        f"The exact Hertz law for a sphere on a cylinder gives {found:.6g} N/m^1.5.",
-        beside,
-        exact("sphere on cylinder, exact", found, "N/m^1.5"),
+        _agrees(result, companion),
+        f"The exact Hertz law for a sphere on a cylinder gives {result:.6g} N/m^1.5.",
+        companion,
+        exact("sphere on cylinder, exact", result, "N/m^1.5"),
     )
 
 
@@ -122,10 +122,10 @@ def _point_contact(runs: Runs) -> Claim:
         if truth is None:
             continue
         # without the striker's
-        found = [contact_validity(scene, truth, k) for k in range(1, scene.n_body - 1)]
+        results = [contact_validity(scene, truth, k) for k in range(1, scene.n_body - 1)]
         longest, beyond = (
-            max(one.over_half_height for one in found),
-            [one for one in found if one.over_half_height > 1.0],
+            max(result.over_half_height for result in results),
+            [result for result in results if result.over_half_height > 1.0],
         )
         values.append(ClaimValue(name=f"semi-major axis over half-height, {name}", backend=REFERENCE, value=longest))
         words.append(f"at most {longest:.2f} in {name}")
@@ -135,7 +135,7 @@ def _point_contact(runs: Runs) -> Claim:
         "point-contact",
         "sections 1 and 3",
         "The cylinders interact as in Hertz' law at all angles from 2 to 90 degrees.",
-        together(*(inside(one, 0.0, 1.0) for one in values)) if values else Outcome.NOT_RUN,
+        together(*(inside(value, 0.0, 1.0) for value in values)) if values else Outcome.NOT_RUN,
         "Semi-major axis of the contact ellipse at the peak force over the half-height of a cylinder:"
         f" {'; '.join(words)}. Acceptance criterion (ours): at most 1, because a longer ellipse exceeds the height of"
         " the"
@@ -147,15 +147,15 @@ def _point_contact(runs: Runs) -> Claim:
 def _weight(runs: Runs) -> Claim:
     scene = runs.scenes[DECELERATING]
     weight = GRAVITY * sum(scene.mass[1:])
-    beside = printed("load at the bottom", 1.6, "N", last_digit=0.1)
+    companion = printed("load at the bottom", 1.6, "N", last_digit=0.1)
     return claim(
         "weight",
         "section 3",
         "The largest compressive load due to gravity is about 1.6 N, at the bottom of the chain.",
-        _agrees(weight, beside),
+        _agrees(weight, companion),
         f"{scene.n_body - 1} cylinders of {1e3 * scene.mass[1]:.2f} g weigh {weight:.2f} N, {weight / 1.6:.1f} times"
         " the printed load.",
-        beside,
+        companion,
         exact("m g times 40", weight, "N"),
     )
 
@@ -174,10 +174,10 @@ def _gravity(runs: Runs) -> Iterator[Claim]:
             of=lambda s, run: float(min(run.peak_force[1 : s.n_body - 1])) / (GRAVITY * sum(s.mass[1:])),
             made_of=("peak_force",),
         )
-        found = heard(runs, name, ratio)
-        values.append(found)
-        outcomes.append(decided(found, low=10.0**1.5))
-        words.append(f"{by(found).value:.0f} times the weight in {name}")
+        result = heard(runs, name, ratio)
+        values.append(result)
+        outcomes.append(decided(result, low=10.0**1.5))
+        words.append(f"{by(result).value:.0f} times the weight in {name}")
         before, after = observables(scene, base), observables(scene, weighing)
         effects = {key: after[key] / before[key] - 1.0 for key in before}
         worst = max(effects, key=lambda key: abs(effects[key]))
@@ -196,7 +196,7 @@ def _gravity(runs: Runs) -> Iterator[Claim]:
         " (ours): at least 10^1.5 times, which rounds to two orders of magnitude.",
         *values,
     )
-    small = all(abs(one.value - 1.0) < NEGLIGIBLE for one in changed)
+    small = all(abs(item.value - 1.0) < NEGLIGIBLE for item in changed)
     yield claim(
         "gravity-neglected",
         "section 3",
@@ -222,17 +222,17 @@ def _bca_velocity(runs: Runs) -> Claim:
             unit="m/s",
             made_of=("velocity",),
         )
-        found = heard(runs, name, fastest)
-        values.append(found)
+        result = heard(runs, name, fastest)
+        values.append(result)
         words.append(
-            f"{by(found).value:.3f} m/s in {name} (the BCA value is {percent(v1 / by(found).value - 1.0)} larger)"
+            f"{by(result).value:.3f} m/s in {name} (the BCA value is {percent(v1 / by(result).value - 1.0)} larger)"
         )
     v1 = by(values[0], "bca").value
     return claim(
         "velocity-by-bca",
         "section 3, eq. 3.5",
         "The largest velocity of every cylinder is 2 v0/(1 + m/m0) = 0.713 m/s.",
-        together(*(decided(found, low=0.95 * 0.713, high=1.05 * 0.713) for found in values)),
+        together(*(decided(value, low=0.95 * 0.713, high=1.05 * 0.713) for value in values)),
         f"Cylinder 20 reaches {' and '.join(words)}; eq. 3.5 gives {v1:.3f} m/s. The BCA predicts arrival times but not"
         " amplitudes, because the pulse spans about five cylinders rather than two. Acceptance criterion (ours): within"
         " 5 %.",

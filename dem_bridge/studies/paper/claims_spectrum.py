@@ -42,7 +42,7 @@ def _single(runs: Runs) -> Claim:
         "single-front-200",
         "section 4b",
         "With a striker as heavy as a cylinder and beta_0 = beta_1 there are no multiple waves.",
-        together(*(decided(found, high=0.0) for found in values)),
+        together(*(decided(value, high=0.0) for value in values)),
         f"Further maxima of more than 5 % of the first at cylinder 50:"
         f" {' and '.join(f'{by(v).value:.0f}' for v in values)}.",
         *values,
@@ -76,20 +76,20 @@ def _parseval(runs: Runs, name: str) -> str:
     truth = runs.truth(name)
     if truth is None:
         return ""
-    found = frequency_spectrum(runs.scenes[name], truth)
-    return f" (Parseval's sum to {found.parseval:.0e})"
+    result = frequency_spectrum(runs.scenes[name], truth)
+    return f" (Parseval's sum to {result.parseval:.0e})"
 
 
 def _frequencies_fall(runs: Runs) -> Claim:
-    found = heard(runs, LONG[0], _centroid(LONG[0]))
+    result = heard(runs, LONG[0], _centroid(LONG[0]))
     return claim(
         "frequencies-cascade",
         "section 4b, figure 4b",
         "Where the stiffness falls, spectral energy shifts to lower frequencies along the chain.",
-        decided(found, high=1.0 / CASCADES),
-        f"The centroid of the velocity's spectrum falls to {by(found).value:.3f} of its value"
+        decided(result, high=1.0 / CASCADES),
+        f"The centroid of the velocity's spectrum falls to {by(result).value:.3f} of its value"
         f"{_parseval(runs, LONG[0])}. Acceptance criterion (ours): below 1/{CASCADES:g}.",
-        found,
+        result,
     )
 
 
@@ -122,7 +122,7 @@ def _wavenumbers(runs: Runs) -> Claim:
         "wavenumbers-do-not",
         "section 4b, figures 4c and 4f",
         "There is no such cascading of wavenumbers: the wave front is localised in space.",
-        together(*(decided(found, low=1.0 / CASCADES, high=CASCADES) for found in values)),
+        together(*(decided(value, low=1.0 / CASCADES, high=CASCADES) for value in values)),
         f"The centroid of the spectrum along the chain changes to {' and '.join(f'{by(v).value:.3f}' for v in values)}"
         f" of its value. Acceptance criterion (ours): within a factor of {CASCADES:g}.",
         *values,
@@ -141,7 +141,7 @@ def _width(runs: Runs) -> Claim:
         "width-kept",
         "sections 4b and 5",
         "The wave front keeps its spatial width.",
-        together(*(decided(found, low=KEPT, high=1.0 / KEPT) for found in values)),
+        together(*(decided(value, low=KEPT, high=1.0 / KEPT) for value in values)),
         f"Its width at half force, in cylinders, changes to {' and '.join(f'{by(v).value:.4f}' for v in values)} of its"
         " value from the second tenth of the chain to the ninth. Acceptance criterion (ours): within"
         f" {percent(1.0 - KEPT)}.",
@@ -155,7 +155,7 @@ def _kinetic(runs: Runs) -> Claim:
         "kinetic-energy-kept",
         "section 4b",
         "The wave front keeps its kinetic energy.",
-        together(*(decided(found, low=KEPT, high=1.0 / KEPT) for found in values)),
+        together(*(decided(value, low=KEPT, high=1.0 / KEPT) for value in values)),
         "From a quarter to nine tenths of the chain the leading pulse keeps "
         f"{' and '.join(percent(by(v).value, 3) for v in values)} of its kinetic energy. Acceptance criterion (ours):"
         " at"
@@ -178,7 +178,7 @@ def _tapered(runs: Runs) -> Claim:
         for name, by_how_much in steeper.items()
         if name in values
     )
-    keeps = together(*(decided(found, low=KEPT, high=1.0 / KEPT) for found in values.values()))
+    keeps = together(*(decided(value, low=KEPT, high=1.0 / KEPT) for value in values.values()))
     turned = {Outcome.PASS: Outcome.FAIL, Outcome.FAIL: Outcome.PASS}
     return claim(
         "tapered",

@@ -55,29 +55,29 @@ def _ratio(name: str) -> Measure:
 
 
 def _slows(runs: Runs) -> Claim:
-    found = heard(runs, DECELERATING, _ratio(DECELERATING))
+    result = heard(runs, DECELERATING, _ratio(DECELERATING))
     return claim(
         "decelerates",
         "section 4a, figures 2a and 3c",
         "In the chain whose stiffness falls the wave front slows down.",
-        decided(found, high=0.9),
-        f"The speed at cylinder N-2 is {by(found).value:.4f} of the speed at cylinder 3. Acceptance criterion (ours):"
+        decided(result, high=0.9),
+        f"The speed at cylinder N-2 is {by(result).value:.4f} of the speed at cylinder 3. Acceptance criterion (ours):"
         " below 0.9.",
-        found,
+        result,
     )
 
 
 def _speeds_up(runs: Runs) -> Claim:
-    found = heard(runs, ACCELERATING, _ratio(ACCELERATING))
+    result = heard(runs, ACCELERATING, _ratio(ACCELERATING))
     return claim(
         "accelerates",
         "section 4a, figures 2c and 3d",
         "In the chain whose stiffness rises the wave front speeds up.",
-        decided(found, low=1.1),
-        f"The speed at cylinder N-2 is {by(found).value:.4f} times the speed at cylinder 3. Acceptance criterion"
+        decided(result, low=1.1),
+        f"The speed at cylinder N-2 is {by(result).value:.4f} times the speed at cylinder 3. Acceptance criterion"
         " (ours):"
         " above 1.1.",
-        found,
+        result,
     )
 
 
@@ -100,10 +100,10 @@ def kept(measure: str, first: float = 0.25, last: float = 0.9) -> Callable[[Scen
 def _no_scattering(runs: Runs) -> Claim:
     values, words, outcomes = [], [], []
     for name in (*MAIN, *LONG):
-        found = heard(runs, name, Measure(name=f"energy kept, {name}", of=kept("energy"), made_of=("velocity",)))
-        values.append(found)
-        outcomes.append(decided(found, low=KEPT, high=1.0 / KEPT))
-        words.append(f"{percent(by(found).value, 3)} in {name}")
+        result = heard(runs, name, Measure(name=f"energy kept, {name}", of=kept("energy"), made_of=("velocity",)))
+        values.append(result)
+        outcomes.append(decided(result, low=KEPT, high=1.0 / KEPT))
+        words.append(f"{percent(by(result).value, 3)} in {name}")
     return claim(
         "no-scattering",
         "sections 1 and 4a, figures 2 and 4",
@@ -123,9 +123,9 @@ def _amplitude(runs: Runs) -> Claim:
             of=lambda s, run: _largest_over_smallest(peak_velocity_of_front(s, run).velocity[FIRST : s.n_body - LAST]),
             made_of=("velocity",),
         )
-        found = heard(runs, name, variation)
-        values.append(found)
-        words.append(f"{by(found).value:.3f} in {name}")
+        result = heard(runs, name, variation)
+        values.append(result)
+        words.append(f"{by(result).value:.3f} in {name}")
         if (truth := runs.truth(name)) is not None:
             everywhere = _largest_over_smallest(peak_velocity_of_front(runs.scenes[name], truth).velocity[1:-2])
             first.append(f"{everywhere:.2f}")
@@ -133,7 +133,7 @@ def _amplitude(runs: Runs) -> Claim:
         "amplitude",
         "section 4a",
         "The velocity amplitude of the cylinders does not show a large variation along the chain.",
-        together(*(decided(found, high=LARGE) for found in values)),
+        together(*(decided(value, high=LARGE) for value in values)),
         f"Between cylinders {FIRST} and N-{LAST} the largest peak velocity is {' and '.join(words)} times the smallest."
         f" Acceptance criterion (ours): below {LARGE:g}; the stiffness changes by a factor of 15.5. Including the first"
         f" cylinders, where the pulse still forms, the ratio is {' and '.join(first)}.",
@@ -157,15 +157,15 @@ def _arrival(runs: Runs) -> Claim:
         end = Measure(
             name=f"arrival at the last cylinder, {name}", of=lambda s, r: float(r.crossing_time[s.n_body - 2]), unit="s"
         )
-        found = heard(runs, name, end)
-        values.append(found)
-        away = by(found, "bca").value / by(found).value - 1.0
-        own = by(found, "ode45").value / by(found).value - 1.0
+        result = heard(runs, name, end)
+        values.append(result)
+        away = by(result, "bca").value / by(result).value - 1.0
+        own_value = by(result, "ode45").value / by(result).value - 1.0
         worst = deviation("arrival", scene, theory, truth)
         words.append(
             f"{name}: {percent(abs(away))} too {'late' if away > 0.0 else 'early'} at the last cylinder and"
             f" {percent(float(np.max(np.abs(worst))))} at most"
-            f" from cylinder {FIRST} on; ode45, with which the paper compares, deviates by {own:.1e}"
+            f" from cylinder {FIRST} on; ode45, with which the paper compares, deviates by {own_value:.1e}"
         )
         outcomes.append(Outcome.PASS if abs(away) < WELL else Outcome.FAIL)
     return claim(
@@ -195,9 +195,9 @@ def _further_fronts(runs: Runs) -> Iterator[Claim]:
     for name, (id, statement, low, high) in said.items():
         values, counts = [], []
         for body in (10, 20, 30):
-            found = heard(runs, name, Measure(name=f"further pulses at cylinder {body}", of=_fronts(body), made_of=()))
-            values.append(found)
-            counts.append(f"{by(found).value:.0f} at cylinder {body}")
+            result = heard(runs, name, Measure(name=f"further pulses at cylinder {body}", of=_fronts(body), made_of=()))
+            values.append(result)
+            counts.append(f"{by(result).value:.0f} at cylinder {body}")
         truth = runs.truth(name)
         size = ""
         if truth is not None and low > 0.0:
@@ -208,7 +208,7 @@ def _further_fronts(runs: Runs) -> Iterator[Claim]:
             id,
             "section 4a, figure 2",
             statement,
-            together(*(decided(found, low=low, high=high) for found in values)),
+            together(*(decided(value, low=low, high=high) for value in values)),
             f"Later maxima of more than 5 % of the first: {', '.join(counts)}{size}.",
             *values,
         )
@@ -219,9 +219,9 @@ def _mismatch(runs: Runs) -> Claim:
     values, counts = [], {}
     for key in MATCHED:
         name = f"{DECELERATING}.{key}"
-        found = heard(runs, name, Measure(name=f"further pulses at cylinder 10, {key}", of=_fronts(10), made_of=()))
-        values.append(found)
-        counts[key] = by(found).value
+        result = heard(runs, name, Measure(name=f"further pulses at cylinder 10, {key}", of=_fronts(10), made_of=()))
+        values.append(result)
+        counts[key] = by(result).value
     cause = decided(values[2], high=0.0)  # the stiffness alone, as the paper says
     return claim(
         "mismatch",
@@ -272,14 +272,14 @@ def _power_law(runs: Runs) -> Claim:
     values, words = [], []
     for name in MAIN:
         rms = Measure(name=f"rms of V over its fit, {name}", of=lambda s, r: speed_power_law(s, r).residual)
-        found = heard(runs, name, rms)
-        values.append(found)
-        words.append(f"{percent(by(found).value)} in {name}")
+        result = heard(runs, name, rms)
+        values.append(result)
+        words.append(f"{percent(by(result).value)} in {name}")
     return claim(
         "speed-power-law",
         "section 4a, figures 3c and 3d",
         "The wave speed follows V_i = (b_1 + b_2 i)^(1/n), because V_i goes as beta_i^(1/n).",
-        together(*(decided(found, high=0.02) for found in values)),
+        together(*(decided(value, high=0.02) for value in values)),
         f"A fit to cylinders 3 to N-3 has rms residuals of {' and '.join(words)}. Acceptance criterion (ours): below"
         " 2 %.",
         *values,
@@ -288,14 +288,14 @@ def _power_law(runs: Runs) -> Claim:
 
 def _scatter(scattered: list[ScatteredChains]) -> Claim:
     values, words = [], []
-    for one in scattered:
-        typical = float(np.nanmedian(one.residence_spread))
-        shift, deviation = one.arrival_shift
+    for item in scattered:
+        typical = float(np.nanmedian(item.residence_spread))
+        shift, deviation = item.arrival_shift
         values.append(
-            ClaimValue(name=f"deviation of the residence time, {one.scene.name}", backend="reference", value=typical)
+            ClaimValue(name=f"deviation of the residence time, {item.scene.name}", backend="reference", value=typical)
         )
         words.append(
-            f"{one.scene.name}: the residence time at a cylinder has a standard deviation of {percent(typical)}, the"
+            f"{item.scene.name}: the residence time at a cylinder has a standard deviation of {percent(typical)}, the"
             " arrival"
             f" at the end of {percent(deviation)} (on average it is {percent(abs(shift))}"
             f" {'later' if shift > 0.0 else 'earlier'})"

@@ -225,8 +225,8 @@ def budget_table(effects: list[Effect]) -> Table:
     """All terms of both chains, the largest first."""
 
     def rows() -> Iterator[tuple[str | float, ...]]:
-        for one in sorted(effects, key=lambda e: -np.nan_to_num(e.largest)):
-            yield (one.what, one.kind, one.scene, *(100.0 * one.changes[name] for name in OBSERVABLES))
+        for item in sorted(effects, key=lambda e: -np.nan_to_num(e.largest)):
+            yield (item.what, item.kind, item.scene, *(100.0 * item.changes[name] for name in OBSERVABLES))
 
     return Table(
         id="budget",

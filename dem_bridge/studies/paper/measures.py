@@ -81,7 +81,7 @@ def _moves(measure: Measure, scene: Scene, run: Trajectory, part: str, value: fl
         return [float("inf")]
     if "velocity" not in measure.made_of:  # samples that do not matter need not be copied for every move
         run = replace(run, **{name: getattr(run, name)[:1] for name in ("time", *SAMPLED)})
-    found = []
+    results = []
     for k in np.flatnonzero(np.isfinite(values)):
         # a least or a largest value may move one way only
         moved = []
@@ -89,15 +89,15 @@ def _moves(measure: Measure, scene: Scene, run: Trajectory, part: str, value: fl
             shifted = values.copy()
             shifted[k] += away
             moved.append(abs(float(measure.of(scene, replace(run, **{part: shifted}))) - value))
-        found.append(max(moved))
-    return found
+        results.append(max(moved))
+    return results
 
 
 def _signs(chance: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:
     return np.asarray(chance.choice((-1.0, 1.0), size=shape))
 
 
-def inside(found: ClaimValue, low: float, high: float) -> Outcome:
+def inside(claim_value: ClaimValue, low: float, high: float) -> Outcome:
     """PASS where the value with its whole bar is between ``low`` and ``high``, FAIL where it is outside with all of it.
 
     A bar of nan is none (of a formula, or a theory); one of inf leaves all open.
@@ -106,11 +106,11 @@ def inside(found: ClaimValue, low: float, high: float) -> Outcome:
     >>> [inside(one, *range_).value for range_ in ((0.3, 0.5), (0.5, 1.0), (0.395, 1.0))]
     ['PASS', 'FAIL', 'UNDECIDED']
     """
-    bar = 0.0 if np.isnan(found.uncertainty) else found.uncertainty
-    if not np.isfinite(found.value):
+    bar = 0.0 if np.isnan(claim_value.uncertainty) else claim_value.uncertainty
+    if not np.isfinite(claim_value.value):
         return Outcome.UNDECIDED
-    if low <= found.value - bar and found.value + bar <= high:
+    if low <= claim_value.value - bar and claim_value.value + bar <= high:
         return Outcome.PASS
-    if found.value + bar < low or found.value - bar > high:
+    if claim_value.value + bar < low or claim_value.value - bar > high:
         return Outcome.FAIL
     return Outcome.UNDECIDED

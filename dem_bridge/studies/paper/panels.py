@@ -49,8 +49,8 @@ class ChainRuns:
 
     def __post_init__(self) -> None:
         if "reference" not in self.runs:
-            found = ", ".join(self.runs) or "none"
-            raise UsageError(f"runs of {self.scene.name}: {found}; a figure needs that of backend 'reference'")
+            result = ", ".join(self.runs) or "none"
+            raise UsageError(f"runs of {self.scene.name}: {result}; a figure needs that of backend 'reference'")
 
     @property
     def reference(self) -> Trajectory:
@@ -105,9 +105,9 @@ def velocity_map(
                 label=f"front by {LABELS[theory]}",
                 style=theory,
                 x=bodies,
-                y=1e3 * arrival_by_crossing(chain.scene, found),
+                y=1e3 * arrival_by_crossing(chain.scene, result),
             )
-            for theory, found in chain.named(*theories)
+            for theory, result in chain.named(*theories)
         ),
         notes=(f"velocity by {LABELS.get(name, name)}",),
         shares_scale_with=shares,
@@ -151,22 +151,22 @@ def wave_speeds(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Pan
 
 def frequencies(titles: Sequence[str], chains: Sequence[ChainRuns], *, place: int) -> list[Panel]:
     """Spectrum in time along each chain with its centroid; ``place``: that of the first panel in the figure."""
-    found = [frequency_spectrum(chain.scene, chain.shown[1], first=1) for chain in chains]
-    power = [_normalised(_two_sided(one)) for one in found]
+    results = [frequency_spectrum(chain.scene, chain.shown[1], first=1) for chain in chains]
+    power = [_normalised(_two_sided(result)) for result in results]
     # one axis for all, up to where the last column is dark
-    heard = max(one.frequency[(p >= _DARK).any(axis=1)][-1] for one, p in zip(found, power, strict=True))
+    heard = max(result.frequency[(p >= _DARK).any(axis=1)][-1] for result, p in zip(results, power, strict=True))
     panels = []
-    for title, chain, one, p in zip(titles, chains, found, power, strict=True):
-        rows = int(np.searchsorted(one.frequency, heard, side="right"))
+    for title, chain, result, p in zip(titles, chains, results, power, strict=True):
+        rows = int(np.searchsorted(result.frequency, heard, side="right"))
         thin = slice(None, rows, _step(rows))
         panels.append(
             _spectrum(
                 title,
                 chain,
                 ("cylinder", "frequency (kHz)"),
-                Map(label=_POWER, x=one.position, y=1e-3 * one.frequency[thin], values=p[thin]),
-                1e-3 * one.centroid,
-                note=_from_to("kHz", 1e-3 * one.centroid, one.position),
+                Map(label=_POWER, x=result.position, y=1e-3 * result.frequency[thin], values=p[thin]),
+                1e-3 * result.centroid,
+                note=_from_to("kHz", 1e-3 * result.centroid, result.position),
                 shares=tuple(range(place, place + len(chains))),
             )
         )
@@ -180,17 +180,17 @@ def wavenumbers(titles: Sequence[str], chains: Sequence[ChainRuns], *, place: in
     """
     panels = []
     for title, chain in zip(titles, chains, strict=True):
-        one = wavenumber_spectrum(chain.scene, chain.shown[1], first=1)
-        size = _step(len(one.time))
-        power = _normalised(_means(_two_sided(one), size))[:-1]
+        item = wavenumber_spectrum(chain.scene, chain.shown[1], first=1)
+        size = _step(len(item.time))
+        power = _normalised(_means(_two_sided(item), size))[:-1]
         panels.append(
             _spectrum(
                 title,
                 chain,
                 ("time (ms)", "wavenumber (1/cylinder)"),
-                Map(label=_POWER, x=_means(1e3 * one.time, size), y=one.frequency[:-1], values=power),
-                _means(one.centroid, size),
-                note=_from_to("1/cylinder", one.centroid, one.position),
+                Map(label=_POWER, x=_means(1e3 * item.time, size), y=item.frequency[:-1], values=power),
+                _means(item.centroid, size),
+                note=_from_to("1/cylinder", item.centroid, item.position),
                 shares=tuple(range(place, place + len(chains))),
             )
         )
@@ -260,17 +260,17 @@ def speed_ratios(title: str, ratios: Ratios) -> Panel:
         x_label="mass gradient gamma (1/cylinder)",
         y_label="V_out / V_in (1)",
         series=tuple(
-            _series(name, gammas, np.array([one.get(name, np.nan) for _, one in ratios]))
+            _series(name, gammas, np.array([ratio.get(name, np.nan) for _, ratio in ratios]))
             for name in EVERY
-            if any(name in one for _, one in ratios)
+            if any(name in ratio for _, ratio in ratios)
         ),
     )
 
 
 def _series(name: str, x: Floats, y: Floats, bar: Floats | None = None) -> Series:
     """A line or marks by a backend; a bar that says nothing is none."""
-    known = bar if bar is not None and np.isfinite(bar).any() else None
-    return Series(label=LABELS.get(name, name), style=name, x=x, y=y, bar=known)
+    available = bar if bar is not None and np.isfinite(bar).any() else None
+    return Series(label=LABELS.get(name, name), style=name, x=x, y=y, bar=available)
 
 
 def _in_time(
@@ -326,9 +326,9 @@ def _means(values: Floats, size: int) -> Floats:
     return np.asarray(sums / np.diff(np.append(starts, values.shape[-1])))
 
 
-def _two_sided(one: Spectrum) -> Floats:
+def _two_sided(spectrum: Spectrum) -> Floats:
     """Density by the shape of a pulse's spectrum: what is one-sided has half of it at zero, which is there but once."""
-    density = one.density.copy()
+    density = spectrum.density.copy()
     density[0] *= 2.0
     return density
 

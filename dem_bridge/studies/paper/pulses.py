@@ -130,8 +130,8 @@ def _fits(scene: Scene, run: Trajectory) -> Numbers:
         return (fit.slope, fit.stderr, *fit.spread)
 
     def moved(of: Callable[[Scene, Trajectory], Spectrum]) -> Numbers:
-        found = cascade(of(scene, run))
-        return (found.ratio, *found.spread)
+        result = cascade(of(scene, run))
+        return (result.ratio, *result.spread)
 
     return (
         *_or_nothing(speed, 6),

@@ -46,13 +46,13 @@ class Runs:
 
     @classmethod
     def of(cls, results: Iterable[Result]) -> Runs:
-        found: dict[tuple[str, str], Result] = {}
+        matches: dict[tuple[str, str], Result] = {}
         for result in results:
             # the first of each is the main one
-            found.setdefault((result.case.scene.name, result.case.backend), result)
+            matches.setdefault((result.case.scene.name, result.case.backend), result)
         # claims on printed numbers are about the paper's chains, whether or not these have run
         scenes = {name: load_scene(name) for name in MAIN}
-        return cls(scenes | {result.case.scene.name: result.case.scene for result in found.values()}, found)
+        return cls(scenes | {result.case.scene.name: result.case.scene for result in matches.values()}, matches)
 
     def run(self, scene: str, name: str) -> Trajectory | None:
         """By a backend, or "lammps": the one that is verified on that scene."""
@@ -88,8 +88,8 @@ class Runs:
 
 def scenes_of_paper(names: Sequence[str] | None = None) -> list[Scene]:
     """The shipped scenes, the paper's two first; ``names``: of these alone."""
-    known = shipped_scenes() if names is None else names
-    return [load_scene(name) for name in sorted(known, key=lambda name: (name not in MAIN, name))]
+    available = shipped_scenes() if names is None else names
+    return [load_scene(name) for name in sorted(available, key=lambda name: (name not in MAIN, name))]
 
 
 def beside(scene: Scene) -> Iterator[Case]:

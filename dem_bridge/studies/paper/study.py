@@ -134,9 +134,13 @@ def verify_paper(
     if progress is not None:
         progress(1.0, 1, "reading claims")
     runs = Runs.of((*chain.from_iterable(of_scenes), *of_changed))
-    scattered = [scatter.chains_of(scene, one, spread=extent.spread) for scene, one in zip(main, of_sets, strict=True)]
-    asked = [(hierarchy, _left_out(hierarchy, one)) for hierarchy, one in zip(hierarchies, of_models, strict=True)]
-    judged = [rule_of_thumb.judged_of(scene, one) for scene, one in zip(scenes, of_thumbs, strict=True)]
+    scattered = [
+        scatter.chains_of(scene, of_set, spread=extent.spread) for scene, of_set in zip(main, of_sets, strict=True)
+    ]
+    requested = [
+        (hierarchy, _left_out(hierarchy, of_model)) for hierarchy, of_model in zip(hierarchies, of_models, strict=True)
+    ]
+    judged = [rule_of_thumb.judged_of(scene, of_thumb) for scene, of_thumb in zip(scenes, of_thumbs, strict=True)]
     studies = tuple(plan.assess(results) for plan, results in zip(plans, of_scenes, strict=True))
     notes = (store.trouble,) if store is not None and store.trouble else ()
     return Verification(
@@ -144,7 +148,7 @@ def verify_paper(
         accuracy=accuracy,
         wall=time.perf_counter() - began,
         notes=notes,
-        paper=paper_of(runs, studies, scattered, accuracy, asked, (rule_of_thumb.table(judged),)),
+        paper=paper_of(runs, studies, scattered, accuracy, requested, (rule_of_thumb.table(judged),)),
     )
 
 
@@ -153,7 +157,7 @@ def paper_of(
     studies: Sequence[SceneStudy],
     scattered: list[ScatteredChains],
     accuracy: float = DEFAULT_ACCURACY,
-    asked: Sequence[tuple[ModelHierarchy, Sequence[LeftOut]]] = (),
+    requested: Sequence[tuple[ModelHierarchy, Sequence[LeftOut]]] = (),
     more: tuple[Table, ...] = (),
 ) -> Paper:
     """What the runs say of the paper; nothing is run here. ``more``: tables that stand behind the others."""
@@ -168,7 +172,7 @@ def paper_of(
         tables=(
             budget_table(effects),
             split_table(effects),
-            *([question_table(asked, NEGLIGIBLE)] if asked else []),
+            *([question_table(requested, NEGLIGIBLE)] if requested else []),
             theories_table(runs, names),
             pulses_table(runs, names),
             fits_table(runs, names),
@@ -251,4 +255,4 @@ def _figures(runs: Runs, scattered: Sequence[ScatteredChains]) -> Iterator[Figur
     maps = [f"{name}-{way}" for name in MAIN for way in ("lighter", "heavier")]
     if all(runs.has(name) for name in maps):
         yield figures.figure_6([runs_of(name) for name in maps], *(ratios(runs, name) for name in MAIN))
-    yield from (scatter.figure(one) for one in scattered)
+    yield from (scatter.figure(item) for item in scattered)

@@ -58,10 +58,10 @@ def theories_table(runs: Runs, scenes: Iterable[str]) -> Table:
                 continue
             numbers: list[float] = []
             for what, profile in PROFILES.items():
-                one = profile(scene, run) / true[what] - 1.0
-                known = one[np.isfinite(one)]
-                worst = known[np.argmax(np.abs(known))] if known.size else np.nan
-                numbers += [100.0 * float(np.median(known)) if known.size else np.nan, 100.0 * float(worst)]
+                item = profile(scene, run) / true[what] - 1.0
+                available = item[np.isfinite(item)]
+                worst = available[np.argmax(np.abs(available))] if available.size else np.nan
+                numbers += [100.0 * float(np.median(available)) if available.size else np.nan, 100.0 * float(worst)]
             rows.append((name, label, *numbers))
     return Table(
         id="theories",
@@ -73,15 +73,15 @@ def theories_table(runs: Runs, scenes: Iterable[str]) -> Table:
             " tolerances, and what it is off by is its own error. Without scenes that are compressed before the impact:"
             " there contacts cross in the noise ahead of the wave."
         ),
-        columns=("scene", "by", *(f"{one}, {which} (%)" for one in PROFILES for which in ("median", "worst"))),
+        columns=("scene", "by", *(f"{item}, {which} (%)" for item in PROFILES for which in ("median", "worst"))),
         rows=tuple(rows),
     )
 
 
 def split_table(effects: Iterable[Effect]) -> Table:
     """What the paper could see, binary collisions beside ode45, as the sum of what each is off by."""
-    known = {(one.scene, one.id): one.changes for one in effects}
-    scenes = [scene for scene, id in known if id == "bca" and (scene, "ode45") in known]
+    known_values = {(effect.scene, effect.id): effect.changes for effect in effects}
+    scenes = [scene for scene, id in known_values if id == "bca" and (scene, "ode45") in known_values]
     return Table(
         id="split",
         title="Binary collisions beside ode45: theory and numerics apart",
@@ -93,7 +93,7 @@ def split_table(effects: Iterable[Effect]) -> Table:
         rows=tuple(
             (scene, name, 100.0 * (theory[name] - code[name]), 100.0 * theory[name], -100.0 * code[name])
             for scene in scenes
-            for theory, code in [(known[scene, "bca"], known[scene, "ode45"])]
+            for theory, code in [(known_values[scene, "bca"], known_values[scene, "ode45"])]
             for name in OBSERVABLES
         ),
     )

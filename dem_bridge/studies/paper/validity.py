@@ -86,7 +86,7 @@ class ContactValidity:
     @property
     def row(self) -> tuple[float, ...]:
         """The numbers of :data:`COLUMNS`."""
-        on_body, crushing, cracking, statics, weighing = (one.ratio for one in self.judged)
+        on_body, crushing, cracking, statics, weighing = (item.ratio for item in self.judged)
         first = (float(self.contact), self.angle, self.by_paper, self.exact, 100.0 * self.too_stiff, self.force)
         sizes = (1e3 * self.semi_major, on_body, 1e-9 * self.pressure)
         return (*first, *sizes, crushing, cracking, statics, weighing)
@@ -96,13 +96,13 @@ def contact_validity(scene: Scene, run: Trajectory, k: int) -> ContactValidity:
     """Contact k of a scene with a geometry, at its peak force in the run."""
     geometry = scene.geometry
     assert geometry is not None  # asked for by `validity_tables`
-    one, other, angle = geometry.bodies[k], geometry.bodies[k + 1], geometry.angle[k]
+    items, other, angle = geometry.bodies[k], geometry.bodies[k + 1], geometry.angle[k]
     contact = geometry.contact(k)
     material, force = other.material, float(run.peak_force[k])
     by_paper = geometry.contact(k, "paper").stiffness
     major, _ = contact.semi_axes(force)
     pressure = contact.peak_pressure(force)
-    half = min(0.5 * body.height if body.height is not None else body.radius for body in (one, other))
+    half = min(0.5 * body.height if body.height is not None else body.radius for body in (items, other))
     # what collision of these two bodies would have this force, and how long it would last
     reduced = scene.mass[k] * scene.mass[k + 1] / (scene.mass[k] + scene.mass[k + 1])
     overlap = contact.overlap(force)
@@ -149,7 +149,7 @@ def _of_quartz(geometry: Geometry | None) -> bool:
 
 def contacts_table(runs: Runs, name: str) -> Table | None:
     """Every contact of one chain; None where it has no geometry or no run."""
-    for scene, found in _known(runs, [name]):
+    for scene, result in _known(runs, [name]):
         return Table(
             id=f"contacts-{scene.name}",
             title=f"Every contact of {scene.name} and what is assumed of it",
@@ -160,7 +160,7 @@ def contacts_table(runs: Runs, name: str) -> Table | None:
                 " Strengths are handbook values of fused quartz: 1.1 GPa in compression, 48 MPa in tension."
             ),
             columns=COLUMNS,
-            rows=tuple(one.row for one in found),
+            rows=tuple(result.row for result in result),
         )
     return None
 
@@ -168,13 +168,13 @@ def contacts_table(runs: Runs, name: str) -> Table | None:
 def scenes_table(runs: Runs, names: Iterable[str]) -> Table:
     """One line a scene: its worst contact for each assumption, and in how many it fails."""
     rows = []
-    for scene, found in _known(runs, names):
+    for scene, result in _known(runs, names):
         row: list[str | float] = [scene.name]
         for place, name in enumerate(JUDGED):
-            judged = [one.judged[place] for one in found]
-            worst = (min if name == _LEAST else max)(one.ratio for one in judged)
-            row += [worst, f"{sum(not one.holds for one in judged)} of {len(found)}"]
-        row.append(max(100.0 * one.too_stiff for one in found))
+            judged = [result.judged[place] for result in result]
+            worst = (min if name == _LEAST else max)(item.ratio for item in judged)
+            row += [worst, f"{sum(not item.holds for item in judged)} of {len(result)}"]
+        row.append(max(100.0 * result.too_stiff for result in result))
         rows.append(tuple(row))
     columns = [f"{name}, {'least' if name == _LEAST else 'largest'}" for name in JUDGED]
     return Table(

@@ -189,21 +189,21 @@ def measured(scene: Scene) -> Measured:
     return Measured(scene=scene, truth=truth, pair=pair, mode=mode, scale=scale)
 
 
-def stable_at(found: Measured, allowed: float) -> tuple[Limit, float]:
+def stable_at(result: Measured, allowed: float) -> tuple[Limit, float]:
     """The twin's largest stable step and the phase that decides; ``allowed``: growth of the energy."""
-    return stable_step(twin, found.scene, start=3.0 / found.mode, scale=found.scale, allowed=allowed)
+    return stable_step(twin, result.scene, start=3.0 / result.mode, scale=result.scale, allowed=allowed)
 
 
-def point_of(found: Measured, *, value: float = math.nan, allowed: float, engine: Stepper | None = None) -> Point:
+def point_of(result: Measured, *, value: float = math.nan, allowed: float, engine: Stepper | None = None) -> Point:
     """All limits of a scene; ``engine``: LAMMPS, where it is to look for its own beside that of the twin."""
-    stable, phase = stable_at(found, allowed)
-    own = None
+    stable, phase = stable_at(result, allowed)
+    own_value = None
     if engine is not None:
-        own, _ = stable_step(
+        own_value, _ = stable_step(
             engine,
-            found.scene,
+            result.scene,
             start=stable.bad,
-            scale=found.scale,
+            scale=result.scale,
             allowed=allowed,
             phases=(phase,),
             ratio=CLOSE,
@@ -211,16 +211,17 @@ def point_of(found: Measured, *, value: float = math.nan, allowed: float, engine
         )
     return Point(
         value=value,
-        name=found.scene.name,
-        pair=found.pair,
-        mode=found.mode,
+        name=result.scene.name,
+        pair=result.pair,
+        mode=result.mode,
         stable=stable,
         phase=phase,
         accurate=tuple(
-            accurate_step(twin, found.scene, found.truth, stable=stable.good, wanted=wanted) for wanted in ACCURACIES
+            accurate_step(twin, result.scene, result.truth, stable=stable.good, wanted=requested)
+            for requested in ACCURACIES
         ),
-        engine=own,
-        rayleigh=rayleigh_time_of(found.scene),
+        engine=own_value,
+        rayleigh=rayleigh_time_of(result.scene),
     )
 
 
@@ -251,9 +252,9 @@ class Trap:
     """What the total energy has grown by at the end, over what was in motion."""
 
 
-def trap_of(found: Measured, stepper: Stepper, backend: str, dt: float) -> Trap:
+def trap_of(result: Measured, stepper: Stepper, backend: str, dt: float) -> Trap:
     """A run at ``dt`` (s) beside the truth; all numbers inf where it breaks."""
-    scene, truth = at_step(found.scene, dt), found.truth
+    scene, truth = at_step(result.scene, dt), result.truth
     try:
         run = stepper(scene, dt)
     except RunBroken:
@@ -261,22 +262,22 @@ def trap_of(found: Measured, stepper: Stepper, backend: str, dt: float) -> Trap:
         return Trap(backend=backend, dt=dt, **nothing)
     # the end of the scene need not fall on a step
     final = int(np.searchsorted(run.time, truth.time[-1] * (1.0 + 1e-12), side="right")) - 1
-    known, _ = energies(found.scene, truth)
+    available, _ = energies(result.scene, truth)
     kinetic, total = energies(scene, run)
     speed = float(np.max(np.abs(truth.velocity)))
     series = momentum(scene, run)
     start = float(np.sum(np.array(scene.mass) * np.abs(run.velocity[0])))
-    beside = np.array([np.interp(run.time[final], truth.time, column) for column in truth.velocity.T])
+    companion = np.array([np.interp(run.time[final], truth.time, column) for column in truth.velocity.T])
     return Trap(
         backend=backend,
         dt=dt,
-        velocity=velocity_error(stepper, found.scene, truth, dt),
-        last=float(np.max(np.abs(run.velocity[final] - beside))) / speed,
+        velocity=velocity_error(stepper, result.scene, truth, dt),
+        last=float(np.max(np.abs(run.velocity[final] - companion))) / speed,
         momentum=float(np.max(np.abs(series - series[0]))) / start
         if scene.conserves_momentum and start > 0.0
         else math.nan,
-        kinetic=abs(float(kinetic[final]) / float(np.interp(run.time[final], truth.time, known)) - 1.0),
-        energy=float(total[final] - total[0]) / found.scale,
+        kinetic=abs(float(kinetic[final]) / float(np.interp(run.time[final], truth.time, available)) - 1.0),
+        energy=float(total[final] - total[0]) / result.scale,
     )
 
 

@@ -14,7 +14,7 @@ from dem_bridge.studies.study import FigureData, Map, Panel, Series, Table
 from dem_bridge.verification.roles import GRANULAR, TWIN
 
 
-def tables(scene: Scene, chosen: Sequence[Family], found: Found) -> tuple[Table, ...]:
+def tables(scene: Scene, chosen: Sequence[Family], result: Found) -> tuple[Table, ...]:
     """Limits of every point, how they depend on what is called stable, and the trap."""
     names = {family.id: family.axis for family in chosen} | {"": scene.name}
     limits = Table(
@@ -32,13 +32,13 @@ def tables(scene: Scene, chosen: Sequence[Family], found: Found) -> tuple[Table,
             "LAMMPS / twin",
             "stable / (2/omega, contact)",
             "stable / (2/omega, mode)",
-            *(f"accurate to {wanted:g} (s)" for wanted in ACCURACIES),
-            *(f"stable / accurate to {wanted:g}" for wanted in ACCURACIES),
+            *(f"accurate to {requested:g} (s)" for requested in ACCURACIES),
+            *(f"stable / accurate to {requested:g}" for requested in ACCURACIES),
             "stable / Rayleigh time (%)",
             "accurate to 0.01 / Rayleigh time (%)",
             "stable again up to (s)",
         ),
-        rows=tuple(_limits(names[key], point) for key, points in found.points.items() for point in points),
+        rows=tuple(_limits(names[key], point) for key, points in result.points.items() for point in points),
     )
     thresholds = Table(
         id="thresholds",
@@ -48,7 +48,7 @@ def tables(scene: Scene, chosen: Sequence[Family], found: Found) -> tuple[Table,
         columns=("scene", "energy may grow by", "omega dt, mode", "window up to omega dt"),
         rows=tuple(
             (name, share, mode * limit.good, mode * limit.window)
-            for name, (mode, limits) in found.thresholds.items()
+            for name, (mode, limits) in result.thresholds.items()
             for share, limit in limits.items()
         ),
     )
@@ -67,8 +67,8 @@ def tables(scene: Scene, chosen: Sequence[Family], found: Found) -> tuple[Table,
             "total energy, growth",
         ),
         rows=tuple(
-            (one.backend, one.dt, 100 * one.velocity, 100 * one.last, one.momentum, one.kinetic, one.energy)
-            for one in found.traps
+            (item.backend, item.dt, 100 * item.velocity, 100 * item.last, item.momentum, item.kinetic, item.energy)
+            for item in result.traps
         ),
     )
     return limits, thresholds, trap
@@ -90,33 +90,33 @@ def _limits(name: str, point: Point) -> tuple[str | float, ...]:
         0.5 * stable * point.pair,
         0.5 * stable * point.mode,
         *accurate,
-        *(stable / one for one in accurate),
+        *(stable / item for item in accurate),
         100.0 * stable / rayleigh,
         100.0 * accurate[0] / rayleigh,
         point.stable.window,
     )
 
 
-def figures(scene: Scene, chosen: Sequence[Family], found: Found, gain: float) -> tuple[FigureData, ...]:
+def figures(scene: Scene, chosen: Sequence[Family], result: Found, gain: float) -> tuple[FigureData, ...]:
     """The limits over each family, the energy of two bodies over step and phase, and the trap."""
-    made = [
+    created = [
         FigureData(
             id="stability-limits",
             title="Largest steps of velocity-Verlet",
             caption="Between the stable steps and those that are right to 1e-4 lie one to two decades. Below 2/omega of"
             " one contact a chain may be unstable; the highest mode of all contacts says where.",
             panels=tuple(
-                _family_panel(letter, family, found.points[family.id])
+                _family_panel(letter, family, result.points[family.id])
                 for letter, family in zip("abcd", chosen, strict=False)
-                if family.id in found.points
+                if family.id in result.points
             ),
         )
     ]
-    if found.gains is not None:
-        made.append(_gain_figure(found.gains, gain))
-    if found.curve:
-        made.append(_trap_figure(scene, found))
-    return tuple(one for one in made if one.panels)
+    if result.gains is not None:
+        created.append(_gain_figure(result.gains, gain))
+    if result.curve:
+        created.append(_trap_figure(scene, result))
+    return tuple(item for item in created if item.panels)
 
 
 def _family_panel(letter: str, family: Family, points: Sequence[Point]) -> Panel:
@@ -129,15 +129,15 @@ def _family_panel(letter: str, family: Family, points: Sequence[Point]) -> Panel
         line("stable, twin", "reference", {p.value: p.stable.good for p in points}),
         line("stable, LAMMPS", GRANULAR, {p.value: p.engine.good for p in points if p.engine is not None}),
     ]
-    for style, (nth, wanted) in zip(("bca", "adiabatic"), enumerate(ACCURACIES), strict=True):
-        series.append(line(f"accurate to {wanted:g}, twin", style, {p.value: p.accurate[nth].good for p in points}))
+    for style, (nth, requested) in zip(("bca", "adiabatic"), enumerate(ACCURACIES), strict=True):
+        series.append(line(f"accurate to {requested:g}, twin", style, {p.value: p.accurate[nth].good for p in points}))
     if all(p.rayleigh is not None for p in points):
         series.append(line("Rayleigh time", "", {p.value: p.rayleigh or math.nan for p in points}))
     return Panel(
         title=f"({letter}) {family.title}",
         x_label=family.axis,
         y_label="time step (s)",
-        series=tuple(one for one in series if len(one.x)),
+        series=tuple(item for item in series if len(item.x)),
         log=True,
     )
 
@@ -176,24 +176,24 @@ def _gain_figure(gains: Floats, called: float) -> FigureData:
     )
 
 
-def _trap_figure(scene: Scene, found: Found) -> FigureData:
-    runs = [one for one in found.curve if math.isfinite(one.velocity)]
-    dt = np.array([one.dt for one in runs])
+def _trap_figure(scene: Scene, result: Found) -> FigureData:
+    runs = [item for item in result.curve if math.isfinite(item.velocity)]
+    dt = np.array([run.dt for run in runs])
     shown = (
-        ("velocity, largest error", "bca", [one.velocity for one in runs]),
-        ("velocity at the end", "adiabatic", [one.last for one in runs]),
-        ("kinetic energy at the end", "fit", [one.kinetic for one in runs]),
-        ("momentum, largest change", "reference", [max(one.momentum, 1e-17) for one in runs]),
+        ("velocity, largest error", "bca", [run.velocity for run in runs]),
+        ("velocity at the end", "adiabatic", [run.last for run in runs]),
+        ("kinetic energy at the end", "fit", [run.kinetic for run in runs]),
+        ("momentum, largest change", "reference", [max(run.momentum, 1e-17) for run in runs]),
     )
     series = [Series(label=label, style=style, x=dt, y=np.array(y)) for label, style, y in shown]
-    lmp = [one for one in found.traps if one.backend == GRANULAR and math.isfinite(one.velocity)]
+    lmp = [trap for trap in result.traps if trap.backend == GRANULAR and math.isfinite(trap.velocity)]
     if lmp:
-        x, y = np.array([one.dt for one in lmp]), np.array([one.velocity for one in lmp])
+        x, y = np.array([item.dt for item in lmp]), np.array([item.velocity for item in lmp])
         series.append(Series(label="velocity, LAMMPS", style=GRANULAR, x=x, y=y))
-    limit = found.points[""][0].stable.good
+    limit = result.points[""][0].stable.good
     series.append(Series(label="largest stable step", style="guide", x=np.array([limit] * 2), y=np.array([1e-16, 1.0])))
-    known = tuple(one for one in series if np.isfinite(one.y).any())
-    panel = Panel(title=scene.name, x_label="time step (s)", y_label="relative error", series=known, log=True)
+    available = tuple(item for item in series if np.isfinite(item.y).any())
+    panel = Panel(title=scene.name, x_label="time step (s)", y_label="relative error", series=available, log=True)
     return FigureData(
         id="stability-trap",
         title="The trap: what conservation does not show",
@@ -204,11 +204,11 @@ def _trap_figure(scene: Scene, found: Found) -> FigureData:
     )
 
 
-def answer(scene: Scene, chosen: Sequence[Family], found: Found, gain: float) -> tuple[str, ...]:
+def answer(scene: Scene, chosen: Sequence[Family], result: Found, gain: float) -> tuple[str, ...]:
     """In sentences, each from what was found; of what was interrupted those that can be said."""
-    said = [sentence for point in found.points.get("", ()) for sentence in _of_scene(scene, point)]
-    said += _of_trap([one for one in found.traps if one.backend == TWIN and math.isfinite(one.velocity)])
-    small = [point for family in chosen for point in found.points.get(family.id, ())]
+    said = [sentence for point in result.points.get("", ()) for sentence in _of_scene(scene, point)]
+    said += _of_trap([trap for trap in result.traps if trap.backend == TWIN and math.isfinite(trap.velocity)])
+    small = [point for family in chosen for point in result.points.get(family.id, ())]
     if small:
         mode = [0.5 * point.stable.good * point.mode for point in small]
         pair = [0.5 * point.stable.good * point.pair for point in small]
@@ -221,7 +221,7 @@ def answer(scene: Scene, chosen: Sequence[Family], found: Found, gain: float) ->
         )
     both = [
         (point.engine.good / point.stable.good, point.name)
-        for point in (*small, *found.points.get("", ()))
+        for point in (*small, *result.points.get("", ()))
         if point.engine is not None
     ]
     if both:
@@ -230,7 +230,7 @@ def answer(scene: Scene, chosen: Sequence[Family], found: Found, gain: float) ->
             f"LAMMPS has the twin's limit on {len(both)} scenes to {100 * away:.1f} %, where the search resolves"
             f" {100 * (FINEST - 1):.1f} %."
         )
-    if speeds := found.points.get("speed", ()):
+    if speeds := result.points.get("speed", ()):
         collapsed = [point.stable.good * point.pair for point in speeds]
         said.append(
             "Impact speed changes nothing but the scale: omega dt at the limit of two bodies is"
@@ -238,7 +238,7 @@ def answer(scene: Scene, chosen: Sequence[Family], found: Found, gain: float) ->
             f" {max(collapsed) / min(collapsed) - 1:.0e}."
         )
     angles = [
-        (point.value, point.stable.good / point.rayleigh) for point in found.points.get("angle", ()) if point.rayleigh
+        (point.value, point.stable.good / point.rayleigh) for point in result.points.get("angle", ()) if point.rayleigh
     ]
     if len(angles) > 1:
         (first, low), (last, high) = angles[0], angles[-1]
@@ -246,7 +246,7 @@ def answer(scene: Scene, chosen: Sequence[Family], found: Found, gain: float) ->
             f"The Rayleigh time knows no contact angle: the limit is {100 * low:.0f} % of it at {first:g} degrees and"
             f" {100 * high:.0f} % at {last:g}."
         )
-    for name, (omega, limits) in found.thresholds.items():
+    for name, (omega, limits) in result.thresholds.items():
         (least, narrow), *_, (most, wide) = limits.items()
         said.append(
             f"What is called stable on {name}: omega dt (highest mode) is {omega * narrow.good:.2f} at the limit where"
@@ -256,26 +256,27 @@ def answer(scene: Scene, chosen: Sequence[Family], found: Found, gain: float) ->
 
 
 def _of_scene(scene: Scene, point: Point) -> tuple[str, str]:
-    limit, (one, two) = point.stable.good, (found.good for found in point.accurate)
+    limit, (items, two) = point.stable.good, (result.good for result in point.accurate)
     lmp = f" (LAMMPS: {point.engine.good:.3g} s)" if point.engine is not None else ""
     share = f", {100 * limit / point.rayleigh:.0f} % of the Rayleigh time" if point.rayleigh else ""
     return (
         f"On {scene.name} velocity-Verlet is stable up to dt = {limit:.3g} s{lmp}{share}:"
         f" {0.5 * limit * point.mode:.2f} times 2/omega of the chain's highest mode, and"
         f" {0.5 * limit * point.pair:.2f} times that of its fastest contact alone, which is the usual estimate.",
-        f"Velocities there are right to {ACCURACIES[0]:g} up to {one:.3g} s and to {ACCURACIES[1]:g} up to {two:.3g} s:"
-        f" {limit / one:.0f} and {limit / two:.0f} times below the stable step.",
+        f"Velocities there are right to {ACCURACIES[0]:g} up to {items:.3g} s and to {ACCURACIES[1]:g} up to"
+        f" {two:.3g} s:"
+        f" {limit / items:.0f} and {limit / two:.0f} times below the stable step.",
     )
 
 
 def _of_trap(runs: Sequence[Trap]) -> list[str]:
     if not runs:
         return []
-    errors, last = [100 * one.velocity for one in runs], [100 * one.last for one in runs]
-    moved = max(one.momentum for one in runs)
+    errors, last = [100 * run.velocity for run in runs], [100 * run.last for run in runs]
+    moved = max(run.momentum for run in runs)
     kept = "" if math.isnan(moved) else f"momentum changes by at most {moved:.0e} of its own and "
     return [
         f"Between the two conservation says nothing: from dt = {runs[0].dt:.0e} to {runs[-1].dt:.0e} s velocities err"
         f" by {min(errors):.2g} to {max(errors):.2g} % of the largest ({min(last):.2g} to {max(last):.2g} % at the end"
-        f" alone), while {kept}the final kinetic energy errs by at most {max(one.kinetic for one in runs):.0e}."
+        f" alone), while {kept}the final kinetic energy errs by at most {max(run.kinetic for run in runs):.0e}."
     ]

@@ -190,15 +190,15 @@ def stable_step(
     ``start`` (s): where to begin; ``scale`` (J): the energy in motion; ``allowed``: gain over that; ``phases``: of the
     first touch (None: :data:`PHASES` where the scene is struck).
     """
-    known = (PHASES if struck(scene) else (0.0,)) if phases is None else phases
+    available = (PHASES if struck(scene) else (0.0,)) if phases is None else phases
 
     def deciding(dt: float) -> float | None:
-        return next((p for p in known if gain_of(stepper, scene, dt, p, scale) > allowed), None)
+        return next((p for p in available if gain_of(stepper, scene, dt, p, scale) > allowed), None)
 
-    found = largest_step(lambda dt: deciding(dt) is None, start, ratio=ratio, guard=guard)
-    phase = deciding(found.bad)
+    result = largest_step(lambda dt: deciding(dt) is None, start, ratio=ratio, guard=guard)
+    phase = deciding(result.bad)
     assert phase is not None  # it was bad
-    return found, phase
+    return result, phase
 
 
 def velocity_error(stepper: Stepper, scene: Scene, truth: Trajectory, dt: float, phase: float = 0.0) -> float:
@@ -213,11 +213,11 @@ def velocity_error(stepper: Stepper, scene: Scene, truth: Trajectory, dt: float,
     except RunBroken:
         return math.inf
     late = phase * dt
-    known = (run.time >= late) & (run.time <= late + truth.time[-1] * (1.0 + 1e-12))
-    when = np.clip(run.time[known] - late, 0.0, truth.time[-1])
+    available = (run.time >= late) & (run.time <= late + truth.time[-1] * (1.0 + 1e-12))
+    when = np.clip(run.time[available] - late, 0.0, truth.time[-1])
     expected = state_at(scene, truth, when)[1]
     with np.errstate(over="ignore", invalid="ignore"):
-        away = float(np.max(np.abs(run.velocity[known] - expected)) / np.max(np.abs(truth.velocity)))
+        away = float(np.max(np.abs(run.velocity[available] - expected)) / np.max(np.abs(truth.velocity)))
     return away if math.isfinite(away) else math.inf
 
 

@@ -94,23 +94,25 @@ def study_stability(
             f"{scene.name} is driven, and energy that grows is no sign of a step too large there; allowed: a scene"
             " without drive, as the same one struck"
         )
-    chosen, found = families(points), Found()
+    chosen, results = families(points), Found()
     total = points * len(chosen) + 4
     try:
-        for done, label in enumerate(_measure(scene, chosen, found, float(gain), engine)):
+        for done, label in enumerate(_measure(scene, chosen, results, float(gain), engine)):
             if progress is not None:
                 progress(done, total, label)
     except KeyboardInterrupt:
-        found.interrupted = True
+        results.interrupted = True
     return Study(
         id="stability",
         title=f"Stability of velocity-Verlet: four families of small scenes, and {scene.name}",
-        answer=answer(scene, chosen, found, float(gain)),
-        tables=tables(scene, chosen, found),
-        figures=figures(scene, chosen, found, float(gain)),
-        verdicts=tuple(_agreement(point) for one in found.points.values() for point in one if point.engine is not None),
+        answer=answer(scene, chosen, results, float(gain)),
+        tables=tables(scene, chosen, results),
+        figures=figures(scene, chosen, results, float(gain)),
+        verdicts=tuple(
+            _agreement(point) for item in results.points.values() for point in item if point.engine is not None
+        ),
         notes=(
-            *found.notes,
+            *results.notes,
             f"Stable: the energy kept (the least total energy over the last quarter of the run, without walls in the"
             f" frame of the centre of mass) has grown by at most {gain:g} of what was in motion, wherever in a step the"
             f" first touch falls (8 places). Limits are known to {100 * (FINEST - 1):.1f} %, apart from windows"
@@ -120,12 +122,14 @@ def study_stability(
             "LAMMPS looks for its limit below the twin's first unstable step, with the phase of the first touch that"
             " decides there.",
         ),
-        interrupted=found.interrupted,
+        interrupted=results.interrupted,
         provenance={"scene": scene.name, "scene_hash": scene.content_hash, "gain": gain, "points": points},
     )
 
 
-def _measure(scene: Scene, chosen: Sequence[Family], found: Found, gain: float, engine: Engine | None) -> Iterator[str]:
+def _measure(
+    scene: Scene, chosen: Sequence[Family], result: Found, gain: float, engine: Engine | None
+) -> Iterator[str]:
     """Fill ``found``; says before each part what comes next."""
     yield "LAMMPS"
     try:
@@ -133,34 +137,34 @@ def _measure(scene: Scene, chosen: Sequence[Family], found: Found, gain: float, 
         has_engine = True
     except BackendUnavailable as error:
         has_engine = False
-        found.notes.append(f"LAMMPS was not run: {error}.")
+        result.notes.append(f"LAMMPS was not run: {error}.")
     for family in chosen:
         some = {0, len(family.values) // 2, len(family.values) - 1}
         for i, value in enumerate(family.values.tolist()):
             yield f"{family.id} = {value:.3g}"
-            one = measured(family.scene_at(value))
-            lmp = engine_on(one.scene, engine) if has_engine and i in some else None
-            found.points.setdefault(family.id, []).append(point_of(one, value=value, allowed=gain, engine=lmp))
+            item = measured(family.scene_at(value))
+            lmp = engine_on(item.scene, engine) if has_engine and i in some else None
+            result.points.setdefault(family.id, []).append(point_of(item, value=value, allowed=gain, engine=lmp))
     yield scene.name
     whole = measured(scene)
     lmp = engine_on(scene, engine) if has_engine else None
     if has_engine and lmp is None:
-        found.notes.append(f"LAMMPS was not run on {scene.name}: {GRANULAR_STYLE.unsupported_reason(scene)}.")
+        result.notes.append(f"LAMMPS was not run on {scene.name}: {GRANULAR_STYLE.unsupported_reason(scene)}.")
     point = point_of(whole, allowed=gain, engine=lmp)
-    found.points[""] = [point]
+    result.points[""] = [point]
     yield "thresholds"
     pair = measured(chain("two-equal", (MASS, MASS), (STIFFNESS,)))
     row = measured(chain("five-equal", (MASS,) * 5, (STIFFNESS,) * 4))
-    for one in (pair, row, whole):
-        found.thresholds[one.scene.name] = (one.mode, {share: stable_at(one, share)[0] for share in GAINS})
-    found.gains = gain_map(pair, STEPS, PHASES)
+    for item in (pair, row, whole):
+        result.thresholds[item.scene.name] = (item.mode, {share: stable_at(item, share)[0] for share in GAINS})
+    result.gains = gain_map(pair, STEPS, PHASES)
     yield "trap"
     limit = point.stable.good
-    found.curve = [trap_of(whole, twin, TWIN, float(limit / share)) for share in CURVE]
+    result.curve = [trap_of(whole, twin, TWIN, float(limit / share)) for share in CURVE]
     for dt in (float(f"{limit / share:.0e}") for share in SHARES):
-        found.traps.append(trap_of(whole, twin, TWIN, dt))
+        result.traps.append(trap_of(whole, twin, TWIN, dt))
         if lmp is not None:
-            found.traps.append(trap_of(whole, lmp, GRANULAR, dt))
+            result.traps.append(trap_of(whole, lmp, GRANULAR, dt))
 
 
 def _agreement(point: Point) -> Verdict:
