@@ -1,1 +1,1 @@
-"""Where things break: a named catalogue of extreme scenes, and what every backend makes of each."""
+"""Extreme scenes: a named catalogue, and the answer of every backend to each."""

@@ -48,7 +48,7 @@ class Entry:
 
 
 def kinds(judged: Backend) -> tuple[str, ...]:
-    """What an expectation for this backend may stand under, the most special first."""
+    """Return the keys under which an expectation for this backend may stand, the most special first."""
     results = [judged.name]
     if judged.name in ENGINE_BACKENDS:
         results.append(ENGINE)
@@ -62,8 +62,11 @@ def kinds(judged: Backend) -> tuple[str, ...]:
 
 
 def expectation(entry: Entry, name: str) -> Expected:
-    """What the backend of that name has to say. Unless the entry says more: a code of these equations is right within
-    its bar, and a theory gives a number."""
+    """Return the findings that are expected of a backend.
+
+    Unless the entry states more, a code of these equations is right within its uncertainty, and a theory gives a
+    number.
+    """
     if name in entry.left_out:
         return Expected(Word.NOT_RUN)
     every = kinds(backend(name))
@@ -87,7 +90,7 @@ def theories_refuse(because: str, **more: Expected) -> dict[str, Expected]:
 
 
 def checked(entries: Sequence[Entry]) -> Mapping[str, Entry]:
-    """By name; ValueError where two share one, or an expectation or setting is for nobody."""
+    """Return the entries by name. Raises ValueError for equal names, and for expectations or settings of no backend."""
     known_values = {*BACKENDS, THEORY, VERLET, FIXED_STEP, ENGINE, HERTZ}
     results: dict[str, Entry] = {}
     for entry in entries:
@@ -104,12 +107,12 @@ def checked(entries: Sequence[Entry]) -> Mapping[str, Entry]:
 
 
 def plain(value: float) -> str:
-    """As people write it, as names of scenes can have it: 1e6, 1e-9, 0.001."""
+    """Format a number as people write it and as scene names allow: 1e6, 1e-9, 0.001."""
     return f"{value:g}".replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
 
 
 def contact_time(*, mass: float = MASS, stiffness: float = BETA, speed: float = SPEED, exponent: float = 2.5) -> float:
-    """How long two such bodies touch when they meet at ``speed``, s: what durations are measured in."""
+    """Return the contact time of two such bodies that meet at ``speed``, s; it is the unit of durations."""
     masses = (mass, mass)
     hit = two_body_collision(masses=masses, velocities=(speed, 0.0), stiffness=stiffness, exponent=exponent)
     return hit.contact_time
@@ -126,8 +129,10 @@ def chain(
     samples: int = 20,
     **more: Any,
 ) -> Scene:
-    """``bodies`` in a row, the first at ``speed`` unless ``velocity`` says more, for so many contact ``times`` of the
-    ordinary bodies at this speed unless ``duration`` does."""
+    """Return a row of ``bodies``, the first at ``speed`` unless ``velocity`` is given.
+
+    It lasts so many contact ``times`` of the ordinary bodies at this speed, unless ``duration`` is given.
+    """
     masses = (mass,) * bodies if isinstance(mass, float) else tuple(mass)
     if not isinstance(stiffness, float) and isinstance(mass, float):
         masses = (mass,) * (len(stiffness) + 1)

@@ -26,7 +26,7 @@ WHOLE = 1.0
 
 
 class Word(StrEnum):
-    """What a backend says of an extreme."""
+    """Possible findings on a backend and an extreme scene."""
 
     RIGHT = "right"
     NO_BAR = "no bar"
@@ -46,7 +46,7 @@ class Word(StrEnum):
 
 @dataclass(frozen=True)
 class Expected:
-    """What a backend has to say; more than one word where round-off decides between them.
+    """Findings that are expected of a backend; several where round-off decides between them.
 
     >>> Expected(Word.REFUSED, because="gaps").fits(Word.REFUSED, "there are gaps")
     True
@@ -70,7 +70,7 @@ class Expected:
 
 @dataclass(frozen=True, kw_only=True)
 class Standard:
-    """What a run is held against: a trajectory with bars, and who says so; or why there is none."""
+    """Trajectory with uncertainties that a run is compared with, and its source; or the reason why there is none."""
 
     says: str
     run: Trajectory | None
@@ -81,7 +81,7 @@ class Standard:
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """What was found of one backend on one entry, and the quantity that decides. All numbers relative to its scale."""
+    """Finding on one backend and one entry with the deciding quantity; all numbers are relative to its scale."""
 
     word: Word
     reason: str = ""
@@ -111,8 +111,10 @@ class Finding:
 
 
 def judge(result: Result, standards: Sequence[Standard], *, model: bool) -> Finding:
-    """What ``result`` is beside its ``standards``; the one that it is the furthest from decides. ``model``: whether it
-    solves other equations, so that nothing but a number can be said."""
+    """Compare ``result`` with its ``standards``; the one that it differs from most decides.
+
+    ``model``: whether it solves other equations, so that only a number can be stated.
+    """
     failure = result.failure
     if isinstance(failure, BackendUnavailable):
         return Finding(word=Word.NOT_RUN, reason=str(failure))
@@ -156,8 +158,10 @@ def _over(value: float, scale: float) -> float:
 
 
 def _model(run: Trajectory, standards: Sequence[Standard]) -> Finding:
-    """How far a theory is from the first standard: of its arrivals, or where none falls into the time of the scene of
-    its forces, the median of the contacts."""
+    """Return the deviation of a theory from the first standard.
+
+    It is that of arrival times or, where none falls into the duration of the scene, the median of the contacts' forces.
+    """
     truth = standards[0].run
     if not np.all(np.isfinite(run.velocity)):
         return Finding(word=Word.WRONG, reason="velocities that are not finite", ratio=math.inf)

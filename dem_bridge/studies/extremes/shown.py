@@ -40,7 +40,7 @@ class Row:
 
     @property
     def outcome(self) -> Outcome:
-        """Whether the finding is the expected one."""
+        """Return PASS if the finding is the expected one, otherwise FAIL."""
         return outcome(self.found, self.expected)
 
     @property
@@ -64,7 +64,7 @@ class Row:
 
 
 def answer(rows: Sequence[Row]) -> tuple[str, ...]:
-    """What was asked for first: whether any backend is wrong in silence."""
+    """Return the answer: whether any backend is wrong without saying so."""
     count = Counter(row.found.word for row in rows)
     entries, backends = len({row.entry.name for row in rows}), len({row.backend for row in rows})
     wrong = [row for row in rows if row.found.word is Word.WRONG]

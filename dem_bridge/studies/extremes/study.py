@@ -104,7 +104,7 @@ def rows_of(
 
 
 def _stepped(entry: Entry) -> tuple[Entry, float | None]:
-    """With the time step of codes that have one; None: their own default."""
+    """Return the settings with the time step for codes that have a fixed step; None: their default."""
     if entry.dt is not None:
         return entry, entry.dt
     frequency = prescan_scene(entry.scene).frequency

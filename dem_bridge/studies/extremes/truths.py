@@ -1,7 +1,7 @@
-"""What a run on an extreme must be: by another code, by an exact relation to another scene, or in closed form.
+"""Standards for runs of extreme scenes: another code, an exact relation to another scene, or a closed form.
 
-Relations are those of the equations themselves (Galilei, mirror, scales, time reversal, chains that never meet): a code
-is held against its own run of another scene, so that they share nothing with the references but Newton and Hertz.
+The relations are those of the equations themselves (Galilei, mirror, scales, time reversal, chains that never meet): a
+code is compared with its own run of another scene, so that they share nothing with the references but Newton and Hertz.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _CLOSED = 32.0 * EPS
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """How to come by what a run must be. ``make`` turns runs of ``scenes``, in their order, into it."""
+    """Source of a standard: ``make`` turns runs of ``scenes``, in their order, into it."""
 
     says: str
     make: Callable[[Sequence[Trajectory]], Trajectory]
@@ -50,7 +50,7 @@ def by_others(scene: Scene) -> Truth:
 
 
 def witness(judged: str, scene: Scene) -> str:
-    """Which code is the truth for ``judged`` on ``scene``."""
+    """Return the backend that is the standard for ``judged`` on ``scene``."""
     return next(name for name in WITNESSES if _code(name, scene) != _code(judged, scene))
 
 

@@ -1,1 +1,2 @@
-"""How long single trajectories can be trusted, and what holds beyond."""
+"""The predictability horizon: the time up to which single velocities are known, and the quantities that hold beyond
+it."""

@@ -1,4 +1,5 @@
-"""What the horizon study measures: growth of a nudge, bars of a run over time, and long runs of the twin."""
+"""Measurements of the horizon study: growth of a perturbation, uncertainty of a run over time, and long runs of the
+twin."""
 
 from __future__ import annotations
 
@@ -53,23 +54,25 @@ def perturbed(scene: Scene, share: float, seed: int) -> Scene:
 
 
 def apart(first: Floats, other: Floats, scale: float) -> Floats:
-    """Largest distance so far of velocities ``(n_t, n_body)`` over the bodies and all earlier samples, in units of
-    ``scale`` (m/s), ``(n_t,)``."""
+    """Return the largest difference so far of velocities ``(n_t, n_body)``, over bodies and earlier samples.
+
+    The result, ``(n_t,)``, is in units of ``scale`` (m/s).
+    """
     return np.asarray(np.maximum.accumulate(np.max(np.abs(first - other), axis=1)) / scale)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Growth:
-    """How a nudge grows. Made by :func:`growth_of`."""
+    """Growth of a small perturbation of the input, made by :func:`growth_of`."""
 
     exponential: bool
     """Whether exp(rate t) fits better than a power of t."""
     rate: float
     """1/s where exponential, else the power."""
     bar: float
-    """Half width of its 95 % interval, from the scatter of the nudges."""
+    """Half width of its 95 % interval, from the scatter of the perturbations."""
     factor: float
-    """Largest distance at the end over the nudge: a saturated one says nothing of the rate."""
+    """Largest distance at the end over the perturbation: a saturated one says nothing of the rate."""
     window: tuple[float, float]
     """s: from where to where was fitted."""
     misfit: tuple[float, float]
@@ -84,9 +87,11 @@ class Growth:
 
 
 def growth_of(time: Floats, distance: Floats, share: float, *, most: float = KNOWN) -> Growth:
-    """Fit ``distance (n_nudge, n_t)``, largest so far over the largest speed, of nudges of this relative ``share``.
+    """Fit ``distance (n_nudge, n_t)``, largest so far over the largest speed, of perturbations of this relative
+    ``share``.
 
-    Between the nudge itself and ``most``, where it is no longer small; each nudge has its own factor and rate.
+    Between the perturbation itself and ``most``, where it is no longer small; each perturbation has its own factor and
+    rate.
 
     >>> time = np.linspace(0.0, 1.0, 201)
     >>> two = [factor * 1e-10 * np.exp(15.0 * time) for factor in (1.0, 3.0)]
@@ -127,8 +132,7 @@ def growth_of(time: Floats, distance: Floats, share: float, *, most: float = KNO
 
 
 def step_bar(twins: Twins, scale: float) -> Floats:
-    """The bar of the time step up to each sample, as :meth:`~dem_bridge.backends.twin_bars.Twins.of_step` has it of
-    the whole run, in units of ``scale`` (m/s), ``(n_t,)``."""
+    """Return the time-step uncertainty of velocities up to each sample, ``(n_t,)``, in units of ``scale`` (m/s)."""
     parts = [
         STEP_SAFETY / abs(ratio**twins.order - 1.0) * apart(twins.own.velocity, other.velocity, scale)
         for ratio, other in twins.others.items()
@@ -157,7 +161,7 @@ def horizon_of(time: Floats, bar: Floats, available: float = KNOWN) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trust:
-    """How long single velocities of one backend are known."""
+    """Predictability of single velocities by one backend."""
 
     backend: str
     bar: Floats
@@ -173,7 +177,7 @@ class Trust:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LongRun:
-    """What a long run of the twin is asked for: ``(n_t,)`` all but ``velocity (n_t, n_body)``. SI."""
+    """Quantities of a long run of the twin, in SI: arrays ``(n_t,)``, except ``velocity (n_t, n_body)``."""
 
     dt: float
     steps: int
@@ -192,7 +196,7 @@ class LongRun:
 
     @property
     def drift(self) -> Drift | None:
-        """Of the conserved energy, in units of ``scale``, per s; None: too short."""
+        """Drift of the conserved energy per second, in units of ``scale``; None: the run is too short."""
         return drift_of(self.time, self.conserved / self.scale) if len(self.time) >= 2 * BLOCKS else None
 
     @property
@@ -210,12 +214,12 @@ class LongRun:
 def long_run(
     scene: Scene, dt: float, steps: int, *, samples: int = 10_000, progress: Progress | None = None
 ) -> LongRun:
-    """So many steps of the twin at ``dt`` (s), looked at ``samples`` times and not in between; the scene's duration
-    does not matter.
+    """Run the twin for ``steps`` steps of ``dt`` (s) and keep ``samples`` samples; the scene's duration does not
+    matter.
 
-    A million steps at a time, each part from where the last one ended: overlaps and velocities are all that it needs,
-    so that the parts are one run to the last digit. A precompressed, damped or driven scene is run as a whole. Ctrl-C
-    leaves what was run until then. ``progress`` is called with (steps done, steps, label).
+    The run is made in parts of a million steps, each from where the last one ended. Overlaps and velocities are its
+    whole state, so the parts are one run to the last digit. A precompressed, damped or driven scene is run as a whole.
+    After Ctrl-C the part that was run is kept. ``progress`` is called with (steps done, steps, label).
     """
     per_sample = max(1, steps // samples)
     count = max(1, steps // per_sample)
@@ -285,12 +289,12 @@ class Found:
     perturbation: float
     """Relative."""
     distance: Floats
-    """``(n_nudge, n_t)``: largest so far of each nudge, over the largest speed."""
+    """``(n_nudge, n_t)``: largest so far of each perturbation, over the largest speed."""
     growth: Growth
     trusts: tuple[Trust, ...]
     """The reference's first."""
     ensemble: tuple[Trajectory, ...]
-    """Of the nudged scenes."""
+    """Of the perturbed scenes."""
     long: LongRun
     halved: LongRun | None
     """At half the step; None: not run."""

@@ -1,4 +1,4 @@
-"""What the horizon study shows: tables, figures and the answer in sentences. Nothing is run here."""
+"""Tables, figures and answer of the horizon study; nothing is run here."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ def tables(result: Found, judged: Sequence[Verdict]) -> tuple[Table, ...]:
     )  # fmt: skip
     growth = Table(
         id="growth",
-        title="How a nudge grows",
+        title="How a perturbation grows",
         caption=f"{len(result.distance)} runs of the reference with masses, velocities and stiffnesses moved by"
         f" {result.perturbation:g}; bars are 95 % intervals from their scatter.",
         columns=(
             "fits", "rate (1/s) or power", "bar", "e-folding time in contact times", "fitted from (s)", "to (s)",
-            "misfit, exponential", "misfit, power", "largest distance / nudge",
+            "misfit, exponential", "misfit, power", "largest distance / perturbation",
         ),
         rows=(
             (
@@ -140,7 +140,7 @@ def _parting(result: Found) -> FigureData:
         " inputs differ a little. Right: bars of each code, and what it differs by from the reference; where a bar"
         " passes 1 % its horizon is.",
         panels=(
-            Panel(title="(a) growth of a nudge", x_label="time (ms)", y_label=label, series=perturbations),
+            Panel(title="(a) growth of a perturbation", x_label="time (ms)", y_label=label, series=perturbations),
             Panel(title="(b) bars of the codes", x_label="time (ms)", y_label=label, series=tuple(bars)),
         ),
     )
@@ -218,7 +218,7 @@ def _distribution(result: Found, first: int) -> FigureData:
 
 
 def answer(result: Found, judged: Sequence[Verdict]) -> tuple[str, ...]:
-    """In sentences, the horizons first."""
+    """Return the answer in sentences, the horizons first."""
     g, scene = result.growth, result.scene
     said = []
     # a chain that is driven from rest has no collision to count by
@@ -241,19 +241,21 @@ def answer(result: Found, judged: Sequence[Verdict]) -> tuple[str, ...]:
     fits = f"misfit in the logarithm {g.misfit[0]:.2g}, of a power of time {g.misfit[1]:.2g}"
     if g.kind == "neither":
         said.append(
-            f"A nudge grows {g.factor:.1e} times, not steadily: neither an exponential nor a power fits ({fits})."
+            f"A perturbation grows {g.factor:.1e} times, not steadily: neither an exponential nor a power fits"
+            f" ({fits})."
         )
     elif g.exponential:
         companion = f", which is {1.0 / (g.rate * result.contact_time):.2g} contact times" * available
         said.append(
-            f"A nudge grows {g.factor:.1e} times, exponentially ({fits}): by a factor e in {1.0 / g.rate:.2e}"
+            f"A perturbation grows {g.factor:.1e} times, exponentially ({fits}): by a factor e in {1.0 / g.rate:.2e}"
             f" s{companion}"
-            f" (rate {g.rate:.4g} +- {g.bar:.2g} 1/s, from {len(result.distance)} nudges). One digit more in a run"
+            f" (rate {g.rate:.4g} +- {g.bar:.2g} 1/s, from {len(result.distance)} perturbations). One digit more in a"
+            " run"
             f" buys {2.302585 / g.rate:.2e} s."
         )
     else:
         said.append(
-            f"A nudge grows {g.factor:.1e} times, as time to the power {g.rate:.2f} +- {g.bar:.2g} and not"
+            f"A perturbation grows {g.factor:.1e} times, as time to the power {g.rate:.2f} +- {g.bar:.2g} and not"
             f" exponentially ({fits})."
         )
     drift = result.long.drift

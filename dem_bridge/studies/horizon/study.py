@@ -1,10 +1,11 @@
-"""How long single trajectories can be trusted, and what can be said beyond.
+"""Study of the predictability horizon: the time up to which single trajectories are known, and what holds beyond it.
 
 Small differences grow: in proportion to time where bodies pass their velocities on, exponentially where three and more
-touch at once between walls. From then on two right codes give other velocities, and a verdict on them says nothing. So
-the growth of a nudge is measured, then the time at which the bar of each code's velocities (time step and round-off, by
-the twins that bars of runs are made of, over time) is above 1 %: its horizon. Beyond it verdicts are on what is
-conserved and on statistics, and single velocities are UNDECIDED. A long run of the twin says whether its energy drifts.
+bodies touch at once between walls. From some time on two correct codes give different velocities, and a verdict on them
+says nothing. The study measures the growth of a small perturbation of the input, and the time at which the uncertainty
+of each code's velocities (time step and round-off, from the twins) exceeds 1 %: its horizon. Beyond it conserved
+quantities and statistics are judged, and single velocities are UNDECIDED. A long run of the twin shows whether its
+energy drifts.
 """
 
 from __future__ import annotations
@@ -45,14 +46,14 @@ from dem_bridge.timescales import contact_time_of
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE, TWIN, engine_for
 
-#: relative nudge of every input, and of one in its last digit
+#: relative perturbation of every input, and of one in its last digit
 PERTURBATION, DIGIT = 1e-10, 2.0**-52
 #: realisations of the last digit: of the reference and of the twin
 DIGITS, TWIN_DIGITS = 6, 2
 SAMPLES = 1000
 #: s of one core for a body and step of the twin, roughly
 _PER_STEP = 5e-9
-#: seeds of nudges by the last digit are apart from those of nudges
+#: seeds of perturbations by the last digit are apart from those of perturbations
 _OTHER = 1_000_000
 
 
@@ -177,7 +178,7 @@ def study_horizon(
             "Bars over time are made as those of whole runs are, from differences up to each time: of the time step"
             " from twins at twice and a third of it, of LAMMPS' round-off from the twin in positions, of the twin's and"
             " the reference's from inputs moved by their last digits.",
-            "Statistics are compared with runs of the reference that were nudged and have become independent.",
+            "Statistics are compared with runs of the reference that were perturbed and have become independent.",
         ),
         interrupted=result.halved is None,
         provenance={
@@ -192,7 +193,7 @@ def study_horizon(
 
 
 def _stages(progress: Progress | None, sizes: tuple[float, ...]) -> list[Progress | None]:
-    """Of work in parts of these sizes the progress of each, so that all together go from 0 to 1 once."""
+    """Return for each part of the work its share of the progress, so that all parts together go once from 0 to 1."""
     if progress is None:
         return [None] * len(sizes)
     report, whole = progress, sum(sizes)

@@ -1,4 +1,4 @@
-"""What is judged within a horizon, and what beyond it: conserved quantities and statistics, no single velocity."""
+"""Verdicts of the horizon study: velocities within the horizon, conserved quantities and statistics beyond it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE, TWIN
 from dem_bridge.verification.verdict import Outcome, Verdict, judge
 
-#: nudged runs are independent from when the nearest two are this far apart, of the largest speed
+#: perturbed runs are independent from when the nearest two are this far apart, of the largest speed
 INDEPENDENT = 0.1
 #: of the duration that must be left then for statistics over time
 LEFT = 0.25
@@ -33,7 +33,7 @@ def verdicts(result: Found) -> tuple[Verdict, ...]:
 
 
 def single(result: Found, trust: Trust) -> Verdict:
-    """Whether each velocity is known to 1 % all along; beyond the horizon nothing is said about any."""
+    """Judge whether each velocity is known to 1 % all along; beyond the horizon single velocities are UNDECIDED."""
     name, scene, last = trust.backend, result.scene.name, float(trust.bar[-1])
     if math.isinf(trust.horizon):
         outcome = Outcome.PASS
@@ -56,7 +56,7 @@ def single(result: Found, trust: Trust) -> Verdict:
 
 
 def independent_from(result: Found) -> int | None:
-    """First sample from which all nudged runs are independent; None: never, or too late for statistics."""
+    """First sample from which all perturbed runs are independent; None: never, or too late for statistics."""
     apart = np.flatnonzero(np.min(result.distance, axis=0) >= INDEPENDENT)
     if len(apart) == 0 or result.truth.time[apart[0]] > (1.0 - LEFT) * result.scene.duration:
         return None
@@ -64,8 +64,11 @@ def independent_from(result: Found) -> int | None:
 
 
 def statistics(scene: Scene, run: Trajectory, first: int) -> dict[str, float]:
-    """Over all samples from ``first`` on: mean kinetic to mean stored energy, mean kinetic energy (J), and skewness and
-    kurtosis of velocities times the root of the mass (0 and 3 for a normal distribution)."""
+    """Return four statistics over all samples from ``first`` on.
+
+    They are the ratio of mean kinetic to mean stored energy, the mean kinetic energy (J), and the skewness and the
+    kurtosis of velocities times the root of the mass (0 and 3 for a normal distribution).
+    """
     kinetic, stored, _ = energy_parts(scene, run)
     pushed = run.velocity[first:] * np.sqrt(np.array(scene.mass))
     second = float(np.mean(pushed**2))
@@ -111,8 +114,11 @@ def statistical(result: Found, trust: Trust) -> list[Verdict]:
 
 
 def conserved(result: Found, trust: Trust) -> list[Verdict]:
-    """Momentum to round-off, and energy to twice what velocity-Verlet is predicted to swing by and what the twin's
-    drifts by, over the runs that are compared."""
+    """Judge the drift of momentum and of energy.
+
+    Momentum must be constant to round-off. The tolerance of energy is twice the predicted oscillation of
+    velocity-Verlet and the drift of the twin over the runs that are compared.
+    """
     scene, run, created, long = result.scene, trust.run, [], result.long
     drifted = sum(map(abs, long.drift.total)) if long.drift is not None else 0.0
     if scene.conserves_momentum:
@@ -141,8 +147,11 @@ def conserved(result: Found, trust: Trust) -> list[Verdict]:
 
 
 def drift(result: Found) -> list[Verdict]:
-    """Whether the energy of the long run drifts by 1 % of the most in motion, with the bar of the drift; and, where the
-    virial theorem says what it is, the mean kinetic to the mean stored energy, with the bar of that."""
+    """Judge the energy drift and, where the virial theorem predicts it, the energy ratio of the long run.
+
+    The tolerance of the drift is 1 % of the largest energy in motion; both have the uncertainty of the long run's
+    averages.
+    """
     long, scene, created = result.long, result.scene, []
     name, over = f"energy of {TWIN}", f"over {long.steps:.3g} steps ({long.time[-1]:.3g} s at dt = {long.dt:.3g} s)"
     if not scene.dissipates and long.drift is not None:

@@ -1,4 +1,4 @@
-"""What each parameter and each piece of physics changes: the whole budget of a prediction, numerics included.
+"""Effects of each parameter and each model term on the predictions: the budget of all errors, numerical ones included.
 
 Every variant is the paper's chain with one thing changed, solved by the reference; its effect is the relative change of
 four observables of the first passage. Errors of numerics and of theories stand in the same table, so that a reader
@@ -58,7 +58,7 @@ class Variant:
 
 
 def _passage(scene: Scene) -> float:
-    """How long the first passage lasts, s, by eq. 3.3 to 3.7, with some more."""
+    """Return the duration of the first passage by eq. 3.3 to 3.7 with a margin, s."""
     arrival = float(BinaryCollisions().run(scene, Resolution(), Sampling(count=1)).crossing_time[scene.n_body - 2])
     # never, within the duration: nan, and the duration is the smaller
     return float(f"{min(scene.duration, PASSAGE * arrival):.3g}")
@@ -165,7 +165,7 @@ class Effect:
 
 
 def observables(scene: Scene, run: Trajectory) -> dict[str, float]:
-    """What effects are measured on: four numbers of the first passage."""
+    """Return the four observables of the first passage on which effects are measured."""
     middle = scene.n_body // 2
     residence = residence_by_crossing(scene, run)
     return {
@@ -180,7 +180,7 @@ OBSERVABLES = ("arrival at the last cylinder", "speed at the middle", "force at 
 
 
 def effect(variant: Variant, scene: Scene, base: Trajectory, changed: Trajectory) -> Effect:
-    """Of one variant on one chain."""
+    """Return the effect of one variant on one chain."""
     return Effect(
         id=variant.id,
         kind=variant.kind,

@@ -61,8 +61,10 @@ def figure_3(decelerating: ChainRuns, accelerating: ChainRuns) -> FigureData:
 
 
 def figure_4(decelerating_200: ChainRuns, accelerating_200: ChainRuns) -> FigureData:
-    """Velocity maps (a, d), frequency along the chain (b, e), wavenumber in time (c, f), and the inset of a with its
-    like for d."""
+    """Return figure 4: velocity maps (a, d), frequency along the chain (b, e) and wavenumber in time (c, f).
+
+    The inset of (a), and its counterpart for (d), are included.
+    """
     chains = (decelerating_200, accelerating_200)
     end = panel.window(chains, _LONG)
     maps = zip(_titles("a", "d"), chains, strict=True)

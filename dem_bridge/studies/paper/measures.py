@@ -28,7 +28,7 @@ MOVES = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Measure:
-    """What is measured: ``of(scene, trajectory)`` in ``unit``, made of the named parts of a trajectory."""
+    """Number read off a run: ``of(scene, trajectory)`` in ``unit``, made of the named parts of a trajectory."""
 
     name: str
     of: Callable[[Scene, Trajectory], float]
@@ -40,8 +40,10 @@ class Measure:
 
 
 def measured(measure: Measure, scene: Scene, run: Trajectory, backend: str) -> ClaimValue:
-    """The number with its bar; nan for what the run cannot say. The bar is nan for a theory, inf where nothing can be
-    said of the error."""
+    """Return the number with its uncertainty; nan where the run does not have it.
+
+    The uncertainty is nan for a theory, and inf where no estimate exists.
+    """
     try:
         value = float(measure.of(scene, run))
     except (DemBridgeError, ValueError):  # such as too few contacts that were reached

@@ -67,13 +67,16 @@ class ChainRuns:
         return self.scene.n_body // 2
 
     def named(self, *wanted: str) -> Iterator[tuple[str, Trajectory]]:
-        """Those of the runs that are there, in the order of drawing."""
+        """Yield the runs of these backends that exist, in the order of drawing."""
         return ((name, self.runs[name]) for name in wanted if name in self.runs)
 
 
 def window(chains: Iterable[ChainRuns], factor: float) -> float:
-    """``factor`` times when the last body is reached, s, and no later than the runs go on; the latest of all chains,
-    for those that compare share their time axis."""
+    """Return the end of the time axis, s: ``factor`` times the time at which the last body is reached, at most the
+    duration.
+
+    It is the latest of all chains, because figures that are compared share their time axis.
+    """
     ends = []
     for chain in chains:
         last = arrival_by_crossing(chain.scene, chain.reference)[-1]
@@ -320,7 +323,8 @@ def _rounded(values: Floats) -> Floats:
 
 
 def _means(values: Floats, size: int) -> Floats:
-    """Of ``size`` columns each; samples that are left out would beat with the steps of the pulse from body to body."""
+    """Return the means of ``size`` columns each; leaving samples out would alias with the steps of the pulse between
+    bodies."""
     starts = np.arange(0, values.shape[-1], size)
     sums = np.add.reduceat(values, starts, axis=-1)
     return np.asarray(sums / np.diff(np.append(starts, values.shape[-1])))

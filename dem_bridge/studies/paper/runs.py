@@ -1,4 +1,4 @@
-"""Which scenes go through which backends, and what came of it."""
+"""Runs of the study of the paper: the scenes that go through each backend, and their results."""
 
 from __future__ import annotations
 
@@ -55,7 +55,8 @@ class Runs:
         return cls(scenes | {result.case.scene.name: result.case.scene for result in matches.values()}, matches)
 
     def run(self, scene: str, name: str) -> Trajectory | None:
-        """By a backend, or "lammps": the one that is verified on that scene."""
+        """Return the run of a scene by a backend; "lammps" stands for the LAMMPS backend that is verified on that
+        scene."""
         if name == "lammps":
             name = engine_for(self.scenes[scene])
         result = self.results.get((scene, name))
@@ -74,7 +75,7 @@ class Runs:
                 yield name, run
 
     def has(self, scene: str) -> bool:
-        """Whether there is a truth on it."""
+        """Return whether the reference has run on a scene."""
         return scene in self.scenes and self.truth(scene) is not None
 
     def by_backend(self, scene: str) -> dict[str, Trajectory]:

@@ -65,7 +65,7 @@ from dem_bridge.verification.roles import REFERENCE, SCIPY
 
 @dataclass(frozen=True, kw_only=True)
 class Extent:
-    """How much of it. Smaller ones are for tests."""
+    """Extent of the study of the paper; smaller ones are for tests."""
 
     scenes: tuple[str, ...] | None = None
     """Shipped scenes; None: all."""
@@ -160,7 +160,8 @@ def paper_of(
     requested: Sequence[tuple[ModelHierarchy, Sequence[LeftOut]]] = (),
     more: tuple[Table, ...] = (),
 ) -> Paper:
-    """What the runs say of the paper; nothing is run here. ``more``: tables that stand behind the others."""
+    """Read claims, tables and figures off the runs; nothing is run here. ``more``: further tables, shown after the
+    others."""
     claims = (*numbers(runs), *waves(runs, scattered), *spectra(runs), *forces(runs))
     names = [study.scene.name for study in studies]
     effects = list(_effects(runs))
@@ -187,7 +188,7 @@ def paper_of(
 
 
 def _left_out(hierarchy: ModelHierarchy, results: Sequence[Result]) -> tuple[LeftOut, ...]:
-    """What may be left out of a chain; nothing where a run of it broke, which the other claims say too."""
+    """Return the model terms that may be left out of a chain; empty where one of its runs failed."""
     if any(result.trajectory is None for result in results):
         return ()
     bench = Bench(hierarchy)

@@ -1,4 +1,4 @@
-"""How far binary collisions and the adiabatic wave carry: their deviations from the reference, in per cent.
+"""Deviations of binary collisions and of the adiabatic wave from the reference, in per cent.
 
 The paper sets binary collisions beside ode45. Their difference has two parts, and the table tells them apart: what the
 theory misses (BCA minus reference) and what ode45 at MATLAB's default tolerances errs by (ode45 minus reference).
@@ -79,7 +79,7 @@ def theories_table(runs: Runs, scenes: Iterable[str]) -> Table:
 
 
 def split_table(effects: Iterable[Effect]) -> Table:
-    """What the paper could see, binary collisions beside ode45, as the sum of what each is off by."""
+    """Return the table that splits the difference of binary collisions and ode45 into the deviation of each."""
     known_values = {(effect.scene, effect.id): effect.changes for effect in effects}
     scenes = [scene for scene, id in known_values if id == "bca" and (scene, "ode45") in known_values]
     return Table(

@@ -1,4 +1,4 @@
-"""Where the model itself holds: every contact of a chain beside what Hertz' law and lumped masses assume.
+"""Validity of the model: every contact of a chain beside the assumptions of Hertz' law and of lumped masses.
 
 Forces are the peak forces of the run, times those of the collision of two bodies at that force; ellipses and pressures
 follow from the exact Hertz law, whatever law the chain's stiffness is by.

@@ -1,1 +1,1 @@
-"""How large a step may be: the largest that is stable and the largest that is accurate, beside what is predicted."""
+"""Stability: the largest stable and the largest accurate time step, beside the predicted ones."""

@@ -1,4 +1,5 @@
-"""What the stability study measures: limits of one scene, families of small scenes, and the trap between two limits."""
+"""Measurements of the stability study: limits of one scene, families of small scenes, and the trap between two
+limits."""
 
 from __future__ import annotations
 
@@ -282,15 +283,18 @@ def trap_of(result: Measured, stepper: Stepper, backend: str, dt: float) -> Trap
 
 
 def gain_map(pair: Measured, steps: Floats, phases: Floats) -> Floats:
-    """Growth of the energy of two bodies, ``(n_phase, n_step)``, at ``steps`` (omega dt) with these phases of the first
-    touch. It is the same for all masses, speeds and stiffnesses: two Hertzian bodies have no scale."""
+    """Return the energy growth of two bodies, ``(n_phase, n_step)``, at ``steps`` (omega dt) and phases of the first
+    touch.
+
+    It is the same for all masses, speeds and stiffnesses, because two Hertzian bodies have no scale.
+    """
     runs = [[gain_of(twin, pair.scene, x / pair.pair, phase, pair.scale) for x in steps] for phase in phases.tolist()]
     return np.array(runs)
 
 
 @dataclass(kw_only=True)
 class Found:
-    """What was found so far: a study that is interrupted has this."""
+    """Results so far; an interrupted study has those that were finished."""
 
     points: dict[str, list[Point]] = field(default_factory=dict)
     """By family; "" is the named scene."""

@@ -1,4 +1,4 @@
-"""What the stability study shows: tables, figures and the answer in sentences. Nothing is run here."""
+"""Tables, figures and answer of the stability study; nothing is run here."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def _family_panel(letter: str, family: Family, points: Sequence[Point]) -> Panel
 
 
 def _gain_figure(gains: Floats, called: float) -> FigureData:
-    """Of two bodies: the worst phase over the step, and all phases."""
+    """Return the figure of the energy gain of two bodies: the worst phase over the step, and all phases."""
     finite = np.where(np.isfinite(gains), gains, np.nan)
     edges = [
         Series(label="most gained, of 16 phases", style="reference", x=STEPS, y=np.nanmax(finite, axis=0)),
@@ -205,7 +205,7 @@ def _trap_figure(scene: Scene, result: Found) -> FigureData:
 
 
 def answer(scene: Scene, chosen: Sequence[Family], result: Found, gain: float) -> tuple[str, ...]:
-    """In sentences, each from what was found; of what was interrupted those that can be said."""
+    """Return the answer in sentences; of an interrupted study those that are known."""
     said = [sentence for point in result.points.get("", ()) for sentence in _of_scene(scene, point)]
     said += _of_trap([trap for trap in result.traps if trap.backend == TWIN and math.isfinite(trap.velocity)])
     small = [point for family in chosen for point in result.points.get(family.id, ())]

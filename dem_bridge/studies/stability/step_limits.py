@@ -120,15 +120,17 @@ def lammps(name: str, engine: Engine | None, *, radius: float) -> Stepper:
 
 
 def struck(scene: Scene) -> bool:
-    """Whether body 0 alone moves, and nothing else acts: a gap before it then only makes all of it later."""
+    """Return whether only body 0 moves and nothing else acts, so that a gap before it only delays all later motion."""
     still = scene.velocity[0] > 0.0 and not any(scene.velocity[1:]) and scene.wall_left is None
     outer = scene.gravity != 0.0 or scene.precompression > 0.0 or scene.drag > 0.0 or scene.drive is not None
     return still and not outer and scene.n_body > 1
 
 
 def at_step(scene: Scene, dt: float, phase: float = 0.0, *, samples: int | None = None) -> Scene:
-    """The scene over whole steps of ``dt`` (s), at least for its own duration; a struck one with the first touch later
-    by ``phase`` of a step. Each step is a sample, or where there would be more than ``samples`` each of the next more.
+    """Return the scene over whole steps of ``dt`` (s), at least for its own duration.
+
+    The first touch of a struck scene is later by ``phase`` of a step. Each step is a sample or, where there would be
+    more than ``samples``, each multiple of steps.
     """
     steps = max(1, math.ceil(scene.duration / dt * (1.0 - 1e-9)))
     each = math.ceil(steps / (samples or steps))
@@ -158,7 +160,7 @@ def in_motion(scene: Scene, truth: Trajectory) -> float:
 
 
 def energy_gain(scene: Scene, run: Trajectory, scale: float) -> float:
-    """What the run's energy has grown by for good, in units of ``scale`` (J); inf where it is no number."""
+    """Return the permanent growth of the run's energy, in units of ``scale`` (J); inf where it is not finite."""
     with np.errstate(over="ignore", invalid="ignore"):
         total = energies(scene, run)[1]
         gain = (np.min(total[-max(1, len(total) // 4) :]) - total[0]) / scale
@@ -202,10 +204,11 @@ def stable_step(
 
 
 def velocity_error(stepper: Stepper, scene: Scene, truth: Trajectory, dt: float, phase: float = 0.0) -> float:
-    """Largest difference of velocities to the truth over all bodies and (about 500) samples, over the truth's largest;
-    inf: broken.
+    """Return the largest velocity error over all bodies and about 500 samples, relative to the reference's largest
+    velocity.
 
-    ``truth``: of the scene as it is, with samples so close that a polynomial between them errs by nothing that counts.
+    It is inf for a broken run. ``truth`` is a run of the unchanged scene, with samples so close that the error of a
+    polynomial between them does not count.
     """
     moved = at_step(scene, dt, phase, samples=MOST_SAMPLES)
     try:
@@ -222,8 +225,11 @@ def velocity_error(stepper: Stepper, scene: Scene, truth: Trajectory, dt: float,
 
 
 def accurate_step(stepper: Stepper, scene: Scene, truth: Trajectory, *, stable: float, wanted: float) -> Limit:
-    """The largest step (s) below which all have velocity errors of at most ``wanted``; ``stable`` (s): the largest
-    stable one. Looked for from three times the step that second order makes of the error at a quarter of that."""
+    """Return the largest step (s) below which all steps have velocity errors of at most ``wanted``.
+
+    The search begins at three times the step that second order predicts from the error at a quarter of ``stable`` (s),
+    the largest stable step.
+    """
     phases = PHASES[::3] if struck(scene) else (0.0,)
 
     def is_good(dt: float) -> bool:

@@ -1,4 +1,4 @@
-"""Where velocity-Verlet breaks, and where it has long been wrong: largest stable and largest accurate time steps.
+"""Study of stability and accuracy: the largest stable and the largest accurate time steps of velocity-Verlet.
 
 Four families of small scenes and one named scene. Each point is a search (:mod:`.step_limits`) by the twin, in part by
 LAMMPS, set beside 2/omega of the fastest contact and of the chain's highest mode (:mod:`dem_bridge.observables.modes`).
