@@ -1,6 +1,6 @@
-"""Compare two trajectories: the largest difference of an observable over its scale, and when velocities first differ.
+"""Compare two trajectories: the largest difference of each observable, and when velocities first differ.
 
-Knows observables; nothing of tolerances or outcomes.
+This module uses observables, but no verdicts and no outcomes.
 """
 
 from __future__ import annotations
@@ -20,36 +20,37 @@ from dem_bridge.trajectory import VOCABULARY, Trajectory
 
 #: arrays with an entry for each sample
 SAMPLED = tuple(name for name, (_, _, axis) in VOCABULARY.items() if "time" in axis)
-#: times that are no further apart, in units of the interval between samples, are the same but for round-off
+#: largest difference of equal sample times, relative to the interval between samples (round-off of files)
 SAME_TIME = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """Largest difference of one observable between two runs, relative to ``scale``."""
+    """Hold the largest difference of one observable between two runs, relative to ``scale``."""
 
     quantity: str
     """Name of the observable."""
     value: float
-    """Relative, max-norm; inf where only one of the two runs has a value."""
+    """Relative difference (maximum norm); inf if only one of the runs has a value."""
     scale: float
-    """In ``unit``; where each body or contact has its own scale, that of the place of the largest difference."""
+    """Scale of the difference in ``unit``, at the body or contact of the largest difference if each has its own."""
     unit: str
     scale_name: str
+    """Scale in words, such as "largest |velocity| of the reference"."""
     uncertainty: float
     """Estimated numerical error of the first run, relative to the same scale."""
     reference_uncertainty: float
-    """Estimated numerical error of the second run."""
+    """Estimated numerical error of the second run, relative to the same scale."""
     axis: str
     """"body" or "contact"; "" for an observable of the whole chain."""
     body: int
-    """Body or contact where the difference is largest; -1 for an observable of the whole chain."""
+    """Index of the body or contact of the largest difference; -1 for an observable of the whole chain."""
     time: float
-    """s: when it is largest; nan for an observable that is not sampled in time."""
+    """Time of the largest difference, s; nan for an observable that is not sampled in time."""
 
     @property
     def place(self) -> str:
-        """Where the difference is largest, such as "contact 3"; "" for an observable of the whole chain."""
+        """Return the body or contact of the largest difference, such as "contact 3", or "" for the whole chain."""
         return f"{self.axis} {self.body}" if self.axis else ""
 
 
@@ -73,7 +74,7 @@ def difference(quantity: str, run: Trajectory, reference: Trajectory, scene: Sce
     """
     observable = observable_named(quantity)
     if scene is None and quantity not in VOCABULARY:
-        raise UsageError(f"{quantity} of two runs is asked without their scene; give scene=...")
+        raise UsageError(f"the observable {quantity} needs the scene of the runs; give scene=...")
     if run.velocity.shape[1:] != reference.velocity.shape[1:] or len(run.peak_force) != len(reference.peak_force):
         raise UsageError(
             f"the runs have {run.velocity.shape[1]} and {reference.velocity.shape[1]} bodies and cannot be compared;"
@@ -91,7 +92,8 @@ def difference(quantity: str, run: Trajectory, reference: Trajectory, scene: Sce
     place = dict(zip(observable.axis, worst, strict=True)) if worst is not None else {}
     axis = next((axis for axis in observable.axis if axis != "time"), "")
     uncertainty, reference_uncertainty = (
-        0.0 if math.isnan(bar := reduced(part)) else bar for part in (errors.uncertainty, errors.reference_uncertainty)
+        0.0 if math.isnan(estimate := reduced(part)) else estimate
+        for part in (errors.uncertainty, errors.reference_uncertainty)
     )
     return Difference(
         quantity=quantity,
@@ -108,10 +110,11 @@ def difference(quantity: str, run: Trajectory, reference: Trajectory, scene: Sce
 
 
 def first_divergence(run: Trajectory, reference: Trajectory, tolerance: float) -> tuple[float, int] | None:
-    """Time (s) and body where velocities first differ by more than ``tolerance`` of the reference's largest; None:
-    they never do."""
+    """Return the time (s) and body at which velocities first differ by more than a tolerance; None if they do not.
+
+    ``tolerance`` is relative to the largest velocity of the reference. A velocity that is nan counts as different.
+    """
     scale = float(np.max(np.abs(reference.velocity)))
-    # what is not a number has parted too
     beyond = ~(np.abs(run.velocity - reference.velocity) <= tolerance * scale)
     rows = np.nonzero(beyond.any(axis=1))[0]
     if len(rows) == 0:
@@ -121,27 +124,41 @@ def first_divergence(run: Trajectory, reference: Trajectory, tolerance: float) -
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """Two runs beside each other. Made by :func:`compared`."""
+    """Hold the differences of two runs; :func:`compare_runs` returns an instance.
+
+    Attributes
+    ----------
+    differences : tuple of Difference
+        Differences of the quantities that both runs have.
+    unknown : tuple of str
+        Sentences on quantities that are not compared.
+    divergence : (float, int) or None
+        Time (s) and body of the first difference of velocities beyond the tolerance; None if there is none or
+        velocities are unknown.
+    samples : int
+        Number of common sample times.
+    notes : tuple of str
+        Sentences on the scenes, peak forces and sample times.
+    """
 
     differences: tuple[Difference, ...]
-    """Of each quantity that both have."""
     unknown: tuple[str, ...]
-    """Sentences: which quantity is not compared, and why."""
     divergence: tuple[float, int] | None
-    """As :func:`first_divergence`; None too where velocities are not known."""
     samples: int
-    """At which both were compared."""
     notes: tuple[str, ...]
 
     @property
     def beyond(self) -> bool:
-        """Whether velocities part at all by more than was allowed."""
+        """Return True if velocities differ by more than the tolerance."""
         return self.divergence is not None
 
 
-def compared(run: Trajectory, reference: Trajectory, tolerance: float = 0.0) -> Comparison:
-    """All quantities that both runs have, at the times that they share, and where velocities first differ by more than
-    ``tolerance`` of the largest (0: at all). Raises UsageError for runs that share no bodies or times."""
+def compare_runs(run: Trajectory, reference: Trajectory, tolerance: float = 0.0) -> Comparison:
+    """Compare all quantities that two runs have, at their common sample times.
+
+    ``tolerance`` is the difference of velocities, relative to the largest of the reference, beyond which the runs have
+    diverged. Raises UsageError for runs of different numbers of bodies, or without a common sample time.
+    """
     if not 0.0 <= tolerance < math.inf:
         raise UsageError(f"tolerance = {tolerance!r}; allowed: a number >= 0")
     first, second, notes = at_common_times(run, reference)
@@ -170,11 +187,13 @@ def compared(run: Trajectory, reference: Trajectory, tolerance: float = 0.0) -> 
 
 
 def at_common_times(run: Trajectory, reference: Trajectory) -> tuple[Trajectory, Trajectory, tuple[str, ...]]:
-    """Both at the times that they share, and sentences about what was left out. Nothing is interpolated: UsageError
-    where no time after the start is in both."""
+    """Return both runs at their common sample times, and sentences on the samples that were left out.
+
+    Samples are not interpolated. Raises UsageError if the runs have no common time after the start.
+    """
     if np.array_equal(run.time, reference.time):
         return run, reference, ()
-    interval = min(float(np.min(np.diff(one.time), initial=math.inf)) for one in (run, reference))
+    interval = min(float(np.min(np.diff(time), initial=math.inf)) for time in (run.time, reference.time))
     near = np.clip(np.searchsorted(reference.time, run.time), 1, max(1, len(reference.time) - 1))
     near -= run.time - reference.time[near - 1] < reference.time[np.minimum(near, len(reference.time) - 1)] - run.time
     off = np.abs(run.time - reference.time[near])
@@ -197,11 +216,12 @@ def at_common_times(run: Trajectory, reference: Trajectory) -> tuple[Trajectory,
 
 
 def _rows(run: Trajectory, rows: NDArray[np.intp], time: NDArray[np.float64]) -> Trajectory:
+    """Return the samples ``rows`` of a run, at the times ``time``."""
     return replace(run, time=time, **{name: getattr(run, name)[rows] for name in SAMPLED})
 
 
 def _known(run: Trajectory, quantity: str) -> bool:
-    """Whether a run says anything of a quantity; a crossing time may be nan because there is none."""
+    """Return True if a run has a quantity; a crossing time may also be nan because a contact never crosses."""
     if quantity == "crossing_time":
         return (
             not np.all(np.isinf(run.uncertainty[quantity]) & np.isnan(run.crossing_time)) or run.crossing_time.size == 0

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dem_bridge.differences import at_common_times, compared, difference, first_divergence
+from dem_bridge.differences import at_common_times, compare_runs, difference, first_divergence
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
@@ -112,7 +112,7 @@ def test_what_a_trajectory_does_not_store_is_compared_with_its_scene() -> None:
     momentum = difference("momentum", _changed(free_flight(), "velocity", (3, 2), 0.9), free_flight(), scene)
     # over the mass of 3 kg times 3 m/s
     assert (momentum.value, momentum.time, momentum.place) == (pytest.approx(0.1), 0.75, "")
-    with pytest.raises(UsageError, match=r"^energy of two runs is asked without their scene; give scene=\.\.\.$"):
+    with pytest.raises(UsageError, match=r"^energy needs the scene of the runs; give scene=\.\.\.$"):
         difference("energy", run, free_flight())
 
 
@@ -166,7 +166,7 @@ def test_runs_are_compared_at_the_times_that_both_have(every: int) -> None:
     np.testing.assert_array_equal(mine.velocity, fine.velocity[::every])
     np.testing.assert_array_equal(mine.displacement, fine.displacement[::every])
     assert f"their {8 // every + 1} common sample times up to 1 s, of 9 and {8 // every + 1} samples" in notes[0]
-    assert compared(coarse, fine).samples == 8 // every + 1
+    assert compare_runs(coarse, fine).samples == 8 // every + 1
 
 
 @given(off=log_uniform(1e-16, 1e-8), row=st.integers(1, 8))
@@ -185,7 +185,7 @@ def test_a_sample_that_one_lacks_is_left_out_and_the_rest_stays_in_step(lost: in
     reference = free_flight(samples=8)
     kept = np.delete(np.arange(9), lost)
     parts = {name: getattr(reference, name)[kept] for name in ("time", "displacement", "velocity", "contact_force")}
-    found = compared(replace(reference, **parts), reference)
+    found = compare_runs(replace(reference, **parts), reference)
     assert found.samples == 8
     assert found.divergence is None
     assert all(one.value == 0.0 for one in found.differences)
@@ -193,7 +193,7 @@ def test_a_sample_that_one_lacks_is_left_out_and_the_rest_stays_in_step(lost: in
 
 def test_runs_that_share_the_start_alone_are_refused() -> None:
     with pytest.raises(UsageError, match=r"have no sample times in common except the start; .* not interpolated"):
-        compared(free_flight(duration=1.0), free_flight(duration=1.01))
+        compare_runs(free_flight(duration=1.0), free_flight(duration=1.01))
 
 
 def test_what_one_does_not_know_is_said_and_not_compared() -> None:
@@ -205,7 +205,7 @@ def test_what_one_does_not_know_is_said_and_not_compared() -> None:
         crossing_time=np.full(2, math.nan),
         uncertainty=uncertain(crossing_time=math.inf),
     )
-    found = compared(blind, reference)
+    found = compare_runs(blind, reference)
     assert found.unknown == tuple(
         f"{name} is not compared, because it is unknown in the first run" for name in ("velocity", "crossing_time")
     )
@@ -213,16 +213,16 @@ def test_what_one_does_not_know_is_said_and_not_compared() -> None:
     assert found.divergence is None
     # a contact that is never pressed has no crossing time either, and that is known
     never = replace(reference, crossing_time=np.full(2, math.nan))
-    assert "crossing_time" in [one.quantity for one in compared(never, never).differences]
+    assert "crossing_time" in [one.quantity for one in compare_runs(never, never).differences]
 
 
 def test_any_bit_is_a_divergence_unless_a_tolerance_is_given() -> None:
     reference = free_flight()
     run = _changed(reference, "velocity", (3, 1), 4 * EPS)
-    assert compared(run, reference).divergence == (0.75, 1)
-    assert compared(run, reference, 1e-12).divergence is None
+    assert compare_runs(run, reference).divergence == (0.75, 1)
+    assert compare_runs(run, reference, 1e-12).divergence is None
     with pytest.raises(UsageError, match="tolerance = -1"):
-        compared(run, reference, -1.0)
+        compare_runs(run, reference, -1.0)
 
 
 @pytest.mark.parametrize(
@@ -232,12 +232,12 @@ def test_peaks_of_samples_are_said_to_be_so(peaks: tuple[bool, bool], whose: str
     first, second = (
         free_flight(provenance={"backend": "file"} | ({"peaks": "samples"} if one else {})) for one in peaks
     )
-    assert compared(first, second).notes == (f"the peak forces of {whose} come from samples and may be too low",)
+    assert compare_runs(first, second).notes == (f"the peak forces of {whose} come from samples and may be too low",)
 
 
 def test_runs_of_two_scenes_are_compared_with_a_word_of_warning() -> None:
     one, other = (
         free_flight(provenance={"backend": "fake", "scene": name, "scene_hash": name}) for name in ("this", "that")
     )
-    assert compared(one, other).notes == ("the runs are of different scenes, this and that",)
-    assert compared(one, one).notes == ()
+    assert compare_runs(one, other).notes == ("the runs are of different scenes, this and that",)
+    assert compare_runs(one, one).notes == ()

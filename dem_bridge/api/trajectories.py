@@ -180,9 +180,9 @@ def compare(run: Trajectory, reference: Trajectory, *, tolerance: float = 0.0) -
     >>> velocity.quantity, velocity.value < 1e-2, comparison.divergence is not None
     ('velocity', True, True)
     """
-    from dem_bridge.differences import compared
+    from dem_bridge.differences import compare_runs
 
-    return compared(run, reference, tolerance)
+    return compare_runs(run, reference, tolerance)
 
 
 def _scene(scene: Scene | str | Path | None, run: Trajectory | None = None) -> Scene:

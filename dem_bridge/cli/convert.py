@@ -78,7 +78,10 @@ def convert_command(
     spacing: float | None,
     layout: str,
 ) -> None:
-    """Convert the trajectory file RUN (.nc, .lammpstrj, .extxyz, .traj or .csv) to another format."""
+    """Convert the trajectory file RUN to another format.
+
+    RUN is a .nc, .lammpstrj, .extxyz, .traj or .csv file.
+    """
     trajectory = _read(run, scene, units, dt)
     dem_bridge.write_trajectory(trajectory, scene, output, format=format, spacing=spacing, layout=layout)
     click.echo(f"written: {output}")
@@ -97,7 +100,10 @@ def convert_command(
 def compare_command(
     first: Path, second: Path, scene: str | None, units: str | None, dt: float | None, tolerance: float | None
 ) -> None:
-    """Compare the trajectory files A and B: differences by quantity, relative to B, and the first divergence."""
+    """Compare two trajectory files A and B.
+
+    The output has the largest difference of each quantity, relative to B, and time and body of the first divergence.
+    """
     runs = [_read(path, scene, units, dt) for path in (first, second)]
     comparison = dem_bridge.compare(*runs, tolerance=tolerance or 0.0)
     for entry in comparison.differences:

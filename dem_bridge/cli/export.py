@@ -96,7 +96,10 @@ def export_command(backends: tuple[str, ...]) -> click.Command:
         "-o", "output", type=click.Path(path_type=Path), metavar="FILE", help="File to write.  [default: stdout]"
     )
     def export(scene: str, table: str, format: str | None, output: Path | None, no_run: bool, **settings: Any) -> None:
-        """Write a table of SCENE: contacts, bodies, LAMMPS coefficients, results or contact angles."""
+        """Write a table of SCENE.
+
+        The tables have contacts, bodies, LAMMPS coefficients, results of a run, or contact angles.
+        """
         from dem_bridge.api.tables import export_table
         from dem_bridge.exports.formats import format_for
 

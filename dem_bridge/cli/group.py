@@ -147,7 +147,10 @@ def run(
     output: Path | None,
     as_json: bool,
 ) -> None:
-    """Solve SCENE with one backend and print a summary with uncertainties."""
+    """Solve SCENE with one backend.
+
+    The output is a summary of the run with uncertainties.
+    """
     if backend is None and accuracy is None:
         raise click.UsageError("Missing option '--backend', or '--accuracy', for which the cheapest backend is chosen.")
     if output is not None:
@@ -190,7 +193,10 @@ def run(
     "-o", "folder", required=True, type=click.Path(path_type=Path), metavar="DIR", help="Folder for the files."
 )
 def deck(scene: str, style: str, dt: float | None, geometry: str | None, types: str | None, folder: Path) -> None:
-    """Write the LAMMPS deck of SCENE, which runs by `lmp -in in.NAME`."""
+    """Write the LAMMPS deck of SCENE.
+
+    The deck runs in its folder by `lmp -in in.NAME`.
+    """
     options = {"dt": dt, "geometry": geometry, "types": types}
     settings: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
     for path in dem_bridge.write_deck(scene, folder, style=style, **settings):
@@ -279,7 +285,9 @@ def verify(
 @json_option
 @engine_options
 def doctor(as_json: bool, lmp: str | None, lmp_args: str | None, python: str | None, ranks: int | None) -> None:
-    """Check the installation and print what to do about each fault.
+    """Check the installation.
+
+    Each fault is printed with what to do about it.
 
     The exit code is 3 if a run with default settings is not possible.
     """

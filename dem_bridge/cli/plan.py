@@ -41,7 +41,10 @@ def plan_command(backends: tuple[str, ...]) -> click.Command:
         samples: int | None,
         as_json: bool,
     ) -> None:
-        """Find the backend and settings that solve SCENE to an accuracy at the least cost."""
+        """Find the cheapest settings for an accuracy.
+
+        The settings are those of the cheapest backend, or of one backend. Runs check them.
+        """
         with terminal.bar() as progress:
             answer = dem_bridge.plan(
                 scene,

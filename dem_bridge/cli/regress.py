@@ -72,9 +72,9 @@ def regress_command(backends: tuple[str, ...]) -> click.Command:
     @jobs_option
     @engine_options
     def regress(bisect: bool, **settings: Any) -> None:
-        """Run the scenes of baselines again and compare: SAME, CHANGED, NEW or GONE.
+        """Compare runs with baselines, or with another LAMMPS.
 
-        With SCENE, only these scenes are compared.
+        The scenes of the baselines (or only SCENE) are run again. Each outcome is SAME, CHANGED, NEW or GONE.
         """
         if not bisect:
             sys.exit(_regress(**settings).exit_code)
