@@ -65,7 +65,7 @@ def test_a_plain_scene_has_no_feature() -> None:
         ({"mass": (1e-2, 3e-2, 1e-2), "stiffness": (1e9, 7e9), "velocity": (-0.1, 0.0, 0.0)}, set()),
         ({"damping": Damping(law="dashpot", coefficient=0.0)}, set()),
     ],
-    ids=str,
+    ids=lambda value: "-".join(sorted(value)) or "none",
 )
 def test_a_scene_has_the_features_of_its_fields(changes: dict[str, Any], labels: set[str]) -> None:
     assert {feature.label for feature in replace(PLAIN, **changes).features} == labels
