@@ -9,7 +9,7 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent.parent
 PAGE = (ROOT / "docs" / "inherit.md").read_text(encoding="utf-8")
 _FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-_FORGOTTEN = re.compile(r"Forgotten:\s+`([\w/.]+::\w+)`")
+_FORGOTTEN = re.compile(r"Test of this step:\s+`([\w/.]+::\w+)`")
 
 
 @dataclass(frozen=True)
