@@ -27,12 +27,14 @@ from dem_bridge.features import FEATURES, GRADED_EXPONENTS, OTHER_EXPONENTS, Fea
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.scene import Scene
 from dem_bridge.support import Support
-from dem_bridge.testing.examples import OTHER, example, plain_scene
+from dem_bridge.testing.examples import DURATION, OTHER, example, plain_scene
 from dem_bridge.trajectory import PER_CONTACT, QUANTITIES, SAMPLED, Trajectory
 
 #: largest difference from other codes and closed forms, relative to the largest value: a default step errs by 1e-4 and
 #: less, and a feature that is ignored shows by 5 % and more (tests/test_testing.py)
 TOLERANCE = 1e-2
+#: time step of backends with a fixed step, s: 1/2000 of the time for which two bodies touch
+STEP = DURATION / 3000
 #: change of the total momentum where it is conserved, relative to the sum of the momenta at the start
 MOMENTUM = 1e-9
 #: round-off of a closed form and of its comparison, relative to the largest value
@@ -168,8 +170,8 @@ class _Subject:
         self.base = next((scene for scene in candidates if chosen.supports.covers(scene)), candidates[0])
         self.first_run = cache(lambda: self.run(self.base))
 
-    def run(self, scene: Scene, samples: int | None = None, dt: float | None = None, full: bool = False) -> Trajectory:
-        """Solve a scene; ``full``: with an uncertainty."""
+    def run(self, scene: Scene, samples: int | None = None, dt: float | None = STEP, full: bool = False) -> Trajectory:
+        """Solve a scene; ``full``: with an uncertainty. ``dt`` in s, None: the default step of the backend."""
         # a copy, so that a backend that changes its scene spoils no other check
         return self.backend.run(replace(scene), Resolution(dt=dt, bars=full), Sampling(count=samples or scene.samples))
 
@@ -232,7 +234,7 @@ class _Subject:
             _require(provenance.get(key) == value, f"{key} = {provenance.get(key)!r}; required: {value!r}")
 
     def uncertainty(self) -> None:
-        estimate = self.run(self.base, full=True).uncertainty
+        estimate = self.run(self.base, dt=None, full=True).uncertainty
         _require(set(estimate) == set(QUANTITIES), f"quantities are {sorted(estimate)}; required: {sorted(QUANTITIES)}")
         for name in QUANTITIES:
             _require(np.all(np.asarray(estimate[name]) >= 0.0), f"the uncertainty of {name} is negative or nan")

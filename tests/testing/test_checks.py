@@ -117,7 +117,8 @@ class Unstable(ExactPair):
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         run = super().run(scene, resolution, sampling)
-        return run if resolution.dt is None else replace(run, velocity=self.broken() * run.velocity)
+        stable = resolution.dt is None or resolution.dt < 0.1 * scene.duration
+        return run if stable else replace(run, velocity=self.broken() * run.velocity)
 
 
 class Heavier(ExactPair):
