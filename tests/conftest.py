@@ -1,4 +1,4 @@
-"""What all tests share: the engine's marker, the truth files, runs that are made once, and no litter.
+"""Share among all tests the marker of the engine, the truth files, runs that are made once, and an empty folder.
 
 A test marked ``lammps`` is skipped, with the reason, where the engine is missing; with DEM_BRIDGE_REQUIRE_LAMMPS=1 it
 fails instead, so that CI cannot pass without the code under test.
@@ -37,14 +37,13 @@ Solve = Callable[..., Trajectory]
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Where tests run in several processes, a file is one's, and so is a folder whose tests share runs."""
+    """Give each file to one process of xdist, and so each folder whose tests share runs."""
     if not config.pluginmanager.hasplugin("xdist"):
         return
     for item in items:
-        where = item.path.parent if (item.path.parent / "conftest.py").exists() else item.path
-        if item.path.parent == Path(__file__).parent:
-            where = item.path  # what all tests share is made in each process
-        item.add_marker(pytest.mark.xdist_group(str(where)))
+        folder = item.path.parent
+        shares_runs = (folder / "conftest.py").exists() and folder != Path(__file__).parent
+        item.add_marker(pytest.mark.xdist_group(str(folder if shares_runs else item.path)))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -65,7 +64,7 @@ def empty_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(autouse=True)
 def clean_cwd(empty_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Every test runs in an empty folder and must leave it empty: paths are arguments."""
+    """Run every test in an empty folder that it must leave empty: paths are arguments."""
     monkeypatch.chdir(empty_folder)
     yield empty_folder
     litter = sorted(path.name for path in empty_folder.iterdir())
@@ -77,7 +76,7 @@ def clean_cwd(empty_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[P
 
 @pytest.fixture(scope="session")
 def solved() -> Solve:
-    """``db.solve`` that runs each combination of scene, backend and settings once in a session."""
+    """Return ``db.solve`` that runs each combination of scene, backend and settings once in a session."""
     runs: dict[tuple[object, ...], Trajectory] = {}
 
     def solve(scene: Scene, backend: str, **settings: Any) -> Trajectory:
@@ -91,29 +90,29 @@ def solved() -> Solve:
 
 @pytest.fixture(scope="session")
 def decelerating() -> Truth:
-    """The paper's decelerating chain in raw form, far end free."""
+    """Return the paper's decelerating chain in raw form, far end free."""
     return load_truth("a_N40_dec")
 
 
 @pytest.fixture(scope="session")
 def accelerating() -> Truth:
-    """The paper's accelerating chain in raw form, far end free."""
+    """Return the paper's accelerating chain in raw form, far end free."""
     return load_truth("b_N40_inc")
 
 
 @pytest.fixture(scope="session")
 def walled() -> Truth:
-    """The decelerating chain with a rigid wall behind the last cylinder: ill-conditioned."""
+    """Return the decelerating chain with a rigid wall behind the last cylinder: ill-conditioned."""
     return load_truth("aw_N40_dec_wall")
 
 
 @pytest.fixture(scope="session")
 def two_bodies() -> Truth:
-    """The striker on one cylinder."""
+    """Return the striker on one cylinder."""
     return load_truth("e_two_body")
 
 
 @pytest.fixture(scope="session", params=["a_N40_dec", "b_N40_inc"], ids=["decelerating", "accelerating"])
 def free_chain(request: pytest.FixtureRequest) -> Truth:
-    """Both chains of the paper, one after the other."""
+    """Return each of the paper's two chains in turn."""
     return load_truth(request.param)

@@ -23,15 +23,15 @@ NEEDS_LONG = "test_the_committed_report_has_every_shipped_scene"
 
 def main(words: list[str]) -> int:
     whole = "--whole" in words
-    wanted = [word for word in words if word != "--whole"] or list(recipes())
+    names = [word for word in words if word != "--whole"] or list(recipes())
     wrong = []
-    for name in wanted:
+    for name in names:
         steps = recipes()[name]
         with TemporaryDirectory() as folder:
             complete = followed(Path(folder) / "complete", steps, whole=whole)
             tests = {step.forgotten for step in steps if step.forgotten and (whole or NEEDS_LONG not in step.forgotten)}
-            made = {block.path for step in steps for block in step.blocks if "/test_" in block.path}
-            if not told(f"{name}: all steps", passes(complete, sorted(tests | made)), True):
+            new_tests = {block.path for step in steps for block in step.blocks if "/test_" in block.path}
+            if not told(f"{name}: all steps", passes(complete, sorted(tests | new_tests)), True):
                 wrong.append(name)
             for number, step in enumerate(steps, 1):
                 if step.forgotten:

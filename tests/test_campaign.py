@@ -76,15 +76,15 @@ class Fake:
         self.runs.append((scene.name, resolution.dt))
         if resolution.dt in self.fails:
             raise self.fails[resolution.dt]
-        told = {"backend": "verlet", "scene": scene.name, "settings": {"dt": resolution.dt}}
-        return free_flight(provenance=told)
+        provenance = {"backend": "verlet", "scene": scene.name, "settings": {"dt": resolution.dt}}
+        return free_flight(provenance=provenance)
 
 
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch) -> Fake:
-    found = Fake()
-    monkeypatch.setattr(campaign, "backend", lambda name, engine: found)
-    return found
+    backend = Fake()
+    monkeypatch.setattr(campaign, "backend", lambda name, engine: backend)
+    return backend
 
 
 def _steps(results: tuple[Result, ...]) -> list[float | None]:
@@ -128,10 +128,10 @@ def test_what_is_stored_is_not_run_again_and_says_when_it_was(fake: Fake, tmp_pa
 
 
 def test_a_stored_run_keeps_what_it_cost(tmp_path: Path) -> None:
-    [made], [kept] = (run_cases([_case()], store=Store(tmp_path)) for _ in range(2))
-    assert made.trajectory is not None
+    [first], [kept] = (run_cases([_case()], store=Store(tmp_path)) for _ in range(2))
+    assert first.trajectory is not None
     assert kept.trajectory is not None
-    assert kept.trajectory.cost == made.trajectory.cost
+    assert kept.trajectory.cost == first.trajectory.cost
     assert kept.trajectory.cost.wall > 0.0
 
 
@@ -152,8 +152,8 @@ def test_identical_cases_run_once_under_whatever_names(fake: Fake) -> None:
     results = run_cases([_case(), _case(scene=other), _case(), _case(1e-7)])
     assert len(fake.runs) == 2
     assert [result.case.scene.name for result in results] == ["three", "other", "three", "three"]
-    told = [result.trajectory.provenance["scene"] for result in results if result.trajectory]
-    assert told == ["three", "other", "three", "three"]
+    scenes = [result.trajectory.provenance["scene"] for result in results if result.trajectory]
+    assert scenes == ["three", "other", "three", "three"]
 
 
 def test_another_scene_of_the_same_name_is_run(fake: Fake, tmp_path: Path) -> None:
@@ -206,22 +206,22 @@ def test_a_run_is_not_stored_if_its_key_has_changed_meanwhile(
 
 
 def test_progress_goes_up_to_the_number_of_cases_with_the_time_that_runs_take(fake: Fake, tmp_path: Path) -> None:
-    cases, told = [_case(1e-10), _case(1e-6), _case(1e-6, backend="bca")], list[tuple[float, int, str]]()
+    cases, reports = [_case(1e-10), _case(1e-6), _case(1e-6, backend="bca")], list[tuple[float, int, str]]()
 
     def progress(*news: Any) -> None:
-        told.append(news)
+        reports.append(news)
 
     run_cases(cases, progress=progress, store=Store(tmp_path))
-    done = [news[0] for news in told]
+    done = [news[0] for news in reports]
     assert done == sorted(done)
-    assert (done[0], told[-1]) == (0.0, (3, 3, ""))
+    assert (done[0], reports[-1]) == (0.0, (3, 3, ""))
     # of the time expected the first has 0.062 s in 0.162 s
     after_first = done[2]
     assert after_first == pytest.approx(3 * cases[0].expected / sum(case.expected for case in cases))
-    assert {news[1] for news in told} == {3}
-    told.clear()
+    assert {news[1] for news in reports} == {3}
+    reports.clear()
     run_cases(cases, progress=progress, store=Store(tmp_path))
-    assert told == [(3, 3, "")]
+    assert reports == [(3, 3, "")]
 
 
 # other processes
@@ -246,10 +246,10 @@ def test_two_processes_give_what_one_gives_bit_for_bit_and_it_is_stored(tmp_path
     cases = [_case(dt) for dt in (1e-6, 1e-7, 2e-7)]
     here, store = run_cases(cases), Store(tmp_path)
     away = run_cases(cases, jobs=2, store=store)
-    for one, other in zip(here, away, strict=True):
-        assert one.trajectory is not None
+    for in_process, other in zip(here, away, strict=True):
+        assert in_process.trajectory is not None
         assert other.trajectory is not None
-        np.testing.assert_array_equal(one.trajectory.velocity, other.trajectory.velocity)
+        np.testing.assert_array_equal(in_process.trajectory.velocity, other.trajectory.velocity)
     assert len(list(tmp_path.iterdir())) == 3
     assert store.trouble == ""
 
@@ -371,9 +371,9 @@ def test_verify_stores_and_makes_anew_what_is_asked_fresh(tmp_path: Path) -> Non
     scene = replace(SCENE, name="pair", mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), exponent=2.5, gap=0)
 
     def stored(**how: Any) -> set[bool]:
-        found = db.verify(scene, accuracy=1e-3, **how)
-        assert found.notes == ()
-        return {run["stored"] is not None for run in provenance(found)["runs"]}
+        verification = db.verify(scene, accuracy=1e-3, **how)
+        assert verification.notes == ()
+        return {run["stored"] is not None for run in provenance(verification)["runs"]}
 
     assert [stored(store=tmp_path) for _ in range(2)] == [{False}, {True}]
     assert stored(store=tmp_path, recompute=True) == {False}
@@ -382,18 +382,18 @@ def test_verify_stores_and_makes_anew_what_is_asked_fresh(tmp_path: Path) -> Non
 def test_a_store_that_cannot_be_is_a_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(Verlet, "supports", Support(set(), conditions=(NEVER,)))  # and nothing is run
-    found = verify_scenes([SCENE], accuracy=1e-3, store=Store(tmp_path / "file" / "store"))
-    [note] = found.notes
+    verification = verify_scenes([SCENE], accuracy=1e-3, store=Store(tmp_path / "file" / "store"))
+    [note] = verification.notes
     assert note.startswith("store: nothing is stored: ")
 
 
 def test_the_command_line_uses_all_cores_and_the_store_unless_told_otherwise_and_warns(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    asked: list[dict[str, Any]] = []
+    calls: list[dict[str, Any]] = []
 
     def verify(scenes: Any, **how: Any) -> Verification:
-        asked.append(how)
+        calls.append(how)
         return Verification(studies=(), accuracy=1e-6, wall=0.0, notes=("store: nothing is stored: why",))
 
     monkeypatch.setattr(db, "verify", verify)
@@ -401,5 +401,5 @@ def test_the_command_line_uses_all_cores_and_the_store_unless_told_otherwise_and
         done = CliRunner().invoke(main, ["verify", "-o", str(tmp_path), *words])
         assert done.exit_code == 0
         assert done.stderr == "dem-bridge: warning: store: nothing is stored: why\n"
-        assert (asked[-1]["jobs"], asked[-1]["recompute"]) == (jobs, recompute)
-        assert "store" not in asked[-1]
+        assert (calls[-1]["jobs"], calls[-1]["recompute"]) == (jobs, recompute)
+        assert "store" not in calls[-1]

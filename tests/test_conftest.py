@@ -53,10 +53,10 @@ def test_without_an_engine_its_tests_are_skipped_with_the_reason(skipping: str) 
 
 
 def test_where_the_engine_is_demanded_its_absence_is_a_failure(tmp_path: Path) -> None:
-    told = _run(tmp_path, required=True)
-    assert "skipped" not in told
-    assert "DEM_BRIDGE_REQUIRE_LAMMPS=1, but there is no engine" in told
-    assert "test_that_needs_the_engine" in told.split("short test summary info")[1]
+    summary = _run(tmp_path, required=True)
+    assert "skipped" not in summary
+    assert "DEM_BRIDGE_REQUIRE_LAMMPS=1, but there is no engine" in summary
+    assert "test_that_needs_the_engine" in summary.split("short test summary info")[1]
 
 
 def test_a_test_that_writes_into_the_working_directory_is_an_error(skipping: str) -> None:

@@ -1,4 +1,4 @@
-"""What ``import dem_bridge as db`` offers: every name is there, is documented, and is what it is called."""
+"""Every public name of ``import dem_bridge as db`` is there, is documented, and is what it is called."""
 
 from __future__ import annotations
 

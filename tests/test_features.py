@@ -20,7 +20,7 @@ SINE = Drive(shape="sine", force=2.0, frequency=5e3)
 
 def test_every_field_has_an_entry_and_every_entry_a_field() -> None:
     owners = {kind.__name__: kind for kind in (Scene, Wall, Damping, Drive)}
-    assert {f"{name}.{one.name}" for name, kind in owners.items() for one in fields(kind)} == set(FIELDS)
+    assert {f"{name}.{field.name}" for name, kind in owners.items() for field in fields(kind)} == set(FIELDS)
 
 
 def test_no_two_features_share_a_label_and_each_is_described_in_a_sentence() -> None:

@@ -76,16 +76,16 @@ def test_every_test_on_the_page_exists(name: str) -> None:
 
 
 def test_every_file_on_the_page_exists_and_what_it_makes_does_not() -> None:
-    made = {block.path for block in MADE}
-    for path in made:
+    new_files = {block.path for block in MADE}
+    for path in new_files:
         assert not (ROOT / path).exists(), path
         assert (ROOT / path).parent.is_dir(), path
     prose = re.sub(r"^```.*?^```$", "", PAGE, flags=re.MULTILINE | re.DOTALL)
-    named = set(re.findall(r"`((?:[\w.-]+/)+[\w.-]*|[\w-]+\.(?:md|toml|txt))`", prose))
-    named |= {f"docs/{link}" for link in re.findall(r"\]\(([\w./-]+)\)", prose)}
+    paths = set(re.findall(r"`((?:[\w.-]+/)+[\w.-]*|[\w-]+\.(?:md|toml|txt))`", prose))
+    paths |= {f"docs/{link}" for link in re.findall(r"\]\(([\w./-]+)\)", prose)}
     of_users = {"my-chain.toml", "reports/latest/pins/pins.md"}
-    assert len(named) > 20
-    assert {path for path in named - made - of_users if not (ROOT / path).exists()} == set()
+    assert len(paths) > 20
+    assert {path for path in paths - new_files - of_users if not (ROOT / path).exists()} == set()
 
 
 def test_every_make_target_on_the_page_exists() -> None:
@@ -141,13 +141,13 @@ def built(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[ModuleType]]:
     """The modules of a recipe, as if their files were there."""
 
     def build(name: str) -> list[ModuleType]:
-        found = []
+        examples = []
         for block in (block for step in recipes()[name] for block in step.blocks if block in MADE):
             module = ModuleType(block.path.removesuffix(".py").replace("/", "."))
             monkeypatch.setitem(sys.modules, module.__name__, module)
             exec(compile(block.body, block.path, "exec"), module.__dict__)
-            found.append(module)
-        return found
+            examples.append(module)
+        return examples
 
     return build
 
@@ -157,8 +157,8 @@ def _run(modules: list[ModuleType], solved: Solve) -> int:
     count = 0
     for module in modules:
         results = [
-            doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(one)
-            for one in doctest.DocTestFinder(exclude_empty=True).find(module)
+            doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(example)
+            for example in doctest.DocTestFinder(exclude_empty=True).find(module)
         ]
         assert sum(result.failed for result in results) == 0
         count += sum(result.attempted > 0 for result in results)
@@ -241,8 +241,8 @@ def test_the_example_of_a_fault_is_named_by_the_verdicts_that_the_page_says() ->
 
 
 def _diff(path: str, text: str = "") -> Block:
-    [found] = [block for block in DIFFS if block.path.endswith(path) and text in block.added()]
-    return found
+    [matching] = [block for block in DIFFS if block.path.endswith(path) and text in block.added()]
+    return matching
 
 
 # what is forgotten is noticed
@@ -303,15 +303,15 @@ def test_the_page_of_scenes_counts_the_shipped_scenes() -> None:
 
 
 def test_the_committed_report_has_every_shipped_scene() -> None:
-    found = {one["scene"] for one in VERDICTS["verdicts"]}
-    assert found == set(db.shipped_scenes()), "dem-bridge verify paper --no-cache -o reports/paper"
+    scenes = {verdict["scene"] for verdict in VERDICTS["verdicts"]}
+    assert scenes == set(db.shipped_scenes()), "dem-bridge verify paper --no-cache -o reports/paper"
 
 
 def test_the_page_of_the_paper_counts_the_claims_of_the_committed_report() -> None:
-    outcomes = [one["outcome"] for one in VERDICTS["claims"]]
-    told = re.search(r"reads (\d+) statements .*? (\d+) hold: .*? (\d+) do not: ", PAPER, re.DOTALL)
-    assert told is not None
-    assert [*map(int, told.groups())] == [len(outcomes), outcomes.count("PASS"), outcomes.count("FAIL")]
+    outcomes = [claim["outcome"] for claim in VERDICTS["claims"]]
+    counts = re.search(r"reads (\d+) statements .*? (\d+) hold: .*? (\d+) do not: ", PAPER, re.DOTALL)
+    assert counts is not None
+    assert [*map(int, counts.groups())] == [len(outcomes), outcomes.count("PASS"), outcomes.count("FAIL")]
 
 
 def _names(tree: ast.AST) -> set[str]:
@@ -325,8 +325,8 @@ def test_every_table_of_faults_is_run() -> None:
             name
             for node in ast.walk(tree)
             if isinstance(node, ast.FunctionDef)
-            for one in node.decorator_list
-            for name in _names(one)
+            for decorator in node.decorator_list
+            for name in _names(decorator)
         }
         for node in tree.body:
             if isinstance(node, ast.AnnAssign) and ast.unparse(node.annotation).startswith("dict["):
@@ -342,14 +342,14 @@ def test_every_fault_is_planted() -> None:
 
 
 def test_every_study_is_in_the_catalogue() -> None:
-    found = {
+    entries = {
         (".".join(file.relative_to(ROOT).with_suffix("").parts), node.name)
         for file, tree in _sources("dem_bridge/studies")
         for node in tree.body
         if isinstance(node, ast.FunctionDef) and re.match("study_(?!of$)", node.name)
         if node.returns is not None and ast.unparse(node.returns) == "Study"
     }
-    assert found == {(entry.module, entry.function) for entry in STUDIES.values()}
+    assert entries == {(entry.module, entry.function) for entry in STUDIES.values()}
 
 
 def test_every_study_is_a_documented_command_and_is_tested() -> None:

@@ -36,13 +36,13 @@ def test_the_table_of_verdicts_is_that_of_the_committed_report() -> None:
         run, reference = (NAMES[name] for name in pair.split(" - "))
         quantity = {"velocity": "velocity", "arrival at the last cylinder": "arrival_at_end"}[what]
         key = (scene, quantity, run, reference)
-        [found] = [v for v in report["verdicts"] if (v["scene"], v["quantity"], v["backend"], v["reference"]) == key]
+        [verdict] = [v for v in report["verdicts"] if (v["scene"], v["quantity"], v["backend"], v["reference"]) == key]
         assert (meaning, difference, uncertainty, tolerance, outcome) == (
-            found["meaning"],
-            f"{found['difference']:.1e}",
-            f"{found['reference_uncertainty']:.1e}",
-            "-" if found["tolerance"] is None else f"{found['tolerance']:.1e}",
-            found["outcome"],
+            verdict["meaning"],
+            f"{verdict['difference']:.1e}",
+            f"{verdict['reference_uncertainty']:.1e}",
+            "-" if verdict["tolerance"] is None else f"{verdict['tolerance']:.1e}",
+            verdict["outcome"],
         )
 
 

@@ -46,9 +46,9 @@ def test_single_numbers_for_exponent_and_gap_stand_for_all_contacts() -> None:
 
 
 def test_lists_and_arrays_and_whole_numbers_are_taken_as_floats() -> None:
-    one = _scene(mass=[1, 2, 3], velocity=np.array([1, 0, 0]), gap=np.zeros(2), duration=np.float32(2.0))
-    assert one.mass == (1.0, 2.0, 3.0)
-    assert all(type(v) is float for v in (*one.mass, *one.velocity, *one.gap, one.duration))  # type: ignore[misc]
+    scene = _scene(mass=[1, 2, 3], velocity=np.array([1, 0, 0]), gap=np.zeros(2), duration=np.float32(2.0))
+    assert scene.mass == (1.0, 2.0, 3.0)
+    assert all(type(v) is float for v in (*scene.mass, *scene.velocity, *scene.gap, scene.duration))  # type: ignore[misc]
 
 
 @pytest.mark.parametrize(
@@ -214,11 +214,11 @@ def test_physics_that_does_nothing_leaves_the_hash_alone() -> None:
 
 def test_the_shipped_scenes_keep_the_hashes_of_their_decks_and_reports() -> None:
     # they stand in lammps_inputs/ and reports/: a scene must not change its name when a Scene learns more physics
-    known = {
+    hashes = {
         "accelerating-40": "9858599c934d30bb63c923afc95a1d5bbbf55ea910fce7a0ea30defee10e6dc8",
         "decelerating-40": "78cb53a62263adca587f59d8c2e757bd4b4a9a0f6bc45af0e486b21e7df62c34",
     }
-    assert {name: load_scene(name).content_hash for name in known} == known
+    assert {name: load_scene(name).content_hash for name in hashes} == hashes
 
 
 WALLS = {"wall_left": Wall(stiffness=1e9), "wall_right": Wall(stiffness=2e9, exponent=3.0)}
@@ -258,8 +258,8 @@ def test_the_acceleration_without_contact_is_that_of_weight_and_load() -> None:
 
 
 def test_one_body_between_loads_is_free() -> None:
-    one = Scene(name="one", duration=1.0, mass=(1.0,), stiffness=(), velocity=(1.0,), precompression=3.0)
-    assert one.free_acceleration.tolist() == [0.0]
+    alone = Scene(name="one", duration=1.0, mass=(1.0,), stiffness=(), velocity=(1.0,), precompression=3.0)
+    assert alone.free_acceleration.tolist() == [0.0]
 
 
 def test_one_coefficient_of_damping_stands_for_all_contacts_walls_included() -> None:
@@ -351,9 +351,9 @@ def test_a_wrong_entry_is_refused_by_key_value_and_what_is_allowed(
     changes: dict[str, Any], parts: tuple[str, str, str]
 ) -> None:
     message = _message(**changes)
-    key, found, allowed = parts
+    key, problem, allowed = parts
     assert message.startswith(f"scene: {key} ")
-    assert found in message
+    assert problem in message
     assert allowed in message.split("allowed:")[1]
 
 
@@ -413,8 +413,8 @@ HERTZ = power_law(4e9, 2.5)
 
 def test_one_law_stands_for_all_contacts_walls_included_and_a_list_has_one_each() -> None:
     walled = {"wall_left": Wall(stiffness=1e9)}
-    one = _scene(law=_linear, **walled)
-    assert (one.law, one.contacts.law.tolist(), len(one.contacts.laws)) == ((_linear,) * 3, [0, 0, 0], 1)
+    scene = _scene(law=_linear, **walled)
+    assert (scene.law, scene.contacts.law.tolist(), len(scene.contacts.laws)) == ((_linear,) * 3, [0, 0, 0], 1)
     several = _scene(law=[HERTZ, _linear, HERTZ], **walled)
     assert (several.law, several.contacts.law.tolist()) == ((HERTZ, _linear, HERTZ), [0, 1, 0])
     assert replace(several) == several
@@ -446,10 +446,10 @@ def test_a_law_reaches_as_deep_as_the_energy_at_hand_can_press(scene: Scene) -> 
 
 
 def test_a_law_is_known_by_its_values() -> None:
-    known = _scene(law=_linear).content_hash
-    assert _scene(law=lambda overlap: 5e6 * overlap).content_hash == known
+    expected = _scene(law=_linear).content_hash
+    assert _scene(law=lambda overlap: 5e6 * overlap).content_hash == expected
     # summed otherwise it differs in its last digit, as from library to library
-    assert _scene(law=lambda overlap: 5e6 * (overlap / 3.0) + overlap * (1e7 / 3.0)).content_hash == known
+    assert _scene(law=lambda overlap: 5e6 * (overlap / 3.0) + overlap * (1e7 / 3.0)).content_hash == expected
     others = [
         _scene(),
         _scene(law=lambda overlap: 5e6 * (1.0 + 1e-9) * overlap),
@@ -459,7 +459,7 @@ def test_a_law_is_known_by_its_values() -> None:
         _scene(law=(_linear, lambda overlap: 6e6 * overlap)),
         _scene(law=(lambda overlap: 6e6 * overlap, _linear)),
     ]
-    assert len({known, *(scene.content_hash for scene in others)}) == 1 + len(others)
+    assert len({expected, *(scene.content_hash for scene in others)}) == 1 + len(others)
 
 
 @pytest.mark.parametrize(
@@ -489,13 +489,13 @@ def test_what_is_no_law_is_refused_in_one_line(law: Any, parts: str) -> None:
 
 
 def test_laws_are_refused_beside_physics_that_is_known_for_powers_only() -> None:
-    found = _message(law=_linear, precompression=10.0)
-    assert found == (
+    message = _message(law=_linear, precompression=10.0)
+    assert message == (
         "scene: precompression = 10.0, but contacts have laws;"
         " allowed: 0, since static overlaps are computed for powers only"
     )
-    found = _message(law=_linear, damping=Damping(law="kuwabara-kono", coefficient=1e-6))
-    assert found == (
+    message = _message(law=_linear, damping=Damping(law="kuwabara-kono", coefficient=1e-6))
+    assert message == (
         "scene: damping.law = 'kuwabara-kono', but contacts have laws;"
         " allowed: dashpot; kuwabara-kono is defined for powers only"
     )

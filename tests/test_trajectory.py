@@ -28,13 +28,13 @@ from tests.helpers.fake_runs import free_flight, uncertain
 ARRAYS = ("time", *VOCABULARY)
 
 
-def _same(one: Trajectory, other: Trajectory) -> None:
+def _same(run: Trajectory, other: Trajectory) -> None:
     for name in ARRAYS:
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
-    for name in one.uncertainty:
-        np.testing.assert_array_equal(one.uncertainty[name], other.uncertainty[name], err_msg=f"bar of {name}")
-    assert one.cost == other.cost
-    assert dict(one.provenance) == dict(other.provenance)
+        np.testing.assert_array_equal(getattr(run, name), getattr(other, name), err_msg=name)
+    for name in run.uncertainty:
+        np.testing.assert_array_equal(run.uncertainty[name], other.uncertainty[name], err_msg=f"bar of {name}")
+    assert run.cost == other.cost
+    assert dict(run.provenance) == dict(other.provenance)
 
 
 @pytest.mark.parametrize("name", ARRAYS)

@@ -42,9 +42,9 @@ PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), 
 ROUND_OFF = 5e-9
 
 
-def _apart(one: Trajectory, other: Trajectory) -> float:
+def _apart(run: Trajectory, other: Trajectory) -> float:
     """Largest difference of velocities over the largest velocity."""
-    return float(np.max(np.abs(one.velocity - other.velocity)) / np.max(np.abs(other.velocity)))
+    return float(np.max(np.abs(run.velocity - other.velocity)) / np.max(np.abs(other.velocity)))
 
 
 # the paper's chains
@@ -317,8 +317,8 @@ def test_a_dump_cut_within_a_frame_is_a_broken_run(monkeypatch: pytest.MonkeyPat
 def test_a_dump_without_a_number_of_atoms_that_fits_is_a_broken_run(monkeypatch: pytest.MonkeyPatch) -> None:
     prescan = prescan_hertz(PAIR)
     plan = schedule(duration=PAIR.duration, samples=10, dt=1e-6, frequency=prescan.frequency, bodies=2)
-    one = b"".join(frame(int(step), [[1.0, 1.0, 0.0, 0.0, 0.0, 0.8, 0.0]]) for step in plan.dense_steps)
-    monkeypatch.setattr(lammps, "run_deck", _answering(one))
+    dump = b"".join(frame(int(step), [[1.0, 1.0, 0.0, 0.0, 0.0, 0.8, 0.0]]) for step in plan.dense_steps)
+    monkeypatch.setattr(lammps, "run_deck", _answering(dump))
     with pytest.raises(RunBroken, match="frames of 1 atoms; the deck asks for"):
         db.solve(PAIR, backend=ENGINE, dt=1e-6, uncertainty=False)
 

@@ -86,7 +86,7 @@ def test_the_twin_is_velocity_verlet_as_written_down_by_hand() -> None:
     dt, m, g = scene.duration / 2000, np.array(scene.mass), scene.gravity
 
     def acceleration(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """In displacements, contact by contact, as in PHYSICS.md."""
+        """Return accelerations from displacements, contact by contact, as in PHYSICS.md."""
         f01 = 4e9 * max(x[0] - x[1] - 1e-6, 0.0) ** 1.5
         f12 = 5e9 * max(x[1] - x[2] + 5e-7, 0.0) ** 1.5
         left = 2e9 * max(-x[0] - 5e-6, 0.0) ** 1.5
@@ -114,11 +114,11 @@ def test_the_twin_is_velocity_verlet_as_written_down_by_hand() -> None:
 def test_a_hertzian_scene_has_no_scale_and_repeats_bit_for_bit(scene: Scene) -> None:
     fast = thirty_two_times_as_fast(scene)
     dt = 2.5e-7
-    one, other = _solve(scene, dt), _solve(fast, 0.5 * dt)
-    assert (other.time * 2.0).tobytes() == one.time.tobytes()
-    np.testing.assert_array_equal(other.velocity, 32.0 * one.velocity)
-    np.testing.assert_array_equal(other.displacement, 16.0 * one.displacement)
-    np.testing.assert_array_equal(other.contact_force, 64.0 * one.contact_force)
+    run, other = _solve(scene, dt), _solve(fast, 0.5 * dt)
+    assert (other.time * 2.0).tobytes() == run.time.tobytes()
+    np.testing.assert_array_equal(other.velocity, 32.0 * run.velocity)
+    np.testing.assert_array_equal(other.displacement, 16.0 * run.displacement)
+    np.testing.assert_array_equal(other.contact_force, 64.0 * run.contact_force)
 
 
 def _mirrored(scene: Scene) -> Scene:
@@ -139,11 +139,11 @@ def _mirrored(scene: Scene) -> Scene:
 @examples(25)
 @given(scene=scenes(exponents=ANY, walls=True))
 def test_a_chain_in_a_mirror_moves_as_the_mirror_image_bit_for_bit(scene: Scene) -> None:
-    one, other = _solve(scene, 2.5e-7), _solve(_mirrored(scene), 2.5e-7)
-    np.testing.assert_array_equal(other.velocity[:, ::-1], -one.velocity)
-    np.testing.assert_array_equal(other.displacement[:, ::-1], -one.displacement)
+    run, other = _solve(scene, 2.5e-7), _solve(_mirrored(scene), 2.5e-7)
+    np.testing.assert_array_equal(other.velocity[:, ::-1], -run.velocity)
+    np.testing.assert_array_equal(other.displacement[:, ::-1], -run.displacement)
     links = scene.n_body - 1
-    np.testing.assert_array_equal(other.contact_force[:, :links][:, ::-1], one.contact_force[:, :links])
+    np.testing.assert_array_equal(other.contact_force[:, :links][:, ::-1], run.contact_force[:, :links])
 
 
 def _speed(scene: Scene) -> float:
@@ -153,13 +153,12 @@ def _speed(scene: Scene) -> float:
 
 
 def _sensitivity(scene: Scene, dt: float) -> float:
-    """What a relative shift of the stiffnesses does to velocities, relative to their scale: measured, with a shift
-    a million times larger than round-off."""
+    """Measure the relative change of velocities over a relative change of stiffnesses, a million times round-off."""
     size = 1e-9
     signs = [size if k % 2 else -size for k in range(len(scene.stiffness))]
     moved = replace(scene, stiffness=tuple(k * (1.0 + s) for k, s in zip(scene.stiffness, signs, strict=True)))
-    one, other = _solve(scene, dt), _solve(moved, dt)
-    return float(np.max(np.abs(one.velocity - other.velocity))) / _speed(scene) / size
+    run, other = _solve(scene, dt), _solve(moved, dt)
+    return float(np.max(np.abs(run.velocity - other.velocity))) / _speed(scene) / size
 
 
 @examples(20)
@@ -168,13 +167,13 @@ def test_a_moving_observer_sees_the_same_motion(scene: Scene) -> None:
     shift, dt = 0.75, 2.5e-7
     speed = _speed(scene)
     assume(speed > 1e-3)
-    one = _solve(scene, dt)
+    at_rest = _solve(scene, dt)
     other = _solve(replace(scene, velocity=tuple(v + shift for v in scene.velocity)), dt)
     # v + shift rounds at each of the 1200 steps and changes overlaps by that share of a step; the scene magnifies it
     lost = 1200 * EPS * (shift + speed) * (1.0 + _sensitivity(scene, dt))
-    assert other.velocity == pytest.approx(one.velocity + shift, abs=4.0 * lost)
-    drift = shift * one.time[:, None]
-    assert other.displacement == pytest.approx(one.displacement + drift, abs=4.0 * lost * scene.duration)
+    assert other.velocity == pytest.approx(at_rest.velocity + shift, abs=4.0 * lost)
+    drift = shift * at_rest.time[:, None]
+    assert other.displacement == pytest.approx(at_rest.displacement + drift, abs=4.0 * lost * scene.duration)
 
 
 @examples(20)

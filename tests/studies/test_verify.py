@@ -64,7 +64,7 @@ def results() -> Runs[Result]:
 
 
 def _with(results: Runs[Result], backend: str, **changes: Any) -> Runs[Result]:
-    """The results with something planted in every run of one backend."""
+    """Return the results with something planted in every run of one backend."""
     return results.map(
         lambda r: (
             replace(r, trajectory=replace(r.trajectory, **changes))
@@ -75,8 +75,8 @@ def _with(results: Runs[Result], backend: str, **changes: Any) -> Runs[Result]:
 
 
 def _outcome(verdicts: tuple[Verdict, ...], quantity: str, backend: str, reference: str) -> Outcome:
-    [found] = [v for v in verdicts if (v.quantity, v.backend, v.reference) == (quantity, backend, reference)]
-    return found.outcome
+    [verdict] = [v for v in verdicts if (v.quantity, v.backend, v.reference) == (quantity, backend, reference)]
+    return verdict.outcome
 
 
 def test_runs_without_a_fault_pass_everything(results: Runs[Result]) -> None:
@@ -102,8 +102,8 @@ def test_a_late_velocity_fails_against_twin_and_reference_and_says_where(results
     assert _outcome(verdicts, "velocity", ENGINE, TWIN) is Outcome.FAIL
     assert _outcome(verdicts, "velocity", ENGINE, REFERENCE) is Outcome.FAIL
     assert _outcome(verdicts, "velocity", TWIN, REFERENCE) is Outcome.PASS
-    [found] = [v for v in verdicts if (v.quantity, v.reference) == ("velocity", TWIN)]
-    assert found.first_divergence == (pytest.approx(30 * SHORT.duration / 50), 2)
+    [verdict] = [v for v in verdicts if (v.quantity, v.reference) == ("velocity", TWIN)]
+    assert verdict.first_divergence == (pytest.approx(30 * SHORT.duration / 50), 2)
 
 
 @pytest.mark.parametrize(
@@ -184,7 +184,7 @@ DASHPOT = Damping(law="dashpot", coefficient=1.0)
         ({"damping": DASHPOT}, lambda h: h - 0.035 * h**2, Outcome.NOT_RUN, "there is no asymptotic range"),
     ],
     # the name of a function without a name is another in each process
-    ids=lambda one: "error" if callable(one) else str(one),
+    ids=lambda change: "error" if callable(change) else str(change),
 )
 def test_the_order_is_two_and_of_forces_that_depend_on_velocities_one(
     changes: dict[str, Any], errors: Callable[[float], float], outcome: Outcome, words: str
@@ -202,13 +202,13 @@ def test_the_order_is_two_and_of_forces_that_depend_on_velocities_one(
 )
 def test_a_damped_scene_is_verified_to_the_end_and_its_page_says_so(changes: dict[str, Any], tmp_path: Path) -> None:
     scene = replace(SHORT, name="lossy", **changes)
-    found = db.verify(scene, accuracy=ACCURACY, folder=tmp_path)
-    assert found.exit_code == 0, [v.sentence for v in found.verdicts]
-    left = {(v.quantity, v.backend) for v in found.verdicts if v.outcome is Outcome.NOT_RUN}
+    verification = db.verify(scene, accuracy=ACCURACY, folder=tmp_path)
+    assert verification.exit_code == 0, [v.sentence for v in verification.verdicts]
+    left = {(v.quantity, v.backend) for v in verification.verdicts if v.outcome is Outcome.NOT_RUN}
     # no second reference, no theory
     assert left == {("velocity", SCIPY), ("velocity", THEORY)}
     for name in (TWIN, ENGINE):
-        assert _outcome(found.verdicts, "order", name, "exact 1") is Outcome.PASS
+        assert _outcome(verification.verdicts, "order", name, "exact 1") is Outcome.PASS
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     # the answer stands first, what has none behind it
     assert "LAMMPS&#39; velocities are wrong by" in page
@@ -258,20 +258,22 @@ def test_two_scenes_of_one_name_are_refused() -> None:
 
 @pytest.mark.lammps
 def test_lammps_is_verified_on_a_short_scene_in_two_processes(tmp_path: Path) -> None:
-    told: list[tuple[float, int, str]] = []
-    found = db.verify(SHORT, accuracy=ACCURACY, folder=tmp_path, jobs=2, progress=lambda *news: told.append(news))
-    assert found.exit_code == 0, [v.sentence for v in found.verdicts]
-    assert told[-1][0] == told[-1][1] == 14
+    reports: list[tuple[float, int, str]] = []
+    verification = db.verify(
+        SHORT, accuracy=ACCURACY, folder=tmp_path, jobs=2, progress=lambda *news: reports.append(news)
+    )
+    assert verification.exit_code == 0, [v.sentence for v in verification.verdicts]
+    assert reports[-1][0] == reports[-1][1] == 14
     assert {file.name for file in tmp_path.iterdir()} == {"index.html", "verdicts.json"}
 
 
 @pytest.mark.lammps
 def test_a_scene_that_lammps_cannot_express_is_not_run_with_the_reason() -> None:
     steep = replace(SHORT, exponent=5.5, stiffness=(4e22, 4e22, 4e22))
-    found = db.verify(steep, accuracy=1e-3)
-    [refused] = [v for v in found.verdicts if v.outcome is Outcome.NOT_RUN and v.backend == TABLE]
+    verification = db.verify(steep, accuracy=1e-3)
+    [refused] = [v for v in verification.verdicts if v.outcome is Outcome.NOT_RUN and v.backend == TABLE]
     assert "exponent n = 5.5; allowed exponents: 2 to 5" in refused.sentence
-    assert found.exit_code == 0
+    assert verification.exit_code == 0
 
 
 #: no pair_style granular has n = 3, and a wall of another exponent takes a second table
@@ -297,15 +299,15 @@ def test_tables_are_verified_where_granular_has_not_the_laws(changes: dict[str, 
 
 @pytest.mark.lammps
 def test_a_table_is_verified_and_is_part_of_the_budget(tmp_path: Path) -> None:
-    found = db.verify(STEEP, accuracy=ACCURACY, folder=tmp_path)
-    assert found.exit_code == 0, [v.sentence for v in found.verdicts]
-    [study] = found.studies
+    verification = db.verify(STEEP, accuracy=ACCURACY, folder=tmp_path)
+    assert verification.exit_code == 0, [v.sentence for v in verification.verdicts]
+    [study] = verification.studies
     for quantity in ("table", "table_energy"):
-        assert _outcome(found.verdicts, quantity, TABLE, "contact laws") is Outcome.PASS
-    for one in study.budgets:
-        assert 0.0 < one.parts["table"] < one.parts["time step"]
+        assert _outcome(verification.verdicts, quantity, TABLE, "contact laws") is Outcome.PASS
+    for budget in study.budgets:
+        assert 0.0 < budget.parts["table"] < budget.parts["time step"]
         # the twin with the same tables in positions is the same algorithm, bit for bit
-        assert one.unexplained == 0.0
+        assert budget.unexplained == 0.0
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     for words in (
         "LAMMPS takes forces from tables here",
@@ -318,16 +320,18 @@ def test_a_table_is_verified_and_is_part_of_the_budget(tmp_path: Path) -> None:
 @pytest.mark.lammps
 def test_a_contact_that_pulls_in_lammps_alone_fails_with_the_reason() -> None:
     scene = replace(STEEP, name="pulling", wall_right=None, damping=Damping(law="dashpot", coefficient=40.0))
-    found = db.verify(scene, accuracy=1e-3)
-    [verdict] = [v for v in found.verdicts if (v.quantity, v.backend, v.reference) == ("velocity", TABLE, REFERENCE)]
+    verification = db.verify(scene, accuracy=1e-3)
+    [verdict] = [
+        v for v in verification.verdicts if (v.quantity, v.backend, v.reference) == ("velocity", TABLE, REFERENCE)
+    ]
     assert verdict.outcome is Outcome.FAIL
     assert re.search(
         r"damped contacts are tensile, by up to [\d.]+ N: their damping is added to a table", verdict.sentence
     )
     # all the rest is sound, and says that it is the table; no order can be told of an error that no step changes
-    failed = {(v.backend, v.reference) for v in found.verdicts if v.outcome is Outcome.FAIL}
+    failed = {(v.backend, v.reference) for v in verification.verdicts if v.outcome is Outcome.FAIL}
     assert failed == {(TABLE, REFERENCE)}
-    velocity = found.studies[0].budgets[0]
+    velocity = verification.studies[0].budgets[0]
     assert velocity.parts["table"] > 0.5 * velocity.found > velocity.parts["time step"]
     assert not velocity.is_finding
 
@@ -337,8 +341,8 @@ def test_a_scene_that_the_twin_cannot_do_is_not_run_with_the_reason_and_the_othe
 ) -> None:
     # the twin supports all features: here one without drag
     monkeypatch.setattr(Verlet, "supports", Support(Verlet.supports.features - {DRAG}))
-    found = verify_scenes([replace(SHORT, name="dragged", drag=1.0)], accuracy=1e-3)
-    [verdict] = found.verdicts
+    verification = verify_scenes([replace(SHORT, name="dragged", drag=1.0)], accuracy=1e-3)
+    [verdict] = verification.verdicts
     assert (verdict.scene, verdict.outcome) == ("dragged", Outcome.NOT_RUN)
     assert "the scene has drag;" in verdict.sentence
 
@@ -355,7 +359,7 @@ def test_a_scene_that_the_twin_cannot_do_is_not_run_with_the_reason_and_the_othe
         ({"drive": Drive(shape="sine", force=1.0, frequency=1e3), "drag": 1.0}, set()),
     ],
     # the order of a set is another in each process
-    ids=lambda one: "-".join(sorted(one)) or "none",
+    ids=lambda change: "-".join(sorted(change)) or "none",
 )
 def test_only_what_a_scene_conserves_is_asked_of_its_runs(changes: dict[str, Any], quantities: set[str]) -> None:
     # the run itself does not matter here
@@ -375,24 +379,26 @@ def test_where_no_step_decides_velocities_what_is_conserved_is_judged(monkeypatc
     def none(*_: Any) -> None:
         raise UsageError("accuracy = 1e-13 on short cannot be had")
 
-    asked: list[Case] = []
+    listed: list[Case] = []
 
     def run(groups: list[list[Case]], **_: Any) -> list[list[Result]]:
         [cases] = groups
-        asked.extend(cases)
-        return [[Result(case=cases[0], trajectory=made)]]
+        listed.extend(cases)
+        return [[Result(case=cases[0], trajectory=engine_run)]]
 
     monkeypatch.setattr("dem_bridge.studies.verify.main_resolution", none)
     monkeypatch.setattr("dem_bridge.studies.verify.run_groups", run)
-    made = db.solve(SHORT, backend=TWIN, uncertainty=False)
-    found = verify_scenes([SHORT], accuracy=1e-13)
-    assert [(case.backend, case.uncertainty) for case in asked] == [(ENGINE, False)]
-    assert [(v.quantity, v.outcome) for v in found.verdicts] == [
+    engine_run = db.solve(SHORT, backend=TWIN, uncertainty=False)
+    verification = verify_scenes([SHORT], accuracy=1e-13)
+    assert [(case.backend, case.uncertainty) for case in listed] == [(ENGINE, False)]
+    assert [(v.quantity, v.outcome) for v in verification.verdicts] == [
         ("velocity", Outcome.UNDECIDED), ("momentum", Outcome.PASS), ("energy", Outcome.PASS),
     ]  # fmt: skip
-    assert found.exit_code == 4
+    assert verification.exit_code == 4
     # planted: a run that loses a part in 10,000 of its energy
-    made = replace(made, velocity=made.velocity * np.linspace(1.0, 1.0 - 5e-5, len(made.time))[:, None])
+    engine_run = replace(
+        engine_run, velocity=engine_run.velocity * np.linspace(1.0, 1.0 - 5e-5, len(engine_run.time))[:, None]
+    )
     assert verify_scenes([SHORT], accuracy=1e-13).exit_code == 1
 
 
@@ -400,9 +406,9 @@ def test_where_no_step_decides_velocities_what_is_conserved_is_judged(monkeypatc
 def test_where_scipy_is_the_reference_another_method_stands_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
     softer = tuple(beta * 5e-6**0.1 for beta in SHORT.stiffness)
     scene = replace(SHORT, name="softer", exponent=2.4, stiffness=softer)
-    found = db.verify(scene, accuracy=ACCURACY, store=False)
-    assert _outcome(found.verdicts, "velocity", BLANES_MOAN, REFERENCE) is Outcome.PASS
-    [verdict] = [v for v in found.verdicts if v.backend == BLANES_MOAN]
+    verification = db.verify(scene, accuracy=ACCURACY, store=False)
+    assert _outcome(verification.verdicts, "velocity", BLANES_MOAN, REFERENCE) is Outcome.PASS
+    [verdict] = [v for v in verification.verdicts if v.backend == BLANES_MOAN]
     assert 0.0 < verdict.difference <= verdict.tolerance < 1e-7
     # the planted fault: a scipy that is off by a little more than both bars
     sound = scipy_dop853.ScipyDop853.run
@@ -412,6 +418,6 @@ def test_where_scipy_is_the_reference_another_method_stands_beside_it(monkeypatc
         return replace(run, velocity=run.velocity * (1.0 + 2.0 * verdict.tolerance))
 
     monkeypatch.setattr(scipy_dop853.ScipyDop853, "run", wrong)
-    found = db.verify(scene, accuracy=ACCURACY, store=False)
-    assert _outcome(found.verdicts, "velocity", BLANES_MOAN, REFERENCE) is Outcome.FAIL
-    assert found.exit_code == 1
+    verification = db.verify(scene, accuracy=ACCURACY, store=False)
+    assert _outcome(verification.verdicts, "velocity", BLANES_MOAN, REFERENCE) is Outcome.FAIL
+    assert verification.exit_code == 1
