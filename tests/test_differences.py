@@ -112,7 +112,7 @@ def test_what_a_trajectory_does_not_store_is_compared_with_its_scene() -> None:
     momentum = difference("momentum", _changed(free_flight(), "velocity", (3, 2), 0.9), free_flight(), scene)
     # over the mass of 3 kg times 3 m/s
     assert (momentum.value, momentum.time, momentum.place) == (pytest.approx(0.1), 0.75, "")
-    with pytest.raises(UsageError, match=r"^energy needs the scene of the runs; give scene=\.\.\.$"):
+    with pytest.raises(UsageError, match=r"^the observable energy needs the scene of the runs; give scene=\.\.\.$"):
         difference("energy", run, free_flight())
 
 
