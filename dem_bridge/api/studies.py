@@ -112,7 +112,7 @@ def minimal(
     scene: Scene | str | Path,
     accuracy: float = 0.01,
     *,
-    observables: Sequence[str] = ("arrival", "residence", "peak_velocity", "peak_force"),
+    observables: Sequence[str] | None = None,
     window: str = "passage",
     jobs: int | None = None,
     progress: Progress | None = None,
@@ -126,9 +126,9 @@ def minimal(
     Each piece must stay within ``accuracy`` alone, and all that go must together, against the scene as given; where an
     error bar straddles the accuracy the piece stays. Runs are the reference's.
 
-    ``observables``: relative changes of the "arrival" at the last body; of the "residence" time and the "peak_velocity"
-    of the worst body and the "peak_force" of the worst contact, as the front passes them; and of the "velocity" of any
-    body at any sample, until the front is at the end. In ``window`` "passage" nothing that comes back from an end
+    ``observables``: names from :data:`dem_bridge.observables.registry.OBSERVABLES`, whose largest relative changes must
+    stay within ``accuracy``; None: "arrival_at_end", "residence_time", "peak_velocity" and "first_peak_force" (window
+    "whole": "peak_force"). In ``window`` "passage" nothing that comes back from an end
     counts, nor do the last two bodies, which feel what stands behind them, so that a wall behind a long chain is left
     out; in chains of up to 7 bodies all count, until the scene ends. With "whole" all bodies, the largest forces and
     the whole duration count. ``jobs``, ``progress`` and ``store`` as in :func:`dem_bridge.verify`.

@@ -18,8 +18,8 @@ from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.studies.model_hierarchy.model_terms import angles_soften, crossed, hertzian
-from dem_bridge.studies.model_hierarchy.models import Bench, Least, ModelHierarchy, Readings
-from dem_bridge.studies.model_hierarchy.passage import OBSERVABLES, Effect, Effects, decided, effects
+from dem_bridge.studies.model_hierarchy.models import Bench, Least, ModelHierarchy
+from dem_bridge.studies.model_hierarchy.passage import Effect, Effects, Readings, decided, effects
 from dem_bridge.studies.scatter import scattered
 from dem_bridge.verification.verdict import Outcome
 
@@ -73,9 +73,9 @@ def _median(found: Sequence[Effects]) -> Effects:
         sizes = np.array([abs(one[name].value) for one in found])
         middle = float(np.median(sizes))
         spread = float(np.max(np.abs(sizes - middle))) if np.all(np.isfinite(sizes)) else 0.0
-        return Effect(value=middle, bar=spread + max(one[name].bar for one in found), at=-1)
+        return Effect(value=middle, uncertainty=spread + max(one[name].uncertainty for one in found), at=-1)
 
-    return {name: of(name) for name in OBSERVABLES}
+    return {name: of(name) for name in found[0]}
 
 
 def choices(bench: Bench, asked: Sequence[str], engine: Engine | None) -> Iterator[Found]:

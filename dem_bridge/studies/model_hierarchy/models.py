@@ -22,15 +22,16 @@ from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies.model_hierarchy.model_terms import DASHPOT, ModelTerm, model, model_terms_of, named, needs
 from dem_bridge.studies.model_hierarchy.passage import (
+    JUDGED,
     Effects,
-    Reading,
+    Readings,
     checked_observables,
     decided,
     effects,
-    known,
     largest,
     last_counted,
-    read,
+    readings_of,
+    window_of,
 )
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE, TWIN
@@ -42,8 +43,6 @@ PASSAGE = 1.3
 PER_RESIDENCE, LEAST_SAMPLES, MOST_SAMPLES = 4.0, 200, 4000
 #: tolerance of a reference that is adaptive, over the accuracy: its bars are about a hundred times it
 RTOL = 1e-6
-WINDOWS = ("passage", "whole")
-Readings = dict[str, Reading]
 Pieces = frozenset[str]
 
 
@@ -57,9 +56,17 @@ class ModelHierarchy:
     """s."""
     samples: int
     accuracy: float
-    whole: bool
+    window: str
+    """A key of :data:`.passage.JUDGED`."""
+    observables: tuple[str, ...]
+    """Those that must stay within the accuracy."""
     bears: Mapping[str, Pieces]
     """Id of a switch -> ids of those that cannot be on without it."""
+
+    @property
+    def tabulated(self) -> tuple[str, ...]:
+        """Observables whose changes are measured: those of the window, velocities at samples, and those judged."""
+        return tuple(dict.fromkeys((*JUDGED[self.window], "velocity", *self.observables)))
 
     def model(self, without: Pieces = frozenset()) -> Scene:
         """The fullest model but for these pieces; with what they bear, for that cannot be without them."""
@@ -126,16 +133,18 @@ def model_hierarchy_of(
     *,
     accuracy: float = 0.01,
     add: bool = True,
+    observables: object = None,
     dashpot: float = DASHPOT,
-    window: str = WINDOWS[0],
+    window: str = "passage",
     store: Store | None = None,
 ) -> ModelHierarchy:
     """All models of a scene; ``add`` and ``dashpot`` as in :func:`.model_terms.model_terms_of`.
 
     ``window``: "passage", of the front through the chain (a coarse run says how long it takes), or "whole".
     """
-    if window not in WINDOWS:
-        raise UsageError(f"window = {window!r}; allowed: {' or '.join(WINDOWS)}")
+    if window not in JUDGED:
+        raise UsageError(f"window = {window!r}; allowed: {' or '.join(JUDGED)}")
+    names = JUDGED[window] if observables is None else checked_observables(observables)
     if isinstance(dashpot, bool) or not isinstance(dashpot, int | float) or not 0.0 < dashpot < math.inf:
         raise UsageError(f"dashpot = {dashpot!r}; allowed: a number > 0 (N s/m)")
     accuracy = checked_accuracy(accuracy)
@@ -148,9 +157,9 @@ def model_hierarchy_of(
     coarse = Case(scene=full, backend=TWIN, resolution=Resolution(), sampling=Sampling(count=1), uncertainty=False)
     [result] = run_cases([coarse], store=store)
     crossing = _trajectory(result).crossing_time[: scene.n_body - 1]
-    duration, whole = scene.duration, window == "whole"
+    duration = scene.duration
     # of a chain whose last body counts the end counts, too
-    if not whole and last_counted(scene) < scene.n_body - 1 and np.isfinite(crossing[-1]):
+    if window == "passage" and last_counted(scene) < scene.n_body - 1 and np.isfinite(crossing[-1]):
         duration = float(f"{min(PASSAGE * crossing[-1], duration):.3g}")
     residence = np.diff(crossing)[: last_counted(scene)]
     shortest = float(np.min(residence[residence > 0.0], initial=duration))
@@ -161,7 +170,8 @@ def model_hierarchy_of(
         duration=duration,
         samples=samples,
         accuracy=accuracy,
-        whole=whole,
+        window=window,
+        observables=names,
         bears={id: frozenset(ids) for id, ids in bears.items()},
     )
 
@@ -194,7 +204,8 @@ class Bench:
             self._read[one.case.scene.content_hash] = self.read(one.case.scene, _trajectory(one))
 
     def read(self, scene: Scene, run: Trajectory) -> Readings:
-        return read(scene, run, self.until, whole=self.hierarchy.whole)
+        window = window_of(scene, self.until, whole=self.hierarchy.window == "whole")
+        return readings_of(scene, run, window, self.hierarchy.tabulated)
 
     def of(self, scenes: Sequence[Scene]) -> list[Readings]:
         """By the reference; what has not been run is."""
@@ -242,12 +253,12 @@ def least(bench: Bench, alone: Sequence[LeftOut], observables: Sequence[str]) ->
     return Least(scene=hierarchy.model(without), without=without, effects=found, steps=tuple(steps))
 
 
-def judged(bench: Bench, observables: object) -> tuple[str, ...]:
-    """Those of the ``observables`` that the fullest model has; UnsupportedScene where it has none of them."""
-    asked = checked_observables(observables)
+def judged(bench: Bench) -> tuple[str, ...]:
+    """Return the judged observables that the fullest model has; UnsupportedScene where it has none of them."""
+    asked = bench.hierarchy.observables
     [full] = bench.of([bench.hierarchy.model()])
     own = effects(full, full)
-    found = tuple(name for name in asked if known(own[name]))
+    found = tuple(name for name in asked if own[name].exists)
     if not found:
         raise UnsupportedScene(
             f"{bench.hierarchy.scene.name}: no impulse runs through the chain within"
@@ -268,12 +279,13 @@ def least_scene(
     store: Store | None = None,
 ) -> Scene:
     """See :func:`dem_bridge.api.studies.minimal`."""
-    checked_observables(observables)
-    hierarchy = model_hierarchy_of(scene, accuracy=accuracy, add=False, window=window, store=store)
+    hierarchy = model_hierarchy_of(
+        scene, accuracy=accuracy, add=False, observables=observables, window=window, store=store
+    )
     if not hierarchy.model_terms:
         return scene
     bench = Bench(hierarchy, jobs=jobs, progress=progress, store=store)
-    asked = judged(bench, observables)
+    asked = judged(bench)
     found = least(bench, left_out(bench, asked), asked)
     if not found.without:
         return scene

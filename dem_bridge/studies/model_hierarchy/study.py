@@ -14,6 +14,7 @@ import numpy as np
 from dem_bridge.campaign import Progress
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies.model_hierarchy.choices import Found, cheapest, choices, doubts
@@ -28,18 +29,10 @@ from dem_bridge.studies.model_hierarchy.models import (
     left_out,
     model_hierarchy_of,
 )
-from dem_bridge.studies.model_hierarchy.passage import JUDGED, OBSERVABLES, Effect, Effects, known, largest
+from dem_bridge.studies.model_hierarchy.passage import JUDGED, Effect, Effects, largest
 from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.verification.verdict import Outcome, Verdict
 
-#: of an observable, in words
-WORDS = {
-    "arrival": "arrival",
-    "residence": "residence time",
-    "peak_velocity": "peak velocity",
-    "peak_force": "peak force",
-    "velocity": "velocity trace",
-}
 #: whether something may be left out
 MAY = {
     Outcome.PASS: "yes",
@@ -56,7 +49,7 @@ def study_model_hierarchy(
     scene: Scene,
     *,
     accuracy: float = 0.01,
-    observables: Sequence[str] = JUDGED,
+    observables: Sequence[str] | None = None,
     window: str = "passage",
     dashpot: float = DASHPOT,
     spread: float = 0.5,
@@ -105,9 +98,11 @@ def study_model_hierarchy(
     """
     if isinstance(draws, bool) or not isinstance(draws, int) or not 1 <= draws <= 1000:
         raise UsageError(f"draws = {draws!r}; allowed: a whole number of chains from 1 to 1000")
-    hierarchy = model_hierarchy_of(scene, accuracy=accuracy, dashpot=dashpot, window=window, store=store)
+    hierarchy = model_hierarchy_of(
+        scene, accuracy=accuracy, observables=observables, dashpot=dashpot, window=window, store=store
+    )
     bench = Bench(hierarchy, jobs=jobs, progress=progress, store=store)
-    asked = judged(bench, observables)
+    asked = judged(bench)
     alone = left_out(bench, asked)
     below = least(bench, alone, asked)
     suspected = tuple(doubts(bench, asked, spread=spread, draws=draws))
@@ -176,11 +171,13 @@ def _down(below: Least) -> Iterator[Found]:
 
 
 def _table(hierarchy: ModelHierarchy, id: str, title: str, caption: str, found: Sequence[Found]) -> Table:
+    names = hierarchy.tabulated
+
     def cells(effects: Effects | None) -> tuple[str | float, ...]:
         if effects is None:
-            return ("",) * (len(OBSERVABLES) + 1)
-        bar = max((one.bar for one in effects.values() if known(one)), default=math.nan)
-        return (*(100.0 * effects[name].value for name in OBSERVABLES), 100.0 * bar)
+            return ("",) * (len(names) + 1)
+        bar = max((one.uncertainty for one in effects.values() if one.exists), default=math.nan)
+        return (*(100.0 * effects[name].value for name in names), 100.0 * bar)
 
     return Table(
         id=id,
@@ -188,8 +185,8 @@ def _table(hierarchy: ModelHierarchy, id: str, title: str, caption: str, found: 
         caption=caption,
         columns=(
             "what",
-            *(f"{WORDS[name]} (%)" for name in OBSERVABLES),
-            "largest bar (%)",
+            *(f"{OBSERVABLES[name].words} (%)" for name in names),
+            "largest uncertainty (%)",
             f"within {_percent(hierarchy.accuracy)}?",
         ),
         rows=tuple((one.what, *cells(one.effects), MAY[one.outcome]) for one in found),
@@ -198,7 +195,7 @@ def _table(hierarchy: ModelHierarchy, id: str, title: str, caption: str, found: 
 
 def question_table(found: Iterable[tuple[ModelHierarchy, Sequence[LeftOut]]], accuracy: float) -> Table:
     """What may be left out of each of several scenes, one line a piece."""
-    names = [name for name in OBSERVABLES if name in JUDGED]
+    names = JUDGED["passage"]
     return Table(
         id="left-out",
         title=f"What may be left out at {_percent(accuracy)}",
@@ -209,7 +206,7 @@ def question_table(found: Iterable[tuple[ModelHierarchy, Sequence[LeftOut]]], ac
             " cent, of the worst body or contact but for the last ones, which feel the end; the arrival is that at the"
             " last cylinder. The base is judged on the weightless chain, for a weight needs it."
         ),
-        columns=("left out", "chain", *(f"{WORDS[name]} (%)" for name in names), "may be left out?"),
+        columns=("left out", "chain", *(f"{OBSERVABLES[name].words} (%)" for name in names), "may be left out?"),
         rows=tuple(
             (
                 one.term.what,
@@ -248,14 +245,14 @@ def _panel(title: str, hierarchy: ModelHierarchy, found: Sequence[Found]) -> Pan
     def series(name: str, nth: int) -> Series:
         sizes = 100.0 * np.abs([math.nan if one.effects is None else one.effects[name].value for one in found])
         shown = np.where(np.isfinite(sizes), np.maximum(sizes, LEAST_SHOWN * limit), np.nan)
-        return Series(label=WORDS[name], style=f"mark-{nth}", x=shown, y=places)
+        return Series(label=OBSERVABLES[name].words, style=f"mark-{nth}", x=shown, y=places)
 
     line = Series(label="accuracy", style="guide", x=np.array([limit, limit]), y=np.array([-0.5, len(found) - 0.5]))
     return Panel(
         title=title,
         x_label="size of the change (%)",
         y_label="",
-        series=(line, *(series(name, nth) for nth, name in enumerate(OBSERVABLES, start=1))),
+        series=(line, *(series(name, nth) for nth, name in enumerate(hierarchy.tabulated, start=1))),
         rows=tuple(one.name for one in found),
     )
 
@@ -318,12 +315,14 @@ def _said(found: Effects, asked: Sequence[str]) -> str:
     """The largest effect with its bar and place."""
     name, one = largest(found, asked)
     if math.isinf(one.value):
-        return f"the {WORDS[name]}, which only one of the two has"
-    return f"{100.0 * one.value:+.3g} % ± {100.0 * one.bar:.1g} % ({WORDS[name]}{_place(name, one)})"
+        return f"the {OBSERVABLES[name].words}, which only one of the two has"
+    return (
+        f"{100.0 * one.value:+.3g} % ± {100.0 * one.uncertainty:.1g} % ({OBSERVABLES[name].words}{_place(name, one)})"
+    )
 
 
 def _place(name: str, one: Effect) -> str:
-    return f" of {OBSERVABLES[name]} {one.at}" if one.at >= 0 else ""
+    return f" of {OBSERVABLES[name].axis[-1]} {one.at}" if one.at >= 0 else ""
 
 
 def _percent(share: float) -> str:
@@ -332,9 +331,9 @@ def _percent(share: float) -> str:
 
 def _notes(hierarchy: ModelHierarchy, bench: Bench, numerical: Sequence[Found], asked: Sequence[str]) -> Iterator[str]:
     there = {one.id for one in hierarchy.model_terms}
-    judged_by = ", ".join(WORDS[name] for name in asked)
-    yield f"Judged: {judged_by}. The velocity trace is late as a whole where its front is."
-    if not hierarchy.whole:
+    judged_by = ", ".join(OBSERVABLES[name].words for name in asked)
+    yield f"Judged: {judged_by}. Where the front is late, velocities at samples are late everywhere."
+    if hierarchy.window == "passage":
         yield (
             f"Passage of the front: until {1e3 * bench.until:.4g} ms in the fullest model, runs of"
             f" {1e3 * hierarchy.duration:g} ms. Bodies and contacts that feel the end do not count, but for the"

@@ -193,7 +193,7 @@ def _left_out(hierarchy: ModelHierarchy, results: Sequence[Result]) -> tuple[Lef
         return ()
     bench = Bench(hierarchy)
     bench.take(results)
-    return left_out(bench, JUDGED)
+    return left_out(bench, JUDGED["passage"])
 
 
 def _effects(runs: Runs) -> Iterator[Effect]:
