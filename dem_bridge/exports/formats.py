@@ -17,7 +17,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from dem_bridge.errors import UsageError
-from dem_bridge.exports.table import UNITS, Cell, Column, Table
+from dem_bridge.exports.table import Cell, Column, Table, unit_of
 from dem_bridge.version import __version__
 
 #: largest number of significant digits in Markdown and LaTeX
@@ -151,7 +151,7 @@ def _scale(column: Column) -> tuple[int, bool]:
     if not sizes:
         return 0, False
     smallest, middle, largest = min(sizes), sorted(sizes)[len(sizes) // 2], max(sizes)
-    unit = UNITS[column.unit]
+    unit = unit_of(column.unit)
     # angles and ratios get no prefix
     fixed = column.unit in ("", "deg", "1/deg")
     plain = 1e-3 <= largest < 1e6
@@ -165,7 +165,7 @@ def _scale(column: Column) -> tuple[int, bool]:
 
 def _unit(unit: str, power: int) -> tuple[str, str]:
     """Return the unit in plain text and in LaTeX, with a power of ten in front."""
-    style = UNITS[unit]
+    style = unit_of(unit)
     macros = not re.search(r"\$|\\si", style.tex)
     if power == 0:
         return style.text, f"\\si{{{style.tex}}}" if macros and style.tex else style.tex

@@ -1,4 +1,4 @@
-"""The table of what runs along the chain: the front as each body sees it, with error bars."""
+"""Tabulate the registered observables along the chain, a row for each body."""
 
 from __future__ import annotations
 
@@ -6,72 +6,61 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.exports.parameters import origin
-from dem_bridge.exports.table import Column, Table, counts, numbers, with_uncertainty
-from dem_bridge.observables.front import (
-    arrival_by_crossing,
-    grain_speed_by_crossing,
-    peak_velocity_of_front,
-    residence_bar,
-    residence_by_crossing,
-)
+from dem_bridge.exports.table import Column, Table, counts, with_uncertainty
+from dem_bridge.observables.errors import Reading, read
+from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
+#: at the body behind its contact a crossing time is the arrival
+SAME_AS_ARRIVAL = "crossing_time"
 
 
 def observables(scene: Scene, run: Trajectory) -> Table:
-    """Body by body: arrival, residence, speed of the front, largest velocity in it, force that came with it."""
-    links = scene.n_body - 1
-    arrival_bar = np.asarray(run.uncertainty["crossing_time"])[:links]
-    residence, bar = residence_by_crossing(scene, run), residence_bar(scene, run)
-    speed = grain_speed_by_crossing(scene, run)
-    peak = peak_velocity_of_front(scene, run)
-    # bodies that have no residence time: the first, which brings the impulse, and the last, which hands it to none
-    ends = (1, int(links > 0))
-    notes = [
-        f"found by {run.provenance['backend']}",
-        "arrival: first maximal compression of the contact on the struck side; residence: from that to the same of the"
-        " contact behind (Chaunsali, Kim & Yang 2018, section 4a); the last body has none",
-        "peak velocity: the largest until the body hands the impulse on",
-        "peak force: of the contact on the struck side, the largest of the whole run",
-    ]
-    # speed is the inverse of the residence time, of which a bar as long as itself leaves nothing
-    left = residence - bar
-    relative = np.divide(bar, left, out=np.full(len(bar), np.inf), where=left > 0.0)
-    columns: list[Column] = [
-        counts("body", "body", range(scene.n_body)),
-        *with_uncertainty(
-            "arrival", "arrival", "s", _placed(arrival_by_crossing(scene, run), (1, 0)), _placed(arrival_bar, (1, 0))
-        ),
-        *with_uncertainty("residence", "residence time", "s", _placed(residence, ends), _placed(bar, ends)),
-        *with_uncertainty(
-            "front_speed", "speed in bodies", "1/s", _placed(speed, ends), _placed(speed * relative, ends)
-        ),
-    ]
-    spacing = scene.spacing
-    if spacing is None:
-        notes.append("the scene has no spacing: wave speeds are known in bodies per second alone")
-        spacing = np.nan
-    metres = spacing * speed
-    columns += with_uncertainty(
-        "wave_speed", "wave speed", "m/s", _placed(metres, ends), _placed(metres * relative, ends)
-    )
-    columns += with_uncertainty("peak_velocity", "peak velocity", "m/s", peak.velocity, peak.bar)
-    columns.append(numbers("peak_velocity_time", "time of peak velocity", "s", peak.time))
-    force, force_bar = run.peak_force[:links], np.asarray(run.uncertainty["peak_force"])[:links]
-    columns += with_uncertainty("peak_force", "peak force", "N", _placed(force, (1, 0)), _placed(force_bar, (1, 0)))
-    if not np.all(np.isfinite(arrival_bar)):
-        notes.append("bars that are empty are not known")
+    """Return the table of all registered observables of a run.
+
+    Observables with one value for each body have a column, and those with one for each contact of the chain, at the
+    body on its far side. Observables of the whole chain, and the largest magnitudes of sampled ones, stand in notes.
+    """
+    columns: list[Column] = [counts("body", "body", range(scene.n_body))]
+    definitions, numbers = [], []
+    for name, observable in OBSERVABLES.items():
+        reading = read(observable, scene, run)
+        if observable.axis not in (("body",), ("contact",)):
+            numbers.append(_sentence(reading))
+        elif name != SAME_AS_ARRIVAL:
+            values, uncertainty = (_at_bodies(scene, reading, part) for part in (reading.values, reading.uncertainty))
+            columns += with_uncertainty(name, observable.words, observable.unit, values, uncertainty)
+            definitions.append(f"{observable.words}: {observable.definition.removesuffix('.')}")
+    notes = [f"the run is by {run.provenance['backend']}", *definitions]
+    notes.append("values of contacts stand at the body on the far side of the contact; empty uncertainties are unknown")
+    if scene.spacing is None:
+        notes.append("the scene has no spacing: the speed of the front is known in bodies per second only")
     return Table(
         id="observables",
-        title=f"The front along {scene.name}",
+        title=f"Observables along {scene.name}",
         columns=tuple(columns),
-        notes=tuple(notes),
+        notes=(*notes, *numbers),
         provenance=origin(scene, run),
     )
 
 
-def _placed(values: Floats, around: tuple[int, int]) -> Floats:
-    """Among all bodies; nan before and behind."""
-    return np.pad(np.asarray(values, dtype=float), around, constant_values=np.nan)
+def _at_bodies(scene: Scene, reading: Reading, values: Floats) -> Floats:
+    """Return one value for each body; nan where it has none."""
+    if reading.observable.axis == ("body",):
+        return values
+    return np.concatenate([[np.nan], values[: scene.n_body - 1]])
+
+
+def _sentence(reading: Reading) -> str:
+    """Return the value of the whole chain, or the largest magnitude at samples, with its uncertainty."""
+    observable, size = reading.observable, np.abs(reading.values)
+    sampled = "largest magnitude at samples, " if "time" in observable.axis else ""
+    if not np.any(np.isfinite(size)):
+        return f"{observable.words}: unknown"
+    place = int(np.nanargmax(size))
+    value = float((size if sampled else reading.values).flat[place])
+    uncertainty = float(reading.uncertainty.flat[place])
+    known = f"uncertainty {uncertainty:.1e} {observable.unit}" if np.isfinite(uncertainty) else "unknown uncertainty"
+    return f"{observable.words}: {sampled}{value:.6g} {observable.unit} ({known})"

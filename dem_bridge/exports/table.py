@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
@@ -60,6 +61,16 @@ UNITS: Mapping[str, Unit] = {
 }
 
 
+def unit_of(text: str) -> Unit:
+    """Return how a unit is written; one that is not in :data:`UNITS` is written as it stands.
+
+    >>> unit_of("kg/m").suffix
+    'kg_per_m'
+    """
+    suffix = re.sub(r"\W+", "_", text.replace("/", " per ")).strip("_")
+    return UNITS.get(text, Unit(text, rf"\text{{{text}}}", suffix))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Column:
     """Hold one quantity for all rows; :func:`numbers`, :func:`counts` and :func:`texts` return instances."""
@@ -71,7 +82,7 @@ class Column:
     values: tuple[Cell, ...]
     kind: Literal["number", "count", "text"]
     unit: str = ""
-    """A key of :data:`UNITS`."""
+    """Of :data:`UNITS`, or as it stands."""
     digits: int = 5
     """Significant digits in Markdown and LaTeX where the uncertainty is unknown."""
     uncertainties: tuple[Cell, ...] | None = None
@@ -82,7 +93,7 @@ class Column:
     @property
     def name(self) -> str:
         """Return the name for programs: the quantity with its unit, such as "peak_force_N"."""
-        suffix = UNITS[self.unit].suffix
+        suffix = unit_of(self.unit).suffix
         return f"{self.quantity}_{suffix}" if suffix else self.quantity
 
 

@@ -171,16 +171,6 @@ OBSERVABLES_IN_ORDER = (
         LARGEST,
         contact_force_uncertainty,
     ),
-    _stored("peak_force", "Largest compressive force of the contact during the run.", OWN),
-    Observable(
-        name="first_peak_force",
-        definition="Elastic force of the contact at its first maximal compression; a later wave may press harder.",
-        unit="N",
-        axis=("contact",),
-        value=lambda scene, run: first_peak_force(scene, run)[0],
-        uncertainty=lambda scene, run: first_peak_force(scene, run)[1],
-    ),
-    _stored("crossing_time", "Time of the first maximal compression of the contact.", OWN),
     Observable(
         name="arrival",
         definition=(
@@ -246,6 +236,16 @@ OBSERVABLES_IN_ORDER = (
         value=lambda scene, run: peak_velocity_of_front(scene, run).time,
         uncertainty=lambda scene, run: peak_velocity_of_front(scene, run).time_bar,
     ),
+    _stored("peak_force", "Largest compressive force of the contact during the run.", OWN),
+    Observable(
+        name="first_peak_force",
+        definition="Elastic force of the contact at its first maximal compression; a later wave may press harder.",
+        unit="N",
+        axis=("contact",),
+        value=lambda scene, run: first_peak_force(scene, run)[0],
+        uncertainty=lambda scene, run: first_peak_force(scene, run)[1],
+    ),
+    _stored("crossing_time", "Time of the first maximal compression of the contact.", OWN),
     Observable(
         name="momentum",
         definition="Total momentum of the bodies at each sample.",

@@ -72,7 +72,8 @@ def study_model_hierarchy(
     accuracy : float
         Largest relative change of the observables that a simpler model may cause.
     observables : sequence of str
-        Observables that must keep the accuracy: arrival, residence, peak_velocity, peak_force, velocity.
+        Observables that must keep the accuracy, by the names that ``dem-bridge plan --help`` lists. None:
+        arrival_at_end, residence_time, peak_velocity and first_peak_force (window "whole": peak_force).
     window : str
         "passage": until the front has passed, without what returns from the end; "whole": the whole run.
     dashpot : float
