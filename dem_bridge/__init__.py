@@ -29,7 +29,7 @@ _HOME = {
     "Study": "studies.study",
     "Wall": "scene",
     "Trajectory": "trajectory",
-    "Verification": "studies.verify",
+    "Verification": "studies.verification",
     "angles_for": "exports.angles",
     "available": "api.runs",
     "chain": "scene_file.bodies",
@@ -77,7 +77,7 @@ if TYPE_CHECKING:
     from dem_bridge.scene_file import load_scene, shipped_scenes
     from dem_bridge.scene_file.bodies import chain
     from dem_bridge.studies.study import Study
-    from dem_bridge.studies.verify import Verification
+    from dem_bridge.studies.verification import Verification
     from dem_bridge.trajectory import Trajectory, load_trajectory
 
 __all__ = [

@@ -160,42 +160,6 @@ def trajectory_html(run: Any, scales: Mapping[str, Any], units: Mapping[str, str
     return _card("Trajectory", "", _facts(facts), uncertainties, _folded("provenance", pre))
 
 
-def verification_html(verification: Any) -> str:
-    """Return the HTML of a Verification: the number of outcomes, and a table of verdicts per scene."""
-    counts = Counter(verdict.outcome.value for verdict in verification.verdicts)
-    head = " ".join(f"{badge(word)}\u00a0{counts[word]}" for word in _BACKGROUNDS if counts[word])
-    line = (
-        f"<p>{head}</p><p>tolerance of velocities: {verification.accuracy:g} of the largest velocity; exit code"
-        f" {verification.exit_code}; wall time {quantity(verification.wall, 's')}</p>"
-    )
-    parts = []
-    for study in verification.studies:
-        rows = [
-            (
-                escape(v.quantity.replace("_", " ")),
-                escape(f"{v.backend} - {v.reference}" if v.reference else v.backend),
-                escape(v.meaning),
-                *(_number(value) for value in (v.difference, v.reference_uncertainty, v.tolerance)),
-                escape(f"{quantity(v.scale, v.unit)}" if math.isfinite(v.scale) else ""),
-                badge(v.outcome.value) + ("" if v.outcome.value == "PASS" else f" {escape(v.sentence)}"),
-            )
-            for v in study.verdicts
-        ]
-        heads = (
-            "quantity", "compared", "error source", "difference", "uncertainty", "tolerance", "relative to", "outcome"
-        )  # fmt: skip
-        table = _table(heads, rows, html_cells=True)
-        if len(verification.studies) > 1:
-            outcomes = dict.fromkeys(v.outcome.value for v in study.verdicts)
-            words = " ".join(badge(word) for word in _BACKGROUNDS if word in outcomes)
-            parts.append(_folded(study.scene.name, table, f" {words}"))
-        else:
-            parts.append(f"<p><b>{escape(study.scene.name)}</b></p>{table}")
-    notes = "".join(f"<p>{escape(note)}</p>" for note in verification.notes)
-    subtitle = "differences, uncertainties and tolerances are relative"
-    return _card("Verification", subtitle, line, *parts, notes)
-
-
 def plan_html(plan: Any) -> str:
     """Return the HTML of a Plan: settings, predicted and measured error and cost, and reasons."""
     settings = ", ".join(f"{key}={value!r}" for key, value in plan.resolution.items()) or "default settings"
@@ -218,16 +182,27 @@ def plan_html(plan: Any) -> str:
 
 
 def study_html(study: Any) -> str:
-    """Return the HTML of a Study: its answer and its tables."""
+    """Return the HTML of a Study: its answer, the number of verdicts by outcome, and its tables."""
     answer = "".join(f"<li>{escape(sentence)}</li>" for sentence in study.answer)
+    counts = Counter(verdict.outcome.value for verdict in study.verdicts)
+    outcomes = " ".join(f"{badge(word)}\u00a0{counts[word]}" for word in _BACKGROUNDS if counts[word])
+    verdicts = f"<p>{outcomes}; exit code {study.exit_code}</p>" if counts else ""
     tables = []
     for table in study.tables:
-        rows = [[f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row] for row in table.rows[:_ROWS]]
+        rows = [[_cell(cell) for cell in row] for row in table.rows[:_ROWS]]
         rest = f"<p>{len(table.rows) - _ROWS} more rows</p>" if len(table.rows) > _ROWS else ""
-        tables.append(_folded(table.title, f"<p>{escape(table.caption)}</p>{_table(table.columns, rows)}{rest}"))
+        content = f"<p>{escape(table.caption)}</p>{_table(table.columns, rows, html_cells=True)}{rest}"
+        tables.append(_folded(table.title, content))
     notes = _folded("notes", "".join(f"<p>{escape(note)}</p>" for note in study.notes)) if study.notes else ""
     state = "interrupted: only the results up to the interruption are shown" if study.interrupted else ""
-    return _card(study.title, state, f"<ol>{answer}</ol>", *tables, notes)
+    return _card(study.title, state, f"<ol>{answer}</ol>", verdicts, *tables, notes)
+
+
+def _cell(value: str | float) -> str:
+    """Return a cell of a table as HTML; outcomes are badges."""
+    if isinstance(value, str):
+        return badge(value) if value in _BACKGROUNDS else escape(value)
+    return f"{value:.4g}"
 
 
 def badge(word: str) -> str:

@@ -19,7 +19,7 @@ from dem_bridge.report.figures import LABELS, budget_on, residence_panel, spacet
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, scene_of, shipped_scenes
 from dem_bridge.studies.study import Panel, Series
-from dem_bridge.studies.verify import Verification
+from dem_bridge.studies.verification import Verification
 from dem_bridge.trajectory import QUANTITIES, Trajectory
 from dem_bridge.verification.assess import SceneStudy
 

@@ -26,12 +26,12 @@ from dem_bridge.cli import main
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.features import CONTACT_FUNCTIONS, OTHER_EXPONENTS, SEVERAL_MOVING
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.report.page import provenance
 from dem_bridge.runs import case as case_module
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.studies.verify import Verification, verify_scenes
+from dem_bridge.studies.verification import Verification, verification_of
+from dem_bridge.studies.verify import verify_scenes
 from dem_bridge.support import Condition, Support
 from dem_bridge.trajectory import Trajectory
 from tests.helpers.fake_runs import free_flight
@@ -373,7 +373,7 @@ def test_verify_stores_and_makes_anew_what_is_asked_fresh(tmp_path: Path) -> Non
     def stored(**how: Any) -> set[bool]:
         verification = db.verify(scene, accuracy=1e-3, **how)
         assert verification.notes == ()
-        return {run["stored"] is not None for run in provenance(verification)["runs"]}
+        return {run["stored"] is not None for run in verification.provenance["runs"]}
 
     assert [stored(store=tmp_path) for _ in range(2)] == [{False}, {True}]
     assert stored(store=tmp_path, recompute=True) == {False}
@@ -394,12 +394,12 @@ def test_the_command_line_uses_all_cores_and_the_store_unless_told_otherwise_and
 
     def verify(scenes: Any, **how: Any) -> Verification:
         calls.append(how)
-        return Verification(studies=(), accuracy=1e-6, wall=0.0, notes=("store: nothing is stored: why",))
+        return verification_of((), accuracy=1e-6, wall=0.0, notes=("store: nothing is stored: why",))
 
     monkeypatch.setattr(db, "verify", verify)
     for words, jobs, recompute in ((), None, False), (("-j", "3", "--no-cache"), 3, True):
         done = CliRunner().invoke(main, ["verify", "-o", str(tmp_path), *words])
         assert done.exit_code == 0
-        assert done.stderr == "dem-bridge: warning: store: nothing is stored: why\n"
+        assert "note: store: nothing is stored: why\n" in done.stdout
         assert (calls[-1]["jobs"], calls[-1]["recompute"]) == (jobs, recompute)
         assert "store" not in calls[-1]

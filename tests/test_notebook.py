@@ -17,7 +17,8 @@ from dem_bridge.notebook import badge, quantity
 from dem_bridge.notebook_sketch import sketch
 from dem_bridge.physics.law import law_of
 from dem_bridge.studies.study import Study, Table
-from dem_bridge.studies.verify import Verification, study_without_runs
+from dem_bridge.studies.verification import verification_of
+from dem_bridge.studies.verify import study_without_runs
 from dem_bridge.trajectory import own_scale
 from dem_bridge.verification.verdict import Outcome
 from tests.conftest import Solve
@@ -161,16 +162,18 @@ def test_bars_that_are_not_known_are_said_to_be(solved: Solve) -> None:
 
 def test_a_verification_shows_each_outcome_by_word_and_ground() -> None:
     study = study_without_runs(SCENE, REFUSED)
-    found = Verification(studies=(study,), accuracy=1e-6, wall=1.0, notes=("a <note>",))
+    found = verification_of([study], accuracy=1e-6, wall=1.0, notes=("a <note>",))
     text = _text(found._repr_html_())
     assert "UNDECIDED 1" in text.replace("\u00a0", " ")
     assert "exit code 4" in text
     assert "a <note>" in text
     assert study.verdicts[0].sentence in text
-    several = Verification(
-        studies=(study, study_without_runs(replace(SCENE, name="other"), REFUSED)), accuracy=1e-6, wall=1.0
+    several = verification_of(
+        [study, study_without_runs(replace(SCENE, name="other"), REFUSED)], accuracy=1e-6, wall=1.0
     )
-    assert several._repr_html_().count("<details") == 2
+    text = _text(several._repr_html_())
+    assert "UNDECIDED 2" in text.replace("\u00a0", " ")
+    assert all(f"{name} velocity" in text for name in (SCENE.name, "other"))
 
 
 def test_every_outcome_has_a_ground_that_white_is_read_on() -> None:

@@ -17,7 +17,8 @@ import dem_bridge as db
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.front import arrival_by_crossing, residence_bar, residence_by_crossing
 from dem_bridge.scene import Scene
-from dem_bridge.studies.verify import Verification, study_without_runs
+from dem_bridge.studies.verification import Verification, verification_of
+from dem_bridge.studies.verify import study_without_runs
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
 from tests.conftest import Solve
@@ -119,7 +120,7 @@ def _verified(*scenes: Scene) -> Verification:
         scale_name="largest |velocity|",
     )
     studies = tuple(SceneStudy(scene=scene, verdicts=(), budgets=(one,)) for scene in scenes)
-    return Verification(studies=studies, accuracy=1e-6, wall=1.0)
+    return verification_of(studies, accuracy=1e-6, wall=1.0)
 
 
 def test_a_budget_has_a_bar_for_each_part_and_its_numbers_beside() -> None:

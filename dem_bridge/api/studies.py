@@ -102,9 +102,9 @@ def study(
         given["scene"] = scene_of(scene)
     result = function(**given)
     if folder is not None:
-        from dem_bridge.report.study import write_study
+        from dem_bridge.report.page import write_study
 
-        write_study(result, Path(folder))
+        write_study(result, Path(folder), given.get("store"))
     return result
 
 

@@ -16,7 +16,7 @@ from dem_bridge.scene_file import scene_of
 if TYPE_CHECKING:
     from dem_bridge.campaign import Progress
     from dem_bridge.runs.store import Store
-    from dem_bridge.studies.verify import Verification
+    from dem_bridge.studies.verification import Verification
 
 #: the name of all shipped scenes together with the claims that are read from them
 PAPER = "paper"
@@ -138,9 +138,9 @@ def write_found(
     """
     if folder is None and bundle is None:
         return
-    from dem_bridge.report.page import report_files
+    from dem_bridge.report.page import study_files
 
-    report = report_files(found, store)
+    report = study_files(found, store)
     if folder is not None:
         write_whole(Path(folder), report)
     if bundle is not None:

@@ -269,12 +269,10 @@ def verify(
         from dem_bridge.report.junit import junit
 
         write_whole(junit_file.parent, {junit_file.name: junit(verification.verdicts)})
-    for note in verification.notes:
-        _print_error(f"warning: {note}")
     for study in verification.studies:
         if (engine_run := study.run(study.engine)) is not None:
             _warn(engine_run)
-    terminal.print_verdicts(verification)
+    terminal.print_study(verification)
     click.echo(f"report: {folder / 'index.html'}")
     if bundle is not None:
         click.echo(f"bundle: {bundle}; repeat the runs with: sh {bundle / 'replay.sh'}")

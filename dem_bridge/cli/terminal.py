@@ -14,12 +14,11 @@ if TYPE_CHECKING:
 
     from dem_bridge.planning.answer import Plan
     from dem_bridge.scene import Scene
-    from dem_bridge.studies.study import Paper, Study
-    from dem_bridge.studies.verify import Verification
+    from dem_bridge.studies.study import Study
 
 _COLOURS = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
-#: largest number of rows of a table on a terminal
-_MOST_ROWS = 40
+#: rows of all tables together that are printed on a terminal
+_MOST_ROWS = 100
 #: repeated here to avoid an import; a test compares them with the package
 _OUTCOMES = ("PASS", "FAIL", "UNDECIDED", "MODEL_DIFFERENCE", "NOT_RUN", "BROKEN")
 
@@ -92,15 +91,18 @@ def print_plan(plan: Plan, scene: str) -> None:
 
 
 def print_study(study: Study) -> None:
-    """Print the answer, the tables, the verdicts that do not pass and the notes of a study."""
+    """Print the answer, the first tables, the number of verdicts by outcome, and the verdicts that do not pass."""
+    from collections import Counter
+
     from rich.table import Table
 
-    console = _console()
+    console, rows = _console(), 0
     for sentence in study.answer:
         console.print(f"* {sentence}", markup=False)
     for data in study.tables:
-        if len(data.rows) > _MOST_ROWS:
-            console.print(f"{data.title}: {len(data.rows)} rows (-o writes them to {data.id}.csv)", markup=False)
+        rows += len(data.rows)
+        if rows > _MOST_ROWS:
+            console.print(f"{data.title}: {len(data.rows)} rows (-o writes them to tables/{data.id}.csv)", markup=False)
             continue
         table = Table(box=None, pad_edge=False, title=data.title, title_justify="left", title_style="bold")
         for name in data.columns:
@@ -108,6 +110,8 @@ def print_study(study: Study) -> None:
         for row in data.rows:
             table.add_row(*map(_cell, row))
         console.print(table)
+    if counts := Counter(verdict.outcome.value for verdict in study.verdicts):
+        console.print(f"verdicts: {', '.join(f'{count} {_coloured(outcome)}' for outcome, count in counts.items())}")
     for verdict in study.verdicts:
         if verdict.outcome.value not in ("PASS", "MODEL_DIFFERENCE"):
             console.print(f"{verdict.outcome.value}: {verdict.sentence}", markup=False)
@@ -115,58 +119,6 @@ def print_study(study: Study) -> None:
         console.print(f"note: {note}", markup=False)
     if study.interrupted:
         console.print("interrupted: only the results up to the interruption are shown", markup=False)
-
-
-def print_claims(paper: Paper) -> None:
-    """Print every claim of the paper with its outcome, then the answer."""
-    from rich.table import Table
-
-    console = _console()
-    table = Table(box=None, pad_edge=False)
-    for column in ("claim", "where in the paper", "outcome", "result"):
-        table.add_column(column, overflow="fold")
-    for claim in paper.claims:
-        table.add_row(claim.id, claim.where, _coloured(claim.outcome.value), claim.sentence)
-    console.print(table)
-    for sentence in paper.answer:
-        console.print(f"* {sentence}", markup=False)
-
-
-def print_verdicts(verification: Verification) -> None:
-    """Print the table of verdicts, and a sentence for each verdict that does not pass.
-
-    For the whole paper, print its claims and the number of verdicts by outcome.
-    """
-    if verification.paper is not None:
-        print_claims(verification.paper)
-        _print_counts(verification)
-        return
-    from rich.table import Table
-
-    console = _console()
-    table = Table(box=None, pad_edge=False)
-    for column in ("scene", "quantity", "compared", "difference", "uncertainty", "tolerance", "outcome"):
-        table.add_column(column, justify="right" if column in ("difference", "uncertainty", "tolerance") else "left")
-    for v in verification.verdicts:
-        numbers = [f"{x:.2g}" if x == x else "-" for x in (v.difference, v.reference_uncertainty, v.tolerance)]
-        table.add_row(v.scene, v.quantity, f"{v.backend} - {v.reference}", *numbers, _coloured(v.outcome.value))
-    console.print(table)
-    for v in verification.verdicts:
-        if v.outcome.value not in ("PASS", "MODEL_DIFFERENCE"):
-            console.print(f"{v.outcome.value}: {v.sentence}", markup=False)
-
-
-def _print_counts(verification: Verification) -> None:
-    """Print the number of verdicts by outcome, and a sentence for each verdict that does not pass."""
-    from collections import Counter
-
-    console = _console()
-    counts = Counter(v.outcome.value for v in verification.verdicts)
-    text = ", ".join(f"{count} {_coloured(outcome)}" for outcome, count in counts.items())
-    console.print(f"verdicts on {len(verification.studies)} scenes: {text}")
-    for v in verification.verdicts:
-        if v.outcome.value not in ("PASS", "MODEL_DIFFERENCE", "NOT_RUN"):
-            console.print(f"{v.outcome.value}: {v.sentence}", markup=False)
 
 
 @contextmanager

@@ -20,10 +20,10 @@ from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.files import write_whole
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.report.page import report_files, title
+from dem_bridge.report.page import study_files
 from dem_bridge.scene_file.text import scene_toml
 from dem_bridge.studies.study import Table
-from dem_bridge.studies.verify import Verification
+from dem_bridge.studies.verification import Verification
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.verdict import Verdict, plain
 from dem_bridge.version import __version__
@@ -59,7 +59,7 @@ def write_bundle(
     verification: Verification,
     folder: Path,
     *,
-    report: Mapping[str, str] | None = None,
+    report: Mapping[str, str | bytes] | None = None,
     engine: Engine | None = None,
     words: Sequence[str] | None = None,
 ) -> None:
@@ -96,7 +96,7 @@ def write_bundle(
 def bundle_files(
     verification: Verification,
     *,
-    report: Mapping[str, str] | None = None,
+    report: Mapping[str, str | bytes] | None = None,
     engine: Engine | None = None,
     words: Sequence[str] | None = None,
 ) -> dict[str, str | bytes]:
@@ -107,7 +107,7 @@ def bundle_files(
     engine = engine or Engine.chosen()
     scenes, functions = _scenes(verification)
     if words is None:
-        words = ("paper",) if verification.paper else tuple(scenes)
+        words = ("paper",) if verification.claims else tuple(scenes)
     pins = pinned(_NAME)
     mark = {
         "schema": SCHEMA,
@@ -124,7 +124,7 @@ def bundle_files(
         **scenes,
         **dict(_decks(verification)),
         **dict(_sheets(verification)),
-        **{f"report/{name}": text for name, text in (report or report_files(verification)).items()},
+        **{f"report/{name}": text for name, text in (report or study_files(verification)).items()},
         **dict(_source()),
     }
     return files | {_SUMS: _sums(files)}
@@ -214,11 +214,11 @@ def _sheets(verification: Verification) -> Iterator[tuple[str, str]]:
     yield "csv/verdicts.csv", _csv(columns, rows)
     for study in verification.studies:
         yield f"csv/contacts-{study.scene.name}.csv", _contacts(study)
-    if verification.paper is not None:
+    if verification.claims:
         columns = ("claim", "outcome", "name", "by", "value", "uncertainty", "unit")
         yield "csv/claims.csv", _csv(columns, tuple(
             (claim.id, claim.outcome.value, value.name, value.backend, value.value, value.uncertainty, value.unit)
-            for claim in verification.paper.claims
+            for claim in verification.claims
             for value in claim.values
         ))  # fmt: skip
 
@@ -286,7 +286,7 @@ def _readme(verification: Verification, functions: Sequence[str], pins: Mapping[
             f" {', '.join(functions)}.\n"
         )
     return f"""\
-# {title(verification)}
+# {verification.title}
 
 This command repeats the verification in an environment with the same versions and compares it verdict by verdict:
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import base64
 import io
 import math
+from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 from PIL import Image
 
 from dem_bridge.report.drawing import fix_layout
-from dem_bridge.studies.study import Claim, ClaimValue, Paper, Table
+from dem_bridge.studies.study import Claim, ClaimValue, Table
 from dem_bridge.verification.verdict import Outcome
 
 #: resolution of images, dots per inch
@@ -36,11 +37,11 @@ CLAIMED = {
 }
 
 
-def by_outcome(paper: Paper) -> list[tuple[Outcome, list[Claim]]]:
-    """Return the claims by outcome: claims that hold first, then by severity."""
+def by_outcome(claims: Sequence[Claim]) -> list[tuple[Outcome, list[Claim]]]:
+    """Return claims by outcome: claims that hold first, then by severity."""
     order = (Outcome.PASS, *SEVERITY[:-1])
-    groups = {outcome: [claim for claim in paper.claims if claim.outcome is outcome] for outcome in order}
-    return [(outcome, claims) for outcome, claims in groups.items() if claims]
+    groups = {outcome: [claim for claim in claims if claim.outcome is outcome] for outcome in order}
+    return [(outcome, group) for outcome, group in groups.items() if group]
 
 
 def numeric(table: Table, column: int) -> bool:
@@ -111,11 +112,16 @@ def sortable(value: float | str | None) -> str:
     return repr(float(value)).replace("inf", "Infinity")
 
 
-def data_uri(figure: Figure) -> str:
-    """Return a figure as a data URI, so that the page is a single file."""
-    image = io.BytesIO()
-    fix_layout(figure).savefig(image, format="png", dpi=_DPI)
-    return "data:image/png;base64," + base64.b64encode(compress_png(image.getvalue())).decode("ascii")
+def image(figure: Figure) -> bytes:
+    """Return a figure as a small PNG image; equal figures have equal bytes."""
+    png = io.BytesIO()
+    fix_layout(figure).savefig(png, format="png", dpi=_DPI)
+    return compress_png(png.getvalue())
+
+
+def data_uri(png: bytes) -> str:
+    """Return an image as a data URI, so that the page is a single file."""
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
 def compress_png(png: bytes) -> bytes:

@@ -8,8 +8,10 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +19,12 @@ from numpy.typing import NDArray
 from dem_bridge.notebook import study_html
 from dem_bridge.verification.verdict import Outcome, Verdict, exit_code, plain
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 Floats = NDArray[np.float64]
+#: the module that writes the files of a study
+REPORT = "dem_bridge.report.page"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,37 +176,22 @@ class FigureData:
         return _csv(("panel", "series", "x", "y", "value", "bar"), rows)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Paper:
-    """What was found for the paper as a whole: what its report has beside the verdicts."""
-
-    answer: tuple[str, ...]
-    """Page one: the answer in five sentences."""
-    not_verified: tuple[str, ...]
-    claims: tuple[Claim, ...]
-    tables: tuple[Table, ...]
-    """In the order of the page; "budget" first: the whole budget, model and parameters included."""
-    figures: tuple[FigureData, ...]
-    provenance: Mapping[str, Any] = field(default_factory=dict)
-
-
 def verdict_table(verdicts: Sequence[Verdict]) -> Table:
     """List verdicts with their numbers, which are relative to the scale of each."""
     return Table(
         id="verdicts",
         title="Verdicts",
         caption="Difference, uncertainty (of the reference) and tolerance are relative.",
-        columns=("scene", "quantity", "compared", "difference", "uncertainty", "tolerance", "outcome", "sentence"),
+        columns=("scene", "quantity", "compared", "difference", "uncertainty", "tolerance", "outcome"),
         rows=tuple(
             (
                 one.scene,
-                one.quantity,
-                f"{one.backend} - {one.reference}",
+                one.quantity.replace("_", " "),
+                f"{one.backend} - {one.reference}" if one.reference else one.backend,
                 one.difference,
                 one.reference_uncertainty,
                 one.tolerance,
                 one.outcome.value,
-                one.sentence,
             )
             for one in verdicts
         ),
@@ -228,11 +220,35 @@ class Study:
     """More files beside its page: name -> what makes the content, asked for only where files are written."""
 
     @property
+    def record_name(self) -> str:
+        """Name of the JSON file."""
+        return f"{self.id}.json"
+
+    @property
     def exit_code(self) -> int:
         return exit_code(verdict.outcome for verdict in self.verdicts)
 
     def _repr_html_(self) -> str:
         return study_html(self)
+
+    def table(self) -> DataFrame:
+        """Return the verdicts as a table, a row for each.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Its columns are the fields of a :class:`~dem_bridge.verification.verdict.Verdict`; differences,
+            uncertainties and tolerances are relative to ``scale``.
+        """
+        from pandas import DataFrame
+
+        columns = [field.name for field in fields(Verdict)]
+        return DataFrame([asdict(verdict) for verdict in self.verdicts], columns=columns)
+
+    def save(self, folder: str | Path) -> None:
+        """Write the page, JSON, tables and figures into ``folder``, which is created if need be."""
+        # by name, because the report is built on studies
+        import_module(REPORT).write_study(self, Path(folder))
 
     def as_json(self) -> dict[str, Any]:
         """JSON without NaN: rows of tables as mappings by the names of their columns."""

@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
-from importlib import import_module
-from pathlib import Path
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,68 +17,18 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Progress, Result, run_groups
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.notebook import verification_html
 from dem_bridge.planning.bars import resolution_for
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store, study_key
 from dem_bridge.scene import Scene
-from dem_bridge.studies.study import Paper
+from dem_bridge.studies.verification import Verification, verification_of
 from dem_bridge.verification import checks
 from dem_bridge.verification.assess import SceneStudy, assess_scene
 from dem_bridge.verification.roles import REFERENCE, Runs, assign_roles, engine_for, list_cases
-from dem_bridge.verification.verdict import Outcome, Verdict, exit_code
+from dem_bridge.verification.verdict import Outcome, Verdict
 
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-#: the module that writes the page of a verification
-REPORT = "dem_bridge.report.page"
 #: wanted accuracy of velocities where none is named; the paper's chains reach it at dt = 1e-8 s
 DEFAULT_ACCURACY = 5e-6
-
-
-@dataclass(frozen=True, kw_only=True)
-class Verification:
-    """Result of :func:`verify_scenes`."""
-
-    studies: tuple[SceneStudy, ...]
-    accuracy: float
-    wall: float
-    """s, for all of it."""
-    paper: Paper | None = None
-    """What was found for the paper as a whole, where that was asked."""
-    notes: tuple[str, ...] = ()
-    """What a user should know of how it was made, a line each."""
-
-    @property
-    def verdicts(self) -> tuple[Verdict, ...]:
-        return tuple(verdict for study in self.studies for verdict in study.verdicts)
-
-    @property
-    def exit_code(self) -> int:
-        return exit_code(verdict.outcome for verdict in self.verdicts)
-
-    def _repr_html_(self) -> str:
-        return verification_html(self)
-
-    def table(self) -> DataFrame:
-        """Return the verdicts as a table, a row for each.
-
-        Returns
-        -------
-        pandas.DataFrame
-            Its columns are the fields of a :class:`~dem_bridge.verification.verdict.Verdict`; differences,
-            uncertainties and tolerances are relative to ``scale``.
-        """
-        from pandas import DataFrame
-
-        columns = [field.name for field in fields(Verdict)]
-        return DataFrame([asdict(verdict) for verdict in self.verdicts], columns=columns)
-
-    def save(self, folder: str | Path) -> None:
-        """Write the page ``index.html`` and ``verdicts.json`` into ``folder``, which is created if need be."""
-        # by name, because the report is built on studies
-        import_module(REPORT).write_report(self, Path(folder))
 
 
 def verify_scenes(
@@ -104,7 +51,7 @@ def verify_scenes(
     groups = run_groups([plan.cases for plan in plans], jobs=jobs, progress=progress, store=store)
     studies = tuple(plan.assess(results) for plan, results in zip(plans, groups, strict=True))
     notes = (store.trouble,) if store is not None and store.trouble else ()
-    return Verification(studies=studies, accuracy=accuracy, wall=time.perf_counter() - start, notes=notes)
+    return verification_of(studies, accuracy=accuracy, wall=time.perf_counter() - start, notes=notes)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from dem_bridge.studies.study import Claim, ClaimValue, FigureData, Map, Panel, Paper, Series, Table
+from dem_bridge.studies.paper.study import claims_table
+from dem_bridge.studies.study import Claim, ClaimValue, FigureData, Map, Panel, Series, Table
+from dem_bridge.studies.verification import Verification, verification_of
 from dem_bridge.verification.verdict import Outcome
 
 _STATEMENT = (
@@ -25,9 +29,17 @@ _OUTCOMES = (Outcome.PASS, Outcome.PASS, Outcome.FAIL, Outcome.MODEL_DIFFERENCE,
 _BACKENDS = ("paper", "reference", "lammps-granular", "ode45", "bca", "adiabatic")
 
 
-def fake_paper() -> Paper:
-    """Return 20 claims, 6 tables of up to 200 rows and 14 columns, 5 figures."""
-    return Paper(
+#: a verification of no scenes
+NOTHING = verification_of((), accuracy=1e-3, wall=0.0)
+
+
+def fake_paper(verification: Verification = NOTHING) -> Verification:
+    """Return a verification with 20 claims, 6 tables of up to 200 rows and 14 columns, 5 figures."""
+    claims = tuple(_claim(i) for i in range(20))
+    return replace(
+        verification,
+        id="paper",
+        title="Chaunsali, Kim & Yang (2018), claim by claim",
         answer=(
             "The paper's chains do accelerate and decelerate the front as it says, by 44 % and 31 %.",
             "17 of its 20 statements hold within error bars; 3 do not, and each is named with its number below.",
@@ -39,11 +51,11 @@ def fake_paper() -> Paper:
         not_verified=(
             "The experiment: its chains are compared by what is printed, for no raw data are published.",
             "Plastic flow at the contacts beyond 1.1 GPa.",
+            *verification.not_verified,
         ),
-        claims=tuple(_claim(i) for i in range(20)),
-        tables=(_budget(), *_tables()),
+        claims=claims,
+        tables=(claims_table(claims), _budget(), *_tables(), *verification.tables),
         figures=tuple(_figure(i) for i in range(2, 7)),
-        provenance={"paper study": "fake", "store": "3 of 40 runs new"},
     )
 
 

@@ -23,12 +23,12 @@ from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.report import replay
 from dem_bridge.report.bundle import bundle_files, check_bundle, pinned, write_bundle
-from dem_bridge.report.page import report_files
+from dem_bridge.report.page import study_files
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import parse_scene
-from dem_bridge.studies.verify import Verification
+from dem_bridge.studies.verification import Verification
 from dem_bridge.verification.assess import SceneStudy
-from tests.helpers.fake_paper import fake_paper
+from tests.helpers.fake_paper import NOTHING, fake_paper
 
 SMALL = Scene(
     name="small",
@@ -39,7 +39,6 @@ SMALL = Scene(
     velocity=(0.8, 0.0, 0.0),
     samples=10,
 )
-NOTHING = Verification(studies=(), accuracy=1e-3, wall=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +58,7 @@ def test_a_bundle_has_everything_a_run_was_made_of_and_found(found: Verification
     files = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
     assert {"README.md", "replay.sh", "replay.py", "requirements.txt", "report/index.html"} <= files
     assert {"decks/small/in.small", "decks/small/data.small", "scenes/small.toml", "csv/verdicts.csv"} <= files
-    assert "source/dem_bridge/report/templates/page.html.j2" in files
+    assert "source/dem_bridge/report/templates/study.html.j2" in files
     [known] = distributions(name="dem-bridge", path=[str(folder / "source")])
     assert known.version == dem_bridge.__version__
     subprocess.run(["sha256sum", "--check", "--quiet", "SHA256SUMS"], cwd=folder, check=True)
@@ -91,7 +90,7 @@ def test_a_deck_that_is_not_the_one_that_was_run_is_no_part_of_a_bundle(found: V
 
 @pytest.mark.lammps
 def test_verdicts_and_contacts_lie_there_as_csv_in_full_precision(found: Verification) -> None:
-    files = bundle_files(replace(found, paper=fake_paper()), report={})
+    files = bundle_files(fake_paper(found), report={})
     rows = _rows(files["csv/verdicts.csv"])
     assert [row["outcome"] for row in rows] == [verdict.outcome.value for verdict in found.verdicts]
     assert float(rows[0]["difference"]) == found.verdicts[0].difference
@@ -178,7 +177,7 @@ def test_scenes_whose_laws_are_functions_are_named_in_one_line(tmp_path: Path) -
 
 
 def test_what_was_asked_for_the_paper_is_replayed_as_such() -> None:
-    files = bundle_files(replace(NOTHING, paper=fake_paper()), report={})
+    files = bundle_files(fake_paper(), report={})
     assert json.loads(files["bundle.json"])["verify"] == ["paper", "--accuracy", "0.001"]
 
 
@@ -196,7 +195,7 @@ def test_the_replay_is_told_how_lammps_was_run_and_no_path_of_this_machine() -> 
 @pytest.mark.slow
 def test_a_replay_says_same_and_after_a_scene_was_touched_changed(found: Verification, tmp_path: Path) -> None:
     folder = tmp_path / "bundle"
-    write_bundle(found, folder, report=report_files(found))
+    write_bundle(found, folder, report=study_files(found))
     # the same bytes, with what was compiled of them before: that takes a minute
     shutil.rmtree(folder / "source" / "dem_bridge")
     (folder / "source" / "dem_bridge").symlink_to(Path(dem_bridge.__file__).parent)

@@ -22,10 +22,11 @@ from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.report.cells import compress_png, digits_of, number, sortable
 from dem_bridge.report.drawing import csv_texts, draw_figure
 from dem_bridge.report.junit import junit
-from dem_bridge.report.page import SCHEMA, as_json, headline, not_verified, write_report
+from dem_bridge.report.page import write_study
 from dem_bridge.runs.case import Case
 from dem_bridge.scene import Damping, Scene
-from dem_bridge.studies.verify import Verification, plan_scene
+from dem_bridge.studies.verification import SCHEMA, Verification, verification_of
+from dem_bridge.studies.verify import plan_scene
 from dem_bridge.verification.assess import SceneStudy, assess_scene
 from dem_bridge.verification.roles import TWIN, engine_for
 from dem_bridge.verification.verdict import Outcome
@@ -43,9 +44,6 @@ PAIR = Scene(
 )
 
 
-NOTHING = Verification(studies=(), accuracy=1e-3, wall=0.0)
-
-
 def _verification(scene: Scene, broken: bool = False) -> Verification:
     """All runs of a small scene, with the twin (or a broken run) standing in for LAMMPS."""
 
@@ -60,7 +58,13 @@ def _verification(scene: Scene, broken: bool = False) -> Verification:
         return Result(case=case, trajectory=run)
 
     plan = plan_scene(scene, 1e-3)
-    return Verification(studies=(plan.assess([run(case) for case in plan.cases]),), accuracy=1e-3, wall=1.0)
+    return verification_of([plan.assess([run(case) for case in plan.cases])], accuracy=1e-3, wall=1.0)
+
+
+def _written(study: Verification, folder: Path) -> Path:
+    """Write a study; its page."""
+    assert write_study(study, folder)[0] == "index.html"
+    return folder / "index.html"
 
 
 @pytest.fixture(scope="module")
@@ -71,12 +75,13 @@ def found() -> Verification:
 @pytest.fixture(scope="module")
 def whole(found: Verification, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a report with a paper."""
-    return write_report(replace(found, paper=fake_paper()), tmp_path_factory.mktemp("whole"))[0].parent
+    return _written(fake_paper(found), tmp_path_factory.mktemp("whole")).parent
 
 
 def test_the_page_is_one_file_that_loads_nothing(found: Verification, tmp_path: Path) -> None:
-    page, _ = write_report(found, tmp_path / "new" / "folder")
-    assert {path.name for path in page.parent.iterdir()} == {"index.html", "verdicts.json"}
+    page = _written(found, tmp_path / "new" / "folder")
+    files = {path.relative_to(page.parent).as_posix() for path in page.parent.rglob("*.*")}
+    assert files == {"index.html", "verdicts.json", "tables/verdicts.csv"}
     _loads_nothing(page.read_text(encoding="utf-8"))
 
 
@@ -88,19 +93,19 @@ def _loads_nothing(text: str) -> None:
 
 
 def test_text_with_markup_is_escaped(found: Verification, tmp_path: Path) -> None:
-    page, _ = write_report(found, tmp_path)
+    page = _written(found, tmp_path)
     text = page.read_text(encoding="utf-8")
     assert "&lt;b&gt;three&lt;/b&gt; &amp; more" in text
     assert "<b>three" not in text
 
 
 def test_the_page_shows_every_verdict_and_what_is_not_verified(found: Verification, tmp_path: Path) -> None:
-    text = write_report(found, tmp_path)[0].read_text(encoding="utf-8")
+    text = _written(found, tmp_path).read_text(encoding="utf-8")
     for verdict in found.verdicts:
         if verdict.backend != "bca":
             assert number(verdict.difference) in text
-    for line in not_verified(found):
-        assert line.split(".")[0] in text
+    for line in found.not_verified:
+        assert _escaped(line) in text
 
 
 @pytest.mark.parametrize(
@@ -134,18 +139,19 @@ def test_what_is_not_verified_goes_by_what_was_run(
     run = free_flight(bodies=3, contacts=2)
     case = Case(scene=scene, backend=engine_for(scene), resolution=Resolution(), sampling=Sampling(count=2))
     truth = replace(case, backend="reference")
+    answered = {"answered_by": "scipy"} if changes else {}
     results = (
-        Result(case=case, trajectory=replace(run, provenance=provenance)),
-        Result(case=truth, trajectory=replace(run, provenance={"answered_by": "scipy"} if changes else {})),
+        Result(case=case, trajectory=replace(run, provenance={"settings": {}, **provenance})),
+        Result(case=truth, trajectory=replace(run, provenance={"settings": {}, **answered})),
     )
     study = SceneStudy(scene=scene, others=results, verdicts=())
-    lines = not_verified(Verification(studies=(study,), accuracy=1e-3, wall=1.0))
+    lines = verification_of([study], accuracy=1e-3, wall=1.0).not_verified
     assert [line for line in lines if words in line], lines
     assert any("by a second method" in line for line in lines) == bool({"damping", "drag"} & set(changes))
 
 
 def test_the_json_has_the_keys_of_the_contract(found: Verification, tmp_path: Path) -> None:
-    record = json.loads(write_report(found, tmp_path)[1].read_text(encoding="utf-8"))
+    record = json.loads((_written(found, tmp_path).parent / "verdicts.json").read_text(encoding="utf-8"))
     assert record["schema"] == SCHEMA == "dem-bridge/verdicts/1"
     assert set(record) == {"schema", "verdicts", "claims", "budgets", "provenance"}
     for verdict in record["verdicts"]:
@@ -158,7 +164,7 @@ def test_the_json_has_the_keys_of_the_contract(found: Verification, tmp_path: Pa
 
 def test_a_broken_run_stands_in_the_headline_and_is_no_pass() -> None:
     broken = _verification(PAIR, broken=True)
-    [sentence] = headline(broken)
+    [sentence] = broken.answer
     assert "BROKEN" in sentence
     assert "Lost atoms" in sentence
     assert broken.exit_code == 3
@@ -168,7 +174,7 @@ def test_a_failed_check_stands_in_the_headline_instead_of_praise(found: Verifica
     [study] = found.studies
     assert study.runs is not None
     strict = assess_scene(PAIR, study.runs, 1e-9)
-    [sentence] = headline(replace(found, studies=(strict,)))
+    [sentence] = verification_of([strict], accuracy=1e-3, wall=1.0).answer
     assert "FAIL" in sentence
     assert "which is round-off" not in sentence
 
@@ -176,11 +182,11 @@ def test_a_failed_check_stands_in_the_headline_instead_of_praise(found: Verifica
 def test_a_folder_that_cannot_be_written_is_one_line(found: Verification, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match="cannot be written"):
-        write_report(found, tmp_path / "file")
+        write_study(found, tmp_path / "file")
 
 
 def test_nothing_names_a_machine_or_a_path(found: Verification) -> None:
-    text = json.dumps(as_json(found))
+    text = json.dumps(found.as_json())
     assert str(Path.home()) not in text.replace("/root", str(Path.home()))
     assert not re.search(r'"/(home|root|tmp|work|usr)/', text)
 
@@ -204,9 +210,9 @@ def test_page_one_of_a_paper_has_answer_what_is_not_verified_and_the_whole_budge
     headings = [unescape(re.sub("<.*?>", "", one)).lower() for one in re.findall(r"<h2[^>]*>(.*?)</h2>", text)]
     assert [one.split(",")[0] for one in headings] == order
     first = text.split('id="claims"')[0]
-    for sentence in (*paper.answer, *paper.not_verified, *not_verified(NOTHING)):
+    for sentence in (*paper.answer, *paper.not_verified):
         assert first.count(_escaped(sentence)) == 1, sentence
-    for cell in (row[0] for row in paper.tables[0].rows):
+    for cell in (row[0] for row in paper.tables[1].rows):
         assert _escaped(str(cell)) in first
 
 
@@ -215,9 +221,9 @@ def _escaped(text: str) -> str:
 
 
 def test_runs_that_do_not_pass_stand_on_page_one_of_a_paper(found: Verification, tmp_path: Path, whole: Path) -> None:
-    assert "verdicts on runs</a> do not pass" not in _text(whole)
-    broken = replace(_verification(PAIR, broken=True), paper=fake_paper())
-    first = write_report(broken, tmp_path)[0].read_text(encoding="utf-8").split('id="not-verified"')[0]
+    assert "These verdicts do not pass" not in _text(whole)
+    broken = fake_paper(_verification(PAIR, broken=True))
+    first = _written(broken, tmp_path).read_text(encoding="utf-8").split('id="not-verified"')[0]
     assert re.search('<span class="outcome BROKEN">BROKEN</span> three: [^<]*ERROR: Lost atoms', first)
 
 
@@ -241,7 +247,7 @@ def test_every_claim_has_its_anchor_its_words_and_its_values(whole: Path) -> Non
 
 
 def test_what_is_drawn_and_tabled_lies_beside_the_page_in_full_precision(whole: Path) -> None:
-    paper, text = fake_paper(), _text(whole)
+    paper, text = fake_paper(_verification(PAIR)), _text(whole)
     wanted: dict[str, str] = {}
     for figure in paper.figures:
         wanted |= {f"figures/{name}": content for name, content in csv_texts(figure).items()}
@@ -249,7 +255,10 @@ def test_what_is_drawn_and_tabled_lies_beside_the_page_in_full_precision(whole: 
     assert {str(path.relative_to(whole)) for path in whole.rglob("*.csv")} == set(wanted)
     for name, content in wanted.items():
         assert (whole / name).read_text(encoding="utf-8") == content
-        assert text.count(f'href="{name}"') == 1
+        # the page of a paper shows its verdicts scene by scene
+        assert text.count(f'href="{name}"') == (name != "tables/verdicts.csv")
+    for figure in paper.figures:
+        assert (whole / f"figures/{figure.id}.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_claims_stand_in_the_json_without_nan(whole: Path) -> None:
@@ -259,7 +268,6 @@ def test_claims_stand_in_the_json_without_nan(whole: Path) -> None:
     printed, reference, *_ = record["claims"][0]["values"]
     assert printed["uncertainty"] is None
     assert reference["uncertainty"] == 1e-10
-    assert record["provenance"]["paper"] == {"paper study": "fake", "store": "3 of 40 runs new"}
 
 
 def test_the_page_of_a_paper_loads_nothing_escapes_markup_and_stays_small(whole: Path) -> None:

@@ -12,8 +12,7 @@ from typing import Any
 
 import pytest
 
-from dem_bridge.report.page import write_report
-from dem_bridge.studies.verify import Verification
+from dem_bridge.report.page import write_study
 from tests.helpers.fake_paper import fake_paper
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -22,8 +21,9 @@ pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="n
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    found = Verification(studies=(), accuracy=1e-3, wall=0.0, paper=fake_paper())
-    return write_report(found, tmp_path_factory.mktemp("page"))[0]
+    folder = tmp_path_factory.mktemp("page")
+    write_study(fake_paper(), folder)
+    return folder / "index.html"
 
 
 def _browse(*words: str) -> str:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import functools
 import importlib
 import inspect
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -224,17 +226,20 @@ def test_every_study_runs_by_name_and_by_command_and_is_written(
     told = _commanded(monkeypatch, name, result, scene, settings, tmp_path)
     assert told == result.as_json()
     assert {id: len(rows) for id, rows in told["tables"].items()} == {one.id: len(one.rows) for one in result.tables}
-    files = {file.name: file.read_bytes() for file in (tmp_path / "called").iterdir()}
-    assert files == {file.name: file.read_bytes() for file in (tmp_path / "commanded").iterdir()}
+    files = _files(tmp_path / "called")
+    assert files == _files(tmp_path / "commanded")
     assert json.loads(files[f"{name}.json"]) == told
-    assert {"index.html", *(f"{one.id}.csv" for one in result.tables)} <= set(files)
+    assert {"index.html", *(f"tables/{one.id}.csv" for one in result.tables)} <= set(files)
     page = files["index.html"].decode("utf-8")
     for figure in result.figures:
-        assert f'src="{figure.id}.png"' in page
-        assert files[f"{figure.id}.png"].startswith(b"\x89PNG")
-        assert any(file.startswith(figure.id) and file.endswith(".csv") for file in files)
+        assert base64.b64encode(files[f"figures/{figure.id}.png"]).decode("ascii") in page
+        assert any(re.fullmatch(rf"figures/{figure.id}(-\w+)?\.csv", file) for file in files)
     for sentence in result.answer:
         assert escape(sentence).replace("&#x27;", "&#39;") in page
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in folder.rglob("*.*")}
 
 
 def _commanded(
@@ -297,15 +302,16 @@ def test_what_cannot_be_asked_is_said_in_one_line(words: Any, settings: Any, sai
 def test_a_study_is_written_as_page_json_tables_and_figures(tmp_path: Path) -> None:
     found = db.study("of-scene", "decelerating-40", folder=tmp_path, strength=2.0)
     assert found.exit_code == 1
-    names = {"index.html", "small.json", "numbers.csv", "picture.csv", "picture.png"}
-    assert {file.name for file in tmp_path.iterdir()} == names
+    names = {"index.html", "small.json", "tables/numbers.csv", "figures/picture.csv", "figures/picture.png"}
+    assert {file.relative_to(tmp_path).as_posix() for file in tmp_path.rglob("*.*")} == names
     record = json.loads((tmp_path / "small.json").read_text())
     assert record["tables"]["numbers"] == [{"who": "[a]", "x": None}]
     page = (tmp_path / "index.html").read_text()
     assert "It &lt;is&gt; so." in page
-    assert 'src="picture.png"' in page
+    assert 'src="data:image/png;base64,' in page
     assert "Interrupted" not in page
-    assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
+    assert "FAIL</span> s: So it is." in page
+    assert (tmp_path / "figures/picture.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.usefixtures("made_up")

@@ -211,7 +211,7 @@ def test_a_damped_scene_is_verified_to_the_end_and_its_page_says_so(changes: dic
         assert _outcome(verification.verdicts, "order", name, "exact 1") is Outcome.PASS
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     # the answer stands first, what has none behind it
-    assert "LAMMPS&#39; velocities are wrong by" in page
+    assert "the velocities of LAMMPS differ from the reference by at most" in page
     assert "NOT_RUN: reference on lossy was answered by scipy" in page
     assert "dt²" not in page
 

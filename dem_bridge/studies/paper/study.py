@@ -57,9 +57,9 @@ from dem_bridge.studies.paper.summary import NOT_VERIFIED, answer
 from dem_bridge.studies.paper.theories import split_table, theories_table
 from dem_bridge.studies.paper.validity import contacts_table, scenes_table
 from dem_bridge.studies.scatter import ScatteredChains
-from dem_bridge.studies.study import FigureData, Paper, Table
-from dem_bridge.studies.verify import DEFAULT_ACCURACY, ScenePlan, Verification, check_jobs, plan_scene
-from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.studies.study import Claim, FigureData, Table
+from dem_bridge.studies.verification import Verification, verification_of
+from dem_bridge.studies.verify import DEFAULT_ACCURACY, ScenePlan, check_jobs, plan_scene
 from dem_bridge.verification.roles import REFERENCE, SCIPY
 
 
@@ -142,48 +142,64 @@ def verify_paper(
     ]
     judged = [rule_of_thumb.judged_of(scene, of_thumb) for scene, of_thumb in zip(scenes, of_thumbs, strict=True)]
     studies = tuple(plan.assess(results) for plan, results in zip(plans, of_scenes, strict=True))
-    notes = (store.trouble,) if store is not None and store.trouble else ()
-    return Verification(
-        studies=studies,
+    verification = verification_of(
+        studies,
         accuracy=accuracy,
         wall=time.perf_counter() - began,
-        notes=notes,
-        paper=paper_of(runs, studies, scattered, accuracy, requested, (rule_of_thumb.table(judged),)),
+        notes=(store.trouble,) if store is not None and store.trouble else (),
     )
+    return with_paper(verification, runs, scattered, requested, (rule_of_thumb.table(judged),))
 
 
-def paper_of(
+def with_paper(
+    verification: Verification,
     runs: Runs,
-    studies: Sequence[SceneStudy],
     scattered: list[ScatteredChains],
-    accuracy: float = DEFAULT_ACCURACY,
     requested: Sequence[tuple[ModelHierarchy, Sequence[LeftOut]]] = (),
     more: tuple[Table, ...] = (),
-) -> Paper:
-    """Read claims, tables and figures off the runs; nothing is run here. ``more``: further tables, shown after the
-    others."""
+) -> Verification:
+    """Return a verification with the claims, tables and figures of the paper; nothing is run here.
+
+    ``more``: further tables, behind the others.
+    """
     claims = (*numbers(runs), *waves(runs, scattered), *spectra(runs), *forces(runs))
-    names = [study.scene.name for study in studies]
+    names = [study.scene.name for study in verification.studies]
     effects = list(_effects(runs))
     contacts = [contacts_table(runs, name) for name in MAIN]
-    return Paper(
-        answer=answer(claims, effects, studies),
-        not_verified=NOT_VERIFIED,
+    return replace(
+        verification,
+        id="paper",
+        title="Chaunsali, Kim & Yang (2018), claim by claim",
+        answer=answer(claims, effects, verification.studies),
+        not_verified=(*NOT_VERIFIED, *verification.not_verified),
         claims=claims,
         tables=(
+            claims_table(claims),
             budget_table(effects),
             split_table(effects),
             *([question_table(requested, NEGLIGIBLE)] if requested else []),
             theories_table(runs, names),
             pulses_table(runs, names),
             fits_table(runs, names),
-            coverage_table(runs, names, accuracy),
+            coverage_table(runs, names, verification.accuracy),
             scenes_table(runs, names),
             *(table for table in contacts if table is not None),
             scatter.table(scattered),
             *more,
+            *verification.tables,
         ),
         figures=tuple(_figures(runs, scattered)),
+    )
+
+
+def claims_table(claims: Sequence[Claim]) -> Table:
+    """List the claims of the paper with their outcomes."""
+    return Table(
+        id="claims",
+        title="Claims of the paper",
+        caption="Each statement of the paper and what the runs show.",
+        columns=("claim", "where", "outcome", "finding"),
+        rows=tuple((claim.id, claim.where, claim.outcome.value, claim.sentence) for claim in claims),
     )
 
 

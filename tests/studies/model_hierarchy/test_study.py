@@ -385,8 +385,9 @@ def test_the_command_prints_and_writes_it(tmp_path: Path, monkeypatch: pytest.Mo
     told = json.loads(done.stdout)
     assert told["answer"][0].startswith("At 2 % raw requires none of its physics; drag may be left out")
     assert list(told["tables"]) == ["physics", "down"]
-    assert {one.name for one in (tmp_path / "out").iterdir()} == {
-        "index.html", "model-hierarchy.json", "physics.csv", "down.csv", "effects.png", "effects.csv",
+    assert {one.relative_to(tmp_path / "out").as_posix() for one in (tmp_path / "out").rglob("*.*")} == {
+        "index.html", "model-hierarchy.json", "tables/physics.csv", "tables/down.csv", "figures/effects.png",
+        "figures/effects.csv",
     }  # fmt: skip
     # an observable that is asked for has a column, though it is not among those of every table
     assert "front speed (%)" in (tmp_path / "out" / "physics.csv").read_text().splitlines()[0]

@@ -119,9 +119,10 @@ def test_netcdf_has_the_same_numbers_with_units(written: tuple[Study, Path, list
 def test_the_page_names_all_files_and_the_table_has_every_setting(written: tuple[Study, Path, list[float]]) -> None:
     found, folder, _ = written
     page = (folder / "index.html").read_text()
-    names = {file.name for file in folder.iterdir()}
-    pictures = {f"work-precision-{name.replace('_', '-')}.png" for name in DRAWN}
-    assert {"work-precision-all.csv", "work-precision.nc", "cheapest.csv", "floors.csv", "runs.csv"} | pictures <= names
+    names = {file.relative_to(folder).as_posix() for file in folder.rglob("*.*")}
+    pictures = {f"figures/work-precision-{name.replace('_', '-')}.png" for name in DRAWN}
+    tables = {f"tables/{name}.csv" for name in ("cheapest", "floors", "runs")}
+    assert {"work-precision-all.csv", "work-precision.nc"} | tables | pictures <= names
     assert all(f'"{name}"' in page for name in names - {"index.html", "work-precision.json"})
     runs = next(one for one in found.tables if one.id == "runs")
     assert len(runs.rows) == len(_lines(folder)) // (len(OBSERVABLES) * len(NORMS))

@@ -1,0 +1,208 @@
+"""The study that verifies scenes: verdicts and error budgets of each scene, claims of the paper, limits.
+
+Nothing is run or drawn here.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any
+
+from dem_bridge.lmp.coefficients import MODELS
+from dem_bridge.studies.study import Claim, Study, verdict_table
+from dem_bridge.trajectory import Trajectory
+from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN
+from dem_bridge.verification.verdict import Outcome, Verdict
+from dem_bridge.version import __version__
+
+SCHEMA = "dem-bridge/verdicts/1"
+#: limits of every verification, which the page states
+_NEVER_VERIFIED = (
+    "The physics of the model is not verified: the report compares codes with codes and with theory, not with"
+    " measurements.",
+    "The contact stiffness is not verified: it is an input of the scene. The shipped scenes follow eq. 3.1 of the paper"
+    " with its approximate axis ratio; the exact Hertz solution is softer by 15 % at 2 degrees, and there the contact"
+    " ellipse is as long as the cylinder is high, which is beyond Hertz' theory.",
+    "Bending of cylinders, rotation, friction and motion in two or three dimensions are not part of the scenes.",
+    "The uncertainty of the reference is an estimate, not a proof. It comes from runs of another order with every input"
+    " perturbed by its last digit, and was tested against quadruple-precision solutions of four scenes and"
+    " extended-precision solutions of 300 random scenes.",
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Verification(Study):
+    """Study of how accurately LAMMPS solves scenes. Made by :func:`verification_of`."""
+
+    studies: tuple[SceneStudy, ...]
+    """Runs, verdicts and error budgets of each scene."""
+    accuracy: float
+    """Wanted accuracy of velocities, relative to the largest."""
+    wall: float
+    """s, for all of it."""
+    claims: tuple[Claim, ...] = ()
+    """Statements of the paper, if the whole paper was verified."""
+    not_verified: tuple[str, ...] = ()
+    """What a reader must not conclude from it."""
+
+    @property
+    def record_name(self) -> str:
+        """Name of the JSON file."""
+        return "verdicts.json"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the content of ``verdicts.json``, of the schema :data:`SCHEMA`; JSON without NaN."""
+        return {
+            "schema": SCHEMA,
+            "verdicts": [verdict.as_json() for verdict in self.verdicts],
+            "claims": [claim.as_json() for claim in self.claims],
+            "budgets": [
+                budget.as_json() | {"scene": study.scene.name} for study in self.studies for budget in study.budgets
+            ],
+            "provenance": dict(self.provenance),
+        }
+
+
+def verification_of(
+    studies: Sequence[SceneStudy], *, accuracy: float, wall: float, notes: Sequence[str] = ()
+) -> Verification:
+    """Return the verification of some scenes."""
+    verdicts = tuple(verdict for study in studies for verdict in study.verdicts)
+    return Verification(
+        id="verify",
+        title=f"Verification of {', '.join(study.scene.name for study in studies)}",
+        answer=tuple(map(_answer, studies)),
+        tables=(verdict_table(verdicts),),
+        verdicts=verdicts,
+        notes=tuple(notes),
+        provenance=_provenance(studies, accuracy, wall),
+        studies=tuple(studies),
+        accuracy=accuracy,
+        wall=wall,
+        not_verified=(*_NEVER_VERIFIED, *_limits(studies)),
+    )
+
+
+def _provenance(studies: Sequence[SceneStudy], accuracy: float, wall: float) -> dict[str, Any]:
+    """Return versions, hashes, settings and costs, without names of machines or people."""
+    lammps: dict[str, Any] = {}
+    runs = []
+    for study in studies:
+        for result in study.results:
+            run = result.trajectory
+            if run is None:
+                continue
+            lammps = dict(run.provenance.get("lammps", lammps))
+            runs.append(
+                {
+                    "scene": study.scene.name,
+                    "scene_hash": study.scene.content_hash,
+                    "backend": result.case.backend,
+                    "settings": run.provenance["settings"],
+                    "deck_hash": run.provenance.get("deck_hash"),
+                    "wall": round(run.cost.wall, 3),
+                    "cpu": round(run.cost.cpu, 3),
+                    "steps": run.cost.steps,
+                    "force_evaluations": run.cost.force_evaluations,
+                    "stored": run.provenance.get("stored"),
+                }
+            )
+    packages = ("lammps", "mpich", "numpy", "scipy", "numba", "matplotlib")
+    return {
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "accuracy": accuracy,
+        "versions": {"dem_bridge": __version__, "python": platform.python_version()}
+        | {name: version(name) for name in packages},
+        "lammps": lammps,
+        "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+        "wall": round(wall, 2),
+        "runs": runs,
+    }
+
+
+def _answer(study: SceneStudy) -> str:
+    """Return the answer for a scene: the error of LAMMPS and its cause, or the verdicts that do not pass."""
+
+    def verdict(quantity: str, backend: str, reference: str) -> Verdict | None:
+        pair = (quantity, backend, reference)
+        return next((v for v in study.verdicts if (v.quantity, v.backend, v.reference) == pair), None)
+
+    error, twin = verdict("velocity", study.engine, REFERENCE), verdict("velocity", study.engine, TWIN)
+    positional = verdict("velocity", study.engine, POSITIONAL)
+    clean = (Outcome.PASS, Outcome.MODEL_DIFFERENCE, Outcome.NOT_RUN)
+    missing = [f"{v.outcome}: {v.sentence}" for v in study.verdicts if v.outcome is Outcome.NOT_RUN]
+    failures = [f"{v.outcome}: {v.sentence}" for v in study.verdicts if v.outcome not in clean]
+    if error is None or twin is None or positional is None or failures:
+        return f"{study.scene.name}: {' '.join([*failures, *missing]) or 'no verdict on LAMMPS'}"
+    run = study.run(study.engine)
+    assert run is not None
+    parts = study.budgets[0].parts
+    cause = "the time step"
+    agreement = f"to {positional.difference:.1e}" if positional.difference > 0.0 else "bit for bit"
+    if "table" in run.provenance:
+        cause += f" ({parts['time step']:.1e}) and the interpolation of the force tables ({parts['table']:.1e})"
+    text = (
+        f"{study.scene.name}: with dt = {run.provenance['settings']['dt']:.3g} s, the velocity error of LAMMPS is at"
+        f" most {error.difference:.1e} of the largest velocity ({error.scale:.3g} m/s). Its cause is {cause}: the"
+        f" same algorithm in another code (the twin) differs from LAMMPS by only {twin.difference:.1e}, which is"
+        f" round-off, and a twin that stores positions, as LAMMPS does, agrees with it {agreement}."
+    )
+    worst, end = verdict("arrival", THEORY, REFERENCE), verdict("arrival_at_end", THEORY, REFERENCE)
+    if worst is not None and end is not None:
+        text += (
+            " The binary collision approximation (BCA) predicts the arrival at the last body with an error of"
+            f" {100 * end.difference:.1f} %, and at the worst body of {100 * worst.difference:.1f} %."
+        )
+    # checks that were not run do not affect this answer
+    return " ".join([text, *missing])
+
+
+def _limits(studies: Sequence[SceneStudy]) -> Iterator[str]:
+    """Yield what is not verified because these scenes do not have it."""
+    runs = [(study, run) for study in studies if (run := study.run(study.engine)) is not None]
+    used = dict.fromkeys(command for study, run in runs for command in _commands(study, run))
+    ranks = max((int(run.provenance.get("lammps", {}).get("ranks", 1)) for _, run in runs), default=1)
+    if used:
+        yield (
+            f"Of LAMMPS only these parts are verified, on {ranks} rank{'s' * (ranks > 1)}: {', '.join(used)}. Other"
+            " styles, builds and numbers of ranks are not verified."
+        )
+    alone = [
+        study.scene.name
+        for study in studies
+        if (reference := study.run(REFERENCE)) is not None
+        and reference.provenance.get("answered_by") == SCIPY
+        and study.scene.dissipates
+    ]
+    if alone:
+        yield (
+            f"The reference solution of {', '.join(alone)} is not verified by a second method: with damping or drag it"
+            f" is that of {SCIPY}."
+        )
+
+
+def _commands(study: SceneStudy, run: Trajectory) -> list[str]:
+    """Return the parts of LAMMPS that a run used, as LAMMPS commands."""
+    scene, c = study.scene, study.scene.contacts
+    table, damped = run.provenance.get("table"), c.damping > 0.0
+    # with tables, pair_style granular has only the damped contacts, some of them with the damping alone
+    models = MODELS.items() if not table else [(n, word) for n, word in MODELS.items() if n in c.exponent[damped]]
+    granular = [" and ".join(word for n, word in models if n in c.exponent)]
+    if damped.any():
+        granular.append(f"damping {'viscoelastic' if (c.damping_power[damped] > 0.0).any() else 'velocity'}")
+    parts = {
+        f"pair_style table {table['style'] if table else ''}": table,
+        f"pair_style granular ({' with '.join(filter(None, granular))})": not table or damped.any(),
+        "fix nve": True,
+        "fix gravity": scene.gravity != 0.0,
+        "fix addforce": scene.load.any(),
+        "fix addforce by a variable": scene.drive is not None,
+        "fix langevin at zero temperature": scene.drag > 0.0,
+    }
+    return [command for command, used in parts.items() if used]
