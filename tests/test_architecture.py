@@ -34,6 +34,7 @@ LAYERS = {
         "extrapolate",
         "doctor",
         "testing",
+        "sweep",
     ),
     8: ("studies", "regression"),
     9: ("report", "exports"),

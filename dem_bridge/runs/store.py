@@ -55,7 +55,7 @@ LIMIT = 2_000_000_000
 #: parts of the package that judge, show and tell: no number of a trajectory passes through them
 NOT_IN_RUNS = (
     "api", "campaign", "cli", "differences", "doctor", "exports", "planning", "plot", "regression", "report", "studies",
-    "verification",
+    "sweep", "verification",
 )  # fmt: skip
 #: ... and none of a study's
 NOT_IN_STUDIES = ("api", "cli", "doctor", "exports", "plot", "regression", "report")

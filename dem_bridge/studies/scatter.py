@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,36 +18,45 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Progress, Result, run_cases
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.geometry import Geometry
-from dem_bridge.observables.front import residence_by_crossing
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file.physical import rounded
 from dem_bridge.scene_file.physical import scattered as turned_by_chance
 from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
+from dem_bridge.sweep import table_of
 from dem_bridge.verification.roles import REFERENCE
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Floats = NDArray[np.float64]
 #: no cylinder is turned closer to its neighbour than this, degrees: at 0 the contact is a line
 LEAST_ANGLE = 0.05
+#: what is compared with the chain with the intended angles
+OBSERVABLES = ("arrival_at_end", "residence_time", "peak_force")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScatteredChains:
-    """A set of chains with random angle errors, and the chain with the intended angles."""
+    """Sweep over a set of chains with random angle errors, each compared with the chain with the intended angles."""
 
     scene: Scene
     spread: float
     """Standard deviation of each angle, degrees."""
     seed: int
-    arrival: Floats
-    """``(n_chain, n_body - 1)``, s, by crossing, of the chains that did not break."""
-    residence: Floats
-    """``(n_chain, n_body - 2)``, s."""
-    peak_force: Floats
-    """``(n_chain, n_contact)``, N."""
-    intended: dict[str, Floats]
-    """The same three of the chain with the intended angles."""
+    table: pd.DataFrame
+    """See :func:`dem_bridge.sweep.table_of`; without the chains that broke."""
+
+    @property
+    def count(self) -> int:
+        """Number of chains."""
+        return int(self.table["case"].nunique())
+
+    def ratios(self, observable: str) -> Floats:
+        """Return values relative to the chain with the intended angles, ``(n_chain, n_place)``."""
+        part = self.table[self.table["observable"] == observable]
+        return np.asarray((part["value"] / part["reference_value"]).to_numpy().reshape(self.count, -1))
 
     @property
     def residence_spread(self) -> Floats:
@@ -55,18 +65,18 @@ class ScatteredChains:
         The wave speed, its inverse, is not used: by crossing the wave can reach the next body first, so that residence
         times near zero and below occur, and the mean of their inverses has no meaning.
         """
-        return np.asarray(np.nanstd(self.residence / self.intended["residence"], axis=0))
+        return np.asarray(np.nanstd(self.ratios("residence_time")[:, 1:-1], axis=0))
 
     @property
     def arrival_shift(self) -> tuple[float, float]:
         """Mean and standard deviation of the change of the arrival at the last body, relative to the intended."""
-        ratio = self.arrival[:, -1] / self.intended["arrival"][-1]
+        ratio = self.ratios("arrival_at_end")
         return float(np.nanmean(ratio) - 1.0), float(np.nanstd(ratio))
 
     @property
     def force_spread(self) -> Floats:
         """Standard deviation of the peak force in each contact, relative to the intended, ``(n_contact,)``."""
-        return np.asarray(np.nanstd(self.peak_force / self.intended["peak_force"], axis=0))
+        return np.asarray(np.nanstd(self.ratios("peak_force"), axis=0))
 
 
 def scattered(scene: Scene, *, spread: float, seed: int) -> Scene:
@@ -105,29 +115,17 @@ def cases_of(scene: Scene, *, spread: float, count: int, seed: int = 0) -> list[
 
 def chains_of(scene: Scene, results: Sequence[Result], *, spread: float, seed: int = 0) -> ScatteredChains:
     """Read the results of :func:`cases_of`; nothing is run here."""
-    runs = [result.trajectory for result in results]
-    intended, chains = runs[0], [run for run in runs[1:] if run is not None]
-    if intended is None or not chains:
-        raise UnsupportedScene(f"{scene.name}: the reference has no run ({results[0].failure})")
-    links = scene.n_body - 1
-    if not np.all(np.isfinite(intended.crossing_time[:links])):
+    intended, *chains = results
+    table = table_of(chains, [intended] * len(chains), OBSERVABLES, places=True)
+    table = table[table["failure"] == ""]
+    if intended.trajectory is None or table.empty:
+        raise UnsupportedScene(f"{scene.name}: the reference has no run ({intended.failure})")
+    if not np.all(np.isfinite(intended.trajectory.crossing_time[: scene.n_body - 1])):
         raise UnsupportedScene(
             f"{scene.name}: the wave does not reach the last body within {scene.duration:g} s, so that there is no"
             " arrival to compare; allowed: a longer duration"
         )
-    return ScatteredChains(
-        scene=scene,
-        spread=spread,
-        seed=seed,
-        arrival=np.array([run.crossing_time[:links] for run in chains]),
-        residence=np.array([residence_by_crossing(scene, run) for run in chains]),
-        peak_force=np.array([run.peak_force for run in chains]),
-        intended={
-            "arrival": intended.crossing_time[:links],
-            "residence": residence_by_crossing(scene, intended),
-            "peak_force": intended.peak_force,
-        },
-    )
+    return ScatteredChains(scene=scene, spread=spread, seed=seed, table=table)
 
 
 def study_scatter(
@@ -174,7 +172,7 @@ def study_scatter(
         id="scatter",
         title=f"Random errors of the contact angles: {scene.name}",
         answer=(
-            f"{scene.name}: {len(chains.arrival)} chains whose angles have random errors of {spread:g} degrees"
+            f"{scene.name}: {chains.count} chains whose angles have random errors of {spread:g} degrees"
             f" (standard deviation). The arrival at the last body changes by {100 * mean:+.2f} % on average, with a"
             f" standard deviation of {100 * deviation:.2f} %.",
             *(
@@ -192,8 +190,7 @@ def study_scatter(
 def figure(chains: ScatteredChains) -> FigureData:
     """Show residence time and peak force along the chain with the middle 90 % of the set."""
     links = chains.scene.n_body - 1
-    residence = chains.residence / chains.intended["residence"]
-    force = chains.peak_force[:, :links] / chains.intended["peak_force"][:links]
+    residence, force = chains.ratios("residence_time")[:, 1:-1], chains.ratios("peak_force")[:, :links]
 
     def panel(quantity: str, ratio: Floats, first: int) -> Panel:
         x = np.arange(first, first + ratio.shape[1], dtype=float)
@@ -207,7 +204,7 @@ def figure(chains: ScatteredChains) -> FigureData:
     return FigureData(
         id=f"scatter-{chains.scene.name}",
         title=f"Angles with random errors of {chains.spread:g}°: {chains.scene.name}",
-        caption=f"{len(chains.arrival)} chains with seeds from {chains.seed} on, solved by the reference; each relative"
+        caption=f"{chains.count} chains with seeds from {chains.seed} on, solved by the reference; each relative"
         " to the chain with the intended angles. A residence time below zero: the next contact reaches its peak first.",
         panels=(panel("residence time", residence, 1), panel("peak force", force, 0)),
     )
@@ -233,7 +230,7 @@ def table(sets: Sequence[ScatteredChains]) -> Table:
             (
                 chains.scene.name,
                 chains.spread,
-                float(len(chains.arrival)),
+                float(chains.count),
                 100.0 * chains.arrival_shift[0],
                 100.0 * chains.arrival_shift[1],
                 100.0 * float(np.nanmedian(chains.residence_spread)),

@@ -19,7 +19,7 @@ from dem_bridge.studies.rule_of_thumb import (
     MOST_SAMPLES,
     SHARES,
     cases_of,
-    judged_of,
+    errors_of,
     steps_at,
     study_rule_of_thumb,
     table,
@@ -57,7 +57,7 @@ def share_lost(duration: float, rayleigh: float) -> float:
 
 
 def test_errors_are_those_of_runs_at_these_steps() -> None:
-    judged = judged_of(CHAIN, [run_case(case) for case in cases_of(CHAIN)])
+    found = errors_of(CHAIN, [run_case(case) for case in cases_of(CHAIN)])
     rayleigh = rayleigh_time_of(CHAIN)
     assert rayleigh is not None
     sampling, steps = steps_at(CHAIN, rayleigh)
@@ -66,13 +66,15 @@ def test_errors_are_those_of_runs_at_these_steps() -> None:
             db.solve(CHAIN, backend=name, dt=steps[share], samples=sampling.count, uncertainty=False)
             for name in ("verlet", "reference")
         )
-        found = judged.found[share]
-        assert found.velocity == np.max(np.abs(run.velocity - truth.velocity)) / np.max(np.abs(truth.velocity))
-        assert found.share == pytest.approx(steps[share] / rayleigh, rel=1e-12)
-    errors = [judged.found[share].velocity for share in SHARES]
+        error = np.max(np.abs(run.velocity - truth.velocity)) / np.max(np.abs(truth.velocity))
+        assert found.errors()[share] == pytest.approx(error, rel=1e-15)
+        assert found.errors(column="dt")[share] == pytest.approx(steps[share], rel=1e-12)
+        kinetic, exact = (float(np.sum(0.5 * np.array(CHAIN.mass) * one.velocity[-1] ** 2)) for one in (run, truth))
+        assert found.errors("kinetic_energy_at_end")[share] == pytest.approx(abs(kinetic / exact - 1.0), rel=1e-9)
+    errors = list(found.errors().values())
     assert errors == sorted(errors)
     # momentum is exact but for round-off: a hundred steps, forty bodies, an ulp each at most
-    assert max(one.momentum for one in judged.found.values()) < 100 * 40 * np.finfo(float).eps
+    assert max(found.errors("momentum").values()) < 100 * 40 * np.finfo(float).eps
 
 
 def test_a_scene_without_bodies_says_why_its_row_is_empty() -> None:
@@ -82,7 +84,7 @@ def test_a_scene_without_bodies_says_why_its_row_is_empty() -> None:
     cells = _cells(found.tables[0])
     assert np.isnan(cells["velocity at 20 % (%)"])
     assert np.isnan(cells["T_R (µs)"])
-    assert cells["not there"] == "no Rayleigh time: the scene has masses and stiffnesses, and no bodies"
+    assert cells["missing because"] == "no Rayleigh time: the scene has masses and stiffnesses, and no bodies"
     # what does not need bodies is there: 2.943 d/v of the pair
     assert cells["collision (µs)"] == pytest.approx(55.7, rel=1e-2)
 
@@ -90,10 +92,10 @@ def test_a_scene_without_bodies_says_why_its_row_is_empty() -> None:
 def test_a_run_that_breaks_leaves_its_cell_empty_and_its_reason_in_the_row() -> None:
     results = [run_case(case) for case in cases_of(CHAIN)]
     results[-1] = Result(case=results[-1].case, failure=RunBroken("verlet on short: velocities are not finite"))
-    cells = _cells(table([judged_of(CHAIN, results)]))
+    cells = _cells(table([errors_of(CHAIN, results)]))
     assert np.isnan(cells["velocity at 40 % (%)"])
     assert cells["velocity at 20 % (%)"] > 0.1
-    assert cells["not there"] == "verlet on short: velocities are not finite"
+    assert cells["missing because"] == "verlet on short: velocities are not finite"
 
 
 def _chain_study() -> Study:
@@ -108,7 +110,7 @@ def test_lammps_errs_as_its_twin_does_and_the_answer_says_so() -> None:
     for _, _, error, apart in rows:
         # the round-off of a small gauge, as measured elsewhere to 1e-9 at many more steps
         assert float(apart) < 1e-9 < 1e-2 * float(error)
-    assert sum("LAMMPS itself on short" in sentence for sentence in found.answer) == 2
+    assert sum("LAMMPS on short" in sentence for sentence in found.answer) == 2
     assert found.figures[0].panels[1].series[0].style == "reference"
 
 
@@ -120,6 +122,6 @@ def test_without_lammps_the_twin_still_answers(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr("dem_bridge.campaign.run_case", missing)
     found = _chain_study()
-    assert "errs on short by" in found.answer[0]
+    assert "the velocity error of velocity-Verlet on short is" in found.answer[0]
     assert not found.tables[1].rows
     assert found.tables[0].rows[0][-1] == "no engine here"

@@ -128,7 +128,8 @@ def test_spreads_are_those_of_numpy(found: ScatteredChains, results: tuple[Resul
     force = [run.peak_force / wanted.peak_force for run in chains if run is not None]
     assert found.residence_spread == pytest.approx([statistics.pstdev(one) for one in np.transpose(times).tolist()])
     assert found.force_spread == pytest.approx([statistics.pstdev(one) for one in np.transpose(force).tolist()])
-    assert (found.arrival.shape, found.residence.shape, found.peak_force.shape) == ((4, 40), (4, 39), (4, 40))
+    shapes = [found.ratios(name).shape for name in ("arrival_at_end", "residence_time", "peak_force")]
+    assert shapes == [(4, 1), (4, 41), (4, 40)]
 
 
 def test_the_tables_of_the_study_are_those_of_the_chains(found: ScatteredChains) -> None:
@@ -161,8 +162,8 @@ def test_the_figure_has_the_middle_and_both_ends_of_the_set(found: ScatteredChai
         list(range(40)),
     )
     for panel, ratio in (
-        (times, found.residence / found.intended["residence"]),
-        (force, found.peak_force / found.intended["peak_force"]),
+        (times, found.ratios("residence_time")[:, 1:-1]),
+        (force, found.ratios("peak_force")),
     ):
         above, middle, below = (one.y for one in panel.series)
         assert np.all(below <= middle)
@@ -175,7 +176,7 @@ def test_the_figure_has_the_middle_and_both_ends_of_the_set(found: ScatteredChai
 def test_chains_that_broke_do_not_count(results: tuple[Result, ...]) -> None:
     broken = [*results[:2], replace(results[2], trajectory=None, failure=RunBroken("it broke")), *results[3:]]
     found = chains_of(SCENE, broken, spread=SPREAD, seed=SEED)
-    assert len(found.arrival) == COUNT - 1
+    assert found.count == COUNT - 1
     without_wanted = [replace(results[0], trajectory=None, failure=RunBroken("it broke")), *results[1:]]
     with pytest.raises(UnsupportedScene, match=r"decelerating-40: the reference has no run \(it broke\)"):
         chains_of(SCENE, without_wanted, spread=SPREAD)

@@ -307,7 +307,7 @@ def _scatter(scattered: list[ScatteredChains]) -> Claim:
         Outcome.UNDECIDED if scattered else Outcome.NOT_RUN,
         "This cannot be decided without measured data. Angles scattered by"
         f" {scattered[0].spread if scattered else 0:g} degrees"
-        f" (standard deviation, {len(scattered[0].arrival) if scattered else 0} chains each): {'; '.join(words)}.",
+        f" (standard deviation, {scattered[0].count if scattered else 0} chains each): {'; '.join(words)}.",
         *values,
     )
 

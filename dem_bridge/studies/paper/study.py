@@ -140,7 +140,7 @@ def verify_paper(
     requested = [
         (hierarchy, _left_out(hierarchy, of_model)) for hierarchy, of_model in zip(hierarchies, of_models, strict=True)
     ]
-    judged = [rule_of_thumb.judged_of(scene, of_thumb) for scene, of_thumb in zip(scenes, of_thumbs, strict=True)]
+    judged = [rule_of_thumb.errors_of(scene, of_thumb) for scene, of_thumb in zip(scenes, of_thumbs, strict=True)]
     studies = tuple(plan.assess(results) for plan, results in zip(plans, of_scenes, strict=True))
     verification = verification_of(
         studies,
