@@ -12,9 +12,18 @@ from hypothesis import strategies as st
 import dem_bridge as db
 from dem_bridge.drive import Drive
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.features import FEATURES, Feature
+from dem_bridge.features import DRAG, FEATURES, Feature
 from dem_bridge.observables.conserved import energy, energy_parts
-from dem_bridge.observables.interpolate import acceleration, hermite, require_forces, root_between, spacing, state_at
+from dem_bridge.observables.interpolate import (
+    KNOWN_FORCES,
+    acceleration,
+    hermite,
+    require_forces,
+    require_known_forces,
+    root_between,
+    spacing,
+    state_at,
+)
 from dem_bridge.scene import Scene, Wall
 from tests.helpers.fake_runs import free_flight
 from tests.helpers.strategies import examples
@@ -164,3 +173,12 @@ def test_forces_that_observables_do_not_know_are_refused_by_name(monkeypatch: py
     for function in (acceleration, energy_parts, energy):
         with pytest.raises(UnsupportedScene, match="in magnetic cannot be computed: the scene has a magnet;"):
             function(scene, free_flight(contacts=2))
+
+
+def test_a_force_that_observables_do_not_know_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), drag=1.0)
+    require_known_forces(scene, "energies")
+    without_drag = replace(KNOWN_FORCES, features=KNOWN_FORCES.features - {DRAG})
+    monkeypatch.setattr("dem_bridge.observables.interpolate.KNOWN_FORCES", without_drag)
+    with pytest.raises(UnsupportedScene, match=r"energies in pair cannot be computed: .*drag"):
+        require_known_forces(scene, "energies")
