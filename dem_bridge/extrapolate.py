@@ -41,23 +41,23 @@ def extrapolated(
     def of(quantity: str) -> Extrapolation:
         rows = [getattr(run, quantity).ravel().tolist() for run in runs]
         floor = rounding * float(np.nanmax(np.abs(rows[-1]), initial=0.0))
-        found = richardson(steps, rows, order=order, floor=floor)
+        result = richardson(steps, rows, order=order, floor=floor)
         # weights of 4/3 and -1/3 magnify what was rounded
-        return replace(found, uncertainty=found.uncertainty + 5.0 / 3.0 * floor)
+        return replace(result, uncertainty=result.uncertainty + 5.0 / 3.0 * floor)
 
     values: dict[str, NDArray[np.float64]] = {}
     bars: dict[str, Any] = dict(fine.uncertainty)
     kept: list[str] = []
     for quantity in QUANTITIES:
         try:
-            found = of(quantity)
+            result = of(quantity)
         except NotAsymptotic:
             if quantity in ("velocity", "displacement"):
                 raise
             kept.append(quantity)
             continue
-        values[quantity] = np.array(found.value).reshape(getattr(fine, quantity).shape)
-        bars[quantity] = found.uncertainty
+        values[quantity] = np.array(result.value).reshape(getattr(fine, quantity).shape)
+        bars[quantity] = result.uncertainty
     weight = 1.0 / ((steps[1] / steps[2]) ** order - 1.0)
     force = fine.contact_force + weight * (fine.contact_force - main.contact_force)
     settings = {**fine.provenance["settings"], "order": "richardson", "dt": steps[1]}

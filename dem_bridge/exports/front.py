@@ -62,5 +62,7 @@ def _sentence(reading: Reading) -> str:
     place = int(np.nanargmax(size))
     value = float((size if sampled else reading.values).flat[place])
     uncertainty = float(reading.uncertainty.flat[place])
-    known = f"uncertainty {uncertainty:.1e} {observable.unit}" if np.isfinite(uncertainty) else "unknown uncertainty"
-    return f"{observable.words}: {sampled}{value:.6g} {observable.unit} ({known})"
+    available = (
+        f"uncertainty {uncertainty:.1e} {observable.unit}" if np.isfinite(uncertainty) else "unknown uncertainty"
+    )
+    return f"{observable.words}: {sampled}{value:.6g} {observable.unit} ({available})"

@@ -117,11 +117,11 @@ def measured_bands(
     frequency = frequency[inside]
     spectra = np.fft.rfft(trajectory.velocity * window[:, None], axis=0)[inside]
     middle = np.arange(first + p, scene.n_body - p)
-    own, around = spectra[:, middle], spectra[:, middle - p] + spectra[:, middle + p]
-    power = np.sum(np.abs(own) ** 2, axis=1)
+    own_values, around = spectra[:, middle], spectra[:, middle - p] + spectra[:, middle + p]
+    power = np.sum(np.abs(own_values) ** 2, axis=1)
     if not np.all(power > 0.0):
         raise UsageError(f"nothing moves in {scene.name} at some frequency; allowed: a chain that is struck or driven")
-    trace = np.sum((np.conj(own) * around).real, axis=1) / power
+    trace = np.sum((np.conj(own_values) * around).real, axis=1) / power
     return Bands(
         frequency=frequency,
         trace=trace,
@@ -133,9 +133,9 @@ def measured_bands(
 
 def _crossings(frequency: Floats, trace: Floats) -> tuple[float, ...]:
     """Where the trace passes 2 or -2, between two frequencies by a straight line."""
-    found = []
+    results = []
     for level in (2.0, -2.0):
         off = trace - level
         at = np.flatnonzero(off[:-1] * off[1:] < 0.0)
-        found += (frequency[at] - off[at] * (frequency[at + 1] - frequency[at]) / (off[at + 1] - off[at])).tolist()
-    return tuple(sorted(found))
+        results += (frequency[at] - off[at] * (frequency[at + 1] - frequency[at]) / (off[at + 1] - off[at])).tolist()
+    return tuple(sorted(results))

@@ -83,6 +83,6 @@ def work(scene: Scene, trajectory: Trajectory) -> tuple[Floats, float]:
         moving = hermite(trajectory, velocity, slope, when.reshape(-1, 1), nodes=nodes).reshape(when.shape)
         return np.asarray((drive.at(when) * moving) @ weight * half)
 
-    found = parts(NODES)
-    done = np.concatenate([[0.0], np.cumsum(found)])[np.searchsorted(edges, time)]
-    return done, float(np.sum(np.abs(found - parts(2))))
+    result = parts(NODES)
+    done = np.concatenate([[0.0], np.cumsum(result)])[np.searchsorted(edges, time)]
+    return done, float(np.sum(np.abs(result - parts(2))))

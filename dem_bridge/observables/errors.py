@@ -191,7 +191,7 @@ def relative_error(
     '0.023'
 
     """
-    readings = (read(observable, scene, one, window) for one in (reference, run))
+    readings = (read(observable, scene, item, window) for item in (reference, run))
     return relative_to(*readings).reduced(reduce)
 
 

@@ -116,8 +116,8 @@ def peak_velocity_of_front(scene: Scene, trajectory: Trajectory) -> PeakVelocity
     inside = time[:, None] <= until
     row = np.argmax(np.where(inside, v, -np.inf), axis=0)
     peak, when, sampling, bend = v[row, bodies].copy(), time[row].copy(), np.zeros(n), np.zeros(n)
-    for beside in (-1, 0):  # before the largest sample and behind it; a body in free flight has its peak at a sample
-        early = row + beside
+    for companion in (-1, 0):  # before the largest sample and behind it; a body in free flight has its peak at a sample
+        early = row + companion
         late = np.minimum(early + 1, len(time) - 1)
         ok = (early >= 0) & (late > early)
         early = np.maximum(early, 0)
@@ -126,14 +126,14 @@ def peak_velocity_of_front(scene: Scene, trajectory: Trajectory) -> PeakVelocity
             moved = _maximum(trajectory, v[:, turning], a[:, turning], time[early[turning]], time[late[turning]])
             higher = moved[1] > peak[turning]
             which = turning[higher]
-            when[which], peak[which], sampling[which] = (one[higher] for one in moved)
+            when[which], peak[which], sampling[which] = (item[higher] for item in moved)
             fall = (a[early, bodies] - a[late, bodies])[turning] / (time[late] - time[early])[turning]
             bend[which] = fall[higher]
     # a pulse that fell between two samples of binary collisions is not known
     missing = np.isnan(came) | ~(peak > 0.0)
     sampling[np.any(np.isnan(a), axis=0)] = np.nan
-    for one in (peak, when, sampling):
-        one[missing] = np.nan
+    for item in (peak, when, sampling):
+        item[missing] = np.nan
     bar = sampling + trajectory.uncertainty["velocity"]
     # v - bend t^2/2 with an error of either sign has its maximum where 2 bar or less are missing
     time_bar = np.sqrt(4.0 * np.divide(bar, bend, out=np.full(n, np.inf), where=bend > 0.0))
@@ -188,8 +188,8 @@ def local_speed_constant(scene: Scene, trajectory: Trajectory) -> SpeedConstant:
     c = scene.contacts
     exponents = set(c.exponent[:links].tolist())
     if len(exponents) != 1 or not min(exponents) > 2.0 or scene.law is not None:
-        found = "laws of their own" if scene.law is not None else f"exponents {sorted(exponents)}"
-        raise UsageError(f"{scene.name} has contacts with {found}; a solitary wave needs one exponent above 2 for all")
+        result = "laws of their own" if scene.law is not None else f"exponents {sorted(exponents)}"
+        raise UsageError(f"{scene.name} has contacts with {result}; a solitary wave needs one exponent above 2 for all")
     n = exponents.pop()
     wave = solitary_wave(mass=1.0, stiffness=1.0, exponent=n, peak_velocity=1.0)
 

@@ -48,10 +48,10 @@ def acceleration(scene: Scene, trajectory: Trajectory) -> Floats:
     total = np.zeros((len(trajectory.time), scene.n_body + 1))  # the last column is that of walls
     total[:, c.right] += force  # no body has two contacts on one side
     total[:, c.left] -= force
-    found = total[:, :-1] / np.array(scene.mass) + scene.free_acceleration - scene.drag * trajectory.velocity
+    result = total[:, :-1] / np.array(scene.mass) + scene.free_acceleration - scene.drag * trajectory.velocity
     if scene.drive is not None:
-        found[:, 0] += scene.drive.at(trajectory.time) / scene.mass[0]
-    return np.asarray(found)
+        result[:, 0] += scene.drive.at(trajectory.time) / scene.mass[0]
+    return np.asarray(result)
 
 
 def spacing(trajectory: Trajectory) -> float:
@@ -93,17 +93,17 @@ def hermite(
     """
     h = spacing(trajectory)
     nodes = min(nodes, len(trajectory.time))
-    known = np.where(np.isfinite(when), when, 0.0)
-    first = np.floor((known - trajectory.time[0]) / h).astype(np.int64) - (nodes // 2 - 1)
+    available = np.where(np.isfinite(when), when, 0.0)
+    first = np.floor((available - trajectory.time[0]) / h).astype(np.int64) - (nodes // 2 - 1)
     first = np.clip(first, 0, len(trajectory.time) - nodes)
-    place = (known - trajectory.time[first]) / h - 0.5 * (nodes - 1)
+    place = (available - trajectory.time[first]) / h - 0.5 * (nodes - 1)
     columns = np.arange(value.shape[1])
-    found = np.zeros(np.broadcast_shapes(known.shape, columns.shape))
+    result = np.zeros(np.broadcast_shapes(available.shape, columns.shape))
     of_value, of_slope = polyval(place, _basis(nodes, derivative))
     for node in range(nodes):
         rows = first + node
-        found += of_value[node] * value[rows, columns] + of_slope[node] * h * slope[rows, columns]
-    return np.asarray(np.where(np.isfinite(when), found / h**derivative, np.nan))
+        result += of_value[node] * value[rows, columns] + of_slope[node] * h * slope[rows, columns]
+    return np.asarray(np.where(np.isfinite(when), result / h**derivative, np.nan))
 
 
 @functools.lru_cache
@@ -113,16 +113,16 @@ def _basis(nodes: int, derivative: int) -> Floats:
     Coefficients of polynomials, the lowest first, ``(degree + 1, 2, nodes)``.
     """
     places = np.arange(nodes) - 0.5 * (nodes - 1)
-    found = []
-    for j, own in enumerate(places):
+    results = []
+    for j, place in enumerate(places):
         others = np.delete(places, j)
-        lagrange = Polynomial.fromroots(others) / np.prod(own - others)
-        away = Polynomial([-own, 1.0])
-        of_value = (1.0 - 2.0 * float(np.sum(1.0 / (own - others))) * away) * lagrange**2
-        both = (one.deriv(derivative).coef for one in (of_value, away * lagrange**2))
+        lagrange = Polynomial.fromroots(others) / np.prod(place - others)
+        away = Polynomial([-place, 1.0])
+        of_value = (1.0 - 2.0 * float(np.sum(1.0 / (place - others))) * away) * lagrange**2
+        both = (item.deriv(derivative).coef for item in (of_value, away * lagrange**2))
         # in the middle of an odd number the highest power is not there
-        found.append([np.pad(one, (0, 2 * nodes - derivative - len(one))) for one in both])
-    return np.asarray(found).transpose(2, 1, 0)
+        results.append([np.pad(item, (0, 2 * nodes - derivative - len(item))) for item in both])
+    return np.asarray(results).transpose(2, 1, 0)
 
 
 def contact_motion(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats]:

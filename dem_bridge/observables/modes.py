@@ -65,14 +65,18 @@ def highest_frequencies(scene: Scene, trajectory: Trajectory) -> tuple[float, fl
     first = [links] if scene.wall_left is not None else []
     line = np.array([*first, *range(links), *range(links + len(first), scene.n_contact)], dtype=np.int64)
     k, left, right = k[:, line], c.left[line], c.right[line]
-    own = k * (mobility[left] + mobility[right])
+    own_value = k * (mobility[left] + mobility[right])
     between = -np.sqrt(k[:, :-1] * k[:, 1:]) * mobility[right[:-1]]
-    fastest = np.max(own, axis=1, initial=0.0)
+    fastest = np.max(own_value, axis=1, initial=0.0)
     highest = 0.0
     for row in np.argsort(-fastest).tolist():
         if 2.0 * fastest[row] <= highest:
             break  # no mode of what is left can be higher
         top = len(line) - 1
-        found = eigvalsh_tridiagonal(own[row], between[row], select="i", select_range=(top, top)) if top else own[row]
-        highest = max(highest, float(found[0]))
+        result = (
+            eigvalsh_tridiagonal(own_value[row], between[row], select="i", select_range=(top, top))
+            if top
+            else own_value[row]
+        )
+        highest = max(highest, float(result[0]))
     return math.sqrt(float(np.max(fastest, initial=0.0))), math.sqrt(highest)

@@ -80,13 +80,13 @@ def pulse_width_by_force(scene: Scene, trajectory: Trajectory) -> PulseWidth:
     before = np.max(np.where(low & (time[:, None] < peak_time), number, -1), axis=0)
     after = np.min(np.where(low & (time[:, None] > peak_time), number, len(time)), axis=0)
 
-    def edge(row: NDArray[np.int64], known: NDArray[np.bool_], other: int) -> Floats:
+    def edge(row: NDArray[np.int64], available: NDArray[np.bool_], other: int) -> Floats:
         """Between the sample ``row``, below half, and the one nearer to the peak, or the peak."""
         inside = np.clip(row, 0, len(time) - 1)
         outer, inner = time[inside], time[np.clip(row + other, 0, len(time) - 1)]
         inner = np.minimum(inner, peak_time) if other > 0 else np.maximum(inner, peak_time)
-        found = root_between(lambda when: force(when) - half, outer, inner)
-        return np.where(known & came, found, np.nan)
+        result = root_between(lambda when: force(when) - half, outer, inner)
+        return np.where(available & came, result, np.nan)
 
     rise, fall = edge(before, before >= 0, 1), edge(after, after < len(time), -1)
     return PulseWidth(width=_place(rise, crossing) - _place(fall, crossing), rise=rise, fall=fall)
@@ -97,14 +97,14 @@ def _place(passing: Floats, when: Floats) -> Floats:
 
     An edge that is at a contact before it is at the one behind, as in a pulse that still forms, starts anew there.
     """
-    found = np.full(len(when), np.nan)
+    result = np.full(len(when), np.nan)
     ahead = np.concatenate([[False], np.diff(passing) > 0.0, [False]])  # nan is not ahead
     for first, last in zip(*(np.flatnonzero(np.diff(ahead.astype(int)) == turn) for turn in (1, -1)), strict=True):
         if last - first >= 3:
             run = np.arange(first, last + 1)
             place = CubicSpline(passing[run], run, extrapolate=False)(when)
-            found = np.where(np.isnan(place), found, place)
-    return found
+            result = np.where(np.isnan(place), result, place)
+    return result
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -119,10 +119,10 @@ def wavenumber_spectrum(
     bodies = np.arange(low if first is None else first, (high if last is None else last) + 1)
     _check_bodies(scene, bodies)
     arrival = trajectory.crossing_time[bodies - 1]
-    known = np.isfinite(arrival)
-    if np.count_nonzero(known) < 2:
+    available = np.isfinite(arrival)
+    if np.count_nonzero(available) < 2:
         raise UsageError(f"the pulse never came to bodies {bodies[0]}..{bodies[-1]}; take a longer run")
-    bodies, arrival = bodies[known], arrival[known]
+    bodies, arrival = bodies[available], arrival[available]
     rows = np.flatnonzero((trajectory.time >= arrival[0]) & (trajectory.time <= arrival[-1]))
     if len(rows) == 0:
         raise UsageError("no sample falls while the pulse is in the chain; take more samples")
@@ -171,8 +171,8 @@ def _passage(scene: Scene, trajectory: Trajectory) -> int:
 
 def _check_bodies(scene: Scene, bodies: NDArray[np.int64]) -> None:
     if len(bodies) < 2 or bodies[0] < 1 or bodies[-1] > scene.n_body - 1:
-        found = f"{bodies[0]}..{bodies[-1]}" if len(bodies) else "none"
-        raise UsageError(f"bodies {found}; allowed: two or more of 1..{scene.n_body - 1}, first and last included")
+        result = f"{bodies[0]}..{bodies[-1]}" if len(bodies) else "none"
+        raise UsageError(f"bodies {result}; allowed: two or more of 1..{scene.n_body - 1}, first and last included")
 
 
 class CentroidSlope(Slope):
@@ -219,14 +219,14 @@ def cascade(spectrum: Spectrum, *, against: Floats | None = None, threshold: flo
     x, y = spectrum.position, np.log(spectrum.centroid)
     if len(x) < 4:
         raise UsageError(f"a spectrum at {len(x)} positions; a cascade needs 4 or more: take more samples or bodies")
-    found = []
+    results = []
     for share in SHARES:
         reach = share * (x[-1] - x[0])
         ends = x <= x[0] + reach, x >= x[-1] - reach
-        found.append((ends, [float(np.mean(y[one])) for one in ends]))
-    ratios = [float(np.exp(late - early)) for _, (early, late) in found]
-    ends = found[0][0]
-    error = float(np.sqrt(sum(_scatter(x[one], y[one]) ** 2 for one in ends)))
+        results.append((ends, [float(np.mean(y[end])) for end in ends]))
+    ratios = [float(np.exp(late - early)) for _, (early, late) in results]
+    ends = results[0][0]
+    error = float(np.sqrt(sum(_scatter(x[end], y[end]) ** 2 for end in ends)))
     beyond = [ratio > threshold or ratio < 1.0 / threshold for ratio in ratios]
     other = np.log(x if against is None else np.asarray(against, dtype=float))
     return Cascade(

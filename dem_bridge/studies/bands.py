@@ -120,17 +120,17 @@ def study_bands(
         for name in COMPARED
     ]
     results = run_cases(cases, jobs=jobs, progress=progress, store=store)
-    runs = {one.case.backend: one.trajectory for one in results if one.trajectory is not None}
-    found = [_found(scene, cell, name, run, runs) for name, run in runs.items()]
-    excuses = {one.backend: _excuse(scene, cell, one, tolerance) for one in found}
-    failures = [one for one in results if one.failure is not None]
-    rows = [row for one in found for row in _rows(cell, one, tolerance, excused=bool(excuses[one.backend]))]
+    runs = {result.case.backend: result.trajectory for result in results if result.trajectory is not None}
+    matches = [_found(scene, cell, name, run, runs) for name, run in runs.items()]
+    excuses = {result.backend: _excuse(scene, cell, result, tolerance) for result in matches}
+    failures = [result for result in results if result.failure is not None]
+    rows = [row for result in matches for row in _rows(cell, result, tolerance, excused=bool(excuses[result.backend]))]
     return Study(
         id="bands",
         title=f"Bands of {scene.name}",
-        answer=(*_answer(scene, cell, found, rows, tolerance), *_undecided(rows, excuses)),
-        tables=(_edges(rows, tolerance), _codes(found)),
-        figures=(_figure(cell, found),) if found else (),
+        answer=(*_answer(scene, cell, matches, rows, tolerance), *_undecided(rows, excuses)),
+        tables=(_edges(rows, tolerance), _codes(matches)),
+        figures=(_figure(cell, matches),) if matches else (),
         verdicts=(*(_verdict(scene, row, tolerance) for row in rows), *map(_broken, failures)),
         notes=(
             "Edges are where the trace of the unit cell's transfer matrix, fitted to the spectra of the velocities,"
@@ -142,12 +142,12 @@ def study_bands(
 def _check_range(scene: Scene, drive: Drive, cell: Cell) -> None:
     """UnsupportedScene for a sine or chirp that does not go over all edges while the window is open."""
     low, high = (factor * edge / (2.0 * math.pi) for factor, edge in ((BELOW, cell.edges[0]), (BEYOND, cell.edges[-1])))
-    asked = (
+    requested = (
         f"a chirp that is below {low:.0f} Hz at {SEEN[0] * scene.duration:g} s and above {high:.0f} Hz at"
         f" {SEEN[1] * scene.duration:g} s"
     )
     if drive.shape == "sine":
-        raise UnsupportedScene(f"{scene.name} is driven at one frequency; allowed: {asked}, or a table of forces")
+        raise UnsupportedScene(f"{scene.name} is driven at one frequency; allowed: {requested}, or a table of forces")
     if drive.shape == "chirp":
         assert drive.frequency is not None
         assert drive.last_frequency is not None
@@ -155,8 +155,8 @@ def _check_range(scene: Scene, drive: Drive, cell: Cell) -> None:
         rate = (drive.last_frequency - drive.frequency) / drive.sweep
         begin, end = (drive.frequency + rate * min(part * scene.duration, drive.sweep) for part in SEEN)
         if begin > low or end < high:
-            found = f"its chirp is at {begin:.0f} Hz and {end:.0f} Hz then"
-            raise UnsupportedScene(f"{scene.name} is not driven over all edges: {found}; allowed: {asked}")
+            result = f"its chirp is at {begin:.0f} Hz and {end:.0f} Hz then"
+            raise UnsupportedScene(f"{scene.name} is not driven over all edges: {result}; allowed: {requested}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,16 +223,16 @@ def _found(scene: Scene, cell: Cell, name: str, run: Trajectory, runs: dict[str,
     )
 
 
-def _excuse(scene: Scene, cell: Cell, one: Found, tolerance: float) -> str:
+def _excuse(scene: Scene, cell: Cell, item: Found, tolerance: float) -> str:
     """Why an edge that is off, or missing, says nothing of the code; "" where it does."""
-    if one.oscillation > SMALL:
-        return f"overlaps oscillate by {100 * one.oscillation:.2g} % of the static ones"
+    if item.oscillation > SMALL:
+        return f"overlaps oscillate by {100 * item.oscillation:.2g} % of the static ones"
     if scene.dissipates:
         return "the chain is damped, and the theory's is not"
-    finest, narrowest = one.bands.resolution, _narrowest(cell)
-    if _unseen(cell, one):
+    finest, narrowest = item.bands.resolution, _narrowest(cell)
+    if _unseen(cell, item):
         return f"the record resolves {finest:.3g} Hz, the narrowest band or gap is {narrowest:.3g} Hz wide"
-    if len(one.bands.edges) == len(cell.edges):
+    if len(item.bands.edges) == len(cell.edges):
         return ""
     if finest > tolerance * cell.edges[0] / (2.0 * math.pi):
         return f"the record resolves {finest:.3g} Hz, more than is asked of the lowest edge"
@@ -246,9 +246,9 @@ def _narrowest(cell: Cell) -> float:
     return float(np.min(np.diff([0.0, *cell.edges]))) / (2.0 * math.pi)
 
 
-def _unseen(cell: Cell, one: Found) -> bool:
+def _unseen(cell: Cell, item: Found) -> bool:
     """Whether a band or gap is narrower than the record shows: edges may then be there by chance."""
-    return RESOLVED * one.bands.resolution > _narrowest(cell)
+    return RESOLVED * item.bands.resolution > _narrowest(cell)
 
 
 def _undecided(rows: Sequence[_Row], excuses: dict[str, str]) -> Iterator[str]:
@@ -257,24 +257,26 @@ def _undecided(rows: Sequence[_Row], excuses: dict[str, str]) -> Iterator[str]:
             yield f"{name} is not judged by its edges: {why}."
 
 
-def _rows(cell: Cell, one: Found, tolerance: float, *, excused: bool) -> Iterator[_Row]:
+def _rows(cell: Cell, item: Found, tolerance: float, *, excused: bool) -> Iterator[_Row]:
     """Edges in their order; where there are more or fewer than there should be none is known by name.
 
     ``excused``: what would FAIL is UNDECIDED; so is what would PASS, where a band or gap is too narrow to be seen.
     """
     theory = [edge / (2.0 * math.pi) for edge in cell.edges]
-    measured = list(one.bands.edges)
+    measured = list(item.bands.edges)
     alike = len(measured) == len(theory)
     for nth, there in enumerate(theory):
-        here, bar = (measured[nth] if alike else math.nan), one.bands.resolution / there
+        here, bar = (measured[nth] if alike else math.nan), item.bands.resolution / there
         outcome = judge(abs(here / there - 1.0), bar, tolerance) if alike else Outcome.FAIL
-        if (excused and outcome is Outcome.FAIL) or _unseen(cell, one):
+        if (excused and outcome is Outcome.FAIL) or _unseen(cell, item):
             outcome = Outcome.UNDECIDED
-        yield _Row(backend=one.backend, edge=nth, theory=there, measured=here, bar=bar, outcome=outcome)
+        yield _Row(backend=item.backend, edge=nth, theory=there, measured=here, bar=bar, outcome=outcome)
 
 
-def _answer(scene: Scene, cell: Cell, found: Sequence[Found], rows: Sequence[_Row], tolerance: float) -> Iterator[str]:
-    if not found:
+def _answer(
+    scene: Scene, cell: Cell, matches: Sequence[Found], rows: Sequence[_Row], tolerance: float
+) -> Iterator[str]:
+    if not matches:
         yield f"No code could run {scene.name}."
         return
     edges = ", ".join(f"{1e-3 * edge / (2.0 * math.pi):.4g}" for edge in cell.edges)
@@ -282,24 +284,24 @@ def _answer(scene: Scene, cell: Cell, found: Sequence[Found], rows: Sequence[_Ro
         f"The infinite chain with {scene.name}'s cell of {cell.bodies} {'body' if cell.bodies == 1 else 'bodies'} has"
         f" band edges at {edges} kHz."
     )
-    known = [row for row in rows if math.isfinite(row.measured)]
-    if known:
-        worst = max(known, key=lambda row: abs(row.off))
+    known_values = [row for row in rows if math.isfinite(row.measured)]
+    if known_values:
+        worst = max(known_values, key=lambda row: abs(row.off))
         yield (
             f"Measured edges are off by at most {100 * abs(worst.off):.2g} % ({worst.backend}, edge {worst.edge}; the"
-            f" record resolves {100 * max(row.bar for row in known):.2g} %; asked: {100 * tolerance:g} %)."
+            f" record resolves {100 * max(row.bar for row in known_values):.2g} %; asked: {100 * tolerance:g} %)."
         )
-    for one in found:
-        if len(one.bands.edges) != len(cell.edges):
+    for first in matches:
+        if len(first.bands.edges) != len(cell.edges):
             yield (
-                f"{one.backend} shows {len(one.bands.edges)} edges where there should be {len(cell.edges)}: none is"
+                f"{first.backend} shows {len(first.bands.edges)} edges where there should be {len(cell.edges)}: none is"
                 " known by name."
             )
-    for one in found:
-        other, isolated = COMPARED[one.backend]
-        if math.isfinite(one.apart):
-            yield f"{one.backend} differs from {other} by {one.apart:.1e} of the largest velocity: {isolated}."
-    largest = max(one.oscillation for one in found)
+    for first in matches:
+        other, isolated = COMPARED[first.backend]
+        if math.isfinite(first.apart):
+            yield f"{first.backend} differs from {other} by {first.apart:.1e} of the largest velocity: {isolated}."
+    largest = max(result.oscillation for result in matches)
     small = "small, as the theory asks" if largest <= SMALL else "not small: edges move with its square"
     yield f"Overlaps oscillate by {100 * largest:.2g} % of the static ones: {small}."
 
@@ -328,17 +330,19 @@ def _edges(rows: Sequence[_Row], tolerance: float) -> Table:
     )
 
 
-def _codes(found: Sequence[Found]) -> Table:
+def _codes(matches: Sequence[Found]) -> Table:
     return Table(
         id="codes",
         title="The runs",
         caption="Difference: of velocities, the largest over all samples and bodies, relative to the largest velocity.",
         columns=("code", "compared with", "isolates", "difference", "oscillation of an overlap (%)"),
-        rows=tuple((one.backend, *COMPARED[one.backend], one.apart, 100.0 * one.oscillation) for one in found),
+        rows=tuple(
+            (result.backend, *COMPARED[result.backend], result.apart, 100.0 * result.oscillation) for result in matches
+        ),
     )
 
 
-def _figure(cell: Cell, found: Sequence[Found]) -> FigureData:
+def _figure(cell: Cell, matches: Sequence[Found]) -> FigureData:
     phases = np.linspace(0.0, math.pi, 101)
     branches = np.array([cell.frequencies(phase) for phase in phases.tolist()]) / (2e3 * math.pi)
     theory = tuple(
@@ -346,8 +350,8 @@ def _figure(cell: Cell, found: Sequence[Found]) -> FigureData:
         for nth in range(cell.bodies)
     )
     edges = [edge / (2e3 * math.pi) for edge in cell.edges]
-    ways = [(one, one.bands.phase / math.pi, 1e-3 * one.bands.frequency) for one in found]
-    levels = [20.0 * np.log10(one.bands.transmission) for one in found]
+    ways = [(result, result.bands.phase / math.pi, 1e-3 * result.bands.frequency) for result in matches]
+    levels = [20.0 * np.log10(result.bands.transmission) for result in matches]
     low, high = min(float(np.min(level)) for level in levels), max(float(np.max(level)) for level in levels)
     return FigureData(
         id="bands",
@@ -363,7 +367,7 @@ def _figure(cell: Cell, found: Sequence[Found]) -> FigureData:
                 y_label="frequency (kHz)",
                 series=(
                     *theory,
-                    *(Series(label=one.backend, style=_DRAWN[one.backend], x=x, y=y) for one, x, y in ways),
+                    *(Series(label=way.backend, style=_DRAWN[way.backend], x=x, y=y) for way, x, y in ways),
                 ),
             ),
             Panel(
@@ -376,8 +380,10 @@ def _figure(cell: Cell, found: Sequence[Found]) -> FigureData:
                         for edge in edges
                     ),
                     *(
-                        Series(label=one.backend, style=_DRAWN[one.backend], x=1e-3 * one.bands.frequency, y=level)
-                        for one, level in zip(found, levels, strict=True)
+                        Series(
+                            label=result.backend, style=_DRAWN[result.backend], x=1e-3 * result.bands.frequency, y=level
+                        )
+                        for result, level in zip(matches, levels, strict=True)
                     ),
                 ),
             ),

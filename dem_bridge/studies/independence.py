@@ -41,14 +41,14 @@ class Shared:
     """For error bars only."""
 
 
-def shared(one: str, other: str) -> Shared:
+def shared(first: str, other: str) -> Shared:
     """What two backends of ``BACKENDS`` share.
 
     >>> shared("reference", "bca").values
     ()
     """
-    values = _reached(one, without=BARS) & _reached(other, without=BARS)
-    everything = _reached(one) & _reached(other)
+    values = _reached(first, without=BARS) & _reached(other, without=BARS)
+    everything = _reached(first) & _reached(other)
     return Shared(_short(values), _short(everything - values))
 
 
@@ -66,12 +66,12 @@ def _reached(backend: str, without: frozenset[str] = frozenset()) -> frozenset[s
     start = BACKENDS[backend].module
     other = ANSWERS_THROUGH.get(backend)
     stops = LANGUAGE | without | ({BACKENDS[other].module} if other else set())
-    found, waiting = {start}, [start]
+    results, waiting = {start}, [start]
     while waiting:
-        for name in _imports(waiting.pop()) - found - stops:
-            found.add(name)
+        for name in _imports(waiting.pop()) - results - stops:
+            results.add(name)
             waiting.append(name)
-    return frozenset(found)
+    return frozenset(results)
 
 
 @cache

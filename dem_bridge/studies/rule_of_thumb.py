@@ -104,16 +104,16 @@ def study_rule_of_thumb(
     Study
     """
     scenes = [scene] if scene is not None else [load_scene(name) for name in shipped_scenes()]
-    main = next((one for one in scenes if one.name == MAIN), scenes[0])
-    cases = [cases_of(one, engine=engine, with_engine=one is main) for one in scenes]
+    main = next((item for item in scenes if item.name == MAIN), scenes[0])
+    cases = [cases_of(item, engine=engine, with_engine=item is main) for item in scenes]
     groups = run_groups(cases, jobs=jobs, progress=progress, store=store)
-    errors = [errors_of(one, results) for one, results in zip(scenes, groups, strict=True)]
+    errors = [errors_of(item, results) for item, results in zip(scenes, groups, strict=True)]
     return Study(
         id="rule-of-thumb",
         title="Time steps as a share of the Rayleigh time",
         answer=tuple(_answer(errors)),
         tables=(table(errors), _engine_table(errors)),
-        figures=(_figure(errors),) if any(one.errors() for one in errors) else (),
+        figures=(_figure(errors),) if any(error.errors() for error in errors) else (),
         notes=(
             "Rayleigh time: pi R sqrt(rho/G) / (0.1631 nu + 0.8766) of the smallest body (Thornton & Randall 1988; Li,"
             " Xu & Thornton 2005). Each step is the longest within its share that falls on the samples:"
@@ -184,25 +184,25 @@ def errors_of(scene: Scene, results: Sequence[Result]) -> SceneErrors:
         errors,
         rayleigh=rayleigh,
         table=sweep.assign(share=[shares[case] for case in sweep["case"]]),
-        engine={share: one for share, one in differences.items() if math.isfinite(one)},
-        reason="; ".join(dict.fromkeys(str(one.failure) for one in results if one.failure is not None)),
+        engine={share: difference for share, difference in differences.items() if math.isfinite(difference)},
+        reason="; ".join(dict.fromkeys(str(result.failure) for result in results if result.failure is not None)),
     )
 
 
 def table(errors: Sequence[SceneErrors]) -> Table:
     """List the errors, a row for each scene."""
-    reasons = any(one.reason for one in errors)
+    reasons = any(error.reason for error in errors)
 
-    def row(one: SceneErrors) -> tuple[str | float, ...]:
-        velocity = one.errors()
+    def row(scene_errors: SceneErrors) -> tuple[str | float, ...]:
+        velocity = scene_errors.errors()
         return (
-            one.scene.name,
-            1e6 * one.rayleigh,
-            1e6 * one.contact,
-            1e6 * one.stable,
+            scene_errors.scene.name,
+            1e6 * scene_errors.rayleigh,
+            1e6 * scene_errors.contact,
+            1e6 * scene_errors.stable,
             *(100.0 * velocity.get(share, math.nan) for share in SHARES),
-            *(one.errors(log.name).get(SHOWN, math.nan) for log in (MOMENTUM, KINETIC_ENERGY)),
-            *((one.reason,) if reasons else ()),
+            *(scene_errors.errors(log.name).get(SHOWN, math.nan) for log in (MOMENTUM, KINETIC_ENERGY)),
+            *((scene_errors.reason,) if reasons else ()),
         )
 
     return Table(
@@ -236,25 +236,27 @@ def _engine_table(errors: Sequence[SceneErrors]) -> Table:
         caption="pair_style granular, small surrogate radius; relative to the largest velocity.",
         columns=("scene", "share of T_R (%)", "velocity error (%)", "largest difference from the twin"),
         rows=tuple(
-            (one.scene.name, 100.0 * share, 100.0 * one.errors(backend=ENGINE).get(share, math.nan), difference)
-            for one in errors
-            for share, difference in one.engine.items()
+            (error.scene.name, 100.0 * share, 100.0 * error.errors(backend=ENGINE).get(share, math.nan), difference)
+            for error in errors
+            for share, difference in error.engine.items()
         ),
     )
 
 
 def _answer(errors: Sequence[SceneErrors]) -> Iterator[str]:
-    known = [one for one in errors if len(one.errors()) == len(SHARES)]
-    if not known:
-        yield "No scene here has a Rayleigh time: " + "; ".join(f"{one.scene.name}: {one.reason}" for one in errors)
+    known_values = [item for item in errors if len(item.errors()) == len(SHARES)]
+    if not known_values:
+        yield "No scene here has a Rayleigh time: " + "; ".join(f"{item.scene.name}: {item.reason}" for item in errors)
         return
-    spans = [f"{_span([one.errors()[share] for one in known])} at {100 * share:g} %" for share in reversed(SHARES)]
-    scenes = known[0].scene.name if len(known) == 1 else f"{len(known)} scenes"
+    spans = [
+        f"{_span([item.errors()[share] for item in known_values])} at {100 * share:g} %" for share in reversed(SHARES)
+    ]
+    scenes = known_values[0].scene.name if len(known_values) == 1 else f"{len(known_values)} scenes"
     yield (
         f"At time steps that are shares of the Rayleigh time, the velocity error of velocity-Verlet on {scenes} is"
         f" {', '.join(spans)} (largest error of a velocity, in % of the largest velocity)."
     )
-    main = next((one for one in known if one.scene.name == MAIN), known[0])
+    main = next((item for item in known_values if item.scene.name == MAIN), known_values[0])
     yield (
         f"Conservation does not show this error: on {main.scene.name} (T_R = {1e6 * main.rayleigh:.2f} µs) a step of"
         f" {100 * SHOWN:g} % gives a velocity error of {100 * main.errors()[SHOWN]:.1f} %, while the momentum is"
@@ -262,15 +264,17 @@ def _answer(errors: Sequence[SceneErrors]) -> Iterator[str]:
         f" {main.errors(KINETIC_ENERGY.name)[SHOWN]:.0e}."
     )
     yield (
-        f"Steps at 40 % are {_span([0.4 * one.rayleigh / one.stable for one in known])} of 2/omega of the stiffest"
-        f" contact and {_span([0.4 * one.rayleigh / one.contact for one in known])} of the shortest collision, far from"
+        f"Steps at 40 % are {_span([0.4 * item.rayleigh / item.stable for item in known_values])} of 2/omega of the"
+        " stiffest"
+        f" contact and {_span([0.4 * item.rayleigh / item.contact for item in known_values])} of the shortest"
+        " collision, far from"
         " the limit of stability: the rule of thumb ensures stability and nothing more."
     )
-    for one in errors:
-        for share, difference in one.engine.items():
-            error = one.errors(backend=ENGINE).get(share, math.nan)
+    for item in errors:
+        for share, difference in item.engine.items():
+            error = item.errors(backend=ENGINE).get(share, math.nan)
             yield (
-                f"LAMMPS on {one.scene.name} at {100 * share:g} % has a velocity error of {100 * error:.2g} %; it"
+                f"LAMMPS on {item.scene.name} at {100 * share:g} % has a velocity error of {100 * error:.2g} %; it"
                 f" differs from the twin by {difference:.0e}, so that this is the error of the method."
             )
 
@@ -286,14 +290,16 @@ def _span(values: Sequence[float]) -> str:
 
 
 def _figure(errors: Sequence[SceneErrors]) -> FigureData:
-    known = [one for one in errors if one.errors()]
-    main = next((one for one in known if one.scene.name == MAIN), known[0])
+    known_values = [error for error in errors if error.errors()]
+    main = next((item for item in known_values if item.scene.name == MAIN), known_values[0])
 
-    def line(one: SceneErrors, observable: str, label: str, style: str) -> Series:
-        steps, values = (np.array([*one.errors(observable, column=column).values()]) for column in ("dt", "error"))
-        return Series(label=label, style=style, x=100.0 * steps / one.rayleigh, y=100.0 * values)
+    def line(scene_errors: SceneErrors, observable: str, label: str, style: str) -> Series:
+        steps, values = (
+            np.array([*scene_errors.errors(observable, column=column).values()]) for column in ("dt", "error")
+        )
+        return Series(label=label, style=style, x=100.0 * steps / scene_errors.rayleigh, y=100.0 * values)
 
-    others = [line(one, "velocity", "velocity, other scenes", "guide") for one in known if one is not main]
+    others = [line(item, "velocity", "velocity, other scenes", "guide") for item in known_values if item is not main]
     of_main = (
         line(main, "velocity", f"velocity, {main.scene.name}", "reference"),
         line(main, KINETIC_ENERGY.name, "kinetic energy at the end", "bca"),
@@ -317,5 +323,5 @@ def _figure(errors: Sequence[SceneErrors]) -> FigureData:
 
 def _smallest_part(errors: Sequence[SceneErrors]) -> float:
     """Return the smallest ratio of a step to its share of the Rayleigh time."""
-    steps = ((one, share, dt) for one in errors for share, dt in one.errors(column="dt").items())
-    return min((dt / (share * one.rayleigh) for one, share, dt in steps), default=1.0)
+    steps = ((error, share, dt) for error in errors for share, dt in error.errors(column="dt").items())
+    return min((dt / (share * step.rayleigh) for step, share, dt in steps), default=1.0)

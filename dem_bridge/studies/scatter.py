@@ -86,13 +86,13 @@ def scattered(scene: Scene, *, spread: float, seed: int) -> Scene:
     has no angles.
     """
     geometry = _turned(scene)
-    known = [k for k, angle in enumerate(geometry.angle) if angle is not None]
+    known_values = [k for k, angle in enumerate(geometry.angle) if angle is not None]
     turned = turned_by_chance(tuple(filter(None, geometry.angle)), scatter=spread, seed=seed)
     angles, stiffness = list(geometry.angle), list(scene.stiffness)
-    for k, angle in zip(known, turned, strict=True):
+    for k, angle in zip(known_values, turned, strict=True):
         angles[k] = max(angle, LEAST_ANGLE)
     off = replace(geometry, angles=tuple(angles), stiffness=None)
-    for k in known:
+    for k in known_values:
         stiffness[k] = rounded(off.contact(k, off.law).stiffness)
     name = f"{scene.name}.scatter-{spread:g}-{seed}"
     return replace(scene, name=name, stiffness=tuple(stiffness), geometry=off)
@@ -109,8 +109,8 @@ def cases_of(scene: Scene, *, spread: float, count: int, seed: int = 0) -> list[
         raise UsageError(f"seed = {seed!r}; allowed: a whole number >= 0")
     chains = [scene, *(scattered(scene, spread=spread, seed=seed + i) for i in range(count))]
     # crossing times and peak forces are those of the run, not of its samples
-    one = Sampling(count=1)
-    return [Case(scene=c, backend=REFERENCE, resolution=Resolution(), sampling=one, uncertainty=False) for c in chains]
+    item = Sampling(count=1)
+    return [Case(scene=c, backend=REFERENCE, resolution=Resolution(), sampling=item, uncertainty=False) for c in chains]
 
 
 def chains_of(scene: Scene, results: Sequence[Result], *, spread: float, seed: int = 0) -> ScatteredChains:

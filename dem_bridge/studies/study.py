@@ -161,11 +161,11 @@ class FigureData:
         rows: list[tuple[str | float, ...]] = []
         for panel in self.panels:
             if panel.map is not None:
-                one = panel.map
+                item = panel.map
                 rows += [
-                    (panel.title, one.label, float(x), float(y), float(one.values[j, i]), "")
-                    for j, y in enumerate(one.y)
-                    for i, x in enumerate(one.x)
+                    (panel.title, item.label, float(x), float(y), float(item.values[j, i]), "")
+                    for j, y in enumerate(item.y)
+                    for i, x in enumerate(item.x)
                 ]
             for line in panel.series:
                 bars = [""] * len(line.x) if line.bar is None else line.bar.tolist()
@@ -185,15 +185,15 @@ def verdict_table(verdicts: Sequence[Verdict]) -> Table:
         columns=("scene", "quantity", "compared", "difference", "uncertainty", "tolerance", "outcome"),
         rows=tuple(
             (
-                one.scene,
-                one.quantity.replace("_", " "),
-                f"{one.backend} - {one.reference}" if one.reference else one.backend,
-                one.difference,
-                one.reference_uncertainty,
-                one.tolerance,
-                one.outcome.value,
+                verdict.scene,
+                verdict.quantity.replace("_", " "),
+                f"{verdict.backend} - {verdict.reference}" if verdict.reference else verdict.backend,
+                verdict.difference,
+                verdict.reference_uncertainty,
+                verdict.tolerance,
+                verdict.outcome.value,
             )
-            for one in verdicts
+            for verdict in verdicts
         ),
     )
 
@@ -257,13 +257,13 @@ class Study:
             "title": self.title,
             "answer": list(self.answer),
             "tables": {
-                one.id: [
+                item.id: [
                     dict(
-                        zip(one.columns, (cell if isinstance(cell, str) else plain(cell) for cell in row), strict=True)
+                        zip(item.columns, (cell if isinstance(cell, str) else plain(cell) for cell in row), strict=True)
                     )
-                    for row in one.rows
+                    for row in item.rows
                 ]
-                for one in self.tables
+                for item in self.tables
             },
             "verdicts": [verdict.as_json() for verdict in self.verdicts],
             "notes": list(self.notes),
@@ -277,13 +277,13 @@ def _bytes(part: Any) -> Iterator[bytes]:
     if isinstance(part, np.ndarray):
         yield f"{part.shape}{part.dtype}".encode() + part.tobytes()
     elif is_dataclass(part):
-        for one in fields(part):
-            yield f"\n{one.name}=".encode()
-            yield from _bytes(getattr(part, one.name))
+        for item in fields(part):
+            yield f"\n{item.name}=".encode()
+            yield from _bytes(getattr(part, item.name))
     elif isinstance(part, tuple):
         yield f"({len(part)}".encode()
-        for one in part:
-            yield from _bytes(one)
+        for item in part:
+            yield from _bytes(item)
     else:
         yield f"{part!r};".encode()
 

@@ -175,23 +175,23 @@ class Row:
     @property
     def shares(self) -> dict[str, float]:
         """Differences as parts of their tolerances."""
-        return {name: one.value / self.tolerances[name] for name, one in self.differences.items()}
+        return {name: item.value / self.tolerances[name] for name, item in self.differences.items()}
 
     @property
     def beyond(self) -> str:
         """The differences that exceed their tolerance, and where; '' if none does."""
         return "; ".join(
-            f"{one.quantity} differs by {one.value:.2e} of {one.scale_name}, tolerance {self.tolerances[name]:.1e}"
-            f" ({'body' if math.isfinite(one.time) else 'contact'} {one.body}"
-            + (f" at t = {1e3 * one.time:.4g} ms)" if math.isfinite(one.time) else ")")
-            for name, one in self.differences.items()
-            if not one.value <= self.tolerances[name]
+            f"{item.quantity} differs by {item.value:.2e} of {item.scale_name}, tolerance {self.tolerances[name]:.1e}"
+            f" ({'body' if math.isfinite(item.time) else 'contact'} {item.body}"
+            + (f" at t = {1e3 * item.time:.4g} ms)" if math.isfinite(item.time) else ")")
+            for name, item in self.differences.items()
+            if not item.value <= self.tolerances[name]
         )
 
     def verdict(self, scene: str) -> Verdict:
         """Return the verdict on the quantity whose difference is the largest part of its tolerance."""
         worst = max(self.shares, key=self.shares.__getitem__, default="")
-        one = self.differences.get(worst)
+        item = self.differences.get(worst)
         return Verdict(
             scene=scene,
             quantity=worst or "all",
@@ -199,10 +199,10 @@ class Row:
             reference="verlet",
             outcome=self.outcome,
             sentence=f"{self.way}: {self.beyond or self.reason or 'every difference is within its tolerance'}.",
-            difference=math.nan if one is None else one.value,
-            scale=math.nan if one is None else one.scale,
-            unit="" if one is None else one.unit,
-            scale_name="" if one is None else one.scale_name,
+            difference=math.nan if item is None else item.value,
+            scale=math.nan if item is None else item.scale,
+            unit="" if item is None else item.unit,
+            scale_name="" if item is None else item.scale_name,
             tolerance=self.tolerances.get(worst, math.nan),
             meaning="implementation and round-off",
         )
@@ -255,9 +255,9 @@ def base_of(scene: Scene, *, dt: float | None, engine: Engine | None = None, tim
     prescan, backend = prescan_hertz(scene), LammpsGranular(engine)
     version = str(require(backend.engine, "pair granular").version)
     deck = backend.written(scene, resolution, Sampling(count=scene.samples), prescan).deck
-    own = solve_plan(scene, deck.schedule)
+    own_value = solve_plan(scene, deck.schedule)
     return Base(
-        scene=scene, backend=backend, resolution=resolution, prescan=prescan, deck=deck, own=own, lammps=version
+        scene=scene, backend=backend, resolution=resolution, prescan=prescan, deck=deck, own=own_value, lammps=version
     )
 
 
@@ -394,9 +394,9 @@ def _figure(scene: str, rows: Sequence[Row]) -> FigureData:
 
 def _row(way: Way, base: Base) -> tuple[Trajectory, Row]:
     engine = way.engine(base.backend.engine)
-    found = require(engine, way.style)
-    if way.package and way.package not in found.packages:
-        raise BackendUnavailable(f"LAMMPS {found.version} has no {way.package} package")
+    result = require(engine, way.style)
+    if way.package and way.package not in result.packages:
+        raise BackendUnavailable(f"LAMMPS {result.version} has no {way.package} package")
     deck = way.deck(base)
     run = LammpsGranular(engine).run_written(base.scene, Written(deck=deck), time_limit=base.resolution.time_limit)
     differences = {name: difference(name, run, base.own) for name in COLUMNS}
@@ -408,7 +408,7 @@ def _row(way: Way, base: Base) -> tuple[Trajectory, Row]:
         notes.append(f"pair_style {style} has no variant with /{way.suffix}: the plain one ran")
     return run, Row(
         way=way.name,
-        outcome=next(one for one in (Outcome.FAIL, Outcome.UNDECIDED, Outcome.PASS) if one in outcomes),
+        outcome=next(item for item in (Outcome.FAIL, Outcome.UNDECIDED, Outcome.PASS) if item in outcomes),
         reason="; ".join(note for note in notes if note),
         differences=differences,
         tolerances=tolerances,
@@ -416,13 +416,13 @@ def _row(way: Way, base: Base) -> tuple[Trajectory, Row]:
     )
 
 
-def tolerances_of(base: Base, deck: Deck, beside: Mapping[str, float]) -> dict[str, float]:
+def tolerances_of(base: Base, deck: Deck, companion: Mapping[str, float]) -> dict[str, float]:
     """What a deck's run may differ by from the twin, relative, by quantity: the round-off of a code that keeps
     positions of bodies with its radii, and what is allowed ``beside``."""
-    plan, own, floor = deck.schedule, base.own, base.floor(deck)
+    plan, own_values, floor = deck.schedule, base.own, base.floor(deck)
     eps, digit = float(np.finfo(float).eps), last_digit(plan)
     # forces are running sums of net forces, and small ones are measured against a thousandth of the largest
-    largest = float(np.max(own.peak_force, initial=0.0))
+    largest = float(np.max(own_values.peak_force, initial=0.0))
     sums = 4.0 * largest + base.scene.summed_outer_force
     more = {
         # equal increments round alike
@@ -430,7 +430,7 @@ def tolerances_of(base: Base, deck: Deck, beside: Mapping[str, float]) -> dict[s
         "peak_force": eps * sums / (SMALLEST_SCALE * largest) if largest > 0.0 else 0.0,
     }
     return {
-        name: REALISATIONS * (floor[name] + digit) + more.get(name, 0.0) + beside.get(name, 0.0) for name in COLUMNS
+        name: REALISATIONS * (floor[name] + digit) + more.get(name, 0.0) + companion.get(name, 0.0) for name in COLUMNS
     }
 
 

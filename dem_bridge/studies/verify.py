@@ -111,9 +111,9 @@ def main_resolution(scene: Scene, accuracy: float, store: Store | None = None) -
     """Choose the step of the main runs: the largest whose velocity uncertainty of LAMMPS is within ``accuracy``."""
     tables = assign_roles(scene).takes_tables
     key = study_key("main step", [scene], accuracy=accuracy, tables=tables) if store is not None else None
-    known = store.load_arrays(key) if store is not None and key is not None else None
-    if known is not None:
-        return Resolution(dt=float(known["dt"]))
+    available = store.load_arrays(key) if store is not None and key is not None else None
+    if available is not None:
+        return Resolution(dt=float(available["dt"]))
     sampling = Sampling(count=scene.samples)
     try:
         main = resolution_for(scene, accuracy, Resolution(tables=tables), sampling)

@@ -64,10 +64,10 @@ class Curve:
         """Fields of a Resolution that are asked for, with ``value`` of the knob."""
         if not self.knob:
             return dict(self.fixed)
-        asked = {**self.fixed, self.knob: int(value) if self.knob in WHOLE else value}
+        requested = {**self.fixed, self.knob: int(value) if self.knob in WHOLE else value}
         if self.variant == "both":
-            asked["atol"] = ATOL_PER_RTOL * value
-        return asked
+            requested["atol"] = ATOL_PER_RTOL * value
+        return requested
 
     def resolution(self, value: float, *, limit: float) -> Resolution:
         """Return the settings of a run; ``limit`` (s) stops an engine in another process."""
@@ -98,21 +98,21 @@ class Curve:
 
 
 def curves(
-    scene: Scene, sampling: Sampling, prescan: Prescan, engine: Engine | None, wanted: Sequence[str] | None = None
+    scene: Scene, sampling: Sampling, prescan: Prescan, engine: Engine | None, requested: Sequence[str] | None = None
 ) -> tuple[list[tuple[Curve, Backend]], list[str]]:
     """All curves that can be run here, each with its backend; and why others cannot.
 
     ``wanted``: backends; None for all.
     """
-    found, notes = [], []
-    for name in BACKENDS if wanted is None else dict.fromkeys(wanted):
+    results, notes = [], []
+    for name in BACKENDS if requested is None else dict.fromkeys(requested):
         chosen = backend(name, engine if name in ENGINE_BACKENDS else None)
         reason = unsupported_reason(chosen, scene) or chosen.availability().reason
         if reason:
             notes.append(f"{name} is not there: {reason}")
             continue
-        found += [(curve, chosen) for curve in _of(chosen, steps(scene, sampling, prescan), scene)]
-    return found, notes
+        results += [(curve, chosen) for curve in _of(chosen, steps(scene, sampling, prescan), scene)]
+    return results, notes
 
 
 def steps(scene: Scene, sampling: Sampling, prescan: Prescan) -> tuple[float, ...]:
@@ -134,20 +134,22 @@ def _of(chosen: Backend, dt: tuple[float, ...], scene: Scene) -> list[Curve]:
         return [sparse]
     if name == "lammps-table":
         return [sparse, *_tables(name, dt[FIXED_HALVINGS])]
-    found = [by_step]
+    results = [by_step]
     if chosen.order == 2:  # three runs of 2 dt, dt and dt/2; coarser ones have no clean order
         values = by_step.values[2:-1:2] or by_step.values
-        found.append(replace(sparse, name=f"{name} (Richardson)", values=values, variant="richardson", richardson=True))
+        results.append(
+            replace(sparse, name=f"{name} (Richardson)", values=values, variant="richardson", richardson=True)
+        )
     if name == "lammps-granular" and scene.spacing is not None:
         radius = f"R = {500.0 * scene.spacing:.3g} mm"
         fixed = {"geometry": "physical"}
-        found.append(replace(sparse, name=f"{name} ({radius})", variant="physical", fixed=fixed))
-    return found
+        results.append(replace(sparse, name=f"{name} ({radius})", variant="physical", fixed=fixed))
+    return results
 
 
 def _tables(name: str, dt: float) -> list[Curve]:
     """Knobs of tables at a fixed step."""
-    found = [
+    results = [
         Curve(
             name=f"{name} ({style})",
             backend=name,
@@ -161,7 +163,7 @@ def _tables(name: str, dt: float) -> list[Curve]:
     lines = Curve(
         name=f"{name} (lines)", backend=name, knob="table_lines", values=LINES, fixed={"dt": dt}, variant="lines"
     )
-    return [*found, lines]
+    return [*results, lines]
 
 
 def _adaptive(name: str) -> list[Curve]:

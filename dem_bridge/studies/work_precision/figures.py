@@ -28,8 +28,8 @@ def evaluations(point: Point) -> float:
     return point.evaluations
 
 
-def figures(found: Measured) -> Iterator[FigureData]:
-    for observable in (OBSERVABLES[name] for name in DRAWN if name in found.observables):
+def figures(measured: Measured) -> Iterator[FigureData]:
+    for observable in (OBSERVABLES[name] for name in DRAWN if name in measured.observables):
         yield FigureData(
             id=f"{ID}-{observable.name.replace('_', '-')}",
             title=f"Error of {observable.words} against cost",
@@ -39,11 +39,11 @@ def figures(found: Measured) -> Iterator[FigureData]:
                 " the adiabatic wave evaluate no forces in time; the reference counts the coefficients of its series."
             ),
             panels=(
-                _panel(found, observable.name, cpu, "(a) against CPU time", "CPU time of a run (s)", shares=(1,)),
-                _panel(found, observable.name, evaluations, "(b) against force evaluations", "force evaluations"),
+                _panel(measured, observable.name, cpu, "(a) against CPU time", "CPU time of a run (s)", shares=(1,)),
+                _panel(measured, observable.name, evaluations, "(b) against force evaluations", "force evaluations"),
             ),
         )
-    tables = _table_panels(found)
+    tables = _table_panels(measured)
     if tables:
         yield FigureData(
             id=f"{ID}-tables",
@@ -54,7 +54,7 @@ def figures(found: Measured) -> Iterator[FigureData]:
 
 
 def _panel(
-    found: Measured,
+    measured: Measured,
     observable: str,
     cost: Callable[[Point], float],
     title: str,
@@ -62,11 +62,11 @@ def _panel(
     *,
     shares: tuple[int, ...] = (),
 ) -> Panel:
-    bar = found.uncertainty[observable, "max"]
+    bar = measured.uncertainty[observable, "max"]
     # what costs nothing has no place on a logarithmic axis
-    ran = [point for point in found.points if point.timing is not None and _is_drawn(point) and cost(point) > 0.0]
+    ran = [point for point in measured.points if point.timing is not None and _is_drawn(point) and cost(point) > 0.0]
     x = np.array([cost(point) for point in ran])
-    y = np.array([found.bound(point, observable) for point in ran])
+    y = np.array([measured.bound(point, observable) for point in ran])
     y = np.where(np.isfinite(y), y, np.nan)
     beaten_by_none = front(x.tolist(), y.tolist())
     series = []
@@ -75,14 +75,14 @@ def _panel(
     if bar > 0.0 and math.isfinite(bar) and ran:
         ends = np.array([x.min(), x.max()])
         series.append(Series(label="bar of the reference", style="guide", x=ends, y=np.full(2, bar)))
-    for name in found.curves:
+    for name in measured.curves:
         at = [place for place, point in enumerate(ran) if point.curve.name == name]
         if at:
             series.append(Series(label=name, style=_style(ran[at[0]]), x=x[at], y=y[at]))
     below = [
         place
         for place, point in enumerate(ran)
-        if point.curve.backend != REFERENCE and math.isfinite(y[place]) and not found.known(point, observable)
+        if point.curve.backend != REFERENCE and math.isfinite(y[place]) and not measured.known(point, observable)
     ]
     if below:
         series.append(Series(label="less, not known", style="below", x=x[below], y=y[below]))
@@ -107,8 +107,8 @@ def _style(point: Point) -> str:
     return f"curve/{point.curve.backend}/{point.curve.variant}".rstrip("/")
 
 
-def _table_panels(found: Measured) -> tuple[Panel, ...]:
-    plain = {point.dt: point for point in found.of("lammps-granular")}
+def _table_panels(measured: Measured) -> tuple[Panel, ...]:
+    plain = {point.dt: point for point in measured.of("lammps-granular")}
     panels = []
     for title, label, names in (
         ("(a) points of LAMMPS' own table", "points", [f"lammps-table ({style})" for style in STYLES]),
@@ -116,9 +116,9 @@ def _table_panels(found: Measured) -> tuple[Panel, ...]:
     ):
         series: list[Series] = []
         for name in names:
-            ran = found.of(name)
+            ran = measured.of(name)
             if ran:
-                x, y = np.array([[point.value, found.bound(point, "velocity")] for point in ran]).T
+                x, y = np.array([[point.value, measured.bound(point, "velocity")] for point in ran]).T
                 series.append(Series(label=name, style=_style(ran[0]), x=x, y=y))
                 without = plain.get(ran[0].dt)
         if series and without is not None:

@@ -42,35 +42,35 @@ def numbers(point: Point) -> dict[str, float]:
     return dict(zip(SETTING, values, strict=True))
 
 
-def as_csv(found: Measured) -> str:
+def as_csv(measured: Measured) -> str:
     """Long form: one line for each setting, observable and norm; numbers in full precision, nan where there is none."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     head = ("scene", "backend", "curve", "knob", "value", "settings", *SETTING)
     writer.writerow([*head, "observable", "norm", "error", "reference_uncertainty", "known", "reason"])
-    writer.writerows(_rows(found))
+    writer.writerows(_rows(measured))
     return text.getvalue()
 
 
-def _rows(found: Measured) -> Iterator[tuple[Any, ...]]:
-    for point in found.points:
+def _rows(measured: Measured) -> Iterator[tuple[Any, ...]]:
+    for point in measured.points:
         curve = point.curve
-        first = (found.scene.name, curve.backend, curve.name, curve.knob, point.value, _settings(point))
-        for name in found.observables:
+        first = (measured.scene.name, curve.backend, curve.name, curve.knob, point.value, _settings(point))
+        for name in measured.observables:
             for norm in NORMS:
-                known = "" if point.timing is None else "yes" if found.known(point, name, norm) else "no"
-                error, bar = point.error(name, norm), found.uncertainty[name, norm]
-                yield (*first, *numbers(point).values(), name, norm, error, bar, known, point.reason)
+                available = "" if point.timing is None else "yes" if measured.known(point, name, norm) else "no"
+                error, bar = point.error(name, norm), measured.uncertainty[name, norm]
+                yield (*first, *numbers(point).values(), name, norm, error, bar, available, point.reason)
 
 
-def as_netcdf(found: Measured) -> bytes:
+def as_netcdf(measured: Measured) -> bytes:
     """netCDF-4: dimensions run, observable, norm; units and meanings as attributes. Read it by ``xarray``."""
     import xarray as xr
 
-    points, grid = found.points, [(name, norm) for name in found.observables for norm in NORMS]
-    shape = (len(found.observables), len(NORMS))
-    error = np.array([[point.error(*one) for one in grid] for point in points]).reshape(len(points), *shape)
-    known = np.array([[found.known(point, *one) for one in grid] for point in points], dtype=np.int8)
+    points, grid = measured.points, [(name, norm) for name in measured.observables for norm in NORMS]
+    shape = (len(measured.observables), len(NORMS))
+    error = np.array([[point.error(*item) for item in grid] for point in points]).reshape(len(points), *shape)
+    available = np.array([[measured.known(point, *item) for item in grid] for point in points], dtype=np.int8)
     of_runs = [numbers(point) for point in points]
     data: dict[str, Any] = {
         "error": (
@@ -80,17 +80,17 @@ def as_netcdf(found: Measured) -> bytes:
         ),
         "known": (
             ("run", "observable", "norm"),
-            known.reshape(error.shape),
+            available.reshape(error.shape),
             {"long_name": "1: the error is above the bar of the reference; 0: it is below, or there is no run"},
         ),
         "reference_uncertainty": (
             ("observable", "norm"),
-            np.array([found.uncertainty[one] for one in grid]).reshape(shape),
+            np.array([measured.uncertainty[item] for item in grid]).reshape(shape),
             {"units": "1", "long_name": "what the reference may err by itself, on the same scale"},
         ),
     }
     for name, (unit, meaning) in SETTING.items():
-        data[name] = ("run", np.array([one[name] for one in of_runs]), {"units": unit, "long_name": meaning})
+        data[name] = ("run", np.array([of_run[name] for of_run in of_runs]), {"units": unit, "long_name": meaning})
     texts = {
         "backend": [point.curve.backend for point in points],
         "curve": [point.curve.name for point in points],
@@ -98,7 +98,7 @@ def as_netcdf(found: Measured) -> bytes:
         "settings": [_settings(point) for point in points],
         "reason": [point.reason for point in points],
     }
-    scales = {name: OBSERVABLES[name].scale_name for name in found.observables}
+    scales = {name: OBSERVABLES[name].scale_name for name in measured.observables}
     dataset = xr.Dataset(
         data,
         coords={
@@ -109,11 +109,11 @@ def as_netcdf(found: Measured) -> bytes:
         },
         attrs={
             "schema": SCHEMA,
-            "scene": found.scene.name,
-            "scene_hash": found.scene.content_hash,
-            "samples": found.sampling.count,
-            "limit_s": found.limit,
-            "provenance": json.dumps(dict(found.provenance), sort_keys=True),
+            "scene": measured.scene.name,
+            "scene_hash": measured.scene.content_hash,
+            "samples": measured.sampling.count,
+            "limit_s": measured.limit,
+            "provenance": json.dumps(dict(measured.provenance), sort_keys=True),
         },
     )
     buffer = io.BytesIO()

@@ -17,12 +17,12 @@ def front(cost: Sequence[float], error: Sequence[float]) -> list[int]:
     >>> front([1.0, 2.0, 3.0, 2.5, float("nan")], [0.1, 0.3, 0.01, 0.01, 0.0])
     [0, 3]
     """
-    found: list[int] = []
+    results: list[int] = []
     real = (at for at in range(len(cost)) if math.isfinite(cost[at]) and math.isfinite(error[at]))
     for at in sorted(real, key=lambda at: (cost[at], error[at])):
-        if not found or error[at] < error[found[-1]]:
-            found.append(at)
-    return found
+        if not results or error[at] < error[results[-1]]:
+            results.append(at)
+    return results
 
 
 def cheapest(
@@ -37,5 +37,5 @@ def cheapest(
     >>> cheapest([(1.0, 0.1), (3.0, 0.001), (2.0, 0.01)], 0.02, cost=lambda s: s[0], error=lambda s: s[1])
     (2.0, 0.01)
     """
-    enough = [one for one in settings if error(one) <= target and math.isfinite(cost(one))]
+    enough = [setting for setting in settings if error(setting) <= target and math.isfinite(cost(setting))]
     return min(enough, key=cost, default=None)

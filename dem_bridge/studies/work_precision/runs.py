@@ -90,7 +90,7 @@ class Measured:
 
 
 def measured(
-    asked: Sequence[tuple[Curve, Backend]],
+    requested: Sequence[tuple[Curve, Backend]],
     scene: Scene,
     sampling: Sampling,
     reference: Mapping[str, Reading],
@@ -100,8 +100,8 @@ def measured(
     progress: Progress | None,
 ) -> Iterator[Point]:
     """Measure every setting of every curve against the ``reference``; arguments as of the study."""
-    clock = Clock(asked, scene, sampling, limit=limit, progress=progress)
-    for curve, chosen in asked:
+    clock = Clock(requested, scene, sampling, limit=limit, progress=progress)
+    for curve, chosen in requested:
         seconds: list[tuple[float, float]] = []
         """Size of a setting, wall time of a run of it."""
         clock.say(curve.name)
@@ -180,7 +180,7 @@ class Clock:
 
     def __init__(
         self,
-        asked: Sequence[tuple[Curve, Backend]],
+        requested: Sequence[tuple[Curve, Backend]],
         scene: Scene,
         sampling: Sampling,
         *,
@@ -191,7 +191,7 @@ class Clock:
         self.began, self.fraction, self.label = time.perf_counter(), 0.0, ""
         self.left = {
             (curve.name, place): min(curve.guess(scene, value, sampling), limit)
-            for curve, _ in asked
+            for curve, _ in requested
             for place, value in enumerate(curve.values)
         }
 

@@ -40,17 +40,19 @@ def _of_engine(point: Point) -> bool:
     return point.curve.backend in ENGINE_BACKENDS
 
 
-def shown(found: Measured, *, notes: Sequence[str] = (), interrupted: bool = False) -> Study:
+def shown(measured: Measured, *, notes: Sequence[str] = (), interrupted: bool = False) -> Study:
     """The study of what was measured."""
-    lost = sum(point.timing is None for point in found.points)
+    lost = sum(point.timing is None for point in measured.points)
     how = [
         "After one call of each curve that is not timed, each setting is called two or three times, alone, in one"
         " process. The diagrams have the least CPU time of a call, from the scene to the trajectory: with the start of"
         " LAMMPS' own process, and without error bars but those that an extrapolation needs.",
         "Errors are differences from the reference, whose uncertainty in velocity is"
-        f" {found.uncertainty['velocity', 'max']:.1e}. The size of a smaller error is unknown; that uncertainty stands"
+        f" {measured.uncertainty['velocity', 'max']:.1e}. The size of a smaller error is unknown; that uncertainty"
+        " stands"
         " in its place.",
-        f"{lost} of {len(found.points)} settings have no numbers (nan): for the limit of {found.limit:g} s a run, or"
+        f"{lost} of {len(measured.points)} settings have no numbers (nan): for the limit of {measured.limit:g} s a"
+        " run, or"
         " for another reason; the table of all settings has it.",
         "Steps are the sample interval over powers of two. ode45 (both): atol is a thousandth of rtol, in m and m/s."
         " Tables: at a fixed step.",
@@ -58,14 +60,14 @@ def shown(found: Measured, *, notes: Sequence[str] = (), interrupted: bool = Fal
     ]
     return Study(
         id=ID,
-        title=f"Work-precision: {found.scene.name}",
-        answer=tuple(_answer(found)),
-        tables=(_cheapest_table(found), _floors_table(found), _runs_table(found)),
-        figures=tuple(figures(found)),
+        title=f"Work-precision: {measured.scene.name}",
+        answer=tuple(_answer(measured)),
+        tables=(_cheapest_table(measured), _floors_table(measured), _runs_table(measured)),
+        figures=tuple(figures(measured)),
         notes=tuple(how),
         interrupted=interrupted,
-        provenance=found.provenance,
-        files={f"{ID}-all.csv": partial(as_csv, found), f"{ID}.nc": partial(as_netcdf, found)},
+        provenance=measured.provenance,
+        files={f"{ID}-all.csv": partial(as_csv, measured), f"{ID}.nc": partial(as_netcdf, measured)},
     )
 
 
@@ -86,26 +88,26 @@ def _turned(point: Point) -> str:
     return f"{knob} = {digits}{' s' if knob == 'dt' else ''}" if knob else ""
 
 
-def best(found: Measured, target: float, group: Group, observable: str = "velocity") -> Point | None:
+def best(measured: Measured, target: float, group: Group, observable: str = "velocity") -> Point | None:
     """The setting of least CPU time that errs by at most ``target``."""
     return cheapest(
-        filter(group.holds, found.points),
+        filter(group.holds, measured.points),
         target,
         cost=lambda point: point.cpu,
-        error=lambda point: found.bound(point, observable),
+        error=lambda point: measured.bound(point, observable),
     )
 
 
-def _answer(found: Measured) -> Iterator[str]:
+def _answer(measured: Measured) -> Iterator[str]:
     for target in TARGETS[1:]:
         parts = []
         for group in GROUPS:
-            point = best(found, target, group)
+            point = best(measured, target, group)
             parts.append(f"{group.name}: {'none' if point is None else f'{setting(point)} ({_ms(point.cpu)})'}")
         yield f"Velocities to {target:g} for the least CPU time, {'; '.join(parts)}."
-    yield from _on_floors(found)
-    yield from _on_richardson(found)
-    yield from _on_tables(found)
+    yield from _on_floors(measured)
+    yield from _on_richardson(measured)
+    yield from _on_tables(measured)
 
 
 def _ms(seconds: float) -> str:
@@ -121,9 +123,9 @@ class Floor(NamedTuple):
     """What lies beyond."""
 
 
-def _floor(found: Measured, name: str) -> Floor | None:
+def _floor(measured: Measured, name: str) -> Floor | None:
     """None for a curve without a run."""
-    points = [point for point in found.points if point.curve.name == name]
+    points = [point for point in measured.points if point.curve.name == name]
     ran = [point for point in points if math.isfinite(point.error("velocity"))]
     if not ran:
         return None
@@ -131,14 +133,14 @@ def _floor(found: Measured, name: str) -> Floor | None:
     beyond = ran[ran.index(least) + 1 :]
     if len(points) == 1:
         return Floor(least, "it has no knob")
-    if not found.known(least, "velocity"):
+    if not measured.known(least, "velocity"):
         return Floor(least, "below the bar of the reference")
     if any(point.error("velocity") > TURNING * least.error("velocity") for point in beyond):
         return Floor(least, f"{_FLOOR}: finer settings err more")
     if len(beyond) > 0 or _flat(ran):
         return Floor(least, f"{_FLOOR}: finer settings gain nothing")
     if any(point.timing is None for point in points[points.index(least) + 1 :]):
-        return Floor(least, f"the limit of {found.limit:g} s")
+        return Floor(least, f"the limit of {measured.limit:g} s")
     return Floor(least, "the end of what was asked for")
 
 
@@ -147,71 +149,74 @@ def _flat(ran: Sequence[Point]) -> bool:
     return len(ran) > 1 and ran[-1].error("velocity") > ran[-2].error("velocity") / TURNING
 
 
-def _on_floors(found: Measured) -> Iterator[str]:
+def _on_floors(measured: Measured) -> Iterator[str]:
     ended = [
-        f"{setting(one.best)} with {one.best.error('velocity'):.1e}"
-        for one in (_floor(found, name) for name in found.curves)
-        if one is not None and one.why.startswith(_FLOOR) and one.best.curve.knob in ("dt", "rtol", "atol")
+        f"{setting(item.best)} with {item.best.error('velocity'):.1e}"
+        for item in (_floor(measured, name) for name in measured.curves)
+        if item is not None and item.why.startswith(_FLOOR) and item.best.curve.knob in ("dt", "rtol", "atol")
     ]
     if ended:
         yield f"Floors of velocity, which finer settings of the same curve do not pass: {'; '.join(ended)}."
 
 
-def _on_richardson(found: Measured) -> Iterator[str]:
+def _on_richardson(measured: Measured) -> Iterator[str]:
     """What extrapolation takes, of what plain runs take to the same error."""
-    for name in found.curves:
+    for name in measured.curves:
         extrapolated = f"{name} (Richardson)"
-        if extrapolated not in found.curves:
+        if extrapolated not in measured.curves:
             continue
-        told: dict[float, str] = {}
+        details: dict[float, str] = {}
         for target in TARGETS[1:]:  # a setting that meets several says the most at the last
-            plain, better = (_least(found, one, target, cpu) for one in (name, extrapolated))
-            of_evaluations, fewer = (_least(found, one, target, evaluations) for one in (name, extrapolated))
+            plain, better = (_least(measured, item, target, cpu) for item in (name, extrapolated))
+            of_evaluations, fewer = (_least(measured, item, target, evaluations) for item in (name, extrapolated))
             if better and plain and fewer and of_evaluations:
                 share = fewer.evaluations / of_evaluations.evaluations
-                told[better.value] = (
+                details[better.value] = (
                     f"to {target:g} it takes {better.cpu / plain.cpu:.2g} times the CPU time and {share:.2g} times the"
                     " force evaluations of plain runs"
                 )
             elif better:
-                told[better.value] = f"only it reaches {target:g}"
-        tried = [point for point in found.points if point.curve.name == extrapolated]
+                details[better.value] = f"only it reaches {target:g}"
+        tried = [point for point in measured.points if point.curve.name == extrapolated]
         refused = sum("no extrapolation" in point.reason for point in tried)
         yield (
-            f"Richardson extrapolation of {name}: {', '.join(told.values()) or 'it meets no target within the limit'};"
+            f"Richardson extrapolation of {name}:"
+            f" {', '.join(details.values()) or 'it meets no target within the limit'};"
             f" {refused} of {len(tried)} steps are refused, for their order is not clean. Its CPU time has the error"
             " bars of its finest run in it."
         )
 
 
-def _least(found: Measured, name: str, target: float, cost: Callable[[Point], float]) -> Point | None:
+def _least(measured: Measured, name: str, target: float, cost: Callable[[Point], float]) -> Point | None:
     """Of one curve, for velocities to ``target``."""
-    return cheapest(found.of(name), target, cost=cost, error=lambda point: found.bound(point, "velocity"))
+    return cheapest(measured.of(name), target, cost=cost, error=lambda point: measured.bound(point, "velocity"))
 
 
-def _on_tables(found: Measured) -> Iterator[str]:
-    plain, tabled = ({point.value: point for point in found.of(name)} for name in ("lammps-granular", "lammps-table"))
+def _on_tables(measured: Measured) -> Iterator[str]:
+    plain, tabled = (
+        {point.value: point for point in measured.of(name)} for name in ("lammps-granular", "lammps-table")
+    )
     both = sorted(set(plain) & set(tabled))
     if both:
-        one, other = plain[both[0]], tabled[both[0]]
+        first, other = plain[both[0]], tabled[both[0]]
         yield (
             f"LAMMPS with tables at dt = {both[0]:.3g} s takes {_ms(other.cpu)} of CPU time and errs by"
-            f" {other.error('velocity'):.2g}, with the law itself {_ms(one.cpu)} and {one.error('velocity'):.2g}."
+            f" {other.error('velocity'):.2g}, with the law itself {_ms(first.cpu)} and {first.error('velocity'):.2g}."
         )
     for style in STYLES:
-        points = found.of(f"lammps-table ({style})")
+        points = measured.of(f"lammps-table ({style})")
         if points:
             parts = [f"{p.error('velocity'):.1e} with {p.value:g}" for p in points]
             yield f"Tables, {style}, at dt = {points[0].dt:.3g} s err by {', '.join(parts)} points."
 
 
-def _cheapest_table(found: Measured) -> Table:
+def _cheapest_table(measured: Measured) -> Table:
     rows: list[tuple[str | float, ...]] = []
-    for observable in found.observables:
+    for observable in measured.observables:
         for target in TARGETS:
             cells: list[str | float] = []
             for group in GROUPS:
-                point = best(found, target, group, observable)
+                point = best(measured, target, group, observable)
                 cells += ["-", math.nan] if point is None else [setting(point), 1e3 * point.cpu]
             rows.append((observable, target, *cells))
     heads = (head for group in GROUPS for head in (group.name, f"{group.name}: CPU (ms)"))
@@ -224,17 +229,19 @@ def _cheapest_table(found: Measured) -> Table:
     )
 
 
-def _floors_table(found: Measured) -> Table:
-    others = [name for name in found.observables if name != "velocity"]
+def _floors_table(measured: Measured) -> Table:
+    others = [name for name in measured.observables if name != "velocity"]
     rows: list[tuple[str | float, ...]] = []
-    for name in found.curves:
-        floor = _floor(found, name)
+    for name in measured.curves:
+        floor = _floor(measured, name)
         if floor is None:
-            reason = next(point.reason for point in found.points if point.curve.name == name)
+            reason = next(point.reason for point in measured.points if point.curve.name == name)
             rows.append((name, "-", math.nan, math.nan, *[math.nan] * len(others), reason))
         else:
-            least = (min((found.bound(point, one) for point in found.of(name)), default=math.inf) for one in others)
-            error, spent = found.bound(floor.best, "velocity"), 1e3 * floor.best.cpu
+            least = (
+                min((measured.bound(point, other) for point in measured.of(name)), default=math.inf) for other in others
+            )
+            error, spent = measured.bound(floor.best, "velocity"), 1e3 * floor.best.cpu
             rows.append((name, _turned(floor.best), error, spent, *least, floor.why))
     return Table(
         id="floors",
@@ -252,7 +259,7 @@ def _floors_table(found: Measured) -> Table:
     )
 
 
-def _runs_table(found: Measured) -> Table:
+def _runs_table(measured: Measured) -> Table:
     def row(point: Point) -> tuple[str | float, ...]:
         return (
             point.curve.name,
@@ -260,7 +267,7 @@ def _runs_table(found: Measured) -> Table:
             1e3 * point.cpu,
             1e3 * point.timing.median_wall if point.timing else math.nan,
             point.evaluations,
-            *(point.error(name) for name in found.observables),
+            *(point.error(name) for name in measured.observables),
             shorten(point.reason, 60, placeholder=" ..."),
         )
 
@@ -270,10 +277,10 @@ def _runs_table(found: Measured) -> Table:
         caption="Errors are the largest, relative. Other norms, timings and whole reasons are in the files above.",
         columns=(
             *("curve", "setting", "CPU, least (ms)", "wall, median (ms)", "force evaluations"),
-            *found.observables,
+            *measured.observables,
             "reason",
         ),
-        rows=tuple(map(row, found.points)),
+        rows=tuple(map(row, measured.points)),
     )
 
 

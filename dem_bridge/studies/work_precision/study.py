@@ -77,18 +77,18 @@ def study_work_precision(
     (truth,) = run_cases([case], jobs=jobs, store=store)
     if truth.trajectory is None:
         raise RunBroken(f"{scene.name}: without a run of the reference nothing has an error ({truth.failure})")
-    asked, notes = curves(scene, sampling, prescan_scene(scene), engine, backends)
+    requested, notes = curves(scene, sampling, prescan_scene(scene), engine, backends)
     reference = readings_of(scene, truth.trajectory)
     points: list[Point] = []
     interrupted = False
     try:
-        for point in measured(asked, scene, sampling, reference, limit=limit, repeats=repeats, progress=progress):
+        for point in measured(requested, scene, sampling, reference, limit=limit, repeats=repeats, progress=progress):
             points.append(point)
     except KeyboardInterrupt:
         interrupted = True
     if progress is not None:
         progress(1.0, 1, "")
-    found = Measured(
+    result = Measured(
         scene=scene,
         sampling=sampling,
         limit=limit,
@@ -96,4 +96,4 @@ def study_work_precision(
         uncertainty=uncertainties_of(reference),
         provenance={key: truth.trajectory.provenance[key] for key in ("scene_hash", "versions", "machine")},
     )
-    return shown(found, notes=notes, interrupted=interrupted)
+    return shown(result, notes=notes, interrupted=interrupted)
