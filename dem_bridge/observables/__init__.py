@@ -1,1 +1,1 @@
-"""What the paper measures, computed from any Trajectory. The definition is part of each name."""
+"""Observables: quantities computed from any Trajectory. The definition is part of each name."""

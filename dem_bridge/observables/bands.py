@@ -40,7 +40,7 @@ FEWEST_CELLS = 4
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bands:
-    """What a run says of the bands of its chain. Made by :func:`measured_bands`."""
+    """Pass bands read off a run. Made by :func:`measured_bands`."""
 
     frequency: Floats
     """``(n_f,)``, Hz."""
@@ -132,7 +132,7 @@ def measured_bands(
 
 
 def _crossings(frequency: Floats, trace: Floats) -> tuple[float, ...]:
-    """Where the trace passes 2 or -2, between two frequencies by a straight line."""
+    """Return the frequencies at which the trace passes 2 or -2, by linear interpolation between two frequencies."""
     results = []
     for level in (2.0, -2.0):
         off = trace - level

@@ -1,5 +1,7 @@
-"""Momentum, energy and work of a trajectory. LAMMPS' granular styles report no contact energy: it is rebuilt from the
-law."""
+"""Momentum, energy and work of a trajectory.
+
+LAMMPS' granular styles report no contact energy, so it is computed from the contact law.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +30,10 @@ def momentum_uncertainty(scene: Scene, trajectory: Trajectory) -> Floats:
 
 
 def energy_parts(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats, Floats]:
-    """Energies, J, ``(n_t,)`` each: kinetic, stored in contacts (``beta overlap^n / n``, or what the
-    law says), potential (``-(m g + load) x``)."""
+    """Return kinetic, contact and potential energy, J, ``(n_t,)`` each.
+
+    Contacts store ``beta overlap^n / n`` or the energy of their law; the potential energy is ``-(m g + load) x``.
+    """
     require_known_forces(scene, "energies")
     mass, c = np.array(scene.mass), scene.contacts
     kinetic = 0.5 * trajectory.velocity**2 @ mass
@@ -40,8 +44,11 @@ def energy_parts(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats, 
 
 
 def energy(scene: Scene, trajectory: Trajectory) -> Floats:
-    """Total energy, J, ``(n_t,)``: the sum of :func:`energy_parts`. Constant where the scene
-    ``conserves_energy``; falling with damping or drag, and changing by the :func:`work` of a drive."""
+    """Return the total energy, J, ``(n_t,)``: the sum of :func:`energy_parts`.
+
+    It is constant where the scene ``conserves_energy``; it falls with damping or drag, and changes by the :func:`work`
+    of a drive.
+    """
     kinetic, stored, potential = energy_parts(scene, trajectory)
     return kinetic + stored + potential
 
@@ -63,11 +70,11 @@ def energy_uncertainty(scene: Scene, trajectory: Trajectory) -> Floats:
 
 
 def work(scene: Scene, trajectory: Trajectory) -> tuple[Floats, float]:
-    """What the drive has done on body 0 until each sample, J, ``(n_t,)``, and what that may err by; 0 without a drive.
+    """Return the work of the drive on body 0 until each sample, J, ``(n_t,)``, and its uncertainty; 0 without a drive.
 
-    By Gauss' rule between samples and breaks of the drive, with velocities between samples by a polynomial through six.
-    The error is that of the cubic through two, added up: where forces bend, more samples do not help, and polynomials
-    through four and six miss the same. nan where a trajectory has no contact forces.
+    Gauss' rule is used between samples and breaks of the drive, with velocities between samples by a polynomial through
+    six. The error is that of the cubic through two, added up: where forces bend, more samples do not help, and
+    polynomials through four and six miss the same. nan where a trajectory has no contact forces.
     """
     time, drive = trajectory.time, scene.drive
     if drive is None:

@@ -1,13 +1,13 @@
-"""Whether the energy of a long run drifts, and by how much velocity-Verlet's may go up and down without drifting.
+"""Energy drift of a long run, and the bounded oscillation of velocity-Verlet's energy, which is no drift.
 
-Velocity-Verlet conserves not the energy H but, but for terms of fourth order in the step, a neighbour of it,
+Velocity-Verlet does not conserve the energy H but, up to terms of fourth order in the step, a neighbour of it,
 
     H~ = H + dt^2 (v K v / 12 - F M^-1 F / 24),
 
 with the tangent stiffness K and the net forces F (Hairer, Lubich & Wanner 2006, *Geometric Numerical Integration*, ch.
-IX; 2003, *Acta Numerica* 12, 399). H swings about it with the motion; a drift is what H~ does. Hertz' law is smooth but
-at touch, so that H~ takes a small step of either sign with every impact: it walks at random, and a slope fitted to a
-random walk is never zero. A bar must know that.
+IX; 2003, *Acta Numerica* 12, 399). H oscillates about it with the motion; a drift is a change of H~. Hertz' law is
+smooth except at touch, so H~ takes a small step of either sign with every impact: it is a random walk, and a slope
+fitted to a random walk is never zero. The uncertainty of the drift includes that.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ class Drift:
 
     @property
     def total(self) -> tuple[float, float]:
-        """What the series has drifted by over the duration, with its bar."""
+        """Drift of the series over the duration, with its uncertainty."""
         return self.slope * self.duration, self.bar * self.duration
 
     @property
     def found(self) -> bool:
-        """Whether the slope can be told from none."""
+        """Whether the slope differs from zero by more than its uncertainty."""
         return abs(self.slope) > self.bar
 
 
@@ -86,8 +86,11 @@ def drift_of(time: Floats, series: Floats) -> Drift:
 
 
 def swing_of(scene: Scene, run: Trajectory, dt: float) -> Floats:
-    """``H~ - H`` at each sample, J, ``(n_t,)``: by how much the energy of velocity-Verlet at the step ``dt`` (s) is off
-    what it conserves. UnsupportedScene for n < 2."""
+    """Return ``H~ - H`` at each sample, J, ``(n_t,)``: the oscillation of velocity-Verlet's energy at the step ``dt``
+    (s).
+
+    Raises UnsupportedScene for n < 2.
+    """
     overlap, closing = contact_motion(scene, run)
     stiffness = tangent_stiffness(scene, overlap)
     bent = np.sum(stiffness * closing**2, axis=1) / 12.0

@@ -58,8 +58,10 @@ def inner_bodies(scene: Scene) -> tuple[int, int]:
 
 
 def inner_contacts(scene: Scene) -> tuple[int, int]:
-    """First and last contact between the ends, both included: without the first tenth, where the pulse still forms and
-    secondary pulses leave it, and the last twentieth, where it feels that the chain ends.
+    """Return the first and last contact between the ends, both included.
+
+    The first tenth, where the pulse still forms and secondary pulses leave it, and the last twentieth, where it feels
+    the end of the chain, are excluded.
 
     >>> import dem_bridge as db
     >>> inner_contacts(db.load_scene("decelerating-40"))

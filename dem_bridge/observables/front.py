@@ -22,15 +22,17 @@ Floats = NDArray[np.float64]
 
 
 def arrival_by_crossing(scene: Scene | None, trajectory: Trajectory) -> Floats:
-    """When the impulse reaches body i = 1..n_body-1, s, ``(n_body - 1,)``; nan where it never does.
+    """Return the time at which the impulse reaches body i = 1..n_body-1, s, ``(n_body - 1,)``; nan where it never does.
 
-    A run says so by itself: ``scene``, which all observables are called with, may be None.
+    ``scene``, the first argument of all observables, is not used and may be None.
     """
     return np.array(trajectory.crossing_time[: trajectory.velocity.shape[1] - 1])
 
 
 def residence_by_crossing(scene: Scene | None, trajectory: Trajectory) -> Floats:
-    """How long body i = 1..n_body-2 holds the impulse, s, ``(n_body - 2,)``: t_i^f - t_i^i. ``scene`` may be None.
+    """Return the residence time of body i = 1..n_body-2, s, ``(n_body - 2,)``: t_i^f - t_i^i.
+
+    ``scene`` may be None.
 
     >>> import dem_bridge as db
     >>> scene = db.load_scene("decelerating-40")
@@ -143,7 +145,8 @@ def peak_velocity_of_front(scene: Scene, trajectory: Trajectory) -> PeakVelocity
 def _maximum(
     trajectory: Trajectory, v: Floats, a: Floats, early: Floats, late: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """When each velocity has its maximum between two samples, its value, and how far four samples are from six."""
+    """Return time and value of each velocity's maximum between two samples, and the difference of four samples from
+    six."""
     when = root_between(lambda when: hermite(trajectory, v, a, when, derivative=1), early, late)
     value = hermite(trajectory, v, a, when)
     return when, value, np.abs(value - hermite(trajectory, v, a, when, nodes=FEWER))

@@ -39,9 +39,10 @@ _MOST_STEPS = 54
 
 
 def acceleration(scene: Scene, trajectory: Trajectory) -> Floats:
-    """Of each body at each sample, m/s^2, ``(n_t, n_body)``: contact forces, gravity, load, drag and drive over mass.
+    """Return the acceleration of each body at each sample, m/s^2, ``(n_t, n_body)``.
 
-    nan where a trajectory has no contact forces (binary collisions).
+    It is the sum of contact forces, gravity, load, drag and drive over the mass; nan where a trajectory has no contact
+    forces (binary collisions).
     """
     require_known_forces(scene, "the accelerations of bodies")
     c, force = scene.contacts, trajectory.contact_force
@@ -108,9 +109,9 @@ def hermite(
 
 @functools.lru_cache
 def _basis(nodes: int, derivative: int) -> Floats:
-    """What value and slope of each sample contribute at a place between them, in spacings from the middle of all.
+    """Return the polynomials by which value and slope of each sample contribute at a place between the samples.
 
-    Coefficients of polynomials, the lowest first, ``(degree + 1, 2, nodes)``.
+    Places are in spacings from the middle. The coefficients, the lowest first, are ``(degree + 1, 2, nodes)``.
     """
     places = np.arange(nodes) - 0.5 * (nodes - 1)
     results = []
@@ -144,7 +145,7 @@ def state_at(scene: Scene, trajectory: Trajectory, when: Floats) -> tuple[Floats
 
 
 def root_between(function: Bracketed, low: Floats, high: Floats) -> Floats:
-    """Where each ``function(when)`` changes its sign from that at ``low``, to the last digit; ``(n,)`` all.
+    """Return where each ``function(when)`` changes its sign from that at ``low``, to the last digit; ``(n,)`` all.
 
     By Ridders' method (1979, *IEEE Trans. Circuits Syst.* 26, 979), all roots at once: a fifth of the calls that
     bisection takes. Where ``function`` has one sign on both sides it ends at ``high``.

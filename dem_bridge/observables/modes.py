@@ -1,4 +1,4 @@
-"""How fast a chain can oscillate at each moment: what the stability of a time step is set beside.
+"""Frequencies of a chain at each moment, with which the stability of a time step is compared.
 
 At a moment each contact is a spring of its tangent stiffness ``k = dF/d(overlap)``. Alone between its two bodies it has
 ``omega^2 = k (1/m_i + 1/m_j)``. Together they have the modes of the matrix ``sqrt(k) B M^-1 B^T sqrt(k)`` over the

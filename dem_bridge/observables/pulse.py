@@ -93,7 +93,8 @@ def pulse_width_by_force(scene: Scene, trajectory: Trajectory) -> PulseWidth:
 
 
 def _place(passing: Floats, when: Floats) -> Floats:
-    """Which contact, fractions included, an edge that is at contact k at ``passing[k]`` is at; nan where not known.
+    """Return the contact, fractions included, at which an edge is that passes contact k at ``passing[k]``; nan where
+    unknown.
 
     An edge that is at a contact before it is at the one behind, as in a pulse that still forms, starts anew there.
     """
@@ -109,7 +110,8 @@ def _place(passing: Floats, when: Floats) -> Floats:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeadingPulse:
-    """What the leading pulse carries as contact k = 0.. of the chain has its peak, ``(n_contact of the chain,)`` all.
+    """Energy and momentum of the leading pulse as contact k = 0.. of the chain has its peak, ``(n_contact of the
+    chain,)``.
 
     Made by :func:`leading_pulse`. nan, and ``rear`` -1, where the pulse never came.
     """
@@ -132,7 +134,7 @@ class LeadingPulse:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reflected:
-    """What is behind the leading pulse, ``(n_contact of the chain,)`` all. Made by :func:`reflected`."""
+    """Motion behind the leading pulse, ``(n_contact of the chain,)`` all. Made by :func:`reflected`."""
 
     time: Floats
     """s: the crossing time of the contact."""

@@ -132,7 +132,7 @@ def wavenumber_spectrum(
 
 
 def _spectrum(v: Floats, step: float, *, window: Window, position: Floats, time: Floats) -> Spectrum:
-    """Of each column of ``v``, sampled at ``step`` along its rows."""
+    """Return the spectrum of each column of ``v``, sampled at ``step`` along its rows."""
     count = len(v)
     try:
         weight = get_window(window, count)  # periodic, as the transform is
@@ -181,7 +181,7 @@ class CentroidSlope(Slope):
 
 @dataclass(frozen=True, kw_only=True)
 class Cascade:
-    """How a spectrum's centroid moves as the pulse travels. Made by :func:`cascade`."""
+    """Motion of a spectrum's centroid as the pulse travels. Made by :func:`cascade`."""
 
     ratio: float
     """Of the geometric mean of centroids over the last tenth of the way to that over the first."""

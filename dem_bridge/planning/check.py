@@ -134,7 +134,7 @@ class Judge:
         return run
 
     def trial(self, candidate: Candidate, setting: float) -> Trial:
-        """What a setting of three digits errs by; inf where its run breaks."""
+        """Return the trial of a setting, rounded to three digits; its error is inf where the run fails."""
         setting = self.snapped(candidate, float(f"{setting:.2e}"))
         try:
             run = self.run(candidate, setting)
@@ -157,8 +157,10 @@ class Judge:
         return apart / -math.expm1(-CAREFUL * candidate.order * math.log(setting / finer))
 
     def cpu(self, candidate: Candidate, setting: float, first: float) -> float:
-        """CPU of a run that took ``first``, s: the least of three where they are short, for one may bring the compiler
-        and another be disturbed."""
+        """Return the CPU time of a run whose first call took ``first``, s.
+
+        It is the least of three where runs are short, because one may include compilation and another be disturbed.
+        """
         results = [first]
         while len(results) < 3 and sum(results) < 0.5:
             self._runs.pop((candidate.name, self.snapped(candidate, setting)), None)
@@ -257,7 +259,7 @@ def _slope(created: list[Trial], target: float, order: float) -> float:
 
 
 def _stalled(created: list[Trial]) -> bool:
-    """Whether the last three, each finer than the one before, did no better: a floor, which no setting lowers."""
+    """Return whether the last three trials, each finer than the one before, did not reduce the error: a floor."""
     if len(created) < 4:
         return False
     a, *_, d = created[-4:]

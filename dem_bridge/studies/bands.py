@@ -1,8 +1,8 @@
-"""Which frequencies a driven precompressed chain lets through, beside the infinite chain's dispersion relation.
+"""Study of pass bands: frequencies that a driven precompressed chain transmits, beside the dispersion relation.
 
-A chirp goes slowly over all edges of the bands; each code's run is asked where they are. The theory is that of small
-motions in a chain without ends, so what is left between the two is the length of the record, the size of the motions
-and the time step; between codes it is round-off.
+A chirp sweeps slowly over all band edges, and the edges are read off each code's run. The theory is that of small
+motions in an infinite chain, so the difference between the two comes from the length of the record, the size of the
+motions and the time step; between codes it is round-off.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ RESOLVED = 4.0
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """What one code's run says."""
+    """Band edges read off one code's run."""
 
     backend: str
     bands: Bands
@@ -247,7 +247,7 @@ def _narrowest(cell: Cell) -> float:
 
 
 def _unseen(cell: Cell, item: Found) -> bool:
-    """Whether a band or gap is narrower than the record shows: edges may then be there by chance."""
+    """Return whether a band or gap is narrower than the record resolves, so that its edges may be chance."""
     return RESOLVED * item.bands.resolution > _narrowest(cell)
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Entry(NamedTuple):
-    """Where a study is, and what it does in one sentence (the first line of the function's docstring)."""
+    """Location of a study, and its purpose in one sentence (the first line of the function's docstring)."""
 
     module: str
     function: str

@@ -42,7 +42,7 @@ class Shared:
 
 
 def shared(first: str, other: str) -> Shared:
-    """What two backends of ``BACKENDS`` share.
+    """Return the modules that two backends of ``BACKENDS`` share.
 
     >>> shared("reference", "bca").values
     ()

@@ -1,4 +1,4 @@
-"""What a study shows, as plain data: claims, tables and figures. Nothing is computed or drawn here.
+"""Data of a study: claims, tables, figures and verdicts. Nothing is computed or drawn here.
 
 A figure is its numbers: ``report`` draws them, and writes the same numbers as CSV beside the picture.
 """
@@ -84,7 +84,7 @@ class Table:
                 raise ValueError(f"table {self.id}: {len(row)} cells in a row of {len(self.columns)} columns: {row}")
 
     def as_csv(self) -> str:
-        """With a header; numbers in full precision."""
+        """Return the table as CSV with a header; numbers have full precision."""
         return _csv(self.columns, self.rows)
 
 
@@ -200,7 +200,7 @@ def verdict_table(verdicts: Sequence[Verdict]) -> Table:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Study:
-    """What many runs of one question say: an answer in words, with the tables and figures that it stands on."""
+    """Answer to one question by many runs: sentences, tables, figures and verdicts."""
 
     id: str
     """Also the stem of its files: "stability"."""
@@ -273,7 +273,7 @@ class Study:
 
 
 def _bytes(part: Any) -> Iterator[bytes]:
-    """Of arrays their shapes and numbers, of all else how Python writes it."""
+    """Yield the content of a value as bytes: shapes and numbers of arrays, the ``repr`` of all else."""
     if isinstance(part, np.ndarray):
         yield f"{part.shape}{part.dtype}".encode() + part.tobytes()
     elif is_dataclass(part):

@@ -46,7 +46,7 @@ LEAST_SHOWN = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Base:
-    """What every way starts from: the deck of ``pair_style granular``, and what made it."""
+    """Starting point of all styles: the deck of ``pair_style granular``, and its writer."""
 
     scene: Scene
     backend: LammpsGranular
@@ -60,8 +60,10 @@ class Base:
     _floors: dict[bytes, dict[str, float]] = field(default_factory=dict)
 
     def floor(self, deck: Deck) -> dict[str, float]:
-        """Round-off of a code that keeps positions of bodies with the deck's radii, relative, by quantity: the largest
-        of some realisations, because one alone can be small by chance."""
+        """Return the relative round-off of a code that keeps positions of bodies with the deck's radii, by quantity.
+
+        It is the largest of several realisations, because a single one can be small by chance.
+        """
         key = deck.radii.tobytes()
         if key not in self._floors:
             radius = deck.surrogate_radius if deck.encoded_radii is None else deck.encoded_radii
@@ -80,15 +82,17 @@ class Base:
         return backend.written(self.scene, resolution, sampling, self.prescan).deck
 
     def table_error(self, style: str) -> dict[str, float]:
-        """What such tables change, relative, by the twin that has them."""
+        """Return the relative change that tables of this style make, by the twin that has them."""
         tables = tables_for(self.scene, replace(self.resolution, table_style=style), self.prescan)
         kernel = in_kernel(self.scene, tables, self.deck.surrogate_radius)
         run = solve_plan(self.scene, self.deck.schedule, tables=kernel)
         return {name: difference(name, run, self.own).value for name in COLUMNS}
 
     def restart_error(self) -> dict[str, float]:
-        """What a cut in two may change, relative: nothing but where forces depend on velocities. LAMMPS then begins
-        again with those of the full step's velocity, which is another run of the same first order."""
+        """Return the permissible relative change by a restart: zero, unless forces depend on velocities.
+
+        LAMMPS then begins again with forces at the full step's velocity, which is another run of the same first order.
+        """
         if not self.scene.dissipates:
             return {}
         coarse = Sampling(count=self.deck.schedule.samples)
@@ -417,8 +421,11 @@ def _row(way: Way, base: Base) -> tuple[Trajectory, Row]:
 
 
 def tolerances_of(base: Base, deck: Deck, companion: Mapping[str, float]) -> dict[str, float]:
-    """What a deck's run may differ by from the twin, relative, by quantity: the round-off of a code that keeps
-    positions of bodies with its radii, and what is allowed ``beside``."""
+    """Return the permissible relative difference of a deck's run from the twin, by quantity.
+
+    It is the round-off of a code that keeps positions of bodies with the deck's radii, and the further amount
+    ``beside``.
+    """
     plan, own_values, floor = deck.schedule, base.own, base.floor(deck)
     eps, digit = float(np.finfo(float).eps), last_digit(plan)
     # forces are running sums of net forces, and small ones are measured against a thousandth of the largest

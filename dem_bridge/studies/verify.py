@@ -1,7 +1,7 @@
-"""Verify scenes: can a LAMMPS simulation of them be trusted, and how large is each part of its error?
+"""Verify scenes: judge whether a LAMMPS simulation of them can be trusted, and how large each part of its error is.
 
-Three steps, each a function: :func:`dem_bridge.verification.roles.list_cases` lists the runs, ``run_cases`` makes them,
-and :func:`dem_bridge.verification.assess.assess_scene` judges them.
+It has three steps: :func:`dem_bridge.verification.roles.list_cases` lists the runs, ``run_cases`` makes them, and
+:func:`dem_bridge.verification.assess.assess_scene` judges them.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""What a scene requires: each piece of physics and each numerical choice left out, and the least model that does."""
+"""Model hierarchy: the effect of leaving out each model term and numerical choice, and the smallest adequate model."""

@@ -33,7 +33,7 @@ Choice = tuple[str, str, str, Resolution]
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """What one change does, beside its name."""
+    """Effects of one change, with its name."""
 
     name: str
     """Short."""
@@ -45,8 +45,8 @@ class Found:
     note: str = ""
 
 
-def doubts(bench: Bench, requested: Sequence[str], *, spread: float, draws: int) -> Iterator[Found]:
-    """What can be added to the fullest model."""
+def doubts(bench: Bench, asked: Sequence[str], *, spread: float, draws: int) -> Iterator[Found]:
+    """Yield the effects of terms that can be added to the fullest model."""
     hierarchy, full = bench.hierarchy, bench.hierarchy.model()
     parts: list[tuple[str, str, list[Scene]]] = []
     if crossed(full) and full.drag == 0.0:
@@ -57,100 +57,98 @@ def doubts(bench: Bench, requested: Sequence[str], *, spread: float, draws: int)
         what = f"angles off by {spread:g} degrees (standard deviation; median of {draws} chains)"
         chains = [scattered(full, spread=spread, seed=seed) for seed in range(draws)]
         parts.append(("angles scatter", what, chains))
-    bench.of([full, *(scene for *_, scenes in parts for scene in scenes)])
+    bench.of([full, *(one for *_, scenes in parts for one in scenes)])
     for name, what, scenes in parts:
-        own_value, *others = bench.of([full, *scenes])
-        result = _median([effects(own_value, other) for other in others])
-        yield Found(name=name, what=what, effects=result, outcome=decided(result, requested, hierarchy.accuracy))
+        own, *others = bench.of([full, *scenes])
+        found = _median([effects(own, one) for one in others])
+        yield Found(name=name, what=what, effects=found, outcome=decided(found, asked, hierarchy.accuracy))
 
 
-def _median(results: Sequence[Effects]) -> Effects:
-    """Of several draws: the median size, with all of them inside its bar."""
-    if len(results) == 1:
-        return results[0]
+def _median(found: Sequence[Effects]) -> Effects:
+    """Return the median of several draws, with an uncertainty that includes all of them."""
+    if len(found) == 1:
+        return found[0]
 
     def of(name: str) -> Effect:
-        sizes = np.array([abs(result[name].value) for result in results])
+        sizes = np.array([abs(one[name].value) for one in found])
         middle = float(np.median(sizes))
         spread = float(np.max(np.abs(sizes - middle))) if np.all(np.isfinite(sizes)) else 0.0
-        return Effect(value=middle, uncertainty=spread + max(result[name].uncertainty for result in results), at=-1)
+        return Effect(value=middle, uncertainty=spread + max(one[name].uncertainty for one in found), at=-1)
 
-    return {name: of(name) for name in results[0]}
+    return {name: of(name) for name in found[0]}
 
 
-def choices(bench: Bench, requested: Sequence[str], engine: Engine | None) -> Iterator[Found]:
+def choices(bench: Bench, asked: Sequence[str], engine: Engine | None) -> Iterator[Found]:
     """Every numerical choice on the fullest model, or on the barest where it cannot do the fullest."""
     hierarchy, full = bench.hierarchy, bench.hierarchy.model()
     barest = _barest(hierarchy)
-    requested = [*_without_engine(full, hierarchy.samples), *_of_engine(full, hierarchy.samples)]
-    requested.append(("ode45", "ode45 at MATLAB's default tolerances", "ode45", Resolution()))
+    wanted = [*_without_engine(full, hierarchy.samples), *_of_engine(full, hierarchy.samples)]
+    wanted.append(("ode45", "ode45 at MATLAB's default tolerances", "ode45", Resolution()))
     cases = []
-    for *_, name, resolution in requested:
+    for *_, name, resolution in wanted:
         on = full if supports_of(name).covers(full) else barest
         case = hierarchy.case(on, name, resolution)
         cases.append(replace(case, engine=engine if name in ENGINE_BACKENDS else None, uncertainty=False))
     truths = bench.of([case.scene for case in cases])
-    for (name, what, *_), case, truth, result in zip(requested, cases, truths, bench.run(cases), strict=True):
+    for (name, what, *_), case, truth, result in zip(wanted, cases, truths, bench.run(cases), strict=True):
         what = what if case.scene is full else f"{what} (of the barest chain)"
-        yield _numerical(bench, name, what, truth, result, requested)
+        yield _numerical(bench, name, what, truth, result, asked)
 
 
 def _without_engine(scene: Scene, samples: int) -> Iterator[Choice]:
-    """From the coarsest to the finest."""
+    """Yield the numerical choices without LAMMPS, from the coarsest to the finest."""
     rough = Resolution()
     yield "binary collisions", "binary collisions in place of the equations of motion", "bca", rough
     yield "the adiabatic wave", "the adiabatic wave in place of the equations of motion", "adiabatic", rough
     for factor in STEPS:
-        own_value = replace(rough, dt=factor * _default_step(scene, samples))
-        yield "velocity-Verlet", "velocity-Verlet", "verlet", own_value
+        own = replace(rough, dt=factor * _default_step(scene, samples))
+        yield "velocity-Verlet", "velocity-Verlet", "verlet", own
 
 
 def _of_engine(scene: Scene, samples: int) -> Iterator[Choice]:
-    own_value = Resolution(dt=OF_ENGINE * _default_step(scene, samples))
-    yield "LAMMPS granular", "LAMMPS, pair_style granular", "lammps-granular", own_value
+    own = Resolution(dt=OF_ENGINE * _default_step(scene, samples))
+    yield "LAMMPS granular", "LAMMPS, pair_style granular", "lammps-granular", own
     if scene.spacing is not None:
-        large = replace(own_value, geometry="physical")
+        large = replace(own, geometry="physical")
         what = "LAMMPS, pair_style granular, bodies of their physical radius"
         yield "the same, physical radius", what, "lammps-granular", large
-    yield "LAMMPS table", "LAMMPS, pair_style table", "lammps-table", own_value
+    yield "LAMMPS table", "LAMMPS, pair_style table", "lammps-table", own
 
 
 def _default_step(scene: Scene, samples: int) -> float:
     return default_step(scene, Sampling(count=samples), prescan_scene(scene))
 
 
-def _numerical(bench: Bench, name: str, what: str, truth: Readings, result: Result, requested: Sequence[str]) -> Found:
+def _numerical(bench: Bench, name: str, what: str, truth: Readings, result: Result, asked: Sequence[str]) -> Found:
     run = result.trajectory
     if run is None:
         outcome = Outcome.BROKEN if isinstance(result.failure, RunBroken) else Outcome.NOT_RUN
         return Found(name=name, what=what, effects=None, outcome=outcome, note=f"{what}: {result.failure}")
     dt = run.provenance["settings"].get("dt")
     step = f", dt = {dt:.3g} s" if dt else ""
-    own_value = effects(truth, bench.read(result.case.scene, run), one_sided=True)
+    own = effects(truth, bench.read(result.case.scene, run), one_sided=True)
     return Found(
         name=f"{name}{step}",
         what=f"{what}{step}",
-        effects=own_value,
-        outcome=decided(own_value, requested, bench.hierarchy.accuracy),
+        effects=own,
+        outcome=decided(own, asked, bench.hierarchy.accuracy),
     )
 
 
 def _barest(hierarchy: ModelHierarchy) -> Scene:
     """All that theories do not know left out; stiffness and the striker's mass as in the fullest model."""
     kept = ("stiffness-law", "striker-stiffness", "striker-mass")
-    return hierarchy.model(
-        frozenset(model_term.id for model_term in hierarchy.model_terms if model_term.id not in kept)
-    )
+    return hierarchy.model(frozenset(one.id for one in hierarchy.model_terms if one.id not in kept))
 
 
-def cheapest(bench: Bench, below: Least, requested: Sequence[str]) -> Found | None:
+def cheapest(bench: Bench, below: Least, asked: Sequence[str]) -> Found | None:
     """The coarsest numerics that keep the accuracy together with all that the least model leaves out."""
     hierarchy, scene = bench.hierarchy, below.scene
     [full] = bench.of([hierarchy.model()])
-    requested = list(_without_engine(scene, hierarchy.samples))
-    cases = [hierarchy.case(scene, backend, resolution) for *_, backend, resolution in requested]
-    for (name, what, *_), result in zip(requested, bench.run(cases), strict=True):
-        outcome_ = _numerical(bench, name, what, full, result, requested)
-        if outcome_.outcome is Outcome.PASS:
-            return outcome_
+    wanted = list(_without_engine(scene, hierarchy.samples))
+    cases = [hierarchy.case(scene, backend, resolution) for *_, backend, resolution in wanted]
+    for (name, what, *_), result in zip(wanted, bench.run(cases), strict=True):
+        found = _numerical(bench, name, what, full, result, asked)
+        if found.outcome is Outcome.PASS:
+            return found
     return None

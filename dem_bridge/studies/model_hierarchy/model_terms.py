@@ -58,13 +58,13 @@ def hertz_stiffness(scene: Scene, law: Literal["paper", "exact"] = "exact") -> t
 
 
 def crossed(scene: Scene) -> bool:
-    """Whether it is an upright chain as the paper's, of crossed cylinders."""
+    """Return whether the scene is an upright chain of crossed cylinders, like the paper's."""
     geometry = scene.geometry
     return geometry is not None and scene.law is None and any(angle is not None for angle in geometry.angle)
 
 
 def hertzian(scene: Scene) -> bool:
-    """Whether all forces are Hertz' power."""
+    """Return whether all forces follow Hertz' power law."""
     return scene.law is None and bool(np.all(scene.contacts.exponent == HERTZ))
 
 
@@ -114,7 +114,10 @@ def _as_it_is(scene: Scene) -> Scene:
 
 
 def _walled(scene: Scene, side: str, wall: Wall | None) -> Scene:
-    """With that wall or without; what has an entry per contact follows, a new wall's as the last contact's."""
+    """Return the scene with that wall or without it.
+
+    Entries per contact follow; those of a new wall are the last contact's.
+    """
     links = len(scene.stiffness)
 
     def fitted(values: Any) -> tuple[Any, ...]:
@@ -137,13 +140,13 @@ def _walled(scene: Scene, side: str, wall: Wall | None) -> Scene:
 
 
 def _weightless(scene: Scene) -> Scene:
-    """Without gravity, and without the precompression that was there for its statics alone."""
+    """Return the scene without gravity, and without a precompression that only served its statics."""
     kept = scene.precompression if _pressed(scene) else 0.0
     return replace(scene, gravity=0.0, precompression=kept)
 
 
 def _pressed(scene: Scene) -> bool:
-    """Whether it is pressed by more than its weight."""
+    """Return whether the scene is compressed by more than its weight."""
     return scene.precompression > _BESIDE_WEIGHT * abs(scene.gravity) * sum(scene.mass)
 
 
@@ -258,7 +261,7 @@ def model(scene: Scene, model_terms: Sequence[ModelTerm], without: frozenset[str
 
 
 def _told(scene: Scene, dashpot: float) -> Iterator[ModelTerm]:
-    """What the geometry of an upright chain of crossed cylinders tells."""
+    """Yield the model terms that follow from the geometry of an upright chain of crossed cylinders."""
     geometry = geometry_of(scene)
     exact = geometry.law == "exact"
     if hertzian(scene):
@@ -297,9 +300,9 @@ def _told(scene: Scene, dashpot: float) -> Iterator[ModelTerm]:
 
 
 def _own(scene: Scene) -> Iterator[ModelTerm]:
-    """What the scene has and can be without; of what it has not, nothing comes of the change.
+    """Yield the model terms that the scene has and can be without.
 
-    Not its drive, without which there may be no wave.
+    Its drive is not among them, because without it there may be no wave.
     """
     yield ModelTerm(id="force-law", what="forces that are no Hertz power (n = 5/2 in its place)", off=_hertzian)
     yield ModelTerm(id="gaps", what="gaps and overlaps at the start", off=lambda s: replace(s, gap=0.0))

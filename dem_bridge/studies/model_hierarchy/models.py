@@ -84,8 +84,11 @@ class ModelHierarchy:
         return Case(scene=scene, backend=backend, resolution=resolution, sampling=Sampling(count=self.samples))
 
     def alone(self, term: ModelTerm) -> tuple[Pieces, Pieces]:
-        """What is left out of the two models whose difference is the effect of this piece alone: a base that bears a
-        weight can only go with the weight, so its own effect is that on the weightless chain."""
+        """Return the terms left out of the two models whose difference is the effect of this term alone.
+
+        A base that carries a weight can only be left out with the weight, so its own effect is that on the weightless
+        chain.
+        """
         return self.bears[term.id], self.bears[term.id] | {term.id}
 
     def cases(self) -> list[Case]:
@@ -208,7 +211,7 @@ class Bench:
         return readings_of(scene, run, window, self.hierarchy.tabulated)
 
     def of(self, scenes: Sequence[Scene]) -> list[Readings]:
-        """By the reference; what has not been run is."""
+        """Return the readings of these scenes by the reference; scenes that were not run yet are run."""
         new = [self.hierarchy.case(scene) for scene in scenes if scene.content_hash not in self._read]
         if new:
             self.take(self.run(new))

@@ -56,7 +56,7 @@ class Effect:
 
     @property
     def exists(self) -> bool:
-        """Whether any run has the observable."""
+        """Return whether any run has the observable."""
         return not math.isnan(self.value)
 
 

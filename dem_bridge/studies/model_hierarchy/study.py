@@ -1,7 +1,7 @@
-"""What a scene requires: the study of its ladder of models, with tables, figure and the answer in words.
+"""Study of the model hierarchy of a scene: which model terms and numerical choices an accuracy requires.
 
-Beside the physics of :mod:`.models` it asks the same of what is only suspected (drag, exponents that fall with the
-angle, angles that scatter) and of every numerical choice, as :mod:`.choices` has them.
+Beside the model terms of :mod:`.models` it measures conjectured effects (drag, exponents that fall with the angle,
+angles that scatter) and every numerical choice of :mod:`.choices`.
 """
 
 from __future__ import annotations
@@ -195,7 +195,7 @@ def _table(hierarchy: ModelHierarchy, id: str, title: str, caption: str, results
 
 
 def question_table(results: Iterable[tuple[ModelHierarchy, Sequence[LeftOut]]], accuracy: float) -> Table:
-    """What may be left out of each of several scenes, one line a piece."""
+    """Return the table of model terms that may be left out of several scenes, a row for each term."""
     names = JUDGED["passage"]
     return Table(
         id="left-out",

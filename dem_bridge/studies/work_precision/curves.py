@@ -1,4 +1,4 @@
-"""What work-precision runs: a curve for each backend and each of its knobs, from cheap to expensive."""
+"""Curves of work-precision: for each backend and each of its settings, runs from cheap to expensive."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Curve:
         return Resolution(**self.settings(value), time_limit=limit)
 
     def size(self, value: float) -> float:
-        """What the seconds of a run grow with, about linearly."""
+        """Return the size with which the time of a run grows about linearly."""
         if self.knob == "dt":
             return 1.0 / value
         return value**-ADAPTIVE if self.knob in ("rtol", "atol") else value

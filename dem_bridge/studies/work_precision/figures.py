@@ -24,7 +24,7 @@ def cpu(point: Point) -> float:
 
 
 def evaluations(point: Point) -> float:
-    """Of the forces of all contacts; 0 for theories."""
+    """Return the number of evaluations of all contact forces; 0 for theories."""
     return point.evaluations
 
 
@@ -103,7 +103,7 @@ def _is_drawn(point: Point) -> bool:
 
 
 def _style(point: Point) -> str:
-    """Of the drawing: the backend's, and its variant's."""
+    """Return the drawing style of a backend and its variant."""
     return f"curve/{point.curve.backend}/{point.curve.variant}".rstrip("/")
 
 

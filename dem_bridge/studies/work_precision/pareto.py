@@ -32,7 +32,7 @@ def cheapest(
     cost: Callable[[Setting], float],
     error: Callable[[Setting], float],
 ) -> Setting | None:
-    """Of the settings with an error of at most ``target`` that of least cost; None where there is none.
+    """Return the cheapest setting with an error of at most ``target``; None where there is none.
 
     >>> cheapest([(1.0, 0.1), (3.0, 0.001), (2.0, 0.01)], 0.02, cost=lambda s: s[0], error=lambda s: s[1])
     (2.0, 0.01)

@@ -66,7 +66,7 @@ class Measured:
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def known(self, point: Point, observable: str, norm: str = "max") -> bool:
-        """Whether an error is larger than what the reference itself may err by."""
+        """Return whether an error is larger than the uncertainty of the reference."""
         return point.error(observable, norm) > self.uncertainty[observable, norm]
 
     def bound(self, point: Point, observable: str) -> float:

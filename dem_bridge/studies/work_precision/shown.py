@@ -115,7 +115,7 @@ def _ms(seconds: float) -> str:
 
 
 class Floor(NamedTuple):
-    """Where a curve ends."""
+    """End of a curve: the smallest error that any setting reaches."""
 
     best: Point
     """Of least velocity error."""
@@ -145,7 +145,7 @@ def _floor(measured: Measured, name: str) -> Floor | None:
 
 
 def _flat(ran: Sequence[Point]) -> bool:
-    """Whether the last setting is no better than the one before."""
+    """Return whether the last setting has no smaller error than the one before."""
     return len(ran) > 1 and ran[-1].error("velocity") > ran[-2].error("velocity") / TURNING
 
 
@@ -160,7 +160,7 @@ def _on_floors(measured: Measured) -> Iterator[str]:
 
 
 def _on_richardson(measured: Measured) -> Iterator[str]:
-    """What extrapolation takes, of what plain runs take to the same error."""
+    """Return the cost of extrapolation relative to plain runs of the same error."""
     for name in measured.curves:
         extrapolated = f"{name} (Richardson)"
         if extrapolated not in measured.curves:
@@ -188,7 +188,7 @@ def _on_richardson(measured: Measured) -> Iterator[str]:
 
 
 def _least(measured: Measured, name: str, target: float, cost: Callable[[Point], float]) -> Point | None:
-    """Of one curve, for velocities to ``target``."""
+    """Return the cheapest point of a curve with velocity errors of at most ``target``."""
     return cheapest(measured.of(name), target, cost=cost, error=lambda point: measured.bound(point, "velocity"))
 
 

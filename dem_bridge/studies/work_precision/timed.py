@@ -1,4 +1,4 @@
-"""What a call costs this process and those that it starts, repeated: wall time and CPU."""
+"""Cost of repeated calls, in this process and in those that it starts: wall time and CPU time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LEAST = 2
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """Of each of some calls, in s: ``wall`` and ``cpu``, that of children that ended within it included."""
+    """Times of several calls, s: ``wall`` and ``cpu``, the latter with the children that ended within the call."""
 
     wall: tuple[float, ...]
     cpu: tuple[float, ...]
