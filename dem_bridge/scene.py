@@ -369,7 +369,7 @@ class Scene:
 
     @cached_property
     def features(self) -> frozenset[Feature]:
-        """What the scene has beyond masses, power-law contacts and a struck first body."""
+        """Set of features beyond masses, power-law contacts and a struck first body."""
         return frozenset(feature for feature in FEATURES if feature.present(self))
 
     @property

@@ -1,4 +1,4 @@
-"""Which frequencies a precompressed periodic chain lets through, measured on a run.
+"""Pass bands of a precompressed periodic chain, measured on a run.
 
 In small motions at one frequency the motions of a body and of those one unit cell before and behind it obey
 ``V[j-p] + V[j+p] = D V[j]``, whatever stands at the ends and whatever drives it: D, the trace of the cell's transfer

@@ -53,7 +53,7 @@ class Drift:
 
     @property
     def found(self) -> bool:
-        """Whether the slope differs from zero by more than its uncertainty."""
+        """Return whether the slope differs from zero by more than its uncertainty."""
         return abs(self.slope) > self.bar
 
 
@@ -86,8 +86,7 @@ def drift_of(time: Floats, series: Floats) -> Drift:
 
 
 def swing_of(scene: Scene, run: Trajectory, dt: float) -> Floats:
-    """Return ``H~ - H`` at each sample, J, ``(n_t,)``: the oscillation of velocity-Verlet's energy at the step ``dt``
-    (s).
+    """Return ``H~ - H`` at each sample for the step ``dt`` (s), J, ``(n_t,)``: the energy's oscillation.
 
     Raises UnsupportedScene for n < 2.
     """

@@ -145,8 +145,7 @@ def peak_velocity_of_front(scene: Scene, trajectory: Trajectory) -> PeakVelocity
 def _maximum(
     trajectory: Trajectory, v: Floats, a: Floats, early: Floats, late: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return time and value of each velocity's maximum between two samples, and the difference of four samples from
-    six."""
+    """Return time and value of each velocity's maximum, and the difference of four samples from six."""
     when = root_between(lambda when: hermite(trajectory, v, a, when, derivative=1), early, late)
     value = hermite(trajectory, v, a, when)
     return when, value, np.abs(value - hermite(trajectory, v, a, when, nodes=FEWER))
@@ -168,7 +167,7 @@ class SpeedConstant:
 
 
 def local_speed_constant(scene: Scene, trajectory: Trajectory) -> SpeedConstant:
-    """Whether the front runs as a solitary wave does: its speed against its size, ``(n_body - 2,)``.
+    """Return the speed constant of the front, its speed over that of its size, ``(n_body - 2,)``.
 
     In the solitary wave of a uniform chain c = K (beta/m)^(1/n) v_max^((n-2)/n) bodies per second (Nesterenko 2001,
     ch. 1, whose long-wave K is 1.2 % off; the chain's own: :mod:`dem_bridge.physics.solitary`). Here c is one over

@@ -93,8 +93,7 @@ def pulse_width_by_force(scene: Scene, trajectory: Trajectory) -> PulseWidth:
 
 
 def _place(passing: Floats, when: Floats) -> Floats:
-    """Return the contact, fractions included, at which an edge is that passes contact k at ``passing[k]``; nan where
-    unknown.
+    """Return the contact, fractions included, at which an edge is; nan where unknown.
 
     An edge that is at a contact before it is at the one behind, as in a pulse that still forms, starts anew there.
     """
@@ -110,8 +109,7 @@ def _place(passing: Floats, when: Floats) -> Floats:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeadingPulse:
-    """Energy and momentum of the leading pulse as contact k = 0.. of the chain has its peak, ``(n_contact of the
-    chain,)``.
+    """Energy and momentum of the leading pulse as each contact has its peak, ``(n_contact of the chain,)``.
 
     Made by :func:`leading_pulse`. nan, and ``rear`` -1, where the pulse never came.
     """

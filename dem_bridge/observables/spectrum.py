@@ -199,7 +199,7 @@ class Cascade:
 
 
 def cascade(spectrum: Spectrum, *, against: Floats | None = None, threshold: float = CASCADE) -> Cascade:
-    """Whether the centroid moves along the chain: its ratio from end to start, and its power law.
+    """Return the ratio of the centroid at the end of the chain to that at its start, and its power law.
 
     ``against``: what the power law is in, > 0, one per position (None: the position; the stiffness of
     :func:`~dem_bridge.observables.front.local_stiffness` should give 1/n = 0.4 for frequencies and 0 for wavenumbers).

@@ -31,8 +31,7 @@ _PHASE = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorLaw:
-    """Median velocity error of random scenes, relative to the largest velocity: ``factor phase**growth
-    knob**order``."""
+    """Median velocity error of random scenes, ``factor phase**growth knob**order`` of the largest velocity."""
 
     order: float
     factor: float

@@ -156,9 +156,7 @@ def _accuracy(
 
 
 def _reference_with_table_error(roles: _Trajectories) -> Trajectory:
-    """Return the reference, as uncertain as the tables are wrong: errors below that show no order, for no step changes
-    what tables miss.
-    """
+    """Return the reference with the error of the tables added to its uncertainty."""
     reference = roles.reference
     assert reference is not None
     if roles.tabled_twin is None or roles.twin is None:

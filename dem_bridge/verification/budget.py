@@ -46,7 +46,7 @@ class Budget:
 
     @property
     def is_finding(self) -> bool:
-        """Whether the unexplained part is larger than round-off allows, which indicates a fault."""
+        """Return whether the unexplained part is larger than round-off allows, which indicates a fault."""
         return not self.unexplained <= self.allowed
 
     def as_json(self) -> dict[str, Any]:

@@ -59,7 +59,7 @@ class Roles:
 
     @property
     def takes_tables(self) -> bool:
-        """Whether the engine interpolates forces in tables, so that the twin has a run with these tables, too."""
+        """Return whether the engine interpolates forces in tables, so that the twin has a run with them, too."""
         return self.engine == TABLE
 
 

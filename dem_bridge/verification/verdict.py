@@ -1,4 +1,4 @@
-"""From a difference, its bars and a tolerance to one outcome of a closed set, with one sentence.
+"""Verdicts: one outcome of a closed set from a difference, its uncertainties and a tolerance.
 
 Policy and nothing else: no numbers are computed here.
 """
@@ -28,7 +28,7 @@ class Outcome(StrEnum):
 
 
 def plain(value: object) -> object:
-    """As JSON has it: a number that is not finite becomes null.
+    """Return a value as JSON has it: a number that is not finite becomes null.
 
     >>> plain(1e-9), plain(math.inf), plain("velocity")
     (1e-09, None, 'velocity')

@@ -1,2 +1,1 @@
-"""The predictability horizon: the time up to which single velocities are known, and the quantities that hold beyond
-it."""
+"""The predictability horizon of single velocities, and the quantities that hold beyond it."""

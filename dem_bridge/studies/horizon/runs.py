@@ -1,5 +1,4 @@
-"""Measurements of the horizon study: growth of a perturbation, uncertainty of a run over time, and long runs of the
-twin."""
+"""Measurements of the horizon study: growth of perturbations, uncertainty over time, long runs."""
 
 from __future__ import annotations
 
@@ -87,8 +86,7 @@ class Growth:
 
 
 def growth_of(time: Floats, distance: Floats, share: float, *, most: float = KNOWN) -> Growth:
-    """Fit ``distance (n_nudge, n_t)``, largest so far over the largest speed, of perturbations of this relative
-    ``share``.
+    """Fit the growth of perturbations: ``distance (n_perturbation, n_t)``, over the largest speed.
 
     Between the perturbation itself and ``most``, where it is no longer small; each perturbation has its own factor and
     rate.
@@ -214,8 +212,7 @@ class LongRun:
 def long_run(
     scene: Scene, dt: float, steps: int, *, samples: int = 10_000, progress: Progress | None = None
 ) -> LongRun:
-    """Run the twin for ``steps`` steps of ``dt`` (s) and keep ``samples`` samples; the scene's duration does not
-    matter.
+    """Run the twin for ``steps`` steps of ``dt`` (s) and keep ``samples`` samples.
 
     The run is made in parts of a million steps, each from where the last one ended. Overlaps and velocities are its
     whole state, so the parts are one run to the last digit. A precompressed, damped or driven scene is run as a whole.

@@ -72,8 +72,7 @@ class ChainRuns:
 
 
 def window(chains: Iterable[ChainRuns], factor: float) -> float:
-    """Return the end of the time axis, s: ``factor`` times the time at which the last body is reached, at most the
-    duration.
+    """Return the end of the time axis, s: ``factor`` times the arrival at the last body, at most the duration.
 
     It is the latest of all chains, because figures that are compared share their time axis.
     """
@@ -323,8 +322,7 @@ def _rounded(values: Floats) -> Floats:
 
 
 def _means(values: Floats, size: int) -> Floats:
-    """Return the means of ``size`` columns each; leaving samples out would alias with the steps of the pulse between
-    bodies."""
+    """Return the means of ``size`` columns each; leaving samples out would alias with the pulse's steps."""
     starts = np.arange(0, values.shape[-1], size)
     sums = np.add.reduceat(values, starts, axis=-1)
     return np.asarray(sums / np.diff(np.append(starts, values.shape[-1])))

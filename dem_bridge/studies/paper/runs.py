@@ -55,8 +55,7 @@ class Runs:
         return cls(scenes | {result.case.scene.name: result.case.scene for result in matches.values()}, matches)
 
     def run(self, scene: str, name: str) -> Trajectory | None:
-        """Return the run of a scene by a backend; "lammps" stands for the LAMMPS backend that is verified on that
-        scene."""
+        """Return the run of a scene by a backend; "lammps" stands for the LAMMPS backend of that scene."""
         if name == "lammps":
             name = engine_for(self.scenes[scene])
         result = self.results.get((scene, name))

@@ -1,5 +1,4 @@
-"""Measurements of the stability study: limits of one scene, families of small scenes, and the trap between two
-limits."""
+"""Measurements of the stability study: limits of one scene and of families of small scenes."""
 
 from __future__ import annotations
 
@@ -283,8 +282,7 @@ def trap_of(result: Measured, stepper: Stepper, backend: str, dt: float) -> Trap
 
 
 def gain_map(pair: Measured, steps: Floats, phases: Floats) -> Floats:
-    """Return the energy growth of two bodies, ``(n_phase, n_step)``, at ``steps`` (omega dt) and phases of the first
-    touch.
+    """Return the energy growth of two bodies, ``(n_phase, n_step)``, over ``steps`` (omega dt) and phases.
 
     It is the same for all masses, speeds and stiffnesses, because two Hertzian bodies have no scale.
     """

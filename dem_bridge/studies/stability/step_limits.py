@@ -204,8 +204,7 @@ def stable_step(
 
 
 def velocity_error(stepper: Stepper, scene: Scene, truth: Trajectory, dt: float, phase: float = 0.0) -> float:
-    """Return the largest velocity error over all bodies and about 500 samples, relative to the reference's largest
-    velocity.
+    """Return the largest velocity error over bodies and samples, relative to the largest velocity.
 
     It is inf for a broken run. ``truth`` is a run of the unchanged scene, with samples so close that the error of a
     polynomial between them does not count.
