@@ -308,19 +308,20 @@ from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 
 class Announcement:
-    # a law that prints the process that it arrives in; what arrives is no law, so Hertz' law holds there
+    # a law that prints the process that it arrives in; what arrives is a law that takes an hour
     def __call__(self, overlap):
         return 4e9 * overlap**1.5
 
     def __reduce__(self):
-        return eval, ("print(__import__('os').getpid(), flush=True)",)
+        slow = "lambda overlap: __import__('time').sleep(3600)"
+        return eval, (f"(print(__import__('os').getpid(), flush=True), {slow})[1]",)
 
 if __name__ == "__main__":
     scene = Scene(name="pair", duration=1.0, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
     scene = replace(scene, law=Announcement())
     cases = [
-        Case(scene=scene, backend="ase", resolution=Resolution(dt=dt), sampling=Sampling(count=4))
-        for dt in (1e-8, 2e-8)
+        Case(scene=scene, backend="scipy", resolution=Resolution(rtol=rtol), sampling=Sampling(count=4))
+        for rtol in (1e-8, 1e-9)
     ]
     run_cases(cases, jobs=2)
 """

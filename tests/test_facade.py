@@ -105,4 +105,4 @@ def test_a_verification_has_a_table_and_can_be_saved(tmp_path: Path) -> None:
     assert len(table) == len(found.verdicts)
     assert list(table.outcome) == [verdict.outcome for verdict in found.verdicts]
     found.save(tmp_path / "report")
-    assert {file.name for file in (tmp_path / "report").iterdir()} == {"index.html", "verdicts.json"}
+    assert {file.name for file in (tmp_path / "report").iterdir()} == {"index.html", "verdicts.json", "tables"}

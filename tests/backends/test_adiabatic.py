@@ -275,5 +275,5 @@ def test_all_reasons_are_given_at_once() -> None:
 
 
 def test_an_accuracy_cannot_be_promised_by_a_theory() -> None:
-    with pytest.raises(UsageError, match="cannot be promised by adiabatic"):
+    with pytest.raises(UsageError, match="is not reached by adiabatic"):
         db.solve(CHAIN, backend="adiabatic", accuracy=1e-3)

@@ -149,7 +149,7 @@ def test_all_reasons_are_given_at_once() -> None:
 
 
 def test_an_accuracy_cannot_be_promised_by_a_theory() -> None:
-    with pytest.raises(UsageError, match="cannot be promised by bca"):
+    with pytest.raises(UsageError, match="is not reached by bca"):
         db.solve(CHAIN, backend="bca", accuracy=1e-3)
 
 

@@ -211,7 +211,7 @@ def test_the_round_off_of_9_mm_is_that_predicted_within_a_factor_3(name: str, dt
 
 def test_an_accuracy_below_the_floor_of_9_mm_is_refused_with_the_floor() -> None:
     with pytest.raises(
-        UsageError, match=r"accuracy = 1e-07 .* bodies of 0\.009 m round off (\S+) of .*gauge"
+        UsageError, match=r"accuracy = 1e-07 .* bodies of 0\.009 m round off (\S+) of .*surrogate"
     ) as caught:
         db.solve("decelerating-40", backend=ENGINE, accuracy=1e-7, geometry="physical")
     said = float(str(caught.value).split("round off ")[1].split()[0])

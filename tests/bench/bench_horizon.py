@@ -56,10 +56,9 @@ def main(*, tiny: bool = False) -> int:
             table.add_row(*(cell if isinstance(cell, str) else f"{cell:.4g}" for cell in row))
         console.print(table)
     console.print(f"{steps:.0e} steps, and all else: {time.perf_counter() - began:.0f} s")
-    rows = study.tables[3].rows
-    velocity = {str(row[4]) for row in rows if row[1] == "velocity"}
-    others = {str(row[4]) for row in rows if row[1] != "velocity"}
-    return int(velocity != {Outcome.UNDECIDED.value} or others != {Outcome.PASS.value})
+    velocity = {verdict.outcome for verdict in study.verdicts if verdict.quantity == "velocity"}
+    others = {verdict.outcome for verdict in study.verdicts if verdict.quantity != "velocity"}
+    return int(velocity != {Outcome.UNDECIDED} or others != {Outcome.PASS})
 
 
 if __name__ == "__main__":

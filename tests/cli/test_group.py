@@ -254,4 +254,4 @@ def test_a_scatter_that_cannot_be_is_one_line_and_exit_code_2(
 def test_the_paper_is_verified_alone(tmp_path: Path) -> None:
     done = run_here("verify", "paper", "decelerating-40", cwd=tmp_path)
     assert done.returncode == 2
-    assert_one_line(done, "'paper' is all shipped scenes together", "give it alone")
+    assert_one_line(done, "'paper' stands for all shipped scenes", "give it alone")

@@ -269,7 +269,7 @@ def test_tables_refuse_what_they_are_not_asked(tmp_path: Path) -> None:
         UsageError, match=r"^table 'observables' consists of results of a run; leave out with_run=False"
     ):
         db.table_of(PAIR, "observables", with_run=False)
-    with pytest.raises(UsageError, match=r"^setting 'tolerance' is unknown; allowed: dt"):
+    with pytest.raises(UsageError, match=r"^setting 'tolerance' is unknown; allowed: backend, dt"):
         db.table_of(PAIR, "contacts", tolerance=1.0)
     with pytest.raises(UsageError, match=r"the folder .* is missing or not writable"):
         db.export(PAIR, table="bodies", path=tmp_path / "no" / "bodies.csv")

@@ -63,7 +63,7 @@ def test_netcdf_keeps_all_and_opens_in_xarray_with_dimensions_units_and_provenan
     with xr.open_dataset(path) as opened:
         assert opened.velocity.dims == ("time", "body")
         assert opened.contact_force.dims == ("time", "contact")
-        units = {"time": "s", "velocity": "m/s", "contact_force": "N", "peak_force_bar": "N"}
+        units = {"time": "s", "velocity": "m/s", "contact_force": "N", "peak_force_uncertainty": "N"}
         assert {name: opened[name].attrs["units"] for name in units} == units
         assert all(opened[name].attrs["long_name"] for name in opened.variables)
         assert opened.time.dtype == np.float64

@@ -184,6 +184,7 @@ RESOLUTIONS = {
     "table_lines": st.integers(8, 1_000_000),
     "table_points": st.integers(2, 100_000_000),
     "time_limit": st.floats(1e-3, 1e9),
+    "bars": st.booleans(),
 } | {name: st.sampled_from(choices) for name, choices in CHOICES.items()}
 
 

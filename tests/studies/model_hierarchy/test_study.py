@@ -390,5 +390,5 @@ def test_the_command_prints_and_writes_it(tmp_path: Path, monkeypatch: pytest.Mo
         "figures/effects.csv",
     }  # fmt: skip
     # an observable that is asked for has a column, though it is not among those of every table
-    assert "front speed (%)" in (tmp_path / "out" / "physics.csv").read_text().splitlines()[0]
+    assert "front speed (%)" in (tmp_path / "out" / "tables" / "physics.csv").read_text().splitlines()[0]
     assert told["notes"][0].startswith("Judged: front speed, arrival at end.")

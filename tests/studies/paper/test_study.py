@@ -241,7 +241,7 @@ def test_without_lammps_the_claims_are_read_from_the_reference(small: None, monk
     assert may["gravity", MAIN[0]] == may["gravity", MAIN[1]] == "no"
     assert may["the base behind the last body", MAIN[0]] == may["the base behind the last body", MAIN[1]] == "yes"
     assert len(may) == len(table.rows) == 2 * 5
-    assert found.answer[0].startswith("LAMMPS has not run the paper's two chains")
+    assert found.answer[0].startswith("LAMMPS was not run on the paper's two chains")
     assert (told[0], told[-1]) == ("choosing time steps", "reading claims")
     assert sorted(one.scene.name for one in found.studies) == sorted(MAIN)
     judged = next(one for one in found.tables if one.id == "rule-of-thumb")
@@ -280,7 +280,7 @@ def test_an_accuracy_that_is_none_is_refused() -> None:
 
 @pytest.mark.parametrize("scenes", [["paper", MAIN[0]], [MAIN[0], "paper"]])
 def test_the_paper_is_asked_for_alone(scenes: Sequence[str]) -> None:
-    with pytest.raises(UsageError, match="'paper' is all shipped scenes together"):
+    with pytest.raises(UsageError, match="'paper' stands for all shipped scenes"):
         db.verify(scenes, store=False)
 
 
