@@ -311,8 +311,8 @@ def test_a_table_is_verified_and_is_part_of_the_budget(tmp_path: Path) -> None:
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     for words in (
         "LAMMPS interpolates forces in tables here",
-        "pair_style table spline, fix nve, on 1 rank",
-        "and the tables (",
+        "on 1 rank: pair_style table spline, fix nve",
+        "and the interpolation of the force tables (",
     ):
         assert words in page
 

@@ -122,12 +122,12 @@ def _walled(scene: Scene, side: str, wall: Wall | None) -> Scene:
 
     def fitted(values: Any) -> tuple[Any, ...]:
         rest = iter(values[links:])
-        of_walls = {item: next(rest) for item in SIDES if getattr(scene, item) is not None}
+        of_walls = {one: next(rest) for one in SIDES if getattr(scene, one) is not None}
         if wall is None:
             of_walls.pop(side, None)
         else:
             of_walls[side] = values[links - 1]
-        return (*values[:links], *(of_walls[item] for item in SIDES if item in of_walls))
+        return (*values[:links], *(of_walls[one] for one in SIDES if one in of_walls))
 
     damping = scene.damping
     changes: dict[str, Any] = {side: wall}
@@ -164,7 +164,7 @@ def _hertzian(scene: Scene) -> Scene:
     overlap = prescan_scene(scene).peak_overlap
     deepest = float(np.max(overlap, initial=0.0)) or 1e-6  # a scene at rest has no scale
     overlap = np.where(overlap > 0.0, overlap, deepest)
-    beta = [rounded(item) for item in (c.force(overlap, np.arange(len(overlap))) / overlap ** (HERTZ - 1.0)).tolist()]
+    beta = [rounded(one) for one in (c.force(overlap, np.arange(len(overlap))) / overlap ** (HERTZ - 1.0)).tolist()]
     links = len(scene.stiffness)
     walls = [side for side in SIDES if getattr(scene, side) is not None]
     changed = {
@@ -228,24 +228,21 @@ def model_terms_of(scene: Scene, *, add: bool = True, dashpot: float = DASHPOT) 
     where the size of the ``dashpot`` (N s/m) is supposed. Without: what the scene has and may do without.
     A switch that changes nothing is not there.
     """
-    details = tuple(_told(scene, dashpot)) if add and crossed(scene) else ()
-    known_values = {item.id for item in details}
-    results = {item.id: item for item in (*details, *(item for item in _own(scene) if item.id not in known_values))}
-    model_terms = tuple(results[id] for id in PIECES if id in results)
+    told = tuple(_told(scene, dashpot)) if add and crossed(scene) else ()
+    known = {one.id for one in told}
+    found = {one.id: one for one in (*told, *(one for one in _own(scene) if one.id not in known))}
+    model_terms = tuple(found[id] for id in PIECES if id in found)
 
-    def does(model_term: ModelTerm) -> bool:
-        held = frozenset(other.id for other in model_terms if model_term.id in needs(scene, model_terms, other))
-        return (
-            model(scene, model_terms, held).content_hash
-            != model(scene, model_terms, held | {model_term.id}).content_hash
-        )
+    def does(one: ModelTerm) -> bool:
+        held = frozenset(other.id for other in model_terms if one.id in needs(scene, model_terms, other))
+        return model(scene, model_terms, held).content_hash != model(scene, model_terms, held | {one.id}).content_hash
 
     return tuple(filter(does, model_terms))
 
 
-def needs(scene: Scene, model_terms: Sequence[ModelTerm], model_term: ModelTerm) -> frozenset[str]:
+def needs(scene: Scene, model_terms: Sequence[ModelTerm], one: ModelTerm) -> frozenset[str]:
     """Ids of what must be there for ``one`` to be: a chain that bears its weight needs what it stands on."""
-    if model_term.id != "gravity":
+    if one.id != "gravity":
         return frozenset()
     side = _stands(model(scene, model_terms))
     return frozenset({"base" if side == "wall_right" else "wall"} if side else ())
@@ -253,11 +250,11 @@ def needs(scene: Scene, model_terms: Sequence[ModelTerm], model_term: ModelTerm)
 
 def model(scene: Scene, model_terms: Sequence[ModelTerm], without: frozenset[str] = frozenset()) -> Scene:
     """The scene with all switches on, but for those ``without``."""
-    created = scene
-    for model_term in model_terms:
-        created = (model_term.off if model_term.id in without else model_term.on)(created)
-    parts = [f"no-{model_term.id}" for model_term in model_terms if model_term.id in without]
-    return replace(created, name=".".join([scene.name, *(parts or ["fullest"])])[:100])
+    made = scene
+    for one in model_terms:
+        made = (one.off if one.id in without else one.on)(made)
+    parts = [f"no-{one.id}" for one in model_terms if one.id in without]
+    return replace(made, name=".".join([scene.name, *(parts or ["fullest"])])[:100])
 
 
 def _told(scene: Scene, dashpot: float) -> Iterator[ModelTerm]:

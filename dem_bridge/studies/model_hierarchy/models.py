@@ -93,8 +93,8 @@ class ModelHierarchy:
 
     def cases(self) -> list[Case]:
         """The fullest model, and every other that :meth:`alone` asks for."""
-        requested = [frozenset(), *(item for term in self.model_terms for item in self.alone(term))]
-        return [self.case(self.model(fromkey)) for fromkey in dict.fromkeys(requested)]
+        asked = [frozenset(), *(one for term in self.model_terms for one in self.alone(term))]
+        return [self.case(self.model(one)) for one in dict.fromkeys(asked)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,10 +152,10 @@ def model_hierarchy_of(
         raise UsageError(f"dashpot = {dashpot!r}; allowed: a number > 0 (N s/m)")
     accuracy = checked_accuracy(accuracy)
     model_terms = model_terms_of(scene, add=add, dashpot=dashpot)
-    bears: dict[str, set[str]] = {model_term.id: set() for model_term in model_terms}
-    for model_term in model_terms:
-        for id in needs(scene, model_terms, model_term) & bears.keys():
-            bears[id].add(model_term.id)
+    bears: dict[str, set[str]] = {one.id: set() for one in model_terms}
+    for one in model_terms:
+        for id in needs(scene, model_terms, one) & bears.keys():
+            bears[id].add(one.id)
     full = model(scene, model_terms)
     coarse = Case(scene=full, backend=TWIN, resolution=Resolution(), sampling=Sampling(count=1), uncertainty=False)
     [result] = run_cases([coarse], store=store)
@@ -203,8 +203,8 @@ class Bench:
             run = _trajectory(results[0])
             arrival = run.crossing_time[self.hierarchy.scene.n_body - 2 : self.hierarchy.scene.n_body - 1]
             self.until = float(arrival[0]) if len(arrival) and np.isfinite(arrival[0]) else self.hierarchy.duration
-        for result in results:
-            self._read[result.case.scene.content_hash] = self.read(result.case.scene, _trajectory(result))
+        for one in results:
+            self._read[one.case.scene.content_hash] = self.read(one.case.scene, _trajectory(one))
 
     def read(self, scene: Scene, run: Trajectory) -> Readings:
         window = window_of(scene, self.until, whole=self.hierarchy.window == "whole")
@@ -212,63 +212,63 @@ class Bench:
 
     def of(self, scenes: Sequence[Scene]) -> list[Readings]:
         """Return the readings of these scenes by the reference; scenes that were not run yet are run."""
-        new = [self.hierarchy.case(scene) for scene in scenes if scene.content_hash not in self._read]
+        new = [self.hierarchy.case(one) for one in scenes if one.content_hash not in self._read]
         if new:
             self.take(self.run(new))
-        return [self._read[scene.content_hash] for scene in scenes]
+        return [self._read[one.content_hash] for one in scenes]
 
 
 def left_out(bench: Bench, observables: Sequence[str]) -> tuple[LeftOut, ...]:
     """Every piece alone, the largest effect first."""
     hierarchy = bench.hierarchy
     bench.of([case.scene for case in hierarchy.cases()])
-    matches = []
+    found = []
     for term in hierarchy.model_terms:
-        full, other = bench.of([hierarchy.model(item) for item in hierarchy.alone(term)])
-        own_value = effects(full, other)
-        matches.append(
+        full, other = bench.of([hierarchy.model(one) for one in hierarchy.alone(term)])
+        own = effects(full, other)
+        found.append(
             LeftOut(
                 term=term,
-                effects=own_value,
-                outcome=decided(own_value, observables, hierarchy.accuracy),
+                effects=own,
+                outcome=decided(own, observables, hierarchy.accuracy),
                 bears=hierarchy.bears[term.id],
             )
         )
-    return tuple(sorted(matches, key=lambda result: -abs(largest(result.effects, observables)[1].value)))
+    return tuple(sorted(found, key=lambda one: -abs(largest(one.effects, observables)[1].value)))
 
 
 def least(bench: Bench, alone: Sequence[LeftOut], observables: Sequence[str]) -> Least:
     """The fullest model without all that may be left out together; see the module's docstring."""
     hierarchy = bench.hierarchy
     [full] = bench.of([hierarchy.model()])
-    without, matches, steps = frozenset[str](), effects(full, full), []
-    may = [item for item in reversed(alone) if item.outcome is Outcome.PASS]
+    without, found, steps = frozenset[str](), effects(full, full), []
+    may = [one for one in reversed(alone) if one.outcome is Outcome.PASS]
     # what bears another comes after it
-    for item in sorted(may, key=lambda item: len(item.bears)):
-        if not item.bears <= without:
+    for one in sorted(may, key=lambda one: len(one.bears)):
+        if not one.bears <= without:
             continue
-        [readings] = bench.of([hierarchy.model(without | {item.term.id})])
-        own_value = effects(full, readings)
-        outcome = decided(own_value, observables, hierarchy.accuracy)
-        steps.append(Step(tried=item.term.id, without=without | {item.term.id}, effects=own_value, outcome=outcome))
+        [readings] = bench.of([hierarchy.model(without | {one.term.id})])
+        own = effects(full, readings)
+        outcome = decided(own, observables, hierarchy.accuracy)
+        steps.append(Step(tried=one.term.id, without=without | {one.term.id}, effects=own, outcome=outcome))
         if outcome is Outcome.PASS:
-            without, matches = without | {item.term.id}, own_value
-    return Least(scene=hierarchy.model(without), without=without, effects=matches, steps=tuple(steps))
+            without, found = without | {one.term.id}, own
+    return Least(scene=hierarchy.model(without), without=without, effects=found, steps=tuple(steps))
 
 
 def judged(bench: Bench) -> tuple[str, ...]:
     """Return the judged observables that the fullest model has; UnsupportedScene where it has none of them."""
-    requested = bench.hierarchy.observables
+    asked = bench.hierarchy.observables
     [full] = bench.of([bench.hierarchy.model()])
-    own_value = effects(full, full)
-    result = tuple(name for name in requested if own_value[name].exists)
-    if not result:
+    own = effects(full, full)
+    found = tuple(name for name in asked if own[name].exists)
+    if not found:
         raise UnsupportedScene(
             f"{bench.hierarchy.scene.name}: no impulse runs through the chain within"
-            f" {bench.hierarchy.scene.duration:g} s, so that there is no {' or '.join(requested)};"
+            f" {bench.hierarchy.scene.duration:g} s, so that there is no {' or '.join(asked)};"
             " allowed: a longer duration, or observables = ('velocity',)"
         )
-    return result
+    return found
 
 
 def least_scene(
@@ -288,13 +288,13 @@ def least_scene(
     if not hierarchy.model_terms:
         return scene
     bench = Bench(hierarchy, jobs=jobs, progress=progress, store=store)
-    requested = judged(bench)
-    result = least(bench, left_out(bench, requested), requested)
-    if not result.without:
+    asked = judged(bench)
+    found = least(bench, left_out(bench, asked), asked)
+    if not found.without:
         return scene
-    gone = f"without {named(result.without)}, at {100.0 * accuracy:g} %"
+    gone = f"without {named(found.without)}, at {100.0 * accuracy:g} %"
     return replace(
-        model(scene, hierarchy.model_terms, result.without),
+        model(scene, hierarchy.model_terms, found.without),
         name=f"{scene.name[:94]}.least",
         description=f"{scene.description}; {gone}" if scene.description else gone,
     )

@@ -103,13 +103,13 @@ def study_model_hierarchy(
         scene, accuracy=accuracy, observables=observables, dashpot=dashpot, window=window, store=store
     )
     bench = Bench(hierarchy, jobs=jobs, progress=progress, store=store)
-    requested = judged(bench)
-    alone = left_out(bench, requested)
-    below = least(bench, alone, requested)
-    suspected = tuple(doubts(bench, requested, spread=spread, draws=draws))
-    numerical = tuple(choices(bench, requested, engine)) if numerics else ()
-    coarsest = cheapest(bench, below, requested) if numerics else None
-    pieces, companion = tuple(_pieces(alone)), (*suspected, *numerical)
+    asked = judged(bench)
+    alone = left_out(bench, asked)
+    below = least(bench, alone, asked)
+    suspected = tuple(doubts(bench, asked, spread=spread, draws=draws))
+    numerical = tuple(choices(bench, asked, engine)) if numerics else ()
+    coarsest = cheapest(bench, below, asked) if numerics else None
+    pieces, beside = tuple(_pieces(alone)), (*suspected, *numerical)
     parts = (
         ("physics", "Physics left out of the fullest model, each alone", _ALONE, pieces),
         ("down", "The way down: left out together", _TOGETHER, tuple(_down(below))),
@@ -119,23 +119,23 @@ def study_model_hierarchy(
     return Study(
         id="model-hierarchy",
         title=f"What {scene.name} requires at {_percent(accuracy)}",
-        answer=tuple(_answer(hierarchy, alone, below, suspected, numerical, coarsest, requested, dashpot)),
-        tables=tuple(_table(hierarchy, id, title, said, part) for id, title, said, part in parts if part),
-        figures=(_figure(hierarchy, pieces, companion),) if pieces or companion else (),
-        verdicts=tuple(_broken(scene, item) for item in numerical if item.outcome is Outcome.BROKEN),
-        notes=tuple(_notes(hierarchy, bench, numerical, requested)),
+        answer=tuple(_answer(hierarchy, alone, below, suspected, numerical, coarsest, asked, dashpot)),
+        tables=tuple(_table(hierarchy, id, title, said, found) for id, title, said, found in parts if found),
+        figures=(_figure(hierarchy, pieces, beside),) if pieces or beside else (),
+        verdicts=tuple(_broken(scene, one) for one in numerical if one.outcome is Outcome.BROKEN),
+        notes=tuple(_notes(hierarchy, bench, numerical, asked)),
         provenance={"scene": scene.name, "scene_hash": scene.content_hash, "least_hash": below.scene.content_hash},
     )
 
 
-def _broken(scene: Scene, result: Found) -> Verdict:
+def _broken(scene: Scene, found: Found) -> Verdict:
     return Verdict(
         scene=scene.name,
-        quantity=result.what,
-        backend=result.name,
+        quantity=found.what,
+        backend=found.name,
         reference="reference",
         outcome=Outcome.BROKEN,
-        sentence=result.note or f"{result.what}: the run broke.",
+        sentence=found.note or f"{found.what}: the run broke.",
     )
 
 
@@ -159,10 +159,10 @@ _NUMERICS = (
 
 
 def _pieces(alone: Sequence[LeftOut]) -> Iterator[Found]:
-    for item in alone:
-        borne = f", of a chain without {named(item.bears)}" if item.bears else ""
-        name = item.term.id.replace("-", " ")
-        yield Found(name=name, what=f"{item.term.what}{borne}", effects=item.effects, outcome=item.outcome)
+    for one in alone:
+        borne = f", of a chain without {named(one.bears)}" if one.bears else ""
+        name = one.term.id.replace("-", " ")
+        yield Found(name=name, what=f"{one.term.what}{borne}", effects=one.effects, outcome=one.outcome)
 
 
 def _down(below: Least) -> Iterator[Found]:
@@ -171,13 +171,13 @@ def _down(below: Least) -> Iterator[Found]:
         yield Found(name=step.tried, what=what, effects=step.effects, outcome=step.outcome)
 
 
-def _table(hierarchy: ModelHierarchy, id: str, title: str, caption: str, results: Sequence[Found]) -> Table:
+def _table(hierarchy: ModelHierarchy, id: str, title: str, caption: str, found: Sequence[Found]) -> Table:
     names = hierarchy.tabulated
 
     def cells(effects: Effects | None) -> tuple[str | float, ...]:
         if effects is None:
             return ("",) * (len(names) + 1)
-        bar = max((effect.uncertainty for effect in effects.values() if effect.exists), default=math.nan)
+        bar = max((one.uncertainty for one in effects.values() if one.exists), default=math.nan)
         return (*(100.0 * effects[name].value for name in names), 100.0 * bar)
 
     return Table(
@@ -190,11 +190,11 @@ def _table(hierarchy: ModelHierarchy, id: str, title: str, caption: str, results
             "largest uncertainty (%)",
             f"within {_percent(hierarchy.accuracy)}?",
         ),
-        rows=tuple((result.what, *cells(result.effects), MAY[result.outcome]) for result in results),
+        rows=tuple((one.what, *cells(one.effects), MAY[one.outcome]) for one in found),
     )
 
 
-def question_table(results: Iterable[tuple[ModelHierarchy, Sequence[LeftOut]]], accuracy: float) -> Table:
+def question_table(found: Iterable[tuple[ModelHierarchy, Sequence[LeftOut]]], accuracy: float) -> Table:
     """Return the table of model terms that may be left out of several scenes, a row for each term."""
     names = JUDGED["passage"]
     return Table(
@@ -210,13 +210,13 @@ def question_table(results: Iterable[tuple[ModelHierarchy, Sequence[LeftOut]]], 
         columns=("left out", "chain", *(f"{OBSERVABLES[name].words} (%)" for name in names), "may be left out?"),
         rows=tuple(
             (
-                item.term.what,
+                one.term.what,
                 hierarchy.scene.name,
-                *(100.0 * item.effects[name].value for name in names),
-                MAY[item.outcome],
+                *(100.0 * one.effects[name].value for name in names),
+                MAY[one.outcome],
             )
-            for hierarchy, alone in results
-            for item in alone
+            for hierarchy, alone in found
+            for one in alone
         ),
     )
 
@@ -224,9 +224,9 @@ def question_table(results: Iterable[tuple[ModelHierarchy, Sequence[LeftOut]]], 
 # figure
 
 
-def _figure(hierarchy: ModelHierarchy, pieces: Sequence[Found], companion: Sequence[Found]) -> FigureData:
+def _figure(hierarchy: ModelHierarchy, pieces: Sequence[Found], beside: Sequence[Found]) -> FigureData:
     """Sizes of all effects beside the accuracy."""
-    parts = (("(a) left out", pieces), ("(b) suspected, and numerical choices", companion))
+    parts = (("(a) left out", pieces), ("(b) suspected, and numerical choices", beside))
     return FigureData(
         id="effects",
         title=f"Effects beside the accuracy: {hierarchy.scene.name}",
@@ -234,29 +234,27 @@ def _figure(hierarchy: ModelHierarchy, pieces: Sequence[Found], companion: Seque
             f"Size of the change of each observable; the line is the accuracy, {_percent(hierarchy.accuracy)}. What is"
             f" smaller than {LEAST_SHOWN:g} of it stands at the left edge; the tables have the numbers."
         ),
-        panels=tuple(_panel(title, hierarchy, part) for title, part in parts if part),
+        panels=tuple(_panel(title, hierarchy, found) for title, found in parts if found),
         columns=1,
     )
 
 
-def _panel(title: str, hierarchy: ModelHierarchy, results: Sequence[Found]) -> Panel:
+def _panel(title: str, hierarchy: ModelHierarchy, found: Sequence[Found]) -> Panel:
     limit = 100.0 * hierarchy.accuracy
-    places = np.arange(len(results), dtype=float)
+    places = np.arange(len(found), dtype=float)
 
     def series(name: str, nth: int) -> Series:
-        sizes = 100.0 * np.abs(
-            [math.nan if result.effects is None else result.effects[name].value for result in results]
-        )
+        sizes = 100.0 * np.abs([math.nan if one.effects is None else one.effects[name].value for one in found])
         shown = np.where(np.isfinite(sizes), np.maximum(sizes, LEAST_SHOWN * limit), np.nan)
         return Series(label=OBSERVABLES[name].words, style=f"mark-{nth}", x=shown, y=places)
 
-    line = Series(label="accuracy", style="guide", x=np.array([limit, limit]), y=np.array([-0.5, len(results) - 0.5]))
+    line = Series(label="accuracy", style="guide", x=np.array([limit, limit]), y=np.array([-0.5, len(found) - 0.5]))
     return Panel(
         title=title,
         x_label="size of the change (%)",
         y_label="",
         series=(line, *(series(name, nth) for nth, name in enumerate(hierarchy.tabulated, start=1))),
-        rows=tuple(result.name for result in results),
+        rows=tuple(one.name for one in found),
     )
 
 
@@ -270,76 +268,71 @@ def _answer(
     suspected: Sequence[Found],
     numerical: Sequence[Found],
     coarsest: Found | None,
-    requested: Sequence[str],
+    asked: Sequence[str],
     dashpot: float,
 ) -> Iterator[str]:
-    requested, name = _percent(hierarchy.accuracy), hierarchy.scene.name
-    ids = {item.term.id for item in alone}
+    wanted, name = _percent(hierarchy.accuracy), hierarchy.scene.name
+    ids = {one.term.id for one in alone}
     if not alone:
         yield f"{name} has no physics that could be left out."
     else:
         needed = named(ids - below.without)
-        yield f"At {requested} {name} requires {needed or 'none of its physics'}; {_given_up(below, requested)}."
-        said = "; ".join(f"{named([item.term.id])} {_said(item.effects, requested)}" for item in alone)
+        yield f"At {wanted} {name} requires {needed or 'none of its physics'}; {_given_up(below, asked)}."
+        said = "; ".join(f"{named([one.term.id])} {_said(one.effects, asked)}" for one in alone)
         yield f"Left out alone, each changes at most: {said}."
-    for item in alone:
-        piece = named([item.term.id])
-        if item.bears and item.outcome is Outcome.PASS and item.term.id not in below.without:
-            yield f"Without {named(item.bears)} {piece} could go, too: it stays for what it bears."
-        if item.term.supposed and (worst := abs(largest(item.effects, requested)[1].value)) > 0.0:
+    for one in alone:
+        piece = named([one.term.id])
+        if one.bears and one.outcome is Outcome.PASS and one.term.id not in below.without:
+            yield f"Without {named(one.bears)} {piece} could go, too: it stays for what it bears."
+        if one.term.supposed and (worst := abs(largest(one.effects, asked)[1].value)) > 0.0:
             yield (
                 f"Of {piece} nothing is known but that it is there: {dashpot:g} N s/m is supposed, and in proportion"
                 f" {dashpot * hierarchy.accuracy / worst:.2g} N s/m could be left out."
             )
     if suspected:
-        said = "; ".join(
-            f"{item.what}: {_said(item.effects, requested)}" for item in suspected if item.effects is not None
-        )
+        said = "; ".join(f"{one.what}: {_said(one.effects, asked)}" for one in suspected if one.effects is not None)
         yield f"What is only suspected, added to it: {said}."
     if numerical:
-        fail = [item for item in numerical if item.outcome is Outcome.FAIL and item.effects is not None]
-        words = "; ".join(
-            f"{item.what} ({_said(item.effects, requested)})" for item in fail if item.effects is not None
-        )
-        result = f"these do not stay within {requested}: {words}" if words else f"all stay within {requested}"
-        yield f"Of the numerical choices {result}."
+        fail = [one for one in numerical if one.outcome is Outcome.FAIL and one.effects is not None]
+        words = "; ".join(f"{one.what} ({_said(one.effects, asked)})" for one in fail if one.effects is not None)
+        found = f"these do not stay within {wanted}: {words}" if words else f"all stay within {wanted}"
+        yield f"Of the numerical choices {found}."
         if coarsest is not None and coarsest.effects is not None:
             yield (
                 f"The least model by the coarsest of them that serves it, {coarsest.what}, is off the fullest by at"
-                f" most {_said(coarsest.effects, requested)}: model and numerics together."
+                f" most {_said(coarsest.effects, asked)}: model and numerics together."
             )
         else:
-            yield f"No numerical choice tried keeps {requested} together with what the least model leaves out."
+            yield f"No numerical choice tried keeps {wanted} together with what the least model leaves out."
 
 
-def _given_up(below: Least, requested: Sequence[str]) -> str:
+def _given_up(below: Least, asked: Sequence[str]) -> str:
     if not below.without:
         return "nothing may be left out"
-    return f"{named(below.without)} may be left out, which changes in all at most {_said(below.effects, requested)}"
+    return f"{named(below.without)} may be left out, which changes in all at most {_said(below.effects, asked)}"
 
 
-def _said(effects: Effects, requested: Sequence[str]) -> str:
+def _said(found: Effects, asked: Sequence[str]) -> str:
     """The largest effect with its bar and place."""
-    name, item = largest(effects, requested)
-    if math.isinf(item.value):
+    name, one = largest(found, asked)
+    if math.isinf(one.value):
         return f"the {OBSERVABLES[name].words}, which only one of the two has"
-    return f"{100.0 * item.value:+.3g} % ± {100.0 * item.uncertainty:.1g} %"
-    f" ({OBSERVABLES[name].words}{_place(name, item)})"
+    return (
+        f"{100.0 * one.value:+.3g} % ± {100.0 * one.uncertainty:.1g} % ({OBSERVABLES[name].words}{_place(name, one)})"
+    )
 
 
-def _place(name: str, effect: Effect) -> str:
-    return f" of {OBSERVABLES[name].axis[-1]} {effect.at}" if effect.at >= 0 else ""
+def _place(name: str, one: Effect) -> str:
+    return f" of {OBSERVABLES[name].axis[-1]} {one.at}" if one.at >= 0 else ""
 
 
 def _percent(share: float) -> str:
     return f"{100.0 * share:g} %"
 
 
-def _notes(
-    hierarchy: ModelHierarchy, bench: Bench, numerical: Sequence[Found], requested: Sequence[str]
-) -> Iterator[str]:
-    there = {model_term.id for model_term in hierarchy.model_terms}
-    judged_by = ", ".join(OBSERVABLES[name].words for name in requested)
+def _notes(hierarchy: ModelHierarchy, bench: Bench, numerical: Sequence[Found], asked: Sequence[str]) -> Iterator[str]:
+    there = {one.id for one in hierarchy.model_terms}
+    judged_by = ", ".join(OBSERVABLES[name].words for name in asked)
     yield f"Judged: {judged_by}. Where the front is late, velocities at samples are late everywhere."
     if hierarchy.window == "passage":
         yield (
@@ -349,4 +342,4 @@ def _notes(
         )
     if missing := [id for id in PIECES if id not in there]:
         yield f"Not there, so that there is nothing to switch: {named(missing)}."
-    yield from (item.note for item in numerical if item.note)
+    yield from (one.note for one in numerical if one.note)
