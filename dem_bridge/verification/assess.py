@@ -85,9 +85,10 @@ def assess_scene(scene: Scene, runs: Runs[Result], accuracy: float) -> SceneStud
         for main, levels in ((runs.twin, runs.twin_refinements), (runs.engine, runs.engine_refinements)):
             if main.trajectory is not None:
                 refinement[main.case.backend] = _refinement((main, *levels), roles.reference)
+    budgets_of_engine = _budgets(roles)
     verdicts = [
         *_failures(scene, runs),
-        *_implementation(scene, roles),
+        *_implementation(scene, roles, budgets_of_engine),
         *_accuracy(scene, runs, roles, refinement, accuracy),
     ]
     if roles.engine is not None:
@@ -97,7 +98,7 @@ def assess_scene(scene: Scene, runs: Runs[Result], accuracy: float) -> SceneStud
         runs=runs,
         verdicts=tuple(verdicts),
         refinement=refinement,
-        budgets=_budgets(roles),
+        budgets=budgets_of_engine,
     )
 
 
@@ -114,7 +115,7 @@ def _budgets(roles: _Trajectories) -> tuple[Budget, ...]:
     return budgets(roles.engine, roles.twin, roles.positional_twin, roles.reference, roles.tabled_twin)
 
 
-def _implementation(scene: Scene, roles: _Trajectories) -> Iterator[Verdict]:
+def _implementation(scene: Scene, roles: _Trajectories, budget: tuple[Budget, ...]) -> Iterator[Verdict]:
     """Yield the verdicts on LAMMPS against its tables and the twins."""
     engine, twin, positional = roles.engine, roles.twin, roles.positional_twin
     if engine is None:
@@ -124,7 +125,6 @@ def _implementation(scene: Scene, roles: _Trajectories) -> Iterator[Verdict]:
     if twin is None:
         return
     yield checks.implementation(scene, engine, roles.tabled_twin or twin)
-    budget = _budgets(roles)
     if positional is None or not budget:
         return
     allowed = {part.quantity: part.allowed for part in budget}
