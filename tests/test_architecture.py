@@ -178,7 +178,6 @@ def test_only_the_report_draws_and_fills_pages(library: str) -> None:
                 "cli.imports",
                 "cli.new",
                 "cli.options",
-                "cli.plan",
                 "cli.regress",
                 "cli.studies",
             },

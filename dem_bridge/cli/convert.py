@@ -3,108 +3,55 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 import dem_bridge
+from dem_bridge.cli.options import with_options
 
 if TYPE_CHECKING:
     from dem_bridge.differences import Difference
     from dem_bridge.trajectory import Trajectory
 
-#: repeated here so that --help does not import numpy; a test compares them with the package
-WRITTEN = ("nc", "extxyz", "lammpstrj", "csv")
-UNITS = ("si", "cgs", "micro", "nano", "metal", "real", "ase")
-_FILE = click.Path(path_type=Path)
 
-
-def _reading(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the options with the information that files of other programs do not contain."""
-    options = (
-        click.option("--scene", metavar="SCENE", help="Scene of the run; needed for every file that is not netCDF."),
-        click.option(
-            "--units",
-            type=click.Choice(UNITS),
-            help="Units, if the file does not state them.  [default: si; for .traj: ase]",
-        ),
-        click.option(
-            "--dt",
-            type=float,
-            metavar="S",
-            help="Time step, s, if the file has step numbers but no times (without step numbers: time between frames).",
-        ),
-    )
-    for option in reversed(options):
-        command = option(command)
-    return command
-
-
-def _read(path: Path, scene: str | None, units: str | None, dt: float | None) -> Trajectory:
-    """Read a trajectory and print the assumptions on stderr."""
-    settings: dict[str, Any] = {} if path.suffix.lower() == ".nc" else {"units": units, "dt": dt}
-    run = dem_bridge.read_trajectory(path, scene, **settings)
+def _read(path: Path, scene: str | None, settings: dict[str, Any]) -> Trajectory:
+    """Read a trajectory and print the assumptions on stderr; netCDF states its units and times itself."""
+    run = dem_bridge.read_trajectory(path, scene, **({} if path.suffix.lower() == ".nc" else settings))
     for sentence in run.provenance.get("assumed", ()):
         click.echo(f"dem-bridge: note: {path.name}: {sentence}", err=True)
     return run
 
 
-@click.command("convert")
-@click.argument("run", type=_FILE, metavar="RUN")
-@click.option(
-    "-o", "output", type=_FILE, required=True, metavar="FILE", help="File to write: .extxyz, .lammpstrj, .csv or .nc."
-)
-@_reading
-@click.option("--format", type=click.Choice(WRITTEN), help="Format of FILE.  [default: by its ending]")
-@click.option(
-    "--spacing", type=float, metavar="M", help="Spacing of bodies in a scene without geometry, m.  [default: 0.01]"
-)
-@click.option(
-    "--layout",
-    type=click.Choice(["long", "wide"]),
-    default="long",
-    show_default=True,
-    help="Layout of csv: a row per time and body, or a row per time.",
-)
-def convert_command(
+@with_options("convert")
+def convert(
     run: Path,
     output: Path,
-    scene: str | None,
-    units: str | None,
-    dt: float | None,
-    format: str | None,
-    spacing: float | None,
-    layout: str,
+    scene: str | None = None,
+    format: str | None = None,
+    spacing: float | None = None,
+    layout: str = "long",
+    **settings: Any,
 ) -> None:
     """Convert the trajectory file RUN to another format.
 
     RUN is a .nc, .lammpstrj, .extxyz, .traj or .csv file.
     """
-    trajectory = _read(run, scene, units, dt)
+    trajectory = _read(run, scene, settings)
     dem_bridge.write_trajectory(trajectory, scene, output, format=format, spacing=spacing, layout=layout)
     click.echo(f"written: {output}")
 
 
-@click.command("compare")
-@click.argument("first", type=_FILE, metavar="A")
-@click.argument("second", type=_FILE, metavar="B")
-@_reading
-@click.option(
-    "--tolerance",
-    type=float,
-    metavar="R",
-    help="Allowed difference of velocities, relative to the largest velocity of B; exit code 1 if it is larger.",
-)
-def compare_command(
-    first: Path, second: Path, scene: str | None, units: str | None, dt: float | None, tolerance: float | None
+@with_options("compare")
+def compare(
+    first: Path, second: Path, scene: str | None = None, tolerance: float | None = None, **settings: Any
 ) -> None:
     """Compare two trajectory files A and B.
 
     The output has the largest difference of each quantity, relative to B, and time and body of the first divergence.
     """
-    runs = [_read(path, scene, units, dt) for path in (first, second)]
+    runs = [_read(path, scene, settings) for path in (first, second)]
     comparison = dem_bridge.compare(*runs, tolerance=tolerance or 0.0)
     for entry in comparison.differences:
         click.echo(_sentence(entry))

@@ -6,7 +6,6 @@ need them. Exit codes: 0 all checks pass, 1 a check failed, 2 wrong use or bad s
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Iterator
@@ -16,28 +15,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import dem_bridge
-from dem_bridge.backends.catalogue import BACKENDS
 from dem_bridge.cli import terminal
-from dem_bridge.cli.convert import compare_command, convert_command
-from dem_bridge.cli.export import export_command
+from dem_bridge.cli.convert import compare, convert
+from dem_bridge.cli.export import export
 from dem_bridge.cli.imports import import_group
-from dem_bridge.cli.new import new_command
-from dem_bridge.cli.options import (
-    accuracy_option,
-    check_not_input,
-    engine_options,
-    geometry_option,
-    jobs_option,
-    json_option,
-    recompute_option,
-    samples_option,
-    scene_argument,
-    scene_names,
-    step_option,
-    types_option,
-)
-from dem_bridge.cli.plan import plan_command
-from dem_bridge.cli.regress import regress_command
+from dem_bridge.cli.new import new
+from dem_bridge.cli.options import check_output, print_json, with_options
+from dem_bridge.cli.regress import regress
 from dem_bridge.cli.studies import study as study_group
 from dem_bridge.errors import DemBridgeError, UnsupportedScene
 from dem_bridge.files import check_file, write_whole
@@ -85,81 +69,28 @@ def main() -> None:
     """
 
 
-@main.command()
-@json_option
+@with_options("scenes")
 def scenes(as_json: bool) -> None:
     """List the shipped scenes."""
     shipped = [dem_bridge.load_scene(name) for name in dem_bridge.shipped_scenes()]
-    if as_json:
-        click.echo(
-            json.dumps(
-                [
-                    {
-                        "name": s.name,
-                        "bodies": s.n_body,
-                        "contacts": s.n_contact,
-                        "duration": s.duration,
-                        "description": s.description,
-                        "hash": s.content_hash,
-                    }
-                    for s in shipped
-                ],
-                indent=1,
-            )
-        )
+    if not as_json:
+        terminal.print_scenes(shipped)
         return
-    terminal.print_scenes(shipped)
+    fields = {"name": "name", "bodies": "n_body", "contacts": "n_contact", "duration": "duration"}
+    fields |= {"description": "description", "hash": "content_hash"}
+    print_json([{key: getattr(scene, field) for key, field in fields.items()} for scene in shipped])
 
 
-@main.command()
-@scene_argument
-@click.option(
-    "--backend",
-    type=click.Choice(BACKENDS),
-    help="Backend that solves the scene.  [default: with --accuracy the cheapest, else required]",
-)
-@step_option
-@accuracy_option
-@click.option("--rtol", type=float, metavar="R", help="Relative tolerance of the integrators scipy and ode45.")
-@click.option("--atol", type=float, metavar="A", help="Absolute tolerance of the integrator ode45, m and m/s.")
-@samples_option
-@geometry_option
-@types_option
-@engine_options
-@click.option(
-    "-o", "output", type=click.Path(path_type=Path), metavar="FILE", help="File for the trajectory, netCDF-4 (.nc)."
-)
-@json_option
-def run(
-    scene: str,
-    backend: str | None,
-    dt: float | None,
-    accuracy: float | None,
-    rtol: float | None,
-    atol: float | None,
-    samples: int | None,
-    geometry: str | None,
-    types: str | None,
-    lmp: str | None,
-    lmp_args: str | None,
-    python: str | None,
-    ranks: int | None,
-    output: Path | None,
-    as_json: bool,
-) -> None:
+@with_options("run")
+def run(scene: str, as_json: bool, backend: str | None = None, output: Path | None = None, **settings: Any) -> None:
     """Solve SCENE with one backend.
 
     The output is a summary of the run with uncertainties.
     """
-    if backend is None and accuracy is None:
+    if backend is None and "accuracy" not in settings:
         raise click.UsageError("Missing option '--backend', or '--accuracy', for which the cheapest backend is chosen.")
     if output is not None:
-        check_not_input(scene, output)
-        check_file(output)
-    options: dict[str, Any] = {"dt": dt, "accuracy": accuracy, "rtol": rtol, "atol": atol, "samples": samples}
-    options |= {"geometry": geometry, "types": types, "lmp": lmp, "lmp_args": lmp_args, "python": python}
-    options |= {"ranks": ranks}
-    settings = {key: value for key, value in options.items() if value is not None}
+        check_output(scene, output)
     with terminal.fraction(f"{scene} by {backend or 'the cheapest backend'}"):
         result = dem_bridge.solve(scene, backend=backend, **settings)
     _warn(result)
@@ -167,7 +98,7 @@ def run(
         result.save(output)
     summary = _summary(result)
     if as_json:
-        click.echo(json.dumps(summary, indent=1, allow_nan=False))
+        print_json(summary)
         return
     if backend is None:
         click.echo(f"{'cheapest backend':28} {summary['backend']} (for the reasons: dem-bridge plan)")
@@ -177,72 +108,23 @@ def run(
         click.echo(f"{'written':28} {output}")
 
 
-@main.command()
-@scene_argument
-@click.option(
-    "--style",
-    type=click.Choice(["granular", "table"]),
-    default="granular",
-    show_default=True,
-    help="Pair style of the deck.",
-)
-@step_option
-@geometry_option
-@types_option
-@click.option(
-    "-o", "folder", required=True, type=click.Path(path_type=Path), metavar="DIR", help="Folder for the files."
-)
-def deck(scene: str, style: str, dt: float | None, geometry: str | None, types: str | None, folder: Path) -> None:
+@with_options("deck")
+def deck(scene: str, folder: Path, **settings: Any) -> None:
     """Write the LAMMPS deck of SCENE.
 
     The deck runs in its folder by `lmp -in in.NAME`.
     """
-    options = {"dt": dt, "geometry": geometry, "types": types}
-    settings: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
-    for path in dem_bridge.write_deck(scene, folder, style=style, **settings):
+    for path in dem_bridge.write_deck(scene, folder, **settings):
         click.echo(path)
 
 
-@main.command()
-@click.argument("scenes", nargs=-1, metavar="[SCENE]...", shell_complete=scene_names)
-@accuracy_option
-@engine_options
-@jobs_option
-@recompute_option
-@click.option(
-    "-o",
-    "folder",
-    type=click.Path(path_type=Path),
-    default=Path("reports/latest"),
-    show_default=True,
-    metavar="DIR",
-    help="Folder for the report (index.html, verdicts.json).",
-)
-@click.option(
-    "--bundle",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Folder for a bundle with which a reviewer can repeat the runs.",
-)
-@click.option(
-    "--json", "json_file", type=click.Path(path_type=Path), metavar="FILE", help="Further file for the verdicts, JSON."
-)
-@click.option(
-    "--junit", "junit_file", type=click.Path(path_type=Path), metavar="FILE", help="File for the verdicts, JUnit XML."
-)
+@with_options("verify")
 def verify(
     scenes: tuple[str, ...],
-    accuracy: float | None,
-    lmp: str | None,
-    lmp_args: str | None,
-    python: str | None,
-    ranks: int | None,
-    jobs: int | None,
-    recompute: bool,
     folder: Path,
-    bundle: Path | None,
-    json_file: Path | None,
-    junit_file: Path | None,
+    json_file: Path | None = None,
+    junit_file: Path | None = None,
+    **settings: Any,
 ) -> None:
     """Verify scenes and write a report.
 
@@ -251,18 +133,8 @@ def verify(
     for file in (json_file, junit_file):
         if file is not None:
             check_file(file)
-    options = {"accuracy": accuracy, "lmp": lmp, "lmp_args": lmp_args, "python": python, "ranks": ranks}
-    settings: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
     with terminal.bar() as progress:
-        verification = dem_bridge.verify(
-            list(scenes) or None,
-            folder=folder,
-            bundle=bundle,
-            jobs=jobs,
-            progress=progress,
-            recompute=recompute,
-            **settings,
-        )
+        verification = dem_bridge.verify(list(scenes) or None, folder=folder, progress=progress, **settings)
     if json_file is not None:
         write_whole(json_file.parent, {json_file.name: (folder / "verdicts.json").read_text(encoding="utf-8")})
     if junit_file is not None:
@@ -274,15 +146,27 @@ def verify(
             _warn(engine_run)
     terminal.print_study(verification)
     click.echo(f"report: {folder / 'index.html'}")
-    if bundle is not None:
+    if bundle := settings.get("bundle"):
         click.echo(f"bundle: {bundle}; repeat the runs with: sh {bundle / 'replay.sh'}")
     sys.exit(verification.exit_code)
 
 
-@main.command()
-@json_option
-@engine_options
-def doctor(as_json: bool, lmp: str | None, lmp_args: str | None, python: str | None, ranks: int | None) -> None:
+@with_options("plan")
+def plan(scene: str, accuracy: float, as_json: bool, **settings: Any) -> None:
+    """Find the cheapest settings for an accuracy.
+
+    The settings are those of the cheapest backend, or of one backend. Runs check them.
+    """
+    with terminal.bar() as progress:
+        answer = dem_bridge.plan(scene, accuracy, progress=progress, **settings)
+    if as_json:
+        print_json(answer.as_json())
+    else:
+        terminal.print_plan(answer, scene)
+
+
+@with_options("doctor")
+def doctor(as_json: bool, **settings: Any) -> None:
     """Check the installation.
 
     Each fault is printed with what to do about it.
@@ -292,23 +176,17 @@ def doctor(as_json: bool, lmp: str | None, lmp_args: str | None, python: str | N
     from dem_bridge.doctor import examine
     from dem_bridge.lmp.engine import Engine
 
-    findings = examine(Engine.chosen(lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks))
+    findings = examine(Engine.chosen(**settings))
     if as_json:
-        click.echo(json.dumps([finding.as_dict() for finding in findings], indent=1))
+        print_json([finding.as_dict() for finding in findings])
     else:
-        for finding in findings:
-            click.echo(str(finding))
+        click.echo("\n".join(map(str, findings)))
     sys.exit(0 if all(finding.fine or not finding.needed for finding in findings) else 3)
 
 
-main.add_command(study_group)
-main.add_command(new_command)
-main.add_command(plan_command(tuple(BACKENDS)))
-main.add_command(export_command(tuple(BACKENDS)))
-main.add_command(regress_command(tuple(BACKENDS)))
-main.add_command(convert_command)
-main.add_command(compare_command)
-main.add_command(import_group)
+_COMMANDS = (scenes, run, deck, verify, doctor, study_group, new, plan, export, regress, convert, compare, import_group)
+for _command in _COMMANDS:
+    main.add_command(_command)
 
 
 def _warn(run: Trajectory) -> None:
@@ -395,7 +273,3 @@ def command() -> None:
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code or 0)
-
-
-if __name__ == "__main__":
-    command()

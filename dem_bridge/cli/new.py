@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from dem_bridge.cli.options import check_new
+from dem_bridge.cli.options import check_new, with_options
 from dem_bridge.errors import UsageError
 from dem_bridge.files import write_whole
 
@@ -33,17 +33,8 @@ def template(form: str, name: str) -> str:
     return text.replace(f'"{_NAME}"', f'"{name}"', 1).replace(head, "\n".join([head, *keys]))
 
 
-@click.command("new", epilog=f"Forms: {'. '.join(f'{form}: {use}' for form, use in FORMS.items())}.")
-@click.argument("file", type=click.Path(path_type=Path), metavar="[NAME.toml]", default=Path(f"{_NAME}.toml"))
-@click.option(
-    "--form",
-    type=click.Choice(tuple(FORMS)),
-    default="pattern",
-    show_default=True,
-    help="Form of the scene file; see below.",
-)
-@click.option("--force", is_flag=True, help="Replace the file if it exists.")
-def new_command(file: Path, form: str, force: bool) -> None:
+@with_options("new", epilog=f"Forms: {'. '.join(f'{form}: {use}' for form, use in FORMS.items())}.")
+def new(file: Path, form: str, force: bool) -> None:
     """Write a new scene file in which every key is explained.
 
     The scene can be run without changes; optional parts are commented out. The default file is my-chain.toml. The name

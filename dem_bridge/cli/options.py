@@ -1,15 +1,27 @@
-"""Arguments and options that several commands share."""
+"""The arguments and options of all commands: the data are in ``options.json``, the types of their values are here.
+
+The file has the options of each command in their order, as arguments of :class:`click.Option`. An entry ``{}`` is the
+option of the part ``shared`` with the same name. The choices are written in the file, because ``--help`` must not
+import numpy; a test compares them with the package.
+"""
 
 from __future__ import annotations
 
+import inspect
+import json
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from dem_bridge.backends.catalogue import BACKENDS
 from dem_bridge.errors import UsageError
 from dem_bridge.files import check_file
+
+if TYPE_CHECKING:
+    from dem_bridge.scene import Wall
 
 
 def scene_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
@@ -35,39 +47,87 @@ class ObservableChoice(click.Choice[str]):
         return tuple(OBSERVABLES)
 
 
-scene_argument = click.argument("scene", shell_complete=scene_names)
-step_option = click.option("--dt", type=float, metavar="S", help="Upper bound of the time step, s.")
-accuracy_option = click.option(
-    "--accuracy",
-    type=float,
-    metavar="A",
-    help="Accuracy of velocities, relative to the largest velocity; the time step follows from it.",
-)
-samples_option = click.option(
-    "--samples", type=int, metavar="N", help="Number of samples in time.  [default: that of the scene]"
-)
-jobs_option = click.option(
-    "-j",
-    "jobs",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Number of runs at the same time.  [default: the number of cores]",
-)
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-geometry_option = click.option(
-    "--geometry",
-    type=click.Choice(["surrogate", "physical"]),
-    help="Radius of the bodies in the deck: a small power of two, which minimises round-off, or the scene's radius."
-    "  [default: surrogate]",
-)
-types_option = click.option(
-    "--types",
-    type=click.Choice(["euler", "per-body"]),
-    help="Atom types of the deck: as few as possible, or one per body.  [default: euler]",
-)
-recompute_option = click.option(
-    "--no-cache", "recompute", is_flag=True, help="Recompute all runs, also those in the store."
-)
+def _names(value: str) -> list[str]:
+    """Return the names of a list with commas."""
+    return [name.strip() for name in value.split(",")]
+
+
+def _numbers(value: str) -> list[float]:
+    """Return the numbers of a list with commas."""
+    try:
+        return [float(number) for number in value.split(",")]
+    except ValueError as error:
+        raise click.BadParameter(f"{error}; allowed: numbers separated by commas") from None
+
+
+def _variable(value: str) -> tuple[str, str]:
+    """Return name and value of a variable NAME=VALUE."""
+    name, sign, text = value.partition("=")
+    if not sign:
+        raise click.BadParameter(f"{value!r}; allowed: NAME=VALUE")
+    return name, text
+
+
+def _wall(value: str) -> Wall:
+    """Return the wall STIFFNESS[,GAP[,EXPONENT]]."""
+    import dem_bridge
+
+    try:
+        numbers = [float(word) for word in value.split(",")]
+    except ValueError:
+        numbers = []
+    if not 1 <= len(numbers) <= 3:
+        raise click.BadParameter(f"{value!r}; allowed: STIFFNESS[,GAP[,EXPONENT]]")
+    return dem_bridge.Wall(**dict(zip(("stiffness", "gap", "exponent"), numbers, strict=False)))
+
+
+_TYPES: dict[str, Any] = {
+    "backend": click.Choice(BACKENDS),
+    "file": click.Path(path_type=Path),
+    "float": float,
+    "int": int,
+    "names": _names,
+    "numbers": _numbers,
+    "observable": ObservableChoice(),
+    "positive": click.IntRange(min=1),
+    "variable": _variable,
+    "wall": _wall,
+}
+
+
+@cache
+def _table() -> dict[str, dict[str, dict[str, Any]]]:
+    """Return the contents of ``options.json``."""
+    return json.loads(Path(__file__).with_name("options.json").read_text(encoding="utf-8"))  # type: ignore[no-any-return]
+
+
+def parameters(command: str) -> list[click.Parameter]:
+    """Return the arguments and options of a command in their order."""
+    table = _table()
+    return [_parameter(name, dict(entry or table["shared"][name])) for name, entry in table[command].items()]
+
+
+def _parameter(name: str, keywords: dict[str, Any]) -> click.Parameter:
+    """Return an argument or an option; its type is a list of choices or a key of ``_TYPES``."""
+    kind = keywords.pop("type", None)
+    keywords["type"] = click.Choice(kind) if isinstance(kind, list) else _TYPES.get(kind)
+    if keywords.pop("argument", False):
+        return click.Argument([name], shell_complete=scene_names if name in ("scene", "scenes") else None, **keywords)
+    return click.Option([*keywords.pop("flags", [f"--{name.replace('_', '-')}"]), name], **keywords)
+
+
+def with_options(name: str, **attributes: Any) -> Callable[[Callable[..., None]], click.Command]:
+    """Return a decorator that makes a function the command ``name``; options that were not given are not passed."""
+
+    def make(function: Callable[..., None]) -> click.Command:
+        def call(**values: Any) -> None:
+            function(**{key: value for key, value in values.items() if value is not None})
+
+        return click.Command(
+            name.split()[-1], callback=call, params=parameters(name), help=inspect.getdoc(function), **attributes
+        )
+
+    return make
 
 
 def check_new(path: Path, force: bool) -> None:
@@ -77,26 +137,14 @@ def check_new(path: Path, force: bool) -> None:
         raise UsageError(f"{path}: the file exists; allowed: a new file, or --force to replace it")
 
 
-def check_not_input(scene: str, *outputs: Path | None) -> None:
-    """Raise UsageError if an output would replace the scene file that is read."""
+def check_output(scene: str, output: Path) -> None:
+    """Raise UsageError unless ``output`` can be written without replacing the scene file that is read."""
     source = Path(scene)
-    for output in outputs:
-        if output is not None and source.is_file() and output.exists() and output.samefile(source):
-            raise UsageError(f"{output}: the output would replace the scene file; name another file")
+    if source.is_file() and output.exists() and output.samefile(source):
+        raise UsageError(f"{output}: the output would replace the scene file; name another file")
+    check_file(output)
 
 
-def engine_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the options that select a LAMMPS to a command."""
-    options = (
-        click.option(
-            "--lmp", metavar="PATH", help="LAMMPS binary.  [default: $DEM_BRIDGE_LMP, or the Python module lammps]"
-        ),
-        click.option("--lmp-args", metavar="ARGS", help='Further arguments of LAMMPS, such as "-sf omp".'),
-        click.option(
-            "--python", metavar="PATH", help="Python interpreter of another environment whose module lammps is used."
-        ),
-        click.option("--ranks", type=int, metavar="R", help="Number of MPI processes of one run.  [default: 1]"),
-    )
-    for option in reversed(options):
-        command = option(command)
-    return command
+def print_json(document: Any) -> None:
+    """Print a document of JSON types."""
+    click.echo(json.dumps(document, indent=1, allow_nan=False))

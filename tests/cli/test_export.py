@@ -14,8 +14,8 @@ from click.testing import CliRunner, Result
 
 import dem_bridge as db
 from dem_bridge.cli import main
-from dem_bridge.cli.export import FORMATS, TABLES
 from dem_bridge.files import write_whole
+from tests.helpers.command_line import choices
 from tests.helpers.fake_runs import CHAIN
 
 Export = Callable[..., Result]
@@ -40,8 +40,8 @@ def _one_line(done: Result, *parts: str) -> None:
 def test_the_words_of_the_command_are_those_of_the_package() -> None:
     from dem_bridge.exports import formats, tables
 
-    assert tuple(tables.TABLES) == TABLES
-    assert tuple(formats.FORMATS) == FORMATS
+    assert tuple(tables.TABLES) == choices("export", "table")
+    assert tuple(formats.FORMATS) == choices("export", "format")
 
 
 def test_csv_goes_to_stdout_and_notes_beside_it(export: Export) -> None:

@@ -17,6 +17,7 @@ from dem_bridge.cli import main
 from dem_bridge.cli.new import FORMS, template
 from dem_bridge.scene_file import parse_scene
 from dem_bridge.scene_file.forms import CylinderScene, PatternScene, RawScene, SphereScene
+from tests.helpers.command_line import choices
 
 TABLES: dict[str, type[BaseModel]] = {
     "pattern": PatternScene,
@@ -60,6 +61,7 @@ OPTIONS = [(form, *option) for form in FORMS for option in options(template(form
 def test_every_form_of_a_scene_file_has_a_template_and_none_is_of_another() -> None:
     files = {file.stem for file in (Path(db.__file__).parent / "scene_file" / "templates").glob("*.toml")}
     assert files == set(FORMS) == set(TABLES)
+    assert choices("new", "form") == tuple(FORMS)
 
 
 @every_form

@@ -7,9 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 from click.testing import CliRunner
 
 from dem_bridge.cli import main
+from dem_bridge.cli.options import parameters
 
 PROGRAM = str(Path(sys.executable).with_name("dem-bridge"))
 Done = subprocess.CompletedProcess[str]
@@ -36,3 +38,10 @@ def assert_one_line(done: Done, *parts: str) -> None:
     assert done.stderr.count("\n") == 1, done.stderr
     for part in parts:
         assert part in done.stderr
+
+
+def choices(command: str, name: str) -> tuple[str, ...]:
+    """Return the allowed values of an option."""
+    [option] = [parameter for parameter in parameters(command) if parameter.name == name]
+    assert isinstance(option.type, click.Choice)
+    return tuple(option.type.choices)
