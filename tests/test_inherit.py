@@ -28,14 +28,17 @@ from dem_bridge.backends import base
 from dem_bridge.backends.base import BACKENDS, backend
 from dem_bridge.backends.catalogue import Entry
 from dem_bridge.cli import main
+from dem_bridge.observables import registry
 from dem_bridge.planning.predict import EVALUATIONS
 from dem_bridge.scene import Scene
 from dem_bridge.studies.catalogue import STUDIES
 from dem_bridge.studies.paper.runs import BESIDE
 from dem_bridge.studies.verify import plan_scene
 from tests.conftest import Solve
+from tests.helpers.export_chains import CROSSED
 from tests.helpers.move_pins import move_pins
 from tests.helpers.recipes import PAGE, ROOT, Block, blocks, one_more_scene, recipes
+from tests.helpers.registered import registered
 
 COMMANDS, PAPER, SCENES = (
     (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in ("commands", "paper", "scenes")
@@ -187,7 +190,13 @@ def test_the_example_of_a_backend_runs_within_its_bars(
 
 
 def test_the_example_of_an_observable_runs(built: Callable[[str], list[ModuleType]], solved: Solve) -> None:
-    assert _run(built("observable"), solved) == 2
+    modules = built("observable")
+    assert _run(modules, solved) == 2
+    entry = _diff("observables/registry.py", "Observable(").added()
+    [observable] = eval(f"[{entry}]", vars(registry) | vars(modules[0]))
+    with registered(observable):
+        table = db.table_of(CROSSED, "observables", backend="verlet", dt=1e-6)
+    assert any(note.startswith("centre of mass: largest magnitude at samples, 3.38108e-05 m") for note in table.notes)
 
 
 def test_the_example_of_a_study_runs(built: Callable[[str], list[ModuleType]], solved: Solve) -> None:

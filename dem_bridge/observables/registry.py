@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -158,6 +159,10 @@ def _front_speed_uncertainty(scene: Scene, run: Trajectory) -> Floats:
     return np.asarray(relative / np.abs(residence))
 
 
+#: peak velocities of the latest runs: each of two observables reads values and uncertainties from them
+_peak_velocity = lru_cache(maxsize=4)(peak_velocity_of_front)
+
+
 def _spacing(scene: Scene) -> float:
     return np.nan if scene.spacing is None else scene.spacing
 
@@ -225,16 +230,16 @@ OBSERVABLES_IN_ORDER = (
         definition="Largest velocity of the body until it hands the impulse on.",
         unit="m/s",
         axis=("body",),
-        value=lambda scene, run: peak_velocity_of_front(scene, run).velocity,
-        uncertainty=lambda scene, run: peak_velocity_of_front(scene, run).bar,
+        value=lambda scene, run: _peak_velocity(scene, run).velocity,
+        uncertainty=lambda scene, run: _peak_velocity(scene, run).bar,
     ),
     Observable(
         name="peak_velocity_time",
         definition="Time at which the body has its largest velocity before it hands the impulse on.",
         unit="s",
         axis=("body",),
-        value=lambda scene, run: peak_velocity_of_front(scene, run).time,
-        uncertainty=lambda scene, run: peak_velocity_of_front(scene, run).time_bar,
+        value=lambda scene, run: _peak_velocity(scene, run).time,
+        uncertainty=lambda scene, run: _peak_velocity(scene, run).time_bar,
     ),
     _stored("peak_force", "Largest compressive force of the contact during the run.", OWN),
     Observable(

@@ -87,6 +87,11 @@ class Table:
         """Return the table as CSV with a header; numbers have full precision."""
         return _csv(self.columns, self.rows)
 
+    def as_json(self) -> list[dict[str, Any]]:
+        """Return each row as a mapping by the names of the columns, JSON without NaN."""
+        rows = ((cell if isinstance(cell, str) else plain(cell) for cell in row) for row in self.rows)
+        return [dict(zip(self.columns, row, strict=True)) for row in rows]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Series:
@@ -256,15 +261,7 @@ class Study:
             "schema": f"dem-bridge/study-{self.id}/1",
             "title": self.title,
             "answer": list(self.answer),
-            "tables": {
-                item.id: [
-                    dict(
-                        zip(item.columns, (cell if isinstance(cell, str) else plain(cell) for cell in row), strict=True)
-                    )
-                    for row in item.rows
-                ]
-                for item in self.tables
-            },
+            "tables": {item.id: item.as_json() for item in self.tables},
             "verdicts": [verdict.as_json() for verdict in self.verdicts],
             "notes": list(self.notes),
             "interrupted": self.interrupted,

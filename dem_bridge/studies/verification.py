@@ -5,6 +5,7 @@ Nothing is run or drawn here.
 
 from __future__ import annotations
 
+import math
 import os
 import platform
 from collections.abc import Iterator, Sequence
@@ -14,7 +15,9 @@ from importlib.metadata import version
 from typing import Any
 
 from dem_bridge.lmp.coefficients import MODELS
-from dem_bridge.studies.study import Claim, Study, verdict_table
+from dem_bridge.observables.errors import read, reduced, relative_to
+from dem_bridge.observables.registry import OBSERVABLES
+from dem_bridge.studies.study import Claim, Study, Table, verdict_table
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN
@@ -65,6 +68,7 @@ class Verification(Study):
             "budgets": [
                 budget.as_json() | {"scene": study.scene.name} for study in self.studies for budget in study.budgets
             ],
+            "observables": [row for table in self.tables if table.id == "observables" for row in table.as_json()],
             "provenance": dict(self.provenance),
         }
 
@@ -78,7 +82,7 @@ def verification_of(
         id="verify",
         title=f"Verification of {', '.join(study.scene.name for study in studies)}",
         answer=tuple(map(_answer, studies)),
-        tables=(verdict_table(verdicts),),
+        tables=(verdict_table(verdicts), observable_table(studies)),
         verdicts=verdicts,
         notes=tuple(notes),
         provenance=_provenance(studies, accuracy, wall),
@@ -86,6 +90,43 @@ def verification_of(
         accuracy=accuracy,
         wall=wall,
         not_verified=(*_NEVER_VERIFIED, *_limits(studies)),
+    )
+
+
+def observable_table(studies: Sequence[SceneStudy]) -> Table:
+    """Return all registered observables of the runs of each scene that have the reference's equations.
+
+    Scenes without a reference, and those of the paper that are run without refinement levels, have no rows.
+    """
+    rows: list[tuple[str | float, ...]] = []
+    for study in studies:
+        if study.runs is None or not study.runs.engine_refinements:
+            continue
+        results = (study.runs.reference, study.runs.engine, study.runs.twin, study.runs.second_reference)
+        runs = [None if result is None else result.trajectory for result in results]
+        if runs[0] is None:
+            continue
+        for observable in OBSERVABLES.values():
+            reference, cells = read(observable, study.scene, runs[0]), []
+            for run in runs:
+                errors = None if run is None else relative_to(reference, read(observable, study.scene, run))
+                cells += [math.nan, math.nan] if errors is None else [errors.reduced(), reduced(errors.uncertainty)]
+            # the reference does not differ from itself
+            rows.append((study.scene.name, observable.words, reduced(reference.values), observable.unit, *cells[1:]))
+    return Table(
+        id="observables",
+        title="Observables",
+        caption=(
+            "For each registered observable, its largest magnitude in the reference, and the differences of the other"
+            " runs from the reference. Differences and uncertainties are the largest of all samples, bodies and"
+            " contacts, relative to the scale of the observable. An uncertainty of inf is unknown."
+        ),
+        columns=(
+            *("scene", "observable", "reference", "unit", "uncertainty of reference"),
+            *("LAMMPS - reference", "uncertainty of LAMMPS", "twin - reference", "uncertainty of twin"),
+            *("second reference - reference", "uncertainty of second reference"),
+        ),
+        rows=tuple(rows),
     )
 
 

@@ -27,7 +27,7 @@ from dem_bridge.differences import Difference, difference, first_divergence
 from dem_bridge.errors import RunBroken
 from dem_bridge.observables.conserved import work
 from dem_bridge.observables.errors import read
-from dem_bridge.observables.registry import observable_named
+from dem_bridge.observables.registry import OBSERVABLES, observable_named
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, Trajectory
 from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, engine_for
@@ -42,6 +42,12 @@ INDEPENDENT = "independent check (two unrelated integrators)"
 #: uncertainty of scipy, relative to the largest velocity, where it was not estimated: its maximum over the shipped
 #: scenes
 SCIPY_UNCERTAINTY = 2e-10
+#: observables by which the accuracy of LAMMPS is not judged, because they follow from others that are, or because
+#: another check judges them
+NOT_JUDGED = frozenset({
+    "contact_force", "arrival", "arrival_at_end", "front_speed", "wave_speed", "peak_velocity", "peak_velocity_time",
+    "first_peak_force", "momentum", "energy", "energy_less_work",
+})  # fmt: skip
 #: observables in which binary collisions are compared with the reference
 MODELLED = ("arrival", "residence_time", "arrival_at_end", "peak_force", "velocity")
 #: permissible ratio of measured to predicted table errors: both are sampled, and neither samples the exact maximum
@@ -175,12 +181,16 @@ def _of_difference(
 
 
 def accuracy(scene: Scene, name: str, run: Trajectory, reference: Trajectory, tolerance: float) -> list[Verdict]:
-    """Judge a run against the reference: the velocity of the twin, every quantity of LAMMPS."""
+    """Judge a run against the reference: the velocity of the twin, every observable of LAMMPS.
+
+    Observables that are registered in addition to those of the package are judged as well.
+    """
     parts = ["time step", *(["table"] if "table" in run.provenance else []), "implementation and round-off"]
     meaning = "time step" if name == TWIN else ", ".join(parts)
-    quantities: tuple[str, ...] = ("velocity",)
-    if name != TWIN:
-        quantities = (*QUANTITIES, "residence_time") if scene.n_body > 2 else QUANTITIES
+    without = {*QUANTITIES, *NOT_JUDGED, *(["residence_time"] if scene.n_body <= 2 else [])}
+    quantities = (
+        ("velocity",) if name == TWIN else (*QUANTITIES, *(other for other in OBSERVABLES if other not in without))
+    )
     verdicts = []
     for compared in (difference(quantity, run, reference, scene) for quantity in quantities):
         of_velocity = compared.quantity == "velocity"

@@ -81,7 +81,7 @@ def whole(found: Verification, tmp_path_factory: pytest.TempPathFactory) -> Path
 def test_the_page_is_one_file_that_loads_nothing(found: Verification, tmp_path: Path) -> None:
     page = _written(found, tmp_path / "new" / "folder")
     files = {path.relative_to(page.parent).as_posix() for path in page.parent.rglob("*.*")}
-    assert files == {"index.html", "verdicts.json", "tables/verdicts.csv"}
+    assert files == {"index.html", "verdicts.json", "tables/verdicts.csv", "tables/observables.csv"}
     _loads_nothing(page.read_text(encoding="utf-8"))
 
 
@@ -153,7 +153,7 @@ def test_what_is_not_verified_goes_by_what_was_run(
 def test_the_json_has_the_keys_of_the_contract(found: Verification, tmp_path: Path) -> None:
     record = json.loads((_written(found, tmp_path).parent / "verdicts.json").read_text(encoding="utf-8"))
     assert record["schema"] == SCHEMA == "dem-bridge/verdicts/1"
-    assert set(record) == {"schema", "verdicts", "claims", "budgets", "provenance"}
+    assert set(record) == {"schema", "verdicts", "claims", "budgets", "observables", "provenance"}
     for verdict in record["verdicts"]:
         assert {
             "scene", "quantity", "backend", "reference", "difference", "scale", "uncertainty",

@@ -129,7 +129,7 @@ def test_where_the_reference_is_scipys_answer_scipy_has_a_run(runs: Runs) -> Non
 def test_a_paper_has_its_tables_and_its_figures_in_order(paper: Verification) -> None:
     assert [table.id for table in paper.tables] == [
         "claims", "budget", "split", "theories", "pulses", "fits", "coverage", "validity", f"contacts-{MAIN[0]}",
-        f"contacts-{MAIN[1]}", "scatter", "verdicts",
+        f"contacts-{MAIN[1]}", "scatter", "verdicts", "observables",
     ]  # fmt: skip
     assert [one.id for one in paper.figures] == [
         "figure-2", "figure-3", "figure-4", "figure-5", *(f"scatter-{name}" for name in MAIN),
