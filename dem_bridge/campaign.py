@@ -40,6 +40,8 @@ class Result:
     case: Case
     trajectory: Trajectory | None = None
     failure: UnsupportedScene | BackendUnavailable | RunBroken | UsageError | None = None
+    key: str | None = None
+    """What decides the result: the key of the run in the store, and the failure; None: nothing that could be told."""
 
 
 class Crashed(RunBroken):
@@ -107,7 +109,7 @@ def run_cases(
         if run is None:
             left[one] = case
         else:
-            found[one] = Result(case=case, trajectory=run)
+            found[one] = Result(case=case, trajectory=run, key=key)
     whole = sum(case.expected for case in left.values())
 
     def say(label: str, part: float = 0.0) -> None:
@@ -117,10 +119,13 @@ def run_cases(
             )
 
     def keep(one: str, result: Result) -> None:
-        found[one], case = result, left.pop(one)
+        case, run = left.pop(one), result.trajectory
         # the key again, for an engine may have become another meanwhile
-        if store is not None and result.trajectory is not None and (key := case.key) == one:
-            store.save(key, result.trajectory)
+        if store is not None and case.key == one:
+            result = replace(result, key=one if run is not None else f"{one}: {result.failure}")
+            if run is not None:
+                store.save(one, run)
+        found[one] = result
         say(case.label)
 
     _run_all(left.copy(), jobs, keep, say, partial(run_case, everything=everything))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 
 import numpy as np
@@ -90,7 +91,8 @@ def checked_numbers(
         if count is None:
             raise SceneError(key, value=values, allowed=f"a list; each entry {allowed}")
         return (checked_number(key, values, allowed, above=above, at_least=at_least),) * count
-    if np.ma.is_masked(values):
+    # an array can be masked only where numpy.ma is imported, which takes 0.04 s
+    if "numpy.ma" in sys.modules and np.ma.is_masked(values):
         raise SceneError(key, problem="has masked entries", allowed=f"a list; each entry {allowed}")
     if not isinstance(values, Sequence) and hasattr(values, "__array__"):  # arrays and pandas Series
         values = np.asarray(values)

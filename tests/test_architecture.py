@@ -54,6 +54,7 @@ SIDEWAYS = {
     ("notebook", "notebook_sketch"): "a scene is shown with a sketch of its chain",
     ("lmp", "dense"): "a deck dumps at the steps of a Schedule",
     ("runs", "backends"): "a case names a backend and its settings",
+    ("runs", "observables"): "what is read from runs depends on the observables that are registered",
     ("campaign", "uncertainty"): "a case is solved with its uncertainty",
     ("planning", "extrapolate"): "settings may be those of an extrapolation",
     ("accuracy", "errors"): "an accuracy that is none is a UsageError",

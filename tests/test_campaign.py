@@ -30,6 +30,7 @@ from dem_bridge.runs import case as case_module
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
+from dem_bridge.studies import verify
 from dem_bridge.studies.verification import Verification, verification_of
 from dem_bridge.studies.verify import verify_scenes
 from dem_bridge.support import Condition, Support
@@ -362,6 +363,7 @@ def test_a_second_verification_runs_nothing_and_says_the_same(tmp_path: Path, mo
     first = verify_scenes([scene], accuracy=1e-4, store=Store(tmp_path))
     monkeypatch.setattr(campaign, "backend", None)
     monkeypatch.setattr(Verlet, "run", None)  # the step is not looked for either
+    monkeypatch.setattr(verify, "assess_scene", None)  # nothing is judged again
     second = verify_scenes([scene], accuracy=1e-4, store=Store(tmp_path))
     assert [verdict.as_json() for verdict in second.verdicts] == [verdict.as_json() for verdict in first.verdicts]
     assert second.notes == ()

@@ -13,8 +13,6 @@ import numpy as np
 from dem_bridge import features
 from dem_bridge.backends.bars import reference_bars
 from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
-from dem_bridge.backends.scipy_damped import DampedIntegration
-from dem_bridge.backends.scipy_integration import Integration
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.support import Support
@@ -53,6 +51,10 @@ class ScipyDop853:
 
         Raises UsageError for ``rtol`` above 1e-4, RunBroken where DOP853 stops.
         """
+        # they bring scipy.integrate, which takes half a second to import
+        from dem_bridge.backends.scipy_damped import DampedIntegration
+        from dem_bridge.backends.scipy_integration import Integration
+
         wall, cpu = time.perf_counter(), time.process_time()
         rtol = resolution.rtol if resolution.rtol is not None else DEFAULT_RTOL
         if rtol > LARGEST_RTOL:

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import get_window, medfilt
 
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.interpolate import spacing
@@ -101,6 +100,8 @@ def measured_bands(
     Raises UnsupportedScene as :func:`unit_cell` does, UsageError where nothing moves or nothing is left between the two
     frequencies.
     """
+    from scipy.signal import get_window, medfilt
+
     h, (first, cell) = spacing(trajectory), unit_cell(scene)
     length, p = len(trajectory.time) * h, cell.bodies
     top = 1.0 / (3.0 * h)

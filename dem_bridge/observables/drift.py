@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.interpolate import acceleration, contact_motion
@@ -68,6 +67,8 @@ def drift_of(time: Floats, series: Floats) -> Drift:
     >>> f"{swing.slope:.2e}", swing.found, drift_of(time, np.sin(1000.0 * time)).found
     ('2.99e-06', True, False)
     """
+    from scipy.stats import t as student
+
     if len(series) < 2 * BLOCKS:
         raise UsageError(f"{len(series)} samples of a series; allowed: at least {2 * BLOCKS}, for a drift with a bar")
     when, means = (

@@ -12,8 +12,6 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import curve_fit
-from scipy.stats import t as student
 
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.front import (
@@ -111,6 +109,8 @@ def speed_power_law(
     >>> fit.first, fit.last, f"{fit.speed(3):.0f} to {fit.speed(38):.0f} m/s, rms {fit.residual:.1%}"
     (3, 38, '1817 to 717 m/s, rms 0.7%')
     """
+    from scipy.optimize import curve_fit
+
     n = _one_exponent(scene)
     low, high = inner_bodies(scene)
     low, high = low if first is None else first, high if last is None else last
@@ -234,6 +234,8 @@ def log_velocity_slope(scene: Scene, trajectory: Trajectory, first: int, last: i
 
 def straight_line(kind: type[Fitted], x: Floats, y: Floats, bar: Floats, first: int) -> Fitted:
     """The slope of y against x, point j of which is contact or body ``first + j``."""
+    from scipy.stats import t as student
+
     slope, stderr, weight = _least_squares(x, y)
     reach = float(student.ppf(0.975, len(x) - 2)) * stderr
     windows = [(0, len(x))]

@@ -15,7 +15,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigvalsh_tridiagonal
 
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.observables.interpolate import contact_motion
@@ -58,6 +57,8 @@ def highest_frequencies(scene: Scene, trajectory: Trajectory) -> tuple[float, fl
     >>> f"{pair:.3g} rad/s, {mode / pair:.2f}"
     '1.86e+05 rad/s, 1.27'
     """
+    from scipy.linalg import eigvalsh_tridiagonal
+
     c, mobility = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
     k = tangent_stiffness(scene, contact_motion(scene, trajectory)[0])
     # along the line of bodies: the left wall's contact is the first

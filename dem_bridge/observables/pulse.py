@@ -13,8 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.signal import find_peaks
 
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.fits import inner_bodies
@@ -97,6 +95,8 @@ def _place(passing: Floats, when: Floats) -> Floats:
 
     An edge that is at a contact before it is at the one behind, as in a pulse that still forms, starts anew there.
     """
+    from scipy.interpolate import CubicSpline
+
     result = np.full(len(when), np.nan)
     ahead = np.concatenate([[False], np.diff(passing) > 0.0, [False]])  # nan is not ahead
     for first, last in zip(*(np.flatnonzero(np.diff(ahead.astype(int)) == turn) for turn in (1, -1)), strict=True):
@@ -278,6 +278,8 @@ def secondary_fronts(
     >>> counts
     {'decelerating-40': 2, 'accelerating-40': 0}
     """
+    from scipy.signal import find_peaks
+
     if not 0 <= body < scene.n_body:
         raise UsageError(f"body {body}; allowed: 0 to {scene.n_body - 1}")
     if not 0.0 < share < 1.0:

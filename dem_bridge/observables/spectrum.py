@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import get_window
 
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.fits import Slope, inner_contacts, straight_line
@@ -133,6 +132,8 @@ def wavenumber_spectrum(
 
 def _spectrum(v: Floats, step: float, *, window: Window, position: Floats, time: Floats) -> Spectrum:
     """Return the spectrum of each column of ``v``, sampled at ``step`` along its rows."""
+    from scipy.signal import get_window
+
     count = len(v)
     try:
         weight = get_window(window, count)  # periodic, as the transform is

@@ -1,21 +1,12 @@
-"""Format the cells of a page: numbers with significant digits, outcomes in words, compressed images."""
+"""Format the cells of a page: numbers with significant digits, outcomes in words."""
 
 from __future__ import annotations
 
-import base64
-import io
 import math
 from collections.abc import Sequence
 
-from matplotlib.figure import Figure
-from PIL import Image
-
-from dem_bridge.report.drawing import fix_layout
 from dem_bridge.studies.study import Claim, ClaimValue, Table
 from dem_bridge.verification.verdict import Outcome
-
-#: resolution of images, dots per inch
-_DPI = 120
 
 #: outcomes in the order in which they are sorted, the worst first
 SEVERITY = (
@@ -110,28 +101,3 @@ def sortable(value: float | str | None) -> str:
     if isinstance(value, str):
         return str(SEVERITY.index(Outcome(value))) if value in set(Outcome) else value
     return repr(float(value)).replace("inf", "Infinity")
-
-
-def image(figure: Figure) -> bytes:
-    """Return a figure as a small PNG image; equal figures have equal bytes."""
-    png = io.BytesIO()
-    fix_layout(figure).savefig(png, format="png", dpi=_DPI)
-    return compress_png(png.getvalue())
-
-
-def data_uri(png: bytes) -> str:
-    """Return an image as a data URI, so that the page is a single file."""
-    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
-
-
-def compress_png(png: bytes) -> bytes:
-    """Return the image with a palette of 256 colours, in about a third of the bytes.
-
-    The palette covers all colours, so that thin lines keep theirs, and is then refined by k-means, without which a map
-    has a dozen visible steps. The file has no date and no software, so that equal images have equal bytes.
-    """
-    small = io.BytesIO()
-    colours = Image.open(io.BytesIO(png)).convert("RGB")
-    indexed = colours.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE, kmeans=2)
-    indexed.save(small, format="png", optimize=True)
-    return small.getvalue()

@@ -230,8 +230,9 @@ def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
     return figure
 
 
-def error_budget(study: SceneStudy) -> Figure | None:
-    """Draw the error budget of LAMMPS for each quantity, with the same axis for all."""
+def error_budget(studies: Sequence[SceneStudy]) -> Figure | None:
+    """Draw the error budget of LAMMPS on one scene for each quantity, with the same axis for all."""
+    [study] = studies
     rows = [_values(budget) for budget in study.budgets]
     values = [value for row in rows for value in row.values() if 0.0 < value < np.inf]
     if not values:

@@ -5,36 +5,32 @@ All files are written, or none.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections import Counter
 from collections.abc import Mapping
-from importlib.metadata import version
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.files import write_whole
-from dem_bridge.report import figures
 from dem_bridge.report.cells import (
     CLAIMED,
     SEVERITY,
     by_backend,
     by_outcome,
-    data_uri,
     digits_of,
-    image,
     number,
     numeric,
     sortable,
 )
-from dem_bridge.report.drawing import csv_texts, draw_figure
-from dem_bridge.runs.store import Store, code_hash, study_key
+from dem_bridge.report.figure_csv import csv_texts
+from dem_bridge.report.images import data_uri, image_of_data, image_of_runs
+from dem_bridge.runs.store import Store
 from dem_bridge.studies.independence import ANSWERS_THROUGH, matrix
-from dem_bridge.studies.study import FigureData, Study
+from dem_bridge.studies.study import Study
 from dem_bridge.studies.verification import Verification
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import BLANES_MOAN, POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN
@@ -66,17 +62,17 @@ def study_files(study: Study, store: Store | None = None) -> dict[str, str | byt
     """Return the files of a study by name.
 
     These are ``index.html``, the JSON, ``tables/ID.csv``, ``figures/ID.png``, ``figures/ID.csv`` and the study's own
-    ``files``. Pictures are kept in ``store``.
+    ``files``. Images are kept in ``store``.
     """
     figures: dict[str, dict[str, str | bytes]] = {
         one.id: {
-            f"figures/{one.id}.png": _stored_image(one, store),
+            f"figures/{one.id}.png": image_of_data(one, store),
             **{f"figures/{name}": text for name, text in csv_texts(one).items()},
         }
         for one in study.figures
     }
     files: dict[str, str | bytes] = {
-        "index.html": _page(study, figures),
+        "index.html": _page(study, figures, store),
         study.record_name: json.dumps(study.as_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
     }
     parts: list[dict[str, str | bytes]] = [{name: content()} for name, content in study.files.items()]
@@ -88,7 +84,7 @@ def study_files(study: Study, store: Store | None = None) -> dict[str, str | byt
     return files
 
 
-def _page(study: Study, figures: Mapping[str, Mapping[str, str | bytes]]) -> str:
+def _page(study: Study, figures: Mapping[str, Mapping[str, str | bytes]], store: Store | None) -> str:
     """Return the page as text. ``figures``: the files of each figure, the picture first."""
     environment = Environment(
         loader=PackageLoader("dem_bridge.report", "templates"),
@@ -105,7 +101,6 @@ def _page(study: Study, figures: Mapping[str, Mapping[str, str | bytes]]) -> str
         "number": number,
         "numeric": numeric,
         "data_uri": data_uri,
-        "image": image,
         "sortable": sortable,
     }
     template, more = "study.html.j2", {}
@@ -114,6 +109,7 @@ def _page(study: Study, figures: Mapping[str, Mapping[str, str | bytes]]) -> str
     return environment.get_template(template).render(
         study=study,
         files=figures,
+        image_of=partial(image_of_runs, store=store),
         failures=[verdict for verdict in study.verdicts if verdict.outcome in SEVERITY[:3]],
         **more,
     )
@@ -132,7 +128,6 @@ def _of_verification(study: Verification) -> dict[str, Any]:
         "counts": [(outcome, counts[outcome]) for outcome in Outcome if counts[outcome]],
         "pairs": [with_figures[i : i + _COLUMNS] for i in range(0, len(with_figures), _COLUMNS)],
         "with_figures": with_figures,
-        "figures": figures,
         "judged": lambda chain: [v for v in chain.verdicts if v.outcome is not Outcome.MODEL_DIFFERENCE],
         "with_theory": lambda pair: any(chain.run(THEORY) is not None for chain in pair),
         "models": lambda chain: [v for v in chain.verdicts if v.outcome is Outcome.MODEL_DIFFERENCE],
@@ -166,17 +161,3 @@ def _deck_hashes(chain: SceneStudy) -> list[str]:
     """Return the hash of the deck of the LAMMPS run, if there is one."""
     run = chain.run(chain.engine)
     return [run.provenance["deck_hash"]] if run is not None and "deck_hash" in run.provenance else []
-
-
-def _stored_image(figure: FigureData, store: Store | None) -> bytes:
-    """Return the image of a figure from the store, or draw it, which takes half a second."""
-    # equal numbers drawn by the same code and matplotlib have the same key
-    content = hashlib.sha256(figure.content()).hexdigest()
-    key = study_key("picture", [], content=content, code=code_hash(), matplotlib=version("matplotlib"))
-    stored = store.load_arrays(key) if store is not None and key is not None else None
-    if stored is not None:
-        return stored["picture"].tobytes()
-    png = image(draw_figure(figure))
-    if store is not None and key is not None:
-        store.save_arrays(key, {"picture": np.frombuffer(png, dtype=np.uint8)})
-    return png

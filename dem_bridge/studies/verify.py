@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.planning.bars import resolution_for
 from dem_bridge.runs.case import Case
+from dem_bridge.runs.recall import recall
 from dem_bridge.runs.store import Store, study_key
 from dem_bridge.scene import Scene
 from dem_bridge.studies.verification import Verification, verification_of
@@ -49,7 +51,7 @@ def verify_scenes(
     checked_accuracy(accuracy)
     plans = [plan_scene(scene, accuracy, engine=engine, store=store) for scene in scenes]
     groups = run_groups([plan.cases for plan in plans], jobs=jobs, progress=progress, store=store)
-    studies = tuple(plan.assess(results) for plan, results in zip(plans, groups, strict=True))
+    studies = tuple(plan.assess(results, store) for plan, results in zip(plans, groups, strict=True))
     notes = (store.trouble,) if store is not None and store.trouble else ()
     return verification_of(studies, accuracy=accuracy, wall=time.perf_counter() - start, notes=notes)
 
@@ -71,15 +73,22 @@ class ScenePlan:
         """All cases, those of the roles first."""
         return (*(self.runs or ()), *self.others)
 
-    def assess(self, results: Sequence[Result]) -> SceneStudy:
-        """Judge the results of :attr:`cases`, given in their order."""
+    def assess(self, results: Sequence[Result], store: Store | None = None) -> SceneStudy:
+        """Judge the results of :attr:`cases`, given in their order, unless the store has their verdicts."""
         if self.error is not None:
             study = study_without_runs(self.scene, self.error)
             return with_conserved(study, results, self.accuracy)
         assert self.runs is not None
         count = len(results) - len(self.others)
-        study = assess_scene(self.scene, self.runs.filled(results[:count]), self.accuracy)
-        return replace(study, others=tuple(results[count:]))
+        runs = self.runs.filled(results[:count])
+
+        def judge() -> dict[str, Any]:
+            study = assess_scene(self.scene, runs, self.accuracy)
+            return {"verdicts": study.verdicts, "refinement": study.refinement, "budgets": study.budgets}
+
+        keys = [result.key for result in runs]
+        judged = recall(store, "assessment", keys, judge, scenes=[self.scene], accuracy=self.accuracy)
+        return SceneStudy(scene=self.scene, runs=runs, others=tuple(results[count:]), **judged)
 
 
 def plan_scene(

@@ -17,7 +17,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
-from dem_bridge.report.drawing import STYLES, colour_limits, csv_texts, draw_figure, png
+from dem_bridge.report.drawing import STYLES, colour_limits, draw_figure, png
+from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.strokes import style_of
 from dem_bridge.studies.study import FigureData, Map, Panel, Series
 from tests.helpers.legibility import assert_legible

@@ -19,8 +19,10 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Result
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.report.cells import compress_png, digits_of, number, sortable
-from dem_bridge.report.drawing import csv_texts, draw_figure
+from dem_bridge.report.cells import digits_of, number, sortable
+from dem_bridge.report.drawing import draw_figure
+from dem_bridge.report.figure_csv import csv_texts
+from dem_bridge.report.images import compress_png
 from dem_bridge.report.junit import junit
 from dem_bridge.report.page import write_study
 from dem_bridge.runs.case import Case

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from dem_bridge.backends.reference import SAFETY
 from dem_bridge.backends.twin import solve_dense
@@ -100,6 +99,8 @@ def growth_of(time: Floats, distance: Floats, share: float, *, most: float = KNO
     >>> found.exponential, round(found.rate, 6)
     (False, 1.0)
     """
+    from scipy.stats import t as student
+
     positive = (time > 0.0) & np.all(distance > 0.0, axis=0)
     middle = np.exp(np.mean(np.log(np.where(positive, distance, 1.0)), axis=0))
     inside = positive & (middle >= share) & (middle < most)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.stats import t as student
 
 from dem_bridge.observables.conserved import energy, energy_parts, momentum, work
 from dem_bridge.observables.drift import BLOCKS
@@ -83,6 +82,8 @@ def statistics(scene: Scene, run: Trajectory, first: int) -> dict[str, float]:
 
 def statistical(result: Found, trust: Trust) -> list[Verdict]:
     """Statistics of a run beside those of independent runs of the reference; none where there are no such runs."""
+    from scipy.stats import t as student
+
     first = independent_from(result)
     if first is None:
         return []
@@ -152,6 +153,8 @@ def drift(result: Found) -> list[Verdict]:
     The tolerance of the drift is 1 % of the largest energy in motion; both have the uncertainty of the long run's
     averages.
     """
+    from scipy.stats import t as student
+
     long, scene, created = result.long, result.scene, []
     name, over = f"energy of {TWIN}", f"over {long.steps:.3g} steps ({long.time[-1]:.3g} s at dt = {long.dt:.3g} s)"
     if not scene.dissipates and long.drift is not None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import chain
+from typing import Any
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import BACKENDS
@@ -15,6 +16,7 @@ from dem_bridge.campaign import Progress, Result, run_groups
 from dem_bridge.differences import difference
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.case import Case
+from dem_bridge.runs.recall import recall
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
@@ -60,6 +62,7 @@ from dem_bridge.studies.scatter import ScatteredChains
 from dem_bridge.studies.study import Claim, FigureData, Table
 from dem_bridge.studies.verification import Verification, verification_of
 from dem_bridge.studies.verify import DEFAULT_ACCURACY, ScenePlan, check_jobs, plan_scene
+from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import REFERENCE, SCIPY
 
 
@@ -133,47 +136,73 @@ def verify_paper(
     of_scenes, [of_changed], of_sets, of_models, of_thumbs = ([next(groups) for _ in part] for part in parts)
     if progress is not None:
         progress(1.0, 1, "reading claims")
-    runs = Runs.of((*chain.from_iterable(of_scenes), *of_changed))
-    scattered = [
-        scatter.chains_of(scene, of_set, spread=extent.spread) for scene, of_set in zip(main, of_sets, strict=True)
-    ]
-    requested = [
-        (hierarchy, _left_out(hierarchy, of_model)) for hierarchy, of_model in zip(hierarchies, of_models, strict=True)
-    ]
-    judged = [rule_of_thumb.errors_of(scene, of_thumb) for scene, of_thumb in zip(scenes, of_thumbs, strict=True)]
-    studies = tuple(plan.assess(results) for plan, results in zip(plans, of_scenes, strict=True))
+    studies = tuple(plan.assess(results, store) for plan, results in zip(plans, of_scenes, strict=True))
+
+    def read() -> dict[str, Any]:
+        runs = Runs.of((*chain.from_iterable(of_scenes), *of_changed))
+        scattered = [
+            scatter.chains_of(scene, of_set, spread=extent.spread) for scene, of_set in zip(main, of_sets, strict=True)
+        ]
+        requested = [
+            (hierarchy, _left_out(hierarchy, of_model))
+            for hierarchy, of_model in zip(hierarchies, of_models, strict=True)
+        ]
+        judged = [rule_of_thumb.errors_of(scene, of_thumb) for scene, of_thumb in zip(scenes, of_thumbs, strict=True)]
+        return read_paper(studies, accuracy, runs, scattered, requested, (rule_of_thumb.table(judged),))
+
+    results = [*chain(*of_scenes, of_changed, *of_sets, *of_models, *of_thumbs)]
+    paper = recall(
+        store,
+        "paper",
+        [result.key for result in results],
+        read,
+        scenes=[result.case.scene for result in results],
+        accuracy=accuracy,
+        extent=asdict(extent),
+    )
     verification = verification_of(
         studies,
         accuracy=accuracy,
         wall=time.perf_counter() - began,
         notes=(store.trouble,) if store is not None and store.trouble else (),
     )
-    return with_paper(verification, runs, scattered, requested, (rule_of_thumb.table(judged),))
+    return with_paper(verification, paper)
 
 
-def with_paper(
-    verification: Verification,
-    runs: Runs,
-    scattered: list[ScatteredChains],
-    requested: Sequence[tuple[ModelHierarchy, Sequence[LeftOut]]] = (),
-    more: tuple[Table, ...] = (),
-) -> Verification:
-    """Return a verification with the claims, tables and figures of the paper; nothing is run here.
-
-    ``more``: further tables, behind the others.
-    """
-    claims = (*numbers(runs), *waves(runs, scattered), *spectra(runs), *forces(runs))
-    names = [study.scene.name for study in verification.studies]
-    effects = list(_effects(runs))
-    contacts = [contacts_table(runs, name) for name in MAIN]
+def with_paper(verification: Verification, paper: Mapping[str, Any]) -> Verification:
+    """Return a verification with what :func:`read_paper` has read off the runs."""
     return replace(
         verification,
         id="paper",
         title="Chaunsali, Kim & Yang (2018), claim by claim",
-        answer=answer(claims, effects, verification.studies),
+        answer=paper["answer"],
         not_verified=(*NOT_VERIFIED, *verification.not_verified),
-        claims=claims,
-        tables=(
+        claims=paper["claims"],
+        tables=(*paper["tables"], *verification.tables),
+        figures=paper["figures"],
+    )
+
+
+def read_paper(
+    studies: Sequence[SceneStudy],
+    accuracy: float,
+    runs: Runs,
+    scattered: list[ScatteredChains],
+    requested: Sequence[tuple[ModelHierarchy, Sequence[LeftOut]]] = (),
+    more: tuple[Table, ...] = (),
+) -> dict[str, Any]:
+    """Read answer, claims, tables and figures of the paper off the runs; nothing is run here.
+
+    ``more``: further tables, behind the others.
+    """
+    claims = (*numbers(runs), *waves(runs, scattered), *spectra(runs), *forces(runs))
+    names = [study.scene.name for study in studies]
+    effects = list(_effects(runs))
+    contacts = [contacts_table(runs, name) for name in MAIN]
+    return {
+        "answer": answer(claims, effects, studies),
+        "claims": claims,
+        "tables": (
             claims_table(claims),
             budget_table(effects),
             split_table(effects),
@@ -181,15 +210,14 @@ def with_paper(
             theories_table(runs, names),
             pulses_table(runs, names),
             fits_table(runs, names),
-            coverage_table(runs, names, verification.accuracy),
+            coverage_table(runs, names, accuracy),
             scenes_table(runs, names),
             *(table for table in contacts if table is not None),
             scatter.table(scattered),
             *more,
-            *verification.tables,
         ),
-        figures=tuple(_figures(runs, scattered)),
-    )
+        "figures": tuple(_figures(runs, scattered)),
+    }
 
 
 def claims_table(claims: Sequence[Claim]) -> Table:

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.report.drawing import csv_texts, draw_figure, png
+from dem_bridge.report.drawing import draw_figure, png
+from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.scene import Scene
 from dem_bridge.studies.paper.figures import ChainRuns, figure_2, figure_3, figure_4, figure_5, figure_6
 from dem_bridge.studies.paper.panels import MAP_ROWS, window

@@ -9,20 +9,24 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import dem_bridge as db
+from dem_bridge import campaign
 from dem_bridge.backends import lammps
 from dem_bridge.backends.base import BACKENDS, Resolution
 from dem_bridge.cli import main
 from dem_bridge.differences import difference
 from dem_bridge.errors import BackendUnavailable, UsageError
+from dem_bridge.report import images
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
+from dem_bridge.studies import verify
 from dem_bridge.studies.model_hierarchy.models import ModelHierarchy, model_hierarchy_of
 from dem_bridge.studies.paper import study
 from dem_bridge.studies.paper.runs import (
@@ -39,7 +43,7 @@ from dem_bridge.studies.paper.runs import (
     variants,
     with_mass_gradient,
 )
-from dem_bridge.studies.paper.study import Extent, coverage_table, verify_paper, with_paper
+from dem_bridge.studies.paper.study import Extent, coverage_table, read_paper, verify_paper, with_paper
 from dem_bridge.studies.scatter import ScatteredChains
 from dem_bridge.studies.verification import Verification, verification_of
 from dem_bridge.studies.verify import DEFAULT_ACCURACY, ScenePlan, plan_scene
@@ -53,7 +57,8 @@ SMALL = Extent(scenes=MAIN, chains=2, hierarchy=False)
 
 @pytest.fixture(scope="module")
 def paper(runs: Runs, scattered: list[ScatteredChains]) -> Verification:
-    return with_paper(verification_of([], accuracy=DEFAULT_ACCURACY, wall=0.0), runs, scattered)
+    verification = verification_of([], accuracy=DEFAULT_ACCURACY, wall=0.0)
+    return with_paper(verification, read_paper([], DEFAULT_ACCURACY, runs, scattered))
 
 
 # what is run
@@ -218,6 +223,31 @@ def test_verify_paper_prints_its_claims_and_writes_them(small: None, tmp_path: P
     assert decelerates["sentence"] in page
     assert "What may be left out at 1 %" in page
     assert (tmp_path / "report/verdicts.json").read_text() == (tmp_path / "v.json").read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.lammps
+def test_a_second_report_judges_and_draws_nothing(small: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    words = ("verify", "paper", "--accuracy", "1e-4", "-j", "1", "-o")
+    assert CliRunner().invoke(main, [*words, str(tmp_path / "first")]).exit_code == 0
+    for module, name in (
+        (campaign, "run_case"), (study, "read_paper"), (verify, "assess_scene"), (images, "png_of"),
+    ):  # fmt: skip
+        monkeypatch.setattr(module, name, Mock(side_effect=AssertionError(f"{name} is called again")))
+    done = CliRunner().invoke(main, [*words, str(tmp_path / "second")])
+    assert done.exit_code == 0, done.output
+    first, second = (json.loads((tmp_path / name / "verdicts.json").read_text()) for name in ("first", "second"))
+    for part in ("verdicts", "claims", "budgets"):
+        assert second[part] == first[part]
+    pages = [(tmp_path / name / "index.html").read_text() for name in ("first", "second")]
+    shown = [re.findall(r'src="(data:[^"]+)"', page) for page in pages]
+    assert shown[1] == shown[0]
+    assert len(shown[0]) >= 2
+    for name in ("tables", "figures"):
+        files = sorted((tmp_path / "first" / name).iterdir())
+        assert files
+        for file in files:
+            assert (tmp_path / "second" / name / file.name).read_bytes() == file.read_bytes()
 
 
 def test_without_lammps_the_claims_are_read_from_the_reference(small: None, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,141 @@
+"""Keep values that are read from stored runs in the store, under the keys of these runs.
+
+Verdicts, claims, tables, figures and images are plain data: dataclasses of this package, tuples, lists, mappings,
+numbers, texts, bytes and arrays. An entry holds them as JSON and arrays, and no code is run to read it.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.observables.registry import OBSERVABLES
+from dem_bridge.runs.store import Store, study_key
+from dem_bridge.scene import Scene
+
+Value = TypeVar("Value")
+_PACKAGE = "dem_bridge."
+
+
+def recall(
+    store: Store | None,
+    question: str,
+    keys: Sequence[str | None],
+    compute: Callable[[], Value],
+    *,
+    scenes: Sequence[Scene] = (),
+    **settings: object,
+) -> Value:
+    """Return ``compute()``, from the store if it was computed before by the same code from the same runs.
+
+    Parameters
+    ----------
+    store : Store or None
+        None: the value is always computed.
+    question : str
+        Name of the value.
+    keys : sequence of str or None
+        Keys of all runs that are read; with None among them the value is always computed.
+    compute : callable
+        Computes the value, which must be plain data.
+    scenes : sequence of Scene
+        Scenes that are read, with their names, descriptions and geometry.
+    **settings
+        Everything else that the value depends on, as JSON. The code of the package is always part of the key, except
+        that of the report and of the command line. An observable that another program has registered has code that is
+        not in the key: the value is then always computed.
+
+    Raises
+    ------
+    TypeError
+        If the value is not plain data.
+    """
+    foreign = any(not item.value.__module__.startswith(_PACKAGE) for item in OBSERVABLES.values())
+    if store is None or foreign or None in keys:
+        return compute()
+    shown = [(scene.name, scene.description, repr(scene.geometry)) for scene in scenes]
+    registered = [(item.name, item.definition, item.unit, item.axis, item.scale.name) for item in OBSERVABLES.values()]
+    key = study_key(question, scenes, keys=list(keys), shown=shown, observables=registered, settings=settings)
+    if key is None:
+        return compute()
+    entry = store.load_arrays(key)
+    if entry is not None:
+        try:
+            value: Value = _decoded(json.loads(entry["json"].tobytes()), entry)
+            return value
+        except (AttributeError, ImportError, KeyError, TypeError, ValueError):
+            pass  # the entry was not written by this function: the value is computed and the entry replaced
+    value = compute()
+    arrays: dict[str, NDArray[Any]] = {}
+    text = json.dumps(_encoded(value, arrays))
+    store.save_arrays(key, {"json": np.frombuffer(text.encode(), dtype=np.uint8), **arrays})
+    return value
+
+
+def _encoded(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
+    """Return a value as JSON with its arrays in ``arrays``; TypeError for anything but plain data."""
+    if isinstance(value, Enum):
+        return {"enum": _name(type(value)), "value": value.value}
+    if value is None or isinstance(value, bool | str):
+        return value
+    if isinstance(value, np.number | np.bool_):  # before float, which one of them is
+        return {"numpy": value.dtype.name, "value": value.item()}
+    if isinstance(value, int | float):
+        return value
+    if isinstance(value, list):
+        return [_encoded(item, arrays) for item in value]
+    if isinstance(value, tuple):
+        return {"tuple": [_encoded(item, arrays) for item in value]}
+    if isinstance(value, Mapping):
+        return {"mapping": [[_encoded(key, arrays), _encoded(item, arrays)] for key, item in value.items()]}
+    if isinstance(value, bytes | np.ndarray):
+        name = f"array {len(arrays)}"
+        arrays[name] = np.frombuffer(value, dtype=np.uint8) if isinstance(value, bytes) else value
+        return {"bytes" if isinstance(value, bytes) else "array": name}
+    if is_dataclass(value) and not isinstance(value, type) and type(value).__module__.startswith(_PACKAGE):
+        parts = {field.name: _encoded(getattr(value, field.name), arrays) for field in fields(value)}
+        return {"dataclass": _name(type(value)), "fields": parts}
+    raise TypeError(f"{value!r} is not plain data, and cannot be kept in the store")
+
+
+def _decoded(value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
+    """Return what :func:`_encoded` encoded."""
+    if isinstance(value, list):
+        return [_decoded(item, arrays) for item in value]
+    if not isinstance(value, dict):
+        return value
+    if "tuple" in value:
+        return tuple(_decoded(item, arrays) for item in value["tuple"])
+    if "mapping" in value:
+        return {_decoded(key, arrays): _decoded(item, arrays) for key, item in value["mapping"]}
+    if "array" in value:
+        return arrays[value["array"]]
+    if "bytes" in value:
+        return arrays[value["bytes"]].tobytes()
+    if "numpy" in value:
+        return np.dtype(value["numpy"]).type(value["value"])
+    if "enum" in value:
+        return _class(value["enum"])(value["value"])
+    parts = {name: _decoded(item, arrays) for name, item in value["fields"].items()}
+    return _class(value["dataclass"])(**parts)
+
+
+def _name(cls: type) -> str:
+    """Return the module and name of a class."""
+    return f"{cls.__module__}:{cls.__qualname__}"
+
+
+def _class(name: str) -> Any:
+    """Return a dataclass or enumeration of this package by its module and name; ValueError for anything else."""
+    module, _, attribute = name.partition(":")
+    cls = getattr(importlib.import_module(module), attribute) if module.startswith(_PACKAGE) else None
+    if not (isinstance(cls, type) and (is_dataclass(cls) or issubclass(cls, Enum))):
+        raise ValueError(f"{name} is no dataclass or enumeration of dem_bridge")
+    return cls

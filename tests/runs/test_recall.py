@@ -1,0 +1,138 @@
+"""Values that follow from stored runs: exact, computed once, and plain data."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+import dem_bridge as db
+from dem_bridge.observables import registry
+from dem_bridge.observables.registry import OBSERVABLES
+from dem_bridge.runs import store as store_module
+from dem_bridge.runs.recall import _class, recall
+from dem_bridge.runs.store import Store
+from dem_bridge.scene import Scene
+from dem_bridge.studies.study import _bytes
+from dem_bridge.verification.verdict import Outcome, Verdict
+from tests.helpers.fake_paper import fake_paper
+
+VERDICT = Verdict(
+    scene="pair", quantity="velocity", backend="verlet", reference="reference", outcome=Outcome.PASS, sentence="It is.",
+    difference=1e-9, uncertainty=float("inf"), first_divergence=(1e-6, 2),
+)  # fmt: skip
+SCENE = Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
+#: every kind of plain data; two floats next to each other, and one that JSON has no number for
+VALUE = {
+    "verdicts": (VERDICT, VERDICT),
+    "refinement": {"verlet": ([1e-8, 2e-8], [0.1, float("nan")])},
+    "paper": fake_paper(),
+    "nothing": None,
+    "numbers": (1, True, 0.1, float(np.nextafter(0.1, 1.0)), -0.0, np.float64(0.1), np.int64(3), np.bool_(True)),
+    "image": b"\x89PNG",
+    "arrays": (np.array([[1.0, np.nan], [-0.0, 5e-324]]), np.zeros((0, 3)), np.array([True, False])),
+}
+
+
+def test_all_plain_data_comes_back_to_the_last_digit(tmp_path: Path) -> None:
+    compute = Mock(return_value=VALUE)
+    first, second = (recall(Store(tmp_path), "value", ["key"], compute) for _ in range(2))
+    compute.assert_called_once()
+    assert first is VALUE
+    for name, value in VALUE.items():
+        assert b"".join(_bytes(second[name])) == b"".join(_bytes(value)), name
+        assert type(second[name]) is type(value)
+    assert second["verdicts"][0].outcome is Outcome.PASS
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"keys": ["other"]}, {"keys": ["key", "other"]}, {"question": "other"}, {"accuracy": 2.0}, {"scenes": [SCENE]}],
+    ids=lambda change: next(iter(change)),
+)
+def test_another_key_question_setting_or_scene_is_another_value(tmp_path: Path, change: dict[str, Any]) -> None:
+    asked: dict[str, Any] = {"question": "value", "keys": ["key"], "accuracy": 1.0}
+    assert recall(Store(tmp_path), compute=lambda: 1, **asked) == 1
+    assert recall(Store(tmp_path), compute=lambda: 2, **asked) == 1
+    assert recall(Store(tmp_path), compute=lambda: 3, **{**asked, **change}) == 3
+
+
+@pytest.mark.parametrize("keys", [[None], ["key", None]])
+def test_what_has_no_key_is_computed_each_time(tmp_path: Path, keys: list[str | None]) -> None:
+    compute = Mock(return_value=1.0)
+    for store in (Store(tmp_path), Store(tmp_path), None):
+        assert recall(store, "value", keys, compute) == 1.0
+    assert compute.call_count == 3
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_damaged_entry_is_computed_again(tmp_path: Path) -> None:
+    assert recall(Store(tmp_path), "value", ["key"], lambda: 1.0) == 1.0
+    [entry] = tmp_path.iterdir()
+    entry.write_bytes(entry.read_bytes()[:-1])
+    store = Store(tmp_path)
+    assert recall(store, "value", ["key"], lambda: 2.0) == 2.0
+    assert "is damaged" in store.trouble
+
+
+@pytest.mark.parametrize(
+    "value", [len, object(), {"inside": [len]}, Mock()], ids=["function", "object", "list", "mock"]
+)
+def test_what_is_not_plain_data_is_refused_and_not_kept(tmp_path: Path, value: object) -> None:
+    with pytest.raises(TypeError, match="is not plain data"):
+        recall(Store(tmp_path), "value", ["key"], lambda: value)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["subprocess:Popen", "dem_bridge.runs.store:Store", "dem_bridge.runs.recall:recall"])
+def test_an_entry_makes_no_class_but_plain_data_of_this_package(tmp_path: Path, name: str) -> None:
+    store = Store(tmp_path)
+    assert recall(store, "value", ["key"], lambda: 1.0) == 1.0
+    [entry] = tmp_path.iterdir()
+    text = json.dumps({"dataclass": name, "fields": {}}).encode()
+    store.save_arrays(entry.stem, {"json": np.frombuffer(text, dtype=np.uint8)})
+    with pytest.raises(ValueError, match=f"{name} is no dataclass or enumeration of dem_bridge"):
+        _class(name)
+    assert recall(store, "value", ["key"], lambda: 2.0) == 2.0
+    assert recall(store, "value", ["key"], lambda: 3.0) == 2.0
+
+
+def test_changed_code_is_another_value(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert recall(Store(tmp_path), "value", ["key"], lambda: 1) == 1
+    monkeypatch.setattr(store_module, "code_hash", lambda *_: "of another version")
+    assert recall(Store(tmp_path), "value", ["key"], lambda: 2) == 2
+
+
+def test_another_geometry_of_the_same_motion_is_another_value(tmp_path: Path) -> None:
+    scene = db.load_scene("decelerating-40")
+    assert scene.geometry is not None
+    first, *others = scene.geometry.bodies
+    changed = replace(
+        scene, geometry=replace(scene.geometry, bodies=(replace(first, radius=2.0 * first.radius), *others))
+    )
+    assert changed.content_hash == scene.content_hash
+    assert recall(Store(tmp_path), "value", [], lambda: 1, scenes=[scene]) == 1
+    assert recall(Store(tmp_path), "value", [], lambda: 2, scenes=[changed]) == 2
+
+
+def test_another_registered_observable_is_another_value(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compute = Mock(side_effect=count())
+
+    def recalled() -> int:
+        value: int = recall(Store(tmp_path), "value", ["key"], compute)
+        return value
+
+    renamed = replace(OBSERVABLES["momentum"], name="quantity_of_motion")
+    foreign = replace(renamed, value=lambda scene, run: np.zeros(1))
+    assert (recalled(), recalled()) == (0, 0)
+    monkeypatch.setitem(registry._REGISTRY, renamed.name, renamed)
+    assert (recalled(), recalled()) == (1, 1)
+    # the code of an observable that another program has registered is not in the key
+    monkeypatch.setitem(registry._REGISTRY, renamed.name, foreign)
+    assert (recalled(), recalled()) == (2, 3)
