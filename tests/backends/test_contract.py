@@ -257,7 +257,7 @@ def test_a_resolution_refuses_what_is_no_positive_number(key: str, value: Any) -
 
 
 def test_a_resolution_refuses_a_bool() -> None:
-    with pytest.raises(UsageError):
+    with pytest.raises(UsageError, match="dt = True; allowed: a number from"):
         Resolution(dt=True)
 
 

@@ -180,7 +180,7 @@ def _of_lammps(seed: int, bench: Bench, accuracy: float) -> Row:
         plan = db.plan(bench.scene, accuracy, LAMMPS)
     except UsageError as error:
         return Row(**row, refused=str(error))  # type: ignore[arg-type]
-    ours, theirs = _in_turn(bench, (LAMMPS, plan.resolution), (LAMMPS, {"dt": best}) if best == best else None)
+    ours, theirs = _in_turn(bench, (LAMMPS, plan.resolution), None if math.isnan(best) else (LAMMPS, {"dt": best}))
     return _row(row, plan, bench, ours, theirs)
 
 
@@ -207,7 +207,7 @@ def main(*, tiny: bool = False, first: int = 0, count: int = COUNT) -> int:
             # what the grid cannot have either is refused rightly
             wrong = [row for row in of if row.refused and row.best not in ("", "nan")]
             met = sum(row.met for row in planned)
-            ratio = np.array([row.ratio for row in planned if row.ratio == row.ratio] or [math.nan])
+            ratio = np.array([row.ratio for row in planned if not math.isnan(row.ratio)] or [math.nan])
             good = met >= 0.95 * (len(planned) + len(wrong)) and np.median(ratio) <= 1.3 and ratio.max() <= 2.0
             failed += not good
             table.add_row(

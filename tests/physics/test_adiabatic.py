@@ -115,7 +115,7 @@ def test_a_response_that_is_one_per_cent_off_is_seen_by_the_long_runs(monkeypatc
     adiabatic.response.cache_clear()
     monkeypatch.setattr(np.linalg, "solve", lambda a, b: 1.01 * sound(a, b))
     try:
-        with pytest.raises(AssertionError):
+        with pytest.raises(AssertionError, match="±"):
             test_the_first_order_is_that_of_long_runs_in_exponential_chains(2.5)
     finally:
         adiabatic.response.cache_clear()
