@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -24,10 +25,12 @@ from dem_bridge.physics.dispersion import Cell
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
+from dem_bridge.studies.study import FigureData, Series, Study
+from dem_bridge.studies.texts import Texts
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.verdict import Outcome, Verdict, judge
 
+TEXTS = Texts("bands")
 #: code -> what it is compared with, and what the two then differ by
 COMPARED = {
     "scipy": ("", ""),
@@ -52,10 +55,14 @@ RESOLVED = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Found:
+class Measured:
     """Band edges read off one code's run."""
 
     backend: str
+    other: str
+    """The code that it is compared with."""
+    isolated: str
+    """What the two differ by."""
     bands: Bands
     oscillation: float
     """Largest change of an overlap over the static one."""
@@ -108,39 +115,28 @@ def study_bands(
     _check_range(scene, scene.drive, cell)
     sampling = Sampling(count=math.ceil(SAMPLES * top * scene.duration))
     step = Resolution(dt=1.0 / (STEPS * top))
-    cases = [
-        Case(
-            scene=scene,
-            backend=name,
-            resolution=Resolution() if name == "scipy" else step,
-            sampling=sampling,
-            engine=engine if name.startswith("lammps") else None,
-            uncertainty=False,
-        )
-        for name in COMPARED
-    ]
+    scipy = Case(scene=scene, backend="scipy", resolution=Resolution(), sampling=sampling, uncertainty=False)
+    twin = replace(scipy, backend="verlet", resolution=step)
+    cases = [scipy, twin, replace(twin, backend="lammps-granular", engine=engine)]
     results = run_cases(cases, jobs=jobs, progress=progress, store=store)
     runs = {result.case.backend: result.trajectory for result in results if result.trajectory is not None}
-    matches = [_found(scene, cell, name, run, runs) for name, run in runs.items()]
+    matches = [_measured(scene, cell, name, run, runs) for name, run in runs.items()]
     excuses = {result.backend: _excuse(scene, cell, result, tolerance) for result in matches}
     failures = [result for result in results if result.failure is not None]
     rows = [row for result in matches for row in _rows(cell, result, tolerance, excused=bool(excuses[result.backend]))]
     return Study(
         id="bands",
-        title=f"Bands of {scene.name}",
+        title=TEXTS.title(scene=scene.name),
         answer=(*_answer(scene, cell, matches, rows, tolerance), *_undecided(rows, excuses)),
-        tables=(_edges(rows, tolerance), _codes(matches)),
+        tables=(TEXTS.table("edges", rows, tolerance=tolerance), TEXTS.table("codes", matches)),
         figures=(_figure(cell, matches),) if matches else (),
         verdicts=(*(_verdict(scene, row, tolerance) for row in rows), *map(_broken, failures)),
-        notes=(
-            "Edges are where the trace of the unit cell's transfer matrix, fitted to the spectra of the velocities,"
-            " passes 2 or -2; the bar is the inverse of the record's length.",
-        ),
+        notes=TEXTS.notes(),
     )
 
 
 def _check_range(scene: Scene, drive: Drive, cell: Cell) -> None:
-    """UnsupportedScene for a sine or chirp that does not go over all edges while the window is open."""
+    """Raise UnsupportedScene for a sine or chirp that does not go over all edges while the window is open."""
     low, high = (factor * edge / (2.0 * math.pi) for factor, edge in ((BELOW, cell.edges[0]), (BEYOND, cell.edges[-1])))
     requested = (
         f"a chirp that is below {low:.0f} Hz at {SEEN[0] * scene.duration:g} s and above {high:.0f} Hz at"
@@ -184,8 +180,7 @@ def _verdict(scene: Scene, row: _Row, tolerance: float) -> Verdict:
         backend=row.backend,
         reference="infinite chain",
         outcome=row.outcome,
-        sentence=f"Band edge {row.edge} by {row.backend} is {row.measured:.4g} Hz, that of the infinite chain"
-        f" {row.theory:.4g} Hz; tolerance {100 * tolerance:g} %, resolution of the record {100 * row.bar:.2g} %.",
+        sentence=TEXTS("verdict", row=row, tolerance=tolerance),
         difference=abs(row.off),
         scale=row.theory,
         unit="Hz",
@@ -207,46 +202,46 @@ def _broken(result: Result) -> Verdict:
     )
 
 
-def _found(scene: Scene, cell: Cell, name: str, run: Trajectory, runs: dict[str, Trajectory]) -> Found:
-    assert scene.drive is not None
+def _measured(scene: Scene, cell: Cell, name: str, run: Trajectory, runs: dict[str, Trajectory]) -> Measured:
     top = cell.edges[-1] / (2.0 * math.pi)
     lowest = BELOW * cell.edges[0] / (2.0 * math.pi)
     links = len(scene.stiffness)
     static = -scene.contacts.gap[:links]
     change = -np.diff(run.displacement, axis=1)
-    other = runs.get(COMPARED[name][0])
-    return Found(
+    compared, isolated = COMPARED[name]
+    other = runs.get(compared)
+    return Measured(
         backend=name,
+        other=compared,
+        isolated=isolated,
         bands=measured_bands(scene, run, lowest=lowest, highest=BEYOND * top),
         oscillation=float(np.max(np.abs(change) / static)),
         apart=math.nan if other is None else difference("velocity", run, other).value,
     )
 
 
-def _excuse(scene: Scene, cell: Cell, item: Found, tolerance: float) -> str:
-    """Why an edge that is off, or missing, says nothing of the code; "" where it does."""
+def _excuse(scene: Scene, cell: Cell, item: Measured, tolerance: float) -> str:
+    """Return why an edge that is off, or missing, says nothing of the code; "" where it does."""
     if item.oscillation > SMALL:
-        return f"overlaps oscillate by {100 * item.oscillation:.2g} % of the static ones"
+        return TEXTS("large", share=item.oscillation)
     if scene.dissipates:
-        return "the chain is damped, and the theory's is not"
-    finest, narrowest = item.bands.resolution, _narrowest(cell)
+        return TEXTS("damped")
+    finest = item.bands.resolution
     if _unseen(cell, item):
-        return f"the record resolves {finest:.3g} Hz, the narrowest band or gap is {narrowest:.3g} Hz wide"
+        return TEXTS("unseen", finest=finest, narrowest=_narrowest(cell))
     if len(item.bands.edges) == len(cell.edges):
         return ""
     if finest > tolerance * cell.edges[0] / (2.0 * math.pi):
-        return f"the record resolves {finest:.3g} Hz, more than is asked of the lowest edge"
-    if scene.drive is not None and scene.drive.shape == "table":
-        return "nothing says that the table drives the chain at all edges"
-    return ""
+        return TEXTS("coarse", finest=finest)
+    return TEXTS("table") if scene.drive is not None and scene.drive.shape == "table" else ""
 
 
 def _narrowest(cell: Cell) -> float:
-    """Width of the narrowest band or gap, Hz."""
+    """Return the width of the narrowest band or gap, Hz."""
     return float(np.min(np.diff([0.0, *cell.edges]))) / (2.0 * math.pi)
 
 
-def _unseen(cell: Cell, item: Found) -> bool:
+def _unseen(cell: Cell, item: Measured) -> bool:
     """Return whether a band or gap is narrower than the record resolves, so that its edges may be chance."""
     return RESOLVED * item.bands.resolution > _narrowest(cell)
 
@@ -254,11 +249,11 @@ def _unseen(cell: Cell, item: Found) -> bool:
 def _undecided(rows: Sequence[_Row], excuses: dict[str, str]) -> Iterator[str]:
     for name, why in excuses.items():
         if why and any(row.backend == name and row.outcome is Outcome.UNDECIDED for row in rows):
-            yield f"{name} is not judged by its edges: {why}."
+            yield TEXTS("undecided", backend=name, reason=why)
 
 
-def _rows(cell: Cell, item: Found, tolerance: float, *, excused: bool) -> Iterator[_Row]:
-    """Edges in their order; where there are more or fewer than there should be none is known by name.
+def _rows(cell: Cell, item: Measured, tolerance: float, *, excused: bool) -> Iterator[_Row]:
+    """Yield the edges in their order; where there are more or fewer than there should be none is known by name.
 
     ``excused``: what would FAIL is UNDECIDED; so is what would PASS, where a band or gap is too narrow to be seen.
     """
@@ -274,118 +269,43 @@ def _rows(cell: Cell, item: Found, tolerance: float, *, excused: bool) -> Iterat
 
 
 def _answer(
-    scene: Scene, cell: Cell, matches: Sequence[Found], rows: Sequence[_Row], tolerance: float
+    scene: Scene, cell: Cell, matches: Sequence[Measured], rows: Sequence[_Row], tolerance: float
 ) -> Iterator[str]:
     if not matches:
-        yield f"No code could run {scene.name}."
+        yield TEXTS("none", scene=scene.name)
         return
     edges = ", ".join(f"{1e-3 * edge / (2.0 * math.pi):.4g}" for edge in cell.edges)
-    yield (
-        f"The infinite chain with {scene.name}'s cell of {cell.bodies} {'body' if cell.bodies == 1 else 'bodies'} has"
-        f" band edges at {edges} kHz."
-    )
-    known_values = [row for row in rows if math.isfinite(row.measured)]
-    if known_values:
-        worst = max(known_values, key=lambda row: abs(row.off))
-        yield (
-            f"Measured edges are off by at most {100 * abs(worst.off):.2g} % ({worst.backend}, edge {worst.edge}; the"
-            f" record resolves {100 * max(row.bar for row in known_values):.2g} %; asked: {100 * tolerance:g} %)."
-        )
-    for first in matches:
-        if len(first.bands.edges) != len(cell.edges):
-            yield (
-                f"{first.backend} shows {len(first.bands.edges)} edges where there should be {len(cell.edges)}: none is"
-                " known by name."
-            )
-    for first in matches:
-        other, isolated = COMPARED[first.backend]
-        if math.isfinite(first.apart):
-            yield f"{first.backend} differs from {other} by {first.apart:.1e} of the largest velocity: {isolated}."
+    yield TEXTS("edges", scene=scene.name, cell=cell, bodies="body" if cell.bodies == 1 else "bodies", edges=edges)
+    identified = [row for row in rows if math.isfinite(row.measured)]
+    if identified:
+        worst, bar = max(identified, key=lambda row: abs(row.off)), max(row.bar for row in identified)
+        yield TEXTS("measured", off=abs(worst.off), row=worst, bar=bar, tolerance=tolerance)
+    for item in matches:
+        if len(item.bands.edges) != len(cell.edges):
+            yield TEXTS("count", backend=item.backend, count=len(item.bands.edges), expected=len(cell.edges))
+    for item in matches:
+        if math.isfinite(item.apart):
+            yield TEXTS("apart", **vars(item))
     largest = max(result.oscillation for result in matches)
     small = "small, as the theory asks" if largest <= SMALL else "not small: edges move with its square"
-    yield f"Overlaps oscillate by {100 * largest:.2g} % of the static ones: {small}."
+    yield TEXTS("oscillation", share=largest, small=small)
 
 
-def _edges(rows: Sequence[_Row], tolerance: float) -> Table:
-    return Table(
-        id="edges",
-        title="Band edges",
-        caption=(
-            "Off: measured over theory, minus 1. Resolution: the inverse of the record's length. PASS: both together"
-            f" are within {100 * tolerance:g} %."
-        ),
-        columns=("code", "edge", "infinite chain (kHz)", "measured (kHz)", "off (%)", "resolution (%)", "outcome"),
-        rows=tuple(
-            (
-                row.backend,
-                float(row.edge),
-                1e-3 * row.theory,
-                1e-3 * row.measured,
-                100.0 * row.off,
-                100.0 * row.bar,
-                row.outcome.value,
-            )
-            for row in rows
-        ),
-    )
-
-
-def _codes(matches: Sequence[Found]) -> Table:
-    return Table(
-        id="codes",
-        title="The runs",
-        caption="Difference: of velocities, the largest over all samples and bodies, relative to the largest velocity.",
-        columns=("code", "compared with", "isolates", "difference", "oscillation of an overlap (%)"),
-        rows=tuple(
-            (result.backend, *COMPARED[result.backend], result.apart, 100.0 * result.oscillation) for result in matches
-        ),
-    )
-
-
-def _figure(cell: Cell, matches: Sequence[Found]) -> FigureData:
+def _figure(cell: Cell, matches: Sequence[Measured]) -> FigureData:
     phases = np.linspace(0.0, math.pi, 101)
     branches = np.array([cell.frequencies(phase) for phase in phases.tolist()]) / (2e3 * math.pi)
-    theory = tuple(
+    dispersion = [
         Series(label="infinite chain", style="guide", x=phases / math.pi, y=branches[:, nth])
         for nth in range(cell.bodies)
-    )
-    edges = [edge / (2e3 * math.pi) for edge in cell.edges]
-    ways = [(result, result.bands.phase / math.pi, 1e-3 * result.bands.frequency) for result in matches]
+    ]
     levels = [20.0 * np.log10(result.bands.transmission) for result in matches]
-    low, high = min(float(np.min(level)) for level in levels), max(float(np.max(level)) for level in levels)
-    return FigureData(
-        id="bands",
-        title="Bands",
-        caption=(
-            "(a) Phase per unit cell that the runs show, over the dispersion relation of the infinite chain. (b) Speed"
-            " of the last body over that of the first; the lines are the edges of the infinite chain's bands."
-        ),
-        panels=(
-            Panel(
-                title="(a) dispersion",
-                x_label="phase per cell (π)",
-                y_label="frequency (kHz)",
-                series=(
-                    *theory,
-                    *(Series(label=way.backend, style=_DRAWN[way.backend], x=x, y=y) for way, x, y in ways),
-                ),
-            ),
-            Panel(
-                title="(b) transmission",
-                x_label="frequency (kHz)",
-                y_label="last over first body (dB)",
-                series=(
-                    *(
-                        Series(label="band edges", style="guide", x=np.full(2, edge), y=np.array([low, high]))
-                        for edge in edges
-                    ),
-                    *(
-                        Series(
-                            label=result.backend, style=_DRAWN[result.backend], x=1e-3 * result.bands.frequency, y=level
-                        )
-                        for result, level in zip(matches, levels, strict=True)
-                    ),
-                ),
-            ),
-        ),
-    )
+    ends = np.array([min(map(np.min, levels)), max(map(np.max, levels))])
+    transmission = [
+        Series(label="band edges", style="guide", x=np.full(2, edge / (2e3 * math.pi)), y=ends) for edge in cell.edges
+    ]
+    for result, level in zip(matches, levels, strict=True):
+        drawn: dict[str, Any] = {"label": result.backend, "style": _DRAWN[result.backend]}
+        frequency = 1e-3 * result.bands.frequency
+        dispersion.append(Series(**drawn, x=result.bands.phase / math.pi, y=frequency))
+        transmission.append(Series(**drawn, x=frequency, y=level))
+    return TEXTS.figure("bands", (TEXTS.panel("dispersion", dispersion), TEXTS.panel("transmission", transmission)))

@@ -20,62 +20,36 @@ if TYPE_CHECKING:
 
 
 class Entry(NamedTuple):
-    """Location of a study, and its purpose in one sentence (the first line of the function's docstring)."""
+    """Location of a study, and its purpose in one sentence."""
 
     module: str
     function: str
     summary: str
 
 
-STUDIES: Mapping[str, Entry] = MappingProxyType(
-    {
-        "model-hierarchy": Entry(
-            "dem_bridge.studies.model_hierarchy.study",
-            "study_model_hierarchy",
-            "Find which physics and which numerics a scene needs for an accuracy, and its smallest adequate model.",
-        ),
-        "work-precision": Entry(
-            "dem_bridge.studies.work_precision.study",
-            "study_work_precision",
-            "Measure the error of every backend against its cost, for each of its numerical settings.",
-        ),
-        "rule-of-thumb": Entry(
-            "dem_bridge.studies.rule_of_thumb",
-            "study_rule_of_thumb",
-            "Measure the error of velocity-Verlet at time steps of 5, 10, 20 and 40 % of the Rayleigh time.",
-        ),
-        "stability": Entry(
-            "dem_bridge.studies.stability.study",
-            "study_stability",
-            "Find the largest stable and the largest accurate time steps of velocity-Verlet.",
-        ),
-        "extremes": Entry(
-            "dem_bridge.studies.extremes.study",
-            "study_extremes",
-            "Run a catalogue of extreme scenes through every backend and check each error against its uncertainty.",
-        ),
-        "bands": Entry(
-            "dem_bridge.studies.bands",
-            "study_bands",
-            "Compare the band edges of a driven, precompressed chain with those of the infinite chain.",
-        ),
-        "horizon": Entry(
-            "dem_bridge.studies.horizon.study",
-            "study_horizon",
-            "Measure how long single velocities are predictable, and check what is conserved beyond that time.",
-        ),
-        "scatter": Entry(
-            "dem_bridge.studies.scatter",
-            "study_scatter",
-            "Measure how random errors of the contact angles change arrival, residence times and peak forces.",
-        ),
-        "styles": Entry(
-            "dem_bridge.studies.styles",
-            "study_styles",
-            "Run a scene through every pair style, wall and suffix of LAMMPS and compare each with the twin.",
-        ),
-    }
-)
+#: name -> purpose, the first line of the function's docstring
+SUMMARIES = {
+    "model-hierarchy": "Find which physics and which numerics a scene needs for an accuracy, and its smallest"
+    " adequate model.",
+    "work-precision": "Measure the error of every backend against its cost, for each of its numerical settings.",
+    "rule-of-thumb": "Measure the error of velocity-Verlet at time steps of 5, 10, 20 and 40 % of the Rayleigh time.",
+    "stability": "Find the largest stable and the largest accurate time steps of velocity-Verlet.",
+    "extremes": "Run a catalogue of extreme scenes through every backend and check each error against its uncertainty.",
+    "bands": "Compare the band edges of a driven, precompressed chain with those of the infinite chain.",
+    "horizon": "Measure how long single velocities are predictable, and check what is conserved beyond that time.",
+    "scatter": "Measure how random errors of the contact angles change arrival, residence times and peak forces.",
+    "styles": "Run a scene through every pair style, wall and suffix of LAMMPS and compare each with the twin.",
+}
+#: studies that are packages with a module "study"; the others are one module
+_PACKAGES = ("model-hierarchy", "work-precision", "stability", "extremes", "horizon")
+
+
+def _entry(name: str, summary: str) -> Entry:
+    stem = name.replace("-", "_")
+    return Entry(f"dem_bridge.studies.{stem}{'.study' * (name in _PACKAGES)}", f"study_{stem}", summary)
+
+
+STUDIES: Mapping[str, Entry] = MappingProxyType({name: _entry(name, text) for name, text in SUMMARIES.items()})
 
 
 def study_named(name: str) -> Callable[..., Study]:

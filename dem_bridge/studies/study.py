@@ -105,6 +105,14 @@ class Series:
     bar: Floats | None = None
 
 
+def lines(frame: DataFrame, x: str, columns: Mapping[str, tuple[str, str]]) -> Iterator[Series]:
+    """Yield a series over column ``x`` for each label -> (style, column) of ``columns`` that has values."""
+    for label, (style, column) in columns.items():
+        rows = frame.dropna(subset=[column])
+        if len(rows):
+            yield Series(label=label, style=style, x=rows[x].to_numpy(float), y=rows[column].to_numpy(float))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Map:
     """Values over two axes: ``values (n_y, n_x)``."""

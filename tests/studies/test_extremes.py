@@ -86,18 +86,18 @@ def test_entries_that_cannot_be_meant_are_refused() -> None:
 def test_codes_of_ours_are_right_or_refuse_at_a_handful() -> None:
     some = ("pair-at-1e-9", "speed-32-times", "time-reversal", "at-rest", "front-barely-begun", "step-over-contacts")
     found = rows(*some)
-    assert {key: row.found.cell for key, row in found.items() if row.outcome is not Outcome.PASS} == {}
-    assert found["pair-at-1e-9", "reference"].found.standard == "the closed form of two bodies"
-    assert found["time-reversal", "verlet"].found.ratio > 0.1
-    assert found["at-rest", "scipy"].found.velocity_bar == 0.0
+    assert {key: row.finding.cell for key, row in found.items() if row.outcome is not Outcome.PASS} == {}
+    assert found["pair-at-1e-9", "reference"].finding.standard == "the closed form of two bodies"
+    assert found["time-reversal", "verlet"].finding.ratio > 0.1
+    assert found["at-rest", "scipy"].finding.velocity_bar == 0.0
 
 
 @pytest.mark.lammps
 def test_lammps_is_right_or_refuses_at_a_handful() -> None:
     found = rows("speed-32-times", "far-1e12", "table-ends-a-line-short", backends=ENGINE_BACKENDS)
-    assert {key: row.found.cell for key, row in found.items() if row.outcome is not Outcome.PASS} == {}
-    assert found["table-ends-a-line-short", "lammps-table"].found.word is Word.REFUSED
-    assert found["table-ends-a-line-short", "lammps-granular"].found.word is Word.RIGHT
+    assert {key: row.finding.cell for key, row in found.items() if row.outcome is not Outcome.PASS} == {}
+    assert found["table-ends-a-line-short", "lammps-table"].finding.word is Word.REFUSED
+    assert found["table-ends-a-line-short", "lammps-granular"].finding.word is Word.RIGHT
 
 
 def planted(change: Callable[[Trajectory], Trajectory]) -> Callable[[Any], Any]:
@@ -148,7 +148,7 @@ def chatty(run: Trajectory) -> Trajectory:
 def test_a_backend_with_a_fault_is_found_out(fault: Any, word: Word, verdict: Outcome) -> None:
     entry = replace(ALL["speed-0.001"], instead={"verlet": planted(fault)})
     row = rows_of([entry], ["verlet"])[0]
-    assert (row.found.word, row.outcome) == (word, verdict), row.found.reason
+    assert (row.finding.word, row.outcome) == (word, verdict), row.finding.reason
 
 
 def test_what_must_be_the_same_to_the_last_bit_may_not_differ_by_one() -> None:
@@ -156,7 +156,7 @@ def test_what_must_be_the_same_to_the_last_bit_may_not_differ_by_one() -> None:
         return replace(run, velocity=run.velocity * (1.0 + 2.0**-52))
 
     entry = replace(ALL["speed-32-times"], instead={"verlet": planted(nudge)})
-    found = rows_of([entry], ["verlet"])[0].found
+    found = rows_of([entry], ["verlet"])[0].finding
     assert found.word is Word.WRONG
     assert found.standard == "its own run at 1/32 of the speed, scaled"
 

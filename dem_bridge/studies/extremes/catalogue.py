@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from functools import cache
 
-from dem_bridge.studies.extremes import of_numerics, of_scales, of_touch
 from dem_bridge.studies.extremes.entry import Entry, checked
+from dem_bridge.studies.extremes.of_numerics import steps, tables
+from dem_bridge.studies.extremes.of_scales import angles, exponents, ratios, sizes, speeds, symmetries
+from dem_bridge.studies.extremes.of_touch import gaps, nothing, presses, touches
 
-PARTS: tuple[Callable[[], Iterator[Entry]], ...] = (
-    of_scales.speeds,
-    of_scales.angles,
-    of_scales.ratios,
-    of_scales.sizes,
-    of_scales.exponents,
-    of_scales.symmetries,
-    of_touch.touches,
-    of_touch.gaps,
-    of_touch.presses,
-    of_touch.nothing,
-    of_numerics.tables,
-    of_numerics.steps,
+PARTS = (
+    *(speeds, angles, ratios, sizes, exponents, symmetries),
+    *(touches, gaps, presses, nothing),
+    *(tables, steps),
 )
 
 
 @cache
 def catalogue() -> Mapping[str, Entry]:
-    """All entries by name; one of them asks the reference for the state from which it runs backwards."""
+    """Return all entries by name; the state from which one of them runs backwards is computed by the reference."""
     return checked([entry for part in PARTS for entry in part()])

@@ -12,7 +12,7 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.scene import Scene
 from dem_bridge.studies.extremes.judge import Expected, Word
-from dem_bridge.studies.extremes.truths import Truth
+from dem_bridge.studies.extremes.truths import Truth, by_others
 
 #: kinds of backends that an expectation may be for, beside their names
 THEORY, VERLET, FIXED_STEP, ENGINE, HERTZ = "theory", "velocity-Verlet", "fixed step", "engine", "hertz"
@@ -26,10 +26,9 @@ MASS, BETA, SPEED = 1e-2, 4.7e9, 0.75
 class Entry:
     """One line of the catalogue."""
 
-    name: str
+    scene: Scene
     asks: str
     """The question, in words."""
-    scene: Scene
     truths: tuple[Truth, ...]
     """All must be kept; a backend is judged by the one that it is the furthest from."""
     expected: Mapping[str, Expected] = field(default_factory=lambda: MappingProxyType({}))
@@ -45,6 +44,21 @@ class Entry:
     """Backends that are not run here for what that takes, with the reason."""
     slow: bool = False
     """Whether it takes more than about 5 s."""
+
+    @property
+    def name(self) -> str:
+        """Name of the scene."""
+        return self.scene.name
+
+    @property
+    def sources(self) -> str:
+        """Sources of the truths in words."""
+        return "; ".join(truth.says for truth in self.truths)
+
+
+def entry(scene: Scene, asks: str, *truths: Callable[[Scene], Truth], **settings: Any) -> Entry:
+    """Return an entry; without ``truths`` the scene is compared with another code."""
+    return Entry(scene=scene, asks=asks, truths=tuple(truth(scene) for truth in truths or (by_others,)), **settings)
 
 
 def kinds(judged: Backend) -> tuple[str, ...]:
@@ -78,10 +92,6 @@ def expectation(entry: Entry, name: str) -> Expected:
 
 def refused(because: str) -> Expected:
     return Expected(Word.REFUSED, because)
-
-
-#: what the adiabatic wave says of two bodies
-ONE_CONTACT = refused("the number of contacts is 1")
 
 
 def theories_refuse(because: str, **more: Expected) -> dict[str, Expected]:

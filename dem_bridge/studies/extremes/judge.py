@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -101,13 +101,12 @@ class Finding:
     @property
     def cell(self) -> str:
         """A few words."""
-        if self.word is Word.RIGHT:
-            return f"right (bar {self.velocity_bar:.0e})"
-        if self.word is Word.MODEL:
-            return f"model ({self.error:.0e})"
-        if self.word is Word.WRONG:
-            return f"WRONG (error / bar {self.ratio:.2g})"
-        return str(self.word)
+        cells = {
+            Word.RIGHT: f"right (bar {self.velocity_bar:.0e})",
+            Word.MODEL: f"model ({self.error:.0e})",
+            Word.WRONG: f"WRONG (error / bar {self.ratio:.2g})",
+        }
+        return cells.get(self.word, str(self.word))
 
 
 def judge(result: Result, standards: Sequence[Standard], *, model: bool) -> Finding:
@@ -125,17 +124,17 @@ def judge(result: Result, standards: Sequence[Standard], *, model: bool) -> Find
         return Finding(word=Word.REFUSED, reason=str(failure))
     if model:
         return _model(run, standards)
+    results, truths = [], []
     for standard in standards:
         if standard.run is None:
             return Finding(word=Word.NO_TRUTH, standard=standard.says, reason=standard.reason)
-    results = [_worst(run, standard.run, standard) for standard in standards if standard.run is not None]
+        truths.append(standard.run)
+        results.append(_worst(run, standard.run, standard))
     worst = max(results, key=lambda item: item.ratio)
-    if worst.ratio > 1.0:
-        return worst
-    if worst.velocity_bar >= WHOLE:
-        return Finding(**{**vars(worst), "word": Word.NO_BAR, "reason": "its bar is a whole scale: it says nothing"})
-    if min(_said(standard.run) for standard in standards if standard.run is not None) >= WHOLE:
-        return Finding(**{**vars(worst), "word": Word.NO_TRUTH, "reason": "no truth has a bar"})
+    if worst.ratio <= 1.0 and worst.velocity_bar >= WHOLE:
+        return replace(worst, word=Word.NO_BAR, reason="its bar is a whole scale: it says nothing")
+    if worst.ratio <= 1.0 and min(map(_said, truths)) >= WHOLE:
+        return replace(worst, word=Word.NO_TRUTH, reason="no truth has a bar")
     return worst
 
 
@@ -162,12 +161,10 @@ def _model(run: Trajectory, standards: Sequence[Standard]) -> Finding:
 
     It is that of arrival times or, where none falls into the duration of the scene, the median of the contacts' forces.
     """
-    truth = standards[0].run
     if not np.all(np.isfinite(run.velocity)):
         return Finding(word=Word.WRONG, reason="velocities that are not finite", ratio=math.inf)
-    for name in ("crossing_time", "peak_force"):
-        if truth is None:
-            break
+    truth = standards[0].run
+    for name in ("crossing_time", "peak_force") if truth is not None else ():
         other = getattr(truth, name)
         apart = np.abs(getattr(run, name) - other) / own_scale(other)
         if np.isfinite(apart).any():
@@ -177,7 +174,7 @@ def _model(run: Trajectory, standards: Sequence[Standard]) -> Finding:
 
 
 def _worst(run: Trajectory, truth: Trajectory, standard: Standard) -> Finding:
-    """The quantity of which the error is the largest part of both bars."""
+    """Return the finding on the quantity of which the error is the largest part of both bars."""
     results: list[Finding] = []
     unsaid: list[str] = []
     for name in QUANTITIES:
@@ -214,8 +211,7 @@ def _worst(run: Trajectory, truth: Trajectory, standard: Standard) -> Finding:
                 velocity_bar=_said(run),
             )
         )
-    worst = max(results, key=lambda result: result.ratio)
-    return Finding(**{**vars(worst), "unsaid": ", ".join(unsaid)})
+    return replace(max(results, key=lambda result: result.ratio), unsaid=", ".join(unsaid))
 
 
 def _ratio(error: float, allowed: float) -> float:

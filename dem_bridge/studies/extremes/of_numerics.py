@@ -23,11 +23,11 @@ from dem_bridge.studies.extremes.entry import (
     VERLET,
     Entry,
     chain,
+    entry,
     refused,
     theories_refuse,
 )
 from dem_bridge.studies.extremes.judge import Expected, Word
-from dem_bridge.studies.extremes.truths import by_others
 
 
 class ShortTable(LammpsTable):
@@ -44,64 +44,40 @@ class ShortTable(LammpsTable):
 
 
 def tables() -> Iterator[Entry]:
-    scene = chain("table-7-lines")
-    yield Entry(
-        name=scene.name, asks="a table one line shorter than any may be", scene=scene, truths=(by_others(scene),),
-        settings={"lammps-table": {"table_lines": 7}}, expected={"lammps-table": refused("table_lines = 7")},
-    )  # fmt: skip
-    scene = chain("table-8-lines")
-    yield Entry(
-        name=scene.name, asks="the shortest table", scene=scene, truths=(by_others(scene),),
-        settings={"lammps-table": {"table_lines": 8}},
-    )  # fmt: skip
-    scene = chain("table-2-points")
-    yield Entry(
-        name=scene.name, asks="a table of two points", scene=scene, truths=(by_others(scene),),
-        settings={"lammps-table": {"table_points": 2}},
-    )  # fmt: skip
-    scene = chain("table-ends-a-line-short")
-    yield Entry(
-        name=scene.name, asks="a table that ends a line short of the deepest overlap", scene=scene,
-        truths=(by_others(scene),), instead={"lammps-table": ShortTable},
-        expected={"lammps-table": refused("table inner cutoff")},
-    )  # fmt: skip
+    """Yield tables that are as short as they may be, and shorter."""
+    for name, asks, settings, expected in (
+        ("table-7-lines", "a table one line shorter than any may be", {"table_lines": 7}, refused("table_lines = 7")),
+        ("table-8-lines", "the shortest table", {"table_lines": 8}, None),
+        ("table-2-points", "a table of two points", {"table_points": 2}, None),
+    ):
+        outcomes = {} if expected is None else {"lammps-table": expected}
+        yield entry(chain(name), asks, settings={"lammps-table": settings}, expected=outcomes)
+    asks = "a table that ends a line short of the deepest overlap"
+    expected = refused("table inner cutoff")
+    yield entry(
+        chain("table-ends-a-line-short"),
+        asks,
+        instead={"lammps-table": ShortTable},
+        expected={"lammps-table": expected},
+    )
 
 
 def steps() -> Iterator[Entry]:
+    """Yield time steps at the limit of stability and beyond."""
     # linear springs between walls, pressed so that none opens: the limit is 2 over the highest frequency
     bodies, spring = 8, BETA * 1e-5**0.5
     highest = 2.0 * math.sqrt(spring / MASS) * math.cos(0.5 * math.pi / (bodies + 1))
     wall = Wall(stiffness=spring, exponent=2.0)
+    # the twins at twice the step are unstable, and so are those at 1.01; then bodies may pass through others
+    unstable = Expected(Word.NO_BAR, otherwise=Word.REFUSED)
     for share, name in ((0.99, "below"), (1.01, "above")):
         dt = share * 2.0 / highest
         scene = chain(f"step-just-{name}-the-limit", bodies=bodies, exponent=2.0, stiffness=spring,
                       wall_left=wall, wall_right=wall, precompression=100.0 * SPEED * math.sqrt(MASS * spring),
                       duration=400 * dt)  # fmt: skip
-        yield Entry(
-            name=scene.name,
-            asks=f"a step of {share:g} of the limit of velocity-Verlet",
-            scene=scene,
-            truths=(by_others(scene),),
-            dt=dt,
-            # the twins at twice the step are unstable, and so are those at 1.01; then bodies may pass through others
-            expected=theories_refuse(
-                "has walls and precompression", **{VERLET: Expected(Word.NO_BAR, otherwise=Word.REFUSED)}
-            ),
-        )
-    trap = replace(load_scene("decelerating-40"), name="step-in-the-trap", samples=60)
-    yield Entry(
-        name=trap.name,
-        asks="a step of 4e-6 s on the paper's chain, where momentum and final energy look right and velocities are not",
-        scene=trap,
-        truths=(by_others(trap),),
-        dt=4e-6,
-    )
+        expected = theories_refuse("has walls and precompression", **{VERLET: unstable})
+        yield entry(scene, f"a step of {share:g} of the limit of velocity-Verlet", dt=dt, expected=expected)
+    asks = "a step of 4e-6 s on the paper's chain, where momentum and final energy look right and velocities are not"
+    yield entry(replace(load_scene("decelerating-40"), name="step-in-the-trap", samples=60), asks, dt=4e-6)
     over = chain("step-over-contacts", samples=3, times=12.0)
-    yield Entry(
-        name=over.name,
-        asks="a step of four contact times",
-        scene=over,
-        truths=(by_others(over),),
-        dt=over.duration / 3,
-        expected={FIXED_STEP: Expected(Word.NO_BAR, otherwise=Word.REFUSED)},
-    )
+    yield entry(over, "a step of four contact times", dt=over.duration / 3, expected={FIXED_STEP: unstable})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -15,110 +16,68 @@ from dem_bridge.studies.extremes.entry import (
     BETA,
     FIXED_STEP,
     MASS,
-    ONE_CONTACT,
     SPEED,
     Entry,
     chain,
     contact_time,
+    entry,
     plain,
     refused,
     theories_refuse,
 )
-from dem_bridge.studies.extremes.truths import (
-    back_again,
-    by_others,
-    galilei,
-    mirrored,
-    scaled,
-    shorter,
-    two_bodies,
-)
+from dem_bridge.studies.extremes.truths import back_again, by_others, galilei, mirrored, scaled, shorter, two_bodies
 from dem_bridge.uncertainty.estimate import solve
+
+#: the adiabatic wave needs more than two bodies
+ONE_CONTACT = {"adiabatic": refused("the number of contacts is 1")}
 
 
 def speeds() -> Iterator[Entry]:
+    """Yield slow and fast impacts."""
     for speed in (1e-9, 1e-3, 1e3):
         pair = chain(f"pair-at-{plain(speed)}", bodies=2, speed=speed, samples=3)
         # ode45's absolute tolerance of 1e-6 m/s sees nothing of 1e-9 m/s; that no step of it is longer than a tenth of
         # the duration is what leaves a number, with a wide bar
-        yield Entry(
-            name=pair.name,
-            asks=f"two bodies at {speed:g} m/s, beside the closed form",
-            scene=pair,
-            truths=(two_bodies(pair), by_others(pair)),
-            expected={"adiabatic": ONE_CONTACT},
-        )
-        scene = chain(f"speed-{plain(speed)}", speed=speed)
-        yield Entry(
-            name=scene.name,
-            asks=f"a chain struck at {speed:g} m/s: nothing but scales changes",
-            scene=scene,
-            truths=(by_others(scene), scaled(scene, speed)),
-        )
-    quick = chain("speed-32-times", speed=32 * SPEED)
-    yield Entry(
-        name=quick.name,
-        asks="v0 -> 32 v0 and dt -> dt/2: powers of two throughout, fixed steps repeat themselves bit for bit",
-        scene=quick,
-        truths=(by_others(quick), scaled(quick, 32.0, to_the_bit=(FIXED_STEP,))),
-    )
+        asks = f"two bodies at {speed:g} m/s, beside the closed form"
+        yield entry(pair, asks, two_bodies, by_others, expected=ONE_CONTACT)
+        asks = f"a chain struck at {speed:g} m/s: nothing but scales changes"
+        yield entry(chain(f"speed-{plain(speed)}", speed=speed), asks, by_others, partial(scaled, factor=speed))
+    asks = "v0 -> 32 v0 and dt -> dt/2: powers of two throughout, fixed steps repeat themselves bit for bit"
+    same = partial(scaled, factor=32.0, to_the_bit=(FIXED_STEP,))
+    yield entry(chain("speed-32-times", speed=32 * SPEED), asks, by_others, same)
 
 
 def angles() -> Iterator[Entry]:
+    """Yield contact angles over five decades."""
     angle = np.geomspace(90.0, 0.001, 9)
     beta = [crossed_cylinders(angle=a, radius=9e-3, young=72e9, poisson=0.17).stiffness for a in angle.tolist()]
     for name, betas, way in (
         ("angles-90-to-0.001", beta, "stiffer and stiffer"),
         ("angles-0.001-to-90", beta[::-1], "softer and softer"),
     ):
-        scene = chain(name, stiffness=betas)
-        yield Entry(
-            name=name,
-            asks=f"contact angles over {beta[-1] / beta[0]:.0f} in stiffness, {way}",
-            scene=scene,
-            truths=(by_others(scene),),
-        )
+        asks = f"contact angles over {beta[-1] / beta[0]:.0f} in stiffness, {way}"
+        yield entry(chain(name, stiffness=betas), asks)
 
 
 def ratios() -> Iterator[Entry]:
-    heavy = chain("mass-heavy-striker", mass=[1e6 * MASS, *[MASS] * 4], times=3.0)
-    light = chain("mass-light-striker", mass=[1e-6 * MASS, *[MASS] * 4], times=0.1)
-    for scene, what in ((heavy, "a striker of 1e6 masses"), (light, "a striker of 1e-6 masses")):
-        yield Entry(name=scene.name, asks=what, scene=scene, truths=(by_others(scene),))
-    between = chain("mass-light-between", mass=[MASS, 1e-6 * MASS, MASS], times=0.3)
-    yield Entry(
-        name=between.name,
-        asks="a body of 1e-6 masses between two, which meets them some hundred times",
-        scene=between,
-        truths=(by_others(between),),
-        slow=True,
-    )
+    """Yield large ratios of masses and of stiffnesses."""
+    yield entry(chain("mass-heavy-striker", mass=[1e6 * MASS, *[MASS] * 4], times=3.0), "a striker of 1e6 masses")
+    yield entry(chain("mass-light-striker", mass=[1e-6 * MASS, *[MASS] * 4], times=0.1), "a striker of 1e-6 masses")
+    asks = "a body of 1e-6 masses between two, which meets them some hundred times"
+    yield entry(chain("mass-light-between", mass=[MASS, 1e-6 * MASS, MASS], times=0.3), asks, slow=True)
     stiff = chain("stiffness-1e8", stiffness=[BETA, 1e8 * BETA, BETA], times=1.0)
-    yield Entry(
-        name=stiff.name,
-        asks="one contact 1e8 times as stiff as the others",
-        scene=stiff,
-        truths=(by_others(stiff),),
-        phase=0.05,
-        slow=True,
-    )
+    yield entry(stiff, "one contact 1e8 times as stiff as the others", phase=0.05, slow=True)
 
 
 def sizes() -> Iterator[Entry]:
+    """Yield the shortest chain and a very long one."""
     pair = chain("bodies-2", bodies=2, samples=3)
-    yield Entry(
-        name=pair.name,
-        asks="the least chain",
-        scene=pair,
-        truths=(two_bodies(pair), by_others(pair)),
-        expected={"adiabatic": ONE_CONTACT},
-    )
-    row = chain("bodies-100000", bodies=100_000, times=12.0, samples=2)
-    yield Entry(
-        name=row.name,
-        asks="1e5 bodies, and a front that has passed some thirty: it knows nothing of the others",
-        scene=row,
-        truths=(shorter(row, 200, own=False), shorter(row, 200)),
+    yield entry(pair, "the least chain", two_bodies, by_others, expected=ONE_CONTACT)
+    yield entry(
+        chain("bodies-100000", bodies=100_000, times=12.0, samples=2),
+        "1e5 bodies, and a front that has passed some thirty: it knows nothing of the others",
+        partial(shorter, bodies=200, by_itself=False),
+        partial(shorter, bodies=200),
         phase=0.1,
         left_out={"scipy": "stopped unfinished after some 430 s: 1e5 unknowns at each of a hundred events"},
         slow=True,
@@ -126,6 +85,7 @@ def sizes() -> Iterator[Entry]:
 
 
 def exponents() -> Iterator[Entry]:
+    """Yield exponents other than Hertz'."""
     for n in (1.5, 2.0, 2.0001, 2.001, 5.0, 6.0):
         # the force of a Hertz contact at 10 um
         beta = BETA * 1e-5 ** (2.5 - n)
@@ -140,33 +100,24 @@ def exponents() -> Iterator[Entry]:
         if n < 2.1:
             # no steady pulse, and near n = 2 it is too wide to form
             expected["adiabatic"] = refused("allowed exponents: 2.1 to 50")
-        yield Entry(
-            name=scene.name, asks=f"n = {n:g}", scene=scene, truths=(by_others(scene), scaled(scene, 0.5)),
-            expected=expected, dt=period / 200 if n < 2.0 else None,
-        )  # fmt: skip
+        dt = period / 200 if n < 2.0 else None
+        yield entry(scene, f"n = {n:g}", by_others, partial(scaled, factor=0.5), expected=expected, dt=dt)
 
 
 def symmetries() -> Iterator[Entry]:
+    """Yield scenes that must move as others do."""
     moving = theories_refuse("bodies behind the first that move")
     for u, name in ((-3.0, "galilei-backwards"), (768.0, "galilei-fast")):
         scene = chain(name, velocity=(SPEED + u, *[u] * 9))
-        yield Entry(
-            name=scene.name, asks=f"all move at {u:g} m/s besides: nothing else changes", scene=scene,
-            truths=(by_others(scene), galilei(scene, u)), expected=moving,
-        )  # fmt: skip
+        asks = f"all move at {u:g} m/s besides: nothing else changes"
+        yield entry(scene, asks, by_others, partial(galilei, speed=u), expected=moving)
     beta = np.geomspace(BETA, 20 * BETA, 9).tolist()
     mirror = chain("mirror", stiffness=beta[::-1], velocity=(*[0.0] * 9, -SPEED), wall_left=Wall(stiffness=BETA))
-    yield Entry(
-        name=mirror.name, asks="a chain struck from its other end, on a wall", scene=mirror,
-        truths=(by_others(mirror), mirrored(mirror)), expected=moving,
-    )  # fmt: skip
+    yield entry(mirror, "a chain struck from its other end, on a wall", by_others, mirrored, expected=moving)
     there = chain("there", stiffness=beta, times=4.0)
-    forward = solve(
-        Case(scene=there, backend="reference", resolution=Resolution(), sampling=Sampling(count=there.samples))
-    )
+    sampling = Sampling(count=there.samples)
+    forward = solve(Case(scene=there, backend="reference", resolution=Resolution(), sampling=sampling))
     scene, truth = back_again(forward, there)
     scene = replace(scene, name="time-reversal")
-    yield Entry(
-        name=scene.name, asks="all velocities reversed at the end: back to the start", scene=scene,
-        truths=(by_others(scene), truth), expected=moving,
-    )  # fmt: skip
+    asks = "all velocities reversed at the end: back to the start"
+    yield entry(scene, asks, by_others, lambda scene: truth, expected=moving)

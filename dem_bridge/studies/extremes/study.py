@@ -18,7 +18,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.studies.extremes.catalogue import catalogue
 from dem_bridge.studies.extremes.entry import Entry, expectation, kinds
 from dem_bridge.studies.extremes.judge import Finding, Standard, Word, judge
-from dem_bridge.studies.extremes.shown import NOTES, Row, answer, figures, tables
+from dem_bridge.studies.extremes.shown import TEXTS, Row, answer, figures, tables
 from dem_bridge.studies.extremes.truths import Truth, witness
 from dem_bridge.studies.study import Study
 
@@ -32,8 +32,21 @@ class _Plan:
 
     entry: Entry
     backend: str
-    own: Case | DemBridgeError
-    truths: tuple[tuple[Truth, tuple[Case, ...]], ...]
+    case: Case | DemBridgeError
+    truths: tuple[tuple[Truth, tuple[Case, ...]], ...] = ()
+
+    @property
+    def is_theory(self) -> bool:
+        """Return whether the backend solves other equations."""
+        return backend(self.backend).equations != "hertz"
+
+    @property
+    def cases(self) -> list[Case]:
+        """List the cases that a campaign runs: a backend with a defect is run apart."""
+        cases = [case for _, some in self.truths for case in some]
+        if isinstance(self.case, Case) and self.backend not in self.entry.instead:
+            cases.insert(0, self.case)
+        return cases
 
 
 def study_extremes(
@@ -72,12 +85,12 @@ def study_extremes(
     rows = rows_of(entries, engine=engine, jobs=jobs, progress=progress, store=store)
     return Study(
         id="extremes",
-        title="Extremes: right within the bar, or refused with the reason",
+        title=TEXTS.title(),
         answer=answer(rows),
         tables=tables(rows),
         figures=figures(rows),
         verdicts=tuple(row.verdict for row in rows),
-        notes=NOTES,
+        notes=TEXTS.notes(),
     )
 
 
@@ -90,80 +103,71 @@ def rows_of(
     progress: Progress | None = None,
     store: Store | None = None,
 ) -> list[Row]:
-    """Run and judge."""
-    plans = [_plan(entry, name, dt, engine) for entry, dt in map(_stepped, entries) for name in backends]
-    cases = [
-        case
-        for plan in plans
-        for case in (plan.own, *(item for _, some in plan.truths for item in some))
-        if isinstance(case, Case) and not (case is plan.own and plan.backend in plan.entry.instead)
-    ]
+    """Run each backend on each entry and judge it."""
+    plans = []
+    for entry in entries:
+        dt = _step(entry)
+        plans += [_plan(entry, name, dt, engine) for name in backends]
+    cases = [case for plan in plans for case in plan.cases]
     result = run_cases(cases, jobs=jobs, progress=progress, store=store, everything=True)
     results = {id(case): result for case, result in zip(cases, result, strict=True)}
     return [_judged(plan, results, engine) for plan in plans]
 
 
-def _stepped(entry: Entry) -> tuple[Entry, float | None]:
-    """Return the settings with the time step for codes that have a fixed step; None: their default."""
+def _step(entry: Entry) -> float | None:
+    """Return the time step for codes that have a fixed step, s; None: their default."""
     if entry.dt is not None:
-        return entry, entry.dt
+        return entry.dt
     frequency = prescan_scene(entry.scene).frequency
-    return entry, entry.phase / frequency if frequency > 0.0 else None
+    return entry.phase / frequency if frequency > 0.0 else None
 
 
 def _plan(entry: Entry, name: str, dt: float | None, engine: Engine | None) -> _Plan:
-    settings = dict(entry.settings.get(name, {}))
-
     def case(scene: Scene, by: str, faster: float = 1.0) -> Case:
         which = engine if by in ENGINE_BACKENDS else None
         # a code without a step would be run again for each that it does not use
         step = None if dt is None or backend(by, which).order is None else dt / faster
-        resolution = Resolution(dt=step, **(settings if by == name else {}))
-        return Case(
-            scene=scene, backend=by, resolution=resolution, sampling=Sampling(count=scene.samples), engine=which
-        )
+        resolution = Resolution(dt=step, **(entry.settings.get(name, {}) if by == name else {}))
+        sampling = Sampling(count=scene.samples)
+        return Case(scene=scene, backend=by, resolution=resolution, sampling=sampling, engine=which)
 
     if name in entry.left_out:
-        return _Plan(entry=entry, backend=name, own=BackendUnavailable(entry.left_out[name]), truths=())
+        return _Plan(entry=entry, backend=name, case=BackendUnavailable(entry.left_out[name]))
     try:
-        own_value = case(entry.scene, name)
+        plan = _Plan(entry=entry, backend=name, case=case(entry.scene, name))
     except UsageError as error:
-        return _Plan(entry=entry, backend=name, own=error, truths=())
+        return _Plan(entry=entry, backend=name, case=error)
     if not supports_of(name).covers(entry.scene):
-        return _Plan(entry=entry, backend=name, own=own_value, truths=())
-    theory = backend(name).equations != "hertz"
+        return plan
     truths = []
-    for truth in entry.truths[:1] if theory else entry.truths:
-        by = "reference" if theory else name if truth.own else witness(name, entry.scene)
+    for truth in entry.truths[:1] if plan.is_theory else entry.truths:
+        by = "reference" if plan.is_theory else name if truth.by_itself else witness(name, entry.scene)
         # a witness with a step has a finer one
-        faster = truth.faster * (1.0 if truth.own else FINER)
+        faster = truth.faster * (1.0 if truth.by_itself else FINER)
         truths.append((truth, tuple(case(scene, by, faster) for scene in truth.scenes)))
-    return _Plan(entry=entry, backend=name, own=own_value, truths=tuple(truths))
+    return replace(plan, truths=tuple(truths))
 
 
 def _judged(plan: _Plan, results: Mapping[int, Result], engine: Engine | None) -> Row:
-    expected = expectation(plan.entry, plan.backend)
-    if isinstance(plan.own, DemBridgeError):
-        word = Word.NOT_RUN if isinstance(plan.own, BackendUnavailable) else Word.REFUSED
-        result = Finding(word=word, reason=str(plan.own))
+    if isinstance(plan.case, DemBridgeError):
+        word = Word.NOT_RUN if isinstance(plan.case, BackendUnavailable) else Word.REFUSED
+        finding = Finding(word=word, reason=str(plan.case))
     else:
         standards = [_standard(truth, [results[id(case)] for case in cases], plan) for truth, cases in plan.truths]
-        theory = backend(plan.backend).equations != "hertz"
-        if plan.backend in plan.entry.instead:
-            own_value = run_case(plan.own, everything=True, by=plan.entry.instead[plan.backend](engine))
-        else:
-            own_value = results[id(plan.own)]
-        result = judge(own_value, standards, model=theory)
-    return Row(entry=plan.entry, backend=plan.backend, expected=expected, found=result)
+        faulty = plan.entry.instead.get(plan.backend)
+        result = run_case(plan.case, everything=True, by=faulty(engine)) if faulty else results[id(plan.case)]
+        finding = judge(result, standards, model=plan.is_theory)
+    return Row(entry=plan.entry, backend=plan.backend, expected=expectation(plan.entry, plan.backend), finding=finding)
 
 
 def _standard(truth: Truth, results: list[Result], plan: _Plan) -> Standard:
-    says = truth.says if truth.own or not results else results[0].case.backend
-    runs = [result.trajectory for result in results]
-    if any(run is None for run in runs):
-        failed = next(result for result in results if result.trajectory is None)
-        return Standard(says=says, run=None, reason=f"{failed.case.label}: {failed.failure}")
-    created = truth.make([run for run in runs if run is not None])
+    says = truth.says if truth.by_itself or not results else results[0].case.backend
+    runs = []
+    for result in results:
+        if result.trajectory is None:
+            return Standard(says=says, run=None, reason=f"{result.case.label}: {result.failure}")
+        runs.append(result.trajectory)
+    run = truth.make(runs)
     # samples of scaled times differ from those of the scene in their last digit
-    created = replace(created, time=np.linspace(0.0, plan.entry.scene.duration, len(created.time)))
-    return Standard(says=says, run=created, to_the_bit=bool({*truth.to_the_bit} & {*kinds(backend(plan.backend))}))
+    run = replace(run, time=np.linspace(0.0, plan.entry.scene.duration, len(run.time)))
+    return Standard(says=says, run=run, to_the_bit=bool({*truth.to_the_bit} & {*kinds(backend(plan.backend))}))

@@ -36,7 +36,7 @@ class Truth:
     make: Callable[[Sequence[Trajectory]], Trajectory]
     scenes: tuple[Scene, ...] = ()
     """Empty: in closed form."""
-    own: bool = True
+    by_itself: bool = True
     """Whether the runs are those of the judged code itself, or of another."""
     faster: float = 1.0
     """The judged scene's time step over that of ``scenes``, where the codes have one."""
@@ -46,7 +46,7 @@ class Truth:
 
 def by_others(scene: Scene) -> Truth:
     """The same scene by the most exact code that is not the judged one."""
-    return Truth(says="another code", make=lambda runs: runs[0], scenes=(scene,), own=False)
+    return Truth(says="another code", make=lambda runs: runs[0], scenes=(scene,), by_itself=False)
 
 
 def witness(judged: str, scene: Scene) -> str:
@@ -180,7 +180,7 @@ def apart(scene: Scene, at: int) -> Truth:
     return Truth(says="its own runs of the two chains alone", make=make, scenes=scenes)
 
 
-def shorter(scene: Scene, bodies: int, *, own: bool = True) -> Truth:
+def shorter(scene: Scene, bodies: int, *, by_itself: bool = True) -> Truth:
     """The first ``bodies`` of ``scene``, whose front has not come further: the others stand still, as the last of them.
 
     By the judged code itself, or by another.
@@ -214,7 +214,7 @@ def shorter(scene: Scene, bodies: int, *, own: bool = True) -> Truth:
         gap=_each(scene.gap)[: bodies - 1],
     )
     says = f"its own run of the first {bodies} bodies"
-    return Truth(says=says, make=make, scenes=(short,), own=own)
+    return Truth(says=says, make=make, scenes=(short,), by_itself=by_itself)
 
 
 def back_again(forward: Trajectory, start: Scene) -> tuple[Scene, Truth]:

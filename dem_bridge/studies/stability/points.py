@@ -62,9 +62,6 @@ class Family:
     """Scenes along one parameter."""
 
     id: str
-    title: str
-    axis: str
-    """What is varied, with unit."""
     values: Floats
     scene_at: Callable[[float], Scene]
 
@@ -85,67 +82,61 @@ class Measured:
 
 @dataclass(frozen=True, kw_only=True)
 class Point:
-    """Limits of one scene; steps in s."""
+    """Limits of one scene: frequencies in rad/s, steps in s."""
 
+    family: str
+    """Id of the family; "": the named scene."""
     value: float
     """The family's parameter; nan for a scene of no family."""
     name: str
     pair: float
     mode: float
-    stable: Limit
+    stable: float
+    window: float
+    """Largest good step above a bad one; nan: there is none."""
     phase: float
-    """Of the first touch, at which the step above is unstable first."""
-    accurate: tuple[Limit, ...]
-    """One for each of :data:`ACCURACIES`."""
-    engine: Limit | None = None
-    """Of LAMMPS; None: not run."""
-    rayleigh: float | None = None
-    """s; None: the scene does not say what its bodies are."""
+    """Phase of the first touch at which the next larger step is unstable first."""
+    coarse: float
+    """Largest step that is accurate to the first of :data:`ACCURACIES`."""
+    fine: float
+    """The same to the second."""
+    engine: float
+    """Largest stable step of LAMMPS; nan: not run."""
+    rayleigh: float
+    """nan: the scene does not describe its bodies."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Threshold:
+    """Limit of a scene, in units of 1/omega of its highest mode, for one permissible growth of the energy."""
+
+    scene: str
+    share: float
+    omega_dt: float
+    window: float
 
 
 def families(points: int) -> tuple[Family, ...]:
-    """The four, each over ``points`` values evenly spaced in the logarithm."""
-    return (
-        Family(
-            id="speed",
-            title="impact speed: two equal bodies",
-            axis="impact speed (m/s)",
-            values=np.geomspace(1e-3, 1e2, points),
-            scene_at=lambda v: chain("speed", (MASS, MASS), (STIFFNESS,), v),
-        ),
-        Family(
-            id="mass",
-            title="mass ratio: one between two equal bodies",
-            axis="mass of the middle body / that of the others",
-            values=np.geomspace(1e-3, 1e3, points),
-            scene_at=lambda r: chain("mass", (MASS, r * MASS, MASS), (STIFFNESS,) * 2),
-        ),
-        Family(
-            id="stiffness",
-            title="stiffness ratio: four equal bodies",
-            axis="stiffness of the middle contact / that of the others",
-            values=np.geomspace(1e-4, 1e4, points),
-            scene_at=lambda r: chain("stiffness", (MASS,) * 4, (STIFFNESS, r * STIFFNESS, STIFFNESS)),
-        ),
-        Family(
-            id="angle",
-            title="contact angle: five crossed cylinders, struck by a sphere",
-            axis="contact angle (degrees)",
-            values=np.geomspace(0.1, 90.0, points),
-            scene_at=cylinders,
-        ),
+    """Return the four families, each over ``points`` values evenly spaced in the logarithm."""
+    equal, stiff = (MASS,) * 4, STIFFNESS
+    table: tuple[tuple[str, tuple[float, float], Callable[[float], Scene]], ...] = (
+        ("speed", (1e-3, 1e2), lambda v: chain("speed", equal[:2], (stiff,), v)),
+        ("mass", (1e-3, 1e3), lambda ratio: chain("mass", (MASS, ratio * MASS, MASS), (stiff,) * 2)),
+        ("stiffness", (1e-4, 1e4), lambda ratio: chain("stiffness", equal, (stiff, ratio * stiff, stiff))),
+        ("angle", (0.1, 90.0), cylinders),
     )
+    return tuple(Family(id=id, values=np.geomspace(*ends, points), scene_at=scene_at) for id, ends, scene_at in table)
 
 
 def chain(name: str, mass: tuple[float, ...], stiffness: tuple[float, ...], speed: float = SPEED) -> Scene:
-    """A chain in touch, struck by its first body, until the impact is over."""
+    """Return a chain in touch, struck by its first body, that lasts until the impact is over."""
     still = (0.0,) * (len(mass) - 1)
     scene = Scene(name=name, duration=1.0, mass=mass, stiffness=stiffness, velocity=(speed, *still))
     return replace(scene, duration=_until_over(scene))
 
 
 def cylinders(angle: float) -> Scene:
-    """Five quartz cylinders of 9 mm at this angle (degrees) to each other, struck by a sphere; Hertz' exact law."""
+    """Return five quartz cylinders of 9 mm at this angle (degrees), struck by a sphere; Hertz' exact law."""
     scene = parse_scene(
         f"""
         name = "angle"
@@ -170,7 +161,7 @@ def cylinders(angle: float) -> Scene:
 
 
 def _until_over(scene: Scene) -> float:
-    """s: six times the collisions of two such strikers through each contact, alone and at the striker's speed."""
+    """Return six times the time of collisions of two such strikers through each contact, at the striker's speed, s."""
     masses, speeds = (scene.mass[0],) * 2, (scene.velocity[0], 0.0)
     return 6.0 * sum(
         two_body_collision(masses=masses, velocities=speeds, stiffness=beta, exponent=2.5).contact_time
@@ -179,7 +170,7 @@ def _until_over(scene: Scene) -> float:
 
 
 def measured(scene: Scene) -> Measured:
-    """The truth of a scene and its highest frequencies. Raises UsageError where nothing moves or touches."""
+    """Solve a scene by the reference, and return its highest frequencies; UsageError where nothing moves or touches."""
     prescan = prescan_scene(scene)
     count = math.ceil(math.sqrt(2.0) * prescan.frequency * scene.duration / PHASE)
     sampling = Sampling(count=min(max(count, FEWEST), MOST))
@@ -190,43 +181,43 @@ def measured(scene: Scene) -> Measured:
 
 
 def stable_at(result: Measured, allowed: float) -> tuple[Limit, float]:
-    """The twin's largest stable step and the phase that decides; ``allowed``: growth of the energy."""
+    """Return the twin's largest stable step and the phase that decides; ``allowed``: growth of the energy."""
     return stable_step(twin, result.scene, start=3.0 / result.mode, scale=result.scale, allowed=allowed)
 
 
-def point_of(result: Measured, *, value: float = math.nan, allowed: float, engine: Stepper | None = None) -> Point:
-    """All limits of a scene; ``engine``: LAMMPS, where it is to look for its own beside that of the twin."""
+def point_of(
+    result: Measured, *, family: str = "", value: float = math.nan, allowed: float, engine: Stepper | None = None
+) -> Point:
+    """Return all limits of a scene; ``engine``: LAMMPS, if its limit is searched next to that of the twin."""
     stable, phase = stable_at(result, allowed)
-    own_value = None
+    limit = math.nan
     if engine is not None:
-        own_value, _ = stable_step(
-            engine,
-            result.scene,
-            start=stable.bad,
-            scale=result.scale,
-            allowed=allowed,
-            phases=(phase,),
-            ratio=CLOSE,
-            guard=BESIDE,
-        )
+        search = {"start": stable.bad, "ratio": CLOSE, "guard": BESIDE}
+        own_limit, _ = stable_step(engine, result.scene, scale=result.scale, allowed=allowed, phases=(phase,), **search)
+        limit = own_limit.good
+    coarse, fine = (
+        accurate_step(twin, result.scene, result.truth, stable=stable.good, wanted=accuracy).good
+        for accuracy in ACCURACIES
+    )
+    rayleigh = rayleigh_time_of(result.scene)
     return Point(
+        family=family,
         value=value,
         name=result.scene.name,
         pair=result.pair,
         mode=result.mode,
-        stable=stable,
+        stable=stable.good,
+        window=stable.window,
         phase=phase,
-        accurate=tuple(
-            accurate_step(twin, result.scene, result.truth, stable=stable.good, wanted=requested)
-            for requested in ACCURACIES
-        ),
-        engine=own_value,
-        rayleigh=rayleigh_time_of(result.scene),
+        coarse=coarse,
+        fine=fine,
+        engine=limit,
+        rayleigh=math.nan if rayleigh is None else rayleigh,
     )
 
 
 def engine_on(scene: Scene, engine: Engine | None) -> Stepper | None:
-    """LAMMPS on a scene; None where ``pair_style granular`` cannot express it."""
+    """Return LAMMPS on a scene; None where ``pair_style granular`` cannot express it."""
     if not GRANULAR_STYLE.covers(scene):
         return None
     deepest = float(np.max(prescan_scene(scene).peak_overlap, initial=0.0))
@@ -253,7 +244,7 @@ class Trap:
 
 
 def trap_of(result: Measured, stepper: Stepper, backend: str, dt: float) -> Trap:
-    """A run at ``dt`` (s) beside the truth; all numbers inf where it breaks."""
+    """Compare a run at ``dt`` (s) with the reference; all numbers are inf where it breaks."""
     scene, truth = at_step(result.scene, dt), result.truth
     try:
         run = stepper(scene, dt)
@@ -291,13 +282,11 @@ def gain_map(pair: Measured, steps: Floats, phases: Floats) -> Floats:
 
 
 @dataclass(kw_only=True)
-class Found:
+class Results:
     """Results so far; an interrupted study has those that were finished."""
 
-    points: dict[str, list[Point]] = field(default_factory=dict)
-    """By family; "" is the named scene."""
-    thresholds: dict[str, tuple[float, dict[float, Limit]]] = field(default_factory=dict)
-    """Scene -> highest mode (rad/s) and limits by what energy may grow by."""
+    points: list[Point] = field(default_factory=list)
+    thresholds: list[Threshold] = field(default_factory=list)
     gains: Floats | None = None
     """``(n_phase, n_step)`` of two bodies."""
     traps: list[Trap] = field(default_factory=list)

@@ -26,8 +26,9 @@ from dem_bridge.studies.stability.points import (
     STEPS,
     STIFFNESS,
     Family,
-    Found,
     Point,
+    Results,
+    Threshold,
     chain,
     engine_on,
     families,
@@ -37,7 +38,7 @@ from dem_bridge.studies.stability.points import (
     stable_at,
     trap_of,
 )
-from dem_bridge.studies.stability.shown import answer, figures, tables
+from dem_bridge.studies.stability.shown import TEXTS, answer, figures, points_of, tables
 from dem_bridge.studies.stability.step_limits import FINEST, RATIO, twin
 from dem_bridge.studies.study import Study
 from dem_bridge.verification.roles import GRANULAR, TWIN
@@ -94,7 +95,7 @@ def study_stability(
             f"{scene.name} is driven, and energy that grows is no sign of a step too large there; allowed: a scene"
             " without drive, as the same one struck"
         )
-    chosen, results = families(points), Found()
+    chosen, results = families(points), Results()
     total = points * len(chosen) + 4
     try:
         for done, label in enumerate(_measure(scene, chosen, results, float(gain), engine)):
@@ -102,35 +103,24 @@ def study_stability(
                 progress(done, total, label)
     except KeyboardInterrupt:
         results.interrupted = True
+    frame = points_of(scene, results)
     return Study(
         id="stability",
-        title=f"Stability of velocity-Verlet: four families of small scenes, and {scene.name}",
-        answer=answer(scene, chosen, results, float(gain)),
-        tables=tables(scene, chosen, results),
-        figures=figures(scene, chosen, results, float(gain)),
-        verdicts=tuple(
-            _agreement(point) for item in results.points.values() for point in item if point.engine is not None
-        ),
-        notes=(
-            *results.notes,
-            f"Stable: the energy kept (the least total energy over the last quarter of the run, without walls in the"
-            f" frame of the centre of mass) has grown by at most {gain:g} of what was in motion, wherever in a step the"
-            f" first touch falls (8 places). Limits are known to {100 * (FINEST - 1):.1f} %, apart from windows"
-            f" narrower than {100 * (RATIO - 1):.0f} % that no step tried falls into.",
-            "Accurate: velocities within the given share of the largest, over all samples and bodies, from the"
-            " reference, at this and at every smaller step tried.",
-            "LAMMPS looks for its limit below the twin's first unstable step, with the phase of the first touch that"
-            " decides there.",
-        ),
+        title=TEXTS.title(scene=scene.name),
+        answer=tuple(answer(chosen, frame, results, float(gain))) or ("Nothing was finished.",),
+        tables=tables(scene, frame, results),
+        figures=tuple(figures(scene, chosen, frame, results, float(gain))),
+        verdicts=tuple(_agreement(point) for point in results.points if math.isfinite(point.engine)),
+        notes=(*results.notes, *TEXTS.notes(gain=gain, finest=100 * (FINEST - 1), ratio=100 * (RATIO - 1))),
         interrupted=results.interrupted,
         provenance={"scene": scene.name, "scene_hash": scene.content_hash, "gain": gain, "points": points},
     )
 
 
 def _measure(
-    scene: Scene, chosen: Sequence[Family], result: Found, gain: float, engine: Engine | None
+    scene: Scene, chosen: Sequence[Family], result: Results, gain: float, engine: Engine | None
 ) -> Iterator[str]:
-    """Fill ``found``; says before each part what comes next."""
+    """Fill ``result``; yield the name of each part before it is measured."""
     yield "LAMMPS"
     try:
         require(Engine.chosen() if engine is None else engine, "pair granular")
@@ -144,22 +134,25 @@ def _measure(
             yield f"{family.id} = {value:.3g}"
             item = measured(family.scene_at(value))
             lmp = engine_on(item.scene, engine) if has_engine and i in some else None
-            result.points.setdefault(family.id, []).append(point_of(item, value=value, allowed=gain, engine=lmp))
+            result.points.append(point_of(item, family=family.id, value=value, allowed=gain, engine=lmp))
     yield scene.name
     whole = measured(scene)
     lmp = engine_on(scene, engine) if has_engine else None
     if has_engine and lmp is None:
         result.notes.append(f"LAMMPS was not run on {scene.name}: {GRANULAR_STYLE.unsupported_reason(scene)}.")
     point = point_of(whole, allowed=gain, engine=lmp)
-    result.points[""] = [point]
+    result.points.append(point)
     yield "thresholds"
     pair = measured(chain("two-equal", (MASS, MASS), (STIFFNESS,)))
     row = measured(chain("five-equal", (MASS,) * 5, (STIFFNESS,) * 4))
     for item in (pair, row, whole):
-        result.thresholds[item.scene.name] = (item.mode, {share: stable_at(item, share)[0] for share in GAINS})
+        for share in GAINS:
+            stable, _ = stable_at(item, share)
+            limits = {"omega_dt": item.mode * stable.good, "window": item.mode * stable.window}
+            result.thresholds.append(Threshold(scene=item.scene.name, share=share, **limits))
     result.gains = gain_map(pair, STEPS, PHASES)
     yield "trap"
-    limit = point.stable.good
+    limit = point.stable
     result.curve = [trap_of(whole, twin, TWIN, float(limit / share)) for share in CURVE]
     for dt in (float(f"{limit / share:.0e}") for share in SHARES):
         result.traps.append(trap_of(whole, twin, TWIN, dt))
@@ -169,18 +162,16 @@ def _measure(
 
 def _agreement(point: Point) -> Verdict:
     """Judge whether LAMMPS and the twin have the same largest stable step."""
-    assert point.engine is not None
-    apart = abs(point.engine.good / point.stable.good - 1.0)
+    apart = abs(point.engine / point.stable - 1.0)
     return Verdict(
         scene=point.name,
         quantity="largest stable step",
         backend=GRANULAR,
         reference=TWIN,
         outcome=Outcome.PASS if apart <= SAME else Outcome.FAIL,
-        sentence=f"The largest stable step of LAMMPS on {point.name} is {point.engine.good:.4g} s, that of the twin"
-        f" {point.stable.good:.4g} s; tolerance {100 * SAME:g} %.",
+        sentence=TEXTS("agreement", p=point, tolerance=SAME),
         difference=apart,
-        scale=point.stable.good,
+        scale=point.stable,
         unit="s",
         scale_name="that of the twin",
         tolerance=SAME,

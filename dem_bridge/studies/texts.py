@@ -1,0 +1,96 @@
+"""Texts of the studies' pages: titles, captions, column headings and sentences, read from ``pages/NAME.toml``."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from importlib import resources
+from numbers import Real
+from string import Formatter
+from typing import Any
+
+from dem_bridge.studies.study import FigureData, Map, Panel, Series, Table
+
+#: factor from SI to the unit that the heading of a column names
+FACTORS = {"%": 100.0, "kHz": 1e-3, "ms": 1e3, "µs": 1e6}
+
+
+class _PercentFormatter(Formatter):
+    """Format as ``str.format``; a format that ends in " %" shows a share in per cent."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if format_spec.endswith(" %"):
+            return f"{100.0 * value:{format_spec[:-2]}} %"
+        return str(super().format_field(value, format_spec))
+
+
+_format = _PercentFormatter().vformat
+
+
+class Texts:
+    """Texts of one study. Each may hold fields in braces, which are filled with the values of the call.
+
+    >>> Texts("bands")("oscillation", share=0.021, small="small")
+    'Overlaps oscillate by 2.1 % of the static ones: small.'
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    @cached_property
+    def data(self) -> Mapping[str, Any]:
+        """Content of the file, read when the first text is needed."""
+        file = resources.files("dem_bridge.studies") / "pages" / f"{self.name}.toml"
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+
+    def __call__(self, key: str, **values: Any) -> str:
+        """Return a sentence."""
+        return _format(self.data["sentences"][key], (), values)
+
+    def title(self, **values: Any) -> str:
+        """Return the title of the study."""
+        return _format(self.data["title"], (), values)
+
+    def notes(self, **values: Any) -> tuple[str, ...]:
+        """Return the notes that do not depend on the outcome."""
+        return tuple(_format(note, (), values) for note in self.data["notes"])
+
+    def table(self, id: str, rows: Iterable[Any], *, columns: Sequence[str] | None = None, **values: Any) -> Table:
+        """Return a table with a row for each item of ``rows``.
+
+        The file maps the heading of each column to an attribute of the items ("scene.name"); numbers are converted from
+        SI to the unit in the heading. Where it lists headings alone, or ``columns`` does, rows are tuples of cells.
+        """
+        entry = self._entry("tables", id, values)
+        headings = [_format(heading, (), values) for heading in columns or entry["columns"]]
+        if columns is None and isinstance(entry["columns"], Mapping):
+            paths = list(zip(headings, entry["columns"].values(), strict=True))
+            rows = [[_cell(item, path, heading) for heading, path in paths] for item in rows]
+        return Table(id=id, **(entry | {"columns": tuple(headings), "rows": tuple(map(tuple, rows))}))
+
+    def panel(self, id: str, series: Iterable[Series] = (), map: Map | None = None, **values: Any) -> Panel:
+        """Return a panel; values that are fields of a panel become these, the others fill its texts."""
+        more = {key: values.pop(key) for key in ("rows", "shares_scale_with") if key in values}
+        return Panel(**self._entry("panels", id, values), **more, series=tuple(series), map=map)
+
+    def figure(self, id: str, panels: Iterable[Panel], **values: Any) -> FigureData:
+        """Return a figure of these panels."""
+        return FigureData(id=id, **self._entry("figures", id, values), panels=tuple(panels))
+
+    def _entry(self, kind: str, id: str, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the texts of a table, a panel or a figure, filled with values."""
+        entry = self.data[kind][id]
+        return {key: _format(text, (), values) if isinstance(text, str) else text for key, text in entry.items()}
+
+
+def _cell(item: Any, path: str, heading: str) -> str | float:
+    """Return an attribute of an attribute ... as a text, or as a number in the unit of the heading (None: nan)."""
+    for name in path.split("."):
+        item = item.get(name) if isinstance(item, Mapping) else None if item is None else getattr(item, name)
+    if item is None:
+        return math.nan
+    unit = re.search(r"\((\S+?)( [^()]*)?\)$", heading)
+    return FACTORS.get(unit[1] if unit else "", 1.0) * float(item) if isinstance(item, Real) else str(item)
