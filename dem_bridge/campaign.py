@@ -23,10 +23,11 @@ from types import ModuleType
 from dem_bridge.backends.base import Backend, backend, unsupported_reason
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.progress import listening
+from dem_bridge.runs.cache import load_run
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import UNKNOWN, Trajectory
 from dem_bridge.uncertainty.estimate import solve
 
 #: s that a worker needs until it can begin: what takes less in all is run here
@@ -60,7 +61,7 @@ def run_case(case: Case, *, everything: bool = False, by: Backend | None = None)
         reason = unsupported_reason(chosen, case.scene)
         if reason:
             return Result(case=case, failure=UnsupportedScene(reason))
-        return Result(case=case, trajectory=solve(case, chosen))
+        return Result(case=case, trajectory=solve(case, code=chosen if by else None))
     except (UnsupportedScene, BackendUnavailable, RunBroken) as error:
         return Result(case=case, failure=error)
     except UsageError as error:
@@ -97,19 +98,20 @@ def run_cases(
                     f"jobs = {jobs}: the law of {scene.name} cannot go to another process ({reason});"
                     " allowed: laws that are functions of a module, or jobs = 1"
                 )
-    keys = [case.key for case in cases]
-    # what has no key is like nothing else
-    same = [key or str(nth) for nth, key in enumerate(keys)]
+    # a case without a key is like no other
+    same = [replace(case, uncertainty=False).key or str(number) for number, case in enumerate(cases)]
     found: dict[str, Result] = {}
     left: dict[str, Case] = {}
-    for case, key, one in zip(cases, keys, same, strict=True):
+    # a run with its uncertainty is also that of the case without
+    for one, case in sorted(zip(same, cases, strict=True), key=lambda item: not item[1].uncertainty):
         if one in found or one in left:
             continue
-        run = store.load(key, case.scene) if store is not None and key is not None else None
+        run = load_run(case, store)
         if run is None:
             left[one] = case
         else:
-            found[one] = Result(case=case, trajectory=run, key=key)
+            found[one] = Result(case=case, trajectory=run, key=case.key)
+    keys = {one: case.key for one, case in left.items()}
     whole = sum(case.expected for case in left.values())
 
     def say(label: str, part: float = 0.0) -> None:
@@ -121,10 +123,10 @@ def run_cases(
     def keep(one: str, result: Result) -> None:
         case, run = left.pop(one), result.trajectory
         # the key again, for an engine may have become another meanwhile
-        if store is not None and case.key == one:
-            result = replace(result, key=one if run is not None else f"{one}: {result.failure}")
+        if store is not None and (key := case.key) is not None and key == keys[one]:
+            result = replace(result, key=key if run is not None else f"{key}: {result.failure}")
             if run is not None:
-                store.save(one, run)
+                store.save(key, run)
         found[one] = result
         say(case.label)
 
@@ -246,10 +248,13 @@ def _stays(scene: Scene, *, of_main: bool = False) -> str:
 
 
 def _as_of(case: Case, result: Result) -> Result:
-    """A result for a case that was run under another name."""
+    """Return the result of another case that differs in the name of its scene or has an uncertainty in addition."""
     run, name = result.trajectory, case.scene.name
     if run is not None and result.case.scene.name != name:
         run = replace(run, provenance={**run.provenance, "scene": name})
+    if run is not None and result.case.uncertainty and not case.uncertainty:
+        run = replace(run, uncertainty=UNKNOWN)
+        result = replace(result, key=result.key and case.key)
     return replace(result, case=case, trajectory=run)
 
 

@@ -38,3 +38,23 @@ def listening(listener: Callable[[float], None]) -> Iterator[None]:
         yield
     finally:
         _listener.reset(token)
+
+
+@contextmanager
+def share(before: float, part: float) -> Iterator[None]:
+    """Count the run within this context as a ``part`` of the whole, of which ``before`` is done already.
+
+    Examples
+    --------
+    >>> seen = []
+    >>> with listening(seen.append), share(0.5, 0.25):
+    ...     report(1.0)
+    >>> seen
+    [0.75]
+    """
+    listener = _listener.get()
+    if listener is None:
+        yield
+        return
+    with listening(lambda fraction: listener(before + part * fraction)):
+        yield

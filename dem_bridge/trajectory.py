@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.files import check_file
+from dem_bridge.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -54,6 +55,11 @@ class Cost:
     cpu: float
     steps: int
     force_evaluations: int
+
+    @classmethod
+    def since(cls, watch: Stopwatch, *, steps: int, force_evaluations: int) -> Cost:
+        """Return the cost of a run that began with ``watch``."""
+        return cls(wall=watch.wall, cpu=watch.cpu, steps=steps, force_evaluations=force_evaluations)
 
 
 #: the cost of a result for which nothing was computed

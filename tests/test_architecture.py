@@ -22,16 +22,16 @@ ROOT = PACKAGE.parent
 
 #: layer -> modules and packages in it; a package's modules may import each other
 LAYERS = {
-    1: ("errors", "accuracy", "progress", "version"),
+    1: ("errors", "accuracy", "progress", "stopwatch", "version"),
     2: ("physics", "files", "compiled", "checked", "notebook", "notebook_sketch"),
     3: ("scene", "contacts", "geometry", "drive", "features", "support"),
     4: ("lmp", "scene_file", "timescales", "trajectory", "dense"),
     5: ("backends", "observables", "runs"),
-    6: ("differences", "campaign", "uncertainty"),
+    6: ("differences", "uncertainty"),
     7: (
+        "campaign",
         "verification",
         "planning",
-        "extrapolate",
         "doctor",
         "testing",
         "sweep",
@@ -55,8 +55,8 @@ SIDEWAYS = {
     ("lmp", "dense"): "a deck dumps at the steps of a Schedule",
     ("runs", "backends"): "a case names a backend and its settings",
     ("runs", "observables"): "what is read from runs depends on the observables that are registered",
-    ("campaign", "uncertainty"): "a case is solved with its uncertainty",
-    ("planning", "extrapolate"): "settings may be those of an extrapolation",
+    ("sweep", "campaign"): "a sweep runs many cases",
+    ("verification", "campaign"): "a verification lists cases and takes results",
     ("accuracy", "errors"): "an accuracy that is none is a UsageError",
 }
 
@@ -224,7 +224,7 @@ def test_the_reference_and_the_twin_share_only_what_they_answer_with() -> None:
     scipy = {imported for name in parts for imported in _ours(f"dem_bridge.backends.{name}")}
     scipy -= {f"dem_bridge.backends.{name}" for name in parts}
     twin = _ours("dem_bridge.backends.verlet")
-    allowed = {"backends.base", "backends.bars", "scene", "features", "support", "trajectory", "errors", "progress"}
+    allowed = {"backends.base", "stopwatch", "scene", "features", "support", "trajectory", "errors", "progress"}
     assert {name.removeprefix("dem_bridge.") for name in scipy & twin} <= allowed
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import signal
@@ -28,13 +29,14 @@ from dem_bridge.features import CONTACT_FUNCTIONS, OTHER_EXPONENTS, SEVERAL_MOVI
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs import case as case_module
 from dem_bridge.runs.case import Case
-from dem_bridge.runs.store import Store
+from dem_bridge.runs.store import Store, run_key
 from dem_bridge.scene import Scene
 from dem_bridge.studies import verify
 from dem_bridge.studies.verification import Verification, verification_of
 from dem_bridge.studies.verify import verify_scenes
 from dem_bridge.support import Condition, Support
 from dem_bridge.trajectory import Trajectory
+from dem_bridge.uncertainty.estimate import solve
 from tests.helpers.fake_runs import free_flight
 from tests.helpers.processes import PATIENCE, all_end, running
 
@@ -84,7 +86,8 @@ class Fake:
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch) -> Fake:
     backend = Fake()
-    monkeypatch.setattr(campaign, "backend", lambda name, engine: backend)
+    for module in (campaign, case_module):
+        monkeypatch.setattr(module, "backend", lambda name, engine: backend)
     return backend
 
 
@@ -157,6 +160,57 @@ def test_identical_cases_run_once_under_whatever_names(fake: Fake) -> None:
     assert scenes == ["three", "other", "three", "three"]
 
 
+def _cases_with_and_without() -> list[Case]:
+    case = _case()
+    return [case, replace(case, uncertainty=True), case]
+
+
+def _known(results: tuple[Result, ...]) -> list[bool]:
+    """Whether each result has a finite uncertainty."""
+    return [math.isfinite(result.trajectory.uncertainty.velocity) for result in results if result.trajectory]
+
+
+def test_a_case_with_uncertainty_and_the_same_without_are_one_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved: list[Case] = []
+
+    def counted(case: Case, **_: object) -> Trajectory:
+        solved.append(case)
+        return solve(case)
+
+    monkeypatch.setattr(campaign, "solve", counted)
+    results = run_cases(_cases_with_and_without(), store=Store(tmp_path))
+    assert _known(results) == [False, True, False]
+    assert solved == [_cases_with_and_without()[1]]
+    # values that are read from them are kept under keys that differ, as they do when the runs come from the store
+    keys = [result.key for result in results]
+    assert keys == [case.key for case in _cases_with_and_without()]
+    assert [result.key for result in run_cases(_cases_with_and_without(), store=Store(tmp_path))] == keys
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_run_stored_without_uncertainty_answers_for_no_case_with_one(order: tuple[int, int], tmp_path: Path) -> None:
+    cases = [_cases_with_and_without()[number] for number in order]
+    for case in cases:
+        assert _known(run_cases([case], store=Store(tmp_path))) == [case.uncertainty]
+    # the second time from the store; a run with its uncertainty is kept for both
+    assert len(list(tmp_path.iterdir())) == (2 if order == (0, 1) else 1)
+    for case in cases:
+        [result] = run_cases([case], store=Store(tmp_path))
+        assert result.trajectory is not None
+        assert "stored" in result.trajectory.provenance
+        assert _known((result,)) == [case.uncertainty]
+
+
+def test_a_key_that_ignores_the_uncertainty_loses_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # the fault that the test above catches
+    monkeypatch.setattr(case_module, "run_key", lambda *rest, uncertainty: run_key(*rest))
+    without, with_uncertainty, _ = _cases_with_and_without()
+    run_cases([without], store=Store(tmp_path))
+    assert _known(run_cases([with_uncertainty], store=Store(tmp_path))) == [False]
+
+
 def test_another_scene_of_the_same_name_is_run(fake: Fake, tmp_path: Path) -> None:
     other = replace(SCENE, velocity=(0.9, 0.0, 0.0))
     for scene in (SCENE, other):
@@ -199,8 +253,7 @@ def test_a_run_is_not_stored_if_its_key_has_changed_meanwhile(
     fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # a LAMMPS that was built anew while it ran
-    keys = iter(["1" * 64, "2" * 64])
-    monkeypatch.setattr(case_module, "run_key", lambda *_: next(keys))
+    monkeypatch.setattr(case_module, "run_key", lambda *_, **__: ("2" if fake.runs else "1") * 64)
     [result] = run_cases([_case()], store=Store(tmp_path))
     assert result.trajectory is not None
     assert list(tmp_path.iterdir()) == []

@@ -20,6 +20,7 @@ from dem_bridge.backends.base import (
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.files import write_whole
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import scene_of
@@ -154,22 +155,23 @@ def solve(
     _check_settings(dt, accuracy, order, uncertainty)
     if reason := unsupported_reason(solver, scene):
         raise UnsupportedScene(f"{solver.name} cannot do {scene.name}: {reason}")
+    cache = RunCache()
     if accuracy is not None:
-        resolution = _resolution_for(scene, solver, accuracy, resolution, sampling)
+        resolution = _resolution_for(scene, solver, accuracy, resolution, sampling, cache)
+    case = Case(
+        scene=scene,
+        backend=backend,
+        resolution=resolution,
+        sampling=sampling,
+        engine=lammps,
+        uncertainty=uncertainty,
+    )
     if order is None:
-        case = Case(
-            scene=scene,
-            backend=backend,
-            resolution=resolution,
-            sampling=sampling,
-            engine=lammps,
-            uncertainty=uncertainty,
-        )
-        run = solve_case(case, solver)
+        run = solve_case(case, cache)
     else:
-        from dem_bridge.extrapolate import extrapolated
+        from dem_bridge.uncertainty.extrapolate import extrapolate
 
-        run = extrapolated(solver, scene, resolution, sampling, uncertainty=uncertainty)
+        run = extrapolate(case)
     if accuracy is not None:
         _check_accuracy(solver, scene, run, accuracy)
     return run
@@ -327,16 +329,23 @@ def _cheapest(scene: Scene, accuracy: object, sampling: Sampling) -> str:
 
 
 def _resolution_for(
-    scene: Scene, solver: Backend, accuracy: float, resolution: Resolution, sampling: Sampling
+    scene: Scene,
+    solver: Backend,
+    accuracy: float,
+    resolution: Resolution,
+    sampling: Sampling,
+    cache: RunCache | None = None,
 ) -> Resolution:
     """Return the resolution with the step for an accuracy; as it is for backends without a fixed step."""
-    from dem_bridge.planning.bars import resolution_for  # loads the compiler, which not every backend needs
+    from dem_bridge.uncertainty.step_choice import (
+        step_for_accuracy,  # loads the compiler, which not every backend needs
+    )
 
     if solver.order is None:
         return resolution
-    tables = resolution.tables or solver.name == "lammps-table"
-    own = solver if solver.name not in (*ENGINE_BACKENDS, "ase") else None
-    return resolution_for(scene, accuracy, replace(resolution, tables=tables), sampling, own)
+    resolution = replace(resolution, tables=resolution.tables or solver.name == "lammps-table")
+    by = "verlet" if solver.name in (*ENGINE_BACKENDS, "ase") else solver.name
+    return step_for_accuracy(scene, accuracy, resolution, sampling, by=by, cache=cache)
 
 
 def _sampling(scene: Scene, samples: int | None) -> Sampling:

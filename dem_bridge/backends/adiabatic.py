@@ -11,7 +11,6 @@ last bodies are wrong. Nothing can be said about the error from within (bars inf
 from __future__ import annotations
 
 import functools
-import time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +23,7 @@ from dem_bridge.physics.adiabatic import LEAST_EXPONENT, MOST_EXPONENT, adiabati
 from dem_bridge.physics.launch import launched
 from dem_bridge.physics.solitary import wave_shape
 from dem_bridge.scene import Scene
+from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.support import Exponents, Support
 from dem_bridge.trajectory import Cost, Trajectory
 
@@ -49,7 +49,7 @@ class AdiabaticWaves:
         return Availability(True)
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
-        wall, cpu = time.perf_counter(), time.process_time()
+        watch = Stopwatch()
         times, c, mass = sampling.times(scene.duration), scene.contacts, np.array(scene.mass)
         beta, n, striker = c.stiffness, c.exponent, scene.velocity[0]
         launch = launched(
@@ -86,12 +86,7 @@ class AdiabaticWaves:
             contact_force=force,
             peak_force=peak_force,
             crossing_time=np.where(peak_time <= scene.duration, peak_time, np.nan),
-            cost=Cost(
-                wall=time.perf_counter() - wall,
-                cpu=time.process_time() - cpu,
-                steps=0,
-                force_evaluations=0,
-            ),
+            cost=Cost.since(watch, steps=0, force_evaluations=0),
             provenance=run_provenance(self, scene, {"samples": sampling.count}),
         )
 

@@ -9,7 +9,6 @@ is taken from ``ase.units``. Nor does it remove the drift of the centre of mass 
 from __future__ import annotations
 
 import importlib.util
-import time
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
@@ -21,10 +20,10 @@ from dem_bridge import features, progress
 from dem_bridge.backends.base import Availability, Resolution, Sampling
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.steps import Dense, fixed_step_plan, read_off
-from dem_bridge.backends.twin_bars import twins_of, with_bars
 from dem_bridge.dense import Schedule
 from dem_bridge.errors import BackendUnavailable
 from dem_bridge.scene import Scene
+from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.support import Support
 from dem_bridge.trajectory import Trajectory
 
@@ -53,7 +52,7 @@ class AseVerlet:
         return Availability(True)
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
-        """Solve on the steps of twin and LAMMPS; the bars come from twins, never from ASE itself.
+        """Solve on the steps of the twin and LAMMPS.
 
         Raises BackendUnavailable where ASE is missing, RunBroken where velocities are not finite.
         """
@@ -62,17 +61,13 @@ class AseVerlet:
             raise BackendUnavailable(f"{self.name} cannot run: {missing}")
         prescan = prescan_hertz(scene)
         plan = fixed_step_plan(scene, resolution, sampling, prescan)
-        run = self._solve(scene, plan)
-        if not resolution.bars:
-            return run
-        # displacements are smaller than positions, so this bounds the round-off
-        return with_bars(run, twins_of(scene, plan, prescan, radius=prescan.surrogate_radius))
+        return self._solve(scene, plan)
 
     def _solve(self, scene: Scene, plan: Schedule) -> Trajectory:
         from ase import Atoms
         from ase.md.verlet import VelocityVerlet
 
-        began = time.perf_counter(), time.process_time()
+        watch = Stopwatch()
         mass, bodies = np.array(scene.mass), scene.n_body
         momenta = np.zeros((bodies, 3))
         momenta[:, 0] = mass * scene.velocity
@@ -97,7 +92,7 @@ class AseVerlet:
         v[0, :-1] = scene.velocity  # momenta round it
         settings = {"dt": plan.step, "samples": plan.samples}
         dense = Dense(velocity=v, displacement=x, acceleration=a, overlap=overlap, force=force)
-        run = read_off(self, scene, plan, dense, settings, began=began, evaluations=calculator.evaluations)
+        run = read_off(self, scene, plan, dense, settings, watch=watch, evaluations=calculator.evaluations)
         versions = run.provenance["versions"] | {"ase": version("ase")}
         return replace(run, provenance={**run.provenance, "versions": versions})
 

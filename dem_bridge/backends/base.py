@@ -4,7 +4,8 @@ A backend
 1. says which equations it solves (``equations``) and with which order in dt (``order``; None: no fixed step),
 2. says whether it can run here, with the reason and the remedy if not (``availability``),
 3. declares which scenes it supports (``supports``): what it does not list there is refused before anything runs,
-4. turns a Scene, a Resolution and a Sampling into a Trajectory (``run``), with bars that it stands for,
+4. turns a Scene, a Resolution and a Sampling into a Trajectory (``run``); its uncertainty is estimated elsewhere
+   (:mod:`dem_bridge.uncertainty`),
 5. never changes the scene, never repairs a run; raises RunBroken if one fails.
 
 Adding one: docs/inherit.md.
@@ -52,7 +53,7 @@ class Resolution:
     dt: float | None = None
     """Largest time step, s."""
     rtol: float | None = None
-    """Relative local tolerance of an adaptive integrator. It is not the error: see the bars."""
+    """Relative local tolerance of an adaptive integrator; the error of the run is larger."""
     atol: float | None = None
     """Absolute local tolerance of ode45, in SI (m and m/s alike), as MATLAB has it."""
     surrogate_radius: float | None = None
@@ -73,8 +74,6 @@ class Resolution:
     """Of the twin: take forces from the tables that LAMMPS would have, not from the laws."""
     time_limit: float = 3600.0
     """Wall time, s, after which an engine in a child process is stopped."""
-    bars: bool = False
-    """True: with an uncertainty, which takes further runs."""
 
     def __post_init__(self) -> None:
         limits = {
@@ -154,6 +153,12 @@ class Backend(Protocol):
     def availability(self) -> Availability: ...
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory: ...
+
+
+class Replicating(Backend, Protocol):
+    """A backend that makes the further runs for its uncertainty itself."""
+
+    def replicas(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> list[Trajectory]: ...
 
 
 def backend(name: str, engine: Engine | None = None) -> Backend:

@@ -9,7 +9,6 @@ the two-body collision, and nothing can be said about its error from within (bar
 from __future__ import annotations
 
 import math
-import time
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from dem_bridge import features
 from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.scene import Scene
+from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.support import Condition, Support
 from dem_bridge.trajectory import Cost, Trajectory
 
@@ -54,7 +54,7 @@ class BinaryCollisions:
         return Availability(True)
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
-        wall, cpu = time.perf_counter(), time.process_time()
+        watch = Stopwatch()
         times, c, n = sampling.times(scene.duration), scene.contacts, scene.n_body
         arrival = np.zeros(n)  # when body i is set moving
         leaving = np.full(n, math.inf)  # when it has handed its momentum on
@@ -86,11 +86,6 @@ class BinaryCollisions:
             contact_force=np.full((len(times), scene.n_contact), np.nan),
             peak_force=peak_force,
             crossing_time=crossing,
-            cost=Cost(
-                wall=time.perf_counter() - wall,
-                cpu=time.process_time() - cpu,
-                steps=0,
-                force_evaluations=0,
-            ),
+            cost=Cost.since(watch, steps=0, force_evaluations=0),
             provenance=run_provenance(self, scene, {"samples": sampling.count}),
         )

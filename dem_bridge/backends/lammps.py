@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,17 +17,15 @@ from dem_bridge.backends.lammps_output import (
     engine_certificate,
 )
 from dem_bridge.backends.prescan import Prescan
+from dem_bridge.backends.roundoff import roundoff_floor
 from dem_bridge.backends.steps import fixed_step_plan, radius_of, read_off
 from dem_bridge.backends.tabled import (
-    in_kernel,
     measured,
     predicted_energy_error,
     predicted_error,
     prescan_scene,
     tables_for,
 )
-from dem_bridge.backends.twin_bars import Twins, round_off_floor, twins_of, with_bars
-from dem_bridge.compiled import started
 from dem_bridge.errors import BackendUnavailable, UnsupportedScene, UsageError
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE, TABLE_STYLE
 from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, deck_of, positions
@@ -37,6 +34,7 @@ from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.pairing import TableSet
 from dem_bridge.lmp.process import require, run_deck, workspace
 from dem_bridge.scene import Scene
+from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.trajectory import Trajectory
 
 
@@ -69,27 +67,23 @@ class LammpsGranular:
         return Availability(True)
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
-        """Solve. The bars come from twins, never from LAMMPS itself."""
-        began = time.perf_counter(), time.process_time()
-        prescan = prescan_scene(scene)
-        written = self.written(scene, resolution, sampling, prescan)
-        # the twins run beside the engine: they need nothing of it
-        bars = started(self._twins, scene, written, prescan) if resolution.bars else None
-        run = self.run_written(scene, written, time_limit=resolution.time_limit, began=began)
-        return run if bars is None else with_bars(run, bars())
+        """Write the deck, run it and read its dump."""
+        watch = Stopwatch()
+        written = self.written(scene, resolution, sampling, prescan_scene(scene))
+        return self.run_written(scene, written, time_limit=resolution.time_limit, watch=watch)
 
     def run_written(
-        self, scene: Scene, written: Written, *, time_limit: float, began: tuple[float, float] | None = None
+        self, scene: Scene, written: Written, *, time_limit: float, watch: Stopwatch | None = None
     ) -> Trajectory:
-        """What LAMMPS makes of a deck of the scene, without bars; ``began``: wall and CPU time (s) at the start."""
-        began = began or (time.perf_counter(), time.process_time())
+        """Return the run of a deck of the scene; ``watch`` began with the making of the deck."""
+        watch = watch or Stopwatch()
         deck, plan = written.deck, written.deck.schedule
         with workspace(dump_size(deck)) as folder:
             for file, text in deck.files.items():
                 (folder / file).write_text(text, encoding="utf-8")
             # the dump grows evenly with the steps: its size tells how far the run is
-            watch = dump_progress(folder / deck.dump_file, deck) if progress.has_listener() else None
-            report = run_deck(folder, deck.input_file, time_limit=time_limit, watch=watch, engine=self.engine)
+            monitor = dump_progress(folder / deck.dump_file, deck) if progress.has_listener() else None
+            report = run_deck(folder, deck.input_file, time_limit=time_limit, watch=monitor, engine=self.engine)
             dumps = [
                 read_binary_dump(folder / file, columns=len(DUMP_COLUMNS))
                 for file in (deck.dump_file, *deck.more_dumps)
@@ -98,7 +92,7 @@ class LammpsGranular:
         checked_values(deck, steps, values)
         dense = dense_of(scene, deck, steps, values)
         settings = {"dt": plan.step, "samples": plan.samples, "surrogate_radius": deck.surrogate_radius}
-        run = read_off(self, scene, plan, dense, settings, began=began, evaluations=plan.steps + 1)
+        run = read_off(self, scene, plan, dense, settings, watch=watch, evaluations=plan.steps + 1)
         told: dict[str, Any] = {
             "lammps": engine_certificate(self.engine, report, scene),
             "engine_wall": report.wall,
@@ -120,14 +114,6 @@ class LammpsGranular:
         # the engine's own share of the processor, and not only ours
         cost = replace(run.cost, cpu=run.cost.cpu + report.cpu)
         return replace(run, cost=cost, provenance={**run.provenance, **told})
-
-    def _twins(self, scene: Scene, written: Written, prescan: Prescan) -> Twins | None:
-        deck, tables = written.deck, None
-        if written.tables is not None:
-            tables = in_kernel(scene, written.tables, deck.surrogate_radius)
-        return twins_of(
-            scene, deck.schedule, prescan, radius=deck.surrogate_radius, summed=scene.summed_outer_force, tables=tables
-        )
 
     def deck(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Deck:
         """The deck that :meth:`run` runs."""
@@ -159,7 +145,7 @@ class LammpsGranular:
             tables=tables,
             travel=prescan.highest - prescan.lowest,
             types=resolution.types,
-            floor=round_off_floor(scene, plan, radius) if own else None,
+            floor=roundoff_floor(scene, plan, radius) if own else None,
         )
         return Written(deck=deck, tables=tables)
 

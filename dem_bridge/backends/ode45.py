@@ -7,35 +7,29 @@ the paper judges by it.
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge import features
-from dem_bridge.backends.bars import reference_bars
 from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.backends.dormand_prince import STEP_TOO_SMALL, TOO_MANY_STEPS, integrate
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.compiled import interruptible
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
+from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.support import Support
-from dem_bridge.trajectory import Cost, Trajectory, Uncertainty
+from dem_bridge.trajectory import Cost, Trajectory
 
 #: those of MATLAB: RelTol, and AbsTol in m and m/s
 DEFAULT_RTOL, DEFAULT_ATOL = 1e-3, 1e-6
-#: the second run, for the bars, has this many times the tolerances, but no smaller rtol than this
+#: tolerances of the replica, in units of those of the run, and its least rtol
 TIGHTER, LEAST = 1e-2, 1e-15
-#: ... and the difference to it is taken this many times: SAMPLES for velocity and displacement, CONTACTS for peaks and
-#: crossings. Over 200 random scenes (2 to 60 bodies, four decades of mass and stiffness, 1e-9 to 1e3 m/s) the error was
-#: up to 1.5, 2.4, 16 and 182 differences at the default tolerances, but at most 1.1, 1.4, 6.1 and 4.8 in 99 % of them
-#: (on 200 others the bars held in 99.5 % and more of the scenes for each quantity); at tighter tolerances less
-SAMPLES, CONTACTS = 2.0, 8.0
-#: longest step, of the duration: MATLAB's, and that of the second run, which would else err alike where no tolerance
-#: decides the step
-SHARE, SECOND_SHARE = 0.1, 0.02
+#: longest step, in units of the duration: that of MATLAB, and that of the replica, which would err alike where no
+#: tolerance decides the step
+SHARE, REPLICA_SHARE = 0.1, 0.02
 MOST_STEPS = 50_000_000
 
 
@@ -63,33 +57,27 @@ class Ode45:
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve with ``rtol`` and ``atol`` (m and m/s), the initial step as for ``tspan = [0 duration]``.
 
-        The bars are the difference to a second run with both a hundredth, whose absolute tolerances besides follow the
-        scene's own scales: 1e-6 m may be all that moves. That run takes shorter steps where nothing bends, and none
-        over a contact: a graze between two flights would be missed by both. Raises RunBroken where the step falls
-        below 16 units in the last place of t, as ode45 warns and stops.
+        Raises RunBroken where the step falls below 16 units in the last place of t, as ode45 warns and stops.
         """
-        rtol = resolution.rtol if resolution.rtol is not None else DEFAULT_RTOL
-        atol = resolution.atol if resolution.atol is not None else DEFAULT_ATOL
+        rtol, atol = _tolerances(resolution)
         run = self._solve(scene, sampling, rtol, np.full(2 * scene.n_body, atol), SHARE, False)
         settings = {"rtol": rtol, "atol": atol, "samples": sampling.count}
-        run = replace(run, provenance={**run.provenance, "settings": settings})
-        if not resolution.bars:
-            return run
-        own = np.maximum(TIGHTER * np.minimum(atol, rtol * _scales(scene)), 1e-300)  # a scene at rest has no scale
-        second = self._solve(scene, sampling, max(TIGHTER * rtol, LEAST), own, SECOND_SHARE, True)
-        bars = reference_bars(run, [second], factor=CONTACTS, duration=scene.duration)
-        samples = reference_bars(run, [second], factor=SAMPLES, duration=scene.duration)
-        bars |= {name: samples[name] for name in ("velocity", "displacement")}
-        # which collision is the largest is no better known than velocities are
-        speed = float(np.max(np.abs(run.velocity)))
-        share = bars["velocity"] / speed if speed > 0.0 else 0.0
-        bars["peak_force"] = np.maximum(bars["peak_force"], share * run.peak_force)
-        return replace(run, uncertainty=Uncertainty(**bars))
+        return replace(run, provenance={**run.provenance, "settings": settings})
+
+    def replicas(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> list[Trajectory]:
+        """Return a run at a hundredth of both tolerances, whose absolute ones also follow the scales of the scene.
+
+        1e-6 m may be larger than all motion. The run takes shorter steps where nothing bends, and none over a contact:
+        a graze between two flights would be missed by both runs.
+        """
+        rtol, atol = _tolerances(resolution)
+        absolute = np.maximum(TIGHTER * np.minimum(atol, rtol * _scales(scene)), 1e-300)  # at rest there is no scale
+        return [self._solve(scene, sampling, max(TIGHTER * rtol, LEAST), absolute, REPLICA_SHARE, True)]
 
     def _solve(
         self, scene: Scene, sampling: Sampling, rtol: float, atol: NDArray[np.float64], share: float, wary: bool
     ) -> Trajectory:
-        wall, cpu = time.perf_counter(), time.process_time()
+        watch = Stopwatch()
         c, times = scene.contacts, sampling.times(scene.duration)
         x, v, force, peak, crossing, accepted, failed, ended, at = interruptible(
             integrate,
@@ -126,14 +114,15 @@ class Ode45:
             contact_force=force,
             peak_force=peak,
             crossing_time=crossing,
-            cost=Cost(
-                wall=time.perf_counter() - wall,
-                cpu=time.process_time() - cpu,
-                steps=accepted,
-                force_evaluations=6 * (accepted + failed) + 1,
-            ),
+            cost=Cost.since(watch, steps=accepted, force_evaluations=6 * (accepted + failed) + 1),
             provenance=run_provenance(self, scene, {}) | {"failed_steps": failed},
         )
+
+
+def _tolerances(resolution: Resolution) -> tuple[float, float]:
+    """Return rtol and atol, those of MATLAB where none is given."""
+    rtol = resolution.rtol if resolution.rtol is not None else DEFAULT_RTOL
+    return rtol, resolution.atol if resolution.atol is not None else DEFAULT_ATOL
 
 
 def _scales(scene: Scene) -> NDArray[np.float64]:

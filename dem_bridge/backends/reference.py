@@ -8,14 +8,12 @@ exponent n whose 2(n-1) is no whole number up to 8, a law that is a function, da
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge import features
-from dem_bridge.backends.bars import reference_bars
 from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.backends.scales import natural_scales, resting_acceleration
 from dem_bridge.backends.scipy_dop853 import ScipyDop853
@@ -23,8 +21,9 @@ from dem_bridge.backends.taylor import integrate
 from dem_bridge.compiled import interruptible
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene, Wall
+from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.support import Exponents, Support
-from dem_bridge.trajectory import Cost, Trajectory, Uncertainty
+from dem_bridge.trajectory import Cost, Trajectory
 
 #: order of the series and what its last coefficients may contribute; 28 and 1e-16 are the fastest of 20..28 and
 #: 1e-16..1e-18 that reach 1e-13 on the paper's chains
@@ -36,8 +35,6 @@ SECOND_ORDER = 22
 TOUCH = 1e-12
 #: runs for the bars: each one more realisation of round-off
 REALISATIONS = 6
-#: the error against the largest of six such differences: beyond this once in 10,000 (Student's t of six)
-SAFETY = 9.0
 MOST_STEPS = 50_000_000
 #: what the series can do themselves: they need 2 (n - 1) to be a whole number up to 8
 SERIES = Support(
@@ -60,21 +57,20 @@ class Reference:
         return Availability(True)
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
-        """Solve; the bars come from runs of another order with every input moved by its last digit, up or down."""
+        """Solve by Taylor series, or through scipy where they do not fit."""
         if not SERIES.covers(scene):
             answer = ScipyDop853().run(scene, resolution, sampling)
             provenance = {**answer.provenance, "backend": self.name, "answered_by": ScipyDop853.name}
             return replace(answer, provenance=provenance)
-        run = self._solve(scene, sampling, ORDER)
-        if not resolution.bars:
-            return run
+        return self._solve(scene, sampling, ORDER)
+
+    def replicas(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> list[Trajectory]:
+        """Return runs of another order with every input moved by its last digit, up or down."""
         directions = np.random.default_rng(20180305)
-        others = [self._solve(_nudged(scene, directions), sampling, SECOND_ORDER) for _ in range(REALISATIONS)]
-        bars = reference_bars(run, others, factor=SAFETY, duration=scene.duration)
-        return replace(run, uncertainty=Uncertainty(**bars))
+        return [self._solve(_perturbed(scene, directions), sampling, SECOND_ORDER) for _ in range(REALISATIONS)]
 
     def _solve(self, scene: Scene, sampling: Sampling, order: int) -> Trajectory:
-        wall, cpu = time.perf_counter(), time.process_time()
+        watch = Stopwatch()
         c, n, times = scene.contacts, scene.n_body, sampling.times(scene.duration)
         speed, depth = natural_scales(scene)
         of_left, of_right = np.full(n, -1), np.full(n, -1)
@@ -113,12 +109,7 @@ class Reference:
             contact_force=force,
             peak_force=c.stiffness * deepest ** (c.exponent - 1.0),
             crossing_time=crossing,
-            cost=Cost(
-                wall=time.perf_counter() - wall,
-                cpu=time.process_time() - cpu,
-                steps=steps,
-                force_evaluations=steps * (order + 1),
-            ),
+            cost=Cost.since(watch, steps=steps, force_evaluations=steps * (order + 1)),
             provenance=run_provenance(self, scene, settings) | {"openings": openings, "closings": closings},
         )
 
@@ -135,7 +126,7 @@ def _unfelt(scene: Scene, speed: float, depth: NDArray[np.float64]) -> NDArray[n
     return np.asarray(TOUCH * depth * felt ** (1.0 / (c.exponent - 1.0)))
 
 
-def _nudged(scene: Scene, directions: np.random.Generator) -> Scene:
+def _perturbed(scene: Scene, directions: np.random.Generator) -> Scene:
     """The scene with each number of its own moved by one unit in its last place, up or down."""
 
     def moved(value: float) -> float:

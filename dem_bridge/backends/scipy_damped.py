@@ -42,10 +42,8 @@ MOST_AT_ONCE = 10
 class DampedIntegration(Integration):
     """One run with damped contacts; some of them, of coefficient 0, may be elastic."""
 
-    def __init__(
-        self, scene: Scene, sampling: Sampling, rtol: float, *, share_before: float = 0.0, share: float = 1.0
-    ) -> None:
-        super().__init__(scene, sampling, rtol, share_before=share_before, share=share)
+    def __init__(self, scene: Scene, sampling: Sampling, rtol: float) -> None:
+        super().__init__(scene, sampling, rtol)
         speed, depth = natural_scales(scene)
         damping = self.contacts["damping"] * depth ** self.contacts["damping_power"] * speed
         scale = scene.contacts.force(depth, np.arange(self.k)) + damping

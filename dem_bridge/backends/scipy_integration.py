@@ -95,10 +95,7 @@ class Integration:
     The state of the contacts, ``(n_contact,)``, decides which forces act; here a contact is OPEN or PRESSING.
     """
 
-    def __init__(
-        self, scene: Scene, sampling: Sampling, rtol: float, *, share_before: float = 0.0, share: float = 1.0
-    ) -> None:
-        self.share_before, self.share = share_before, share  # of the whole work, for progress
+    def __init__(self, scene: Scene, sampling: Sampling, rtol: float) -> None:
         self.scene, self.rtol = scene, rtol
         self.steps = self.evaluations = self.restarts = 0
         n, k, c = scene.n_body, scene.n_contact, scene.contacts
@@ -153,7 +150,7 @@ class Integration:
                     sample = upto
                 self._note_peaks(solver, step, until, state)
             self.evaluations += solver.nfev
-            progress.report(self.share_before + self.share * solver.t / end)
+            progress.report(solver.t / end)
             at, y = solver.t, solver.y
             if event is not None:
                 at, contact = event

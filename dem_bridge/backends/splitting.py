@@ -6,7 +6,6 @@ all is Hertz's law alone :mod:`.fused` does the same bit for bit, several times 
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -24,6 +23,7 @@ from dem_bridge.compiled import interruptible, kernel
 from dem_bridge.dense import Schedule, Turns, at_turns
 from dem_bridge.lmp.cell import pair_force
 from dem_bridge.scene import Scene
+from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.support import Support
 from dem_bridge.trajectory import Trajectory
 
@@ -80,13 +80,13 @@ def solve(
     ``radius`` (m): as :func:`~dem_bridge.backends.twin.solve_plan` has it; ``cells``: of laws that are functions. If
     not ``full``, only the samples are kept where that is enough, and the second answer is those.
     """
-    began = time.perf_counter(), time.process_time()
+    watch = Stopwatch()
     settings: dict[str, float] = {"dt": plan.step, "samples": plan.samples}
     if not isinstance(radius, np.ndarray) and radius > 0.0:
         settings["surrogate_radius"] = radius
     if len(tables.law):
         settings["table_points"] = tables.value.shape[1]
-    costs: Mapping[str, Any] = {"began": began, "evaluations": len(method.drifts) * plan.steps + 1}
+    costs: Mapping[str, Any] = {"watch": watch, "evaluations": len(method.drifts) * plan.steps + 1}
     if len(tables.law) == 0 and FUSED.covers(scene):
         dense, farthest, largest, turns = _march(method, scene, plan, radius, full)
         check_finite(code, scene, plan, dense.velocity)

@@ -6,7 +6,6 @@ And what twin and ASE read off them, alike as well, so that it drops out of thei
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -19,6 +18,7 @@ from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.dense import Schedule, damped_peaks, extremes, schedule
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene import Scene
+from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.trajectory import Cost, Trajectory
 
 #: default step: the next of the 1-2-5 series below this fraction of 1/omega of the stiffest contact
@@ -131,10 +131,10 @@ def read_off(
     dense: Dense,
     settings: Mapping[str, Any],
     *,
-    began: tuple[float, float],
+    watch: Stopwatch,
     evaluations: int,
 ) -> Trajectory:
-    """The trajectory, without bars, of a run of ``code``; ``began``: wall and CPU time (s) at its start.
+    """Return the trajectory of a run of ``code``, which began with ``watch``.
 
     Raises RunBroken where velocities are not finite.
     """
@@ -146,7 +146,7 @@ def read_off(
         scene,
         plan,
         settings,
-        began=began,
+        watch=watch,
         evaluations=evaluations,
         displacement=dense.displacement[keep, :-1],
         velocity=dense.velocity[keep, :-1],
@@ -162,7 +162,7 @@ def answer(
     plan: Schedule,
     settings: Mapping[str, Any],
     *,
-    began: tuple[float, float],
+    watch: Stopwatch,
     evaluations: int,
     **found: Any,
 ) -> Trajectory:
@@ -170,11 +170,6 @@ def answer(
     return Trajectory(
         time=Sampling(count=plan.samples).times(scene.duration),
         **found,
-        cost=Cost(
-            wall=time.perf_counter() - began[0],
-            cpu=time.process_time() - began[1],
-            steps=plan.steps,
-            force_evaluations=evaluations,
-        ),
+        cost=Cost.since(watch, steps=plan.steps, force_evaluations=evaluations),
         provenance=run_provenance(code, scene, settings),
     )

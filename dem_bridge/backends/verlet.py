@@ -14,7 +14,6 @@ from dem_bridge.backends.splitting import EXACT
 from dem_bridge.backends.steps import fixed_step_plan, radius_of
 from dem_bridge.backends.tabled import in_kernel, prescan_scene, tables_for
 from dem_bridge.backends.twin import TWIN, solve_plan
-from dem_bridge.backends.twin_bars import twins_of, with_bars
 from dem_bridge.scene import Scene
 from dem_bridge.support import Support
 from dem_bridge.trajectory import Trajectory
@@ -37,14 +36,11 @@ class Verlet:
         return Availability(True)
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
-        """Solve; with ``surrogate_radius`` in absolute positions, as LAMMPS. The bars come from three more runs."""
+        """Solve; with ``surrogate_radius`` in absolute positions, as LAMMPS does."""
         prescan = prescan_scene(scene)
         plan = fixed_step_plan(scene, resolution, sampling, prescan)
-        radius, tables = radius_of(scene, resolution, prescan), None
+        tables = EXACT
         if resolution.tables:
+            radius = radius_of(scene, resolution, prescan)
             tables = in_kernel(scene, tables_for(scene, resolution, prescan), radius)
-        run = solve_plan(scene, plan, resolution.surrogate_radius or 0.0, tables or EXACT)
-        if not resolution.bars:
-            return run
-        own = run if resolution.surrogate_radius is None and not resolution.tables else None
-        return with_bars(run, twins_of(scene, plan, prescan, radius=radius, own=own, tables=tables))
+        return solve_plan(scene, plan, resolution.surrogate_radius or 0.0, tables)

@@ -1,7 +1,8 @@
 """The cheapest settings for an accuracy: predicted by an error model, checked by runs, with the reasons.
 
-:mod:`.bars` finds the step whose *uncertainty* is within an accuracy; the planner finds settings whose *error* is. An
-uncertainty is about three times the error, so that it holds. The answer is valid for the settings that were run.
+:mod:`dem_bridge.uncertainty.step_choice` finds the step whose *uncertainty* is within an accuracy; the planner finds
+settings whose *error* is. An uncertainty is about three times the error, so that it holds. The answer is valid for the
+settings that were run.
 """
 
 from __future__ import annotations
@@ -13,13 +14,12 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from dem_bridge.accuracy import checked_accuracy
-from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, backend
+from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.backends.reference import SERIES
+from dem_bridge.backends.roundoff import roundoff_floor
 from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
 from dem_bridge.backends.steps import radius_of
-from dem_bridge.backends.twin_bars import last_digit, round_off_floor
 from dem_bridge.errors import NotAsymptotic, RunBroken, UsageError
-from dem_bridge.extrapolate import extrapolated
 from dem_bridge.planning.answer import Plan, answer, beyond
 from dem_bridge.planning.check import (
     LEAST_RTOL,
@@ -38,6 +38,8 @@ from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.uncertainty.estimate import solve
+from dem_bridge.uncertainty.extrapolate import extrapolate
+from dem_bridge.uncertainty.fixed_step import last_digit
 
 #: at accuracies below this the round-off of codes that keep positions is measured first, in a run of so many steps
 ROUND_OFF_BELOW, FEW_STEPS = 1e-7, 5_000_000
@@ -233,8 +235,15 @@ class Planner:
             setting = self.judge.snapped(candidate, float(f"{setting:.2e}"))
             self._say(f"{candidate.runs} extrapolated from dt = {setting:.3g}")
             try:
-                resolution = Resolution(**candidate.given, dt=setting)
-                run = extrapolated(backend(candidate.runs), self.scene, resolution, self.sampling)
+                run = extrapolate(
+                    Case(
+                        scene=self.scene,
+                        backend=candidate.runs,
+                        resolution=Resolution(**candidate.given, dt=setting),
+                        sampling=self.sampling,
+                        uncertainty=False,
+                    )
+                )
                 error = measured_error(self.observable, self.scene, run, reference)
             except (NotAsymptotic, RunBroken):
                 return Trial(setting=setting, error=math.inf, cpu=math.nan, steps=0, evaluations=0)
@@ -253,7 +262,7 @@ class Planner:
             return None
         # the order is 4 in place of 2
         first = min(2.0 * plain.setting * (1e-4 / self.accuracy) ** 0.25, most)
-        roundoff = round_off_floor(self.scene, self.outlook.schedule(0.5 * first), candidate.given["surrogate_radius"])
+        roundoff = roundoff_floor(self.scene, self.outlook.schedule(0.5 * first), candidate.given["surrogate_radius"])
         if EXTRAPOLATED_ROUNDING * roundoff > self.accuracy:
             return None
         settled = settle(trial, first, self.accuracy, order=4.0, least=least, most=most)
@@ -280,7 +289,7 @@ class Planner:
             # round-off grows with the number of steps: a longer run has at least that of a shorter one
             dt = max(option.setting, self.scene.duration / FEW_STEPS)
             radius = radius_of(self.scene, Resolution(), self.outlook.prescan)
-            floor = round_off_floor(self.scene, self.outlook.schedule(dt), radius)
+            floor = roundoff_floor(self.scene, self.outlook.schedule(dt), radius)
             if floor > self.accuracy:
                 raise UsageError(f"round-off with a radius of {radius:.3g} m limits the accuracy to {floor:.2g}")
         if candidate.knob == "dt":
@@ -342,7 +351,7 @@ class Planner:
         least = f"the smallest measured error is {settled.least:.2g}"
         if candidate.name in ENGINE_BACKENDS:
             radius = candidate.given["surrogate_radius"]
-            floor = round_off_floor(self.scene, self.outlook.schedule(last.setting), radius)
+            floor = roundoff_floor(self.scene, self.outlook.schedule(last.setting), radius)
             if floor > 0.3 * self.accuracy:
                 return f"round-off with a radius of {radius:.3g} m limits the accuracy to {floor:.2g}; {least}"
         if last.setting <= self.options.least(candidate) * (1.0 + 1e-9):

@@ -19,10 +19,10 @@ from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, back
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.twin import solve_plan
-from dem_bridge.backends.twin_bars import REALISATIONS, last_digit
 from dem_bridge.regression.baseline import QUANTITIES, Accuracy, Baseline, RoundoffTolerance
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory, own_scale
+from dem_bridge.uncertainty.fixed_step import REALISATIONS, last_digit
 from dem_bridge.version import __version__
 
 #: number of builds that are compared; each may differ from exact arithmetic

@@ -15,7 +15,6 @@ from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Samp
 from dem_bridge.campaign import Progress, Result, run_cases
 from dem_bridge.errors import BackendUnavailable, RunBroken, SceneError, UsageError
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.planning.bars import resolution_for
 from dem_bridge.regression.baseline import Baseline, read_baseline
 from dem_bridge.regression.compare import Change, Comparison, accuracy_words, assess, compare
 from dem_bridge.regression.provenance import baseline_of, roundoff_tolerance
@@ -23,6 +22,7 @@ from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
 from dem_bridge.trajectory import Trajectory
+from dem_bridge.uncertainty.step_choice import step_for_accuracy
 
 SCHEMA = "dem-bridge/regression/1"
 FOLDER = Path("reports/baselines")
@@ -325,7 +325,7 @@ def _new_tasks(
             continue
         fixed = backend(name).order is not None
         if fixed and step is None:
-            step = resolution_for(scene, tolerance, Resolution(), sampling).dt
+            step = step_for_accuracy(scene, tolerance, Resolution(), sampling).dt
         tasks.append(
             Task(
                 scene=scene,

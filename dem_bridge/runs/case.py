@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.base import Backend, Resolution, Sampling, backend
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.store import run_key
 from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
 
 #: wall time of one core in s: per body and step for a fixed step, per body to a power for an adaptive one
 _PER_STEP = {"lammps-granular": 6e-8, "lammps-table": 6e-8, "verlet": 2e-9, "blanes-moan": 1e-8, "ase": 1e-6}
@@ -38,8 +39,9 @@ class Case:
     @property
     def key(self) -> str | None:
         """Key of the run in a store; None: the run cannot be stored."""
-        how = replace(self.resolution, bars=self.uncertainty)
-        return run_key(self.scene, self.backend, how, self.sampling, self.engine)
+        return run_key(
+            self.scene, self.backend, self.resolution, self.sampling, self.engine, uncertainty=self.uncertainty
+        )
 
     @property
     def expected(self) -> float:
@@ -51,3 +53,8 @@ class Case:
         steps = self.scene.duration / dt if dt else 1e5
         runs = 1 + _FURTHER_RUNS * (self.backend in ("verlet", "blanes-moan") and self.uncertainty)
         return 0.05 + runs * _PER_STEP.get(self.backend, 0.0) * bodies * steps
+
+    def solve(self, code: Backend | None = None) -> Trajectory:
+        """Return the run, without uncertainty; ``code``: a backend in place of the one that the case names."""
+        code = code or backend(self.backend, self.engine)
+        return code.run(self.scene, self.resolution, self.sampling)

@@ -3,7 +3,7 @@
 A key is a sha256 over
 
 what is solved   the scene's content hash, which its name is not in, and its spacing, which radii in a deck can follow
-how              backend, every field of Resolution, Sampling
+how              backend, every field of Resolution, Sampling, with or without uncertainty
 by which code    versions of Python, dem_bridge and the libraries that compute, and the text of every module of ours
                  that numbers pass through: changed code never meets the numbers of before
 on which machine processor with its instruction set, C library, variables that change what is loaded or compiled:
@@ -69,9 +69,17 @@ Array = NDArray[Any]
 
 
 def run_key(
-    scene: Scene, backend: str, resolution: Resolution, sampling: Sampling, engine: Engine | None = None
+    scene: Scene,
+    backend: str,
+    resolution: Resolution,
+    sampling: Sampling,
+    engine: Engine | None = None,
+    *,
+    uncertainty: bool = True,
 ) -> str | None:
-    """Key of the trajectory of these, None where it cannot be told. No LAMMPS is started; UsageError as by Engine.
+    """Return the key of a run, with its uncertainty or without; None for what cannot be stored. No LAMMPS is started.
+
+    Changed code of the uncertainty leaves runs without uncertainty as they are.
 
     >>> scene = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
     >>> coarse, fine = (run_key(scene, "verlet", Resolution(dt=dt), Sampling(count=10)) for dt in (1e-7, 1e-8))
@@ -81,7 +89,9 @@ def run_key(
     if backend in ENGINE_BACKENDS:
         engine = engine or Engine.chosen()
     parts = {"backend": backend, "resolution": asdict(resolution), "samples": sampling.count}
-    return _key("run", [scene], engine, NOT_IN_RUNS, parts)
+    if uncertainty:
+        return _key("run", [scene], engine, NOT_IN_RUNS, parts)
+    return _key("run without uncertainty", [scene], engine, (*NOT_IN_RUNS, "uncertainty"), parts)
 
 
 def study_key(

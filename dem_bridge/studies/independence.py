@@ -2,7 +2,7 @@
 
 Two codes that agree prove nothing where they share what is wrong. What all of them share is the language they speak
 (scenes, trajectories, errors); anything else that a pair has in common is listed here, apart for the values of a run
-and for its bars.
+and for its uncertainty.
 """
 
 from __future__ import annotations
@@ -17,17 +17,19 @@ from pathlib import Path
 from types import MappingProxyType
 
 from dem_bridge.backends.base import BACKENDS
+from dem_bridge.uncertainty.estimate import SOURCES
 
 #: what every backend speaks: nothing in it solves anything
 LANGUAGE = frozenset(
     f"dem_bridge.{name}"
     for name in (
-        "backends.base", "compiled", "contacts", "errors", "features", "progress", "scene", "support", "trajectory",
+        "backends.base", "compiled", "contacts", "errors", "features", "progress", "runs.cache", "runs.case",
+        "runs.store", "scene", "stopwatch", "support", "trajectory",
     )
 )  # fmt: skip
-#: modules that make bars: what is reached through them alone does not touch the values of a run. ``tabled`` gives the
-#: twin the tables of a deck for the bars of LAMMPS, and for its own values only where it is asked to (``tables=True``)
-BARS = frozenset(f"dem_bridge.backends.{name}" for name in ("bars", "tabled", "twin_bars"))
+#: modules through which nothing reaches the values of a run. ``tabled`` gives the twin the tables of a deck for the
+#: uncertainty of LAMMPS, and for its own values with ``tables=True`` only; ``roundoff`` writes a comment of a deck
+ASIDE = frozenset(f"dem_bridge.backends.{name}" for name in ("roundoff", "tabled"))
 #: a backend that answers through another where its own method does not fit, and says so in the run's provenance
 ANSWERS_THROUGH: Mapping[str, str] = MappingProxyType({"reference": "scipy"})
 
@@ -37,8 +39,8 @@ class Shared:
     """Short names of the modules that a pair of backends has in common."""
 
     values: tuple[str, ...]
-    bars: tuple[str, ...]
-    """For error bars only."""
+    uncertainty: tuple[str, ...]
+    """For the uncertainty only."""
 
 
 def shared(first: str, other: str) -> Shared:
@@ -47,9 +49,8 @@ def shared(first: str, other: str) -> Shared:
     >>> shared("reference", "bca").values
     ()
     """
-    values = _reached(first, without=BARS) & _reached(other, without=BARS)
-    everything = _reached(first) & _reached(other)
-    return Shared(_short(values), _short(everything - values))
+    values = _reached(first, without=ASIDE) & _reached(other, without=ASIDE)
+    return Shared(_short(values), _short(_reached_by_uncertainty(first) & _reached_by_uncertainty(other) - values))
 
 
 def matrix() -> dict[tuple[str, str], Shared]:
@@ -66,6 +67,16 @@ def _reached(backend: str, without: frozenset[str] = frozenset()) -> frozenset[s
     start = BACKENDS[backend].module
     other = ANSWERS_THROUGH.get(backend)
     stops = LANGUAGE | without | ({BACKENDS[other].module} if other else set())
+    return _closure(start, stops)
+
+
+def _reached_by_uncertainty(backend: str) -> frozenset[str]:
+    """Modules that a run of a backend and its uncertainty import."""
+    sources = [module for module, backends in SOURCES.items() if backend in backends]
+    return _reached(backend).union(*(_closure(module, LANGUAGE) for module in sources))
+
+
+def _closure(start: str, stops: frozenset[str]) -> frozenset[str]:
     results, waiting = {start}, [start]
     while waiting:
         for name in _imports(waiting.pop()) - results - stops:

@@ -22,7 +22,6 @@ from dem_bridge.backends.prescan import Prescan, prescan_hertz
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import in_kernel, tables_for
 from dem_bridge.backends.twin import solve_plan
-from dem_bridge.backends.twin_bars import REALISATIONS, last_digit
 from dem_bridge.campaign import Progress
 from dem_bridge.differences import Difference, difference
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene
@@ -34,6 +33,7 @@ from dem_bridge.progress import listening
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.trajectory import QUANTITIES, SMALLEST_SCALE, Trajectory
+from dem_bridge.uncertainty.fixed_step import REALISATIONS, last_digit
 from dem_bridge.verification.verdict import Outcome, Verdict, judge
 
 #: columns of the matrix

@@ -18,12 +18,12 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Progress, Result, run_groups
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.planning.bars import resolution_for
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.recall import recall
 from dem_bridge.runs.store import Store, study_key
 from dem_bridge.scene import Scene
 from dem_bridge.studies.verification import Verification, verification_of
+from dem_bridge.uncertainty.step_choice import step_for_accuracy
 from dem_bridge.verification import checks
 from dem_bridge.verification.assess import SceneStudy, assess_scene
 from dem_bridge.verification.roles import REFERENCE, Runs, assign_roles, engine_for, list_cases
@@ -125,12 +125,12 @@ def main_resolution(scene: Scene, accuracy: float, store: Store | None = None) -
         return Resolution(dt=float(available["dt"]))
     sampling = Sampling(count=scene.samples)
     try:
-        main = resolution_for(scene, accuracy, Resolution(tables=tables), sampling)
+        main = step_for_accuracy(scene, accuracy, Resolution(tables=tables), sampling)
     except UsageError:
         if not tables:
             raise
         # the error of the tables alone is too large at any step: verdicts then say how large it is
-        main = resolution_for(scene, accuracy, Resolution(), sampling)
+        main = step_for_accuracy(scene, accuracy, Resolution(), sampling)
     if store is not None and key is not None:
         assert main.dt is not None
         store.save_arrays(key, {"dt": np.array(main.dt)})

@@ -25,10 +25,12 @@ from dem_bridge.backends.base import (
 from dem_bridge.errors import DemBridgeError
 from dem_bridge.features import FEATURES, GRADED_EXPONENTS, OTHER_EXPONENTS, Feature
 from dem_bridge.physics.exact import two_body_collision
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.support import Support
 from dem_bridge.testing.examples import DURATION, OTHER, example, plain_scene
 from dem_bridge.trajectory import PER_CONTACT, QUANTITIES, SAMPLED, Trajectory
+from dem_bridge.uncertainty.estimate import solve
 
 #: largest difference from other codes and closed forms, relative to the largest value: a default step errs by 1e-4 and
 #: less, and a feature that is ignored shows by 5 % and more (tests/test_testing.py)
@@ -170,10 +172,16 @@ class _Subject:
         self.base = next((scene for scene in candidates if chosen.supports.covers(scene)), candidates[0])
         self.first_run = cache(lambda: self.run(self.base))
 
-    def run(self, scene: Scene, samples: int | None = None, dt: float | None = STEP, full: bool = False) -> Trajectory:
-        """Solve a scene; ``full``: with an uncertainty. ``dt`` in s, None: the default step of the backend."""
+    def run(self, scene: Scene, samples: int | None = None, dt: float | None = STEP) -> Trajectory:
+        """Solve a scene; ``dt`` in s, None: the default step of the backend."""
         # a copy, so that a backend that changes its scene spoils no other check
-        return self.backend.run(replace(scene), Resolution(dt=dt, bars=full), Sampling(count=samples or scene.samples))
+        return self.backend.run(replace(scene), Resolution(dt=dt), Sampling(count=samples or scene.samples))
+
+    def run_with_uncertainty(self, scene: Scene) -> Trajectory:
+        """Solve a scene and estimate the uncertainty, which is that of the run for a backend outside this package."""
+        sampling = Sampling(count=scene.samples)
+        case = Case(scene=replace(scene), backend=self.backend.name, resolution=Resolution(), sampling=sampling)
+        return solve(case, code=self.backend)
 
     def declaration(self) -> None:
         chosen, order = self.backend, self.backend.order
@@ -234,7 +242,7 @@ class _Subject:
             _require(provenance.get(key) == value, f"{key} = {provenance.get(key)!r}; required: {value!r}")
 
     def uncertainty(self) -> None:
-        estimate = self.run(self.base, dt=None, full=True).uncertainty
+        estimate = self.run_with_uncertainty(self.base).uncertainty
         _require(set(estimate) == set(QUANTITIES), f"quantities are {sorted(estimate)}; required: {sorted(QUANTITIES)}")
         for name in QUANTITIES:
             _require(np.all(np.asarray(estimate[name]) >= 0.0), f"the uncertainty of {name} is negative or nan")
@@ -287,7 +295,7 @@ class _Subject:
         _assert_close("displacement", run.displacement[:, 0], scene.velocity[0] * run.time, "the closed form")
 
     def two_bodies(self, scene: Scene) -> None:
-        run = self.run(scene, full=True)
+        run = self.run_with_uncertainty(scene)
         exact = two_body_collision(
             masses=(scene.mass[0], scene.mass[1]),
             velocities=(scene.velocity[0], scene.velocity[1]),

@@ -1,18 +1,141 @@
-"""Solve a case, with its uncertainty."""
+"""Solve a case with its uncertainty: which further runs each backend takes for it, and the rule that applies to them.
+
+===================================  ==================================================================================
+LAMMPS, ASE, the twin                a family of twins on the same steps (:mod:`.twins`)
+Blanes and Moan's method             its own runs at two finer steps (:mod:`.own_steps`)
+the reference, ode45                 replicas that the backend makes (:mod:`.replicas`)
+scipy                                two ordinary runs at looser tolerances (:mod:`.replicas`)
+theories, and any other backend      none: the uncertainty is that which the run states, inf unless it is exact
+===================================  ==================================================================================
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, cast
 
-from dem_bridge.backends.base import Backend, backend
+from dem_bridge import progress
+from dem_bridge.backends.base import ENGINE_BACKENDS, Backend, Replicating, Resolution, backend
+from dem_bridge.compiled import started
+from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import UNKNOWN, Trajectory, Uncertainty
+
+if TYPE_CHECKING:
+    from dem_bridge.uncertainty.family import TwinFamily
+
+#: module of the family or rule -> backends that take their uncertainty from it
+SOURCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "dem_bridge.uncertainty.twins": (*ENGINE_BACKENDS, "verlet", "ase"),
+        "dem_bridge.uncertainty.own_steps": ("blanes-moan",),
+        "dem_bridge.uncertainty.replicas": ("reference", "ode45", "scipy"),
+    }
+)
+TWINS, OWN_STEPS, REPLICAS = SOURCES.values()
 
 
-def solve(case: Case, code: Backend | None = None) -> Trajectory:
-    """Return the run of a case, with its uncertainty unless the case has none.
+def solve(case: Case, cache: RunCache | None = None, code: Backend | None = None) -> Trajectory:
+    """Return the run of a case, with its uncertainty unless the case is without.
 
-    ``code``: a backend in place of the one that the case names.
+    Parameters
+    ----------
+    case : Case
+    cache : RunCache, optional
+        Where runs are looked for and kept, so that others need not repeat them.
+    code : Backend, optional
+        A backend in place of the one that the case names; its run is not kept.
     """
-    code = code or backend(case.backend, case.engine)
-    return code.run(case.scene, replace(case.resolution, bars=case.uncertainty), case.sampling)
+    cache = cache or RunCache()
+    if not case.uncertainty:
+        return _run(case, cache, code)
+    if case.backend in ENGINE_BACKENDS:
+        # the twins need nothing of the engine, which runs in a process of its own
+        pending = started(_family, case, cache)
+        run = _run(case, cache, code)
+        return replace(run, uncertainty=estimate_uncertainty(case, run, cache, pending()))
+    if case.backend in OWN_STEPS or case.backend == "verlet":
+        # the run is one of its family
+        family = _family(case, cache)
+        run = _run(case, cache, code)
+        return replace(run, uncertainty=estimate_uncertainty(case, run, cache, family))
+    with progress.share(0.0, 1.0 / (1 + len(looser_cases(case)))):
+        run = _run(case, cache, code)
+    return replace(run, uncertainty=estimate_uncertainty(case, run, cache))
+
+
+def estimate_uncertainty(
+    case: Case, run: Trajectory, cache: RunCache | None = None, family: TwinFamily | None = None
+) -> Uncertainty:
+    """Return the uncertainty of the run of a case.
+
+    Parameters
+    ----------
+    case : Case
+    run : Trajectory
+        Used for adaptive codes; the uncertainty of a code with a fixed step follows from its settings alone.
+    cache : RunCache, optional
+        Where further runs are looked for and kept.
+    family : TwinFamily, optional
+        The family of the case, where it has been made already.
+    """
+    cache = cache or RunCache()
+    if case.backend in (*TWINS, *OWN_STEPS):
+        family = family or _family(case, cache)
+        if family is None:
+            return UNKNOWN
+        from dem_bridge.uncertainty.fixed_step import fixed_step_uncertainty
+
+        # LAMMPS' contact forces are running sums of its net forces
+        return fixed_step_uncertainty(
+            family, case.scene.summed_outer_force if case.backend in ENGINE_BACKENDS else None
+        )
+    if case.backend not in REPLICAS:
+        return run.uncertainty
+    from dem_bridge.backends.scipy_dop853 import ScipyDop853
+    from dem_bridge.uncertainty.replicas import RULES, looser_rule, replica_uncertainty
+
+    looser = looser_cases(case)
+    if not looser:
+        code = cast(Replicating, backend(case.backend))
+        replicas = code.replicas(case.scene, case.resolution, case.sampling)
+        return replica_uncertainty(run, replicas, RULES[case.backend])
+    runs, scipy = [], ScipyDop853(largest_rtol=math.inf)  # a looser run need not be as good as a reference
+    for number, other in enumerate(looser, start=1):
+        with progress.share(number / (1 + len(looser)), 1.0 / (1 + len(looser))):
+            runs.append(cache.load(other) or cache.keep(other, other.solve(scipy)))
+    return replica_uncertainty(run, runs, looser_rule(case.scene))
+
+
+def looser_cases(case: Case) -> tuple[Case, ...]:
+    """Return the ordinary cases from which the uncertainty follows where scipy solves; none for other solvers."""
+    if case.backend not in ("reference", "scipy"):
+        return ()
+    from dem_bridge.backends.reference import SERIES
+    from dem_bridge.backends.scipy_dop853 import DEFAULT_RTOL
+    from dem_bridge.uncertainty.replicas import LOOSER
+
+    if case.backend == "reference" and SERIES.covers(case.scene):
+        return ()
+    rtol = case.resolution.rtol if case.resolution.rtol is not None else DEFAULT_RTOL
+    looser = replace(case, backend="scipy", uncertainty=False)
+    return tuple(replace(looser, resolution=Resolution(rtol=factor * rtol)) for factor in LOOSER)
+
+
+def _family(case: Case, cache: RunCache) -> TwinFamily | None:
+    if case.backend in OWN_STEPS:
+        from dem_bridge.uncertainty.own_steps import blanes_moan_family
+
+        return blanes_moan_family(case, cache)
+    from dem_bridge.uncertainty.twins import twin_family, twin_resolution
+
+    return twin_family(case.scene, twin_resolution(case), case.sampling, cache)
+
+
+def _run(case: Case, cache: RunCache, code: Backend | None = None) -> Trajectory:
+    if code is not None:
+        return case.solve(code)
+    return cache.load(case) or cache.keep(case, case.solve())

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.backends.twin_bars import REALISATIONS
 from dem_bridge.differences import difference
 from dem_bridge.trajectory import QUANTITIES, Trajectory
+from dem_bridge.uncertainty.fixed_step import REALISATIONS
 from dem_bridge.verification.verdict import plain
 
 

@@ -72,7 +72,7 @@ def test_every_setting_that_is_advertised_is_taken() -> None:
         "tables": True,
         "time_limit": 60.0,
     }
-    assert set(settings) == {field.name for field in fields(Resolution)} - {"bars"}
+    assert set(settings) == {field.name for field in fields(Resolution)}
     run = db.solve(PAIR, backend="verlet", samples=5, uncertainty=False, **settings)
     assert run.velocity.shape == (6, 2)
 

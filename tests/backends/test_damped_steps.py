@@ -15,16 +15,17 @@ from numpy.typing import NDArray
 
 import dem_bridge as db
 from dem_bridge.accuracy import observed_order
-from dem_bridge.backends import splitting, twin_bars
+from dem_bridge.backends import splitting
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.lmp import deck as deck_module
 from dem_bridge.observables.conserved import energy, energy_parts, momentum
 from dem_bridge.physics.exact import DashpotCollision, dashpot_collision
-from dem_bridge.planning.bars import resolution_for
 from dem_bridge.runs.case import Case
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, Trajectory
+from dem_bridge.uncertainty import twins
+from dem_bridge.uncertainty.step_choice import step_for_accuracy
 from tests.conftest import Solve
 from tests.helpers.fault_decks import Change, run_with, substituted
 from tests.helpers.random_damped import random_damped
@@ -194,7 +195,7 @@ def test_bars_hold_where_steps_with_a_common_multiple_miss_touch_by_the_same(
 ) -> None:
     assert max(_at_a_random_step(seed, severe=True).values()) <= 1.0
     # with runs at twice and a third of the step displacements were outside by 14 and 55 times
-    monkeypatch.setattr(twin_bars, "INCOMMENSURATE", (2.0, 1.0 / 3.0))
+    monkeypatch.setattr(twins, "DAMPED_RATIOS", (2.0, 1.0 / 3.0))
     assert _at_a_random_step(seed, severe=True)["displacement"] > 5.0
 
 
@@ -202,7 +203,7 @@ def test_bars_hold_where_steps_with_a_common_multiple_miss_touch_by_the_same(
 @pytest.mark.parametrize("name", ["dashpots", "drag", "everything, Kuwabara-Kono"])
 def test_a_step_chosen_for_an_accuracy_keeps_the_promise(name: str, accuracy: float, solved: Solve) -> None:
     scene = SCENES[name]
-    chosen = resolution_for(scene, accuracy, Resolution(), Sampling(count=scene.samples))
+    chosen = step_for_accuracy(scene, accuracy, Resolution(), Sampling(count=scene.samples))
     run = solved(scene, TWIN, dt=chosen.dt, uncertainty=False)
     error = _far(run.velocity, solved(scene, "scipy").velocity)
     assert error <= accuracy
@@ -431,7 +432,7 @@ def test_bars_of_second_order_do_not_hold_for_damped_runs(monkeypatch: pytest.Mo
     scene = SCENES["Kuwabara-Kono"]
     truth = solved(scene, "scipy")
     sound = _outside(solved(scene, TWIN, dt=STEP), truth, "velocity")
-    monkeypatch.setattr(twin_bars, "order_on", lambda _: 2)
+    monkeypatch.setattr(twins, "order_on", lambda _: 2)
     wrong = _outside(db.solve(scene, backend=TWIN, dt=STEP), truth, "velocity")
     # 3 errors of first order; as of second order 3/3 of the coarser difference or 27/8 of 2/3 of the finer's error
     assert sound == pytest.approx(1.0 / 3.0, rel=0.1)

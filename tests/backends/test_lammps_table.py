@@ -211,10 +211,10 @@ def test_the_round_off_of_9_mm_is_that_predicted_within_a_factor_3(name: str, dt
 
 def test_an_accuracy_below_the_floor_of_9_mm_is_refused_with_the_floor() -> None:
     with pytest.raises(
-        UsageError, match=r"accuracy = 1e-07 .* bodies of 0\.009 m round off (\S+) of .*surrogate"
+        UsageError, match=r"accuracy = 1e-07 .*radius of 0\.009 m is (\S+) of .*geometry='surrogate'"
     ) as caught:
         db.solve("decelerating-40", backend=ENGINE, accuracy=1e-7, geometry="physical")
-    said = float(str(caught.value).split("round off ")[1].split()[0])
+    said = float(str(caught.value).split("0.009 m is ")[1].split()[0])
     step = float(str(caught.value).split("at dt = ")[1].split()[0])
     runs = [
         db.solve("decelerating-40", backend=TWIN, dt=step, surrogate_radius=r, uncertainty=False) for r in (0.009, None)
@@ -293,7 +293,7 @@ def test_an_accuracy_asked_for_is_kept(accuracy: float) -> None:
 
 def test_an_accuracy_below_the_error_of_the_tables_is_refused_with_what_would_help() -> None:
     with pytest.raises(
-        UsageError, match=r"accuracy = 1e-06 .*tables miss \S+ of the velocities \(take more table_points"
+        UsageError, match=r"accuracy = 1e-06 .*error of the tables is \S+ of .*\(take more table_points"
     ):
         db.solve(WALLED, backend=ENGINE, accuracy=1e-6, table_points=100)
 

@@ -13,8 +13,8 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.errors import RunBroken
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.planning.bars import resolution_for
 from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.uncertainty.step_choice import step_for_accuracy
 from tests.conftest import Solve
 from tests.helpers.quadruple_truth import Truth
 from tests.helpers.strategies import examples, scenes
@@ -154,6 +154,6 @@ def test_a_step_that_nobody_named_is_stable_where_much_is_damped(scene: Scene, s
     # the third. Of first order, DEFAULT_PHASE = 2.5e-3 of the shortest time: an error of that order
     run, exact = solved(scene, "verlet", uncertainty=False), solved(scene, "scipy", uncertainty=False)
     assert np.max(np.abs(run.velocity - exact.velocity)) < 2.5e-3 * max(scene.velocity)
-    wanted = resolution_for(scene, 1e-3, Resolution(), Sampling(count=scene.samples))
+    wanted = step_for_accuracy(scene, 1e-3, Resolution(), Sampling(count=scene.samples))
     coarse = solved(scene, "verlet", dt=wanted.dt)
     assert np.max(np.abs(coarse.velocity - exact.velocity)) < 1e-3 * max(scene.velocity)

@@ -47,8 +47,8 @@ HARD = np.array([0.1, -0.0, np.nan, np.inf, -np.inf, 5e-324, 1.7976931348623157e
 
 
 def _key(scene: Scene = SCENE, backend: str = "verlet", samples: int = 20, **settings: Any) -> str | None:
-    engine = settings.pop("engine", None)
-    return run_key(scene, backend, Resolution(**settings), Sampling(count=samples), engine)
+    engine, uncertainty = settings.pop("engine", None), settings.pop("uncertainty", True)
+    return run_key(scene, backend, Resolution(**settings), Sampling(count=samples), engine, uncertainty=uncertainty)
 
 
 def _run() -> Trajectory:
@@ -194,7 +194,6 @@ RESOLUTIONS = {
     "table_lines": st.integers(8, 1_000_000),
     "table_points": st.integers(2, 100_000_000),
     "time_limit": st.floats(1e-3, 1e9),
-    "bars": st.booleans(),
 } | {name: st.sampled_from(choices) for name, choices in CHOICES.items()}
 
 
@@ -247,6 +246,18 @@ def test_a_renamed_scene_has_the_same_key_unless_its_name_is_in_a_deck() -> None
 
 def test_backend_and_samples_are_in_the_key() -> None:
     assert len({_key(), _key(backend="reference"), _key(samples=21)}) == 3
+
+
+def test_the_key_of_a_run_without_uncertainty_is_another_and_ignores_the_code_of_the_uncertainty(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert _key(uncertainty=False) != _key()
+    real = module.code_hash
+    before = _key(), _key(uncertainty=False)
+    monkeypatch.setattr(
+        module, "code_hash", lambda left_out: "changed" if "uncertainty" not in left_out else real(left_out)
+    )
+    assert (_key() == before[0], _key(uncertainty=False) == before[1]) == (False, True)
 
 
 @pytest.mark.parametrize("package", ["dem-bridge", "numpy", "scipy", "numba", "ase"])
@@ -404,14 +415,21 @@ def test_code_that_changes_is_another_hash_and_code_that_only_shows_is_not(tmp_p
     assert now()[0] != before[0]
 
 
-def test_no_number_of_a_trajectory_passes_through_what_the_key_leaves_out() -> None:
-    wanted = [name for name in INNER if name.split(".")[1] in ("backends", "lmp")]
+@pytest.mark.parametrize(
+    ("folders", "left_out"),
+    [(("backends", "lmp"), (*NOT_IN_RUNS, "uncertainty")), (("uncertainty",), NOT_IN_RUNS)],
+    ids=["run", "uncertainty"],
+)
+def test_no_number_of_a_trajectory_passes_through_what_the_key_leaves_out(
+    folders: tuple[str, ...], left_out: tuple[str, ...]
+) -> None:
+    wanted = [name for name in INNER if name.split(".")[1] in folders]
     passed: set[str] = set()
     while wanted:
         if (name := wanted.pop()) not in passed:
             passed.add(name)
             wanted += _ours(name) - {"dem_bridge"}
-    assert not {name.split(".")[1] for name in passed} & set(NOT_IN_RUNS)
+    assert not {name.split(".")[1] for name in passed} & set(left_out)
     assert {name.split(".")[1] for name in MODULES if "." in name} >= set(NOT_IN_RUNS) | set(NOT_IN_STUDIES)
 
 

@@ -28,6 +28,9 @@ from dem_bridge.studies.extremes.shown import Row
 from dem_bridge.studies.extremes.study import rows_of
 from dem_bridge.studies.extremes.truths import apart, galilei, mirrored, two_bodies
 from dem_bridge.trajectory import UNKNOWN, Trajectory, Uncertainty
+from dem_bridge.uncertainty import fixed_step
+from dem_bridge.uncertainty.family import TwinFamily
+from dem_bridge.uncertainty.fixed_step import fixed_step_uncertainty
 from dem_bridge.verification.verdict import Outcome
 from tests.helpers.fake_runs import free_flight
 
@@ -110,16 +113,8 @@ def planted(change: Callable[[Trajectory], Trajectory]) -> Callable[[Any], Any]:
     return lambda engine: Planted()
 
 
-def narrow(run: Trajectory) -> Trajectory:
-    return replace(run, uncertainty=Uncertainty(**{name: 0.1 * bar for name, bar in run.uncertainty.items()}))
-
-
 def zeros(run: Trajectory) -> Trajectory:
     return replace(run, velocity=0.0 * run.velocity, displacement=0.0 * run.displacement)
-
-
-def mute(run: Trajectory) -> Trajectory:
-    return replace(run, uncertainty=UNKNOWN)
 
 
 def blind(run: Trajectory) -> Trajectory:
@@ -137,10 +132,8 @@ def chatty(run: Trajectory) -> Trajectory:
 @pytest.mark.parametrize(
     ("fault", "word", "verdict"),
     [
-        (narrow, Word.WRONG, Outcome.FAIL),
         (zeros, Word.WRONG, Outcome.FAIL),
         (blind, Word.WRONG, Outcome.FAIL),
-        (mute, Word.NO_BAR, Outcome.FAIL),
         (crash, Word.BROKEN, Outcome.BROKEN),
         (chatty, Word.REFUSED, Outcome.FAIL),
     ],
@@ -149,6 +142,17 @@ def test_a_backend_with_a_fault_is_found_out(fault: Any, word: Word, verdict: Ou
     entry = replace(ALL["speed-0.001"], instead={"verlet": planted(fault)})
     row = rows_of([entry], ["verlet"])[0]
     assert (row.finding.word, row.outcome) == (word, verdict), row.finding.reason
+
+
+@pytest.mark.parametrize(("factor", "word"), [(0.1, Word.WRONG), (math.inf, Word.NO_BAR)])
+def test_a_wrong_uncertainty_is_found_out(factor: float, word: Word, monkeypatch: pytest.MonkeyPatch) -> None:
+    def planted_rule(family: TwinFamily, summed: float | None = None) -> Uncertainty:
+        right = fixed_step_uncertainty(family, summed)
+        return replace(right, **{name: factor * value for name, value in right.items()})
+
+    monkeypatch.setattr(fixed_step, "fixed_step_uncertainty", planted_rule)
+    row = rows_of([ALL["speed-0.001"]], ["verlet"])[0]
+    assert (row.finding.word, row.outcome) == (word, Outcome.FAIL), row.finding.reason
 
 
 def test_what_must_be_the_same_to_the_last_bit_may_not_differ_by_one() -> None:

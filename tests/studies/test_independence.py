@@ -35,21 +35,22 @@ def test_a_judge_shares_no_solver_with_what_it_judges(pair: tuple[str, str]) -> 
     assert set(shared(*pair).values) == JUDGED[pair]
 
 
-def test_only_fixed_step_codes_take_their_bars_from_the_twin() -> None:
+def test_only_fixed_step_codes_take_their_uncertainty_from_the_twin() -> None:
     for pair, found in matrix().items():
-        # blanes-moan has the rules of those bars, for runs of its own
+        # blanes-moan has the rules of the others, for runs of its own, and looks at a scene by the twin's coarse run
         fixed = all(backend(name).order is not None for name in pair)
-        assert ("twin" in found.bars) == fixed, pair
+        assert ("twin" in found.uncertainty) == fixed, pair
         assert "twin" not in found.values
 
 
 def test_a_twin_with_tables_has_the_lines_of_the_deck_and_lammps_has_nothing_of_its_interpolation() -> None:
     lent = {"pairing", "table", "law", "contact", "elliptic", "coefficients", "encoding", "tabled", "version"}
     emulated = {"cell", "interpolation", "splitting", "twin"}
+    rules = {"differences", "family", "fixed_step", "grazes", "readings", "twins"}
     found = shared("lammps-table", "verlet")
-    assert set(found.bars) == lent | emulated | {"bars", "curves", "fused", "touches", "twin_bars"}
+    assert set(found.uncertainty) == lent | emulated | {"curves", "fused"} | rules
     # what LAMMPS reads is written without the emulation
-    reached = independence._short(independence._reached("lammps-table", without=independence.BARS))
+    reached = independence._short(independence._reached("lammps-table", without=independence.ASIDE))
     assert not emulated & set(reached)
 
 

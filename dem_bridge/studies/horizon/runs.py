@@ -9,15 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.backends.reference import SAFETY
 from dem_bridge.backends.twin import solve_dense
-from dem_bridge.backends.twin_bars import REALISATIONS, STEP_SAFETY, Twins, last_digit
 from dem_bridge.campaign import Progress
 from dem_bridge.dense import Schedule
 from dem_bridge.observables.conserved import energy_parts, work
 from dem_bridge.observables.drift import BLOCKS, Drift, drift_of, swing_of
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.trajectory import Trajectory
+from dem_bridge.uncertainty.family import TwinFamily
+from dem_bridge.uncertainty.fixed_step import REALISATIONS, last_digit, step_safety
+from dem_bridge.uncertainty.replicas import LEAST, REFERENCE
 
 Floats = NDArray[np.float64]
 #: velocities whose bar is this share of the largest are no longer known
@@ -130,11 +131,11 @@ def growth_of(time: Floats, distance: Floats, share: float, *, most: float = KNO
     )
 
 
-def step_bar(twins: Twins, scale: float) -> Floats:
+def step_bar(family: TwinFamily, scale: float) -> Floats:
     """Return the time-step uncertainty of velocities up to each sample, ``(n_t,)``, in units of ``scale`` (m/s)."""
     parts = [
-        STEP_SAFETY / abs(ratio**twins.order - 1.0) * apart(twins.own.velocity, other.velocity, scale)
-        for ratio, other in twins.others.items()
+        factor * apart(family.own.velocity, family.others[ratio].velocity, scale)
+        for ratio, factor in step_safety(family).items()
     ]
     return np.asarray(np.max(parts, axis=0))
 
@@ -149,7 +150,7 @@ def round_off_bar(own_value: Floats, others: Sequence[Floats], plan: Schedule, s
 
 def reference_bar(own_value: Floats, others: Sequence[Floats], scale: float) -> Floats:
     """Bar of the reference up to each sample, from runs whose inputs were moved by their last digits."""
-    return np.asarray(SAFETY * np.max([apart(own_value, other, scale) for other in others], axis=0) + 16.0 * 2.0**-52)
+    return np.asarray(REFERENCE.samples * np.max([apart(own_value, other, scale) for other in others], axis=0) + LEAST)
 
 
 def horizon_of(time: Floats, bar: Floats, available: float = KNOWN) -> float:

@@ -19,7 +19,6 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.twin import solve_dense, solve_plan
-from dem_bridge.backends.twin_bars import twins_of
 from dem_bridge.campaign import Progress, run_cases
 from dem_bridge.dense import MOST_STEPS
 from dem_bridge.errors import UsageError
@@ -44,6 +43,7 @@ from dem_bridge.studies.horizon.verdicts import verdicts
 from dem_bridge.studies.study import Study
 from dem_bridge.timescales import contact_time_of
 from dem_bridge.trajectory import Trajectory
+from dem_bridge.uncertainty.twins import twin_family
 from dem_bridge.verification.roles import REFERENCE, TWIN, engine_for
 
 #: relative perturbation of every input, and of one in its last digit
@@ -99,8 +99,8 @@ def study_horizon(
     """
     _check(duration, steps, perturbations, seed)
     scene = replace(scene, duration=duration or scene.duration, samples=max(SAMPLES, scene.samples))
-    sampling, prescan = Sampling(count=scene.samples), prescan_scene(scene)
-    plan = fixed_step_plan(scene, Resolution(dt=dt), sampling, prescan)
+    sampling = Sampling(count=scene.samples)
+    plan = fixed_step_plan(scene, Resolution(dt=dt), sampling, prescan_scene(scene))
     judged = engine_for(scene)
     moved = [perturbed(scene, PERTURBATION, seed + i) for i in range(perturbations)]
     digits = [perturbed(scene, DIGIT, _OTHER + seed + i) for i in range(DIGITS)]
@@ -124,7 +124,7 @@ def study_horizon(
         raise UsageError(f"nothing moves in {scene.name}, so that nothing can part; allowed: a scene with an impact")
     distance = np.array([apart(item.velocity, truth.velocity, scale) for item in ensemble])
     own_value, dense = solve_dense(scene, plan, 0.0)
-    twins = twins_of(scene, plan, prescan, radius=prescan.surrogate_radius, own=own_value)
+    twins = twin_family(scene, Resolution(dt=plan.step), sampling)
     if twins is None:
         raise UsageError(
             f"dt = {plan.step:g} s takes {plan.steps:.2g} steps, too many for twins at finer ones to make a bar of;"

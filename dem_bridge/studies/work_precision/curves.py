@@ -16,11 +16,11 @@ from dem_bridge.backends.base import (
     unsupported_reason,
 )
 from dem_bridge.backends.prescan import Prescan
-from dem_bridge.extrapolate import extrapolated
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
+from dem_bridge.uncertainty.extrapolate import extrapolate
 
 #: steps are the sample interval over these powers of two, from the first that is below 1/omega of the stiffest contact
 HALVINGS = 13
@@ -82,9 +82,8 @@ class Curve:
     def run(self, chosen: Backend, scene: Scene, value: float, sampling: Sampling, *, limit: float) -> Trajectory:
         """One run, as whoever asks for these settings gets it."""
         resolution = self.resolution(value, limit=limit)
-        if self.richardson:
-            return extrapolated(chosen, scene, resolution, sampling)
-        return chosen.run(scene, resolution, sampling)
+        case = Case(scene=scene, backend=self.backend, resolution=resolution, sampling=sampling, uncertainty=False)
+        return extrapolate(case, chosen) if self.richardson else case.solve(chosen)
 
     def guess(self, scene: Scene, value: float, sampling: Sampling) -> float:
         """Roughly the seconds of one run, for the time that is left and nothing else."""

@@ -11,9 +11,6 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.prescan import prescan_hertz
-from dem_bridge.backends.steps import fixed_step_plan
-from dem_bridge.backends.twin_bars import twins_of
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.studies.horizon import runs as horizon_runs
@@ -30,6 +27,7 @@ from dem_bridge.studies.horizon.runs import (
     step_bar,
 )
 from dem_bridge.studies.study import Study
+from dem_bridge.uncertainty.twins import twin_family
 from dem_bridge.verification.verdict import Outcome
 from tests.bench.bench_horizon import between_walls
 from tests.helpers.driven_chains import DRIVES, TOUCHING, driven
@@ -73,13 +71,11 @@ def test_growth_is_fitted_where_it_is_small_and_told_from_a_power() -> None:
 
 def test_a_bar_over_time_ends_as_that_of_the_whole_run() -> None:
     scene = db.load_scene("decelerating-40")
-    prescan, sampling = prescan_hertz(scene), Sampling(count=50)
-    plan = fixed_step_plan(scene, Resolution(dt=1e-7), sampling, prescan)
-    twins = twins_of(scene, plan, prescan, radius=prescan.surrogate_radius)
+    twins = twin_family(scene, Resolution(dt=1e-7), Sampling(count=50))
     assert twins is not None
     whole = db.solve(scene, backend="verlet", dt=1e-7, samples=50)
     speed = float(np.max(np.abs(whole.velocity)))
-    found = step_bar(twins, speed) + round_off_bar(twins.own.velocity, [twins.positional.velocity], plan, speed)
+    found = step_bar(twins, speed) + round_off_bar(twins.own.velocity, [twins.positional.velocity], twins.plan, speed)
     # the same sums in another order
     assert found[-1] == pytest.approx(whole.uncertainty["velocity"] / speed, rel=1e-12)
     assert np.all(np.diff(found) >= 0.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -12,14 +11,15 @@ import pytest
 from hypothesis import given
 
 import dem_bridge as db
-from dem_bridge.backends.bars import apart
-from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.prescan import prescan_hertz
-from dem_bridge.backends.steps import fixed_step_plan
-from dem_bridge.backends.twin import solve_plan
-from dem_bridge.backends.twin_bars import twins_of, with_bars
+from dem_bridge.backends.base import Availability, Resolution, Sampling
+from dem_bridge.backends.verlet import Verlet
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, Trajectory
+from dem_bridge.uncertainty.differences import absolute_differences
+from dem_bridge.uncertainty.estimate import solve
+from dem_bridge.uncertainty.fixed_step import fixed_step_uncertainty
+from dem_bridge.uncertainty.twins import twin_family
 from tests.conftest import Solve
 from tests.helpers.fake_runs import free_flight
 from tests.helpers.quadruple_truth import Truth
@@ -61,26 +61,34 @@ def test_bars_hold_at_every_step_of_a_ladder(accelerating: Truth, solved: Solve,
 PAIR = Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=20)
 
 
-def _bars_of(change: Callable[[Trajectory], Trajectory]) -> Mapping[str, Any]:
-    """Bars that a changed run gets where it is said to come from LAMMPS: those of twins."""
-    prescan = prescan_hertz(PAIR)
-    plan = fixed_step_plan(PAIR, Resolution(dt=1e-7), Sampling(count=20), prescan)
-    born = {"backend": "lammps-granular", "settings": {"dt": 1e-7, "surrogate_radius": prescan.surrogate_radius}}
-    run = replace(solve_plan(PAIR, plan), provenance=born)
-    return with_bars(change(run), twins_of(PAIR, plan, prescan, radius=prescan.surrogate_radius)).uncertainty
+class _Wrong:
+    """A backend that solves as the twin does and answers with changed values."""
+
+    name = "ase"
+    equations = "hertz"
+    order: int | None = 2
+    supports = Verlet.supports
+
+    def __init__(self, **factors: float) -> None:
+        self.factors = factors
+
+    def availability(self) -> Availability:
+        return Availability(True)
+
+    def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
+        run = Verlet().run(scene, resolution, sampling)
+        return replace(run, **{name: factor * getattr(run, name) for name, factor in self.factors.items()})
 
 
-def test_a_wrong_run_does_not_widen_its_own_bar() -> None:
-    honest = _bars_of(lambda run: run)
-    wrong = _bars_of(lambda run: replace(run, velocity=1.5 * run.velocity, peak_force=0.5 * run.peak_force))
-    assert wrong["velocity"] == honest["velocity"] > 0.0
-    for quantity in ("peak_force", "crossing_time"):
-        np.testing.assert_array_equal(wrong[quantity], honest[quantity])
-
-
-def test_a_wrong_displacement_does_not_widen_its_own_bar() -> None:
-    narrow, wide = _bars_of(lambda run: run), _bars_of(lambda run: replace(run, displacement=1e9 * run.displacement))
-    assert wide["displacement"] == narrow["displacement"]
+@pytest.mark.parametrize("quantity", QUANTITIES)
+@pytest.mark.parametrize("backend", ["ase", "verlet", "blanes-moan"])
+def test_a_wrong_run_does_not_widen_its_own_uncertainty(backend: str, quantity: str) -> None:
+    case = Case(scene=PAIR, backend=backend, resolution=Resolution(dt=1e-7), sampling=Sampling(count=20))
+    right, wrong = solve(case, code=_Wrong()), solve(case, code=_Wrong(**{quantity: 1e9}))
+    assert np.nanmax(getattr(wrong, quantity)) > 1e8 * np.nanmax(getattr(right, quantity))
+    for name in QUANTITIES:
+        np.testing.assert_array_equal(wrong.uncertainty[name], right.uncertainty[name])
+        assert np.all(right.uncertainty[name] > 0.0)
 
 
 def test_the_parts_of_the_velocity_bar_add_up_to_it(accelerating: Truth, solved: Solve) -> None:
@@ -92,14 +100,14 @@ def test_the_parts_of_the_velocity_bar_add_up_to_it(accelerating: Truth, solved:
 
 
 def test_where_dense_samples_are_too_few_nothing_is_said_of_what_lies_between() -> None:
-    prescan = prescan_hertz(PAIR)
-    plan = fixed_step_plan(PAIR, Resolution(dt=1e-7), Sampling(count=2), prescan)
-    assert plan.resolved
-    poor = replace(plan, subdivisions=1, resolved=False)
-    run = with_bars(solve_plan(PAIR, poor), twins_of(PAIR, poor, prescan, radius=prescan.surrogate_radius))
-    assert np.all(np.isinf(run.uncertainty["peak_force"]))
-    assert np.all(np.isinf(run.uncertainty["crossing_time"]))
-    assert math.isfinite(run.uncertainty["velocity"])
+    family = twin_family(PAIR, Resolution(dt=1e-7), Sampling(count=2))
+    assert family is not None
+    assert family.plan.resolved
+    assert np.all(np.isfinite(fixed_step_uncertainty(family)["peak_force"]))
+    found = fixed_step_uncertainty(replace(family, plan=replace(family.plan, resolved=False)))
+    assert np.all(np.isinf(found["peak_force"]))
+    assert np.all(np.isinf(found["crossing_time"]))
+    assert math.isfinite(found["velocity"])
 
 
 def test_a_difference_is_the_largest_for_samples_and_one_per_contact_for_the_rest() -> None:
@@ -107,7 +115,7 @@ def test_a_difference_is_the_largest_for_samples_and_one_per_contact_for_the_res
     changed = one.velocity.copy()
     changed[3, 1] += 0.25
     other = replace(one, velocity=changed, peak_force=one.peak_force + np.array([0.0, 3.0]))
-    found = apart(one, other)
+    found = absolute_differences(one, other)
     assert (found["velocity"], found["displacement"]) == (0.25, 0.0)
     assert found["peak_force"].tolist() == [0.0, 3.0]
     assert found["crossing_time"].tolist() == [0.0, 0.0]
@@ -115,8 +123,8 @@ def test_a_difference_is_the_largest_for_samples_and_one_per_contact_for_the_res
 
 def test_a_crossing_that_only_one_run_has_leaves_nothing_to_say() -> None:
     one = free_flight(crossing_time=[0.1, math.nan])
-    assert apart(one, free_flight())["crossing_time"].tolist() == [0.0, math.inf]
-    assert apart(one, one)["crossing_time"].tolist() == [0.0, 0.0]
+    assert absolute_differences(one, free_flight())["crossing_time"].tolist() == [0.0, math.inf]
+    assert absolute_differences(one, one)["crossing_time"].tolist() == [0.0, 0.0]
 
 
 WALLED_PAIR: dict[str, Any] = {

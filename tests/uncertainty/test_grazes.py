@@ -10,10 +10,10 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.prescan import prescan_hertz
-from dem_bridge.backends.steps import fixed_step_plan
-from dem_bridge.backends.twin_bars import twins_of, with_bars
+from dem_bridge.dense import Approaches
 from dem_bridge.scene import Scene, Wall
+from dem_bridge.uncertainty.fixed_step import fixed_step_uncertainty
+from dem_bridge.uncertainty.twins import twin_family
 
 G, UP = -1e3, 0.75
 HEIGHT = UP**2 / (2.0 * -G)
@@ -54,13 +54,12 @@ def test_what_clearly_touches_or_clearly_does_not_keeps_its_bars(share: float) -
 
 def test_without_the_look_for_misses_the_bar_would_be_wrong_in_silence() -> None:
     scene = thrown_up(1e-12)
-    prescan, sampling = prescan_hertz(scene), Sampling(count=scene.samples)
-    plan = fixed_step_plan(scene, Resolution(dt=4e-7), sampling, prescan)
-    twins = twins_of(scene, plan, prescan, radius=prescan.surrogate_radius)
-    assert twins is not None
-    run = db.solve(scene, backend="verlet", dt=4e-7, uncertainty=False)
-    assert np.isfinite(with_bars(run, replace(twins, grazes=None)).uncertainty["crossing_time"][0])
-    assert math.isinf(with_bars(run, twins).uncertainty["crossing_time"][0])
+    family = twin_family(scene, Resolution(dt=4e-7), Sampling(count=scene.samples))
+    assert family is not None
+    none = Approaches(contact=np.zeros(0, dtype=np.int64), time=np.zeros(0), overlap=np.zeros(0), bend=np.zeros(0))
+    blind = replace(family, readings=replace(family.readings, turns=none))
+    assert np.isfinite(fixed_step_uncertainty(blind)["crossing_time"][0])
+    assert math.isinf(fixed_step_uncertainty(family)["crossing_time"][0])
 
 
 def test_below_n_2_the_first_motions_ahead_of_a_front_are_too_brief_for_any_step() -> None:

@@ -1,0 +1,16 @@
+"""The round-off of absolute positions as a number for the comment of a deck: the twin in positions and in overlaps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dem_bridge.backends.twin import solve_plan
+from dem_bridge.dense import Schedule
+from dem_bridge.scene import Scene
+
+
+def roundoff_floor(scene: Scene, plan: Schedule, radius: float) -> float:
+    """Return the round-off of positions of bodies of ``radius`` (m) in velocities, relative to the largest of them."""
+    own, positional = solve_plan(scene, plan), solve_plan(scene, plan, radius)
+    speed = float(np.max(np.abs(own.velocity)))
+    return float(np.max(np.abs(own.velocity - positional.velocity))) / speed if speed > 0.0 else 0.0

@@ -1,0 +1,52 @@
+"""Runs in memory, read from a store where there is one: what the steps of one piece of work share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
+from dem_bridge.trajectory import UNKNOWN, Trajectory
+
+
+def load_run(case: Case, store: Store | None) -> Trajectory | None:
+    """Return the stored run of a case; None if there is none.
+
+    A run that was stored with its uncertainty is also the run of the case without, whose uncertainty is inf. A run that
+    was stored without uncertainty is never that of a case with.
+    """
+    for stored in dict.fromkeys((case, replace(case, uncertainty=True))):
+        if store is not None and (key := stored.key) is not None and (run := store.load(key, case.scene)) is not None:
+            return run if case.uncertainty else replace(run, uncertainty=UNKNOWN)
+    return None
+
+
+class RunCache:
+    """Runs by their case, in memory and from a ``store``; nothing is written to the store.
+
+    Cases that differ in their uncertainty only share a run. ``families`` has families of runs by the case of the twin
+    that they belong to.
+    """
+
+    def __init__(self, store: Store | None = None) -> None:
+        self.store = store
+        self.runs: dict[Case, Trajectory] = {}
+        self.families: dict[Case, Any] = {}
+
+    def load(self, case: Case) -> Trajectory | None:
+        """Return the run of a case, without uncertainty; None if there is none."""
+        case = replace(case, uncertainty=False)
+        if case not in self.runs and (run := load_run(case, self.store)) is not None:
+            self.runs[case] = run
+        return self.runs.get(case)
+
+    def keep(self, case: Case, run: Trajectory) -> Trajectory:
+        """Keep the run of a case, and return it."""
+        self.runs[replace(case, uncertainty=False)] = run
+        return run
+
+    def adopt(self, other: RunCache) -> None:
+        """Keep the runs and families of another cache."""
+        self.runs |= other.runs
+        self.families |= other.families

@@ -1,0 +1,62 @@
+"""A family of runs with common settings, as data: the runs, and what is read off their dense samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.dense import Approaches, Schedule
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import FREE, Cost, Trajectory
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DenseReadings:
+    """Numbers read off the dense samples of a run, between those that its trajectory keeps."""
+
+    thinned: tuple[NDArray[np.float64], NDArray[np.float64]]
+    """Peak forces (N) and crossing times (s) from every second dense sample."""
+    secondary_peak_force: NDArray[np.float64]
+    """Largest force of each contact outside the collision that has its largest, N."""
+    unresolved: NDArray[np.bool_]
+    """Contacts whose first compression is briefer than the step."""
+    turns: Approaches
+    """Turns of open contacts."""
+    turns_elsewhere: Mapping[float, Approaches] = field(default_factory=dict)
+    """Those of the runs at other steps, by the ratio of their step; only where a contact may graze another."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TwinFamily:
+    """Runs of one method from which the uncertainty of a run with the same settings follows."""
+
+    scene: Scene
+    plan: Schedule
+    """Steps of ``own``, ``positional``, ``tabled`` and ``halved``."""
+    order: int
+    own: Trajectory
+    """The run in overlap variables, with the laws themselves."""
+    others: Mapping[float, Trajectory]
+    """The same at a coarser and a finer step, by the ratio of their step to that of the plan."""
+    positional: Trajectory
+    """As ``own``, in absolute positions; with the tables if there are any, for these are looked up by a distance."""
+    tabled: Trajectory | None = None
+    """As ``own``, with tables; None: the code has the laws themselves."""
+    halved: Trajectory | None = None
+    """As ``own``, with laws that are functions from half as many cells; None: the laws are powers."""
+    readings: DenseReadings
+    """Of ``positional``."""
+    thinning: float
+    """Part of the change by thinning that counts."""
+    scatter: float = 0.0
+    """Factor of the difference between the ``others`` that counts as an error of the time step, too."""
+    cost: Cost = FREE
+    """Cost of all runs of the family."""
+
+    @property
+    def speed(self) -> float:
+        """Largest velocity, m/s."""
+        return float(np.max(np.abs(self.own.velocity)))

@@ -1,0 +1,149 @@
+"""Which further runs a case takes for its uncertainty, that each is made once, and that run and estimate are apart."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dem_bridge.backends import splitting
+from dem_bridge.backends.base import BACKENDS, Resolution, Sampling, backend
+from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
+from dem_bridge.runs.cache import RunCache
+from dem_bridge.runs.case import Case
+from dem_bridge.scene import Damping, Scene
+from dem_bridge.trajectory import QUANTITIES
+from dem_bridge.uncertainty.estimate import SOURCES, estimate_uncertainty, looser_cases, solve
+from dem_bridge.uncertainty.twins import twin_family, twin_resolution
+
+PAIR = Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=20)
+DAMPED = replace(PAIR, damping=Damping(law="dashpot", coefficient=10.0))
+
+
+def _case(name: str, scene: Scene = PAIR, **settings: Any) -> Case:
+    return Case(scene=scene, backend=name, resolution=Resolution(**settings), sampling=Sampling(count=scene.samples))
+
+
+@pytest.fixture
+def solved_twins(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, bool]]:
+    """Step and positions of every run of a splitting method, as it is made."""
+    made: list[tuple[float, bool]] = []
+    sound = splitting._march
+
+    def counted(method: Any, scene: Any, plan: Any, radius: Any, full: bool) -> Any:
+        made.append((plan.step, bool(np.any(np.asarray(radius) > 0.0))))
+        return sound(method, scene, plan, radius, full)
+
+    monkeypatch.setattr(splitting, "_march", counted)
+    return made
+
+
+def test_every_solution_of_the_equations_has_an_uncertainty() -> None:
+    listed = {name for names in SOURCES.values() for name in names}
+    assert listed == {name for name in BACKENDS if backend(name).equations == "hertz"}
+
+
+@pytest.mark.parametrize("name", ["verlet", "ase", "blanes-moan", "reference", "scipy", "ode45"])
+def test_a_backend_alone_has_no_uncertainty_and_the_same_run(name: str) -> None:
+    case = _case(name, dt=1e-7)
+    alone, run = case.solve(), solve(case)
+    assert all(np.all(np.isinf(alone.uncertainty[quantity])) for quantity in QUANTITIES)
+    assert all(np.all(np.isfinite(run.uncertainty[quantity])) for quantity in QUANTITIES)
+    for quantity in (*QUANTITIES, "contact_force"):
+        assert getattr(run, quantity).tobytes() == getattr(alone, quantity).tobytes()
+    assert solve(replace(case, uncertainty=False)).uncertainty["velocity"] == math.inf
+
+
+@pytest.mark.parametrize("name", ["bca", "adiabatic"])
+def test_a_theory_has_none(name: str) -> None:
+    chain = Scene(name="three", duration=1e-4, mass=(1e-2,) * 3, stiffness=(4e9,) * 2, velocity=(0.8, 0.0, 0.0))
+    assert solve(_case(name, chain)).uncertainty["velocity"] == math.inf
+
+
+def test_a_family_is_made_once_and_the_twins_run_is_one_of_it(solved_twins: list[tuple[float, bool]]) -> None:
+    cache = RunCache()
+    runs = {name: solve(_case(name, dt=1e-7), cache) for name in ("verlet", "ase")}
+    # at the step in overlaps and in positions, at twice and at a third of it in overlaps
+    steps = [(pytest.approx(step), positional) for step, positional in sorted(solved_twins)]
+    assert steps == [(1e-7 / 3, False), (1e-7, False), (1e-7, True), (2e-7, False)]
+    for quantity in QUANTITIES:
+        np.testing.assert_array_equal(runs["verlet"].uncertainty[quantity], runs["ase"].uncertainty[quantity])
+
+
+def test_the_positional_run_of_a_family_is_that_of_its_case(solved_twins: list[tuple[float, bool]]) -> None:
+    cache = RunCache()
+    family = twin_family(PAIR, Resolution(dt=1e-7), Sampling(count=20), cache)
+    assert family is not None
+    radius = family.positional.provenance["settings"]["surrogate_radius"]
+    count = len(solved_twins)
+    found = solve(replace(_case("verlet", dt=1e-7, surrogate_radius=radius), uncertainty=False), cache)
+    assert found is family.positional
+    assert len(solved_twins) == count
+    alone = _case("verlet", dt=1e-7, surrogate_radius=radius).solve()
+    for quantity in (*QUANTITIES, "contact_force"):
+        assert getattr(alone, quantity).tobytes() == getattr(found, quantity).tobytes()
+    assert alone.provenance == found.provenance
+
+
+def test_the_tabled_run_of_a_family_is_that_of_its_case() -> None:
+    cache, case = RunCache(), _case("verlet", dt=1e-7, tables=True)
+    family = twin_family(PAIR, twin_resolution(_case("lammps-table", dt=1e-7)), Sampling(count=20), cache)
+    assert family is not None
+    assert cache.load(case) is family.tabled
+    alone = case.solve()
+    for quantity in (*QUANTITIES, "contact_force"):
+        assert getattr(alone, quantity).tobytes() == getattr(family.tabled, quantity).tobytes()
+
+
+def test_codes_on_the_same_steps_share_settings_of_the_twin_and_no_other() -> None:
+    plain = Resolution(dt=1e-7)
+    for name in ("lammps-granular", "verlet", "ase"):
+        assert twin_resolution(_case(name, dt=1e-7, time_limit=5.0)) == plain
+    assert twin_resolution(_case("lammps-table", dt=1e-7)) == replace(plain, tables=True)
+    assert twin_resolution(_case("verlet", dt=1e-7, tables=True, table_points=300)) == replace(
+        plain, tables=True, table_points=300
+    )
+    at_radius: dict[str, Any] = {"dt": 1e-7, "surrogate_radius": 1e-3}
+    assert twin_resolution(_case("lammps-granular", **at_radius)) == Resolution(**at_radius)
+    # ASE keeps displacements, whatever the radius
+    assert twin_resolution(_case("ase", **at_radius)) == plain
+
+
+def test_the_looser_runs_of_scipy_are_ordinary_cases_and_are_found_where_they_were_made() -> None:
+    case, cache = _case("scipy", rtol=1e-9), RunCache()
+    looser = looser_cases(case)
+    assert [other.resolution for other in looser] == [Resolution(rtol=1e-8), Resolution(rtol=2e-8)]
+    assert not any(other.uncertainty for other in looser)
+    first = solve(case, cache)
+    for other in looser:
+        run = cache.load(other)
+        assert run is not None
+        # a value of the looser run shows in the uncertainty
+        changed = RunCache()
+        changed.runs = {**cache.runs, other: replace(run, velocity=run.velocity + 1.0)}
+        assert estimate_uncertainty(case, first, changed)["velocity"] == pytest.approx(3.0, rel=1e-6)
+
+
+def test_the_reference_takes_looser_runs_where_scipy_answers_and_replicas_elsewhere() -> None:
+    assert looser_cases(_case("reference")) == ()
+    assert [other.backend for other in looser_cases(_case("reference", DAMPED))] == ["scipy", "scipy"]
+    answered, own = solve(_case("reference", DAMPED)), solve(_case("scipy", DAMPED))
+    assert answered.uncertainty["velocity"] == own.uncertainty["velocity"]
+
+
+def test_the_largest_tolerance_has_an_uncertainty_too() -> None:
+    run = solve(_case("scipy", rtol=LARGEST_RTOL))
+    assert 0.0 < run.uncertainty["velocity"] < 0.1
+
+
+@pytest.mark.parametrize("name", ["verlet", "scipy", "reference", "ode45", "blanes-moan"])
+def test_the_cost_of_the_uncertainty_is_not_that_of_the_run(name: str) -> None:
+    case = _case(name, dt=1e-7)
+    alone, run = case.solve(), solve(case)
+    assert run.cost.steps == alone.cost.steps
+    assert run.cost.force_evaluations == alone.cost.force_evaluations
+    assert run.uncertainty.cost.steps > 0
+    assert run.uncertainty.cost.cpu > 0.0
