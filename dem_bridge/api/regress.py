@@ -96,31 +96,31 @@ def regress(
     >>> [(run.comparisons[0].change.value, run.exit_code) for run in (first, second)]
     [('NEW', 0), ('SAME', 0)]
     """
-    from dem_bridge.regression.run import compare_engines, regress_scenes, with_since
+    from dem_bridge.regression.run import Selection, compare_engines, regress_scenes, with_since
 
     if scenes is None:
         scenes = ()
     elif isinstance(scenes, Scene | str | Path):
         scenes = [scenes]
     folder = Path(baselines)
-    settings: dict[str, Any] = {
-        "backends": (backends,) if isinstance(backends, str) else tuple(backends),
-        "folder": folder,
-        "accuracy": None if accuracy is None else checked_accuracy(accuracy),
-        "dt": dt,
-        "engine": Engine.named(engine, lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks) or Engine.chosen(),
-        "jobs": jobs,
-        "progress": progress,
-    }
-    if against is not None:
-        if update:
-            raise UsageError(
-                "update and against were both given; allowed: one of them, because a comparison with another LAMMPS"
-                " writes no baselines"
-            )
-        regression = compare_engines(scenes, engine_of(against), **settings)
+    selection = Selection(
+        scenes=scenes,
+        backends=(backends,) if isinstance(backends, str) else tuple(backends),
+        folder=folder,
+        accuracy=None if accuracy is None else checked_accuracy(accuracy),
+        dt=dt,
+        update=update,
+    )
+    engine = Engine.named(engine, lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks) or Engine.chosen()
+    if against is None:
+        regression = regress_scenes(selection, engine=engine, jobs=jobs, progress=progress)
+    elif update:
+        raise UsageError(
+            "update and against were both given; allowed: one of them, because a comparison with another LAMMPS"
+            " writes no baselines"
+        )
     else:
-        regression = regress_scenes(scenes, update=update, **settings)
+        regression = compare_engines(selection, engine_of(against), engine=engine, jobs=jobs, progress=progress)
     if since is not None:
         regression = with_since(regression, since, "since")
     if regression.texts:

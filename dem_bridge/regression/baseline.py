@@ -27,15 +27,25 @@ from dem_bridge.verification.verdict import plain
 SCHEMA = "dem-bridge/baseline/1"
 #: quantities of a run in a baseline
 QUANTITIES = ("velocity", "peak_force", "crossing_time")
-_CONTACT = ("peak_force", "crossing_time", "peak_force_bar", "crossing_time_bar")
-_KEYS = (
-    "schema", "scene", "backend", "birth", "settings", "same_within", "accuracy", "velocity_bar",
-    "counts", "digests", "time", "bodies", "contacts",
-)  # fmt: skip
+#: allowed forms of an entry: an object with these keys, a list of one form, a form or null (tuple), or a type
 _BIRTH = ("date", "package", "scene_hash", "source", "deck_hash", "lammps", "versions", "machine", "solved_with")
-_SETTINGS = ("dt", "samples", "tolerance")
-#: keys in files that differ from the names of attributes
-_FILE_KEY = {"uncertainty": "bar"}
+_CONTACT = {"peak_force": float, "crossing_time": (float,), "peak_force_bar": (float,), "crossing_time_bar": (float,)}
+_ACCURACY = {"error": (float,), "bar": (float,), "tolerance": (float,), "outcome": str, "by": str}
+_FORM = {
+    "schema": str,
+    "scene": str,
+    "backend": str,
+    "birth": dict.fromkeys(_BIRTH, object),
+    "settings": {"dt": (float,), "samples": float, "tolerance": float},
+    "same_within": {name: {"value": float, "reason": str} for name in QUANTITIES},
+    "accuracy": object,
+    "velocity_bar": (float,),
+    "counts": {"times": float, "bodies": float, "contacts": float},
+    "digests": {name: {"in_order": str, "sorted": str} for name in QUANTITIES},
+    "time": [float],
+    "bodies": [{"body": float, "velocity": [float]}],
+    "contacts": [{"contact": float, **_CONTACT}],
+}
 _UNKNOWN = Cost(wall=math.nan, cpu=math.nan, steps=0, force_evaluations=0)
 
 
@@ -62,6 +72,16 @@ class Accuracy:
     """PASS, FAIL or UNDECIDED."""
     by: str
     """Backend of the reference."""
+
+    def as_file(self) -> dict[str, Any]:
+        """Return the entry of a file, in which the uncertainty has the key ``bar``."""
+        return {"bar" if key == "uncertainty" else key: plain(value) for key, value in vars(self).items()}
+
+    @classmethod
+    def of_file(cls, entry: Mapping[str, Any]) -> Accuracy:
+        """Return the accuracy of an entry of a file."""
+        values: dict[str, Any] = {key: math.inf if value is None else value for key, value in entry.items()}
+        return cls(uncertainty=values.pop("bar"), **values)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,24 +154,17 @@ class Baseline:
             "birth": dict(self.provenance),
             "settings": {"dt": self.dt, "samples": len(self.time) - 1, "tolerance": self.tolerance},
             "same_within": {name: vars(tolerance) for name, tolerance in self.same_within.items()},
-            "accuracy": {
-                name: {_FILE_KEY.get(key, key): plain(value) for key, value in vars(accuracy).items()}
-                for name, accuracy in self.accuracy.items()
-            },
+            "accuracy": {name: accuracy.as_file() for name, accuracy in self.accuracy.items()},
             "velocity_bar": plain(float(self.uncertainty["velocity"])),
             "counts": {"times": len(self.time), "bodies": self.velocity.shape[1], "contacts": len(self.peak_force)},
             "digests": {name: _digests(getattr(self, name)) for name in QUANTITIES},
         }
         bodies = [{"body": i, "velocity": column.tolist()} for i, column in enumerate(self.velocity.T)]
-        columns = [
-            self.peak_force,
-            self.crossing_time,
-            np.asarray(self.uncertainty["peak_force"]),
-            np.asarray(self.uncertainty["crossing_time"]),
-        ]
+        uncertainty = (np.asarray(self.uncertainty[name]) for name in QUANTITIES[1:])
+        columns = (column.tolist() for column in (self.peak_force, self.crossing_time, *uncertainty))
         contacts = [
-            {"contact": k} | {name: plain(float(column[k])) for name, column in zip(_CONTACT, columns, strict=True)}
-            for k in range(len(self.peak_force))
+            {"contact": k} | dict(zip(_CONTACT, map(plain, row), strict=True))
+            for k, row in enumerate(zip(*columns, strict=True))
         ]
         parts = [f" {json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in head.items()]
         parts.append(f' "time": {json.dumps(self.time.tolist())}')
@@ -193,59 +206,85 @@ def baseline_of_text(text: str) -> Baseline:
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         schema = document.get("schema") if isinstance(document, dict) else None
         raise _InvalidBaseline(f"schema = {schema!r}; allowed: {SCHEMA!r}")
-    _keys("", document, _KEYS)
-    _keys("birth.", document["birth"], _BIRTH)
-    _keys("settings.", document["settings"], _SETTINGS)
-    for name in ("same_within", "digests"):
-        _keys(f"{name}.", document[name], QUANTITIES)
-    _keys("counts.", document["counts"], ("times", "bodies", "contacts"))
-    try:
-        return _parse(document)
-    except (KeyError, TypeError, ValueError) as error:
-        if isinstance(error, _InvalidBaseline):
-            raise
-        raise _InvalidBaseline(f"an entry is missing or has a wrong type ({type(error).__name__}: {error})") from error
+    _check("", document, _FORM)
+    _check("accuracy", document["accuracy"], dict.fromkeys(document["accuracy"], _ACCURACY))
+    return _parse(document)
+
+
+def _check(where: str, value: Any, form: Any) -> None:
+    """Raise an error that names the entry unless ``value`` has a form, as in ``_FORM``; numbers must be finite."""
+    if isinstance(form, tuple):
+        if value is not None:
+            _check(where, value, form[0])
+    elif isinstance(form, dict):
+        if not isinstance(value, dict):
+            raise _InvalidBaseline(f"{where} = {value!r}; allowed: an object with {', '.join(form)}")
+        prefix = f"{where}." if where else ""
+        for key in value:
+            if key not in form:
+                raise _InvalidBaseline(f"{prefix}{key} is unknown; allowed: {', '.join(form)}")
+        for key, inner in form.items():
+            if key not in value:
+                raise _InvalidBaseline(f"{prefix}{key} is missing")
+            _check(f"{prefix}{key}", value[key], inner)
+    elif isinstance(form, list):
+        if not isinstance(value, list):
+            raise _InvalidBaseline(f"{where} = {value!r}; allowed: a list")
+        for k, entry in enumerate(value):
+            _check(f"{where}[{k}]", entry, form[0])
+    elif form is float:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise _InvalidBaseline(f"{where} = {value!r}; allowed: a finite number")
+    elif not isinstance(value, form):
+        raise _InvalidBaseline(f"{where} = {value!r}; allowed: text")
 
 
 def _parse(document: Mapping[str, Any]) -> Baseline:
-    """Return the baseline of a JSON document whose keys are valid."""
-    counts, samples = document["counts"], document["settings"]["samples"]
-    time = _times(document["time"], counts["times"], samples)
-    bodies = _rows("bodies", "body", document["bodies"], counts["bodies"], ("velocity",))
-    contacts = _rows("contacts", "contact", document["contacts"], counts["contacts"], _CONTACT)
-    for i, row in enumerate(bodies):
+    """Return the baseline of a JSON document whose entries have the right form."""
+    counts, settings = document["counts"], document["settings"]
+    time = _times(document["time"], counts["times"], settings["samples"])
+    for key, index in (("bodies", "body"), ("contacts", "contact")):
+        _check_rows(key, index, document[key], counts[key])
+    for i, row in enumerate(document["bodies"]):
         if len(row["velocity"]) != len(time):
             raise _InvalidBaseline(
                 f"bodies[{i}].velocity has {len(row['velocity'])} values for {len(time)} times; the file is truncated"
             )
-    velocity = np.array([_finite(f"bodies[{i}].velocity", row["velocity"]) for i, row in enumerate(bodies)]).T
-    # null is "no crossing" for a crossing time and "unknown" for an uncertainty
-    empty = {name: math.nan if name == "crossing_time" else math.inf for name in _CONTACT}
-    columns = {
-        name: np.array([empty[name] if row[name] is None else _number(name, row[name]) for row in contacts])
-        for name in _CONTACT
+    for name, entry in document["same_within"].items():
+        if entry["value"] < 0.0:
+            raise _InvalidBaseline(f"same_within.{name}.value = {entry['value']!r}; allowed: a number >= 0")
+
+    def column(name: str, null: float) -> Floats:
+        """Return a column of the contacts; null is "no crossing" for a crossing time and "unknown" elsewhere."""
+        return np.array([_number(row[name], null) for row in document["contacts"]])
+
+    values = {
+        "velocity": np.array([row["velocity"] for row in document["bodies"]], dtype=np.float64).T,
+        "peak_force": column("peak_force", math.nan),
+        "crossing_time": column("crossing_time", math.nan),
     }
-    _finite("contacts.peak_force", columns["peak_force"].tolist())
-    values = {"velocity": velocity, **{name: columns[name] for name in ("peak_force", "crossing_time")}}
-    velocity_uncertainty = document["velocity_bar"]
-    dt = document["settings"]["dt"]
     return Baseline(
-        scene=_text("scene", document["scene"]),
-        backend=_text("backend", document["backend"]),
+        scene=document["scene"],
+        backend=document["backend"],
         provenance=document["birth"],
-        dt=None if dt is None else _number("settings.dt", dt),
-        tolerance=_number("settings.tolerance", document["settings"]["tolerance"]),
-        same_within={name: _tolerance(name, document["same_within"][name]) for name in QUANTITIES},
-        accuracy={name: _accuracy(name, entry) for name, entry in document["accuracy"].items()},
+        dt=settings["dt"],
+        tolerance=float(settings["tolerance"]),
+        same_within={name: RoundoffTolerance(**document["same_within"][name]) for name in QUANTITIES},
+        accuracy={name: Accuracy.of_file(entry) for name, entry in document["accuracy"].items()},
         time=time,
         **values,
         uncertainty={
-            "velocity": math.inf if velocity_uncertainty is None else _number("velocity_bar", velocity_uncertainty),
-            "peak_force": columns["peak_force_bar"],
-            "crossing_time": columns["crossing_time_bar"],
+            "velocity": _number(document["velocity_bar"], math.inf),
+            "peak_force": column("peak_force_bar", math.inf),
+            "crossing_time": column("crossing_time_bar", math.inf),
         },
         edited=tuple(name for name in QUANTITIES if _is_edited(name, values[name], document["digests"][name])),
     )
+
+
+def _number(value: float | None, null: float) -> float:
+    """Return a number, or ``null`` for None."""
+    return null if value is None else float(value)
 
 
 def _digests(values: Floats) -> dict[str, str]:
@@ -269,9 +308,8 @@ def _is_edited(name: str, values: Floats, written: Mapping[str, str]) -> bool:
     return True
 
 
-def _times(values: Any, count: int, samples: int) -> Floats:
+def _times(time: list[float], count: int, samples: int) -> Floats:
     """Return the sample times; raise an error unless they are equal steps from 0."""
-    time = _finite("time", values)
     if len(time) != count or count != samples + 1:
         raise _InvalidBaseline(
             f"time has {len(time)} values for counts.times = {count} and {samples} samples; the file is truncated"
@@ -279,80 +317,21 @@ def _times(values: Any, count: int, samples: int) -> Floats:
     for k, (earlier, later) in enumerate(pairwise(time)):
         if not later > earlier:
             raise _InvalidBaseline(f"time[{k + 1}] = {later!r} is not after time[{k}] = {earlier!r}; allowed: in order")
-    even = np.linspace(0.0, time[-1], count)
-    for k, (value, step) in enumerate(zip(time, even.tolist(), strict=True)):
+    for k, (value, step) in enumerate(zip(time, np.linspace(0.0, time[-1], count).tolist(), strict=True)):
         if not math.isclose(value, step, rel_tol=1e-12):
             raise _InvalidBaseline(f"time[{k}] = {value!r}; allowed: {samples} equal steps from 0 to {time[-1]!r}")
-    return np.array(time)
+    return np.array(time, dtype=np.float64)
 
 
-def _rows(key: str, index: str, values: Any, count: int, columns: tuple[str, ...]) -> list[dict[str, Any]]:
-    """Return the rows of bodies or contacts; raise an error unless all are there, in order."""
-    rows = list(values)
+def _check_rows(key: str, index: str, rows: Sequence[Mapping[str, Any]], count: int) -> None:
+    """Raise an error unless all rows of bodies or contacts are there, in order."""
     for k, row in enumerate(rows):
-        _keys(f"{key}[{k}].", row, (index, *columns))
         if row[index] != k:
             raise _InvalidBaseline(
                 f"{key}[{k}].{index} = {row[index]!r}; allowed: {k}; lines are in another order or missing"
             )
     if len(rows) != count:
         raise _InvalidBaseline(f"{key} has {len(rows)} lines for counts.{key} = {count}; the file is truncated")
-    return rows
-
-
-def _keys(where: str, value: Any, allowed: Sequence[str]) -> None:
-    """Raise an error unless ``value`` is an object with exactly the keys ``allowed``."""
-    if not isinstance(value, dict):
-        raise _InvalidBaseline(f"{where.rstrip('.')} = {value!r}; allowed: an object with {', '.join(allowed)}")
-    for key in value:
-        if key not in allowed:
-            raise _InvalidBaseline(f"{where}{key} is unknown; allowed: {', '.join(allowed)}")
-    for key in allowed:
-        if key not in value:
-            raise _InvalidBaseline(f"{where}{key} is missing")
-
-
-def _number(key: str, value: Any) -> float:
-    """Return a finite number; raise an error for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise _InvalidBaseline(f"{key} = {value!r}; allowed: a finite number")
-    return float(value)
-
-
-def _finite(key: str, values: Any) -> list[float]:
-    """Return a list of finite numbers; raise an error for anything else."""
-    if not isinstance(values, list):
-        raise _InvalidBaseline(f"{key} = {values!r}; allowed: a list of numbers")
-    return [_number(f"{key}[{k}]", value) for k, value in enumerate(values)]
-
-
-def _text(key: str, value: Any) -> str:
-    """Return a text; raise an error for anything else."""
-    if not isinstance(value, str):
-        raise _InvalidBaseline(f"{key} = {value!r}; allowed: text")
-    return value
-
-
-def _tolerance(name: str, entry: Any) -> RoundoffTolerance:
-    """Return the round-off tolerance of a quantity."""
-    where = f"same_within.{name}."
-    _keys(where, entry, ("value", "reason"))
-    value = _number(f"{where}value", entry["value"])
-    if value < 0.0:
-        raise _InvalidBaseline(f"{where}value = {value!r}; allowed: a number >= 0")
-    return RoundoffTolerance(value=value, reason=_text(f"{where}reason", entry["reason"]))
-
-
-def _accuracy(name: str, entry: Any) -> Accuracy:
-    """Return the accuracy of a quantity at the time the baseline was written."""
-    numbers = ("error", "uncertainty", "tolerance")
-    file_key = {key: _FILE_KEY.get(key, key) for key in numbers}
-    _keys(f"accuracy.{name}.", entry, (*file_key.values(), "outcome", "by"))
-    return Accuracy(
-        **{key: math.inf if entry[k] is None else _number(k, entry[k]) for key, k in file_key.items()},
-        outcome=_text("outcome", entry["outcome"]),
-        by=_text("by", entry["by"]),
-    )
 
 
 def _refuse_constant(word: str) -> float:

@@ -283,27 +283,22 @@ def _share(value: float, baseline: Baseline, name: str) -> float:
 
 def _notes(baseline: Baseline, run: Trajectory) -> list[str]:
     """Return the changes of scene, deck, versions and machine since the baseline."""
-    then, now, notes = baseline.provenance, run.provenance, []
+    then, now, notes = baseline.provenance, run.provenance, list[str]()
     if baseline.edited:
         notes.append(
             f"{baseline.file_name}: {', '.join(baseline.edited)} was changed after the file was written (its digest"
             " differs)"
         )
-    if then["scene_hash"] != now["scene_hash"]:
-        notes.append(f"scene {then['scene_hash'][:12]} -> {now['scene_hash'][:12]}")
-    if then["deck_hash"] != now.get("deck_hash"):
-        notes.append(f"deck {str(then['deck_hash'])[:12]} -> {str(now.get('deck_hash'))[:12]}")
     lammps_then, lammps_now = then["lammps"] or {}, now.get("lammps") or {}
-    if lammps_then.get("version") != lammps_now.get("version"):
-        notes.append(f"LAMMPS {lammps_then.get('version')} -> {lammps_now.get('version')}")
-    if lammps_then.get("run_by") != lammps_now.get("run_by"):
-        notes.append(f"run by {lammps_then.get('run_by')} -> {lammps_now.get('run_by')}")
-    for name, version in now["versions"].items():
-        if then["versions"].get(name) != version:
-            notes.append(f"{name} {then['versions'].get(name)} -> {version}")
-    if then["machine"] != now["machine"]:
-        notes.append(f"machine {then['machine']} -> {now['machine']}")
-    return notes
+    changes = [
+        ("scene", then["scene_hash"][:12], now["scene_hash"][:12]),
+        ("deck", str(then["deck_hash"])[:12], str(now.get("deck_hash"))[:12]),
+        ("LAMMPS", lammps_then.get("version"), lammps_now.get("version")),
+        ("run by", lammps_then.get("run_by"), lammps_now.get("run_by")),
+        *((name, then["versions"].get(name), version) for name, version in now["versions"].items()),
+        ("machine", then["machine"], now["machine"]),
+    ]
+    return notes + [f"{name} {before} -> {after}" for name, before, after in changes if before != after]
 
 
 def _plain(value: Any) -> Any:

@@ -11,15 +11,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 
-from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, backend
+from dem_bridge.backends.base import ENGINE_BACKENDS, backend
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.twin import solve_plan
 from dem_bridge.regression.baseline import QUANTITIES, Accuracy, Baseline, RoundoffTolerance
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory, own_scale
 from dem_bridge.uncertainty.fixed_step import REALISATIONS, last_digit
@@ -30,16 +30,9 @@ _BUILDS = 2.0
 
 
 def baseline_of(
-    scene: Scene,
-    run: Trajectory,
-    *,
-    dt: float | None,
-    tolerance: float,
-    same_within: Mapping[str, RoundoffTolerance],
-    accuracy: Mapping[str, Accuracy] | None = None,
-    source: str = "",
+    case: Case, run: Trajectory, *, tolerance: float, accuracy: Mapping[str, Accuracy], source: str
 ) -> Baseline:
-    """Return the baseline of a run; ``dt`` is the requested upper bound of the time step, s."""
+    """Return the baseline of a run, with the differences that round-off alone explains."""
     origin = run.provenance
     lammps = origin.get("lammps")
     provenance = {
@@ -54,13 +47,13 @@ def baseline_of(
         "solved_with": dict(origin["settings"]),
     }
     return Baseline(
-        scene=scene.name,
+        scene=case.scene.name,
         backend=origin["backend"],
         provenance=provenance,
-        dt=dt,
+        dt=case.resolution.dt,
         tolerance=tolerance,
-        same_within=same_within,
-        accuracy=accuracy or {},
+        same_within=_roundoff_tolerance(case, run),
+        accuracy=accuracy,
         time=run.time,
         velocity=run.velocity,
         peak_force=run.peak_force,
@@ -69,20 +62,17 @@ def baseline_of(
     )
 
 
-def roundoff_tolerance(
-    scene: Scene, name: str, resolution: Resolution, sampling: Sampling, run: Trajectory
-) -> dict[str, RoundoffTolerance]:
+def _roundoff_tolerance(case: Case, run: Trajectory) -> dict[str, RoundoffTolerance]:
     """Return for each quantity the difference that round-off alone explains, with the reason.
 
     The tolerance is six times the effect of perturbed last digits: a factor of three, because one realisation of the
     round-off represents all, and a factor of two, because both builds differ from exact arithmetic.
     """
     digit = float(np.finfo(float).eps) * math.sqrt(max(run.cost.steps, 1))
-    if name in ENGINE_BACKENDS:
-        plan = fixed_step_plan(scene, resolution, sampling, prescan_scene(scene))
+    scene = case.scene
+    if case.backend in ENGINE_BACKENDS:
+        plan = fixed_step_plan(scene, case.resolution, case.sampling, prescan_scene(scene))
         radius = float(run.provenance["settings"]["surrogate_radius"])
-        unperturbed: Any
-        perturbed: Any
         unperturbed, perturbed = solve_plan(scene, plan), solve_plan(scene, plan, radius)
         digit = last_digit(plan)
         cause = (
@@ -90,8 +80,8 @@ def roundoff_tolerance(
             " overlaps"
         )
     else:
-        code = backend(name)
-        unperturbed, perturbed = run, code.run(_perturbed(scene), resolution, sampling)
+        perturbed = backend(case.backend).run(_perturbed(scene), case.resolution, case.sampling)
+        unperturbed = run
         cause = "the effect of a perturbation of every mass and stiffness by its last digit"
     tolerances = {}
     for quantity in QUANTITIES:

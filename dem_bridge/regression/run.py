@@ -17,7 +17,7 @@ from dem_bridge.errors import BackendUnavailable, RunBroken, SceneError, UsageEr
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.regression.baseline import Baseline, read_baseline
 from dem_bridge.regression.compare import Change, Comparison, accuracy_words, assess, compare
-from dem_bridge.regression.provenance import baseline_of, roundoff_tolerance
+from dem_bridge.regression.provenance import baseline_of
 from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
@@ -38,34 +38,56 @@ ACCURACY = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """Hold the settings of one comparison."""
+    """Hold one run to be compared, without its engine, and what it is compared with."""
 
-    scene: Scene
-    backend: str
-    resolution: Resolution
-    sampling: Sampling
+    case: Case
     tolerance: float
     """Relative tolerance of the velocity error."""
-    source: str = ""
+    source: str
     """Name or path from which the scene is loaded again."""
     baseline: Baseline | None = None
     """Baseline to compare with; None if there is none yet."""
 
-    def case(self, engine: Engine | None, *, uncertainty: bool) -> Case:
-        """Return the run of the scene, with an estimate of its uncertainty if ``uncertainty`` is True."""
-        return Case(
-            scene=self.scene,
-            backend=self.backend,
-            resolution=self.resolution,
-            sampling=self.sampling,
-            engine=engine if self.backend in ENGINE_BACKENDS else None,
-            uncertainty=uncertainty,
-        )
-
     @property
     def reference(self) -> Case:
         """Return the run of the reference with the same samples."""
-        return Case(scene=self.scene, backend=REFERENCE, resolution=Resolution(), sampling=self.sampling)
+        return replace(self.case, backend=REFERENCE, resolution=Resolution())
+
+    def run_by(self, engine: Engine | None, *, uncertainty: bool) -> Case:
+        """Return the run by an engine, with an estimate of its uncertainty if ``uncertainty`` is True."""
+        in_engine = self.case.backend in ENGINE_BACKENDS
+        return replace(self.case, engine=engine if in_engine else None, uncertainty=uncertainty)
+
+    def outcome(self, change: Change, sentence: str, **details: Any) -> Comparison:
+        """Return the outcome of the comparison."""
+        scene, backend = self.case.scene.name, self.case.backend
+        return Comparison(
+            scene=scene, backend=backend, change=change, sentence=sentence, tolerance=self.tolerance, **details
+        )
+
+    def compare(self, run: Trajectory, reference: Trajectory | None) -> Comparison:
+        """Return the comparison of a run with its baseline, or NEW without a baseline."""
+        if self.baseline is not None:
+            return compare(self.baseline, run, reference=reference)
+        after = assess(run, reference, self.tolerance)
+        words = accuracy_words({}, after)
+        sentence = f"there is no baseline yet{f'; {words}' if words else ''}; regress --update writes it."
+        return self.outcome(Change.NEW, sentence, after=after)
+
+    def describe_failure(self, result: Result) -> Comparison:
+        """Return the comparison for a run that broke or was not possible."""
+        broken = isinstance(result.failure, RunBroken)
+        return self.outcome(Change.BROKEN if broken else Change.NOT_RUN, " ".join(str(result.failure).split()))
+
+    def baseline_of(self, run: Trajectory, reference: Trajectory | None = None) -> Baseline:
+        """Return the baseline that a run becomes."""
+        return baseline_of(
+            self.case,
+            run,
+            tolerance=self.tolerance,
+            accuracy=assess(run, reference, self.tolerance),
+            source=self.source,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,27 +106,26 @@ class Regression:
         return sum(comparison.change is change for comparison in self.comparisons)
 
     @property
+    def fails(self) -> bool:
+        """Return True if an outcome is a failure."""
+        return any(comparison.change.fails for comparison in self.comparisons)
+
+    @property
     def exit_code(self) -> int:
         """Return the exit code of the command line.
 
         It is the first that applies of 2 (a backend requested by name did not run), 3 (a run broke), 1 (CHANGED or
         GONE) and 0.
         """
-        if any(
-            comparison.change is Change.NOT_RUN and comparison.backend in self.required_backends
-            for comparison in self.comparisons
-        ):
+        not_run = {comparison.backend for comparison in self.comparisons if comparison.change is Change.NOT_RUN}
+        if not_run & {*self.required_backends}:
             return 2
-        if self.count(Change.BROKEN):
-            return 3
-        return 1 if any(comparison.change.fails for comparison in self.comparisons) else 0
+        return 3 if self.count(Change.BROKEN) else int(self.fails)
 
     @property
     def bisect_code(self) -> int:
         """Return the exit code for ``git bisect run``: 1 failure, 125 a backend did not run, 0 otherwise."""
-        if any(comparison.change.fails for comparison in self.comparisons):
-            return 1
-        return 125 if self.count(Change.NOT_RUN) else 0
+        return 1 if self.fails else 125 if self.count(Change.NOT_RUN) else 0
 
     def as_json(self) -> dict[str, Any]:
         """Return the regression as a JSON document of the schema :data:`SCHEMA`."""
@@ -116,32 +137,125 @@ class Regression:
         }
 
 
-def regress_scenes(
-    scenes: Sequence[Scene | str | Path] = (),
-    *,
-    backends: Sequence[str] = (),
-    folder: Path = FOLDER,
-    update: bool = False,
-    accuracy: float | None = None,
-    dt: float | None = None,
-    engine: Engine | None = None,
-    jobs: int | None = None,
-    progress: Progress | None = None,
-) -> Regression:
-    """Run the scenes of the baselines in ``folder`` again and compare; a scene without a baseline is NEW.
+@dataclass(frozen=True, kw_only=True)
+class Selection:
+    """Select the runs to compare: those of the baselines in a folder, and new ones."""
 
-    ``scenes`` and ``backends`` select baselines; the default is all. ``accuracy`` and ``dt`` (s) are those of new
-    baselines, and with ``update`` of all; None keeps those of a baseline. With ``update``, ``texts`` of the result has
-    the baselines to write for all that is NEW or CHANGED.
+    scenes: Sequence[Scene | str | Path] = ()
+    """Scenes to compare; the default is all with baselines."""
+    backends: Sequence[str] = ()
+    """Backends to compare; the default is all with baselines."""
+    folder: Path = FOLDER
+    accuracy: float | None = None
+    """Relative accuracy of the velocities in new baselines, and with ``update`` in all."""
+    dt: float | None = None
+    """Upper bound of the time step, s, of new baselines, and with ``update`` of all."""
+    update: bool = False
+
+    def tasks(self) -> tuple[list[Task], list[Comparison]]:
+        """Return the comparisons to make, and the comparisons of baselines that are GONE."""
+        files = sorted(self.folder.glob("*.json")) if self.folder.is_dir() else []
+        existing = [read_baseline(file) for file in files]
+        requested = {scene.name: (scene, source) for scene, source in map(self._load, self.scenes)}
+        selected = [
+            baseline
+            for baseline in existing
+            if (not self.scenes or baseline.scene in requested)
+            and (not self.backends or baseline.backend in self.backends)
+        ]
+        tasks, gone = [], []
+        for baseline in selected:
+            scene, source = requested.get(baseline.scene) or self._reload(baseline)
+            missing = f"the scene {baseline.scene} no longer exists" if scene is None else ""
+            if baseline.backend not in BACKENDS:
+                missing = f"the backend {baseline.backend} no longer exists"
+            if missing or scene is None:
+                remedy = f"restore it, or name its file, or remove {self.folder / baseline.file_name}"
+                sentence = f"{missing}; {remedy}."
+                gone.append(
+                    Comparison(scene=baseline.scene, backend=baseline.backend, change=Change.GONE, sentence=sentence)
+                )
+                continue
+            changed = self if self.update else Selection()
+            step = baseline.dt if baseline.dt is None or changed.dt is None else changed.dt
+            case = _case(scene, baseline.backend, step, baseline.sampling)
+            tolerance = changed.accuracy or baseline.tolerance
+            tasks.append(Task(case=case, tolerance=tolerance, source=source, baseline=baseline))
+        for name in {baseline.scene: None for baseline in selected} | dict.fromkeys(requested):
+            of_scene = [baseline for baseline in existing if baseline.scene == name]
+            scene, source = requested.get(name) or self._reload(of_scene[0])
+            if scene is not None:
+                tasks += self._new_tasks(scene, source, of_scene)
+        return tasks, gone
+
+    def _new_tasks(self, scene: Scene, source: str, existing: Sequence[Baseline]) -> list[Task]:
+        """Return the comparisons of a scene for backends without a baseline, with settings of existing baselines."""
+        default = [] if existing else [name for name in NEW_BACKENDS if supports_of(name).covers(scene)]
+        tolerance = self.accuracy or next((baseline.tolerance for baseline in existing), ACCURACY)
+        step = self.dt or next((baseline.dt for baseline in existing if baseline.dt is not None), None)
+        sampling, tasks = Sampling(count=SAMPLES), []
+        for name in self.backends or default:
+            if name in {baseline.backend for baseline in existing}:
+                continue
+            fixed = backend(name).order is not None
+            if fixed and step is None:
+                step = step_for_accuracy(scene, tolerance, Resolution(), sampling).dt
+            case = _case(scene, name, step if fixed else None, sampling)
+            tasks.append(Task(case=case, tolerance=tolerance, source=source))
+        return tasks
+
+    def _load(self, scene: Scene | str | Path) -> tuple[Scene, str]:
+        """Return a scene and its source: the name of a shipped scene, or the path relative to the baselines."""
+        if isinstance(scene, Scene):
+            return scene, scene.name if scene.name in shipped_scenes() else ""
+        shipped = str(scene) in shipped_scenes()
+        return load_scene(scene), str(scene) if shipped else os.path.relpath(scene, self.folder)
+
+    def _reload(self, baseline: Baseline) -> tuple[Scene | None, str]:
+        """Return the scene of a baseline and its source; None if the scene no longer exists."""
+        source = baseline.provenance["source"]
+        shipped = source in shipped_scenes()
+        if not source or not (shipped or (self.folder / source).is_file()):
+            return None, source
+        try:
+            scene = load_scene(source if shipped else self.folder / source)
+        except SceneError as error:
+            allowed = "the scene of the baseline"
+            raise SceneError("", problem=str(error), allowed=allowed, where=baseline.file_name) from error
+        return (scene, source) if shipped or scene.name == baseline.scene else (None, source)
+
+
+def _case(scene: Scene, name: str, dt: float | None, sampling: Sampling) -> Case:
+    """Return the run of a scene with a time step."""
+    return Case(scene=scene, backend=name, resolution=Resolution(dt=dt), sampling=sampling)
+
+
+def _check_backends(names: Sequence[str], allowed: Sequence[str]) -> None:
+    """Raise UsageError unless all names of backends are allowed."""
+    for name in names:
+        if name not in allowed:
+            raise UsageError(f"backend = {name!r}; allowed: {', '.join(allowed)}")
+
+
+def regress_scenes(
+    selection: Selection, *, engine: Engine | None = None, jobs: int | None = None, progress: Progress | None = None
+) -> Regression:
+    """Run the selected scenes again and compare them with their baselines; a scene without a baseline is NEW.
+
+    With ``update``, ``texts`` of the result has the baselines to write for all that is NEW or CHANGED.
     """
-    _check_backends(backends)
-    tasks, gone = _tasks(scenes, backends, folder, accuracy, dt, update)
+    names, update = list(BACKENDS), selection.update
+    _check_backends(selection.backends, names)
+    tasks, gone = selection.tasks()
     if not tasks and not gone:
-        selection = " of these scenes and backends" if scenes or backends else ""
-        raise UsageError(f"{folder}: the folder has no baselines{selection}; write some: name scenes and add --update")
+        chosen = " of these scenes and backends" if selection.scenes or selection.backends else ""
+        raise UsageError(
+            f"{selection.folder}: the folder has no baselines{chosen}; write some: name scenes and add --update"
+        )
     # an uncertainty costs runs; a run that is only compared has the uncertainty of its baseline
     cases = [
-        task.case(engine, uncertainty=update or task.baseline is None or task.backend == REFERENCE) for task in tasks
+        task.run_by(engine, uncertainty=update or task.baseline is None or task.case.backend == REFERENCE)
+        for task in tasks
     ]
     references = [task.reference for task in tasks]
     results = run_cases([*cases, *references], jobs=jobs, progress=progress, everything=True)
@@ -150,76 +264,71 @@ def regress_scenes(
     for task, result, answer in zip(tasks, results[: len(tasks)], results[len(tasks) :], strict=True):
         run = result.trajectory
         if run is None:
-            comparisons.append(_without_run(task, result))
+            comparisons.append(task.describe_failure(result))
             continue
-        reference = None if task.backend == REFERENCE else answer.trajectory
-        comparison = _compare(task, run, reference)
+        is_reference = task.case.backend == REFERENCE
+        reference = None if is_reference else answer.trajectory
+        comparison = task.compare(run, reference)
         changed = comparison.change is Change.CHANGED or (update and comparison.change is Change.NEW)
-        if changed and task.backend == REFERENCE:
-            reference = _second_reference(task, run)
-            comparison = _compare(task, run, reference)
+        if changed and is_reference and run.provenance.get("answered_by") != SECOND:
+            [second] = run_cases([replace(task.reference, backend=SECOND)], jobs=1, everything=True)
+            reference = second.trajectory
+            comparison = task.compare(run, reference)
         comparisons.append(comparison)
         if update and changed:
-            baseline = _new_baseline(task, run, reference)
+            baseline = task.baseline_of(run, reference)
             texts[baseline.file_name] = baseline.text()
-    comparisons.sort(key=lambda comparison: (comparison.scene, _rank(comparison.backend)))
+    order = {name: k for k, name in enumerate(names)}
+    comparisons.sort(key=lambda comparison: (comparison.scene, order.get(comparison.backend, len(names))))
+    title = f"{len(comparisons)} comparisons with baselines"
     return Regression(
-        comparisons=tuple(comparisons),
-        title=f"{len(comparisons)} comparisons with baselines",
-        texts=texts,
-        required_backends=tuple(backends),
+        comparisons=tuple(comparisons), title=title, texts=texts, required_backends=tuple(selection.backends)
     )
 
 
 def compare_engines(
-    scenes: Sequence[Scene | str | Path],
+    selection: Selection,
     other: Engine,
     *,
-    backends: Sequence[str] = (),
-    folder: Path = FOLDER,
-    accuracy: float | None = None,
-    dt: float | None = None,
     engine: Engine | None = None,
     jobs: int | None = None,
     progress: Progress | None = None,
 ) -> Regression:
     """Run the same decks with two LAMMPS and compare the results of ``engine`` with those of ``other``.
 
-    Without scenes, the decks are those of the LAMMPS baselines in ``folder``.
+    Without scenes, the decks are those of the LAMMPS baselines in the folder.
     """
-    _check_backends(backends, ENGINE_BACKENDS)
-    tasks, _ = _tasks(scenes, backends, folder, accuracy, dt, True)
-    tasks = [task for task in tasks if task.backend in ENGINE_BACKENDS]
+    _check_backends(selection.backends, ENGINE_BACKENDS)
+    tasks = [task for task in replace(selection, update=True).tasks()[0] if task.case.backend in ENGINE_BACKENDS]
     if not tasks:
-        raise UsageError(f"{folder}: the folder has no baselines of LAMMPS; name the scenes on which to compare")
+        raise UsageError(
+            f"{selection.folder}: the folder has no baselines of LAMMPS; name the scenes on which to compare"
+        )
     # the uncertainty follows from the settings, which both sides share, so one side estimates it
     sides = ((other, True), (engine or Engine.chosen(), False))
-    cases = [task.case(each, uncertainty=estimated) for task in tasks for each, estimated in sides]
-    results = run_cases([*cases, *(task.reference for task in tasks)], jobs=jobs, progress=progress, everything=True)
-    references, comparisons, versions = results[len(cases) :], [], {}
-    for side in (results[: len(cases) : 2], results[1 : len(cases) : 2]):
-        if isinstance(error := side[0].failure, BackendUnavailable) and not any(result.trajectory for result in side):
+    cases = [task.run_by(each, uncertainty=estimated) for each, estimated in sides for task in tasks]
+    cases += [task.reference for task in tasks]
+    results = run_cases(cases, jobs=jobs, progress=progress, everything=True)
+    old, new, references = (results[k : k + len(tasks)] for k in range(0, len(results), len(tasks)))
+    versions, comparisons = [], []
+    for side in (old, new):
+        runs = [result.trajectory for result in side if result.trajectory is not None]
+        if not runs and isinstance(error := side[0].failure, BackendUnavailable):
             raise error
-    for nth, task in enumerate(tasks):
-        was, now = results[2 * nth], results[2 * nth + 1]
-        for name, result in (("other", was), ("this", now)):
-            if result.trajectory is not None:
-                lammps = result.trajectory.provenance["lammps"]
-                versions[name] = f"{lammps['version']} ({lammps['run_by']})"
+        lammps = runs[-1].provenance["lammps"] if runs else None
+        versions.append(f"{lammps['version']} ({lammps['run_by']})" if lammps else "(not run)")
+    for task, was, now, reference in zip(tasks, old, new, references, strict=True):
         if was.trajectory is None:
-            comparisons.append(replace(_without_run(task, was), sentence=f"the other LAMMPS: {was.failure}"))
-            continue
-        if now.trajectory is None:
-            comparisons.append(_without_run(task, now))
-            continue
-        tolerances = roundoff_tolerance(task.scene, task.backend, task.resolution, task.sampling, was.trajectory)
-        baseline = baseline_of(
-            task.scene, was.trajectory, dt=task.resolution.dt, tolerance=task.tolerance, same_within=tolerances
-        )
-        comparisons.append(compare(baseline, now.trajectory, reference=references[nth].trajectory))
-    names = [versions.get(side, "(not run)") for side in ("other", "this")]
-    title = f"the same decks with LAMMPS {names[0]} and LAMMPS {names[1]}"
-    return Regression(comparisons=tuple(comparisons), title=title, texts={}, required_backends=tuple(backends))
+            comparisons.append(replace(task.describe_failure(was), sentence=f"the other LAMMPS: {was.failure}"))
+        elif now.trajectory is None:
+            comparisons.append(task.describe_failure(now))
+        else:
+            baseline = task.baseline_of(was.trajectory)
+            comparisons.append(compare(baseline, now.trajectory, reference=reference.trajectory))
+    title = f"the same decks with LAMMPS {versions[0]} and LAMMPS {versions[1]}"
+    return Regression(
+        comparisons=tuple(comparisons), title=title, texts={}, required_backends=tuple(selection.backends)
+    )
 
 
 def with_since(regression: Regression, past: Mapping[str, Any], where: str) -> Regression:
@@ -244,170 +353,3 @@ def with_since(regression: Regression, past: Mapping[str, Any], where: str) -> R
         since = "still failing" if was and now else "new" if now else "fixed" if was and good else ""
         comparisons.append(replace(comparison, since=since))
     return replace(regression, comparisons=tuple(comparisons))
-
-
-def _check_backends(names: Sequence[str], allowed: Sequence[str] = tuple(BACKENDS)) -> None:
-    """Raise UsageError unless all names of backends are allowed."""
-    for name in names:
-        if name not in allowed:
-            raise UsageError(f"backend = {name!r}; allowed: {', '.join(allowed)}")
-
-
-def _rank(name: str) -> int:
-    """Return the place of a backend in lists."""
-    return list(BACKENDS).index(name) if name in BACKENDS else len(BACKENDS)
-
-
-def _tasks(
-    scenes: Sequence[Scene | str | Path],
-    backends: Sequence[str],
-    folder: Path,
-    accuracy: float | None,
-    dt: float | None,
-    update: bool,
-) -> tuple[list[Task], list[Comparison]]:
-    """Return the comparisons to make, and the comparisons of baselines that are GONE."""
-    existing = [read_baseline(file) for file in sorted(folder.glob("*.json"))] if folder.is_dir() else []
-    requested = {loaded.name: (loaded, source) for loaded, source in (_load(scene, folder) for scene in scenes)}
-    selected = [
-        baseline
-        for baseline in existing
-        if (not scenes or baseline.scene in requested) and (not backends or baseline.backend in backends)
-    ]
-    tasks, gone = [], []
-    for baseline in selected:
-        scene, source = requested.get(baseline.scene) or _reload(baseline, folder)
-        missing = f"the scene {baseline.scene} no longer exists" if scene is None else ""
-        if baseline.backend not in BACKENDS:
-            missing = f"the backend {baseline.backend} no longer exists"
-        if missing or scene is None:
-            sentence = f"{missing}; restore it, or name its file, or remove {folder / baseline.file_name}."
-            gone.append(
-                Comparison(scene=baseline.scene, backend=baseline.backend, change=Change.GONE, sentence=sentence)
-            )
-            continue
-        step = dt if update and dt is not None and baseline.dt is not None else baseline.dt
-        tasks.append(
-            Task(
-                scene=scene,
-                backend=baseline.backend,
-                resolution=Resolution(dt=step),
-                sampling=baseline.sampling,
-                tolerance=accuracy if update and accuracy is not None else baseline.tolerance,
-                source=source,
-                baseline=baseline,
-            )
-        )
-    names = {baseline.scene: None for baseline in selected} | dict.fromkeys(requested)
-    for name in names:
-        of_scene = [baseline for baseline in existing if baseline.scene == name]
-        scene, source = requested.get(name) or _reload(of_scene[0], folder)
-        if scene is not None:
-            tasks += _new_tasks(scene, source, of_scene, backends, accuracy, dt)
-    return tasks, gone
-
-
-def _new_tasks(
-    scene: Scene,
-    source: str,
-    existing: Sequence[Baseline],
-    backends: Sequence[str],
-    accuracy: float | None,
-    dt: float | None,
-) -> list[Task]:
-    """Return the comparisons of a scene for backends without a baseline, with the settings of existing baselines."""
-    names = backends or ([] if existing else [name for name in NEW_BACKENDS if supports_of(name).covers(scene)])
-    tolerance = accuracy or next((baseline.tolerance for baseline in existing), ACCURACY)
-    step = dt or next((baseline.dt for baseline in existing if baseline.dt is not None), None)
-    sampling, tasks = Sampling(count=SAMPLES), []
-    for name in names:
-        if name in {baseline.backend for baseline in existing}:
-            continue
-        fixed = backend(name).order is not None
-        if fixed and step is None:
-            step = step_for_accuracy(scene, tolerance, Resolution(), sampling).dt
-        tasks.append(
-            Task(
-                scene=scene,
-                backend=name,
-                resolution=Resolution(dt=step if fixed else None),
-                sampling=sampling,
-                tolerance=tolerance,
-                source=source,
-            )
-        )
-    return tasks
-
-
-def _load(scene: Scene | str | Path, folder: Path) -> tuple[Scene, str]:
-    """Return a scene and its source: the name of a shipped scene, or the path relative to the baselines."""
-    if isinstance(scene, Scene):
-        return scene, scene.name if scene.name in shipped_scenes() else ""
-    loaded = load_scene(scene)
-    return loaded, str(scene) if str(scene) in shipped_scenes() else os.path.relpath(scene, folder)
-
-
-def _reload(baseline: Baseline, folder: Path) -> tuple[Scene | None, str]:
-    """Return the scene of a baseline and its source; None if the scene no longer exists."""
-    source = baseline.provenance["source"]
-    if not source:
-        return None, ""
-    try:
-        if source in shipped_scenes():
-            return load_scene(source), source
-        if not (folder / source).is_file():
-            return None, source
-        scene = load_scene(folder / source)
-    except SceneError as error:
-        allowed = "the scene of the baseline"
-        raise SceneError("", problem=str(error), allowed=allowed, where=baseline.file_name) from error
-    return (scene, source) if scene.name == baseline.scene else (None, source)
-
-
-def _compare(task: Task, run: Trajectory, reference: Trajectory | None) -> Comparison:
-    """Return the comparison of a run with its baseline, or NEW without a baseline."""
-    if task.baseline is not None:
-        return compare(task.baseline, run, reference=reference)
-    after = assess(run, reference, task.tolerance)
-    words = accuracy_words({}, after)
-    return Comparison(
-        scene=task.scene.name,
-        backend=task.backend,
-        change=Change.NEW,
-        sentence=f"there is no baseline yet{f'; {words}' if words else ''}; regress --update writes it.",
-        tolerance=task.tolerance,
-        after=after,
-    )
-
-
-def _second_reference(task: Task, run: Trajectory) -> Trajectory | None:
-    """Return the run of the second reference; None if the reference itself used that integrator."""
-    if run.provenance.get("answered_by") == SECOND:
-        return None
-    [result] = run_cases([replace(task.reference, backend=SECOND)], jobs=1, everything=True)
-    return result.trajectory
-
-
-def _without_run(task: Task, result: Result) -> Comparison:
-    """Return the comparison for a run that broke or was not possible."""
-    broken = isinstance(result.failure, RunBroken)
-    return Comparison(
-        scene=task.scene.name,
-        backend=task.backend,
-        change=Change.BROKEN if broken else Change.NOT_RUN,
-        sentence=" ".join(str(result.failure).split()),
-        tolerance=task.tolerance,
-    )
-
-
-def _new_baseline(task: Task, run: Trajectory, reference: Trajectory | None) -> Baseline:
-    """Return the baseline that a run becomes."""
-    return baseline_of(
-        task.scene,
-        run,
-        dt=task.resolution.dt,
-        tolerance=task.tolerance,
-        same_within=roundoff_tolerance(task.scene, task.backend, task.resolution, task.sampling, run),
-        accuracy=assess(run, reference, task.tolerance),
-        source=task.source,
-    )

@@ -118,7 +118,7 @@ REFUSED: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "a value that is none": (lambda t: t["bodies"][1]["velocity"].__setitem__(2, None), "bodies[1].velocity[2] = None"),
     "a word for a number": (lambda t: t["contacts"][0].update(peak_force="31"), "peak_force = '31'"),
     "a list for an object": (lambda t: t.update(birth=[]), "birth = []"),
-    "counts of another kind": (lambda t: t.update(bodies=3), "an entry is missing or has a wrong type"),
+    "counts of another kind": (lambda t: t.update(bodies=3), "bodies = 3; allowed: a list"),
     "less than nothing": (lambda t: t["same_within"]["velocity"].update(value=-1.0), "same_within.velocity.value"),
 }
 
