@@ -21,6 +21,7 @@ from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.files import write_whole
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.report.page import study_files
+from dem_bridge.report.pages import fill
 from dem_bridge.scene_file.text import scene_toml
 from dem_bridge.studies.study import Table
 from dem_bridge.studies.verification import Verification
@@ -33,16 +34,6 @@ SCHEMA = "dem-bridge/bundle/1"
 _MARK, _SUMS = "bundle.json", "SHA256SUMS"
 _NAME = "dem-bridge"
 _PACKAGE = Path(__file__).parents[1]
-
-_REPLAY = """\
-#!/bin/sh
-# Install the versions of requirements.txt in an environment, verify again and compare verdict by verdict.
-set -eu
-cd "$(dirname "$0")"
-[ -x venv/bin/python ] || "${PYTHON:-python3}" -m venv venv
-venv/bin/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
-exec venv/bin/python replay.py "$@"
-"""
 
 
 def check_bundle(folder: Path) -> None:
@@ -118,7 +109,7 @@ def bundle_files(
     files: dict[str, str | bytes] = {
         "README.md": _readme(verification, functions, pins, engine),
         _MARK: json.dumps(mark, indent=1, ensure_ascii=False) + "\n",
-        "replay.sh": _REPLAY,
+        "replay.sh": fill("replay.sh"),
         "replay.py": (_PACKAGE / "report" / "replay.py").read_bytes(),
         "requirements.txt": "".join(f"{name}=={version}\n" for name, version in pins.items()),
         **scenes,
@@ -270,42 +261,13 @@ def _sums(files: Mapping[str, str | bytes]) -> str:
 def _readme(verification: Verification, functions: Sequence[str], pins: Mapping[str, str], engine: Engine) -> str:
     """Return the README of the bundle."""
     runs = [run for study in verification.studies if (run := study.run(study.engine)) is not None]
-    lammps = next((run.provenance["lammps"] for run in runs if "lammps" in run.provenance), None)
-    versions = [f"dem_bridge {__version__} (in source/)", f"Python {platform.python_version()}"]
-    if lammps:
-        versions.append(f"LAMMPS {lammps['version']} ({lammps['run_by']})")
-    remarks = ""
-    if engine.lmp or engine.python:
-        remarks = (
-            "\nThe verification used a LAMMPS of its author. `sh replay.sh --lmp PATH` uses yours; without it, the"
-            " version in requirements.txt is used.\n"
-        )
-    if functions:
-        remarks += (
-            "\nThese scenes are not repeated, because their contact laws are functions, which a file cannot contain:"
-            f" {', '.join(functions)}.\n"
-        )
-    return f"""\
-# {verification.title}
-
-This command repeats the verification in an environment with the same versions and compares it verdict by verdict:
-
-    sh replay.sh
-
-It needs Linux, Python {".".join(platform.python_version_tuple()[:2])} (another by PYTHON=python3.x), and PyPI for the
-{len(pins)} packages in requirements.txt. The exit code is 0 if every verdict is the same and 1 if one changed. Further
-arguments are passed to `dem-bridge verify`, such as `-j 2`.
-{remarks}
-Versions: {", ".join(versions)}. Tolerance of velocities: {verification.accuracy:g} of the largest velocity.
-
-| contents | where |
-|---|---|
-| the report, with its figures and tables as CSV | report/index.html, report/figures/, report/tables/ |
-| verdicts, claims, error budgets and provenance as JSON | report/verdicts.json |
-| verdicts, claims, and peak forces and crossing times of all contacts by all backends, as CSV | csv/ |
-| scenes with all digits | scenes/ |
-| LAMMPS decks of the runs; each runs in its folder by `lmp -in in.NAME` | decks/ |
-| versions of packages | requirements.txt |
-| source of dem_bridge | source/ |
-| SHA-256 of all files (check with `sha256sum -c SHA256SUMS`) | SHA256SUMS |
-"""
+    return fill(
+        "bundle.md.j2",
+        verification=verification,
+        version=__version__,
+        python=platform.python_version_tuple(),
+        lammps=next((run.provenance["lammps"] for run in runs if "lammps" in run.provenance), None),
+        other_lammps=engine.lmp or engine.python,
+        functions=functions,
+        pins=pins,
+    )

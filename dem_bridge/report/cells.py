@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from dem_bridge.studies.study import Claim, ClaimValue, Table
 from dem_bridge.verification.verdict import Outcome
@@ -26,13 +25,6 @@ CLAIMED = {
     Outcome.NOT_RUN: "not run",
     Outcome.BROKEN: "run broke",
 }
-
-
-def by_outcome(claims: Sequence[Claim]) -> list[tuple[Outcome, list[Claim]]]:
-    """Return claims by outcome: claims that hold first, then by severity."""
-    order = (Outcome.PASS, *SEVERITY[:-1])
-    groups = {outcome: [claim for claim in claims if claim.outcome is outcome] for outcome in order}
-    return [(outcome, group) for outcome, group in groups.items() if group]
 
 
 def numeric(table: Table, column: int) -> bool:

@@ -12,27 +12,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.files import write_whole
-from dem_bridge.report.cells import (
-    CLAIMED,
-    SEVERITY,
-    by_backend,
-    by_outcome,
-    digits_of,
-    number,
-    numeric,
-    sortable,
-)
+from dem_bridge.report.cells import SEVERITY
 from dem_bridge.report.figure_csv import csv_texts
-from dem_bridge.report.images import data_uri, image_of_data, image_of_runs
+from dem_bridge.report.images import image_of_data, image_of_runs
+from dem_bridge.report.pages import fill
 from dem_bridge.runs.store import Store
 from dem_bridge.studies.independence import ANSWERS_THROUGH, matrix
 from dem_bridge.studies.study import Study
 from dem_bridge.studies.verification import Verification
-from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import BLANES_MOAN, POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN
 from dem_bridge.verification.verdict import Outcome
 
@@ -45,8 +34,6 @@ NAMES = {
     BLANES_MOAN: "Blanes-Moan",
     THEORY: "BCA",
 }
-#: number of panels side by side on a page
-_COLUMNS = 2
 #: tables that the page of a verification shows in another form
 _SHOWN_OTHERWISE = ("claims", "budget", "verdicts")
 
@@ -86,27 +73,11 @@ def study_files(study: Study, store: Store | None = None) -> dict[str, str | byt
 
 def _page(study: Study, figures: Mapping[str, Mapping[str, str | bytes]], store: Store | None) -> str:
     """Return the page as text. ``figures``: the files of each figure, the picture first."""
-    environment = Environment(
-        loader=PackageLoader("dem_bridge.report", "templates"),
-        undefined=StrictUndefined,
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
-        "by_backend": by_backend,
-        "by_outcome": by_outcome,
-        "claimed": lambda outcome: CLAIMED[outcome],
-        "digits": lambda value: digits_of(value.value, value.uncertainty),
-        "number": number,
-        "numeric": numeric,
-        "data_uri": data_uri,
-        "sortable": sortable,
-    }
     template, more = "study.html.j2", {}
     if isinstance(study, Verification):
         template, more = "verification.html.j2", _of_verification(study)
-    return environment.get_template(template).render(
+    return fill(
+        template,
         study=study,
         files=figures,
         image_of=partial(image_of_runs, store=store),
@@ -117,47 +88,22 @@ def _page(study: Study, figures: Mapping[str, Mapping[str, str | bytes]], store:
 
 def _of_verification(study: Verification) -> dict[str, Any]:
     """Return what the page of a verification shows beside the parts that every study has."""
-    paper = bool(study.claims)
     counts = Counter(verdict.outcome for verdict in study.verdicts)
-    with_figures = [chain for chain in study.studies if not paper or _has_refinement(chain)]
+    # scenes of the paper without refinement levels have no figures of their own
+    with_figures = [
+        chain
+        for chain in study.studies
+        if not study.claims or any(len(steps) > 1 for steps, _ in chain.refinement.values())
+    ]
     return {
-        "paper": paper,
-        "budget": next((one for one in study.tables if one.id == "budget"), None),
+        "paper": bool(study.claims),
         "tables": [one for one in study.tables if one.id not in _SHOWN_OTHERWISE],
-        "contents": _contents(study),
         "counts": [(outcome, counts[outcome]) for outcome in Outcome if counts[outcome]],
-        "pairs": [with_figures[i : i + _COLUMNS] for i in range(0, len(with_figures), _COLUMNS)],
+        "order_of_claims": (Outcome.PASS, *SEVERITY[:-1]),
         "with_figures": with_figures,
-        "judged": lambda chain: [v for v in chain.verdicts if v.outcome is not Outcome.MODEL_DIFFERENCE],
         "with_theory": lambda pair: any(chain.run(THEORY) is not None for chain in pair),
-        "models": lambda chain: [v for v in chain.verdicts if v.outcome is Outcome.MODEL_DIFFERENCE],
-        "deck_hashes": _deck_hashes,
         "names": NAMES,
         "backends": tuple(BACKENDS),
         "shares": matrix(),
         "answers_through": ANSWERS_THROUGH,
     }
-
-
-def _contents(study: Verification) -> list[tuple[str, str]]:
-    """Return the ids and names of the sections of the page."""
-    ids = {one.id for one in study.tables}
-    limits = [("not-verified", "Not verified")]
-    parts = [("answer", "Answer")]
-    if study.claims:
-        parts += limits + [("budget", "Error budget")] * ("budget" in ids) + [("claims", "Claims")]
-    parts += [("figures", "Figures")] * bool(study.figures) + [("tables", "Tables")] * bool(ids - {*_SHOWN_OTHERWISE})
-    parts += [("verdicts", "Verdicts"), ("budgets", "Errors of LAMMPS"), ("run-figures", "Figures of runs")]
-    parts += [("shared", "Shared modules"), *([] if study.claims else limits), ("provenance", "Provenance")]
-    return parts
-
-
-def _has_refinement(chain: SceneStudy) -> bool:
-    """Return True if a scene of the paper has refinement levels; scenes without them get no figures of their own."""
-    return any(len(steps) > 1 for steps, _ in chain.refinement.values())
-
-
-def _deck_hashes(chain: SceneStudy) -> list[str]:
-    """Return the hash of the deck of the LAMMPS run, if there is one."""
-    run = chain.run(chain.engine)
-    return [run.provenance["deck_hash"]] if run is not None and "deck_hash" in run.provenance else []
