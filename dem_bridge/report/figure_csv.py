@@ -16,6 +16,7 @@ def csv_texts(data: FigureData) -> dict[str, str]:
     The file of a map is ``<id>-<letter>.csv``; its first row has x and its first column y. A map of 200 by 200 values
     has 0.25 MB as a matrix and 1.5 MB in the long layout.
 
+    >>> import numpy as np
     >>> data = Map(label="velocity (m/s)", x=np.array([1.0, 2.0]), y=np.array([0.5]), values=np.array([[0.1, 0.25]]))
     >>> panel = Panel(title="(a) slow", x_label="cylinder", y_label="time (ms)", map=data)
     >>> texts = csv_texts(FigureData(id="figure-2", title="", caption="", panels=(panel,)))
