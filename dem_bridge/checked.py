@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +17,57 @@ from dem_bridge.errors import SceneError
 SMALLEST, LARGEST = 1e-40, 1e40
 
 
+class Numbers(NamedTuple):
+    """The numbers that a field of a frozen dataclass may hold."""
+
+    allowed: str
+    """Description of the allowed values, for error messages."""
+    bounds: Mapping[str, float] = MappingProxyType({})
+    """Bounds as in :func:`checked_number`."""
+    per: str = ""
+    """Object that each of several numbers belongs to; "" for a single number."""
+
+
+def check_fields(
+    instance: Any, table: Mapping[str, Numbers], prefix: str = "", sizes: Mapping[str, int] = MappingProxyType({})
+) -> None:
+    """Check the fields of a frozen dataclass and set them to floats or tuples of floats.
+
+    Parameters
+    ----------
+    instance : dataclass
+        Object that is being created. A field whose default is None may be None.
+    table : mapping
+        Name of each field -> allowed numbers.
+    prefix : str
+        Text in front of a field's name in error messages.
+    sizes : mapping
+        Number of objects of each kind that numbers belong to.
+
+    Raises
+    ------
+    SceneError
+        If a value is outside its range or the number of values is wrong.
+    """
+    for name, (allowed, bounds, per) in table.items():
+        value: Any = getattr(instance, name)
+        if value is None and instance.__dataclass_fields__[name].default is None:
+            continue
+        if per:
+            checked: Any = checked_numbers(prefix + name, value, allowed, count=sizes[per], per=per, **bounds)
+        else:
+            checked = checked_number(prefix + name, value, allowed, **bounds)
+        object.__setattr__(instance, name, checked)
+
+
 def checked_number(
-    key: str, value: object, allowed: str, *, above: float | None = None, at_least: float | None = None
+    key: str,
+    value: object,
+    allowed: str,
+    *,
+    above: float = -math.inf,
+    at_least: float = -math.inf,
+    at_most: float = math.inf,
 ) -> float:
     """Return ``value`` as a float.
 
@@ -28,8 +79,8 @@ def checked_number(
         The value to check.
     allowed : str
         Description of the allowed values, for the error message.
-    above, at_least : float, optional
-        Lower bound, exclusive or inclusive.
+    above, at_least, at_most : float
+        Bounds; ``above`` itself is not allowed.
 
     Raises
     ------
@@ -42,11 +93,10 @@ def checked_number(
         number = float(value)
     except OverflowError:
         number = math.inf
-    too_small = (above is not None and not number > above) or (at_least is not None and not number >= at_least)
-    if not math.isfinite(number) or too_small:
+    if not (math.isfinite(number) and above < number and at_least <= number <= at_most):
         raise SceneError(key, value=number, allowed=allowed)
     # speeds and gaps may be tiny, as they are ahead of a wave front; masses and stiffnesses may not
-    if abs(number) > LARGEST or (above is not None and number < SMALLEST):
+    if abs(number) > LARGEST or (above >= 0.0 and number < SMALLEST):
         raise SceneError(key, value=number, allowed=f"{allowed} of magnitude {SMALLEST:g} to {LARGEST:g}")
     return number
 
@@ -58,9 +108,7 @@ def checked_numbers(
     *,
     count: int | None = None,
     per: str = "",
-    positive: bool = False,
-    above: float | None = None,
-    at_least: float | None = None,
+    **bounds: float,
 ) -> tuple[float, ...]:
     """Return ``values`` as a tuple of floats; a single number stands for ``count`` equal ones.
 
@@ -76,31 +124,31 @@ def checked_numbers(
         Number of values that is required.
     per : str
         Object that each value belongs to, for the error message.
-    positive : bool
-        True if each value must be > 0.
-    above, at_least : float, optional
-        Lower bound of each value, exclusive or inclusive.
+    **bounds
+        Bounds of each value as in :func:`checked_number`.
 
     Raises
     ------
     SceneError
         If a value is outside its range or their number is wrong.
     """
-    above = 0.0 if positive else above
-    if isinstance(values, int | float | np.number):
-        if count is None:
-            raise SceneError(key, value=values, allowed=f"a list; each entry {allowed}")
-        return (checked_number(key, values, allowed, above=above, at_least=at_least),) * count
+    a_list = f"a list; each entry {allowed}"
+    if isinstance(values, int | float | np.number) and count is not None:
+        return (checked_number(key, values, allowed, **bounds),) * count
     # an array can be masked only where numpy.ma is imported, which takes 0.04 s
     if "numpy.ma" in sys.modules and np.ma.is_masked(values):
-        raise SceneError(key, problem="has masked entries", allowed=f"a list; each entry {allowed}")
+        raise SceneError(key, problem="has masked entries", allowed=a_list)
     if not isinstance(values, Sequence) and hasattr(values, "__array__"):  # arrays and pandas Series
         values = np.asarray(values)
         if values.ndim != 1:
-            raise SceneError(key, problem=f"has the shape {values.shape}", allowed=f"a list; each entry {allowed}")
+            raise SceneError(key, problem=f"has the shape {values.shape}", allowed=a_list)
     if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray):
-        raise SceneError(key, value=values, allowed=f"a list; each entry {allowed}")
+        raise SceneError(key, value=values, allowed=a_list)
     if count is not None and len(values) != count:
         raise SceneError(key, problem=f"has {len(values)} entries", allowed=f"{count}, one per {per}")
-    limits = {"above": above, "at_least": at_least}
-    return tuple(checked_number(f"{key}[{i}]", value, allowed, **limits) for i, value in enumerate(values))
+    if set(map(type, values)) == {float}:  # a long chain at once
+        array, above = np.array(values), bounds.get("above", -math.inf)
+        smallest = max(bounds.get("at_least", -LARGEST), SMALLEST if above >= 0.0 else -LARGEST)
+        if np.all((array > above) & (array >= smallest) & (array <= bounds.get("at_most", LARGEST))):
+            return tuple(values)
+    return tuple(checked_number(f"{key}[{i}]", value, allowed, **bounds) for i, value in enumerate(values))

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dem_bridge.checked import checked_number, checked_numbers
+from dem_bridge.checked import Numbers, check_fields, checked_numbers
 from dem_bridge.errors import SceneError
 
 #: parameters of each shape in addition to its force; those with a default are optional
@@ -18,7 +18,14 @@ KEYS = {
     "chirp": ("frequency", "last_frequency", "sweep", "phase", "rise"),
     "table": ("interval",),
 }
-_UNITS = {"frequency": "Hz", "last_frequency": "Hz", "sweep": "s", "interval": "s"}
+_POSITIVE = {"above": 0.0}
+_NUMBERS = {
+    **dict.fromkeys(("frequency", "last_frequency"), Numbers("a number > 0 (Hz)", _POSITIVE)),
+    **dict.fromkeys(("sweep", "interval"), Numbers("a number > 0 (s)", _POSITIVE)),
+    "phase": Numbers("a finite number (degrees)"),
+    "rise": Numbers("a number >= 0 (s)", {"at_least": 0.0}),
+    "force": Numbers("a number > 0 (N); with phase = 180 it pulls first", _POSITIVE),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,25 +79,17 @@ class Drive:
             if item.name not in ("shape", "force", *keys) and getattr(self, item.name) != item.default:
                 problem = f"does not apply to shape = {self.shape!r}, only to {_owners(item.name)}"
                 raise SceneError(f"drive.{item.name}", problem=problem, allowed=", ".join(("force", *keys)))
-        checked: dict[str, object] = {}
+        for key in keys:
+            if getattr(self, key) is None:
+                raise SceneError(f"drive.{key}", problem="is missing", allowed=_NUMBERS[key].allowed)
         if self.shape == "table":
             values = checked_numbers("drive.force", self.force, "a finite number (N)")
             if len(values) < 2:
                 raise SceneError("drive.force", problem=f"has {len(values)} entries", allowed="at least 2")
-            checked["force"] = values
+            object.__setattr__(self, "force", values)
         else:
-            allowed = "a number > 0 (N); with phase = 180 it pulls first"
-            checked["force"] = checked_number("drive.force", self.force, allowed, above=0.0)
-            checked["phase"] = checked_number("drive.phase", self.phase, "a finite number (degrees)")
-            checked["rise"] = checked_number("drive.rise", self.rise, "a number >= 0 (s)", at_least=0.0)
-        for key in keys:
-            if key in _UNITS:
-                allowed = f"a number > 0 ({_UNITS[key]})"
-                if getattr(self, key) is None:
-                    raise SceneError(f"drive.{key}", problem="is missing", allowed=allowed)
-                checked[key] = checked_number(f"drive.{key}", getattr(self, key), allowed, above=0.0)
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+            check_fields(self, {"force": _NUMBERS["force"]}, "drive.")
+        check_fields(self, {key: _NUMBERS[key] for key in keys}, "drive.")
 
     def at(self, time: ArrayLike) -> NDArray[np.float64]:
         """Return the force at times >= 0 (s) of any shape, N; after its end a table keeps its last value."""

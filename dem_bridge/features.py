@@ -117,73 +117,47 @@ DRAG = Feature(
     dissipates=True,
     changes_momentum=True,
 )
-SINE_DRIVE = Feature(
-    "a sine drive",
-    "A sinusoidal force acts on body 0.",
-    lambda scene: scene.drive is not None and scene.drive.shape == "sine",
-    does_work=True,
-    changes_momentum=True,
-)
-CHIRP_DRIVE = Feature(
-    "a chirp drive",
-    "A sinusoidal force whose frequency is swept acts on body 0.",
-    lambda scene: scene.drive is not None and scene.drive.shape == "chirp",
-    does_work=True,
-    changes_momentum=True,
-)
-TABLE_DRIVE = Feature(
-    "a tabulated drive",
-    "A force that is interpolated linearly between given values acts on body 0.",
-    lambda scene: scene.drive is not None and scene.drive.shape == "table",
-    does_work=True,
-    changes_momentum=True,
+
+
+def _driven(shape: str, label: str, sentence: str) -> Feature:
+    """Return the feature of a drive of this shape."""
+
+    def present(scene: Any) -> bool:
+        return scene.drive is not None and bool(scene.drive.shape == shape)
+
+    return Feature(label, sentence, present, does_work=True, changes_momentum=True)
+
+
+SINE_DRIVE = _driven("sine", "a sine drive", "A sinusoidal force acts on body 0.")
+CHIRP_DRIVE = _driven("chirp", "a chirp drive", "A sinusoidal force whose frequency is swept acts on body 0.")
+TABLE_DRIVE = _driven(
+    "table", "a tabulated drive", "A force that is interpolated linearly between given values acts on body 0."
 )
 
 #: a field that every backend must obey, or that does not act on the bodies
 BASE: tuple[Feature, ...] = ()
-_EXPONENTS = (OTHER_EXPONENTS, GRADED_EXPONENTS)
-_DAMPING = (DASHPOT, KUWABARA_KONO)
-_DRIVES = (SINE_DRIVE, CHIRP_DRIVE, TABLE_DRIVE)
 
-#: every field of Scene, Wall, Damping and Drive -> the features that it can give to a scene
+#: the features that fields of Scene, Wall, Damping and Drive can give to a scene; every field is in one row
+_GIVEN_BY = (
+    (BASE, "Scene.name Scene.duration Scene.mass Scene.stiffness Scene.samples Scene.spacing Scene.description"),
+    (BASE, "Scene.geometry Scene.content_hash Scene._static_overlap Scene._reach"),
+    ((WALLS,), "Scene.wall_left Scene.wall_right Wall.stiffness"),
+    ((GAPS, INITIAL_OVERLAPS), "Scene.gap Wall.gap"),
+    ((SEVERAL_MOVING,), "Scene.velocity"),
+    ((OTHER_EXPONENTS, GRADED_EXPONENTS), "Scene.exponent Wall.exponent"),
+    ((CONTACT_FUNCTIONS,), "Scene.law"),
+    ((GRAVITY,), "Scene.gravity"),
+    ((PRECOMPRESSION,), "Scene.precompression"),
+    ((DASHPOT, KUWABARA_KONO), "Scene.damping Damping.law Damping.coefficient"),
+    ((DRAG,), "Scene.drag"),
+    ((SINE_DRIVE, CHIRP_DRIVE, TABLE_DRIVE), "Scene.drive Drive.shape Drive.force"),
+    ((SINE_DRIVE, CHIRP_DRIVE), "Drive.frequency Drive.phase Drive.rise"),
+    ((CHIRP_DRIVE,), "Drive.last_frequency Drive.sweep"),
+    ((TABLE_DRIVE,), "Drive.interval"),
+)
+#: field -> the features that it can give to a scene
 FIELDS: Mapping[str, tuple[Feature, ...]] = MappingProxyType(
-    {
-        "Scene.name": BASE,
-        "Scene.duration": BASE,
-        "Scene.mass": BASE,
-        "Scene.stiffness": BASE,
-        "Scene.wall_left": (WALLS,),
-        "Scene.wall_right": (WALLS,),
-        "Wall.stiffness": (WALLS,),
-        "Scene.gap": (GAPS, INITIAL_OVERLAPS),
-        "Wall.gap": (GAPS, INITIAL_OVERLAPS),
-        "Scene.velocity": (SEVERAL_MOVING,),
-        "Scene.exponent": _EXPONENTS,
-        "Wall.exponent": _EXPONENTS,
-        "Scene.law": (CONTACT_FUNCTIONS,),
-        "Scene.gravity": (GRAVITY,),
-        "Scene.precompression": (PRECOMPRESSION,),
-        "Scene.damping": _DAMPING,
-        "Damping.law": _DAMPING,
-        "Damping.coefficient": _DAMPING,
-        "Scene.drag": (DRAG,),
-        "Scene.drive": _DRIVES,
-        "Drive.shape": _DRIVES,
-        "Drive.force": _DRIVES,
-        "Drive.frequency": (SINE_DRIVE, CHIRP_DRIVE),
-        "Drive.last_frequency": (CHIRP_DRIVE,),
-        "Drive.sweep": (CHIRP_DRIVE,),
-        "Drive.phase": (SINE_DRIVE, CHIRP_DRIVE),
-        "Drive.rise": (SINE_DRIVE, CHIRP_DRIVE),
-        "Drive.interval": (TABLE_DRIVE,),
-        "Scene.samples": BASE,
-        "Scene.spacing": BASE,
-        "Scene.description": BASE,
-        "Scene.geometry": BASE,
-        "Scene.content_hash": BASE,
-        "Scene._static_overlap": BASE,
-        "Scene._reach": BASE,
-    }
+    {field: features for features, fields in _GIVEN_BY for field in fields.split()}
 )
 #: all features that the fields can give, each once, in the order of lists and messages
-FEATURES: tuple[Feature, ...] = tuple(dict.fromkeys(feature for declared in FIELDS.values() for feature in declared))
+FEATURES: tuple[Feature, ...] = tuple(dict.fromkeys(sum(FIELDS.values(), BASE)))

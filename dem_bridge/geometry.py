@@ -7,12 +7,13 @@ size of a contact ellipse, the stiffness by another contact law, or the mass of 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, TypedDict
 
-from dem_bridge.checked import checked_number
+from dem_bridge.checked import Numbers, check_fields, checked_numbers
 from dem_bridge.errors import SceneError
 
 if TYPE_CHECKING:
@@ -23,6 +24,15 @@ LAWS = ("paper", "exact")
 SHAPES = ("sphere", "cylinder")
 #: allowed angles between two axes
 ANGLE = "a number > 0 and <= 90 (degrees)"
+_POSITIVE = {"above": 0.0}
+_MATERIAL = {
+    "youngs_modulus": Numbers("a number > 0 (Pa)", _POSITIVE),
+    "density": Numbers("a number > 0 (kg/m^3)", _POSITIVE),
+    "poissons_ratio": Numbers("-1 < nu <= 0.5", {"above": -1.0, "at_most": 0.5}),
+}
+#: the two ways to define a crossing: allowed entries and their upper bound
+_CROSSING = {"angles": (ANGLE, 90.0), "stiffness": ("a number > 0 (N/m^1.5)", math.inf)}
+_BODY = dict.fromkeys(("radius", "height"), Numbers("a number > 0 (m)", _POSITIVE))
 
 
 class Elastic(TypedDict):
@@ -53,13 +63,7 @@ class Material:
     name: str = ""
 
     def __post_init__(self) -> None:
-        for key, unit in (("youngs_modulus", "Pa"), ("density", "kg/m^3")):
-            number = checked_number(f"material.{key}", getattr(self, key), f"a number > 0 ({unit})", above=0.0)
-            object.__setattr__(self, key, number)
-        ratio = checked_number("material.poissons_ratio", self.poissons_ratio, "-1 < nu <= 0.5")
-        if not -1.0 < ratio <= 0.5:
-            raise SceneError("material.poissons_ratio", value=ratio, allowed="-1 < nu <= 0.5")
-        object.__setattr__(self, "poissons_ratio", ratio)
+        check_fields(self, _MATERIAL, "material.")
 
     @property
     def elastic(self) -> Elastic:
@@ -92,10 +96,7 @@ class Body:
             raise SceneError("body.material", value=self.material, allowed="a Material")
         if (self.height is None) != (self.shape == "sphere"):
             raise SceneError("body.height", value=self.height, allowed="a number > 0 (m), None for a sphere")
-        for key in ("radius", "height"):
-            if (value := getattr(self, key)) is not None:
-                number = checked_number(f"body.{key}", value, "a number > 0 (m)", above=0.0)
-                object.__setattr__(self, key, number)
+        check_fields(self, _BODY, "body.")
 
     @property
     def mass(self) -> float:
@@ -103,6 +104,12 @@ class Body:
         if self.height is None:
             return self.material.density * 4.0 / 3.0 * math.pi * self.radius**3
         return self.material.density * math.pi * self.radius**2 * self.height
+
+
+def crossings(bodies: Sequence[Body]) -> tuple[int, ...]:
+    """Return the contacts at which two cylinders meet."""
+    shapes = [body.shape for body in bodies]
+    return tuple([k for k, pair in enumerate(pairwise(shapes)) if "sphere" not in pair])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,35 +139,25 @@ class Geometry:
             raise SceneError("geometry.law", value=self.law, allowed=" or ".join(LAWS))
         if self.angles is not None and self.stiffness is not None:
             raise SceneError("geometry", problem="has both angles and stiffness", allowed="one of the two")
-        if self.angles is None and self.stiffness is None and any(self._crossed):
-            raise SceneError(
-                "geometry", problem="has crossed cylinders", allowed="with their angles or their stiffness"
-            )
-        for key, allowed in (("angles", ANGLE), ("stiffness", "a number > 0 (N/m^1.5)")):
-            if getattr(self, key) is not None:
-                object.__setattr__(self, key, self._checked(key, allowed))
-        for k, angle in enumerate(self.angles or ()):
-            if angle is not None and angle > 90.0:
-                raise SceneError(f"geometry.angles[{k}]", value=angle, allowed=ANGLE)
-
-    @property
-    def _crossed(self) -> tuple[bool, ...]:
-        """True for each contact of two cylinders."""
-        shapes = [body.shape for body in self.bodies]
-        return tuple("sphere" not in pair for pair in pairwise(shapes))
-
-    def _checked(self, key: str, allowed: str) -> tuple[float | None, ...]:
-        """Return the checked entries of ``key``, one per contact of the chain."""
-        entries, name = getattr(self, key), f"geometry.{key}"
-        if not isinstance(entries, tuple | list) or len(entries) != len(self._crossed):
-            raise SceneError(name, value=entries, allowed=f"{len(self._crossed)} entries, one per contact of the chain")
-        for k, (value, crossed) in enumerate(zip(entries, self._crossed, strict=True)):
-            if crossed != (value is not None):
-                raise SceneError(f"{name}[{k}]", value=value, allowed=f"{allowed}, None for a contact with a sphere")
-        return tuple(
-            None if value is None else checked_number(f"{name}[{k}]", value, allowed, above=0.0)
-            for k, value in enumerate(entries)
-        )
+        crossed = crossings(self.bodies)
+        if self.angles is None and self.stiffness is None and crossed:
+            problem = "has crossed cylinders"
+            raise SceneError("geometry", problem=problem, allowed="with their angles or their stiffness")
+        for key, (allowed, most) in _CROSSING.items():
+            entries, name, count = getattr(self, key), f"geometry.{key}", len(self.bodies) - 1
+            if entries is None:
+                continue
+            if not isinstance(entries, tuple | list) or len(entries) != count:
+                raise SceneError(name, value=entries, allowed=f"{count} entries, one per contact of the chain")
+            for k, value in enumerate(entries):
+                if (k in crossed) != (value is not None):
+                    raise SceneError(
+                        f"{name}[{k}]", value=value, allowed=f"{allowed}, None for a contact with a sphere"
+                    )
+            filled = [1.0 if value is None else value for value in entries]
+            checked = checked_numbers(name, filled, allowed, above=0.0, at_most=most)
+            chosen = tuple([value if k in crossed else None for k, value in enumerate(checked)])
+            object.__setattr__(self, key, chosen)
 
     @cached_property
     def angle(self) -> tuple[float | None, ...]:
@@ -172,10 +169,8 @@ class Geometry:
         if self.angles is not None:
             return self.angles
         if self.stiffness is None:
-            return (None,) * len(self._crossed)
-        from dem_bridge.physics.hertz import (
-            angle_of_stiffness,
-        )  # imported here because only angles need elliptic integrals
+            return (None,) * (len(self.bodies) - 1)
+        from dem_bridge.physics.hertz import angle_of_stiffness  # only angles need elliptic integrals
 
         def crossing(body: Body, stiffness: float | None) -> float | None:
             if stiffness is None:

@@ -10,13 +10,13 @@ import hashlib
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.checked import LARGEST, SMALLEST, checked_number, checked_numbers
+from dem_bridge.checked import LARGEST, SMALLEST, Numbers, check_fields, checked_numbers
 from dem_bridge.contacts import Contacts
 from dem_bridge.drive import KEYS, Drive
 from dem_bridge.errors import SceneError
@@ -29,6 +29,24 @@ from dem_bridge.physics.statics import static_forces, static_overlap
 DAMPING_LAWS = {"dashpot": "N s/m", "kuwabara-kono": "s"}
 #: contact laws are checked up to this multiple of the scene's energy, because time stepping can add energy
 ENERGY_MARGIN = 1.05
+_POSITIVE, _NOT_NEGATIVE = {"above": 0.0}, {"at_least": 0.0}
+#: fields of a Scene that hold numbers, in addition to the masses, and of a Wall
+_NUMBERS = {
+    "exponent": Numbers("n > 1, one number or one per contact (2.5 for Hertz)", {"above": 1.0}, "contact"),
+    "velocity": Numbers("a finite number (m/s)", per="body"),
+    "stiffness": Numbers("a number > 0 (N/m^(n-1))", _POSITIVE, "contact"),
+    "gap": Numbers("a finite number (m)", per="contact"),
+    "duration": Numbers("a number > 0 (s)", _POSITIVE),
+    "gravity": Numbers("a finite number (m/s^2)"),
+    "precompression": Numbers("a number >= 0 (N)", _NOT_NEGATIVE),
+    "drag": Numbers("a number >= 0 (1/s)", _NOT_NEGATIVE),
+    "spacing": Numbers("a number > 0 (m)", _POSITIVE),
+}
+_WALL = {
+    "stiffness": Numbers("a number > 0", _POSITIVE),
+    "gap": Numbers("a finite number (m)"),
+    "exponent": Numbers("n > 1 (2.5 for Hertz)", {"above": 1.0}),
+}
 _LAW = (
     "a ContactLaw, or its force (N) as array function of the overlap (m); finite, >= 0, never falling, 0 at touch, up"
     " to the largest overlap that the energy of the scene allows"
@@ -139,55 +157,28 @@ class Scene:
             raise SceneError("name", value=self.name, allowed="1 to 100 of A-Z a-z 0-9 . _ -, a letter or digit first")
         if not isinstance(self.description, str) or not self.description.isprintable():
             raise SceneError("description", value=self.description, allowed="one line of printable text")
-        bodies = len(checked_numbers("mass", self.mass, "a number > 0 (kg)", positive=True))
-        if bodies < 1:
+        mass = checked_numbers("mass", self.mass, "a number > 0 (kg)", above=0.0)
+        object.__setattr__(self, "mass", mass)
+        if not mass:
             raise SceneError("mass", problem="is empty", allowed="at least one body")
-        links = bodies - 1
-        n_above_1 = "n > 1, one number or one per contact (2.5 for Hertz)"
-        exponents = checked_numbers("exponent", self.exponent, n_above_1, count=links, per="contact", above=1.0)
-        checked: dict[str, object] = {
-            "mass": checked_numbers("mass", self.mass, "a number > 0 (kg)", positive=True),
-            "velocity": checked_numbers("velocity", self.velocity, "a finite number (m/s)", count=bodies, per="body"),
-            "stiffness": checked_numbers(
-                "stiffness",
-                self.stiffness,
-                "a number > 0 (N/m^(n-1))",
-                count=links,
-                per="contact",
-                positive=True,
-            ),
-            "exponent": exponents,
-            "gap": checked_numbers("gap", self.gap, "a finite number (m)", count=links, per="contact"),
-            "duration": checked_number("duration", self.duration, "a number > 0 (s)", above=0.0),
-            "gravity": checked_number("gravity", self.gravity, "a finite number (m/s^2)"),
-            "precompression": checked_number("precompression", self.precompression, "a number >= 0 (N)", at_least=0.0),
-            "drag": checked_number("drag", self.drag, "a number >= 0 (1/s)", at_least=0.0),
-        }
-        if self.spacing is not None:
-            checked["spacing"] = checked_number("spacing", self.spacing, "a number > 0 (m)", above=0.0)
+        check_fields(self, _NUMBERS, sizes={"body": len(mass), "contact": len(mass) - 1})
         for side in ("wall_left", "wall_right"):
             wall: Wall | None = getattr(self, side)
-            if wall is not None:
-                if not isinstance(wall, Wall):
-                    raise SceneError(side, value=wall, allowed="a Wall or None")
-                exponent = wall.exponent
-                if exponent is None:
-                    exponent = exponents[0] if links else 2.5
-                checked[side] = Wall(
-                    stiffness=checked_number(f"{side}.stiffness", wall.stiffness, "a number > 0", above=0.0),
-                    gap=checked_number(f"{side}.gap", wall.gap, "a finite number (m)"),
-                    exponent=checked_number(f"{side}.exponent", exponent, "n > 1 (2.5 for Hertz)", above=1.0),
-                )
+            if wall is None:
+                continue
+            if not isinstance(wall, Wall):
+                raise SceneError(side, value=wall, allowed="a Wall or None")
+            wall = replace(wall, exponent=np.append(self.exponent, 2.5)[0] if wall.exponent is None else wall.exponent)
+            check_fields(wall, _WALL, f"{side}.")
+            object.__setattr__(self, side, wall)
         if isinstance(self.samples, bool) or not isinstance(self.samples, int) or self.samples < 1:
             raise SceneError("samples", value=self.samples, allowed="a whole number >= 1")
         if self.geometry is not None:
             if not isinstance(self.geometry, Geometry):
                 raise SceneError("geometry", value=self.geometry, allowed="a Geometry or None")
-            if len(self.geometry.bodies) != bodies:
+            if len(self.geometry.bodies) != len(mass):
                 problem = f"has {len(self.geometry.bodies)} bodies"
-                raise SceneError("geometry", problem=problem, allowed=f"{bodies}, one per mass, or None")
-        for key, value in checked.items():
-            object.__setattr__(self, key, value)
+                raise SceneError("geometry", problem=problem, allowed=f"{len(mass)}, one per mass, or None")
         object.__setattr__(self, "damping", self._checked_damping())
         self._check_drive()
         object.__setattr__(self, "law", self._checked_law())
@@ -209,7 +200,7 @@ class Scene:
         key, per = "damping.coefficient", "contact, walls included"
         coefficient = checked_numbers(key, damping.coefficient, allowed, count=self.n_contact, per=per, at_least=0.0)
         if damping.law == "kuwabara-kono":
-            for k, (gamma, n) in enumerate(zip(coefficient, self._all_exponents, strict=True)):
+            for k, (gamma, n) in enumerate(zip(coefficient, self._joined("exponent").tolist(), strict=True)):
                 if gamma > 0.0 and n < 2.0:
                     problem = f"has the law kuwabara-kono on contact {k}, whose exponent n is {n!r}"
                     raise SceneError(
@@ -365,7 +356,7 @@ class Scene:
     @property
     def damped(self) -> bool:
         """True if any contact dissipates energy."""
-        return self.damping is not None and any(self._damping_coefficients)
+        return self.damping is not None and bool(np.any(self.damping.coefficient))
 
     @cached_property
     def features(self) -> frozenset[Feature]:
@@ -393,26 +384,15 @@ class Scene:
     @cached_property
     def contacts(self) -> Contacts:
         """All contacts as arrays, in the order of the columns of a Trajectory."""
-        links = len(self.stiffness)
-        left, right = list(range(links)), list(range(1, links + 1))
-        stiffness, exponent, gap = list(self.stiffness), list(self._exponents), list(self._gaps)
-        for wall, ends in (
-            (self.wall_left, (self.n_body, 0)),
-            (self.wall_right, (self.n_body - 1, self.n_body)),
-        ):
-            if wall is not None:
-                assert wall.exponent is not None  # set in __post_init__
-                left.append(ends[0])
-                right.append(ends[1])
-                stiffness.append(wall.stiffness)
-                exponent.append(wall.exponent)
-                gap.append(wall.gap)
+        links, n_body = np.arange(len(self.stiffness)), self.n_body
+        ends = [(n_body, 0)] * (self.wall_left is not None) + [(n_body - 1, n_body)] * (self.wall_right is not None)
+        left, right = np.append(np.stack([links, links + 1]), np.array(ends, dtype=np.int64).reshape(-1, 2).T, axis=1)
+        beta, n, gap = (self._joined(name) for name in ("stiffness", "exponent", "gap"))
         if self._static_overlap:
-            gap = [-overlap for overlap in self._static_overlap]
-        beta, n = np.array(stiffness), np.array(exponent)
+            gap = -np.array(self._static_overlap)
         damping, power = np.zeros(self.n_contact), np.zeros(self.n_contact)
         if self.damping is not None:
-            damping = np.array(self._damping_coefficients)
+            damping = np.array(self.damping.coefficient)
             if self.damping.law == "kuwabara-kono":
                 # an elastic contact has no damping force, for any n
                 damping, power = damping * beta, np.maximum(n - 2.0, 0.0)
@@ -420,11 +400,11 @@ class Scene:
         # empty until __post_init__ has computed the reach
         checked_laws = zip(distinct, self._reach, strict=True) if self._reach else ()
         return Contacts(
-            left=np.array(left, dtype=np.int64),
-            right=np.array(right, dtype=np.int64),
+            left=left,
+            right=right,
             stiffness=beta,
             exponent=n,
-            gap=np.array(gap),
+            gap=gap,
             damping=damping,
             damping_power=power,
             laws=tuple(completed(law, reach=reach) for law, reach in checked_laws),
@@ -432,31 +412,14 @@ class Scene:
             reach=np.array(self._reach),
         )
 
+    def _joined(self, name: str) -> NDArray[np.float64]:
+        """Return a number of the contacts of the chain, then of the walls."""
+        walls = [getattr(wall, name) for wall in (self.wall_left, self.wall_right) if wall is not None]
+        return np.array([*getattr(self, name), *walls], dtype=np.float64)
+
     def __getstate__(self) -> dict[str, object]:
         """Return the state without cached contacts and features, which are not sent to other processes."""
         return {key: value for key, value in self.__dict__.items() if key not in ("contacts", "features")}
-
-    @property
-    def _exponents(self) -> tuple[float, ...]:
-        assert isinstance(self.exponent, tuple)
-        return self.exponent
-
-    @property
-    def _all_exponents(self) -> tuple[float, ...]:
-        """Exponents of the chain, then of the walls."""
-        walls = (wall.exponent for wall in (self.wall_left, self.wall_right) if wall is not None)
-        return (*self._exponents, *(n for n in walls if n is not None))
-
-    @property
-    def _damping_coefficients(self) -> tuple[float, ...]:
-        assert self.damping is not None
-        assert isinstance(self.damping.coefficient, tuple)  # set in __post_init__
-        return self.damping.coefficient
-
-    @property
-    def _gaps(self) -> tuple[float, ...]:
-        assert isinstance(self.gap, tuple)
-        return self.gap
 
     def _hash(self) -> str:
         parts: list[object] = [

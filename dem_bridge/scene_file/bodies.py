@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.checked import checked_number, checked_numbers
 from dem_bridge.errors import SceneError, UsageError
-from dem_bridge.geometry import ANGLE, Body, Geometry, Material
+from dem_bridge.geometry import ANGLE, Body, Geometry, Material, crossings
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.scene_file.physical import HERTZ, rounded
 
@@ -105,12 +105,6 @@ def chain(
         geometry=geometry,
         **more,
     )
-
-
-def crossings(bodies: Sequence[Body]) -> tuple[int, ...]:
-    """Return the contacts at which two cylinders meet."""
-    pairs = enumerate(pairwise(bodies))
-    return tuple(k for k, (body, other) in pairs if body.shape == other.shape == "cylinder")
 
 
 def stiffnesses(geometry: Geometry) -> tuple[float, ...]:

@@ -357,11 +357,6 @@ class SphereScene(PhysicalScene):
 # conversion to a Scene
 
 
-def numbers(value: Numbers) -> float | tuple[float, ...]:
-    """Return a number unchanged, and a list as a tuple."""
-    return tuple(value) if isinstance(value, list) else value
-
-
 def in_common(file: RawScene | CylinderScene | SphereScene | PatternScene) -> dict[str, Any]:
     """Return the arguments of a Scene that all forms share."""
     chain, damping = file.chain, file.chain.damping
@@ -376,7 +371,7 @@ def in_common(file: RawScene | CylinderScene | SphereScene | PatternScene) -> di
         "wall_left": wall(chain.wall_left),
         "wall_right": wall(chain.wall_right),
         "precompression": 0.0 if chain.precompression is None else chain.precompression.force,
-        "damping": None if damping is None else Damping(law=damping.law, coefficient=numbers(damping.coefficient)),
+        "damping": None if damping is None else Damping(**damping.model_dump()),
         "drive": None if chain.drive is None else chain.drive.drive(file.duration),
         "samples": file.sampling.count,
         **file.environment.model_dump(),
@@ -385,13 +380,5 @@ def in_common(file: RawScene | CylinderScene | SphereScene | PatternScene) -> di
 
 def from_raw(file: RawScene) -> Scene:
     """Return the Scene of a file in raw form."""
-    chain = file.chain
-    return Scene(
-        mass=tuple(chain.mass),
-        stiffness=tuple(chain.stiffness),
-        velocity=tuple(chain.velocity),
-        exponent=numbers(chain.exponent),
-        gap=numbers(chain.gap),
-        spacing=chain.spacing,
-        **in_common(file),
-    )
+    shared = in_common(file)
+    return Scene(**file.chain.model_dump(exclude=set(shared)), **shared)

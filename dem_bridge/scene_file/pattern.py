@@ -14,9 +14,9 @@ from operator import mul
 
 from dem_bridge.checked import LARGEST, SMALLEST, checked_numbers
 from dem_bridge.errors import SceneError
-from dem_bridge.geometry import ANGLE, Body, Material
+from dem_bridge.geometry import ANGLE, Body, Material, crossings
 from dem_bridge.scene import Scene, Wall
-from dem_bridge.scene_file.bodies import chain, crossings, flat
+from dem_bridge.scene_file.bodies import chain, flat
 from dem_bridge.scene_file.forms import (
     BodyTable,
     Decorate,
@@ -26,7 +26,6 @@ from dem_bridge.scene_file.forms import (
     PatternStriker,
     PatternWall,
     in_common,
-    numbers,
 )
 from dem_bridge.scene_file.physical import HERTZ, check_alone, normal_numbers, scattered, sphere_of, start_velocity
 
@@ -39,9 +38,8 @@ def from_pattern(file: PatternScene) -> Scene:
     pattern, table = file.chain.pattern, file.chain.striker
     materials = dict(_materials(file))
     row = _row(pattern, materials)
-    gap = checked_numbers(
-        "pattern.gap", numbers(pattern.gap), "a finite number (m)", count=len(row) - 1, per="contact of the chain"
-    )
+    per = "contact of the chain"
+    gap = checked_numbers("pattern.gap", pattern.gap, "a finite number (m)", count=len(row) - 1, per=per)
     first = () if table is None else (_striker(table, row[0], materials),)
     scene = chain(
         bodies=row,

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
 from itertools import accumulate, repeat
 from operator import mul
 from statistics import NormalDist
-from typing import Literal, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +30,6 @@ from dem_bridge.scene_file.forms import (
     SphereScene,
     Striker,
     in_common,
-    numbers,
 )
 
 #: exponent n of a Hertz contact
@@ -81,21 +79,6 @@ def scattered(angles: Sequence[float], *, scatter: float, seed: int) -> tuple[fl
     return tuple(map(perturbed, angles, normal_numbers(seed)))
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Chain:
-    """The bodies behind the striker and their contacts."""
-
-    bodies: tuple[Body, ...]
-    stiffness: tuple[float, ...]
-    """Stiffness of each contact by Hertz's law, N/m^1.5, not rounded."""
-    striker_stiffness: Callable[[float], float]
-    """Stiffness of a sphere of this radius (m) on the first body, N/m^1.5."""
-    law: Literal["paper", "exact"] = "exact"
-    spacing: float | None = None
-    angles: tuple[float, ...] | None = None
-    """Angles, degrees; None if they follow from the stiffness or if there are none."""
-
-
 def from_cylinders(file: CylinderScene) -> Scene:
     """Return the Scene of cylinders across the chain; ``mass_gradient`` changes only their heights and masses."""
     cylinders, contacts, material = file.chain.cylinders, file.chain.contacts, _material(file)
@@ -107,44 +90,29 @@ def from_cylinders(file: CylinderScene) -> Scene:
             allowed=f"a number > {-1.0 / cylinders.count:g}, since the last mass is (1 + count mass_gradient) m",
         )
     angles, stiffness = _crossed(contacts, cylinders.count - 1, radius=cylinders.radius, material=material)
-
-    def under_a_sphere(radius: float) -> float:
-        from dem_bridge.physics.hertz import sphere_on_cylinder
-
-        return sphere_on_cylinder(radius=radius, radius2=cylinders.radius, **material.elastic).stiffness
-
-    make_body = partial(Body, shape="cylinder", radius=cylinders.radius, material=material)
-    chain = _Chain(
-        bodies=tuple(make_body(height=cylinders.height * factor) for factor in growth),
-        stiffness=stiffness,
-        striker_stiffness=under_a_sphere,
-        law=contacts.law,
-        spacing=2.0 * cylinders.radius,
-        angles=angles,
-    )
-    return _scene(file, chain, contacts)
+    # equal cylinders are one object
+    body = cache(lambda height: Body(shape="cylinder", radius=cylinders.radius, height=height, material=material))
+    bodies = tuple([body(cylinders.height * factor) for factor in growth])
+    crossing: dict[str, Any] = {"law": contacts.law}
+    crossing |= {"stiffness": stiffness} if angles is None else {"angles": angles}
+    return _scene(file, contacts, bodies, stiffness, 2.0 * cylinders.radius, crossing)
 
 
 def from_spheres(file: SphereScene) -> Scene:
     """Return the Scene of spheres, each radius ``ratio`` times the previous one; it has a spacing if all are equal."""
-    from dem_bridge.physics.hertz import sphere_on_sphere
-
     spheres, material = file.chain.spheres, _material(file)
     radii = list(accumulate(repeat(spheres.ratio, spheres.count - 1), mul, initial=spheres.radius))
     if not SMALLEST < radii[-1] < LARGEST:
         problem = f"= {spheres.ratio!r} gives the last sphere a radius of {radii[-1]:g} m"
         raise SceneError("spheres.ratio", problem=problem, allowed=f"{SMALLEST:g} to {LARGEST:g} m")
+    bodies = tuple(Body(shape="sphere", radius=radius, material=material) for radius in radii)
+    spacing = 2.0 * spheres.radius if spheres.ratio == 1.0 else None
+    return _scene(file, file.chain.contacts, bodies, tuple(map(_touching, bodies, bodies[1:])), spacing, {})
 
-    def touching(radius: float, radius2: float) -> float:
-        return sphere_on_sphere(radius=radius, radius2=radius2, **material.elastic).stiffness
 
-    chain = _Chain(
-        bodies=tuple(Body(shape="sphere", radius=radius, material=material) for radius in radii),
-        stiffness=tuple(map(touching, radii, radii[1:])),
-        striker_stiffness=lambda radius: touching(radius, radii[0]),
-        spacing=2.0 * spheres.radius if spheres.ratio == 1.0 else None,
-    )
-    return _scene(file, chain, file.chain.contacts)
+def _touching(first: Body, second: Body) -> float:
+    """Return the stiffness of two bodies, not both cylinders, by Hertz's law, N/m^1.5, not rounded."""
+    return Geometry(bodies=(first, second)).contact(0).stiffness
 
 
 def _crossed(
@@ -163,9 +131,14 @@ def _crossed(
             raise SceneError("contacts", problem=f"cross at {angle:g} degrees: {error}", allowed=ANGLE) from None
 
     _check_way(contacts)
-    angles = _given_angles(contacts, links)
-    if angles is None:
-        first, last = _graded(contacts, links)
+    first, last = contacts.first_angle, contacts.last_angle
+    if first is None or last is None:
+        given = contacts.angles if contacts.angle is None else contacts.angle
+        angles = checked_numbers("contacts.angles", given or (), ANGLE, count=links, per=_PER)
+    else:
+        if links == 1 and first != last:
+            allowed = f"first_angle = {first!r}, since two cylinders have one contact"
+            raise SceneError("contacts.last_angle", value=last, allowed=allowed)
         stiffness = tuple(np.linspace(stiffness_at(first), stiffness_at(last), links).tolist())
         if contacts.scatter is None:
             return None, stiffness
@@ -197,29 +170,6 @@ def _check_way(contacts: CylinderContacts) -> None:
             )
 
 
-def _given_angles(contacts: CylinderContacts, links: int) -> tuple[float, ...] | None:
-    """Return the angle of each contact, or None if the stiffness is graded."""
-    if contacts.angle is not None:
-        return (contacts.angle,) * links
-    if contacts.angles is None:
-        return None
-    if len(contacts.angles) != links:
-        problem = f"has {len(contacts.angles)} entries"
-        raise SceneError("contacts.angles", problem=problem, allowed=f"{links}, one per {_PER}")
-    return tuple(contacts.angles)
-
-
-def _graded(contacts: CylinderContacts, links: int) -> tuple[float, float]:
-    """Return the angles of the first and the last contact."""
-    first, last = contacts.first_angle, contacts.last_angle
-    assert first is not None
-    assert last is not None
-    if links == 1 and first != last:
-        allowed = f"first_angle = {first!r}, since two cylinders have one contact"
-        raise SceneError("contacts.last_angle", value=last, allowed=allowed)
-    return first, last
-
-
 def _in_power(stiffness: float, n: float, matching_overlap: float | None) -> float:
     """Return the stiffness of a contact with n that has the Hertz force at ``matching_overlap``, N/m^(n-1)."""
     if n == HERTZ:
@@ -230,27 +180,42 @@ def _in_power(stiffness: float, n: float, matching_overlap: float | None) -> flo
     return rounded(stiffness * matching_overlap ** (HERTZ - n))
 
 
-def _scene(file: CylinderScene | SphereScene, chain: _Chain, contacts: SphereContacts) -> Scene:
-    """Return the Scene of a chain, with its striker in front if it has one."""
-    links, n_above_1 = len(chain.stiffness), "n > 1, one number or one per contact (2.5 for Hertz)"
-    values = numbers(contacts.exponent), numbers(contacts.gap)
-    exponent = checked_numbers("contacts.exponent", values[0], n_above_1, count=links, per=_PER, above=1.0)
-    gap = checked_numbers("contacts.gap", values[1], "a finite number (m)", count=links, per=_PER)
-    stiffness = tuple(
-        _in_power(beta, n, contacts.matching_overlap) for beta, n in zip(chain.stiffness, exponent, strict=True)
-    )
-    mass = tuple(rounded(body.mass) for body in chain.bodies)
-    first = _struck(file.chain.striker, chain, contacts.matching_overlap, like=(mass[0], stiffness[0], exponent[0]))
-    return Scene(
-        mass=(*(struck.mass for struck in first), *mass),
-        stiffness=(*(struck.stiffness for struck in first), *stiffness),
-        exponent=(*(struck.exponent for struck in first), *exponent),
-        gap=(*(struck.gap for struck in first), *gap),
-        velocity=start_velocity(file.chain, len(mass)),
-        spacing=chain.spacing,
-        geometry=_geometry(chain, *(struck.body for struck in first)),
-        **in_common(file),
-    )
+def _scene(
+    file: CylinderScene | SphereScene,
+    contacts: SphereContacts,
+    bodies: tuple[Body, ...],
+    stiffness: tuple[float, ...],
+    spacing: float | None,
+    crossing: Mapping[str, Any],
+) -> Scene:
+    """Return the Scene of a chain, with its striker in front if it has one.
+
+    ``stiffness`` is that of each contact by Hertz's law, N/m^1.5, not rounded; ``crossing`` has the law of cylinders,
+    and their angles or the stiffness from which they follow.
+    """
+    links, n_above_1 = len(stiffness), "n > 1, one number or one per contact (2.5 for Hertz)"
+    exponent = checked_numbers("contacts.exponent", contacts.exponent, n_above_1, count=links, per=_PER, above=1.0)
+    gap = checked_numbers("contacts.gap", contacts.gap, "a finite number (m)", count=links, per=_PER)
+    mass = tuple([rounded(body.mass) for body in bodies])
+    in_power = partial(_in_power, matching_overlap=contacts.matching_overlap)
+    columns = {"mass": mass, "stiffness": tuple(map(in_power, stiffness, exponent)), "exponent": exponent, "gap": gap}
+    velocity, striker = start_velocity(file.chain, len(bodies)), file.chain.striker
+    if striker is not None:
+        body = bodies[0] if striker.like is not None else sphere_of(striker, bodies[0].material)
+        front = {key: values[0] for key, values in columns.items()} | {"gap": striker.gap}
+        if striker.like is not None:
+            check_alone(striker)
+        else:
+            front["exponent"] = HERTZ if striker.exponent is None else striker.exponent
+            front["mass"] = rounded(body.mass) if striker.mass is None else striker.mass
+            front["stiffness"] = striker.stiffness or in_power(_touching(body, bodies[0]), front["exponent"])
+        columns = {key: (front[key], *values) for key, values in columns.items()}
+        # a contact with a sphere has no angle; a first body like the chain's has the angle of the next contact
+        for key in {"angles", "stiffness"} & set(crossing):
+            crossing = {**crossing, key: (None if body.shape == "sphere" else crossing[key][0], *crossing[key])}
+        bodies = (body, *bodies)
+    numbers: dict[str, Any] = {**columns, "velocity": velocity, "spacing": spacing}
+    return Scene(**numbers, geometry=Geometry(bodies=bodies, **crossing), **in_common(file))
 
 
 def start_velocity(chain: PhysicalChain, count: int) -> tuple[float, ...]:
@@ -264,31 +229,6 @@ def start_velocity(chain: PhysicalChain, count: int) -> tuple[float, ...]:
         allowed = "striker.velocity alone, since all bodies behind a striker start at rest"
         raise SceneError("velocity", problem="cannot be combined with a striker", allowed=allowed)
     return (chain.striker.velocity, *[0.0] * count)
-
-
-class _Struck(NamedTuple):
-    """The striker and the struck contact."""
-
-    body: Body
-    mass: float
-    stiffness: float
-    exponent: float
-    gap: float
-
-
-def _struck(
-    striker: Striker | None, chain: _Chain, matching_overlap: float | None, *, like: tuple[float, float, float]
-) -> tuple[_Struck, ...]:
-    """Return the striker, or an empty tuple.
-
-    ``like`` holds the mass of the first body, and stiffness and exponent of its contact with the second.
-    """
-    if striker is None:
-        return ()
-    if striker.like is not None:
-        check_alone(striker)
-        return (_Struck(chain.bodies[0], *like, striker.gap),)
-    return (_sphere(striker, chain, matching_overlap),)
 
 
 def check_alone(striker: Striker) -> None:
@@ -311,31 +251,6 @@ def sphere_of(striker: Striker, material: Material) -> Body:
         assert striker.mass is not None
         radius = math.cbrt(0.75 * striker.mass / (math.pi * material.density))
     return Body(shape="sphere", radius=radius, material=material)
-
-
-def _sphere(striker: Striker, chain: _Chain, matching_overlap: float | None) -> _Struck:
-    """Return the striker as a sphere of the chain's material, with the properties that the file specifies."""
-    body = sphere_of(striker, chain.bodies[0].material)
-    exponent = HERTZ if striker.exponent is None else striker.exponent
-    stiffness = striker.stiffness
-    if stiffness is None:
-        stiffness = _in_power(chain.striker_stiffness(body.radius), exponent, matching_overlap)
-    return _Struck(body, rounded(body.mass) if striker.mass is None else striker.mass, stiffness, exponent, striker.gap)
-
-
-def _geometry(chain: _Chain, *first: Body) -> Geometry:
-    """Return the geometry of the chain behind the bodies ``first``.
-
-    A contact with a sphere has no angle; a first body like the chain's has the angle of the next contact.
-    """
-    bodies = (*first, *chain.bodies)
-    if chain.bodies[0].shape == "sphere":
-        return Geometry(bodies=bodies, law=chain.law)
-    entries_of_chain = chain.stiffness if chain.angles is None else chain.angles
-    entries = (*(None if body.shape == "sphere" else entries_of_chain[0] for body in first), *entries_of_chain)
-    if chain.angles is None:
-        return Geometry(bodies=bodies, law=chain.law, stiffness=entries)
-    return Geometry(bodies=bodies, law=chain.law, angles=entries)
 
 
 def _material(file: PhysicalScene) -> Material:

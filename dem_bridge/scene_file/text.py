@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 
-from dem_bridge.drive import KEYS, Drive
+from dem_bridge.drive import KEYS
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene import Scene
 from dem_bridge.scene_file.forms import Environment
 
 #: numbers per line of a list
 _ON_A_LINE = 6
+#: units of the numbers in [chain]
+_UNITS = {
+    "duration": "s", "mass": "kg", "stiffness": "N/m^(n-1)", "gap": "m", "velocity": "m/s",
+    "spacing": "m", "force": "N",
+}  # fmt: skip
 
 
 def scene_toml(scene: Scene) -> str:
@@ -35,60 +41,47 @@ def scene_toml(scene: Scene) -> str:
 
 
 def _lines(scene: Scene) -> Iterator[str]:
-    yield f"name = {_text(scene.name)}"
-    if scene.description:
-        yield f"description = {_text(scene.description)}"
-    yield f"duration = {scene.duration!r}  # s"
-    yield "[chain]"
-    yield f"mass = {_list(scene.mass)}  # kg"
-    yield f"stiffness = {_list(scene.stiffness)}  # N/m^(n-1)"
-    yield f"exponent = {_list(scene.exponent)}"
-    yield f"gap = {_list(scene.gap)}  # m"
-    yield f"velocity = {_list(scene.velocity)}  # m/s"
-    if scene.spacing is not None:
-        yield f"spacing = {scene.spacing!r}  # m"
-    for side, wall in (("wall_left", scene.wall_left), ("wall_right", scene.wall_right)):
-        if wall is not None:
-            yield from _wall(side, wall)
+    damping, drive = scene.damping, scene.drive
+    yield from _values({"name": scene.name, "description": scene.description or None, "duration": scene.duration})
+    yield from _section("chain", scene, ("mass", "stiffness", "exponent", "gap", "velocity", "spacing"), _UNITS)
+    for side in ("wall_left", "wall_right"):
+        yield from _section(f"chain.{side}", getattr(scene, side), ("stiffness", "gap", "exponent"))
     if scene.precompression > 0.0:
         yield "[chain.precompression]"
-        yield f"force = {scene.precompression!r}  # N"
-    if scene.damping is not None:
-        yield "[chain.damping]"
-        yield f"law = {_text(scene.damping.law)}"
-        yield f"coefficient = {_list(scene.damping.coefficient)}"
-    if scene.drive is not None:
-        yield from _drive(scene.drive)
-    yield "[environment]"
-    yield from (f"{key} = {getattr(scene, key)!r}  # {unit}" for key, unit in Environment.units().items())
+        yield from _values({"force": scene.precompression}, _UNITS)
+    yield from _section("chain.damping", damping, ("law", "coefficient"))
+    if drive is not None:
+        yield from _section("chain.drive", drive, ("shape", "force", *KEYS[drive.shape]), {"force": "N"})
+    units = Environment.units()
+    yield from _section("environment", scene, tuple(units), units)
     yield "[sampling]"
     yield f"count = {scene.samples}"
 
 
-def _wall(side: str, wall: Wall) -> Iterator[str]:
-    yield f"[chain.{side}]"
-    yield f"stiffness = {wall.stiffness!r}"
-    yield f"gap = {wall.gap!r}"
-    if wall.exponent is not None:
-        yield f"exponent = {wall.exponent!r}"
+def _section(
+    heading: str, source: object, keys: Sequence[str], units: Mapping[str, str] = MappingProxyType({})
+) -> Iterator[str]:
+    """Yield a table with the attributes ``keys`` of ``source``; nothing if that is None."""
+    if source is not None:
+        yield f"[{heading}]"
+        yield from _values({key: getattr(source, key) for key in keys}, units)
 
 
-def _drive(drive: Drive) -> Iterator[str]:
-    yield "[chain.drive]"
-    yield f"shape = {_text(drive.shape)}"
-    yield f"force = {_list(drive.force)}  # N"
-    yield from (f"{key} = {getattr(drive, key)!r}" for key in KEYS[drive.shape])
+def _values(values: Mapping[str, object], units: Mapping[str, str] = _UNITS) -> Iterator[str]:
+    """Yield the lines of all values that are not None, with their units as comments."""
+    for key, value in values.items():
+        if value is not None:
+            yield f"{key} = {_toml(value)}" + (f"  # {units[key]}" if key in units else "")
 
 
-def _text(text: str) -> str:
-    # a JSON string of printable characters is a TOML string; names and descriptions of scenes are printable
-    return json.dumps(text, ensure_ascii=False)
-
-
-def _list(values: Sequence[float] | float) -> str:
-    if not isinstance(values, Sequence):
-        return repr(values)
-    words = [repr(value) for value in values]
+def _toml(value: object) -> str:
+    """Return a text, a number or a list of numbers as TOML."""
+    if isinstance(value, str):
+        # a JSON string of printable characters is a TOML string; names and descriptions of scenes are printable
+        return json.dumps(value, ensure_ascii=False)
+    if not isinstance(value, Sequence):
+        return repr(value)
+    words = [repr(number) for number in value]
     if len(words) <= _ON_A_LINE:
         return f"[{', '.join(words)}]"
     rows = [", ".join(words[at : at + _ON_A_LINE]) for at in range(0, len(words), _ON_A_LINE)]

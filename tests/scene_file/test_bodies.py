@@ -14,9 +14,9 @@ from scipy.optimize import brentq
 
 import dem_bridge as db
 from dem_bridge.errors import SceneError, UsageError
-from dem_bridge.geometry import Body, Material
+from dem_bridge.geometry import Body, Material, crossings
 from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.scene_file.bodies import chain, crossings
+from dem_bridge.scene_file.bodies import chain
 from tests.helpers.strategies import examples, log_uniform
 
 STEEL = Material(youngs_modulus=193e9, poissons_ratio=0.3, density=8000.0, name="steel")
