@@ -171,21 +171,20 @@ def richardson(
     """
     if not 0.0 < order < math.inf:
         raise UsageError(f"order = {order!r}; allowed: the method's formal order, a number > 0")
-    steps, rows = _sorted_rows(dt, values)
-    defined = [all(not math.isnan(row[i]) for row in rows) for i in range(len(rows[0]))]
-    if any(
-        not math.isfinite(row[i]) and (is_number or not math.isnan(row[i]))
-        for i, is_number in enumerate(defined)
-        for row in rows
-    ):
+    import numpy as np
+
+    steps, lists = _sorted_rows(dt, values)
+    rows = np.array(lists)
+    undefined = np.isnan(rows)
+    if np.isinf(rows).any():
         raise NotAsymptotic(
             "no extrapolation: a value is infinite; allowed: finite numbers, or nan in every resolution"
         )
-    if any(not is_number and any(not math.isnan(row[i]) for row in rows) for i, is_number in enumerate(defined)):
+    if (undefined.any(axis=0) != undefined.all(axis=0)).any():
         raise NotAsymptotic("no extrapolation: a value is nan in some resolutions only; refine dt until all agree")
-    kept = [[x for x, is_number in zip(row, defined, strict=True) if is_number] for row in rows]
-    fine = [a - b for a, b in zip(kept[0], kept[1], strict=True)]
-    size = max(map(abs, fine), default=0.0)
+    # differences of each resolution and the next coarser one
+    fine, *coarser = -np.diff(rows[:, ~undefined[0]], axis=0)
+    size = float(np.max(np.abs(fine), initial=0.0))
     steps_text = f"at dt = {steps[0]:.3g} .. {steps[-1]:.3g} s"
     if not size > floor:
         raise NotAsymptotic(
@@ -194,13 +193,13 @@ def richardson(
         )
     factor = math.expm1(order * math.log(steps[1] / steps[0]))
     if len(steps) == 3:
-        coarse = [a - b for a, b in zip(kept[1], kept[2], strict=True)]
-        observed = _order_of_three(steps, size, max(map(abs, coarse)))
-        if sum(a * b for a, b in zip(fine, coarse, strict=True)) < 0.0:
+        coarse = coarser[0]
+        observed = _order_of_three(steps, size, float(np.max(np.abs(coarse))))
+        if fine @ coarse < 0.0:
             raise NotAsymptotic(f"no extrapolation: the results oscillate under refinement {steps_text}; refine dt")
         outer = math.expm1(order * math.log(steps[2] / steps[1]))
         # f1 + d21/(r21^p - 1) less f2 + d32/(r32^p - 1)
-        spread = max(abs(a + a / factor - b / outer) for a, b in zip(fine, coarse, strict=True))
+        spread = float(np.max(np.abs(fine + fine / factor - coarse / outer)))
     else:
         observed, spread = _shown_order(shown, steps), size / factor
     if not abs(observed - order) <= window:
@@ -212,15 +211,9 @@ def richardson(
             f"no extrapolation: the results of the finer and the coarser pair differ by {spread:.3g} {steps_text};"
             f" allowed: less than their correction, {size / factor:.3g}; refine dt"
         )
-    correction = iter(fine)
-    return Extrapolation(
-        value=tuple(
-            x + next(correction) / factor if is_number else math.nan
-            for x, is_number in zip(rows[0], defined, strict=True)
-        ),
-        uncertainty=spread,
-        order=observed,
-    )
+    finest = rows[0]
+    finest[~undefined[0]] += fine / factor
+    return Extrapolation(value=tuple(finest.tolist()), uncertainty=spread, order=observed)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,10 +9,10 @@ import json
 import math
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,8 +66,21 @@ class Cost:
 FREE = Cost(wall=0.0, cpu=0.0, steps=0, force_evaluations=0)
 
 
+class _ReadOnly:
+    """Base of dataclasses with read-only arrays and mappings, which pickles plain ones and checks them again."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        parts = {each.name: getattr(self, each.name) for each in fields(cast(Any, self))}
+        plain = {name: dict(part) if isinstance(part, MappingProxyType) else part for name, part in parts.items()}
+        return _rebuild, (type(self), plain)
+
+
+def _rebuild(kind: type[Any], parts: dict[str, Any]) -> Any:
+    return kind(**parts)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Uncertainty(Mapping[str, Any]):
+class Uncertainty(_ReadOnly, Mapping[str, Any]):
     """The estimated numerical error of a run: a mapping from each quantity to its uncertainty, in its own unit.
 
     Parameters
@@ -127,14 +140,10 @@ class Uncertainty(Mapping[str, Any]):
     def __len__(self) -> int:
         return len(QUANTITIES)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle plain mappings: read-only ones cannot be pickled."""
-        return _rebuild, (Uncertainty, self._as_dict())
-
     def of_contacts(self, count: int) -> Uncertainty:
         """Return this uncertainty with one value per contact for each of ``count`` contacts."""
-        values = {name: np.broadcast_to(self[name], (count,)) for name in PER_CONTACT}
-        return Uncertainty(**{**self._as_dict(), **values})
+        values: dict[str, Any] = {name: np.broadcast_to(self[name], (count,)) for name in PER_CONTACT}
+        return replace(self, **values)
 
     def as_json(self) -> dict[str, Any]:
         """Return all parts but the four quantities, JSON-able; a number that is not finite becomes null."""
@@ -158,17 +167,13 @@ class Uncertainty(Mapping[str, Any]):
             cost=cost_from_json(about["cost"]),
         )
 
-    def _as_dict(self) -> dict[str, Any]:
-        found = {each.name: getattr(self, each.name) for each in fields(self)}
-        return found | {name: dict(found[name]) for name in ("parts", "sampling")}
-
 
 #: the uncertainty of a run for which none was estimated
 UNKNOWN = Uncertainty(velocity=math.inf, displacement=math.inf, peak_force=math.inf, crossing_time=math.inf)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Trajectory:
+class Trajectory(_ReadOnly):
     """The motion of every body and the force of every contact, with uncertainty, cost and provenance.
 
     Arrays are float64 and read-only. ``time (n_t,)`` in s starts at 0; ``displacement`` (m) and ``velocity`` (m/s) are
@@ -202,11 +207,6 @@ class Trajectory:
         object.__setattr__(self, "uncertainty", self.uncertainty.of_contacts(n_contact))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle a plain mapping as provenance: a read-only one cannot be pickled."""
-        parts = {each.name: getattr(self, each.name) for each in fields(self)}
-        return _rebuild, (Trajectory, parts | {"provenance": dict(self.provenance)})
-
     def __str__(self) -> str:
         """Return ten lines: backend, scene, time step, samples, cost and uncertainties."""
         from dem_bridge.notebook import trajectory_text
@@ -231,23 +231,21 @@ class Trajectory:
         """Return a labelled dataset: dimensions time, body and contact, units as attributes, ``*_uncertainty``."""
         import xarray as xr
 
-        data: dict[str, Any] = {}
-        for name, (unit, meaning, dims) in VOCABULARY.items():
-            data[name] = (dims, getattr(self, name), {"units": unit, "long_name": meaning})
+        data: dict[str, Any] = {
+            name: (dims, getattr(self, name), {"units": unit, "long_name": meaning})
+            for name, (unit, meaning, dims) in VOCABULARY.items()
+        }
         for name, value in self.uncertainty.items():
-            dims = ("contact",) if np.ndim(value) else ()
             about = {"units": VOCABULARY[name][0], "long_name": f"uncertainty of {name}"}
-            data[f"{name}_uncertainty"] = (dims, value, about)
+            data[f"{name}_uncertainty"] = (("contact",) if np.ndim(value) else (), value, about)
+        bodies, contacts = np.arange(self.velocity.shape[1]), np.arange(len(self.peak_force))
+        joined = "contact: k joins body k and k + 1, then wall_left, wall_right"
         return xr.Dataset(
             data,
             coords={
                 "time": ("time", self.time, {"units": "s", "long_name": "time"}),
-                "body": ("body", np.arange(self.velocity.shape[1]), {"long_name": "body, 0 is the struck end"}),
-                "contact": (
-                    "contact",
-                    np.arange(len(self.peak_force)),
-                    {"long_name": "contact: k joins body k and k + 1, then wall_left, wall_right"},
-                ),
+                "body": ("body", bodies, {"long_name": "body, 0 is the struck end"}),
+                "contact": ("contact", contacts, {"long_name": joined}),
             },
             attrs={
                 "schema": SCHEMA,
@@ -292,10 +290,6 @@ def cost_from_json(cost: Mapping[str, Any]) -> Cost:
     """Return the cost that :func:`cost_as_json` wrote."""
     numbers: dict[str, Any] = {name: math.nan if value is None else value for name, value in cost.items()}
     return Cost(**numbers)
-
-
-def _rebuild(kind: type[Any], parts: dict[str, Any]) -> Any:
-    return kind(**parts)
 
 
 def load_trajectory(path: str | Path) -> Trajectory:
