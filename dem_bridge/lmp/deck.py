@@ -12,6 +12,7 @@ import hashlib
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -19,15 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.dense import Schedule
-from dem_bridge.lmp.coefficients import GRANULAR_STYLE, TABLE_STYLE, Laws, laws, line_order, pairs
+from dem_bridge.lmp.coefficients import GRANULAR_STYLE, TABLE_STYLE, laws, line_order, pairs
 from dem_bridge.lmp.driving import drive_file, drive_variables
-from dem_bridge.lmp.encoding import Types, body_types
-from dem_bridge.lmp.pairing import Pairing, TableSet, granular, tabled
+from dem_bridge.lmp.encoding import body_types
+from dem_bridge.lmp.pairing import TableSet, granular, tabled
+from dem_bridge.physics.contact import Floats
 from dem_bridge.scene import Scene
 from dem_bridge.version import FORM_DATE, __version__
 
-Floats = NDArray[np.float64]
-
+_TEMPLATE = Path(__file__).with_name("deck.template")
 #: columns of the dump; with ``type`` and three coordinates, other programs can read it
 DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "fx")
 #: more groups of equal masses than this are read from a file, because each `set` visits every atom
@@ -85,25 +86,21 @@ class Deck:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Line:
-    """Everything that the lines of a deck are written from."""
+    """Everything that the lines of a deck are written from, for the arguments of :func:`deck_of`."""
 
-    scene: Scene
-    radius: float
-    schedule: Schedule
-    laws: Laws
-    pairing: Pairing
-    types: Types
-    place: Floats
-    mass: Floats
-    """Mass of each atom, kg; a wall has that of its neighbour."""
-    velocity: Floats
-    walls: tuple[bool, bool]
-    length: float
-    """Length of the line that bodies ever occupy, m."""
-    floor: float | None
-    """Expected round-off relative to the largest velocity; None for a surrogate radius."""
+    def __init__(self, scene: Scene, radius: float, tables: TableSet | None, travel: float, types: str) -> None:
+        self.scene, self.radius = scene, radius
+        self.laws = laws(scene)
+        self.pairing = granular(self.laws, radius) if tables is None else tabled(self.laws, radius, tables, scene.name)
+        self.walls = (int(scene.wall_left is not None), int(scene.wall_right is not None))
+        self.place = positions(scene, radius)
+        #: mass of each atom, kg; a wall has that of its neighbour
+        self.mass = np.pad(np.array(scene.mass), self.walls, mode="edge")
+        self.velocity = np.pad(np.array(scene.velocity), self.walls)
+        self.types = body_types(self.laws.where, types)
+        #: length of the line that bodies ever occupy, m
+        self.length = float(self.place[-1] - self.place[0]) + travel
 
     @property
     def binsize(self) -> float:
@@ -117,12 +114,9 @@ class _Line:
     @property
     def masses(self) -> list[tuple[int, int]]:
         """Groups of successive bodies with equal masses, as atom ids (first, last)."""
-        left, right = self.walls
-        body = self.mass[left : len(self.mass) - right]
-        ends = np.flatnonzero(np.diff(body)) + 1
-        first = np.concatenate([[0], ends]) + 1 + left
-        last = np.concatenate([ends, [len(body)]]) + left
-        return list(zip(first.tolist(), last.tolist(), strict=True))
+        left, bodies = self.walls[0], self.scene.n_body
+        ends = np.flatnonzero(np.diff(self.scene.mass)) + 1 + left
+        return list(zip([1 + left, *(ends + 1).tolist()], [*ends.tolist(), bodies + left], strict=True))
 
 
 def deck_of(
@@ -162,41 +156,22 @@ def deck_of(
     reason = (GRANULAR_STYLE if tables is None else TABLE_STYLE).unsupported_reason(scene)
     if reason:
         raise ValueError(reason)
-    contact_laws = laws(scene)
-    pairing = granular(contact_laws, radius) if tables is None else tabled(contact_laws, radius, tables, scene.name)
-    walls = (scene.wall_left is not None, scene.wall_right is not None)
-    place = positions(scene, radius)
-    around = (int(walls[0]), int(walls[1]))
-    mass = np.pad(np.array(scene.mass), around, mode="edge")
-    line = _Line(
-        scene=scene,
-        radius=radius,
-        schedule=schedule,
-        laws=contact_laws,
-        pairing=pairing,
-        types=body_types(contact_laws.where, types),
-        place=place,
-        mass=mass,
-        velocity=np.pad(np.array(scene.velocity), around),
-        walls=walls,
-        length=float(place[-1] - place[0]) + travel,
-        floor=floor,
-    )
-    files = {f"in.{scene.name}": "\n".join(_input(line)) + "\n", f"data.{scene.name}": "\n".join(_data(line)) + "\n"}
-    files |= pairing.files
+    line = _Line(scene, radius, tables, travel, types)
+    files = {f"in.{scene.name}": _input(line, schedule, floor), f"data.{scene.name}": _lines(*_data(line))}
+    files |= line.pairing.files
     if len(line.masses) > MOST_SETS:
-        files[f"masses.{scene.name}"] = "\n".join(_mass_file(line)) + "\n"
+        rows = _rows("{} {!r}".format, line.mass)
+        files[f"masses.{scene.name}"] = _lines(_header(scene, "masses in kg"), f"{len(line.mass)}", *rows)
     if scene.drive is not None and scene.drive.shape == "table":
-        values = (_header(scene, "force on body 0 in N"), *drive_file(scene.drive))
-        files[f"drive.{scene.name}"] = "\n".join(values) + "\n"
+        files[f"drive.{scene.name}"] = _lines(_header(scene, "force on body 0 in N"), *drive_file(scene.drive))
     return Deck(
         name=scene.name,
         files=MappingProxyType(files),
         surrogate_radius=radius,
-        line=place,
-        weight=np.pad(scene.steady_force, around),
-        mobility=np.pad(1.0 / np.array(scene.mass), around),
-        first_id=1 + walls[0],
+        line=line.place,
+        weight=np.pad(scene.steady_force, line.walls),
+        mobility=np.pad(1.0 / np.array(scene.mass), line.walls),
+        first_id=1 + line.walls[0],
         types=int(np.max(line.types)),
         schedule=schedule,
     )
@@ -227,76 +202,52 @@ def _header(scene: Scene, what: str) -> str:
     )
 
 
-def _input(line: _Line) -> Iterator[str]:
-    """Yield the lines of the deck."""
-    scene, radius, plan = line.scene, line.radius, line.schedule
-    binsize = f" binsize {line.binsize!r}" if line.binsize else ""
-    kinds = int(np.max(line.types))
+def _lines(*lines: str) -> str:
+    """Return lines as text."""
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _input(line: _Line, plan: Schedule, floor: float | None) -> str:
+    """Return the deck, as ``deck.template`` has it."""
+    scene, radius = line.scene, line.radius
     alone = len(line.laws.stiffness) == scene.n_contact
-    sharing = (
-        "each contact has its own pair of types" if alone else "contacts with the same law may share a pair of types"
-    )
-    yield _header(scene, "LAMMPS deck")
-    if scene.description:
-        yield f"# {scene.description}"
-    yield f"# {scene.n_body} bodies, {scene.n_contact} contacts, {kinds} atom types: {sharing}"
-    if line.floor is None:
-        yield f"# surrogate radius R = {radius!r} m (arbitrary: forces depend on overlaps only); {line.pairing.note}"
-    else:
+    size = f"# surrogate radius R = {radius!r} m (arbitrary: forces depend on overlaps only); {line.pairing.note}"
+    if floor is not None:
         far = float(np.max(np.abs(line.place)))
-        precision = (
-            f"overlaps are differences of positions up to {far:.3g} m with a resolution of {math.ulp(far):.1e} m"
+        precision = f"differences of positions up to {far:.3g} m with a resolution of {math.ulp(far):.1e} m"
+        size = (
+            f"# radius R = {radius!r} m, half the spacing of the bodies; {line.pairing.note}\n"
+            f"# overlaps are {precision}; expect a round-off error of {floor:.0e} of\n"
+            "# the largest velocity, more with a smaller time step; a surrogate radius gives less and the same motion"
         )
-        yield f"# radius R = {radius!r} m, half the spacing of the bodies; {line.pairing.note}"
-        yield f"# {precision}; expect a round-off error of {line.floor:.0e} of"
-        yield "# the largest velocity, more with a smaller time step; a surrogate radius gives less and the same motion"
-    yield ""
-    yield "# run this deck in its folder; to halve the time step, halve dt and double steps and per_sample"
-    yield f"variable dt          index {plan.step!r}  # time step, s"
-    yield f"variable steps       index {plan.steps}"
-    yield f"variable per_sample  index {plan.per_sample}  # steps between two samples"
-    yield f"variable dense       index {plan.subdivisions}  # dumps per sample, for peak forces and crossing times"
-    yield f"variable dump        index dump.{scene.name}.bin  # a name without .bin gives a text dump"
+    return _TEMPLATE.read_text(encoding="utf-8").format(
+        header=_header(scene, "LAMMPS deck"),
+        description=_lines(f"# {scene.description}") if scene.description else "",
+        scene=scene,
+        plan=plan,
+        kinds=int(np.max(line.types)),
+        sharing=f"{'each contact has its own' if alone else 'contacts with the same law may share a'} pair of types",
+        size=size,
+        variables=_lines(*_variables(scene)),
+        masses=_lines(*_masses(line)),
+        radius=radius,
+        binsize=f" binsize {line.binsize!r}" if line.binsize else "",
+        pairs=_lines(*line.pairing.head, *_coefficients(line)),
+        fixes=_lines(*_fixes(line)),
+        # at samples, so that energies can be compared with those of the dump
+        thermo=max(1, plan.samples // 10) * plan.per_sample,
+        columns=" ".join(DUMP_COLUMNS),
+    )
+
+
+def _variables(scene: Scene) -> Iterator[str]:
+    """Yield the variables of the forces that act on bodies."""
     if scene.gravity != 0.0:
         yield f"variable gravity     index {abs(scene.gravity)!r}  # m/s^2"
     if scene.drag > 0.0:
         yield f"variable drag_time   index {1.0 / scene.drag!r}  # s; the drag force is -mass * velocity / drag_time"
     if scene.drive is not None:
         yield from drive_variables(scene.drive, f"drive.{scene.name}", scene.duration)
-    yield from (
-        "",
-        "units           si",
-        "dimension       3",
-        "boundary        m f f",
-        "atom_style      sphere",
-        "atom_modify     map array sort 0 0.0",
-        "newton          on",
-        "comm_modify     vel yes",
-        f"read_data       data.{scene.name}",
-    )
-    yield from _masses(line)
-    yield from (
-        "",
-        f"neighbor        {radius!r} bin",
-        f"neigh_modify    delay 0 every 1 check yes{binsize}",
-        *line.pairing.head,
-    )
-    yield from _coefficients(line)
-    yield ""
-    yield from _fixes(line)
-    yield from (
-        "timestep        ${dt}",
-        "",
-        "thermo_style    custom step time pe ke etotal",
-        "thermo_modify   format float %.17g lost error",
-        # at samples, so that energies can be compared with those of the dump
-        f"thermo          {max(1, plan.samples // 10) * plan.per_sample}",
-        "# dumps are at the steps ceil(j * per_sample / dense), j = 0, 1, 2, ...; every dense-th dump is a sample",
-        'variable next   equal "ceil((floor(step*v_dense/v_per_sample) + 1)*v_per_sample/v_dense)"',
-        f"dump            motion all custom 1 ${{dump}} {' '.join(DUMP_COLUMNS)}",
-        "dump_modify     motion sort id every v_next first yes units yes time yes format float %.17g",
-        "run             ${steps}",
-    )
 
 
 def _fixes(line: _Line) -> Iterator[str]:
@@ -333,13 +284,6 @@ def _masses(line: _Line) -> Iterator[str]:
     for first, last in runs:
         ids = f"{first}*{last}" if last > first else f"{first}"
         yield f"set             atom {ids} mass {float(line.mass[first - 1])!r}"
-
-
-def _mass_file(line: _Line) -> Iterator[str]:
-    """Yield the lines of the file of masses."""
-    yield _header(line.scene, "masses in kg")
-    yield f"{len(line.mass)}"
-    yield from _rows("{} {!r}".format, line.mass)
 
 
 def _coefficients(line: _Line) -> Iterator[str]:

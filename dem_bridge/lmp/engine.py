@@ -14,6 +14,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from dem_bridge.errors import BackendUnavailable, UsageError
 
@@ -70,43 +71,28 @@ class Engine:
             raise UsageError(f"ranks = {self.ranks!r}; allowed: a whole number from 1 to 100000")
 
     @classmethod
-    def chosen(
-        cls,
-        *,
-        lmp: str | Path | None = None,
-        lmp_args: str | tuple[str, ...] | None = None,
-        python: str | Path | None = None,
-        ranks: int | None = None,
-    ) -> Engine:
-        """Return the engine of these settings, where None means the default.
+    def chosen(cls, **settings: Any) -> Engine:
+        """Return the engine of these fields, where None means the default.
 
         The environment variable ``DEM_BRIDGE_LMP`` may name the default binary.
         """
-        if lmp is None and python is None:
-            lmp = os.environ.get(VARIABLE) or None
-        return cls(lmp=lmp, lmp_args=lmp_args or (), python=python, ranks=1 if ranks is None else ranks)  # type: ignore[arg-type]
+        present = {key: value for key, value in settings.items() if value is not None}
+        if not present.keys() & {"lmp", "python"} and os.environ.get(VARIABLE):
+            present["lmp"] = os.environ[VARIABLE]
+        return cls(**present)
 
     @classmethod
-    def named(
-        cls,
-        engine: Engine | None,
-        *,
-        lmp: str | Path | None = None,
-        lmp_args: str | tuple[str, ...] | None = None,
-        python: str | Path | None = None,
-        ranks: int | None = None,
-    ) -> Engine | None:
-        """Return the engine of these settings, None where all are None.
+    def named(cls, engine: Engine | None, **settings: Any) -> Engine | None:
+        """Return the engine, or that of these fields; None where all are None.
 
-        Raises UsageError where an engine and one of its settings are both given.
+        Raises UsageError where an engine and one of its fields are both given.
         """
-        settings = {"lmp": lmp, "lmp_args": lmp_args, "python": python, "ranks": ranks}
-        given_settings = [key for key, value in settings.items() if value is not None]
-        if engine is not None and given_settings:
-            raise UsageError(f"engine and {given_settings[0]} are both given; give one of them")
+        present = [key for key, value in settings.items() if value is not None]
+        if engine is not None and present:
+            raise UsageError(f"engine and {present[0]} are both given; give one of them")
         if engine is not None and not isinstance(engine, Engine):
             raise UsageError(f"engine = {engine!r}; allowed: an Engine, such as Engine(lmp=PATH), or None")
-        return cls.chosen(**settings) if given_settings else engine  # type: ignore[arg-type]
+        return cls.chosen(**settings) if present else engine
 
     @property
     def label(self) -> str:

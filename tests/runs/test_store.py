@@ -402,6 +402,7 @@ def test_code_that_changes_is_another_hash_and_code_that_only_shows_is_not(tmp_p
     for name, runs, studies in (
         ("backends/twin.py", True, True),
         ("lmp/deck.py", True, True),
+        ("lmp/deck.template", True, True),
         ("verification/checks.py", False, True),
         ("report/page.py", False, False),
     ):

@@ -135,9 +135,8 @@ class ReadScript:
     def _only(command: Command, *allowed: tuple[str, ...]) -> None:
         """Raise SceneError unless the arguments are among the allowed ones."""
         if command.rest not in allowed:
-            raise command.error(
-                "is not supported", " or ".join(f"{command.name} {' '.join(words)}" for words in allowed)
-            )
+            usage = " or ".join(f"{command.name} {' '.join(words)}" for words in allowed)
+            raise command.error("is not supported", usage)
 
     def _units(self, command: Command) -> None:
         self._only(command, *((name,) for name in UNITS))
@@ -149,15 +148,10 @@ class ReadScript:
             raise command.error("excludes pairs that may touch", "neigh_modify without exclude")
         settings = dict(pairwise(command.rest))
         delayed = any(settings.get(key, "0") not in _WAITS for key in ("every", "delay"))
-        if (
-            delayed
-            or settings.get("once") == "yes"
-            or (settings.get("check") == "no" and settings.get("every", "1") != "1")
-        ):
-            raise command.error(
-                "may miss bodies that meet between two rebuilds of the neighbour list",
-                "every and delay of 0 to 10, check yes",
-            )
+        unchecked = settings.get("check") == "no" and settings.get("every", "1") != "1"
+        if delayed or unchecked or settings.get("once") == "yes":
+            problem = "may miss bodies that meet between two rebuilds of the neighbour list"
+            raise command.error(problem, "every and delay of 0 to 10, check yes")
 
     def _frames(self, command: Command) -> None:
         words = command.rest
@@ -208,10 +202,9 @@ class ReadScript:
         if steps:
             acting = self.forces()
             if self.run is not None and acting != self.acting:
-                raise command.error(
-                    f"has other forces than the run in line {self.run.line}, because a variable of a fix has changed",
-                    "the same forces in all runs",
-                )
+                why = "because a variable of a fix has changed"
+                problem = f"has other forces than the run in line {self.run.line}, {why}"
+                raise command.error(problem, "the same forces in all runs")
             self.run, self.acting = self.run or command, acting
         if self.step is None:
             self.step = _DEFAULT_STEP.get(self.units, 1.0)
@@ -236,9 +229,8 @@ class ReadScript:
                 forces.frozen |= members
                 self._hold(members, (0, 1, 2), forces)
             elif forces.moves & members:
-                raise command.error(
-                    "integrates atoms that another fix integrates", "one fix nve or nve/sphere for each atom"
-                )
+                problem = "integrates atoms that another fix integrates"
+                raise command.error(problem, "one fix nve or nve/sphere for each atom")
             else:
                 forces.moves |= members
         return forces
@@ -254,20 +246,20 @@ class ReadScript:
         length = sum(component * component for component in direction) ** 0.5
         if not length > 0.0:
             raise command.error("has no direction", "a vector other than 0 0 0")
-        for number in members:
-            total = forces.gravity.setdefault(number, [0.0, 0.0, 0.0])
-            forces.gravity[number] = [
-                old + size * component / length for old, component in zip(total, direction, strict=True)
-            ]
+        self._add(forces.gravity, members, [size * component / length for component in direction])
 
     def _addforce(self, command: Command, members: set[int], forces: Forces) -> None:
         words = command.rest[3:]
         if len(words) != 3:
             raise command.error("is not supported", "fix ID GROUP addforce fx fy fz, constants")
-        force = self._numbers(command, words)
+        self._add(forces.load, members, self._numbers(command, words))
+
+    @staticmethod
+    def _add(vectors: dict[int, list[float]], members: set[int], vector: list[float]) -> None:
+        """Add a vector to those of all members."""
         for number in members:
-            total = forces.load.setdefault(number, [0.0, 0.0, 0.0])
-            forces.load[number] = [old + component for old, component in zip(total, force, strict=True)]
+            total = vectors.get(number, [0.0, 0.0, 0.0])
+            vectors[number] = [old + component for old, component in zip(total, vector, strict=True)]
 
     def _langevin(self, command: Command, members: set[int], forces: Forces) -> None:
         words = command.rest[3:]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -28,6 +28,7 @@ ROUND_OFF = 3.0 * 2.0**-52
 #: largest relative difference between the initial overlaps and those of static equilibrium under the load
 EQUILIBRIUM_WITHIN = 1e-6
 _AXES = "xyz"
+_NONE = [0.0, 0.0, 0.0]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,20 +96,16 @@ def read_deck(
     else:
         script.duration = duration / time
     line = _line(script, reverse)
-    notes = [line.description, *_summary(script)]
+    step = "" if script.step is None else f"; its time step is {script.step:g}"
+    about = f"units {script.units}, pair_style {script.pairs.style}, {len(script.particles.atoms)} atoms{step}"
+    notes = [line.description, about]
     count, remark = (samples, "") if samples is not None else _samples(script)
     notes += [remark] if remark else []
-    scene = _scene(
-        line,
-        {
-            "name": name or scene_name(file),
-            "description": description if description is not None else f"from {_printable(file)}: {line.description}",
-            "duration": duration,
-            "samples": count,
-        },
-        (length, time, mass),
-        notes,
-    )
+    if description is None:
+        printable = "".join(sign for sign in re.split(r"[/\\]", file)[-1] if sign.isprintable())
+        description = f"from {printable}: {line.description}"
+    settings = {"name": name or scene_name(file), "description": description, "duration": duration, "samples": count}
+    scene = _scene(line, settings, (length, time, mass), notes)
     return ReadDeck(scene=scene, notes=tuple(notes))
 
 
@@ -123,11 +120,6 @@ def scene_name(file: str) -> str:
     name = re.split(r"[/\\]", file)[-1]
     name = name.removeprefix("in.") if name.startswith("in.") else name.rpartition(".")[0] or name
     return re.sub(r"[^A-Za-z0-9._-]", "-", name).lstrip("._-")[:100] or "scene"
-
-
-def _printable(text: str) -> str:
-    """Return the name of a file without its folder and unprintable characters."""
-    return "".join(sign for sign in re.split(r"[/\\]", text)[-1] if sign.isprintable())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,12 +151,33 @@ class _Line:
         """Gap of each contact along the line, exact except for one rounding."""
         return [
             math.fsum((self.sign * b.place[self.axis], -self.sign * a.place[self.axis], -a.radius, -b.radius))
-            for a, b in pairwise(self.atoms)
+            for a, b in self.neighbours
         ]
+
+    @property
+    def neighbours(self) -> list[tuple[Particle, Particle]]:
+        """The two particles of each contact along the line."""
+        return list(pairwise(self.atoms))
+
+    @property
+    def laws(self) -> list[PairLaw]:
+        """Law of each contact along the line."""
+        return [self.script.pairs.between(a.kind, b.kind) for a, b in self.neighbours]
+
+    @property
+    def stiffness(self) -> list[float]:
+        """Stiffness of each contact along the line, in the units of the script."""
+        pairs = zip(self.laws, self.neighbours, strict=True)
+        return [law.coefficient(_reduced(a.radius, b.radius)) for law, (a, b) in pairs]
 
     def along(self, vectors: Mapping[int, list[float]], atom: Particle) -> float:
         """Return the component of a vector of an atom along the chain, positive as in the scene."""
-        return self.sign * vectors.get(atom.number, [0.0, 0.0, 0.0])[self.axis] + 0.0  # no -0.0
+        return self.sign * vectors.get(atom.number, _NONE)[self.axis] + 0.0  # no -0.0
+
+
+def _reduced(first: float, second: float) -> float:
+    """Return the product of two radii or masses divided by their sum."""
+    return first * second / (first + second)
 
 
 def _line(script: ReadScript, reverse: bool | None) -> _Line:
@@ -178,32 +191,26 @@ def _line(script: ReadScript, reverse: bool | None) -> _Line:
     fixed = [_at_rest(command, atom, forces, axis) for atom in atoms]
     if all(fixed):
         raise command.error("runs without any moving atom", "fix nve on the bodies of the chain")
-    left, right = fixed[0], fixed[-1]
-    for atom, held in list(zip(atoms, fixed, strict=True))[1:-1]:
+    for atom, held in zip(atoms[1:-1], fixed[1:-1], strict=True):
         if held:
             raise command.error(f"runs with atom {atom.number} frozen inside of the chain", "frozen atoms at its ends")
-    bodies = atoms[int(left) : len(atoms) - int(right)]
+    ends = [atom.velocity[axis] for atom, held in zip(atoms, fixed, strict=True) if not held]
     if reverse is None:
-        reverse = len(bodies) > 1 and bodies[0].velocity[axis] == 0.0 and bodies[-1].velocity[axis] != 0.0
+        reverse = ends[0] == 0.0 != ends[-1]
     if reverse:
-        atoms.reverse()
-        bodies.reverse()
-        left, right = right, left
-    direction = f"{'-' if reverse else '+'}{_AXES[axis]}"
-    first = "which moves" if bodies[0].velocity[axis] else "the end of lowest coordinate"
-    if reverse and not bodies[0].velocity[axis]:
-        first = "the end of highest coordinate"
+        for values in (atoms, fixed, ends):
+            values.reverse()
+    first = "which moves" if ends[0] else f"the end of {'highest' if reverse else 'lowest'} coordinate"
+    where = f"body 0 is atom {atoms[fixed[0]].number} ({first}), positive is {'-' if reverse else '+'}{_AXES[axis]}"
     line = _Line(
         script=script,
         forces=forces,
         axis=axis,
         sign=-1.0 if reverse else 1.0,
         atoms=tuple(atoms),
-        left=left,
-        right=right,
-        description=(
-            f"the chain lies along {_AXES[axis]}; body 0 is atom {bodies[0].number} ({first}), positive is {direction}"
-        ),
+        left=fixed[0],
+        right=fixed[-1],
+        description=f"the chain lies along {_AXES[axis]}; {where}",
     )
     _check_places(command, line)
     return line
@@ -225,10 +232,10 @@ def _axis(command: Command, atoms: list[Particle]) -> int:
 def _at_rest(command: Command, atom: Particle, forces: Forces, axis: int) -> bool:
     """Return True if an atom is part of a wall."""
     held = axis in forces.held.get(atom.number, ())
+    acting = [vectors.get(atom.number, _NONE) for vectors in (forces.gravity, forces.load)]
     if atom.number in forces.moves and not held:
-        for across in range(3):
-            acting = (vectors.get(atom.number, [0.0] * 3)[across] for vectors in (forces.gravity, forces.load))
-            if across != axis and any(acting):  # setforce has already removed the forces of earlier fixes
+        for across in {0, 1, 2} - {axis}:
+            if any(vector[across] for vector in acting):  # setforce has already removed the forces of earlier fixes
                 what = f"runs with a force on atom {atom.number} along {_AXES[across]}, across the chain"
                 raise command.error(what, f"forces along {_AXES[axis]}")
         return False
@@ -236,9 +243,7 @@ def _at_rest(command: Command, atom: Particle, forces: Forces, axis: int) -> boo
         why = "held by setforce or freeze" if held else "in no fix nve"
         problem = f"runs with atom {atom.number}, which is {why} and has a velocity"
         raise command.error(problem, "walls at rest, since a scene has no moving walls")
-    if atom.number in forces.moves and any(
-        vectors.get(atom.number, [0.0] * 3)[axis] for vectors in (forces.gravity, forces.load)
-    ):
+    if atom.number in forces.moves and any(vector[axis] for vector in acting):
         fix = forces.commands.get("setforce", forces.commands.get("freeze", command))
         raise fix.error(f"comes before a force on atom {atom.number}, which then moves it", "this fix as the last one")
     return True
@@ -249,21 +254,19 @@ def _check_places(command: Command, line: _Line) -> None:
 
     Only neighbours touch if none of them overlap by a radius.
     """
-    for (a, b), gap in zip(pairwise(line.atoms), line.gaps, strict=True):
+    for (a, b), gap in zip(line.neighbours, line.gaps, strict=True):
         if not gap > -min(a.radius, b.radius):
-            raise command.error(
-                f"runs with atoms {a.number} and {b.number} {a.radius + b.radius + gap:g} apart, of radii"
-                f" {a.radius:g} and {b.radius:g}",
-                "neighbours that overlap by less than a radius",
-            )
+            apart = f"{a.radius + b.radius + gap:g} apart, of radii {a.radius:g} and {b.radius:g}"
+            problem = f"runs with atoms {a.number} and {b.number} {apart}"
+            raise command.error(problem, "neighbours that overlap by less than a radius")
     particles = line.script.particles
     widest = 2.0 * max(atom.radius for atom in line.atoms)
     for k, (low, high) in enumerate(particles.box):
         if k == line.axis and particles.boundary[k] == "p" and high - low < 2.0 * _flight(line):
-            raise command.error(
-                f"runs in a box that is periodic along the chain and {high - low:g} long, so that its ends may meet",
-                "boundary f, s or m along the chain, or a box that no body can cross",
+            problem = (
+                f"runs in a box that is periodic along the chain and {high - low:g} long, so that its ends may meet"
             )
+            raise command.error(problem, "boundary f, s or m along the chain, or a box that no body can cross")
         if k != line.axis and particles.boundary[k] == "p" and high - low < widest:
             problem = f"runs in a box that is {high - low:g} wide along {_AXES[k]}, so that atoms meet their images"
             raise command.error(problem, f"{widest:g}, the largest diameter, or more")
@@ -277,25 +280,12 @@ def _flight(line: _Line) -> float:
     forces, duration = line.forces, line.script.duration
     length = sum(2.0 * atom.radius for atom in line.atoms) + sum(max(gap, 0.0) for gap in line.gaps)
     energy = sum(0.5 * atom.mass * atom.velocity[line.axis] ** 2 for atom in line.atoms)
-    for law, (a, b), gap in zip(_laws(line), pairwise(line.atoms), line.gaps, strict=True):
-        beta = law.coefficient(a.radius * b.radius / (a.radius + b.radius))
+    for law, beta, gap in zip(line.laws, line.stiffness, line.gaps, strict=True):
         energy += beta * max(-gap, 0.0) ** law.exponent / law.exponent
     lightest = min(atom.mass for atom in line.bodies)
-    push = max(
-        abs(line.along(forces.gravity, atom)) + abs(line.along(forces.load, atom)) / atom.mass for atom in line.bodies
-    )
+    weight, load = ([abs(line.along(acting, atom)) for atom in line.bodies] for acting in (forces.gravity, forces.load))
+    push = max(g + force / atom.mass for g, force, atom in zip(weight, load, line.bodies, strict=True))
     return length + math.sqrt(2.0 * energy / lightest) * duration + 0.5 * push * duration**2
-
-
-def _laws(line: _Line) -> list[PairLaw]:
-    """Return the law of each contact along the line."""
-    return [line.script.pairs.between(a.kind, b.kind) for a, b in pairwise(line.atoms)]
-
-
-def _summary(script: ReadScript) -> list[str]:
-    """Return a note on units, pair style, number of atoms and time step."""
-    step = "" if script.step is None else f"; its time step is {script.step:g}"
-    return [f"units {script.units}, pair_style {script.pairs.style}, {len(script.particles.atoms)} atoms{step}"]
 
 
 def _samples(script: ReadScript) -> tuple[int, str]:
@@ -316,34 +306,29 @@ def _scene(line: _Line, settings: dict[str, Any], units: tuple[float, float, flo
     """Return the Scene of a line."""
     length, time, mass = units
     force = mass * length / time**2
-    laws, gaps = _laws(line), [plain(gap * length, line.grain * length) for gap in line.gaps]
-    ends = list(pairwise(line.atoms))
-    radius = [a.radius * b.radius / (a.radius + b.radius) for a, b in ends]
-    raw = [law.coefficient(r) * force / length ** (law.exponent - 1.0) for law, r in zip(laws, radius, strict=True)]
-    for law, (a, b), value in zip(laws, ends, raw, strict=True):
+    laws, gaps = line.laws, [plain(gap * length, line.grain * length) for gap in line.gaps]
+    raw = [beta * force / length ** (law.exponent - 1.0) for law, beta in zip(laws, line.stiffness, strict=True)]
+    for law, (a, b), value in zip(laws, line.neighbours, raw, strict=True):
         if not value > 0.0:
             problem = f"leaves atoms {a.number} and {b.number}, which are neighbours, without a force"
             raise law.command.error(problem, "a stiffness > 0, or another pair_coeff for these types")
     stiffness = [plain(value, ROUND_OFF * value) for value in raw]
     exponent = [law.exponent for law in laws]
     inner = slice(int(line.left), len(laws) - int(line.right))
-
-    def wall(there: bool, k: int) -> Wall | None:
-        return Wall(stiffness=stiffness[k], gap=gaps[k], exponent=exponent[k]) if there else None
-
+    ends = {"wall_left": 0} if line.left else {}
+    ends |= {"wall_right": len(laws) - 1} if line.right else {}
     # in the scene the walls come after the contacts of the chain
-    order = [*range(len(laws))[inner], *([0] if line.left else []), *([len(laws) - 1] if line.right else [])]
+    order = [*range(len(laws))[inner], *ends.values()]
     parts: dict[str, Any] = settings | {
         "mass": [(b.mass if b.weighed else plain(b.mass, ROUND_OFF * b.mass)) * mass for b in line.bodies],
         "velocity": [line.sign * body.velocity[line.axis] * length / time + 0.0 for body in line.bodies],
         "stiffness": stiffness[inner],
         "exponent": exponent[inner] or 2.5,
         "gap": gaps[inner],
-        "wall_left": wall(line.left, 0),
-        "wall_right": wall(line.right, len(laws) - 1),
         "gravity": _common(line, "gravity", length / time**2),
         "drag": _common(line, "langevin", 1.0 / time),
-        "damping": _damping(line, [laws[k] for k in order], [ends[k] for k in order], time, force / length * time),
+        "damping": _damping(line, order, time, force / length * time),
+        **{side: Wall(stiffness=stiffness[k], gap=gaps[k], exponent=exponent[k]) for side, k in ends.items()},
     }
     loads = [line.along(line.forces.load, body) * force for body in line.bodies]
     if not any(loads):
@@ -367,14 +352,13 @@ def _common(line: _Line, style: str, unit: float) -> float:
     return plain(value, ROUND_OFF * abs(value))
 
 
-def _damping(
-    line: _Line, laws: list[PairLaw], ends: list[tuple[Particle, Particle]], time: float, dashpot: float
-) -> Damping | None:
-    """Return the damping of the scene's contacts, in its order.
+def _damping(line: _Line, order: list[int], time: float, dashpot: float) -> Damping | None:
+    """Return the damping of the scene's contacts, which are those along the line in this ``order``.
 
     ``time`` and ``dashpot`` are the SI values of the units of the two coefficients.
     """
-    damped = [law for law in laws if law.eta > 0.0]
+    laws, ends, stiffness = line.laws, line.neighbours, line.stiffness
+    damped = [laws[k] for k in order if laws[k].eta > 0.0]
     if not damped:
         return None
     for law in damped:
@@ -383,11 +367,12 @@ def _damping(
             raise law.command.error("has damping that can make a contact tensile", allowed)
     viscous = any(law.damping == "viscoelastic" for law in damped)
     coefficients = []
-    for law, (a, b) in zip(laws, ends, strict=True):
+    for k in order:
+        law, (a, b) = laws[k], ends[k]
         if law.eta == 0.0:
             coefficients.append(0.0)
             continue
-        radius, mass = a.radius * b.radius / (a.radius + b.radius), a.mass * b.mass / (a.mass + b.mass)
+        radius, mass = _reduced(a.radius, b.radius), _reduced(a.mass, b.mass)
         for frozen, other in ((a, b), (b, a)):
             if frozen.number in line.forces.frozen:
                 mass = other.mass
@@ -399,7 +384,7 @@ def _damping(
             )
         value = law.eta * (1.0 if law.damping == "velocity" else mass)
         if viscous:
-            value *= (math.sqrt(radius) if hertz else 1.0) / law.coefficient(radius) * time
+            value *= (math.sqrt(radius) if hertz else 1.0) / stiffness[k] * time
         else:
             value *= dashpot
         coefficients.append(plain(value, 2.0 * ROUND_OFF * value))
@@ -411,11 +396,8 @@ def _pressed(
 ) -> Scene:
     """Return the scene with the precompression of these loads, if its static overlaps are those of the script."""
     command = line.forces.commands["addforce"]
-    end = loads[0] if parts["wall_left"] is None else -loads[-1]
-    walls: dict[str, Wall] = {}
-    for side in ("wall_left", "wall_right"):
-        if (wall := parts[side]) is not None:
-            walls[side] = Wall(stiffness=wall.stiffness, exponent=wall.exponent)
+    end = loads[0] if "wall_left" not in parts else -loads[-1]
+    walls = {side: replace(parts[side], gap=0.0) for side in ("wall_left", "wall_right") if side in parts}
     try:
         scene = Scene(**parts | walls | {"gap": 0.0, "precompression": end})
     except SceneError as error:
