@@ -17,7 +17,7 @@ from dem_bridge.differences import difference
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.regression.baseline import QUANTITIES, Accuracy, Baseline
 from dem_bridge.trajectory import Floats, Trajectory, own_scale
-from dem_bridge.verification.verdict import Outcome, judge, plain
+from dem_bridge.verification.verdict import Outcome, judge_relative, plain
 
 
 class Change(StrEnum):
@@ -182,7 +182,7 @@ def assess(run: Trajectory, reference: Trajectory | None, tolerance: float) -> d
     for name in QUANTITIES:
         error = difference(name, run, reference)
         allowed = tolerance if name == "velocity" else max(tolerance, error.uncertainty)
-        outcome = judge(error.value, error.reference_uncertainty, allowed)
+        outcome = judge_relative(error.value, error.reference_uncertainty, allowed)
         accuracies[name] = Accuracy(
             error=error.value,
             uncertainty=error.reference_uncertainty,

@@ -34,7 +34,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.trajectory import QUANTITIES, SMALLEST_SCALE, Trajectory
 from dem_bridge.uncertainty.fixed_step import REALISATIONS, last_digit
-from dem_bridge.verification.verdict import Outcome, Verdict, judge
+from dem_bridge.verification.verdict import Outcome, Verdict, judge_relative
 
 #: columns of the matrix
 COLUMNS = QUANTITIES
@@ -405,7 +405,9 @@ def _row(way: Way, base: Base) -> tuple[Trajectory, Row]:
     run = LammpsGranular(engine).run_written(base.scene, Written(deck=deck), time_limit=base.resolution.time_limit)
     differences = {name: difference(name, run, base.own) for name in COLUMNS}
     tolerances = tolerances_of(base, deck, way.beside(base))
-    outcomes = {judge(differences[name].value, last_digit(deck.schedule), tolerances[name]) for name in COLUMNS}
+    outcomes = {
+        judge_relative(differences[name].value, last_digit(deck.schedule), tolerances[name]) for name in COLUMNS
+    }
     notes = [str(run.provenance["lammps"].get("note", ""))]
     style = str(run.provenance["pair_style"])
     if way.suffix and not style.endswith(f"/{way.suffix}"):

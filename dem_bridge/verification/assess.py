@@ -142,7 +142,8 @@ def _accuracy(
     if reference is None:
         return
     if runs.second_reference is None or roles.second_reference is not None:
-        yield checks.two_methods(scene, roles.second_reference, reference)
+        estimated = runs.second_reference is None or runs.second_reference.case.uncertainty
+        yield checks.two_methods(scene, roles.second_reference, reference, estimated=estimated)
     for result in (runs.twin, runs.engine):
         if (run := result.trajectory) is None:
             continue

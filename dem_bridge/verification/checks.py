@@ -31,7 +31,7 @@ from dem_bridge.observables.registry import OBSERVABLES, observable_named
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, Trajectory
 from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, engine_for
-from dem_bridge.verification.verdict import Outcome, Verdict, judge, numerical_verdict
+from dem_bridge.verification.verdict import Outcome, Verdict, judge, judge_relative, numerical_verdict
 
 Floats = NDArray[np.float64]
 
@@ -102,7 +102,7 @@ def table(scene: Scene, engine: Trajectory) -> list[Verdict]:
                 quantity=quantity,
                 backend=name,
                 reference="contact laws",
-                outcome=judge(measured, 0.0, tolerance),
+                outcome=judge_relative(measured, 0.0, tolerance),
                 sentence=(
                     f"{what} that {name} takes from tables differ from the contact laws by {measured:.2e} of {scale};"
                     f" the predicted error is {predicted:.2e} and the tolerance {tolerance:.1e}."
@@ -134,13 +134,14 @@ def explained(scene: Scene, quantity: str, engine: Trajectory, positional: Traje
     )
 
 
-def two_methods(scene: Scene, second: Trajectory | None, reference: Trajectory) -> Verdict:
+def two_methods(scene: Scene, second: Trajectory | None, reference: Trajectory, *, estimated: bool = True) -> Verdict:
     """Judge two references against each other: each must be right within the uncertainty that it states.
 
-    ``second`` is None where only one backend solves the scene to the accuracy of a reference: NOT_RUN.
+    ``second`` is None where only one backend solves the scene to the accuracy of a reference: NOT_RUN. ``estimated`` is
+    False for a second reference that is scipy's run without its uncertainty, which is then :data:`SCIPY_UNCERTAINTY`.
     """
     compared = difference("velocity", second or reference, reference)
-    if not math.isfinite(compared.uncertainty):
+    if not estimated:
         compared = replace(compared, uncertainty=SCIPY_UNCERTAINTY)
     allowed = compared.uncertainty + compared.reference_uncertainty
     if second is None:
@@ -148,7 +149,7 @@ def two_methods(scene: Scene, second: Trajectory | None, reference: Trajectory) 
         sentence = f"{REFERENCE} on {scene.name} was answered by {SCIPY}: no second solution to compare with."
     else:
         # both uncertainties are part of the tolerance already
-        name, outcome = second.provenance["backend"], judge(compared.value, 0.0, allowed)
+        name, outcome = second.provenance["backend"], judge_relative(compared.value, 0.0, allowed)
         sentence = (
             f"velocity of {name} differs from {REFERENCE} by {compared.value:.2e} of {compared.scale_name};"
             f" the sum of their uncertainties is {allowed:.1e}."

@@ -20,7 +20,7 @@ class Outcome(StrEnum):
     PASS = "PASS"
     FAIL = "FAIL"
     UNDECIDED = "UNDECIDED"
-    """An error bar straddles the tolerance."""
+    """An uncertainty straddles the tolerance, or the tolerance is itself an uncertainty of 100 % or more."""
     MODEL_DIFFERENCE = "MODEL_DIFFERENCE"
     """Other equations: a number, never pass or fail."""
     NOT_RUN = "NOT_RUN"
@@ -78,6 +78,17 @@ def judge(difference: float, bar: float, tolerance: float) -> Outcome:
     return Outcome.UNDECIDED
 
 
+def judge_relative(difference: float, bar: float, tolerance: float) -> Outcome:
+    """Judge a difference relative to the scale of its quantity: a tolerance of 100 % and more decides nothing.
+
+    No accuracy is that large: such a tolerance is an uncertainty, and it would pass any value.
+
+    >>> [judge_relative(0.5, 0.0, tolerance).value for tolerance in (0.9, 1.0, float("inf"))]
+    ['PASS', 'UNDECIDED', 'UNDECIDED']
+    """
+    return judge(difference, bar, tolerance) if tolerance < 1.0 else Outcome.UNDECIDED
+
+
 #: exit code of the command line, in the order in which they win
 _EXIT = ((Outcome.BROKEN, 3), (Outcome.FAIL, 1), (Outcome.UNDECIDED, 4))
 
@@ -103,12 +114,14 @@ def numerical_verdict(
     The uncertainty that counts is the reference's: the difference itself is known exactly.
     """
     uncertainty = found.reference_uncertainty
-    outcome = judge(found.value, uncertainty, tolerance)
+    outcome = judge_relative(found.value, uncertainty, tolerance)
     relation = {
-        Outcome.PASS: "is within",
-        Outcome.FAIL: "exceeds",
-        Outcome.UNDECIDED: "cannot be told from",
+        Outcome.PASS: "this is within the tolerance of",
+        Outcome.FAIL: "this exceeds the tolerance of",
+        Outcome.UNDECIDED: "this cannot be told from the tolerance of",
     }[outcome]
+    if not tolerance < 1.0:
+        relation = "nothing follows from it, because the tolerance is an uncertainty of 100 % or more:"
     when = f" at t = {1e3 * found.time:.4g} ms" if math.isfinite(found.time) else ""
     return Verdict(
         scene=scene,
@@ -118,8 +131,7 @@ def numerical_verdict(
         outcome=outcome,
         sentence=(
             f"{found.quantity} of {backend} differs from {reference} by {found.value:.2e} of"
-            f" {found.scale_name} ({found.place}{when}), +- {uncertainty:.1e}; this {relation} the tolerance of"
-            f" {tolerance:.1e}."
+            f" {found.scale_name} ({found.place}{when}), +- {uncertainty:.1e}; {relation} {tolerance:.1e}."
         ),
         difference=found.value,
         scale=found.scale,

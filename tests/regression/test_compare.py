@@ -88,7 +88,8 @@ def test_a_huge_value_is_not_its_own_excuse() -> None:
 def test_changed_and_right_are_two_answers(was: float, is_: float, words: str) -> None:
     truth = as_run(replace(small(), uncertainty={**small().uncertainty, "peak_force": 0.0}))
     size = float(np.max(np.abs(truth.velocity)))
-    before = replace(small(), velocity=small().velocity + was * size)
+    known = {**small().uncertainty, "peak_force": 0.0}
+    before = replace(small(), velocity=small().velocity + was * size, uncertainty=known)
     found = compare(before, as_run(small(), velocity=small().velocity + is_ * size), reference=truth)
     assert found.change is Change.CHANGED
     assert words in found.sentence
@@ -102,6 +103,13 @@ def test_peaks_and_crossings_may_err_by_the_bars_of_the_baseline_and_velocities_
     for name, outcome in (("peak_force", "PASS"), ("velocity", "FAIL")):
         off = {name: getattr(small(), name) * 1.1}
         assert compare(wide, as_run(small(), **off), reference=truth).after[name].outcome == outcome
+
+
+def test_an_unknown_uncertainty_of_a_baseline_leaves_its_accuracy_undecided() -> None:
+    truth = as_run(replace(small(), uncertainty={"velocity": 0.0, "peak_force": 0.0, "crossing_time": 0.0}))
+    unknown = replace(small(), uncertainty={"velocity": 0.0, "peak_force": math.inf, "crossing_time": 0.0})
+    after = compare(unknown, as_run(small(), peak_force=small().peak_force * 1.1), reference=truth).after
+    assert (after["peak_force"].outcome, after["velocity"].outcome) == ("UNDECIDED", "PASS")
 
 
 def test_another_scene_or_shape_has_changed_whatever_its_values() -> None:

@@ -12,7 +12,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.studies.horizon.runs import KNOWN, Floats, Found, Trust
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE, TWIN
-from dem_bridge.verification.verdict import Outcome, Verdict, judge
+from dem_bridge.verification.verdict import Outcome, Verdict, judge, judge_relative
 
 #: perturbed runs are independent from when the nearest two are this far apart, of the largest speed
 INDEPENDENT = 0.1
@@ -20,6 +20,8 @@ INDEPENDENT = 0.1
 LEFT = 0.25
 #: a statistic of a right code is outside its bar once in so many
 ONCE_IN = 1000.0
+#: the statistic that is 0 for a normal distribution, so that its uncertainty is relative to 1 and not to its value
+SKEWNESS = "skewness of velocities"
 
 
 def verdicts(result: Found) -> tuple[Verdict, ...]:
@@ -75,7 +77,7 @@ def statistics(scene: Scene, run: Trajectory, first: int) -> dict[str, float]:
     return {
         "mean kinetic / stored energy": float(np.mean(kinetic[first:])) / held if held > 0.0 else math.nan,
         "mean kinetic energy (J)": float(np.mean(kinetic[first:])),
-        "skewness of velocities": float(np.mean(pushed**3)) / second**1.5,
+        SKEWNESS: float(np.mean(pushed**3)) / second**1.5,
         "kurtosis of velocities": float(np.mean(pushed**4)) / second**2,
     }
 
@@ -97,10 +99,11 @@ def statistical(result: Found, trust: Trust) -> list[Verdict]:
         width *= math.sqrt(1.0 + 1.0 / len(available))
         middle = float(np.mean(available))
         away = abs(value - middle)
+        size = 1.0 if quantity == SKEWNESS else abs(middle)
         created.append(
             Verdict(
                 scene=scene.name, quantity=quantity, backend=name, reference=REFERENCE,
-                outcome=judge(away, 0.0, width),
+                outcome=judge_relative(away / size, 0.0, width / size),
                 sentence=(
                     f"{quantity} of {name} is {value:.4g} from {1e3 * result.truth.time[first]:.3g} ms on;"
                     f" {len(available)}"
@@ -184,7 +187,7 @@ def drift(result: Found) -> list[Verdict]:
         created.append(
             Verdict(
                 scene=scene.name, quantity="mean kinetic / stored energy, long run", backend=TWIN,
-                reference="virial theorem", outcome=judge(away, 0.0, width),
+                reference="virial theorem", outcome=judge_relative(away / exact, 0.0, width / exact),
                 sentence=(
                     f"mean kinetic to mean stored {name} is {found_ratio:.5f} +- {width:.1e} {over}; the virial theorem"
                     f" says {exact:g}."
