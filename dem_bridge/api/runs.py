@@ -155,6 +155,12 @@ def solve(
     _check_settings(dt, accuracy, order, uncertainty)
     if reason := unsupported_reason(solver, scene):
         raise UnsupportedScene(f"{solver.name} cannot do {scene.name}: {reason}")
+    if backend in ENGINE_BACKENDS:
+        # with a stored prescan the engine starts before the compiler is loaded, which only the uncertainty needs
+        from dem_bridge.runs.recall import recall_prescan
+        from dem_bridge.runs.store import Store
+
+        recall_prescan(Store.opened(), scene)
     cache = RunCache()
     if accuracy is not None:
         resolution = _resolution_for(scene, solver, accuracy, resolution, sampling, cache)

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.backends.tabled import RECALLED, prescan_scene
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.runs.store import Store, study_key
 from dem_bridge.scene import Scene
@@ -77,6 +78,15 @@ def recall(
     text = json.dumps(_encoded(value, arrays))
     store.save_arrays(key, {"json": np.frombuffer(text.encode(), dtype=np.uint8), **arrays})
     return value
+
+
+def recall_prescan(store: Store | None, scene: Scene) -> None:
+    """Have the prescan of a scene ready: from the store, or made once for all processes.
+
+    A prescan takes milliseconds, but the compiler that it needs takes half a second to load.
+    """
+    if store is not None and scene.law is None and scene.content_hash not in RECALLED:
+        RECALLED[scene.content_hash] = recall(store, "prescan", [], lambda: prescan_scene(scene), scenes=[scene])
 
 
 def _encoded(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:

@@ -19,7 +19,7 @@ from dem_bridge.campaign import Progress, Result, run_groups
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.case import Case
-from dem_bridge.runs.recall import recall
+from dem_bridge.runs.recall import recall, recall_prescan
 from dem_bridge.runs.store import Store, study_key
 from dem_bridge.scene import Scene
 from dem_bridge.studies.verification import Verification, verification_of
@@ -106,6 +106,7 @@ def plan_scene(
     step does beyond the predictability horizon) one run at the default step is left, to judge conserved quantities by.
     """
     try:
+        recall_prescan(store, scene)
         main = main_resolution(scene, accuracy, store)
         runs = list_cases(scene, main, engine=engine, full=full)
         return ScenePlan(scene=scene, accuracy=accuracy, runs=runs, others=tuple(others))

@@ -13,10 +13,13 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
+from dem_bridge.backends import tabled
+from dem_bridge.backends.prescan import Prescan
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.observables import registry
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.runs import store as store_module
-from dem_bridge.runs.recall import _class, recall
+from dem_bridge.runs.recall import _class, recall, recall_prescan
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import _bytes
@@ -136,3 +139,17 @@ def test_another_registered_observable_is_another_value(tmp_path: Path, monkeypa
     # the code of an observable that another program has registered is not in the key
     monkeypatch.setitem(registry._REGISTRY, renamed.name, foreign)
     assert (recalled(), recalled()) == (2, 3)
+
+
+def test_a_prescan_is_made_once_for_all_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recalled: dict[str, Prescan] = {}
+    monkeypatch.setattr(tabled, "RECALLED", recalled)
+    monkeypatch.setattr("dem_bridge.runs.recall.RECALLED", recalled)
+    made = prescan_scene(SCENE)
+    recall_prescan(Store(tmp_path), SCENE)
+    recalled.clear()  # another process
+    monkeypatch.setattr(tabled, "prescan_hertz", Mock(side_effect=AssertionError("made again")))
+    recall_prescan(Store(tmp_path), SCENE)
+    assert b"".join(_bytes(prescan_scene(replace(SCENE, name="other")))) == b"".join(_bytes(made))
+    with pytest.raises(AssertionError, match="made again"):
+        prescan_scene(replace(SCENE, mass=(8e-3, 2e-2)))
