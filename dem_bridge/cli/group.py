@@ -199,26 +199,24 @@ def _summary(run: Trajectory) -> dict[str, Any]:
     """Return a summary of a trajectory with uncertainties as JSON types; unknown values are None."""
     import numpy as np
 
-    def uncertainty(name: str) -> float | None:
-        value = float(np.nanmax(run.uncertainty[name], initial=0.0))
-        return value if np.isfinite(value) else None
+    def known(value: float) -> float | None:
+        return float(value) if np.isfinite(value) else None
 
-    errors = ("predicted_error", "measured_error") if "table" in run.provenance else ()
-    floor = run.uncertainty.roundoff_floor
+    uncertainty = {name: known(np.nanmax(bound, initial=0.0)) for name, bound in run.uncertainty.items()}
     crossed = run.crossing_time[np.isfinite(run.crossing_time)]
+    table = run.provenance.get("table", {})
+    errors = ("predicted_error", "measured_error")
     return {
-        "scene": run.provenance["scene"],
-        "backend": run.provenance["backend"],
-        "settings": run.provenance["settings"],
+        **{key: run.provenance[key] for key in ("scene", "backend", "settings")},
         "samples": len(run.time) - 1,
         "largest_velocity_m_per_s": float(np.max(np.abs(run.velocity))),
-        "velocity_uncertainty_m_per_s": uncertainty("velocity"),
+        "velocity_uncertainty_m_per_s": uncertainty["velocity"],
         "largest_force_N": float(np.max(run.peak_force, initial=0.0)),
-        "peak_force_uncertainty_N": uncertainty("peak_force"),
+        "peak_force_uncertainty_N": uncertainty["peak_force"],
         "last_crossing_time_s": float(crossed[-1]) if len(crossed) else None,
-        "crossing_time_uncertainty_s": uncertainty("crossing_time"),
-        "roundoff_floor_relative": floor if np.isfinite(floor) else None,
-        **{f"table_{name}_relative": run.provenance["table"][name] for name in errors},
+        "crossing_time_uncertainty_s": uncertainty["crossing_time"],
+        "roundoff_floor_relative": known(run.uncertainty.roundoff_floor),
+        **{f"table_{name}_relative": table[name] for name in errors if table},
         "steps": run.cost.steps,
         "force_evaluations": run.cost.force_evaluations,
         "wall_s": round(run.cost.wall, 4),
@@ -227,38 +225,36 @@ def _summary(run: Trajectory) -> dict[str, Any]:
     }
 
 
+#: lines of a summary: name, key, and text of the value; then name, key, key of the uncertainty, unit and its size
+_LINES: tuple[tuple[Any, ...], ...] = (
+    ("scene", "scene", "{}"),
+    ("backend", "backend", "{}"),
+    ("samples", "samples", "{}"),
+    ("largest velocity", "largest_velocity_m_per_s", "velocity_uncertainty_m_per_s", "m/s", 1.0),
+    ("largest contact force", "largest_force_N", "peak_force_uncertainty_N", "N", 1.0),
+    ("last arrival", "last_crossing_time_s", "crossing_time_uncertainty_s", "us", 1e-6),
+    ("round-off floor (relative)", "roundoff_floor_relative", "{:.2g}"),
+    ("predicted table error (rel.)", "table_predicted_error_relative", "{:.2g}"),
+    ("measured table error (rel.)", "table_measured_error_relative", "{:.2g}"),
+    ("time steps", "steps", "{}"),
+    ("force evaluations", "force_evaluations", "{}"),
+    ("wall time", "wall_s", "{:.3g} s"),
+    ("CPU time", "cpu_s", "{:.3g} s"),
+)
+
+
 def _summary_lines(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield the lines of a summary as pairs of name and text; unknown values are left out."""
-
-    def measured(value: float | None, uncertainty: float | None, unit: str, scale: float = 1.0) -> str:
-        """Return the value with its uncertainty."""
-        if value is None:
-            return "none"
-        error = "uncertainty unknown" if uncertainty is None else f"+- {scale * uncertainty:.1g} {unit}"
-        return f"{scale * value:.7g} {unit} {error}"
-
-    yield "scene", summary["scene"]
-    yield "backend", summary["backend"]
-    yield "samples", str(summary["samples"])
-    velocity, force, arrival = (
-        summary["largest_velocity_m_per_s"],
-        summary["largest_force_N"],
-        summary["last_crossing_time_s"],
-    )
-    yield "largest velocity", measured(velocity, summary["velocity_uncertainty_m_per_s"], "m/s")
-    yield "largest contact force", measured(force, summary["peak_force_uncertainty_N"], "N")
-    yield "last arrival", measured(arrival, summary["crossing_time_uncertainty_s"], "us", 1e6)
-    for key, name in (
-        ("roundoff_floor_relative", "round-off floor (relative)"),
-        ("table_predicted_error_relative", "predicted table error (rel.)"),
-        ("table_measured_error_relative", "measured table error (rel.)"),
-    ):
-        if summary.get(key) is not None:
-            yield name, f"{summary[key]:.2g}"
-    yield "time steps", str(summary["steps"])
-    yield "force evaluations", str(summary["force_evaluations"])
-    yield "wall time", f"{summary['wall_s']:.3g} s"
-    yield "CPU time", f"{summary['cpu_s']:.3g} s"
+    for name, key, *form in _LINES:
+        value = summary.get(key)
+        if len(form) == 1:
+            if value is not None:
+                yield name, form[0].format(value)
+            continue
+        bound, unit, size = form
+        error = summary[bound]
+        uncertainty = "uncertainty unknown" if error is None else f"+- {error / size:.1g} {unit}"
+        yield name, "none" if value is None else f"{value / size:.7g} {unit} {uncertainty}"
 
 
 def command() -> None:

@@ -62,8 +62,8 @@ def _regress(
     settings |= {"backends": chosen, "baselines": baselines, "against": against, "since": past}
     with terminal.bar() as progress:
         regression = dem_bridge.regress(list(scenes), progress=progress, **settings)
-    from dem_bridge.regression.summary import lines, markdown
     from dem_bridge.report.junit import regression_junit
+    from dem_bridge.report.regressions import lines, markdown
 
     if against is not None:
         click.echo(regression.title)

@@ -9,10 +9,10 @@ uncertainties, cost and provenance.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,27 @@ SUFFIXES: Mapping[str, str] = MappingProxyType(
         ".traj": "traj",
     }
 )
+
+
+#: start of a file, head of a frame, and line of a body (index from 0 and from 1, radius, mass, x, velocity, net force,
+#: displacement, forces of the left and the right contact); ``!r`` writes all digits
+_TEMPLATES: Mapping[str, tuple[str, str, str]] = {
+    "extxyz": (
+        "",
+        '{n}\nLattice="{length!r} 0.0 0.0 0.0 {width!r} 0.0 0.0 0.0 {width!r}" Origin="{low!r} -{half!r} -{half!r}"'
+        ' pbc="F F F" Properties=species:S:1:pos:R:3:velo:R:3:forces:R:3:radius:R:1:mass:R:1:id:I:1:displacement:R:1'
+        ":force_left:R:1:force_right:R:1 units=si scene={name} scene_hash=sha256-{hash} backend={backend}"
+        " spacing={spacing} written_by=dem_bridge-{version} Time={time!r} sample={sample}",
+        "X {4!r} 0.0 0.0 {5!r} 0.0 0.0 {6!r} 0.0 0.0 {2!r} {3!r} {0} {7!r} {8!r} {9!r}",
+    ),
+    "lammpstrj": (
+        "ITEM: UNITS\nsi",
+        "ITEM: TIME\n{time!r}\nITEM: TIMESTEP\n{sample}\nITEM: NUMBER OF ATOMS\n{n}\nITEM: BOX BOUNDS ff ff ff\n"
+        "{low!r} {high!r}\n-{half!r} {half!r}\n-{half!r} {half!r}\n"
+        "ITEM: ATOMS id type x y z vx vy vz fx fy fz radius mass d_displacement d_force_left d_force_right",
+        "{1} 1 {4!r} 0 0 {5!r} 0 0 {6!r} 0 0 {2!r} {3!r} {7!r} {8!r} {9!r}",
+    ),
+}
 
 
 def format_of(path: Path, name: str | None = None) -> str:
@@ -113,95 +134,52 @@ def text_of(run: Trajectory, scene: Scene, format: str, *, spacing: float | None
         )
     if layout not in ("long", "wide") or (layout == "wide" and format != "csv"):
         raise UsageError(f"layout = {layout!r} with format {format!r}; allowed: long, and with format csv also wide")
-    if format == "csv" and layout == "wide":
-        return "\n".join(_wide(run)) + "\n"
-    return "\n".join(_WRITERS[format](run, scene, spacing)) + "\n"
-
-
-def _rows(columns: list[Floats], row: int) -> list[list[float]]:
-    """Return the numbers of one sample, a list per body, as Python floats, whose repr has all digits."""
-    return np.stack([column[row] for column in columns], axis=1).tolist()  # type: ignore[no-any-return]
-
-
-def _box(scene: Scene, run: Trajectory, positions: Floats, radii: Floats) -> tuple[float, float, float]:
-    """Return the ends of a box along the chain and half its width, m; the box contains all motion."""
-    reach = 2.0 * float(np.max(radii))
-    flight = run.displacement[np.isfinite(run.displacement)]
-    low, high = (float(bound(flight)) if flight.size else 0.0 for bound in (np.min, np.max))
-    return float(positions[0]) + min(low, 0.0) - reach, float(positions[-1]) + max(high, 0.0) + reach, reach
-
-
-def _extxyz(run: Trajectory, scene: Scene, spacing: float | None) -> Iterator[str]:
-    """Yield the lines of an extended XYZ file."""
     positions, radii, physical = centres(scene, spacing)
     left, right = sided_forces(scene, run)
-    low, high, half = _box(scene, run, positions, radii)
-    words = (
-        f'Lattice="{high - low!r} 0.0 0.0 0.0 {2.0 * half!r} 0.0 0.0 0.0 {2.0 * half!r}"'
-        f' Origin="{low!r} {-half!r} {-half!r}" pbc="F F F"'
-        " Properties=species:S:1:pos:R:3:velo:R:3:forces:R:3:radius:R:1:mass:R:1:id:I:1:displacement:R:1"
-        ":force_left:R:1:force_right:R:1"
-        f" units=si scene={scene.name} scene_hash=sha256-{scene.content_hash} backend={_word(run)}"
-        f" spacing={'physical' if physical else 'nominal'} written_by=dem_bridge-{__version__}"
-    )
-    columns = [positions + run.displacement, run.velocity, left - right, run.displacement, left, right]
-    constant = [
-        f"{radius!r} {mass!r} {k}" for k, (radius, mass) in enumerate(zip(radii.tolist(), scene.mass, strict=True))
-    ]
-    for row, time in enumerate(run.time.tolist()):
-        yield f"{scene.n_body}\n{words} Time={time!r} sample={row}"
-        for unchanged, (x, v, f, u, fl, fr) in zip(constant, _rows(columns, row), strict=True):
-            yield f"X {x!r} 0.0 0.0 {v!r} 0.0 0.0 {f!r} 0.0 0.0 {unchanged} {u!r} {fl!r} {fr!r}"
+    x = positions + run.displacement
+    if format == "csv":
+        return _csv(run, x, left, right, layout)
+    # the box contains all motion
+    flight, reach = run.displacement[np.isfinite(run.displacement)], 2.0 * float(np.max(radii))
+    low = float(positions[0]) + float(np.min(flight, initial=0.0)) - reach
+    high = float(positions[-1]) + float(np.max(flight, initial=0.0)) + reach
+    values: dict[str, Any] = {
+        "n": scene.n_body,
+        "low": low,
+        "high": high,
+        "length": high - low,
+        "half": reach,
+        "width": 2.0 * reach,
+    }
+    values |= {"name": scene.name, "hash": scene.content_hash, "backend": _word(run), "version": __version__}
+    values["spacing"] = "physical" if physical else "nominal"
+    start, head, body = _TEMPLATES[format]
+    rows = np.stack([x, run.velocity, left - right, run.displacement, left, right], axis=2)
+    lines = [start] if start else []
+    for sample, time in enumerate(run.time.tolist()):
+        lines.append(head.format(**values, time=time, sample=sample))
+        sizes = zip(range(scene.n_body), range(1, scene.n_body + 1), radii.tolist(), scene.mass, strict=True)
+        lines += [body.format(*size, *row) for size, row in zip(sizes, rows[sample].tolist(), strict=True)]
+    return "\n".join(lines) + "\n"
 
 
-def _dump(run: Trajectory, scene: Scene, spacing: float | None) -> Iterator[str]:
-    """Yield the lines of a LAMMPS text dump."""
-    positions, radii, _ = centres(scene, spacing)
-    left, right = sided_forces(scene, run)
-    low, high, half = _box(scene, run, positions, radii)
-    bounds = f"{low!r} {high!r}\n{-half!r} {half!r}\n{-half!r} {half!r}"
-    columns = [positions + run.displacement, run.velocity, left - right, run.displacement, left, right]
-    constant = [f"{radius!r} {mass!r}" for radius, mass in zip(radii.tolist(), scene.mass, strict=True)]
-    yield "ITEM: UNITS\nsi"
-    for row, time in enumerate(run.time.tolist()):
-        yield f"ITEM: TIME\n{time!r}\nITEM: TIMESTEP\n{row}\nITEM: NUMBER OF ATOMS\n{scene.n_body}"
-        yield f"ITEM: BOX BOUNDS ff ff ff\n{bounds}"
-        yield ("ITEM: ATOMS id type x y z vx vy vz fx fy fz radius mass d_displacement d_force_left d_force_right")
-        for k, (unchanged, (x, v, f, u, fl, fr)) in enumerate(zip(constant, _rows(columns, row), strict=True), start=1):
-            yield f"{k} 1 {x!r} 0 0 {v!r} 0 0 {f!r} 0 0 {unchanged} {u!r} {fl!r} {fr!r}"
+def _csv(run: Trajectory, x: Floats, left: Floats, right: Floats, layout: str) -> str:
+    """Return the samples as CSV with a row per time and body (layout "long") or a row per time ("wide")."""
+    from pandas import DataFrame
 
-
-def _long(run: Trajectory, scene: Scene, spacing: float | None) -> Iterator[str]:
-    """Yield the lines of a CSV file with a row per time and body."""
-    positions, _, _ = centres(scene, spacing)
-    left, right = sided_forces(scene, run)
-    columns = [positions + run.displacement, run.displacement, run.velocity, left, right]
-    yield "time_s,body,x_m,displacement_m,velocity_m_per_s,force_left_N,force_right_N"
-    for row, time in enumerate(run.time.tolist()):
-        for body, values in enumerate(_rows(columns, row)):
-            yield f"{time!r},{body},{','.join(map(_cell, values))}"
-
-
-def _wide(run: Trajectory) -> Iterator[str]:
-    """Yield the lines of a CSV file with a row per time."""
-    parts = {"displacement": "m", "velocity": "m_per_s", "contact_force": "N"}
-    heads = [f"{name}_{k}_{unit}" for name, unit in parts.items() for k in range(getattr(run, name).shape[1])]
-    yield ",".join(["time_s", *heads])
-    whole = np.hstack([run.time[:, None], *(getattr(run, name) for name in parts)])
-    for row in whole:
-        yield ",".join(map(_cell, row.tolist()))
-
-
-def _cell(value: float) -> str:
-    """Return a number with all digits, and an empty cell for nan."""
-    return "" if value != value else repr(value)
+    n_t, n_body = run.velocity.shape
+    columns: dict[str, Any]
+    if layout == "long":
+        columns = {"time_s": np.repeat(run.time, n_body), "body": np.tile(np.arange(n_body), n_t), "x_m": x.ravel()}
+        columns |= {"displacement_m": run.displacement.ravel(), "velocity_m_per_s": run.velocity.ravel()}
+        columns |= {"force_left_N": left.ravel(), "force_right_N": right.ravel()}
+    else:
+        columns = {"time_s": run.time}
+        for name, unit in (("displacement", "m"), ("velocity", "m_per_s"), ("contact_force", "N")):
+            columns |= {f"{name}_{k}_{unit}": column for k, column in enumerate(getattr(run, name).T)}
+    return str(DataFrame(columns).to_csv(index=False, lineterminator="\n"))
 
 
 def _word(run: Trajectory) -> str:
     """Return the name of the backend as one word."""
     return "".join(sign if sign.isalnum() or sign in "-._" else "_" for sign in str(run.provenance.get("backend", "-")))
-
-
-_WRITERS: Mapping[str, Callable[[Trajectory, Scene, float | None], Iterator[str]]] = MappingProxyType(
-    {"extxyz": _extxyz, "lammpstrj": _dump, "csv": _long}
-)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 
+from dem_bridge.regression.baseline import QUANTITIES
 from dem_bridge.regression.compare import Change, Comparison, worst_outcome
 from dem_bridge.regression.run import Regression
+from dem_bridge.report.pages import fill
 
 #: order of the outcomes in a pull request, failures first
 _ORDER = (Change.BROKEN, Change.CHANGED, Change.GONE, Change.NOT_RUN, Change.NEW, Change.SAME)
@@ -52,27 +54,15 @@ def lines(regression: Regression) -> list[str]:
 
 def markdown(regression: Regression) -> str:
     """Return Markdown for a pull request: the comparisons that are not SAME, then a table of all."""
-    title = regression.title
-    text = [f"### Regression: {tally(regression)}", "", f"{title[:1].upper()}{title[1:]}.", ""]
-    for change in _ORDER[:-1]:
-        for comparison in regression.comparisons:
-            if comparison.change is change:
-                head = f"- **{change.value}**{_since(comparison)} {comparison.scene}, `{comparison.backend}`"
-                text.append(f"{head}: {_escape(comparison.sentence)}")
-                text += [f"  - then {_escape(departure.sentence)}" for departure in comparison.departures[1:]]
-                text += [f"  - {_escape(note)}" for note in comparison.notes if change is not Change.NEW]
-    if text[-1]:
-        text.append("")
-    head_cells = ("scene", "backend", "outcome", "velocity", "peak force", "crossing time", "error", "was", "verdict")
-    text += [f"| {' | '.join(head_cells)} |", f"|{' --- |' * 3}{' ---: |' * 5} --- |"]
-    text += [f"| {' | '.join(_row(comparison))} |" for comparison in regression.comparisons]
-    text += [
-        "",
-        "Differences are relative; the tolerance (same_within), which only round-off explains, is in brackets."
-        " Errors are relative errors of the velocity.",
-    ]
-    text += [f"{note}." for note in _common_notes(regression)]
-    return "\n".join(text) + "\n"
+    return fill(
+        "regression.md.j2",
+        regression=regression,
+        tally=tally(regression),
+        order=_ORDER[:-1],
+        cells=_cells,
+        notes=_common_notes(regression),
+        since=_since,
+    )
 
 
 def _since(comparison: Comparison) -> str:
@@ -80,27 +70,18 @@ def _since(comparison: Comparison) -> str:
     return f" ({comparison.since})" if comparison.since else ""
 
 
-def _row(comparison: Comparison) -> list[str]:
-    """Return the cells of a comparison in the table."""
-    differences = []
-    for name in ("velocity", "peak_force", "crossing_time"):
+def _cells(comparison: Comparison) -> list[str]:
+    """Return the differences of a comparison with their tolerances, then the velocity errors now and before."""
+    cells = []
+    for name in QUANTITIES:
         value, tolerance = comparison.differences.get(name), comparison.same_within.get(name, math.nan)
-        differences.append("" if value is None else f"{value:.1e} ({tolerance:.1e})" if value else "0")
-    errors = [
-        f"{accuracies['velocity'].error:.1e}" if "velocity" in accuracies else ""
-        for accuracies in (comparison.after, comparison.before)
-    ]
-    outcome = f"**{comparison.change.value}**" if comparison.change.fails else comparison.change.value
+        cells.append("" if value is None else f"{value:.1e} ({tolerance:.1e})" if value else "0")
+    errors = [accuracies.get("velocity") for accuracies in (comparison.after, comparison.before)]
     verdict = worst_outcome(comparison.after)
-    return [comparison.scene, f"`{comparison.backend}`", outcome, *differences, *errors, verdict]
+    return [*cells, *("" if accuracy is None else f"{accuracy.error:.1e}" for accuracy in errors), verdict]
 
 
 def _common_notes(regression: Regression) -> list[str]:
     """Return the notes of all comparisons that are SAME, each once."""
     notes = [note for entry in regression.comparisons if entry.change is Change.SAME for note in entry.notes]
     return list(dict.fromkeys(notes))
-
-
-def _escape(text: str) -> str:
-    """Return text that can stand in a Markdown table or list."""
-    return text.replace("|", "\\|").replace("\n", " ")
