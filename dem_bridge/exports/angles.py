@@ -20,6 +20,7 @@ Floats = NDArray[np.float64]
 
 #: default relative tolerance of the stiffness; the tolerance of an angle follows from it
 WITHIN = 0.01
+_LAWS: tuple[AxisRatio, ...] = ("paper", "exact")
 #: default angles of the stiffness curve, degrees
 CURVE = (0.1, 0.2, 0.5, *(float(angle) for angle in range(1, 91)))
 
@@ -125,41 +126,35 @@ class Cylinders:
         except ValueError as error:
             raise UsageError(str(error)) from None
 
+    @property
+    def properties(self) -> dict[str, float]:
+        """Return the radius and the elastic properties."""
+        return {"radius": self.radius, "young": self.youngs_modulus, "poisson": self.poissons_ratio}
+
     def are(self, bodies: Iterable[Body]) -> bool:
         """Return True if all bodies have this radius, Young's modulus and Poisson's ratio."""
-        elastic = {"young": self.youngs_modulus, "poisson": self.poissons_ratio}
-        return all(body.radius == self.radius and body.material.elastic == elastic for body in bodies)
+        return all({"radius": body.radius, **body.material.elastic} == self.properties for body in bodies)
 
     def stiffness(self, angle: float, law: AxisRatio) -> float:
         """Return the stiffness, N/m^1.5, at an angle in degrees."""
-        elastic = {"young": self.youngs_modulus, "poisson": self.poissons_ratio}
-        return crossed_cylinders(angle=angle, radius=self.radius, law=law, **elastic).stiffness
+        return crossed_cylinders(angle=angle, law=law, **self.properties).stiffness
 
     def angle(self, stiffness: float, within: float) -> tuple[float, float, float]:
         """Return the angle and its tolerance, degrees, and the slope there; raise ValueError if no angle fits."""
-        elastic = {"radius": self.radius, "young": self.youngs_modulus, "poisson": self.poissons_ratio}
-        angle, stiffer = (
-            angle_of_stiffness(beta, law=self.law, **elastic) for beta in (stiffness, stiffness * (1.0 + within))
-        )
+        targets = (stiffness, stiffness * (1.0 + within))
+        angle, stiffer = (angle_of_stiffness(beta, law=self.law, **self.properties) for beta in targets)
         return angle, angle - stiffer, stiffness_slope(angle, law=self.law)
 
 
 def _cylinders(scene: Scene, settings: dict[str, float | None], law: AxisRatio | None) -> Cylinders:
     """Return the cylinders of a table: properties set by the caller, others from the scene's first crossed pair."""
     properties: dict[str, float] = {}
-    geometry = scene.geometry
-    if geometry is not None:
-        crossed = [
-            k for k, (left, right) in enumerate(pairwise(geometry.bodies)) if left.shape == right.shape != "sphere"
-        ]
+    if (geometry := scene.geometry) is not None:
         law = law or geometry.law
-        if crossed:
-            body = geometry.bodies[crossed[0]]
-            properties = {
-                "radius": body.radius,
-                "youngs_modulus": body.material.youngs_modulus,
-                "poissons_ratio": body.material.poissons_ratio,
-            }
+        crossed = (left for left, right in pairwise(geometry.bodies) if left.shape == right.shape != "sphere")
+        if body := next(crossed, None):
+            elastic = (body.material.youngs_modulus, body.material.poissons_ratio)
+            properties = dict(zip(settings, (body.radius, *elastic), strict=True))
     properties |= {key: value for key, value in settings.items() if value is not None}
     if missing := [key for key in settings if key not in properties]:
         raise UsageError(
@@ -248,7 +243,8 @@ def stiffness_curve(
     if len(angle_grid) == 0:
         raise UsageError("angles = []; allowed: one or more angles above 0 and up to 90 degrees")
     try:
-        paper, exact = ([pair.stiffness(angle, law) for angle in angle_grid] for law in ("paper", "exact"))
+        paper, exact = ([pair.stiffness(angle, law) for angle in angle_grid] for law in _LAWS)
+        paper_slope, exact_slope = ([stiffness_slope(angle, law=law) for angle in angle_grid] for law in _LAWS)
     except (TypeError, ValueError) as error:
         raise UsageError(str(error)) from None
     return Table(
@@ -259,15 +255,8 @@ def stiffness_curve(
             numbers("stiffness_paper", "stiffness by eq. 3.1", "N/m^1.5", paper),
             numbers("stiffness_exact", "stiffness by Hertz' exact law", "N/m^1.5", exact),
             numbers("paper_over_exact", "eq. 3.1 over exact", "", [p / e for p, e in zip(paper, exact, strict=True)]),
-            numbers(
-                "slope_paper",
-                "d ln(stiffness)/d(angle), eq. 3.1",
-                "1/deg",
-                [_slope(phi, "paper") for phi in angle_grid],
-            ),
-            numbers(
-                "slope_exact", "d ln(stiffness)/d(angle), exact", "1/deg", [_slope(phi, "exact") for phi in angle_grid]
-            ),
+            numbers("slope_paper", "d ln(stiffness)/d(angle), eq. 3.1", "1/deg", paper_slope),
+            numbers("slope_exact", "d ln(stiffness)/d(angle), exact", "1/deg", exact_slope),
         ),
         notes=(
             f"cylinders of radius {pair.radius!r} m, Young's modulus {pair.youngs_modulus!r} Pa, Poisson's ratio"
@@ -289,7 +278,3 @@ def _listed(indices: Sequence[int]) -> str:
     return ", ".join(
         f"{indices[first]}" if first == last else f"{indices[first]} to {indices[last]}" for first, last in runs
     )
-
-
-def _slope(angle: float, law: AxisRatio) -> float:
-    return stiffness_slope(angle, law=law)

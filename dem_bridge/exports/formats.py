@@ -17,7 +17,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from dem_bridge.errors import UsageError
-from dem_bridge.exports.table import Cell, Column, Table, unit_of
+from dem_bridge.exports.table import SPELLING, Cell, Column, Table, unit_of
 from dem_bridge.version import __version__
 
 #: largest number of significant digits in Markdown and LaTeX
@@ -25,20 +25,9 @@ MOST_DIGITS = 6
 #: largest ratio of two numbers in a column whose cells have no powers of ten of their own
 _SPREAD = 1e4
 #: powers of ten, their SI prefix and its macro in siunitx
-_PREFIXES = {
-    -12: ("p", r"\pico"), -9: ("n", r"\nano"), -6: ("µ", r"\micro"), -3: ("m", r"\milli"), 0: ("", ""),
-    3: ("k", r"\kilo"), 6: ("M", r"\mega"), 9: ("G", r"\giga"), 12: ("T", r"\tera"),
-}  # fmt: skip
+_PREFIXES = {int(power): spelling for power, spelling in SPELLING["prefixes"].items()}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_TEX = {
-    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-}
+_TEX = str.maketrans(SPELLING["escapes_in_latex"])
 
 
 def format_for(name: str | None, path: Path | None, table: str) -> str:
@@ -276,7 +265,7 @@ def _escaped(text: str) -> str:
     >>> print(_escaped("100 % of a_b & {c}"))
     100 \% of a\_b \& \{c\}
     """
-    return "".join(_TEX.get(sign, sign) for sign in text)
+    return text.translate(_TEX)
 
 
 FORMATS: Mapping[str, Callable[[Table], str | bytes]] = MappingProxyType(

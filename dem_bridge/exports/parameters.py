@@ -59,17 +59,13 @@ class _DeckContacts:
     @cached_property
     def radius(self) -> float:
         """Return the surrogate radius of the deck, m."""
-        largest_overlap, radius = self.largest_overlap, radius_of(self.scene, self.resolution, self.prescan)
-        if radius < largest_overlap:
+        largest = float(np.max(self.prescan.peak_overlap, initial=0.0))
+        radius = radius_of(self.scene, self.resolution, self.prescan)
+        if radius < largest:
             raise UsageError(
-                f"surrogate_radius = {radius:g} m; allowed: more than the largest overlap, {largest_overlap:.3g} m"
+                f"surrogate_radius = {radius:g} m; allowed: more than the largest overlap, {largest:.3g} m"
             )
         return radius
-
-    @property
-    def largest_overlap(self) -> float:
-        """Return the largest overlap of all contacts, m."""
-        return float(np.max(self.prescan.peak_overlap, initial=0.0))
 
     @cached_property
     def laws(self) -> Laws:
@@ -141,26 +137,24 @@ def contacts(scene: Scene, run: Trajectory | None = None, **deck_settings: Any) 
 
 def _geometry(scene: Scene, notes: list[str]) -> list[Column]:
     """Return the columns of the contact angles and of the stiffness by both laws at these angles."""
-    angle: list[float | None] = [None] * scene.n_contact
-    paper, exact = angle.copy(), angle.copy()
+    (angle, paper, exact), links = np.full((3, scene.n_contact), np.nan), len(scene.stiffness)
     if scene.geometry is None:
         notes.append(NO_GEOMETRY)
     else:
-        for k in range(len(scene.stiffness)):
-            angle[k], exact[k] = scene.geometry.angle[k], scene.geometry.contact(k).stiffness
-            if angle[k] is not None:
-                paper[k] = scene.geometry.contact(k, "paper").stiffness
-        if None in paper[: len(scene.stiffness)]:
+        for k, degrees in enumerate(scene.geometry.angle):
+            exact[k] = scene.geometry.contact(k).stiffness
+            if degrees is not None:
+                angle[k], paper[k] = degrees, scene.geometry.contact(k, "paper").stiffness
+        if np.isnan(paper[:links]).any():
             notes.append("a contact with a sphere has no angle, and eq. 3.1 applies to two crossed cylinders only")
-        if scene.n_contact > len(scene.stiffness):
+        if scene.n_contact > links:
             notes.append("walls have a stiffness and an exponent n, but no shape and no material")
         notes.append(EQUATION)
-    ratio = [None if p is None or e is None else p / e for p, e in zip(paper, exact, strict=True)]
     return [
         numbers("angle", "angle", "deg", angle),
         numbers("stiffness_paper", "stiffness by eq. 3.1", "N/m^1.5", paper),
         numbers("stiffness_exact", "stiffness by Hertz' exact law", "N/m^1.5", exact),
-        numbers("paper_over_exact", "eq. 3.1 over exact", "", ratio),
+        numbers("paper_over_exact", "eq. 3.1 over exact", "", paper / exact),
     ]
 
 
@@ -175,13 +169,13 @@ def _damping(scene: Scene) -> list[Column]:
 def _deck_columns(deck: _DeckContacts, notes: list[str]) -> list[Column]:
     """Return the columns of the contacts' coefficients and atom types in the deck."""
     scene, law = deck.scene, deck.laws.where[deck.place].tolist()
-    model: list[str | None] = [None] * scene.n_contact
-    stiffness: list[float | None] = [None] * scene.n_contact
+    model, stiffness = list[str | None]([None] * scene.n_contact), np.full(scene.n_contact, np.nan)
     if reason := GRANULAR_STYLE.unsupported_reason(scene):
         notes.append(f"LAMMPS model and k_n are empty because pair_style granular cannot express the scene: {reason}")
     else:
-        coefficients = [deck.coefficients(nth) for nth in range(len(deck.laws.stiffness))]
-        model, stiffness = [coefficients[nth][0] for nth in law], [coefficients[nth][1] for nth in law]
+        coefficients = {nth: deck.coefficients(nth) for nth in law}
+        model = [coefficients[nth][0] for nth in law]
+        stiffness[:] = [coefficients[nth][1] for nth in law]
         notes.append(
             "LAMMPS k_n is the value in pair_coeff: stiffness / sqrt(R/2) for hertz, where R is the surrogate radius,"
             " and the stiffness for hooke"
@@ -202,8 +196,7 @@ def _predictions(scene: Scene, prescan: Prescan, notes: list[str]) -> list[Colum
         "the prescan is a short coarse run before the real one; its overlaps and elastic forces are accurate to a few"
         " per cent"
     )
-    force: list[float | None] = [None] * scene.n_contact
-    residence = force.copy()
+    force, residence = np.full((2, scene.n_contact), np.nan)
     if reason := SINGLE_PULSE.unsupported_reason(scene):
         notes.append(f"BCA columns are empty: {reason}")
     else:
@@ -226,8 +219,8 @@ def _predictions(scene: Scene, prescan: Prescan, notes: list[str]) -> list[Colum
 
 def _results(scene: Scene, run: Trajectory | None, notes: list[str]) -> list[Column]:
     """Return the columns of a run's peak forces, with overlaps, ellipses and pressures by Hertz' exact law."""
-    unknown = np.full(scene.n_contact, np.nan)
-    force, uncertainty, overlap, overlap_uncertainty = unknown, unknown, unknown, unknown
+    unknown = np.full((7, scene.n_contact), np.nan)
+    force, uncertainty, overlap, overlap_uncertainty, major, minor, pressure = unknown
     if run is None:
         notes.append("without a run, peak forces, peak overlaps, contact ellipses and pressures are unknown")
     else:
@@ -241,7 +234,6 @@ def _results(scene: Scene, run: Trajectory | None, notes: list[str]) -> list[Col
             # the root is steeper below the value than above it, so the lower side has the larger uncertainty
             lower = (np.maximum(force - uncertainty, 0.0) / scene.contacts.stiffness) ** power
             overlap_uncertainty = np.where(np.isfinite(uncertainty), overlap - lower, np.nan)
-    major, minor, pressure = (list[float | None]([None] * scene.n_contact) for _ in range(3))
     if run is not None and scene.geometry is not None:
         hertzian = (scene.contacts.exponent == 2.5) & (scene.law is None)
         if not np.all(hertzian):
@@ -317,31 +309,22 @@ def pair_coeffs(scene: Scene, **deck_settings: Any) -> Table:
     deck = _DeckContacts(scene=scene, resolution=Resolution(**deck_settings))
     order, c = line_order(scene), scene.contacts
     rows = [
-        (low, high, int(order[place]), count, int(deck.laws.where[place]))
+        (low, high, int(order[place]), count, law := int(deck.laws.where[place]), *deck.coefficients(law))
         for low, high, place, count in pairs(deck.types)
     ]
-    coefficients = [deck.coefficients(law) for *_, law in rows]
+    low, high, first, count, law, model, k_n, damping = zip(*rows, strict=True) if rows else [()] * 8
+    arguments = [deck.laws.coefficients(nth, deck.radius) for nth in law]
     columns = (
-        counts("type_1", "atom type I", [row[0] for row in rows]),
-        counts("type_2", "atom type J", [row[1] for row in rows]),
-        counts("contact", "first contact", [row[2] for row in rows]),
-        counts("contacts", "number of contacts", [row[3] for row in rows]),
-        numbers("stiffness", "stiffness", "N/m^(n-1)", [float(c.stiffness[row[2]]) for row in rows]),
-        numbers("exponent", "n", "", [float(c.exponent[row[2]]) for row in rows]),
-        texts("lammps_model", "LAMMPS model", [model for model, _, _ in coefficients]),
-        numbers(
-            "lammps_k_n",
-            "LAMMPS k_n",
-            _unit_of([model for model, _, _ in coefficients]),
-            [stiffness for _, stiffness, _ in coefficients],
-            digits=6,
-        ),
-        numbers("lammps_damping", "LAMMPS damping coefficient", "", [value for _, _, value in coefficients], digits=6),
-        texts(
-            "coefficients",
-            "arguments of pair_coeff I J",
-            [deck.laws.coefficients(row[4], deck.radius) for row in rows],
-        ),
+        counts("type_1", "atom type I", low),
+        counts("type_2", "atom type J", high),
+        counts("contact", "first contact", first),
+        counts("contacts", "number of contacts", count),
+        numbers("stiffness", "stiffness", "N/m^(n-1)", c.stiffness[list(first)]),
+        numbers("exponent", "n", "", c.exponent[list(first)]),
+        texts("lammps_model", "LAMMPS model", model),
+        numbers("lammps_k_n", "LAMMPS k_n", _unit_of(model), k_n, digits=6),
+        numbers("lammps_damping", "LAMMPS damping coefficient", "", damping, digits=6),
+        texts("coefficients", "arguments of pair_coeff I J", arguments),
     )
     return Table(
         id="pair-coeffs",
@@ -355,7 +338,7 @@ def pair_coeffs(scene: Scene, **deck_settings: Any) -> Table:
     )
 
 
-def _include(deck: _DeckContacts, rows: list[tuple[int, int, int, int, int]]) -> list[str]:
+def _include(deck: _DeckContacts, rows: Sequence[tuple[Any, ...]]) -> list[str]:
     """Return the lines of a file that LAMMPS reads by ``include``."""
     scene, kinds = deck.scene, _kinds(deck.scene)
     lines = [
@@ -367,7 +350,7 @@ def _include(deck: _DeckContacts, rows: list[tuple[int, int, int, int, int]]) ->
     types = [str(kind) for kind in deck.types.tolist()]
     lines += [f"#   {' '.join(types[start : start + 30])}" for start in range(0, len(types), 30)]
     lines += granular(deck.laws, deck.radius).head
-    for low, high, contact, count, law in rows:
+    for low, high, contact, count, law, *_ in rows:
         name = f"contact {contact}" if kinds[contact] == "chain" else kinds[contact]
         more = f" and {count - 1} more" if count > 1 else ""
         beta = float(deck.laws.stiffness[law])

@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SCHEMA = "dem-bridge/table/1"
+#: what a JSON document says of a column
+_COLUMN_KEYS = ("name", "heading", "unit", "kind", "uncertainty_of")
 Cell = float | int | str | None
 
 
@@ -36,29 +39,10 @@ class Unit:
     """True if the unit takes SI prefixes such as µ and G."""
 
 
-#: units by their names in the code
-UNITS: Mapping[str, Unit] = {
-    "": Unit("", "", ""),
-    "N": Unit("N", r"\newton", "N", prefixed=True),
-    "m": Unit("m", r"\metre", "m", prefixed=True),
-    "s": Unit("s", r"\second", "s", prefixed=True),
-    "Pa": Unit("Pa", r"\pascal", "Pa", prefixed=True),
-    "kg": Unit("kg", r"\kilogram", "kg"),
-    "deg": Unit("°", r"\degree", "deg"),
-    "1/deg": Unit("1/°", r"\per\degree", "per_deg"),
-    "N s/m": Unit("N s/m", r"\newton\second\per\metre", "N_s_per_m"),
-    "1/s": Unit("1/s", r"\per\second", "per_s"),
-    "m/s": Unit("m/s", r"\metre\per\second", "m_per_s"),
-    "kg m/s": Unit("kg m/s", r"\kilogram\metre\per\second", "kg_m_per_s"),
-    "J": Unit("J", r"\joule", "J", prefixed=True),
-    "kg/m^3": Unit("kg/m³", r"\kilogram\per\cubic\metre", "kg_per_m3"),
-    "N/m^1.5": Unit("N/m^1.5", r"\newton\per\metre\tothe{1.5}", "N_per_m1_5"),
-    # units that depend on the row of the table
-    "N/m^(n-1)": Unit("N/m^(n-1)", r"$\mathrm{N}/\mathrm{m}^{n-1}$", "SI"),
-    "N/m^2": Unit("N/m²", r"\newton\per\square\metre", "SI"),
-    "N/m": Unit("N/m", r"\newton\per\metre", "SI"),
-    "N/m^2 or N/m": Unit("N/m², of hooke N/m", r"\si{\newton\per\square\metre}, of hooke \si{\newton\per\metre}", "SI"),
-}
+#: the data: how units are written, the SI prefix of a power of ten and its macro in siunitx, and escapes in LaTeX
+SPELLING = json.loads(Path(__file__).with_name("units.json").read_text(encoding="utf-8"))
+#: units by their names in the code; some depend on the row of the table
+UNITS: Mapping[str, Unit] = {name: Unit(**{"text": name, **entry}) for name, entry in SPELLING["units"].items()}
 
 
 def unit_of(text: str) -> Unit:
@@ -203,16 +187,7 @@ class Table:
             "schema": SCHEMA,
             "table": self.id,
             "title": self.title,
-            "columns": [
-                {
-                    "name": column.name,
-                    "heading": column.heading,
-                    "unit": column.unit,
-                    "kind": column.kind,
-                    "uncertainty_of": column.uncertainty_of,
-                }
-                for column in self.columns
-            ],
+            "columns": [{key: getattr(column, key) for key in _COLUMN_KEYS} for column in self.columns],
             "rows": [dict(zip(names, row, strict=True)) for row in self.rows],
             "notes": list(self.notes),
             "provenance": json.loads(json.dumps(dict(self.provenance))),

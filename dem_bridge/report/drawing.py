@@ -7,7 +7,6 @@ width of a page, so that text of 10 points has this size on the page.
 
 from __future__ import annotations
 
-import io
 import re
 import textwrap
 from collections.abc import Collection, Iterable, Sequence
@@ -15,14 +14,14 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
+from matplotlib.axes import Axes as Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
-from dem_bridge.report.strokes import STYLES, style_of, style_on_map
+from dem_bridge.report.strokes import style_of, style_on_map
 from dem_bridge.studies.study import FigureData, Map, Panel, Series
 
 #: colour map with even lightness; also for values of both signs, because two-sided colour maps are ambiguous in grey
@@ -54,7 +53,11 @@ def draw_figure(data: FigureData) -> Figure:
         return figure
     grid = figure.add_gridspec(len(rows), columns, height_ratios=heights)
     axes = [figure.add_subplot(grid[divmod(k, columns)]) for k in range(len(panels))]
-    limits = {k: colour_limits([panel.map for panel in group if panel.map is not None]) for k, group in _shared(panels)}
+    groups = _groups(panels)
+    limits: dict[int, tuple[float, float, str]] = {}
+    for group in groups:
+        maps = [panel_map for k in group if (panel_map := panels[k].map) is not None]
+        limits |= dict.fromkeys(group, colour_limits(maps))
     images = {}
     for k, (ax, panel) in enumerate(zip(axes, panels, strict=True)):
         if panel.map is not None:
@@ -63,7 +66,7 @@ def draw_figure(data: FigureData) -> Figure:
     rowed = [ax for ax, panel in zip(axes, panels, strict=True) if panel.rows]
     for ax in rowed:  # the same x axis for all
         ax.set_xlim(min(other.get_xlim()[0] for other in rowed), max(other.get_xlim()[1] for other in rowed))
-    for group in _groups(panels):
+    for group in groups:
         lines = [k for k in group if panels[k].map is None and not panels[k].rows]
         scale_together([axes[k] for k in lines], [panels[k] for k in lines])
     for row in rows:
@@ -71,10 +74,7 @@ def draw_figure(data: FigureData) -> Figure:
         for label_and_limits, alike in groupby(mapped, key=lambda k: (panels[k].map.label, limits[k])):  # type: ignore[union-attr]
             indices = list(alike)
             label, (_, _, extend) = label_and_limits
-            bar = figure.colorbar(
-                images[indices[0]], ax=[axes[k] for k in indices], label=label, extend=extend, pad=0.02, aspect=28
-            )
-            bar.ax.locator_params(nbins=6)
+            _colour_bar(figure, images[indices[0]], [axes[k] for k in indices], label, extend)
     _legend(figure, axes)
     return figure
 
@@ -86,8 +86,7 @@ def draw_panel(ax: Axes, panel: Panel) -> Axes:
     if panel.map is not None:
         low, high, extend = colour_limits([panel.map])
         image = _draw_map(ax, panel.map, (low, high))
-        bar = figure.colorbar(image, ax=ax, label=panel.map.label, extend=extend, pad=0.02, aspect=28)
-        bar.ax.locator_params(nbins=6)
+        _colour_bar(figure, image, [ax], panel.map.label, extend)
     inches = ax.get_position().width * figure.get_figwidth()
     _draw_lines(ax, panel, inches)
     if panel.map is None:
@@ -120,13 +119,6 @@ def new_axes(height: float = _HEIGHT["map"]) -> Axes:
     from matplotlib import pyplot  # here, because reports do not need pyplot
 
     return pyplot.figure(figsize=(0.6 * WIDTH, height), layout="constrained").add_subplot()
-
-
-def png(data: FigureData, *, dpi: int = 130) -> bytes:
-    """Return a figure as a PNG file; equal numbers give equal bytes."""
-    buffer = io.BytesIO()
-    fix_layout(draw_figure(data)).savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
-    return buffer.getvalue()
 
 
 def fix_layout(figure: Figure) -> Figure:
@@ -231,6 +223,12 @@ def _draw_map(ax: Axes, data: Map, limits: tuple[float, float]) -> Any:
     )
     ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # lines beyond the map do not widen the axes
     return image
+
+
+def _colour_bar(figure: Figure, image: Any, axes: Sequence[Axes], label: str, extend: str) -> None:
+    """Draw the colour bar of maps beside their axes."""
+    bar = figure.colorbar(image, ax=list(axes), label=label, extend=extend, pad=0.02, aspect=28)
+    bar.ax.locator_params(nbins=6)
 
 
 def _draw_series(ax: Axes, line: Series, *, on_map: bool) -> None:
@@ -365,21 +363,3 @@ def _groups(panels: Sequence[Panel]) -> list[list[int]]:
             old, new = group[k], group[other]
             group = [new if label == old else label for label in group]
     return [[k for k, label in enumerate(group) if label == name] for name in dict.fromkeys(group)]
-
-
-def _shared(panels: Sequence[Panel]) -> list[tuple[int, list[Panel]]]:
-    """Return for the index of each panel all panels that share its scale."""
-    return [(k, [panels[other] for other in group]) for group in _groups(panels) for k in group]
-
-
-__all__ = [
-    "STYLES",
-    "Axes",
-    "colour_limits",
-    "draw_figure",
-    "draw_panel",
-    "fix_layout",
-    "new_axes",
-    "png",
-    "scale_together",
-]

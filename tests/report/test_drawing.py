@@ -17,9 +17,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
-from dem_bridge.report.drawing import STYLES, colour_limits, draw_figure, png
+from dem_bridge.report.drawing import colour_limits, draw_figure
 from dem_bridge.report.figure_csv import csv_texts
-from dem_bridge.report.strokes import style_of
+from dem_bridge.report.images import image_of_data
+from dem_bridge.report.strokes import STYLES, style_of
 from dem_bridge.studies.study import FigureData, Map, Panel, Series
 from tests.helpers.legibility import assert_legible
 
@@ -229,7 +230,7 @@ NOTHING = np.full(40, np.nan)
     ids=lambda panel: panel.title,
 )
 def test_a_single_panel_with_little_in_it_is_drawn(panel: Panel) -> None:
-    picture = png(_figure(panel), dpi=40)
+    picture = image_of_data(_figure(panel))
     assert picture.startswith(b"\x89PNG")
     assert all(text.count("\n") >= 1 for text in csv_texts(_figure(panel)).values())
 
@@ -254,9 +255,9 @@ def test_marks_that_are_left_out_are_spoken_of() -> None:
 
 def test_the_same_numbers_give_the_same_bytes() -> None:
     one = _figure(FULL.panels[1])
-    first = png(one, dpi=40)
-    png(FULL, dpi=40)  # nothing of another figure is left in the next one
-    assert png(one, dpi=40) == first
+    first = image_of_data(one)
+    image_of_data(FULL)  # nothing of another figure is left in the next one
+    assert image_of_data(one) == first
 
 
 def test_csv_gives_back_every_number() -> None:

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.report.drawing import draw_figure, png
+from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.figure_csv import csv_texts
+from dem_bridge.report.images import image_of_data
 from dem_bridge.scene import Scene
 from dem_bridge.studies.paper.figures import ChainRuns, figure_2, figure_3, figure_4, figure_5, figure_6
 from dem_bridge.studies.paper.panels import MAP_ROWS, window
@@ -286,7 +287,7 @@ def test_maps_end_with_the_run_where_the_front_gets_nowhere(made_up: ChainRuns) 
     found = figure_2(lost, made_up).panels[0]
     assert found.map is not None
     assert found.map.y[-1] == pytest.approx(1e3 * made_up.scene.duration, rel=0.01)
-    assert png(figure_2(lost, lost), dpi=30).startswith(b"\x89PNG")
+    assert image_of_data(figure_2(lost, lost)).startswith(b"\x89PNG")
 
 
 def test_quiet_maps_stay_quiet(made_up: ChainRuns) -> None:
