@@ -309,7 +309,7 @@ def pair_coeffs(scene: Scene, **deck_settings: Any) -> Table:
     deck = _DeckContacts(scene=scene, resolution=Resolution(**deck_settings))
     order, c = line_order(scene), scene.contacts
     rows = [
-        (low, high, int(order[place]), count, law := int(deck.laws.where[place]), *deck.coefficients(law))
+        (low, high, int(order[place]), count, index := int(deck.laws.where[place]), *deck.coefficients(index))
         for low, high, place, count in pairs(deck.types)
     ]
     low, high, first, count, law, model, k_n, damping = zip(*rows, strict=True) if rows else [()] * 8
