@@ -1,8 +1,8 @@
 """Read the frames of dumps, extended XYZ, ASE trajectories and CSV: positions, velocities and forces.
 
 Units and the order of atoms are those of the file. This module does not use a scene; :mod:`.readers` turns frames into
-trajectories. Files written by dem_bridge have the extra columns ``displacement``, ``force_left`` and ``force_right``,
-which keep every digit of a trajectory.
+trajectories and adds the name of the file to messages of errors. Files written by dem_bridge have the extra columns
+``displacement``, ``force_left`` and ``force_right``, which keep every digit of a trajectory.
 """
 
 from __future__ import annotations
@@ -48,8 +48,7 @@ class Frames:
 class _FrameCollector:
     """Collect frames; raise UsageError for a frame with other atoms or columns than the first."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self) -> None:
         self.ids: NDArray[np.int64] | None = None
         self.rows: dict[str, list[Floats]] = {}
         self.count = 0
@@ -60,21 +59,20 @@ class _FrameCollector:
         ids = ids[order]
         if len(np.unique(ids)) != len(ids):
             twice = int(ids[:-1][np.diff(ids) == 0][0])
-            raise UsageError(f"{self.path}: {label} has atom {twice} twice; allowed: each id once per frame")
+            raise UsageError(f"{label} has atom {twice} twice; allowed: each id once per frame")
         if self.ids is None:
             self.ids, self.rows = ids, {name: [] for name in columns}
         if not np.array_equal(ids, self.ids):
-            lost, new = (sorted(set(left.tolist()) - set(right.tolist())) for left, right in
-                         ((self.ids, ids), (ids, self.ids)))  # fmt: skip
-            change = f"atom {lost[0]} is missing" if lost else f"atom {new[0]} is new"
+            lost, new = np.setdiff1d(self.ids, ids), np.setdiff1d(ids, self.ids)
+            change = f"atom {lost[0]} is missing" if lost.size else f"atom {new[0]} is new"
             raise UsageError(
-                f"{self.path}: {label} has {len(ids)} atoms, the first frame has {len(self.ids)}: {change}; allowed:"
+                f"{label} has {len(ids)} atoms, the first frame has {len(self.ids)}: {change}; allowed:"
                 " the same atoms in every frame"
             )
         if set(columns) != set(self.rows):
             different = sorted(set(columns) ^ set(self.rows))
             raise UsageError(
-                f"{self.path}: only one of {label} and the first frame has {', '.join(different)}; allowed: the same"
+                f"only one of {label} and the first frame has {', '.join(different)}; allowed: the same"
                 " columns in every frame"
             )
         for name, values in columns.items():
@@ -84,7 +82,7 @@ class _FrameCollector:
     def frames(self, **fields: Any) -> Frames:
         """Return all frames, with ``time``, ``step`` and ``units`` as given by ``fields``."""
         if self.ids is None:
-            raise UsageError(f"{self.path}: the file has no frames; allowed: a file with at least one frame")
+            raise UsageError("the file has no frames; allowed: a file with at least one frame")
         arrays = {name: np.array(values, dtype=np.float64) for name, values in self.rows.items()}
         return Frames(position=arrays.pop("position"), columns=arrays, ids=self.ids, **fields)
 
@@ -111,7 +109,7 @@ def read_dump(path: Path) -> Frames:
 
     Units and times are read if the dump has them (``dump_modify units yes time yes``).
     """
-    collector, times, steps = _FrameCollector(path), [], []
+    collector, times, steps = _FrameCollector(), [], []
     units = None
     lines = _lines(path)
     label = "frame 0"
@@ -119,7 +117,7 @@ def read_dump(path: Path) -> Frames:
     try:
         for line in lines:
             if not line.startswith("ITEM:"):
-                raise UsageError(f"{path}: {label} has the line {line[:40]!r} where a line 'ITEM: ...' is expected")
+                raise UsageError(f"{label} has the line {line[:40]!r} where a line 'ITEM: ...' is expected")
             words = line.split()[1:]
             name = " ".join(words)
             if name == "UNITS":
@@ -132,38 +130,34 @@ def read_dump(path: Path) -> Frames:
                 step, count = float(item["TIMESTEP"][0]), int(item["NUMBER OF ATOMS"][0])
                 label = f"frame {collector.count} (step {step:g})"
                 rows = [next(lines).split() for _ in range(count)]
-                ids, columns = _dump_columns(path, words[1:], rows, label)
+                ids, columns = _dump_columns(words[1:], rows, label)
                 collector.add(ids, columns, label)
                 steps.append(step)
                 if "TIME" in item:
                     times.append(float(item["TIME"][0]))
                 item = {}
             else:
-                raise UsageError(f"{path}: {label} has the unknown item {name!r}; allowed: the items of a dump custom")
+                raise UsageError(f"{label} has the unknown item {name!r}; allowed: the items of a dump custom")
     except (StopIteration, KeyError, ValueError) as error:
         if isinstance(error, UsageError):
             raise
         raise UsageError(
-            f"{path}: {label} or the next frame is incomplete or not in the format of a dump; write the file again"
+            f"{label} or the next frame is incomplete or not in the format of a dump; write the file again"
         ) from error
     time = np.array(times) if times and len(times) == len(steps) else None
     return collector.frames(time=time, step=np.array(steps), units=units)
 
 
-def _dump_columns(
-    path: Path, names: list[str], rows: list[list[str]], label: str
-) -> tuple[NDArray[np.int64], dict[str, Floats]]:
+def _dump_columns(names: list[str], rows: list[list[str]], label: str) -> tuple[NDArray[np.int64], dict[str, Floats]]:
     """Return the ids and the columns of one frame of a dump."""
     if "id" not in names:
-        raise UsageError(
-            f"{path}: {label} has no column id, so the order of the bodies is unknown; dump at least id, x and vx"
-        )
+        raise UsageError(f"{label} has no column id, so the order of the bodies is unknown; dump at least id, x and vx")
     if any(len(row) != len(names) for row in rows):
         raise ValueError(label)
     # unwrapped coordinates xu count as x
     names = [re.sub(r"^([xyz])u$", r"\1", name) for name in names]
     if "x" not in names:
-        raise UsageError(f"{path}: {label} has no column x; allowed: x or xu, not the scaled xs")
+        raise UsageError(f"{label} has no column x; allowed: x or xu, not the scaled xs")
     extra = (*EXTRA_COLUMNS, *(f"d_{name}" for name in EXTRA_COLUMNS))
     needed = {"diameter", "radius", "mass", *extra, *sum(_GROUPS.values(), ())}
     column = {name: np.array([float(row[k]) for row in rows]) for k, name in enumerate(names) if name in needed}
@@ -178,7 +172,7 @@ def _lines(path: Path) -> Iterator[str]:
             yield from (line for line in file if line.strip())
     except UnicodeDecodeError as error:
         raise UsageError(
-            f"{path}: the file is not text; convert a binary dump with LAMMPS' binary2txt, or dump to a file that does"
+            "the file is not text; convert a binary dump with LAMMPS' binary2txt, or dump to a file that does"
             " not end in .bin"
         ) from error
 
@@ -191,7 +185,7 @@ def read_ase(path: Path, kind: str) -> Frames:
     """
     from ase.io import iread
 
-    collector, times = _FrameCollector(path), []
+    collector, times = _FrameCollector(), []
     units: str | None = None
     label = "frame 0"
     try:
@@ -207,9 +201,9 @@ def read_ase(path: Path, kind: str) -> Frames:
     except UsageError:
         raise
     except Exception as error:  # the readers of ASE raise exceptions of many types
-        raise UsageError(f"{path}: ASE cannot read {label} or the next frame ({error})") from error
+        raise UsageError(f"ASE cannot read {label} or the next frame ({error})") from error
     if times and len(times) != collector.count:
-        raise UsageError(f"{path}: {len(times)} of {collector.count} frames have a time; allowed: all frames or none")
+        raise UsageError(f"{len(times)} of {collector.count} frames have a time; allowed: all frames or none")
     return collector.frames(
         time=np.array(times) if times else None,
         step=np.arange(float(collector.count)),
@@ -236,23 +230,21 @@ def _ase_columns(atoms: Any) -> Iterator[tuple[str, Floats]]:
             yield name, atoms.arrays[name]
 
 
-#: SI values of the units in CSV headings
+#: units in CSV headings with their SI values, by the SI unit of the quantity
 _UNITS = {
-    "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9,
-    "m/s": 1.0, "mm/s": 1e-3, "m_per_s": 1.0, "mm_per_s": 1e-3, "N": 1.0, "kN": 1e3, "mN": 1e-3,
-}  # fmt: skip
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},
+    "m": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9},
+    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "m_per_s": 1.0, "mm_per_s": 1e-3},
+    "N": {"N": 1.0, "kN": 1e3, "mN": 1e-3},
+}
 #: names in CSV headings: the name of the column here and the SI unit of its quantity
 _NAMES = {
-    "time": ("time", "s"), "t": ("time", "s"), "x": ("x", "m"), "position": ("x", "m"),
-    "displacement": ("displacement", "m"), "u": ("displacement", "m"), "velocity": ("velocity", "m/s"),
-    "v": ("velocity", "m/s"), "vx": ("velocity", "m/s"), "force_left": ("force_left", "N"),
-    "force_right": ("force_right", "N"), "contact_force": ("contact_force", "N"),
-}  # fmt: skip
-#: allowed units of each SI unit's quantity
-_ALLOWED_UNITS = {
-    "s": {"s", "ms", "us", "µs", "ns"}, "m": {"m", "mm", "um", "µm", "nm"},
-    "m/s": {"m/s", "mm/s", "m_per_s", "mm_per_s"}, "N": {"N", "kN", "mN"},
-}  # fmt: skip
+    **dict.fromkeys(("time", "t"), ("time", "s")),
+    **dict.fromkeys(("x", "position"), ("x", "m")),
+    **dict.fromkeys(("displacement", "u"), ("displacement", "m")),
+    **dict.fromkeys(("velocity", "v", "vx"), ("velocity", "m/s")),
+    **{name: (name, "N") for name in ("force_left", "force_right", "contact_force")},
+}
 _HEADING = re.compile(
     rf"(?P<name>{'|'.join(sorted(_NAMES, key=len, reverse=True))})(?:[_ ]?(?P<nth>\d+))?"
     r"(?:_(?P<plain>[A-Za-zµ_]+)|\s*[(\[](?P<unit>[^)\]]+)[)\]])"
@@ -283,59 +275,57 @@ def read_csv(path: Path) -> Sheet:
         table = np.array([[float(cell) if cell.strip() else math.nan for cell in row] for row in rows[1:]])
     except (ValueError, csv.Error) as error:
         raise UsageError(
-            f"{path}: the file is not a CSV table ({error}); allowed: a row of headings, then rows of numbers"
+            f"the file is not a CSV table ({error}); allowed: a row of headings, then rows of numbers"
         ) from error
     if table.ndim != 2 or table.shape[1] != len(rows[0]):
-        raise UsageError(
-            f"{path}: the file is not a CSV table; allowed: a row of headings, then rows with a number per heading"
-        )
+        raise UsageError("the file is not a CSV table; allowed: a row of headings, then rows with a number per heading")
     quantities: dict[tuple[str, int | None], Floats] = {}
     body = None
     for heading, values in zip(rows[0], table.T, strict=True):
         if heading.strip() == "body":
             body = values
             continue
-        name, nth, scale = _heading(path, heading)
+        name, nth, scale = _heading(heading)
         quantities[name, nth] = values if scale == 1.0 else values * scale
     time = quantities.pop(("time", None), None)
     if time is None or len(time) == 0:
-        raise UsageError(f"{path}: the file has no times; add a column time_s and at least one row")
+        raise UsageError("the file has no times; add a column time_s and at least one row")
     if body is not None:
-        return _long(path, time, body, {name: values for (name, nth), values in quantities.items() if nth is None})
+        return _long(time, body, {name: values for (name, nth), values in quantities.items() if nth is None})
     columns: dict[str, Floats] = {}
     for name in {name for name, _ in quantities}:
         indices = sorted(nth for column, nth in quantities if column == name and nth is not None)
         if indices != list(range(len(indices))) or not indices:
             raise UsageError(
-                f"{path}: the columns of {name} have the indices {indices}; allowed: 0, 1, 2, ..., or a column body"
+                f"the columns of {name} have the indices {indices}; allowed: 0, 1, 2, ..., or a column body"
             )
         columns[name] = np.stack([quantities[name, nth] for nth in indices], axis=1)
     return Sheet(time=time, columns=columns)
 
 
-def _heading(path: Path, heading: str) -> tuple[str, int | None, float]:
+def _heading(heading: str) -> tuple[str, int | None, float]:
     """Return the column's name, the index in it (None without one) and the SI value of its unit."""
     match = _HEADING.fullmatch(heading.strip())
     if match is None:
         if (bare := re.sub(r"[_ ]?\d+$", "", heading.strip())) in _NAMES:
             si_unit = _NAMES[bare][1]
-            raise UsageError(f"{path}: column {heading.strip()!r} has no unit; write '{heading.strip()} ({si_unit})'")
+            raise UsageError(f"column {heading.strip()!r} has no unit; write '{heading.strip()} ({si_unit})'")
         raise UsageError(
-            f"{path}: column {heading!r} is unknown; allowed: body, and {', '.join(_NAMES)} with a unit, such as"
+            f"column {heading!r} is unknown; allowed: body, and {', '.join(_NAMES)} with a unit, such as"
             " velocity_m_per_s, velocity_0_m_per_s or velocity (mm/s)"
         )
     unit = match["plain"] or match["unit"].strip()
     name, si_unit = _NAMES[match["name"]]
-    if unit not in _ALLOWED_UNITS[si_unit]:
-        allowed = ", ".join(sorted(_ALLOWED_UNITS[si_unit]))
-        raise UsageError(f"{path}: column {heading!r} has the unknown unit {unit!r}; allowed: {allowed}")
-    return name, None if match["nth"] is None else int(match["nth"]), _UNITS[unit]
+    if unit not in _UNITS[si_unit]:
+        allowed = ", ".join(sorted(_UNITS[si_unit]))
+        raise UsageError(f"column {heading!r} has the unknown unit {unit!r}; allowed: {allowed}")
+    return name, None if match["nth"] is None else int(match["nth"]), _UNITS[si_unit][unit]
 
 
-def _long(path: Path, time: Floats, body: Floats, columns: dict[str, Floats]) -> Sheet:
+def _long(time: Floats, body: Floats, columns: dict[str, Floats]) -> Sheet:
     """Return the contents of a CSV file in the long layout."""
     starts = np.flatnonzero(np.diff(time, prepend=-math.inf) != 0.0)
-    collector, times = _FrameCollector(path), []
+    collector, times = _FrameCollector(), []
     for begin, end in zip(starts, [*starts[1:], len(time)], strict=True):
         part = slice(int(begin), int(end))
         rows = {"position" if name == "x" else name: values[part] for name, values in columns.items()}

@@ -95,50 +95,55 @@ def read(path: Path, scene: Scene, format: str, *, units: str | None = None, dt:
         raise UsageError(
             f"{path}: there is no such file; allowed: a LAMMPS dump, extended XYZ, an ASE trajectory or CSV"
         )
-    if format == "csv":
-        if units not in (None, "si") or dt is not None:
-            raise UsageError(f"{path}: units and dt do not apply to CSV, whose headings have units; leave them out")
-        samples = _samples_of_sheet(path, read_csv(path), scene)
-    else:
-        frames = read_dump(path) if format == "lammpstrj" else read_ase(path, format)
-        samples = _samples_of_frames(path, frames, scene, units, dt, "ase" if format == "traj" else "si")
-    _check_times(path, samples.time)
-    _check_start(path, samples, scene)
+    try:
+        samples = _samples(path, scene, format, units, dt)
+        _check_times(samples.time)
+        _check_start(samples, scene)
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from error
     if samples.time[-1] < scene.duration * (1.0 - ENDS_WITHIN):
         samples.assumed.append(f"the file ends at {samples.time[-1]:.6g} s, the scene at {scene.duration:.6g} s")
     return _trajectory(path, samples, scene, format)
 
 
+def _samples(path: Path, scene: Scene, format: str, units: str | None, dt: float | None) -> _Samples:
+    """Return the samples of a file; messages of errors do not name the file."""
+    if format == "csv":
+        if units not in (None, "si") or dt is not None:
+            raise UsageError("units and dt do not apply to CSV, whose headings have units; leave them out")
+        return _samples_of_sheet(read_csv(path), scene)
+    frames = read_dump(path) if format == "lammpstrj" else read_ase(path, format)
+    return _samples_of_frames(frames, scene, units, dt, "ase" if format == "traj" else "si")
+
+
 def _samples_of_frames(
-    path: Path, frames: Frames, scene: Scene, units: str | None, dt: float | None, default_units: str
+    frames: Frames, scene: Scene, units: str | None, dt: float | None, default_units: str
 ) -> _Samples:
     """Return the samples of frames: motion along the chain's axis and contact forces."""
-    style, assumed = _units(path, frames.units, units, default_units)
+    style, assumed = _units(frames.units, units, default_units)
     si = UNITS[style]
     if not np.all(np.isfinite(frames.position)):
         frame = int(np.argwhere(~np.isfinite(frames.position))[0, 0])
-        raise UsageError(f"{path}: frame {frame} has positions that are not finite; allowed: finite numbers")
-    bodies, with_walls = _bodies(path, frames, scene)
-    axis = _axis(path, frames, bodies)
+        raise UsageError(f"frame {frame} has positions that are not finite; allowed: finite numbers")
+    bodies, with_walls = _bodies(frames, scene)
+    axis = _axis(frames, bodies)
     if axis != 0:
         assumed.append(f"the chain lies along {'xyz'[axis]}")
     along = frames.position[:, :, axis]
-    _check_order(path, along[:, bodies], frames.ids[bodies])
+    _check_order(along[:, bodies], frames.ids[bodies])
     if frames.time is not None:
         time = _scaled(frames.time, si.time)
         if dt is not None:
-            raise UsageError(f"{path}: dt = {dt!r} was given, but the file has times; leave dt out")
+            raise UsageError(f"dt = {dt!r} was given, but the file has times; leave dt out")
     elif dt is not None and frames.step is not None:
         time = frames.step * dt
         assumed.append(f"the time step (without step numbers: the time between frames) is {dt!r} s")
     else:
-        raise UsageError(
-            f"{path}: the file has step or frame numbers but no times; give the time step in seconds, dt (--dt)"
-        )
+        raise UsageError("the file has step or frame numbers but no times; give the time step in seconds, dt (--dt)")
     columns = frames.columns
     vectors = columns.get("velocity")
     velocity = None if vectors is None else _scaled(vectors[:, bodies, axis], si.velocity)
-    _check_mass(path, columns, frames.ids, bodies, scene, si)
+    _check_mass(columns, frames.ids, bodies, scene, si)
     if "displacement" in columns:
         displacement = _scaled(columns["displacement"][:, bodies], si.length)
     else:
@@ -160,15 +165,13 @@ def _samples_of_frames(
     return _Samples(time, displacement, velocity, contact, digits, assumed, style)
 
 
-def _units(path: Path, in_file: str | None, argument: str | None, default: str) -> tuple[str, list[str]]:
+def _units(in_file: str | None, argument: str | None, default: str) -> tuple[str, list[str]]:
     """Return the unit style, and the assumption about it if the file names none."""
     if in_file is not None and argument is not None and in_file != argument:
-        raise UsageError(f"{path}: units = {argument!r} was given, but the file has {in_file!r}; leave units out")
+        raise UsageError(f"units = {argument!r} was given, but the file has {in_file!r}; leave units out")
     style = in_file or argument or default
     if style not in UNITS:
-        raise UsageError(
-            f"{path}: the file has units {style!r}, whose SI values are unknown; allowed: {', '.join(UNITS)}"
-        )
+        raise UsageError(f"the file has units {style!r}, whose SI values are unknown; allowed: {', '.join(UNITS)}")
     return style, [] if in_file else [f"units are {style}, because the file does not state them"]
 
 
@@ -186,7 +189,7 @@ def _rounding_error(values: Floats, unit: float = 1.0) -> float | None:
     return None if error is None else error * unit
 
 
-def _bodies(path: Path, frames: Frames, scene: Scene) -> tuple[slice, bool]:
+def _bodies(frames: Frames, scene: Scene) -> tuple[slice, bool]:
     """Return which atoms are bodies, and True if the scene's walls are atoms at the ends, as in our decks."""
     walls = scene.n_contact - (scene.n_body - 1)
     atoms = len(frames.ids)
@@ -197,12 +200,12 @@ def _bodies(path: Path, frames: Frames, scene: Scene) -> tuple[slice, bool]:
         return slice(first, first + scene.n_body), True
     and_walls = f", or {scene.n_body + walls} atoms with its walls" if walls else ""
     raise UsageError(
-        f"{path}: the file has {atoms} atoms per frame, the scene {scene.name} has {scene.n_body} bodies{and_walls};"
+        f"the file has {atoms} atoms per frame, the scene {scene.name} has {scene.n_body} bodies{and_walls};"
         " give the scene of this run, and a file with all bodies"
     )
 
 
-def _axis(path: Path, frames: Frames, bodies: slice) -> int:
+def _axis(frames: Frames, bodies: slice) -> int:
     """Return the axis along which the bodies lie (0, 1 or 2); raise UsageError if they leave the line."""
     start = frames.position[0, bodies]
     axis = int(np.argmax(np.ptp(start, axis=0)))
@@ -210,24 +213,24 @@ def _axis(path: Path, frames: Frames, bodies: slice) -> int:
     across = float(np.max(np.delete(flight, axis)))
     if across > ACROSS * float(flight[axis]) and across > 0.0:
         raise UsageError(
-            f"{path}: bodies move by {across:g} across the chain and by {flight[axis]:g} along it (axis"
+            f"bodies move by {across:g} across the chain and by {flight[axis]:g} along it (axis"
             f" {'xyz'[axis]}); allowed: motion along one line"
         )
     return axis
 
 
-def _check_order(path: Path, along: Floats, ids: NDArray[np.int64]) -> None:
+def _check_order(along: Floats, ids: NDArray[np.int64]) -> None:
     """Raise UsageError unless the positions increase with the ids in every frame."""
     wrong = np.argwhere(np.diff(along, axis=1) <= 0.0)
     if len(wrong):
         frame, k = wrong[0].tolist()
         raise UsageError(
-            f"{path}: in frame {frame} atom {ids[k]} is at {along[frame, k]:.9g} and atom {ids[k + 1]} at"
+            f"in frame {frame} atom {ids[k]} is at {along[frame, k]:.9g} and atom {ids[k + 1]} at"
             f" {along[frame, k + 1]:.9g}; allowed: positions that increase with the id, body 0 first"
         )
 
 
-def _check_mass(path: Path, columns: Any, ids: NDArray[np.int64], bodies: slice, scene: Scene, si: Units) -> None:
+def _check_mass(columns: Any, ids: NDArray[np.int64], bodies: slice, scene: Scene, si: Units) -> None:
     """Raise UsageError unless the masses in the file, if any, are those of the scene."""
     if "mass" not in columns:
         return
@@ -236,7 +239,7 @@ def _check_mass(path: Path, columns: Any, ids: NDArray[np.int64], bodies: slice,
     if np.any(off):
         k = int(np.argmax(off))
         raise UsageError(
-            f"{path}: atom {ids[bodies][k]} has a mass of {mass[k]:.6g} kg, body {k} of {scene.name} has"
+            f"atom {ids[bodies][k]} has a mass of {mass[k]:.6g} kg, body {k} of {scene.name} has"
             f" {scene.mass[k]:.6g} kg; give the scene of this run, or the units of the file"
         )
 
@@ -269,7 +272,7 @@ def _from_net(net: Floats, time: Floats, scene: Scene, with_walls: bool) -> Floa
     return np.hstack([chain, *walls])
 
 
-def _samples_of_sheet(path: Path, sheet: Sheet, scene: Scene) -> _Samples:
+def _samples_of_sheet(sheet: Sheet, scene: Scene) -> _Samples:
     """Return the samples of a CSV file."""
     columns, assumed = sheet.columns, []
     widths = {name: values.shape[1] for name, values in columns.items()}
@@ -277,8 +280,7 @@ def _samples_of_sheet(path: Path, sheet: Sheet, scene: Scene) -> _Samples:
         kind, count = ("contacts", scene.n_contact) if name == "contact_force" else ("bodies", scene.n_body)
         if width != count:
             raise UsageError(
-                f"{path}: the columns of {name} are of {width} {kind}, the scene {scene.name} has {count}; all are"
-                " needed"
+                f"the columns of {name} are of {width} {kind}, the scene {scene.name} has {count}; all are needed"
             )
     if "displacement" in columns:
         displacement = columns["displacement"]
@@ -286,11 +288,9 @@ def _samples_of_sheet(path: Path, sheet: Sheet, scene: Scene) -> _Samples:
         displacement = columns["x"] - columns["x"][0]
         assumed.append("displacements are relative to the first time")
     else:
-        raise UsageError(
-            f"{path}: the file has neither displacements nor positions; add a column displacement_m or x_m"
-        )
+        raise UsageError("the file has neither displacements nor positions; add a column displacement_m or x_m")
     if "x" in columns:
-        _check_order(path, columns["x"], np.arange(scene.n_body))
+        _check_order(columns["x"], np.arange(scene.n_body))
     contact = columns.get("contact_force")
     if contact is None and "force_left" in columns and "force_right" in columns:
         contact = _from_sides(columns["force_left"], columns["force_right"], scene)
@@ -300,14 +300,14 @@ def _samples_of_sheet(path: Path, sheet: Sheet, scene: Scene) -> _Samples:
     return _Samples(sheet.time, displacement, columns.get("velocity"), contact, digits, assumed)
 
 
-def _check_times(path: Path, time: Floats) -> None:
+def _check_times(time: Floats) -> None:
     """Raise UsageError unless times increase from 0 and no frame is missing."""
     steps = np.diff(time)
     if not np.all(np.isfinite(time)) or np.any(steps <= 0.0):
         where = int(np.argmax(~(steps > 0.0)))
-        raise UsageError(f"{path}: frame {where + 1} is not later than frame {where}; allowed: increasing times")
+        raise UsageError(f"frame {where + 1} is not later than frame {where}; allowed: increasing times")
     if time[0] != 0.0:
-        raise UsageError(f"{path}: the file begins at {time[0]:g} s; allowed: the start of the scene, 0 s")
+        raise UsageError(f"the file begins at {time[0]:g} s; allowed: the start of the scene, 0 s")
     if len(steps) < 3:
         return
     # frames are missing if nearly all intervals are equal and a few are longer
@@ -316,12 +316,12 @@ def _check_times(path: Path, time: Floats) -> None:
     if 0 < len(far) <= max(1, len(steps) // 10) and np.all(np.delete(steps, far) > 0.5 * usual):
         k = int(far[0])
         raise UsageError(
-            f"{path}: frame {k} is at {time[k]:.9g} s and the next frame at {time[k + 1]:.9g} s, which is"
+            f"frame {k} is at {time[k]:.9g} s and the next frame at {time[k + 1]:.9g} s, which is"
             f" {steps[k] / usual:.3g} times the usual interval, so a frame is missing; give a file with all frames"
         )
 
 
-def _check_start(path: Path, samples: _Samples, scene: Scene) -> None:
+def _check_start(samples: _Samples, scene: Scene) -> None:
     """Raise UsageError unless the velocities of the first frame are the initial velocities of the scene."""
     start = np.array(scene.velocity)
     if samples.velocity is None:
@@ -329,14 +329,14 @@ def _check_start(path: Path, samples: _Samples, scene: Scene) -> None:
         return
     if not np.all(np.isfinite(samples.velocity)):
         frame = int(np.argwhere(~np.isfinite(samples.velocity))[0, 0])
-        raise UsageError(f"{path}: frame {frame} has velocities that are not finite; allowed: finite numbers")
+        raise UsageError(f"frame {frame} has velocities that are not finite; allowed: finite numbers")
     off = np.abs(samples.velocity[0] - start)
     scale = float(max(np.max(np.abs(start)), np.max(np.abs(samples.velocity))))
     if np.max(off) > START_WITHIN * scale:
         k = int(np.argmax(off))
         ratio = f" (the ratio is {samples.velocity[0, k] / start[k]:.6g})" if start[k] else ""
         raise UsageError(
-            f"{path}: body {k} starts at {samples.velocity[0, k]:.6g} m/s, in the scene {scene.name} at"
+            f"body {k} starts at {samples.velocity[0, k]:.6g} m/s, in the scene {scene.name} at"
             f" {start[k]:.6g} m/s{ratio}; give the scene of this run, a file that begins at its start, and the right"
             f" units (now {samples.units})"
         )

@@ -9,9 +9,11 @@ file, line and column.
 from __future__ import annotations
 
 import csv
+import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,36 +21,14 @@ import numpy as np
 from dem_bridge.errors import SceneError
 from dem_bridge.scene import Damping, Scene, Wall
 
-#: quantities of bodies by heading
-BODY = {"body": "body", "mass_kg": "mass", "velocity_m_per_s": "velocity"}
-#: quantities of contacts by heading
-CONTACT = {
-    "stiffness_N_per_m^(n-1)": "stiffness",
-    "stiffness_SI": "stiffness",
-    "exponent": "exponent",
-    "gap_m": "gap",
-    "damping_N_s_per_m": "dashpot",
-    "damping_s": "kuwabara-kono",
-}
-#: columns that identify the contacts of a table
-PLACE = {"contact": "contact", "where": "where"}
+#: the data: quantities by heading, and the columns of exported tables that are not read
+_DATA = json.loads(Path(__file__).with_name("scene_csv.json").read_text(encoding="utf-8"))
+#: quantities of bodies and of contacts, and the columns that identify contacts, by heading
+BODY, CONTACT, PLACE = (_DATA[key] for key in ("bodies", "contacts", "place"))
 #: columns of exported tables that are not read, because they follow from other columns, a deck or a run
-DERIVED = frozenset(
-    {
-        *("mass_by_density_kg", "shape", "radius_m", "height_m", "material", "youngs_modulus_Pa", "poissons_ratio"),
-        *("density_kg_per_m3", "atom_id", "atom_type", "angle_deg", "stiffness_paper_N_per_m1_5"),
-        *("stiffness_exact_N_per_m1_5", "paper_over_exact", "lammps_model", "lammps_k_n_SI", "type_left", "type_right"),
-        *(
-            "surrogate_radius_m",
-            "peak_overlap_prescan_m",
-            "peak_force_prescan_N",
-            "peak_force_bca_N",
-            "residence_bca_s",
-        ),
-        *("peak_overlap_m", "peak_overlap_uncertainty_m", "peak_force_N", "peak_force_uncertainty_N"),
-        *("semi_major_m", "semi_minor_m", "peak_pressure_Pa"),
-    }
-)
+DERIVED = frozenset(_DATA["derived"])
+#: laws of damping, of which a table may have one
+_LAWS = ("dashpot", "kuwabara-kono")
 _WALLS = ("wall_left", "wall_right")
 #: largest relative difference between static overlaps in a table and those of the precompression (round-off of a sum)
 _EQUILIBRIUM_WITHIN = 1e-12
@@ -108,19 +88,15 @@ def scene_of_csv(
         sheet, links, walls = bodies, list(every[:-1]), dict[str, int]()
         for quantity in set(CONTACT.values()) & set(bodies.headings):
             if bodies.rows[-1][quantity]:
-                raise bodies.error(
-                    len(bodies.rows) - 1,
-                    quantity,
-                    "an empty cell, because no body follows the last one; give a wall by wall_right",
-                )
+                allowed = "an empty cell, because no body follows the last one; give a wall by wall_right"
+                raise bodies.error(len(bodies.rows) - 1, quantity, allowed)
     else:
         sheet = _sheet(contacts, contacts_file, {**PLACE, **CONTACT}, ("stiffness",))
         sheet.check_numbering("contact")
         links, walls = _places(sheet)
         if len(links) != len(bodies.rows) - 1:
-            problem = f"the table has {len(links)} contacts of the chain"
             allowed = f"{len(bodies.rows) - 1} for the {len(bodies.rows)} bodies in {file}"
-            raise SceneError("", problem=problem, allowed=allowed, where=contacts_file)
+            raise _fault(f"the table has {len(links)} contacts of the chain", allowed, contacts_file)
     order = [*links, *walls.values()]
     columns: dict[str, Any] = {"mass": bodies.numbers("mass", every), "velocity": bodies.numbers("velocity", every)}
     columns["stiffness"] = sheet.numbers("stiffness", links)
@@ -129,7 +105,7 @@ def scene_of_csv(
     for side, row in walls.items():
         more = {quantity: sheet.number(row, quantity) for quantity in ("exponent", "gap") if quantity in sheet.headings}
         columns[side] = Wall(stiffness=sheet.number(row, "stiffness"), **more)
-    for law in ("dashpot", "kuwabara-kono"):
+    for law in _LAWS:
         if law in sheet.headings:
             coefficients = tuple(sheet.numbers(law, order))
             # walls that are arguments have no cell for damping and are not damped
@@ -167,44 +143,28 @@ def _sheet(text: str, file: str, quantities: Mapping[str, str], needed: Sequence
             if any(cells) and not cells[0].startswith("#"):
                 rows.append((reader.line_num, cells))
     except csv.Error as error:
-        where = f"{file}, line {reader.line_num}"
-        raise SceneError(
-            "", problem=f"the text is not CSV ({error})", allowed="cells separated by commas", where=where
-        ) from None
+        raise _fault(f"the text is not CSV ({error})", "cells separated by commas", file, reader.line_num) from None
     allowed = ", ".join(quantities)
     if len(rows) < 2:
-        raise SceneError(
-            "",
-            problem="the table has no headings or no rows",
-            allowed=f"a row of headings from {allowed}, then rows",
-            where=file,
-        )
+        raise _fault("the table has no headings or no rows", f"a row of headings from {allowed}, then rows", file)
     (line, names), *below = rows
-    at = f"{file}, line {line}"
-    for name in names:
-        if name not in quantities and name not in DERIVED:
-            raise SceneError(f"column {name!r}", problem="is unknown", allowed=allowed, where=at)
     headings: dict[str, str] = {}
-    for name in (name for name in names if name in quantities):
-        if quantities[name] in headings or (
-            quantities[name] in ("dashpot", "kuwabara-kono") and {*headings} & {"dashpot", "kuwabara-kono"}
-        ):
-            raise SceneError(
-                f"column {name!r}", problem="repeats the quantity of another column", allowed="one of them", where=at
-            )
-        headings[quantities[name]] = name
+    for name in names:
+        quantity = quantities.get(name)
+        if quantity is None:
+            if name not in DERIVED:
+                raise _fault("is unknown", allowed, file, line, name)
+            continue
+        if quantity in headings or (quantity in _LAWS and {*headings} & {*_LAWS}):
+            raise _fault("repeats the quantity of another column", "one of them", file, line, name)
+        headings[quantity] = name
     for quantity in needed:
         if quantity not in headings:
             name = next(heading for heading, column in quantities.items() if column == quantity)
-            raise SceneError(
-                f"column {name!r}", problem="is missing", allowed=f"a table with {', '.join([name, *names])}", where=at
-            )
+            raise _fault("is missing", f"a table with {', '.join([name, *names])}", file, line, name)
     for number, cells in below:
         if len(cells) != len(names):
-            where = f"{file}, line {number}"
-            raise SceneError(
-                "", problem=f"the row has {len(cells)} cells", allowed=f"{len(names)}, one per column", where=where
-            )
+            raise _fault(f"the row has {len(cells)} cells", f"{len(names)}, one per column", file, number)
     cells_of = [dict(zip(names, cells, strict=True)) for _, cells in below]
     return _Sheet(
         file,
@@ -212,6 +172,12 @@ def _sheet(text: str, file: str, quantities: Mapping[str, str], needed: Sequence
         tuple(number for number, _ in below),
         tuple({quantity: cells[name] for quantity, name in headings.items()} for cells in cells_of),
     )
+
+
+def _fault(problem: str, allowed: str, file: str, line: int | None = None, column: str | None = None) -> SceneError:
+    """Return the error for a fault of a table, with its line and column where it has them."""
+    where = file if line is None else f"{file}, line {line}"
+    return SceneError("" if column is None else f"column {column!r}", problem=problem, allowed=allowed, where=where)
 
 
 def _places(sheet: _Sheet) -> tuple[list[int], dict[str, int]]:
@@ -233,16 +199,18 @@ def _located(
     error: SceneError, bodies: _Sheet, contacts: _Sheet, links: list[int], walls: dict[str, int]
 ) -> SceneError:
     """Return an error of Scene with the file, line and column of the cell that caused it."""
-    match = re.fullmatch(r"(mass|velocity|stiffness|exponent|gap|damping\.coefficient)\[(\d+)\]", error.key)
-    if match is not None:
-        quantity, nth = match[1], int(match[2])
-        sheet = bodies if quantity in ("mass", "velocity") else contacts
+    sheet, row, quantity = contacts, None, error.key
+    if match := re.fullmatch(r"(mass|velocity|stiffness|exponent|gap|damping\.coefficient)\[(\d+)\]", error.key):
+        quantity, row = match[1], int(match[2])
+        if quantity in ("mass", "velocity"):
+            sheet = bodies
+        else:
+            row = [*links, *walls.values()][row]
         if quantity == "damping.coefficient":
-            quantity = next(law for law in ("dashpot", "kuwabara-kono") if law in contacts.headings)
-        row = nth if sheet is bodies and quantity in ("mass", "velocity") else [*links, *walls.values()][nth]
-        if quantity in sheet.headings:
-            return error.at(f"{sheet.file}, line {sheet.lines[row]}", sheet.headings[quantity])
-    side, _, quantity = error.key.partition(".")
-    if side in walls and quantity in contacts.headings:
-        return error.at(f"{contacts.file}, line {contacts.lines[walls[side]]}", contacts.headings[quantity])
-    return error.at(bodies.file, error.key)
+            quantity = next(law for law in _LAWS if law in contacts.headings)
+    elif error.key.partition(".")[0] in walls:
+        side, _, quantity = error.key.partition(".")
+        row = walls[side]
+    if row is None or quantity not in sheet.headings:
+        return error.at(bodies.file, error.key)
+    return error.at(f"{sheet.file}, line {sheet.lines[row]}", sheet.headings[quantity])
