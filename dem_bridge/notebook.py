@@ -223,39 +223,31 @@ def _card(title: str, subtitle: str, *parts: str) -> str:
 
 def _facts(facts: Mapping[str, str]) -> str:
     """Return a table of names and values."""
-    rows = "".join(
-        f'<tr style="background:none"><td style="{_CELL};opacity:.75">{escape(name)}</td>'
-        f'<td style="{_CELL}">{escape(value)}</td></tr>'
-        for name, value in facts.items()
-    )
-    return f'<table style="border-collapse:collapse;border:0;margin:.4em 0">{rows}</table>'
+    return _rows([(escape(name), escape(value)) for name, value in facts.items()], (f"{_CELL};opacity:.75", _CELL))
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, html_cells: bool = False) -> str:
     """Return a table; cells are text, or HTML with ``html_cells``."""
     style = f"{_CELL};border-bottom:{_RULE}"
     top = "".join(f'<th style="{style};font-weight:600">{escape(head)}</th>' for head in heads)
-    body = "".join(
-        '<tr style="background:none">'
-        + "".join(f'<td style="{style}">{cell if html_cells else escape(cell)}</td>' for cell in row)
-        + "</tr>"
-        for row in rows
-    )
-    return (
-        '<table style="border-collapse:collapse;border:0;margin:.4em 0"><thead><tr style="background:none">'
-        f"{top}</tr></thead><tbody>{body}</tbody></table>"
-    )
+    cells = [row if html_cells else [escape(cell) for cell in row] for row in rows]
+    return _rows(cells, (style,) * len(heads), f'<thead><tr style="background:none">{top}</tr></thead>')
 
 
-def _folded(name: str, content: str, suffix: str = "") -> str:
-    """Return a section that can be unfolded; ``content`` and ``suffix`` are HTML."""
-    summary = f'<summary style="cursor:pointer">{escape(name)}{suffix}</summary>'
+def _rows(rows: Iterable[Sequence[str]], styles: Sequence[str], head: str = "") -> str:
+    """Return a table of cells that are HTML, with the style of each column."""
+    body = ""
+    for row in rows:
+        cells = "".join(f'<td style="{style}">{cell}</td>' for style, cell in zip(styles, row, strict=True))
+        body += f'<tr style="background:none">{cells}</tr>'
+    body = f"{head}<tbody>{body}</tbody>" if head else body
+    return f'<table style="border-collapse:collapse;border:0;margin:.4em 0">{body}</table>'
+
+
+def _folded(name: str, content: str) -> str:
+    """Return a section that can be unfolded; ``content`` is HTML."""
+    summary = f'<summary style="cursor:pointer">{escape(name)}</summary>'
     return f'<details style="margin:.3em 0">{summary}{content}</details>'
-
-
-def _number(value: float) -> str:
-    """Return a number with two digits, or nothing if it is not finite."""
-    return f"{value:.1e}" if math.isfinite(value) else ""
 
 
 def _plain(value: object) -> str:

@@ -134,15 +134,14 @@ def table_of(scene: Scene | str | Path, table: str, *, with_run: bool = True, **
     [2.0, 2.054, 2.112]
     """
     from dem_bridge.api.runs import solve
-    from dem_bridge.exports.tables import needs_run, settings_of, table_function
+    from dem_bridge.exports.tables import table_named
 
-    build = table_function(table)
-    has_results, names = settings_of(build)
+    build, needs_run, names = table_named(table)
     scene = scene_of(scene)
-    if not with_run and needs_run(build):
+    if needs_run and not with_run:
         raise UsageError(f"table {table!r} consists of results of a run; leave out with_run=False (--no-run)")
     table_settings = {key: settings[key] for key in names if key in settings}
-    if not (has_results and with_run):
+    if needs_run is None or not with_run:
         unknown = [key for key in settings if key not in names]
         if unknown:
             allowed = ", ".join(names) or "none"

@@ -286,7 +286,7 @@ def read_csv(path: Path) -> Sheet:
             body = values
             continue
         name, nth, scale = _heading(heading)
-        quantities[name, nth] = values if scale == 1.0 else values * scale
+        quantities[name, nth] = values * scale
     time = quantities.pop(("time", None), None)
     if time is None or len(time) == 0:
         raise UsageError("the file has no times; add a column time_s and at least one row")

@@ -132,7 +132,7 @@ def _samples_of_frames(
     along = frames.position[:, :, axis]
     _check_order(along[:, bodies], frames.ids[bodies])
     if frames.time is not None:
-        time = _scaled(frames.time, si.time)
+        time = frames.time * si.time
         if dt is not None:
             raise UsageError(f"dt = {dt!r} was given, but the file has times; leave dt out")
     elif dt is not None and frames.step is not None:
@@ -142,22 +142,22 @@ def _samples_of_frames(
         raise UsageError("the file has step or frame numbers but no times; give the time step in seconds, dt (--dt)")
     columns = frames.columns
     vectors = columns.get("velocity")
-    velocity = None if vectors is None else _scaled(vectors[:, bodies, axis], si.velocity)
+    velocity = None if vectors is None else vectors[:, bodies, axis] * si.velocity
     _check_mass(columns, frames.ids, bodies, scene, si)
     if "displacement" in columns:
-        displacement = _scaled(columns["displacement"][:, bodies], si.length)
+        displacement = columns["displacement"][:, bodies] * si.length
     else:
-        displacement = _scaled(along[:, bodies] - along[0, bodies], si.length)
+        displacement = (along[:, bodies] - along[0, bodies]) * si.length
         assumed.append("displacements are relative to the first frame")
     digits = {"position": _rounding_error(along, si.length)}
     if velocity is not None:
         digits["velocity"] = _rounding_error(velocity)
     contact = None
     if "force_left" in columns and "force_right" in columns:
-        left, right = (_scaled(columns[name][:, bodies], si.force) for name in ("force_left", "force_right"))
+        left, right = (columns[name][:, bodies] * si.force for name in ("force_left", "force_right"))
         contact = _from_sides(left, right, scene)
     elif "force" in columns:
-        contact = _from_net(_scaled(columns["force"][:, :, axis], si.force), time, scene, with_walls)
+        contact = _from_net(columns["force"][:, :, axis] * si.force, time, scene, with_walls)
         if contact is not None:
             assumed.append(
                 "contact forces are the running sum of net forces minus weight, precompression force and drive"
@@ -173,11 +173,6 @@ def _units(in_file: str | None, argument: str | None, default: str) -> tuple[str
     if style not in UNITS:
         raise UsageError(f"the file has units {style!r}, whose SI values are unknown; allowed: {', '.join(UNITS)}")
     return style, [] if in_file else [f"units are {style}, because the file does not state them"]
-
-
-def _scaled(values: Floats, unit: float) -> Floats:
-    """Return the values in SI units; values in SI units keep every bit."""
-    return values if unit == 1.0 else values * unit
 
 
 def _rounding_error(values: Floats, unit: float = 1.0) -> float | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
 
 from dem_bridge.errors import UsageError
 from dem_bridge.exports.angles import angles, stiffness_curve
@@ -28,23 +27,16 @@ TABLES: Mapping[str, Callable[..., Table]] = MappingProxyType(
 DECK_SETTINGS = ("geometry", "types", "surrogate_radius")
 
 
-def table_function(name: str) -> Callable[..., Table]:
-    """Return the function of the table ``name``; raise UsageError with the allowed names if it is unknown."""
+def table_named(name: str) -> tuple[Callable[..., Table], bool | None, tuple[str, ...]]:
+    """Return the function of a table, True if the table needs a run (None if it shows none), and its settings.
+
+    Raises UsageError with the allowed names if the name is unknown.
+    """
     if name not in TABLES:
         raise UsageError(f"table = {name!r} is unknown; allowed: {', '.join(TABLES)}")
-    return TABLES[name]
-
-
-def settings_of(function: Callable[..., Table]) -> tuple[bool, tuple[str, ...]]:
-    """Return True if a table shows results of a run, and the names of the settings that the table accepts."""
-    parameters = inspect.signature(function).parameters
-    names = [name for name, parameter in parameters.items() if parameter.kind is parameter.KEYWORD_ONLY]
+    parameters = inspect.signature(TABLES[name]).parameters
+    settings = [key for key, parameter in parameters.items() if parameter.kind is parameter.KEYWORD_ONLY]
     if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
-        names += DECK_SETTINGS
-    return "run" in parameters, tuple(names)
-
-
-def needs_run(function: Callable[..., Table]) -> bool:
-    """Return True if a table consists of results of a run only."""
-    parameter: Any = inspect.signature(function).parameters.get("run")
-    return parameter is not None and parameter.default is parameter.empty
+        settings += DECK_SETTINGS
+    run = parameters.get("run")
+    return TABLES[name], None if run is None else run.default is run.empty, tuple(settings)
