@@ -18,12 +18,14 @@ $(STAMP): pyproject.toml constraints.txt
 verify: $(STAMP)
 	$(BIN)/dem-bridge verify paper -o reports/latest
 
-# the suite for every commit: tests marked "slow" are left to test-all
+# the suite for every commit: tests marked "slow" are left to test-all; kernels are compiled once and not by each process
 test: $(STAMP)
+	$(BIN)/python -m tests.helpers.compile_kernels
 	$(BIN)/python -m pytest $(PYTEST) -m "not slow"
 
 # all tests, and every recipe of docs/inherit.md followed in a copy of the checkout
 test-all: $(STAMP)
+	$(BIN)/python -m tests.helpers.compile_kernels
 	$(BIN)/python -m pytest $(PYTEST)
 	$(BIN)/python -m tests.follow_the_page
 
