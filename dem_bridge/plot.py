@@ -144,7 +144,7 @@ def residence(
     """Plot the residence time of the impulse at each body (µs) with its uncertainty.
 
     The residence time is the time between the first maximal compressions of a body's two contacts (see
-    :mod:`dem_bridge.observables.front`).
+    :mod:`dem_bridge.observables.registry`).
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 import dem_bridge as db
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.observables.front import arrival_by_crossing, residence_bar, residence_by_crossing
+from dem_bridge.observables.front import arrival, residence_time, residence_time_uncertainty
 from dem_bridge.scene import Scene
 from dem_bridge.studies.verification import Verification, verification_of
 from dem_bridge.studies.verify import study_without_runs
@@ -63,8 +63,8 @@ def test_spacetime_has_all_velocities_until_the_front_has_passed(runs: dict[str,
 
 def test_a_theory_is_drawn_where_it_says_that_the_front_is(runs: dict[str, Any], solved: Solve) -> None:
     [line] = db.plot.spacetime(runs["verlet"], theory="bca", scene=SCENE).get_lines()
-    arrival = 1e3 * arrival_by_crossing(SCENE, solved(SCENE, "bca"))
-    np.testing.assert_array_equal(np.asarray(line.get_xydata()).T, [[1, 2, 3, 4, 5], arrival])
+    front = 1e3 * arrival(SCENE, solved(SCENE, "bca"))[1:]
+    np.testing.assert_array_equal(np.asarray(line.get_xydata()).T, [[1, 2, 3, 4, 5], front])
 
 
 def test_velocities_of_several_runs_are_the_same_bodies_by_colour_and_runs_by_form(runs: dict[str, Any]) -> None:
@@ -92,12 +92,12 @@ def test_residence_times_are_those_of_the_observables_with_their_bars(runs: dict
     drawn = {line.get_label(): line for line in ax.get_lines()}
     assert list(drawn) == ["reference", "verlet", "BCA"]
     for name, run in runs.items():
-        np.testing.assert_array_equal(drawn[name].get_ydata(), 1e6 * residence_by_crossing(SCENE, run))
+        np.testing.assert_array_equal(drawn[name].get_ydata(), 1e6 * residence_time(SCENE, run)[1:-1])
     bars: Any = ax.collections[1]  # of the second run
     segments = bars.get_segments()
     lengths = [segment[1, 1] - segment[0, 1] for segment in segments]
     # from the ends of bars, whose last digit is that of a residence time
-    np.testing.assert_allclose(lengths, 2e6 * residence_bar(SCENE, runs["verlet"]), rtol=1e-9)
+    np.testing.assert_allclose(lengths, 2e6 * residence_time_uncertainty(SCENE, runs["verlet"])[1:-1], rtol=1e-9)
     assert ax.get_ylabel() == "residence time (µs)"
 
 
@@ -234,4 +234,4 @@ def test_bars_do_not_reach_into_the_legend(solved: Solve) -> None:
     assert isinstance(ax.figure, Figure)
     ax.figure.draw_without_rendering()
     bottom = ax.transData.inverted().transform(legend.get_window_extent())[0, 1]
-    assert bottom > 1e6 * (residence_by_crossing(SCENE, run) + residence_bar(SCENE, run)).max()
+    assert bottom > 1e6 * (residence_time(SCENE, run)[1:-1] + residence_time_uncertainty(SCENE, run)[1:-1]).max()

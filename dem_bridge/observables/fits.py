@@ -14,29 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.observables.front import (
-    PeakVelocity,
-    peak_velocity_of_front,
-    residence_bar,
-    wave_speed_by_crossing,
-)
+from dem_bridge.observables.front import front_speed, peak_velocity_of_front, residence_time_uncertainty
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
-
-__all__ = [
-    "ForceFit",
-    "PeakVelocity",
-    "Slope",
-    "SpeedFit",
-    "VelocitySlope",
-    "force_exponent",
-    "inner_bodies",
-    "inner_contacts",
-    "log_velocity_slope",
-    "peak_velocity_of_front",
-    "speed_power_law",
-    "straight_line",
-]
 
 Floats = NDArray[np.float64]
 
@@ -116,8 +96,10 @@ def speed_power_law(
     low, high = low if first is None else first, high if last is None else last
     _check_window("bodies", low, high, 1, scene.n_body - 2, least=3)
     body = np.arange(low, high + 1)
-    pick = slice(low - 1, high)
-    speed = wave_speed_by_crossing(scene, trajectory)[pick]
+    if scene.spacing is None:
+        raise UsageError(f"{scene.name} has no spacing; a wave speed in m/s needs [chain] spacing = ... (m)")
+    rate = front_speed(scene, trajectory)[body]
+    speed = scene.spacing * rate
     _check_finite("the wave speed", speed, body)
     scale, middle = float(np.mean(speed)), float(np.mean(body))
     x = (body - middle) / len(body)
@@ -138,7 +120,7 @@ def speed_power_law(
     b1, b2 = turn @ (a, b)
     # how each speed moves both, to first order
     moved = np.abs(turn @ np.linalg.pinv(slope(x, a, b)))
-    relative = (residence_bar(scene, trajectory) / np.diff(trajectory.crossing_time[: scene.n_body - 1]))[pick]
+    relative = residence_time_uncertainty(scene, trajectory)[body] * rate
     bars = moved @ (relative * speed / scale)
     return SpeedFit(
         b1=float(b1),
@@ -233,7 +215,7 @@ def log_velocity_slope(scene: Scene, trajectory: Trajectory, first: int, last: i
 
 
 def straight_line(kind: type[Fitted], x: Floats, y: Floats, bar: Floats, first: int) -> Fitted:
-    """The slope of y against x, point j of which is contact or body ``first + j``."""
+    """Return the slope of y against x; point j is that of contact or body ``first + j``."""
     from scipy.stats import t as student
 
     slope, stderr, weight = _least_squares(x, y)

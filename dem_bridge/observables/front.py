@@ -21,50 +21,59 @@ from dem_bridge.trajectory import Trajectory
 Floats = NDArray[np.float64]
 
 
-def arrival_by_crossing(scene: Scene | None, trajectory: Trajectory) -> Floats:
-    """Return the time at which the impulse reaches body i = 1..n_body-1, s, ``(n_body - 1,)``; nan where it never does.
+def arrival(scene: Scene | None, trajectory: Trajectory) -> Floats:
+    """Return the time at which the impulse reaches each body, s, ``(n_body,)``; nan at body 0 and where it never does.
 
-    ``scene``, the first argument of all observables, is not used and may be None.
+    ``scene``, the first argument of all observables, is not used here and may be None.
     """
-    return np.array(trajectory.crossing_time[: trajectory.velocity.shape[1] - 1])
+    return _at_bodies(trajectory, trajectory.crossing_time)
 
 
-def residence_by_crossing(scene: Scene | None, trajectory: Trajectory) -> Floats:
-    """Return the residence time of body i = 1..n_body-2, s, ``(n_body - 2,)``: t_i^f - t_i^i.
+def arrival_uncertainty(scene: Scene | None, trajectory: Trajectory) -> Floats:
+    """Return the uncertainty of :func:`arrival`, s, ``(n_body,)``."""
+    return _at_bodies(trajectory, trajectory.uncertainty["crossing_time"])
+
+
+def residence_time(scene: Scene | None, trajectory: Trajectory) -> Floats:
+    """Return the residence time t_i^f - t_i^i of each body, s, ``(n_body,)``; nan at both ends.
 
     ``scene`` may be None.
 
+    Examples
+    --------
     >>> import dem_bridge as db
     >>> scene = db.load_scene("decelerating-40")
-    >>> residence = residence_by_crossing(scene, db.solve(scene, backend="bca"))
-    >>> f"{1e6 * residence[0]:.3f} us, {1e6 * residence[-1]:.3f} us"
+    >>> residence = residence_time(scene, db.solve(scene, backend="bca"))
+    >>> f"{1e6 * residence[1]:.3f} us, {1e6 * residence[-2]:.3f} us"
     '9.380 us, 28.082 us'
+
     """
-    return np.diff(arrival_by_crossing(scene, trajectory))
+    reached = arrival(scene, trajectory)
+    return np.append(np.diff(reached), np.nan)
 
 
-def residence_bar(scene: Scene | None, trajectory: Trajectory) -> Floats:
-    """Bar of :func:`residence_by_crossing`, s, ``(n_body - 2,)``: of both crossings together. ``scene`` may be None.
-
-    Over the residence it is the relative bar of both speeds below.
-    """
-    bar = np.asarray(trajectory.uncertainty["crossing_time"])[: trajectory.velocity.shape[1] - 1]
-    return np.asarray(bar[1:] + bar[:-1])
+def residence_time_uncertainty(scene: Scene | None, trajectory: Trajectory) -> Floats:
+    """Return the uncertainty of :func:`residence_time`, s, ``(n_body,)``: that of both crossings together."""
+    reached = arrival_uncertainty(scene, trajectory)
+    return np.append(reached[1:] + reached[:-1], np.nan)
 
 
-def wave_speed_by_crossing(scene: Scene, trajectory: Trajectory) -> Floats:
-    """Speed of the front at body i = 1..n_body-2, m/s, ``(n_body - 2,)``: spacing over residence time (eq. 3.6).
-
-    Raises UsageError for a scene without ``spacing``: :func:`grain_speed_by_crossing` needs none.
-    """
-    if scene.spacing is None:
-        raise UsageError(f"{scene.name} has no spacing; a wave speed in m/s needs [chain] spacing = ... (m)")
-    return scene.spacing / residence_by_crossing(scene, trajectory)
+def front_speed(scene: Scene | None, trajectory: Trajectory) -> Floats:
+    """Return the speed of the front at each body in bodies per second, ``(n_body,)``: one over the residence time."""
+    return 1.0 / residence_time(scene, trajectory)
 
 
-def grain_speed_by_crossing(scene: Scene, trajectory: Trajectory) -> Floats:
-    """Speed of the front at body i = 1..n_body-2, bodies per second, ``(n_body - 2,)``: one over the residence time."""
-    return 1.0 / residence_by_crossing(scene, trajectory)
+def front_speed_uncertainty(scene: Scene | None, trajectory: Trajectory) -> Floats:
+    """Return the largest change of the inverse of a residence time within its uncertainty, 1/s, ``(n_body,)``."""
+    residence, uncertainty = residence_time(scene, trajectory), residence_time_uncertainty(scene, trajectory)
+    least = residence - uncertainty
+    relative = np.divide(uncertainty, least, out=np.full(len(least), np.inf), where=least > 0.0)
+    return np.asarray(relative / np.abs(residence))
+
+
+def _at_bodies(trajectory: Trajectory, contacts: Floats) -> Floats:
+    """Return values of the chain's contacts at the bodies on their far side; nan at body 0."""
+    return np.append(np.nan, contacts[: trajectory.velocity.shape[1] - 1])
 
 
 def local_stiffness(scene: Scene, position: NDArray[np.int64] | Floats) -> Floats:
@@ -112,7 +121,8 @@ def peak_velocity_of_front(scene: Scene, trajectory: Trajectory) -> PeakVelocity
     """
     n, time, v = scene.n_body, trajectory.time, trajectory.velocity
     a, bodies = acceleration(scene, trajectory), np.arange(n)
-    came = np.concatenate([[0.0], arrival_by_crossing(scene, trajectory)])
+    came = arrival(scene, trajectory)
+    came[0] = 0.0
     until = np.append(came[1:], time[-1])
     until = np.where(np.isnan(until), time[-1], until)
     inside = time[:, None] <= until
@@ -195,8 +205,8 @@ def local_speed_constant(scene: Scene, trajectory: Trajectory) -> SpeedConstant:
     n = exponents.pop()
     wave = solitary_wave(mass=1.0, stiffness=1.0, exponent=n, peak_velocity=1.0)
 
-    speed = grain_speed_by_crossing(scene, trajectory)
-    of_speed = residence_bar(scene, trajectory) * speed
+    speed = front_speed(scene, trajectory)[1:-1]
+    of_speed = residence_time_uncertainty(scene, trajectory)[1:-1] * speed
     mass, beta = np.array(scene.mass)[1:-1], local_stiffness(scene, np.arange(1, links))
     power = (n - 2.0) / n
     peak = peak_velocity_of_front(scene, trajectory)

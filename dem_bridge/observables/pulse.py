@@ -16,12 +16,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.fits import inner_bodies
-from dem_bridge.observables.front import (
-    grain_speed_by_crossing,
-    peak_velocity_of_front,
-    residence_bar,
-    wave_speed_by_crossing,
-)
+from dem_bridge.observables.front import front_speed, peak_velocity_of_front, residence_time_uncertainty
 from dem_bridge.observables.interpolate import hermite, require_forces, root_between, state_at
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
@@ -177,14 +172,6 @@ def reflected(scene: Scene, trajectory: Trajectory) -> Reflected:
     return _split(scene, trajectory)[1]
 
 
-def front_kinetic_energy(scene: Scene, trajectory: Trajectory) -> Floats:
-    """Kinetic energy of the leading pulse as each contact of the chain has its peak, J, ``(n_contact of the chain,)``.
-
-    That of :func:`leading_pulse`. While a solitary wave goes from body to body its mean is n/(n + 2) of the energy.
-    """
-    return leading_pulse(scene, trajectory).kinetic
-
-
 def _split(scene: Scene, trajectory: Trajectory) -> tuple[LeadingPulse, Reflected]:
     _struck_at_rest(scene, trajectory, "a leading pulse")
     links, mass = scene.n_body - 1, np.array(scene.mass)
@@ -253,6 +240,7 @@ class SecondaryFronts:
 
     @property
     def count(self) -> int:
+        """Return the number of further pulses."""
         return len(self.velocity)
 
     @property
@@ -329,11 +317,11 @@ def speed_ratio(
     for body in (low, high):
         if not 1 <= body <= scene.n_body - 2:
             raise UsageError(f"body {body} has no residence time; allowed: 1 to {scene.n_body - 2}")
-    by_crossing = grain_speed_by_crossing if scene.spacing is None else wave_speed_by_crossing
-    speed = by_crossing(scene, trajectory)[[low - 1, high - 1]]
+    rate = front_speed(scene, trajectory)[[low, high]]
+    speed = rate if scene.spacing is None else scene.spacing * rate
     if not np.all(np.isfinite(speed)):
         raise UsageError(f"the pulse did not pass bodies {low} and {high}; take a longer run, or other bodies")
-    relative = (residence_bar(scene, trajectory) * grain_speed_by_crossing(scene, trajectory))[[low - 1, high - 1]]
+    relative = residence_time_uncertainty(scene, trajectory)[[low, high]] * rate
     ratio = float(speed[1] / speed[0])
     return SpeedRatio(
         ratio=ratio,

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
+from dem_bridge.observables import front
 from dem_bridge.observables.conserved import (
     energy,
     energy_parts,
@@ -28,13 +29,7 @@ from dem_bridge.observables.conserved import (
     work,
 )
 from dem_bridge.observables.forces import contact_force_uncertainty, first_peak_force
-from dem_bridge.observables.front import (
-    arrival_by_crossing,
-    grain_speed_by_crossing,
-    peak_velocity_of_front,
-    residence_bar,
-    residence_by_crossing,
-)
+from dem_bridge.observables.front import peak_velocity_of_front
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import VOCABULARY, Trajectory, own_scale
 
@@ -124,46 +119,12 @@ def _stored(name: str, definition: str, scale: Scale, uncertainty: Reader | None
     )
 
 
-def _at_bodies(run: Trajectory, values: Floats, first: int) -> Floats:
-    """Return values of the bodies from ``first`` on among all bodies, nan elsewhere."""
-    padded = np.full(run.velocity.shape[1], np.nan)
-    padded[first : first + len(values)] = values
-    return padded
-
-
-def _arrival(scene: Scene, run: Trajectory) -> Floats:
-    return _at_bodies(run, arrival_by_crossing(scene, run), 1)
-
-
-def _arrival_uncertainty(scene: Scene, run: Trajectory) -> Floats:
-    return _at_bodies(run, run.uncertainty["crossing_time"][: run.velocity.shape[1] - 1], 1)
-
-
-def _residence_time(scene: Scene, run: Trajectory) -> Floats:
-    return _at_bodies(run, residence_by_crossing(scene, run), 1)
-
-
-def _residence_time_uncertainty(scene: Scene, run: Trajectory) -> Floats:
-    return _at_bodies(run, residence_bar(scene, run), 1)
-
-
-def _front_speed(scene: Scene, run: Trajectory) -> Floats:
-    return _at_bodies(run, grain_speed_by_crossing(scene, run), 1)
-
-
-def _front_speed_uncertainty(scene: Scene, run: Trajectory) -> Floats:
-    """Return the largest change of the inverse of a residence time within its uncertainty."""
-    residence, bar = _residence_time(scene, run), _residence_time_uncertainty(scene, run)
-    least = residence - bar
-    relative = np.divide(bar, least, out=np.full(len(bar), np.inf), where=least > 0.0)
-    return np.asarray(relative / np.abs(residence))
-
-
 #: peak velocities of the latest runs: each of two observables reads values and uncertainties from them
 _peak_velocity = lru_cache(maxsize=4)(peak_velocity_of_front)
 
 
 def _spacing(scene: Scene) -> float:
+    """Return the spacing of the bodies, m; nan for a scene without one."""
     return np.nan if scene.spacing is None else scene.spacing
 
 
@@ -184,16 +145,16 @@ OBSERVABLES_IN_ORDER = (
         ),
         unit="s",
         axis=("body",),
-        value=_arrival,
-        uncertainty=_arrival_uncertainty,
+        value=front.arrival,
+        uncertainty=front.arrival_uncertainty,
     ),
     Observable(
         name="arrival_at_end",
         definition="Arrival of the impulse at the last body of the chain.",
         unit="s",
         axis=(),
-        value=lambda scene, run: _arrival(scene, run)[-1],
-        uncertainty=lambda scene, run: _arrival_uncertainty(scene, run)[-1],
+        value=lambda scene, run: front.arrival(scene, run)[-1],
+        uncertainty=lambda scene, run: front.arrival_uncertainty(scene, run)[-1],
     ),
     Observable(
         name="residence_time",
@@ -203,16 +164,16 @@ OBSERVABLES_IN_ORDER = (
         ),
         unit="s",
         axis=("body",),
-        value=_residence_time,
-        uncertainty=_residence_time_uncertainty,
+        value=front.residence_time,
+        uncertainty=front.residence_time_uncertainty,
     ),
     Observable(
         name="front_speed",
         definition="Speed of the wave front at the body in bodies per second: the inverse of the residence time.",
         unit="1/s",
         axis=("body",),
-        value=_front_speed,
-        uncertainty=_front_speed_uncertainty,
+        value=front.front_speed,
+        uncertainty=front.front_speed_uncertainty,
     ),
     Observable(
         name="wave_speed",
@@ -222,8 +183,8 @@ OBSERVABLES_IN_ORDER = (
         ),
         unit="m/s",
         axis=("body",),
-        value=lambda scene, run: _spacing(scene) * _front_speed(scene, run),
-        uncertainty=lambda scene, run: _spacing(scene) * _front_speed_uncertainty(scene, run),
+        value=lambda scene, run: _spacing(scene) * front.front_speed(scene, run),
+        uncertainty=lambda scene, run: _spacing(scene) * front.front_speed_uncertainty(scene, run),
     ),
     Observable(
         name="peak_velocity",

@@ -166,7 +166,7 @@ def _spectrum(v: Floats, step: float, *, window: Window, position: Floats, time:
 
 
 def _passage(scene: Scene, trajectory: Trajectory) -> int:
-    """Samples until the pulse is at the last body; all, where it never comes there: nan is sorted last."""
+    """Return the number of samples until the pulse is at the last body; all samples if it never reaches it."""
     return int(np.searchsorted(trajectory.time, trajectory.crossing_time[scene.n_body - 2], side="right"))
 
 
@@ -243,7 +243,7 @@ def cascade(spectrum: Spectrum, *, against: Floats | None = None, threshold: flo
 
 
 def _scatter(x: Floats, y: Floats) -> float:
-    """Standard error of the mean of y, about its own line in x; 0 for two points or fewer, which have none."""
+    """Return the standard error of the mean of y about its line in x; 0 for two points or fewer."""
     if len(x) < 3:
         return 0.0
     rest = y - np.polyval(np.polyfit(x - np.mean(x), y, 1), x - np.mean(x))

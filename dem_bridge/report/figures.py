@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from types import MappingProxyType
+from typing import cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,12 +15,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.backends.steps import order_on
-from dem_bridge.observables.front import (
-    arrival_by_crossing,
-    residence_bar,
-    residence_by_crossing,
-    wave_speed_by_crossing,
-)
+from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.strokes import BLACK, BLUE, GREEN, STYLES, VERMILION
 from dem_bridge.scene import Scene
@@ -31,6 +26,8 @@ from dem_bridge.verification.budget import Budget
 from dem_bridge.verification.roles import REFERENCE, THEORY, TWIN
 
 Floats = NDArray[np.float64]
+#: in place of a scene, for observables that are read off a run alone
+NO_SCENE = cast(Scene, None)
 #: labels of backends in figures
 LABELS = {**dict.fromkeys(ENGINE_BACKENDS, "LAMMPS"), REFERENCE: "reference", THEORY: "BCA"}
 
@@ -92,7 +89,8 @@ def spacetime_panel(
     end = _time_after_front(run) if until is None else until
     rows = max(1, int(np.searchsorted(run.time, end, side="right")))
     bodies = np.arange(float(first), run.velocity.shape[1])
-    lines = {name: arrival_by_crossing(None, theory) for name, theory in fronts.items()}
+    arrival = OBSERVABLES["arrival"].value
+    lines = {name: arrival(NO_SCENE, theory)[1:] for name, theory in fronts.items()}
     return Panel(
         title=title,
         x_label=body,
@@ -111,47 +109,33 @@ def along_panel(
     runs: Mapping[str, Trajectory],
     title: str,
     y_label: str,
-    value: Callable[[Trajectory], Floats],
+    name: str,
     *,
-    bar: Callable[[Trajectory], Floats] | None = None,
+    scene: Scene | None = None,
+    factor: float = 1.0,
     styles: Sequence[str] | None = None,
     body: str = "body",
 ) -> Panel:
-    """Return a panel with a quantity of bodies 1 to n_body-2 along the chain, for runs by label.
+    """Return a panel with an observable of bodies 1 to n_body-2 along the chain, for runs by label.
 
-    ``styles`` are the styles of the runs; the default follows from their backends.
+    ``factor`` is that from the observable's unit to that of the label. ``styles`` are the styles of the runs; the
+    default follows from their backends. ``scene`` is not needed for times of the front.
     """
     styles = [run.provenance["backend"] for run in runs.values()] if styles is None else styles
-    return Panel(
-        title=title,
-        x_label=body,
-        y_label=y_label,
-        series=tuple(
-            Series(
-                label=label,
-                style=style,
-                x=np.arange(1.0, run.velocity.shape[1] - 1),
-                y=value(run),
-                bar=None if bar is None else bar(run),
-            )
-            for (label, run), style in zip(runs.items(), styles, strict=True)
-        ),
-    )
+    parts = (OBSERVABLES[name].value, OBSERVABLES[name].uncertainty)
+    series = []
+    for (label, run), style in zip(runs.items(), styles, strict=True):
+        value, uncertainty = (factor * part(scene or NO_SCENE, run)[1:-1] for part in parts)
+        series.append(Series(label=label, style=style, x=np.arange(1.0, len(value) + 1.0), y=value, bar=uncertainty))
+    return Panel(title=title, x_label=body, y_label=y_label, series=tuple(series))
 
 
 def residence_panel(
     runs: Mapping[str, Trajectory], title: str, *, styles: Sequence[str] | None = None, body: str = "body"
 ) -> Panel:
     """Return a panel with the residence time of the impulse at each body."""
-    return along_panel(
-        runs,
-        title,
-        "residence time (µs)",
-        lambda run: 1e6 * residence_by_crossing(None, run),
-        bar=lambda run: 1e6 * residence_bar(None, run),
-        styles=styles,
-        body=body,
-    )
+    label = "residence time (µs)"
+    return along_panel(runs, title, label, "residence_time", factor=1e6, styles=styles, body=body)
 
 
 def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
@@ -184,7 +168,8 @@ def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
                     runs,
                     study.scene.name,
                     "wave speed (m/s)",
-                    partial(wave_speed_by_crossing, study.scene),
+                    "wave_speed",
+                    scene=study.scene,
                     body=body_noun(study.scene),
                 )
                 for study, runs in zip(shown, labelled, strict=True)

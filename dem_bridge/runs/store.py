@@ -300,7 +300,7 @@ def _unpacked(key: str, whole: bytes) -> tuple[dict[str, Array], dict[str, Any]]
 
 @cache
 def code_hash(without: tuple[str, ...] = (), package: Path = _PACKAGE) -> str:
-    """sha256 over names and texts of modules and the deck's template, apart from the parts ``without``; read once."""
+    """Return sha256 over modules, the deck's template and texts of studies, apart from the parts ``without``."""
     found = hashlib.sha256()
     for file in _sources(package):
         name = file.relative_to(package).as_posix()
@@ -312,7 +312,8 @@ def code_hash(without: tuple[str, ...] = (), package: Path = _PACKAGE) -> str:
 
 @cache
 def _sources(package: Path) -> tuple[Path, ...]:
-    return tuple(sorted([*package.rglob("*.py"), *package.rglob("*.template")]))
+    texts = (package / "studies").rglob("*.toml")  # scenes have keys of their own
+    return tuple(sorted([*package.rglob("*.py"), *package.rglob("*.template"), *texts]))
 
 
 def _changed_since_start(package: Path = _PACKAGE) -> bool:

@@ -30,6 +30,15 @@ class _PercentFormatter(Formatter):
 _format = _PercentFormatter().vformat
 
 
+def fill(text: str, **values: Any) -> str:
+    """Return a text with its fields filled.
+
+    >>> fill("{late:.2g %} too late at cylinder {body}", late=0.02345, body=40)
+    '2.3 % too late at cylinder 40'
+    """
+    return _format(text, (), values)
+
+
 class Texts:
     """Texts of one study. Each may hold fields in braces, which are filled with the values of the call.
 
@@ -48,15 +57,15 @@ class Texts:
 
     def __call__(self, key: str, **values: Any) -> str:
         """Return a sentence."""
-        return _format(self.data["sentences"][key], (), values)
+        return fill(self.data["sentences"][key], **values)
 
     def title(self, **values: Any) -> str:
         """Return the title of the study."""
-        return _format(self.data["title"], (), values)
+        return fill(self.data["title"], **values)
 
     def notes(self, **values: Any) -> tuple[str, ...]:
         """Return the notes that do not depend on the outcome."""
-        return tuple(_format(note, (), values) for note in self.data["notes"])
+        return tuple(fill(note, **values) for note in self.data["notes"])
 
     def table(self, id: str, rows: Iterable[Any], *, columns: Sequence[str] | None = None, **values: Any) -> Table:
         """Return a table with a row for each item of ``rows``.
@@ -65,7 +74,7 @@ class Texts:
         SI to the unit in the heading. Where it lists headings alone, or ``columns`` does, rows are tuples of cells.
         """
         entry = self._entry("tables", id, values)
-        headings = [_format(heading, (), values) for heading in columns or entry["columns"]]
+        headings = [fill(heading, **values) for heading in columns or entry["columns"]]
         if columns is None and isinstance(entry["columns"], Mapping):
             paths = list(zip(headings, entry["columns"].values(), strict=True))
             rows = [[_cell(item, path, heading) for heading, path in paths] for item in rows]
@@ -83,7 +92,7 @@ class Texts:
     def _entry(self, kind: str, id: str, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the texts of a table, a panel or a figure, filled with values."""
         entry = self.data[kind][id]
-        return {key: _format(text, (), values) if isinstance(text, str) else text for key, text in entry.items()}
+        return {key: fill(text, **values) if isinstance(text, str) else text for key, text in entry.items()}
 
 
 def _cell(item: Any, path: str, heading: str) -> str | float:

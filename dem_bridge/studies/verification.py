@@ -5,7 +5,6 @@ Nothing is run or drawn here.
 
 from __future__ import annotations
 
-import math
 import os
 import platform
 from collections.abc import Iterator, Sequence
@@ -15,8 +14,6 @@ from importlib.metadata import version
 from typing import Any
 
 from dem_bridge.lmp.coefficients import MODELS
-from dem_bridge.observables.errors import read, reduced, relative_to
-from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.studies.study import Claim, Study, Table, verdict_table
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
@@ -94,25 +91,10 @@ def verification_of(
 
 
 def observable_table(studies: Sequence[SceneStudy]) -> Table:
-    """Return all registered observables of the runs of each scene that have the reference's equations.
+    """Return all registered observables of each scene.
 
     Scenes without a reference, and those of the paper that are run without refinement levels, have no rows.
     """
-    rows: list[tuple[str | float, ...]] = []
-    for study in studies:
-        if study.runs is None or not study.runs.engine_refinements:
-            continue
-        results = (study.runs.reference, study.runs.engine, study.runs.twin, study.runs.second_reference)
-        runs = [None if result is None else result.trajectory for result in results]
-        if runs[0] is None:
-            continue
-        for observable in OBSERVABLES.values():
-            reference, cells = read(observable, study.scene, runs[0]), []
-            for run in runs:
-                errors = None if run is None else relative_to(reference, read(observable, study.scene, run))
-                cells += [math.nan, math.nan] if errors is None else [errors.reduced(), reduced(errors.uncertainty)]
-            # the reference does not differ from itself
-            rows.append((study.scene.name, observable.words, reduced(reference.values), observable.unit, *cells[1:]))
     return Table(
         id="observables",
         title="Observables",
@@ -126,7 +108,7 @@ def observable_table(studies: Sequence[SceneStudy]) -> Table:
             *("LAMMPS - reference", "uncertainty of LAMMPS", "twin - reference", "uncertainty of twin"),
             *("second reference - reference", "uncertainty of second reference"),
         ),
-        rows=tuple(rows),
+        rows=tuple(row for study in studies for row in study.observables),
     )
 
 

@@ -84,7 +84,7 @@ class ScenePlan:
 
         def judge() -> dict[str, Any]:
             study = assess_scene(self.scene, runs, self.accuracy)
-            return {"verdicts": study.verdicts, "refinement": study.refinement, "budgets": study.budgets}
+            return {name: getattr(study, name) for name in ("verdicts", "refinement", "budgets", "observables")}
 
         keys = [result.key for result in runs]
         judged = recall(store, "assessment", keys, judge, scenes=[self.scene], accuracy=self.accuracy)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
@@ -9,6 +10,8 @@ import numpy as np
 
 from dem_bridge.campaign import Result
 from dem_bridge.differences import difference
+from dem_bridge.observables.errors import read, reduced, relative_to
+from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification import checks
@@ -34,6 +37,8 @@ class SceneStudy:
     """Errors at each time step, by backend."""
     budgets: tuple[Budget, ...] = ()
     """Error budgets of LAMMPS' main run, one for each quantity."""
+    observables: tuple[tuple[str | float, ...], ...] = ()
+    """Rows of the table of observables, see :func:`_observables`."""
 
     @property
     def engine(self) -> str:
@@ -99,7 +104,25 @@ def assess_scene(scene: Scene, runs: Runs[Result], accuracy: float) -> SceneStud
         verdicts=tuple(verdicts),
         refinement=refinement,
         budgets=budgets_of_engine,
+        observables=tuple(_observables(scene, roles)) if runs.engine_refinements else (),
     )
+
+
+def _observables(scene: Scene, roles: _Trajectories) -> Iterator[tuple[str | float, ...]]:
+    """Yield a row for each registered observable; none without a reference.
+
+    It has the scene, the observable, its largest magnitude in the reference, its unit and relative uncertainty; then
+    the relative difference from the reference and the uncertainty of LAMMPS, the twin and the second reference.
+    """
+    if roles.reference is None:
+        return
+    for observable in OBSERVABLES.values():
+        reference, numbers = read(observable, scene, roles.reference), []
+        for run in (roles.reference, roles.engine, roles.twin, roles.second_reference):
+            errors = None if run is None else relative_to(reference, read(observable, scene, run))
+            numbers += [math.nan, math.nan] if errors is None else [errors.reduced(), reduced(errors.uncertainty)]
+        # the reference does not differ from itself
+        yield scene.name, observable.words, reduced(reference.values), observable.unit, *numbers[1:]
 
 
 def _failures(scene: Scene, runs: Runs[Result]) -> Iterator[Verdict]:

@@ -15,7 +15,7 @@ import dem_bridge as db
 from dem_bridge.backends.adiabatic import AdiabaticWaves
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.conserved import momentum
-from dem_bridge.observables.front import residence_by_crossing
+from dem_bridge.observables.front import residence_time
 from dem_bridge.physics import adiabatic
 from dem_bridge.physics.adiabatic import adiabatic_wave
 from dem_bridge.physics.launch import launched
@@ -94,7 +94,7 @@ def _off(scene: Scene, backend: str) -> dict[str, Floats]:
     """Share off the reference, from FIRST to the last but BEFORE_END: residence time, peak velocity, peak force."""
     run, truth = _run(scene, backend), _run(scene, "reference")
     pairs = {
-        "residence": (residence_by_crossing(scene, run), residence_by_crossing(scene, truth)),
+        "residence": (residence_time(scene, run)[1:-1], residence_time(scene, truth)[1:-1]),
         "velocity": (_fastest(run), _fastest(truth)),
         "force": (run.peak_force, truth.peak_force),
     }

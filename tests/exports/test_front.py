@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.observables.front import peak_velocity_of_front, residence_by_crossing
+from dem_bridge.observables.front import peak_velocity_of_front, residence_time
 from dem_bridge.observables.registry import OBSERVABLES
 from tests.conftest import Solve
 from tests.helpers.export_chains import CROSSED, PAIR
@@ -18,7 +18,7 @@ def test_every_body_has_what_the_run_says_of_it(solved: Solve) -> None:
     run = solved(CROSSED, "reference")
     frame = db.table_of(CROSSED, "observables").to_pandas()
     np.testing.assert_array_equal(frame["arrival_s"], [np.nan, *run.crossing_time])
-    np.testing.assert_array_equal(frame["residence_time_s"], [np.nan, *residence_by_crossing(CROSSED, run), np.nan])
+    np.testing.assert_array_equal(frame["residence_time_s"], [np.nan, *residence_time(CROSSED, run)[1:-1], np.nan])
     # spacing over residence, and one over it
     np.testing.assert_allclose(frame["wave_speed_m_per_s"] * frame["residence_time_s"], [np.nan, 18e-3, 18e-3, np.nan])
     np.testing.assert_allclose(frame["front_speed_per_s"] * frame["residence_time_s"], [np.nan, 1.0, 1.0, np.nan])
@@ -50,7 +50,7 @@ def test_a_bar_as_long_as_the_residence_leaves_no_bar_of_the_speed(monkeypatch: 
     frame = observables(CROSSED, run).to_pandas()
     assert frame["front_speed_per_s"][1] > 0.0
     assert frame["front_speed_uncertainty_per_s"].isna().all()
-    bar = np.full(CROSSED.n_contact, 0.25 * residence_by_crossing(CROSSED, run)[0])
+    bar = np.full(CROSSED.n_contact, 0.25 * residence_time(CROSSED, run)[1])
     half = replace(run, uncertainty=replace(run.uncertainty, crossing_time=bar))
     frame = observables(CROSSED, half).to_pandas()
     # a residence time that may be half as long has a speed that may be twice as much

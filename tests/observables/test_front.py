@@ -12,16 +12,19 @@ from hypothesis import strategies as st
 
 import dem_bridge as db
 from dem_bridge.errors import UsageError
+from dem_bridge.observables.fits import speed_power_law
 from dem_bridge.observables.front import (
-    arrival_by_crossing,
-    grain_speed_by_crossing,
+    arrival,
+    arrival_uncertainty,
+    front_speed,
+    front_speed_uncertainty,
     local_speed_constant,
     local_stiffness,
     peak_velocity_of_front,
-    residence_bar,
-    residence_by_crossing,
-    wave_speed_by_crossing,
+    residence_time,
+    residence_time_uncertainty,
 )
+from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.scene import Scene, Wall
 from tests.conftest import Solve
 from tests.helpers.fake_runs import free_flight, uncertain
@@ -30,6 +33,7 @@ from tests.helpers.strategies import examples, log_uniform
 from tests.helpers.waves import travelling_wave, uniform_chain
 
 EPS = float(np.finfo(float).eps)
+wave_speed = OBSERVABLES["wave_speed"].value
 
 THREE = Scene(
     name="three", duration=1.0, mass=(1.0,) * 3, stiffness=(1.0, 1.0), velocity=(1.0, 0.0, 0.0), spacing=18e-3
@@ -39,41 +43,43 @@ THREE = Scene(
 def test_arrivals_are_the_crossings_of_the_chains_contacts_without_the_walls() -> None:
     scene = replace(THREE, wall_left=Wall(stiffness=1.0), wall_right=Wall(stiffness=1.0))
     run = free_flight(contacts=4, crossing_time=[0.1, 0.3, 0.7, 0.9])
-    assert arrival_by_crossing(scene, run).tolist() == [0.1, 0.3]
-    assert residence_by_crossing(scene, run) == pytest.approx([0.2], rel=4.0 * EPS)
+    assert arrival(scene, run)[1:].tolist() == [0.1, 0.3]
+    assert residence_time(scene, run)[1:-1] == pytest.approx([0.2], rel=4.0 * EPS)
 
 
 def test_a_body_that_the_impulse_never_reaches_has_no_arrival_and_no_residence() -> None:
     run = free_flight(crossing_time=[0.1, math.nan])
-    assert np.isnan(arrival_by_crossing(THREE, run)).tolist() == [False, True]
-    assert np.isnan(residence_by_crossing(THREE, run)).tolist() == [True]
+    assert np.isnan(arrival(THREE, run)[1:]).tolist() == [False, True]
+    assert np.isnan(residence_time(THREE, run)[1:-1]).tolist() == [True]
 
 
 def test_an_arrival_is_a_copy_that_can_be_changed() -> None:
     run = free_flight()
-    arrival_by_crossing(THREE, run)[0] = 5.0
+    arrival(THREE, run)[1] = 5.0
     assert run.crossing_time[0] == 0.1
 
 
 def test_the_speed_is_the_spacing_over_the_residence_time() -> None:
     run = free_flight(crossing_time=[1e-5, 3e-5])
-    assert wave_speed_by_crossing(THREE, run) == pytest.approx([18e-3 / 2e-5], rel=8.0 * EPS)
+    assert wave_speed(THREE, run)[1:-1] == pytest.approx([18e-3 / 2e-5], rel=8.0 * EPS)
 
 
 def test_a_scene_without_spacing_has_no_speed_in_metres_and_the_message_says_what_to_add() -> None:
-    with pytest.raises(UsageError, match=r"three has no spacing; .*\[chain\] spacing = "):
-        wave_speed_by_crossing(replace(THREE, spacing=None), free_flight())
+    assert np.all(np.isnan(wave_speed(replace(THREE, spacing=None), free_flight())))
+    scene = replace(db.load_scene("decelerating-40"), spacing=None)
+    with pytest.raises(UsageError, match=r"decelerating-40 has no spacing; .*\[chain\] spacing = "):
+        speed_power_law(scene, free_flight(bodies=41, contacts=40))
 
 
 def test_two_bodies_have_an_arrival_but_no_residence() -> None:
     pair = Scene(name="pair", duration=1.0, mass=(1.0, 1.0), stiffness=(1.0,), velocity=(1.0, 0.0), spacing=1.0)
     run = free_flight(bodies=2, contacts=1)
-    assert len(arrival_by_crossing(pair, run)) == 1
-    assert len(residence_by_crossing(pair, run)) == len(wave_speed_by_crossing(pair, run)) == 0
+    assert len(arrival(pair, run)[1:]) == 1
+    assert len(residence_time(pair, run)[1:-1]) == len(wave_speed(pair, run)[1:-1]) == 0
 
 
 def test_residence_times_of_the_papers_chains_are_those_of_the_truth(free_chain: Truth, solved: Solve) -> None:
-    found = residence_by_crossing(free_chain.scene, solved(free_chain.scene, "scipy"))
+    found = residence_time(free_chain.scene, solved(free_chain.scene, "scipy"))[1:-1]
     # differences of times that are good to 1e-10: of arrivals up to 0.6 ms, over residences of 10 us
     assert found == pytest.approx(free_chain.data["residence"], rel=1e-10 * 60)
 
@@ -81,26 +87,36 @@ def test_residence_times_of_the_papers_chains_are_those_of_the_truth(free_chain:
 def test_the_twin_finds_the_same_residence_times_within_its_bars(free_chain: Truth, solved: Solve) -> None:
     run = solved(free_chain.scene, "verlet", dt=1e-8)
     bars = run.uncertainty["crossing_time"]
-    error = np.abs(residence_by_crossing(free_chain.scene, run) - free_chain.data["residence"])
+    error = np.abs(residence_time(free_chain.scene, run)[1:-1] - free_chain.data["residence"])
     assert np.all(error <= bars[1:] + bars[:-1])
 
 
 def test_the_wave_slows_down_and_speeds_up_as_the_scenes_are_named(solved: Solve) -> None:
     for name, sign in (("decelerating-40", -1.0), ("accelerating-40", 1.0)):
         scene = db.load_scene(name)
-        speed = wave_speed_by_crossing(scene, solved(scene, "verlet", dt=1e-7, uncertainty=False))
+        speed = wave_speed(scene, solved(scene, "verlet", dt=1e-7, uncertainty=False))[1:-1]
         # the paper's figure 3: monotone from the third cylinder on, to the one before the free end
         assert np.all(sign * np.diff(speed[2:-1]) > 0.0)
 
 
 def test_the_bar_of_a_residence_is_that_of_both_crossings() -> None:
     run = free_flight(uncertainty=uncertain(crossing_time=[1e-3, 5e-3]))
-    assert residence_bar(THREE, run) == pytest.approx([6e-3], rel=4 * EPS)
+    assert residence_time_uncertainty(THREE, run)[1:-1] == pytest.approx([6e-3], rel=4 * EPS)
+    assert arrival_uncertainty(THREE, run)[1:].tolist() == [1e-3, 5e-3]
+
+
+@pytest.mark.parametrize(("each", "largest"), [(1e-6, 5e4 / 9.0), (1e-5, math.inf)])
+def test_the_uncertainty_of_a_speed_is_its_largest_change_within_that_of_the_residence_time(
+    each: float, largest: float
+) -> None:
+    # 20 us less 2 us are 18 us, and 1/18 is larger than 1/20 by a ninth of it; less 20 us nothing is left
+    run = free_flight(crossing_time=[1e-5, 3e-5], uncertainty=uncertain(crossing_time=[each, each]))
+    assert front_speed_uncertainty(THREE, run)[1:-1] == pytest.approx([largest], rel=1e-12)
 
 
 def test_the_speed_in_bodies_needs_no_spacing() -> None:
     run = free_flight(crossing_time=[1e-5, 3e-5])
-    assert grain_speed_by_crossing(replace(THREE, spacing=None), run) == pytest.approx([5e4], rel=8.0 * EPS)
+    assert front_speed(replace(THREE, spacing=None), run)[1:-1] == pytest.approx([5e4], rel=8.0 * EPS)
 
 
 @pytest.mark.parametrize(("per_residence", "bound"), [(2.0, 2e-5), (4.0, 5e-9), (8.0, 2e-12)])

@@ -14,7 +14,6 @@ import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.observables.pulse import (
-    front_kinetic_energy,
     leading_pulse,
     pulse_width_by_force,
     reflected,
@@ -59,7 +58,7 @@ def test_the_kinetic_energy_of_a_wave_is_that_of_its_bodies_at_the_time() -> Non
     scene, run, wave = travelling_wave()
     bodies = np.arange(-20.0, 20.0) + 0.5  # as a contact has its peak
     expected = 0.5 * 0.01 * float(np.sum(wave.velocity(bodies) ** 2))
-    assert front_kinetic_energy(scene, run)[INNER] == pytest.approx(expected, rel=1e-12)
+    assert leading_pulse(scene, run).kinetic[INNER] == pytest.approx(expected, rel=1e-12)
     # its mean over a passage is n/(n + 2) of the energy; at this moment, when contacts hold most, it is less
     assert 0.95 * 5.0 / 9.0 < expected / wave.energy < 5.0 / 9.0
 
@@ -165,7 +164,7 @@ def test_the_paper_chains_keep_kinetic_energy_and_width_of_the_front(solved: Sol
     for direction, drift in (("decelerating", 0.05), ("accelerating", 0.05)):
         scene = long_chain(direction)
         run = solved(scene, "reference", uncertainty=False)
-        kinetic, width = front_kinetic_energy(scene, run)[20:190], pulse_width_by_force(scene, run).width[20:190]
+        kinetic, width = leading_pulse(scene, run).kinetic[20:190], pulse_width_by_force(scene, run).width[20:190]
         assert np.ptp(kinetic) < 0.005 * np.mean(kinetic)
         assert np.ptp(width) < drift * np.mean(width)
 
@@ -243,7 +242,7 @@ def test_the_papers_chains_slow_down_and_speed_up(solved: Solve) -> None:
 
 def test_what_has_no_pulse_is_refused_with_the_reason(solved: Solve) -> None:
     scene, run, _ = travelling_wave()
-    for function in (pulse_width_by_force, leading_pulse, reflected, front_kinetic_energy):
+    for function in (pulse_width_by_force, leading_pulse, reflected):
         with pytest.raises(UsageError, match="wave has gravity"):
             function(replace(scene, gravity=9.81), run)
         with pytest.raises(UsageError, match="wave has precompression"):

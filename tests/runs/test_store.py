@@ -276,6 +276,18 @@ def test_another_machine_or_code_is_another_key(what: str, monkeypatch: pytest.M
     assert not {_key(), study_key("scatter", [SCENE])} & set(before)
 
 
+@pytest.mark.parametrize(("file", "counts"), [("studies/pages/claims.toml", True), ("scenes/one.toml", False)])
+def test_a_text_of_a_study_is_code_and_a_scene_is_not(file: str, counts: bool, tmp_path: Path) -> None:
+    def written(name: str, text: str) -> str:
+        path = tmp_path / name / file
+        path.parent.mkdir(parents=True)
+        path.write_text(text)
+        return code_hash((), tmp_path / name)
+
+    assert (written("before", "a = 1") != written("after", "a = 2")) is counts
+    assert code_hash(("studies",), tmp_path / "before") == code_hash(("studies",), tmp_path / "after")
+
+
 @pytest.mark.parametrize("variable", ["NUMBA_DISABLE_JIT", "LD_PRELOAD"])
 def test_a_variable_that_changes_what_is_compiled_or_loaded_is_another_key(
     variable: str, monkeypatch: pytest.MonkeyPatch

@@ -2,23 +2,29 @@
 
 The outcome of a claim follows from the values by the reference and by LAMMPS, each with its uncertainty; the values by
 theories and ode45 are listed beside them. A claim that fails is a finding about the paper, not a failed check of a
-code.
+code. The texts of all claims are in ``claims.toml``.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 from dem_bridge.studies.paper.measures import Measure, inside, measured
 from dem_bridge.studies.paper.runs import Runs
+from dem_bridge.studies.paper.texts import CLAIMS
 from dem_bridge.studies.study import Claim, ClaimValue
+from dem_bridge.studies.texts import fill
 from dem_bridge.verification.roles import REFERENCE
 from dem_bridge.verification.verdict import Outcome
 
 #: backends whose values decide the outcome, as far as they have run
 DECIDE = (REFERENCE, "lammps")
+#: backends whose values stand in sentences beside those that decide
+BESIDE = ("ode45", "bca", "adiabatic")
 
 
 def printed(name: str, value: float, unit: str, *, last_digit: float = 0.0) -> ClaimValue:
@@ -32,7 +38,8 @@ def exact(name: str, value: float, unit: str) -> ClaimValue:
 
 
 def heard(runs: Runs, scene: str, measure: Measure) -> tuple[ClaimValue, ...]:
-    """Return the values of a measure by all backends that ran the scene."""
+    """Return the values of a measure by all backends that ran the scene; their name has that of the scene."""
+    measure = replace(measure, name=f"{measure.name}, {scene}")
     return tuple(measured(measure, runs.scenes[scene], run, name) for name, run in runs.judges(scene))
 
 
@@ -52,30 +59,79 @@ def decided(values: Sequence[ClaimValue], low: float = -math.inf, high: float = 
 
 
 def together(*outcomes: Outcome) -> Outcome:
-    """Combine the outcomes of the parts of a claim: it holds only if all parts do."""
+    """Combine the outcomes of the parts of a claim: it holds only if all parts do; NOT_RUN without any."""
     for worst in (Outcome.NOT_RUN, Outcome.BROKEN, Outcome.FAIL, Outcome.UNDECIDED):
         if worst in outcomes:
             return worst
-    return Outcome.PASS
+    return Outcome.PASS if outcomes else Outcome.NOT_RUN
 
 
-def claim(id: str, where: str, statement: str, outcome: Outcome, sentence: str, *values: Any) -> Claim:
-    """Return a claim; ``values`` may be ClaimValues or tuples of them.
+def claim(
+    id: str,
+    outcome: Outcome,
+    *values: ClaimValue | Iterable[ClaimValue],
+    each: Iterable[Mapping[str, Any]] = (),
+    **numbers: Any,
+) -> Claim:
+    """Return a claim with its texts.
 
-    The sentence of a claim that is NOT_RUN says that runs are missing.
+    Parameters
+    ----------
+    id : str
+        Key of :data:`~dem_bridge.studies.paper.texts.CLAIMS`.
+    outcome : Outcome
+        With NOT_RUN, the sentence says that runs are missing.
+    values : ClaimValue or iterables of them
+    each : iterable of mappings
+        Numbers of the text ``each``, once for every part of the claim.
+    numbers
+        Numbers of the sentence.
+
     """
-    flat: list[ClaimValue] = []
-    for value in values:
-        flat += [value] if isinstance(value, ClaimValue) else list(value)
-    if outcome is Outcome.NOT_RUN:
-        sentence = "The runs from which this is read are missing."
-    return Claim(id=id, where=where, statement=statement, outcome=outcome, sentence=sentence, values=tuple(flat))
+    text, sentence = CLAIMS[id], "The runs from which this is read are missing."
+    if outcome is not Outcome.NOT_RUN:
+        parts = text.get("join", " and ").join(fill(text.get("each", ""), **part) for part in each)
+        sentence = fill(text["sentence"], each=parts, **numbers)
+    flat = [item for value in values for item in ([value] if isinstance(value, ClaimValue) else value)]
+    return Claim(
+        id=id,
+        where=text["where"],
+        statement=text["statement"],
+        outcome=outcome,
+        sentence=sentence,
+        values=tuple(flat),
+    )
 
 
-def percent(value: float, digits: int = 2) -> str:
-    """Format a ratio in per cent.
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Claim that one number lies between two limits in each of some chains."""
 
-    >>> percent(0.02345), percent(-0.2)
-    ('2.3 %', '-20 %')
-    """
-    return f"{100.0 * value:.{digits}g} %"
+    id: str
+    measure: Measure
+    chains: tuple[str, ...]
+    low: float = -math.inf
+    high: float = math.inf
+
+    def judge(self, runs: Runs, *more: ClaimValue, **numbers: Any) -> Claim:
+        """Return the claim with its values, behind ``more`` values; ``numbers`` are further ones of its sentence."""
+        values = {chain: heard(runs, chain, self.measure) for chain in self.chains}
+        each = [{"chain": chain, **sentence_numbers(of_chain)} for chain, of_chain in values.items()]
+        return claim(
+            self.id,
+            together(*(decided(of_chain, self.low, self.high) for of_chain in values.values())),
+            *more,
+            *values.values(),
+            each=each,
+            first=SimpleNamespace(**each[0]),
+            low=self.low,
+            high=self.high,
+            **numbers,
+        )
+
+
+def sentence_numbers(values: Sequence[ClaimValue]) -> dict[str, float]:
+    """Return the deciding value, those :data:`BESIDE` it, and how far they are from theories."""
+    value, others = by(values).value, {name: by(values, name).value for name in BESIDE}
+    excess = others["bca"] / value - 1.0 if value else math.nan
+    return {"value": value, **others, "excess": excess, "less_adiabatic": value - others["adiabatic"]}

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.differences import SAMPLED
 from dem_bridge.errors import DemBridgeError
+from dem_bridge.observables.registry import Reader, observable_named
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import ClaimValue
 from dem_bridge.trajectory import Trajectory
@@ -37,6 +38,17 @@ class Measure:
     """"crossing_time", "peak_force", "velocity"."""
     bar: Callable[[Scene, Trajectory], float] | None = None
     """Its own error bar, for a measure that knows it better."""
+
+
+def at_body(observable: str, body: int | None, name: str) -> Measure:
+    """Return a registered observable at one body, or of the whole chain (None), with its uncertainty."""
+    registered = observable_named(observable)
+
+    def reader(read: Reader) -> Callable[[Scene, Trajectory], float]:
+        return lambda scene, run: float(read(scene, run) if body is None else read(scene, run)[body])
+
+    value, bar = reader(registered.value), reader(registered.uncertainty)
+    return Measure(name=name, of=value, unit=registered.unit, bar=bar)
 
 
 def measured(measure: Measure, scene: Scene, run: Trajectory, backend: str) -> ClaimValue:

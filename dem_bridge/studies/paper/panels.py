@@ -1,4 +1,4 @@
-"""Panels of the paper's figures as numbers: what a chain and its runs give. What a chain has no run of is left out."""
+"""Panels of the paper's figures as data, from the runs of a chain. Backends without a run are left out."""
 
 from __future__ import annotations
 
@@ -11,12 +11,7 @@ from numpy.typing import NDArray
 from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.fits import force_exponent, speed_power_law
-from dem_bridge.observables.front import (
-    arrival_by_crossing,
-    residence_bar,
-    residence_by_crossing,
-    wave_speed_by_crossing,
-)
+from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.spectrum import Spectrum, frequency_spectrum, wavenumber_spectrum
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import Map, Panel, Series
@@ -42,7 +37,7 @@ _POWER = "power / largest of its column (1)"
 
 @dataclass(frozen=True, eq=False)
 class ChainRuns:
-    """One chain with its runs, by name of backend. Only "reference" must be there; UsageError without."""
+    """Hold one chain with its runs by backend; UsageError without a run of the reference."""
 
     scene: Scene
     runs: Mapping[str, Trajectory]
@@ -54,21 +49,22 @@ class ChainRuns:
 
     @property
     def reference(self) -> Trajectory:
+        """Return the run of the reference."""
         return self.runs["reference"]
 
     @property
     def shown(self) -> tuple[str, Trajectory]:
-        """Backend and run of a map: LAMMPS' where there is one."""
+        """Return backend and run of a map: those of LAMMPS where there is one, else of the reference."""
         return next(iter([*self.named(*ENGINE_BACKENDS), ("reference", self.reference)]))
 
     @property
     def middle(self) -> int:
-        """The 100th cylinder of 200."""
+        """Return the number of the middle cylinder, such as 100 of 200."""
         return self.scene.n_body // 2
 
-    def named(self, *wanted: str) -> Iterator[tuple[str, Trajectory]]:
+    def named(self, *backends: str) -> Iterator[tuple[str, Trajectory]]:
         """Yield the runs of these backends that exist, in the order of drawing."""
-        return ((name, self.runs[name]) for name in wanted if name in self.runs)
+        return ((name, self.runs[name]) for name in backends if name in self.runs)
 
 
 def window(chains: Iterable[ChainRuns], factor: float) -> float:
@@ -78,7 +74,7 @@ def window(chains: Iterable[ChainRuns], factor: float) -> float:
     """
     ends = []
     for chain in chains:
-        last = arrival_by_crossing(chain.scene, chain.reference)[-1]
+        last = OBSERVABLES["arrival_at_end"].value(chain.scene, chain.reference)
         ends.append(min(factor * float(last), chain.scene.duration) if np.isfinite(last) else chain.scene.duration)
     return max(ends)
 
@@ -86,7 +82,7 @@ def window(chains: Iterable[ChainRuns], factor: float) -> float:
 def velocity_map(
     title: str, chain: ChainRuns, end: float, *, shares: tuple[int, ...], theories: tuple[str, ...] = THEORIES
 ) -> Panel:
-    """Velocity over cylinder and time until ``end`` (s), without the striker, and the front as theories have it."""
+    """Return velocity over cylinder and time until ``end`` (s), without the striker, and the fronts by theories."""
     name, run = chain.shown
     rows = int(np.searchsorted(run.time, end, side="right"))
     thin = slice(None, rows, _step(rows))
@@ -95,7 +91,7 @@ def velocity_map(
         title=title,
         x_label="cylinder",
         y_label="time (ms)",
-        # a time is a whole number of samples: what is left at 1e-9 ms is round-off
+        # a time is a whole number of samples: digits below 1e-9 ms are round-off
         map=Map(
             label="velocity (m/s)",
             x=bodies,
@@ -107,7 +103,7 @@ def velocity_map(
                 label=f"front by {LABELS[theory]}",
                 style=theory,
                 x=bodies,
-                y=1e3 * arrival_by_crossing(chain.scene, result),
+                y=1e3 * OBSERVABLES["arrival"].value(chain.scene, result)[1:],
             )
             for theory, result in chain.named(*theories)
         ),
@@ -117,118 +113,78 @@ def velocity_map(
 
 
 def residence_times(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
-    """Residence time along the chain by all runs."""
-    series, bodies = [], np.arange(1.0, chain.scene.n_body - 1)
-    for name, run in chain.named(*EVERY):
-        times = residence_by_crossing(chain.scene, run)
-        series.append(_series(name, bodies, 1e6 * times, 1e6 * residence_bar(chain.scene, run)))
-    return Panel(
-        title=title,
-        x_label="cylinder",
-        y_label="residence time (µs)",
-        series=tuple(series),
-        shares_scale_with=shares,
-    )
+    """Return the residence time along the chain by all runs."""
+    return _panel(title, "cylinder", "residence time (µs)", _along(chain, "residence_time", 1e6), shares)
 
 
 def wave_speeds(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
-    """Wave speed along the chain by all runs, and the power law fitted to the reference."""
-    series, bodies = [], np.arange(1.0, chain.scene.n_body - 1)
-    for name, run in chain.named(*EVERY):
-        speed = wave_speed_by_crossing(chain.scene, run)
-        relative = residence_bar(chain.scene, run) / residence_by_crossing(chain.scene, run)
-        series.append(_series(name, bodies, speed, relative * speed))
+    """Return the wave speed along the chain by all runs, and the power law fitted to the reference."""
     fit = speed_power_law(chain.scene, chain.reference)
     i = np.arange(fit.first, fit.last + 1)
-    series.append(Series(label="fit V = (b1 + b2 i)^(1/n)", style="fit", x=i.astype(float), y=fit.speed(i)))
-    return Panel(
-        title=title,
-        x_label="cylinder",
-        y_label="wave speed (m/s)",
-        series=tuple(series),
-        notes=(f"fit: b1 = {fit.b1:.4g}, b2 = {fit.b2:.4g} (m/s)^{fit.exponent:g}, to {fit.residual:.2%} rms",),
-        shares_scale_with=shares,
-    )
+    fitted = Series(label="fit V = (b1 + b2 i)^(1/n)", style="fit", x=i.astype(float), y=fit.speed(i))
+    note = f"fit: b1 = {fit.b1:.4g}, b2 = {fit.b2:.4g} (m/s)^{fit.exponent:g}, to {fit.residual:.2%} rms"
+    return _panel(title, "cylinder", "wave speed (m/s)", [*_along(chain, "wave_speed"), fitted], shares, note)
 
 
-def frequencies(titles: Sequence[str], chains: Sequence[ChainRuns], *, place: int) -> list[Panel]:
-    """Spectrum in time along each chain with its centroid; ``place``: that of the first panel in the figure."""
-    results = [frequency_spectrum(chain.scene, chain.shown[1], first=1) for chain in chains]
+def frequencies(chains: Sequence[tuple[str, ChainRuns]], *, place: int) -> list[Panel]:
+    """Return the spectrum in time along each chain with its centroid.
+
+    ``chains``: with their titles; ``place``: that of the first panel in the figure.
+    """
+    results = [frequency_spectrum(chain.scene, chain.shown[1], first=1) for _, chain in chains]
     power = [_normalised(_two_sided(result)) for result in results]
     # one axis for all, up to where the last column is dark
-    heard = max(result.frequency[(p >= _DARK).any(axis=1)][-1] for result, p in zip(results, power, strict=True))
+    highest = max(result.frequency[(p >= _DARK).any(axis=1)][-1] for result, p in zip(results, power, strict=True))
     panels = []
-    for title, chain, result, p in zip(titles, chains, results, power, strict=True):
-        rows = int(np.searchsorted(result.frequency, heard, side="right"))
+    for (title, chain), result, p in zip(chains, results, power, strict=True):
+        rows = int(np.searchsorted(result.frequency, highest, side="right"))
         thin = slice(None, rows, _step(rows))
-        panels.append(
-            _spectrum(
-                title,
-                chain,
-                ("cylinder", "frequency (kHz)"),
-                Map(label=_POWER, x=result.position, y=1e-3 * result.frequency[thin], values=p[thin]),
-                1e-3 * result.centroid,
-                note=_from_to("kHz", 1e-3 * result.centroid, result.position),
-                shares=tuple(range(place, place + len(chains))),
-            )
-        )
+        spectrum = Map(label=_POWER, x=result.position, y=1e-3 * result.frequency[thin], values=p[thin])
+        centroid = 1e-3 * result.centroid
+        line = Series(label="centroid", style=chain.shown[0], x=spectrum.x, y=centroid)
+        note, shares = _from_to("kHz", centroid, result.position), tuple(range(place, place + len(chains)))
+        panels.append(_panel(title, "cylinder", "frequency (kHz)", [line], shares, note, spectrum))
     return panels
 
 
-def wavenumbers(titles: Sequence[str], chains: Sequence[ChainRuns], *, place: int) -> list[Panel]:
-    """Spectrum along each chain in time with its centroid; ``place``: that of the first panel in the figure.
+def wavenumbers(chains: Sequence[tuple[str, ChainRuns]], *, place: int) -> list[Panel]:
+    """Return the spectrum along each chain in time with its centroid; arguments as in :func:`frequencies`.
 
-    Without the shortest wave of two cylinders, which is once in a spectrum or not at all.
+    The shortest wave of two cylinders, which is once in a spectrum or not at all, is left out.
     """
     panels = []
-    for title, chain in zip(titles, chains, strict=True):
+    for title, chain in chains:
         item = wavenumber_spectrum(chain.scene, chain.shown[1], first=1)
         size = _step(len(item.time))
         power = _normalised(_means(_two_sided(item), size))[:-1]
-        panels.append(
-            _spectrum(
-                title,
-                chain,
-                ("time (ms)", "wavenumber (1/cylinder)"),
-                Map(label=_POWER, x=_means(1e3 * item.time, size), y=item.frequency[:-1], values=power),
-                _means(item.centroid, size),
-                note=_from_to("1/cylinder", item.centroid, item.position),
-                shares=tuple(range(place, place + len(chains))),
-            )
-        )
+        spectrum = Map(label=_POWER, x=_means(1e3 * item.time, size), y=item.frequency[:-1], values=power)
+        line = Series(label="centroid", style=chain.shown[0], x=spectrum.x, y=_means(item.centroid, size))
+        note, shares = _from_to("1/cylinder", item.centroid, item.position), tuple(range(place, place + len(chains)))
+        panels.append(_panel(title, "time (ms)", "wavenumber (1/cylinder)", [line], shares, note, spectrum))
     return panels
 
 
 def velocity_in_the_middle(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
-    """Velocity of the middle cylinder while the impulse is there."""
-    runs = {name: run.velocity[:, chain.middle] for name, run in chain.named(*IN_TIME)}
-    return _in_time(title, chain, "velocity (m/s)", runs, note=f"cylinder {chain.middle}", shares=shares)
+    """Return the velocity of the middle cylinder while the impulse passes."""
+    series = _in_time(chain, "velocity", chain.middle)
+    return _panel(title, "time (ms)", "velocity (m/s)", series, shares, f"cylinder {chain.middle}")
 
 
 def force_in_the_middle(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
-    """Force on the middle cylinder by the one before it, while the impulse is there."""
+    """Return the force on the middle cylinder by the one before it, while the impulse passes."""
     contact = chain.middle - 1
-    runs = {name: run.contact_force[:, contact] for name, run in chain.named(*IN_TIME)}
     note = f"between cylinders {contact} and {contact + 1}"
-    return _in_time(title, chain, "contact force (N)", runs, note=note, shares=shares)
+    return _panel(title, "time (ms)", "contact force (N)", _in_time(chain, "contact_force", contact), shares, note)
 
 
 def peak_forces(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
-    """Largest force of each contact by all runs."""
-    contacts = np.arange(float(chain.scene.n_contact))
-    return Panel(
-        title=title,
-        x_label="contact k, between cylinders k and k+1",
-        y_label="largest contact force (N)",
-        series=tuple(
-            _series(name, contacts, run.peak_force, run.uncertainty["peak_force"]) for name, run in chain.named(*EVERY)
-        ),
-        shares_scale_with=shares,
-    )
+    """Return the largest force of each contact by all runs."""
+    label = "contact k, between cylinders k and k+1"
+    return _panel(title, label, "largest contact force (N)", _along(chain, "peak_force"), shares)
 
 
 def force_against_stiffness(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
-    """Largest force of each contact against its stiffness, the fitted power, and a guide of the slope 2/5."""
+    """Return the largest force of each contact against its stiffness, the fitted power, and a guide of slope 2/5."""
     stiffness = chain.scene.contacts.stiffness
     fit = force_exponent(chain.scene, chain.reference)
     fitted = slice(fit.first, fit.last + 1)
@@ -255,7 +211,7 @@ def force_against_stiffness(title: str, chain: ChainRuns, *, shares: tuple[int, 
 
 
 def speed_ratios(title: str, ratios: Ratios) -> Panel:
-    """V_out/V_in against the mass gradient by each backend that has one anywhere."""
+    """Return V_out/V_in against the mass gradient by each backend that has it for any gradient."""
     gammas = np.array([gamma for gamma, _ in ratios])
     return Panel(
         title=title,
@@ -269,44 +225,46 @@ def speed_ratios(title: str, ratios: Ratios) -> Panel:
     )
 
 
+def _panel(
+    title: str,
+    x_label: str,
+    y_label: str,
+    series: Iterable[Series],
+    shares: tuple[int, ...],
+    note: str = "",
+    map: Map | None = None,
+) -> Panel:
+    return Panel(
+        title=title,
+        x_label=x_label,
+        y_label=y_label,
+        series=tuple(series),
+        map=map,
+        notes=(note,) if note else (),
+        shares_scale_with=shares,
+    )
+
+
 def _series(name: str, x: Floats, y: Floats, bar: Floats | None = None) -> Series:
-    """A line or marks by a backend; a bar that says nothing is none."""
+    """Return a line or marks of a backend; an uncertainty that is nowhere finite is left out."""
     available = bar if bar is not None and np.isfinite(bar).any() else None
     return Series(label=LABELS.get(name, name), style=name, x=x, y=y, bar=available)
 
 
-def _in_time(
-    title: str, chain: ChainRuns, label: str, runs: Mapping[str, Floats], *, note: str, shares: tuple[int, ...]
-) -> Panel:
-    series = []
-    for name, values in runs.items():
-        time, near = chain.runs[name].time, _while_there(chain, chain.runs[name])
-        series.append(_series(name, 1e3 * time[near], values[near]))
-    return Panel(
-        title=title, x_label="time (ms)", y_label=label, series=tuple(series), notes=(note,), shares_scale_with=shares
-    )
+def _along(chain: ChainRuns, name: str, factor: float = 1.0) -> Iterator[Series]:
+    """Yield an observable of all runs along the chain, times a factor, with its uncertainty."""
+    observable = OBSERVABLES[name]
+    places = slice(None) if observable.axis == ("contact",) else slice(1, chain.scene.n_body - 1)
+    for backend, run in chain.named(*EVERY):
+        value, bar = (factor * part(chain.scene, run)[places] for part in (observable.value, observable.uncertainty))
+        yield _series(backend, np.arange(float(places.start or 0), (places.start or 0) + len(value)), value, bar)
 
 
-def _spectrum(
-    title: str,
-    chain: ChainRuns,
-    labels: tuple[str, str],
-    power: Map,
-    centroid: Floats,
-    *,
-    note: str,
-    shares: tuple[int, ...],
-) -> Panel:
-    line = Series(label="centroid", style=chain.shown[0], x=power.x, y=centroid)
-    return Panel(
-        title=title,
-        x_label=labels[0],
-        y_label=labels[1],
-        map=power,
-        series=(line,),
-        notes=(note,),
-        shares_scale_with=shares,
-    )
+def _in_time(chain: ChainRuns, name: str, place: int) -> Iterator[Series]:
+    """Yield an observable of all runs at one body or contact, while the impulse passes the middle."""
+    for backend, run in chain.named(*IN_TIME):
+        near = _while_there(chain, run)
+        yield _series(backend, 1e3 * run.time[near], OBSERVABLES[name].value(chain.scene, run)[near, place])
 
 
 def _step(count: int) -> int:
@@ -317,7 +275,7 @@ def _rounded(values: Floats) -> Floats:
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     if not 0.0 < largest < np.inf:
         return values
-    # and no -0.0, which is nothing with a sign
+    # the sum turns -0.0 into 0.0
     return np.asarray(np.round(values, MAP_DIGITS - int(np.ceil(np.log10(largest)))) + 0.0)
 
 
@@ -329,27 +287,31 @@ def _means(values: Floats, size: int) -> Floats:
 
 
 def _two_sided(spectrum: Spectrum) -> Floats:
-    """Density by the shape of a pulse's spectrum: what is one-sided has half of it at zero, which is there but once."""
+    """Return the density with twice the value at zero, as a one-sided spectrum has half of it there."""
     density = spectrum.density.copy()
     density[0] *= 2.0
     return density
 
 
 def _normalised(density: Floats) -> Floats:
-    """Each column over its largest: how high a spectrum reaches, whatever its energy."""
+    """Return each column over its largest value, so that spectra of any energy can be compared."""
     return np.asarray(np.round(density / np.max(density, axis=0), MAP_DIGITS))
 
 
 def _from_to(unit: str, centroid: Floats, position: Floats) -> str:
-    """The centroid where the pulse has formed and before it leaves: at 10 and at 90 % of the chain."""
+    """Return the centroid at 10 and at 90 % of the chain as text: where the pulse has formed and before it leaves."""
     first, last = (float(np.interp(share * position[-1], position, centroid)) for share in (0.1, 0.9))
     return f"centroid: {first:.3g} {unit} at 10 % of the way, {last:.3g} at 90 %"
 
 
 def _while_there(chain: ChainRuns, run: Trajectory) -> slice:
-    """Samples from 4 residence times before the impulse reaches the middle to 6 after; all if it never does."""
-    before, after = arrival_by_crossing(chain.scene, chain.reference)[chain.middle - 1 : chain.middle + 1]
-    stay = after - before
+    """Return the samples from 4 residence times before the impulse reaches the middle to 6 after.
+
+    All samples are returned if it never reaches the middle.
+    """
+    before, stay = (
+        OBSERVABLES[name].value(chain.scene, chain.reference)[chain.middle] for name in ("arrival", "residence_time")
+    )
     if not np.isfinite(stay):
         return slice(None)
     first, last = np.searchsorted(run.time, (before - 4.0 * stay, before + 6.0 * stay))

@@ -1,4 +1,4 @@
-"""The pulse and the fits of every scene that has one: what the claims quote, and the rest of it."""
+"""The leading pulse and the fits of every scene that has one, of which the claims quote some."""
 
 from __future__ import annotations
 
@@ -12,70 +12,24 @@ from dem_bridge.observables.pulse import leading_pulse, pulse_width_by_force, re
 from dem_bridge.observables.spectrum import Spectrum, cascade, frequency_spectrum, wavenumber_spectrum
 from dem_bridge.scene import Scene
 from dem_bridge.studies.paper.runs import Runs
+from dem_bridge.studies.paper.texts import PAPER
 from dem_bridge.studies.study import Table
 from dem_bridge.trajectory import Trajectory
 
-#: parts of the chain that a pulse is looked at: formed, and before the end
+#: places in the chain at which a pulse is measured: where it is formed, and before the end
 EARLY, LATE = 0.25, 0.9
 
 Numbers = tuple[float, ...]
 
 
 def pulses_table(runs: Runs, names: Iterable[str]) -> Table:
-    """Width, energy and momentum of the leading pulse, and what is behind it, by the reference."""
-    return Table(
-        id="pulses",
-        title="The pulse, scene by scene",
-        caption=(
-            f"By the reference, as the leading pulse passes the contact at {EARLY:g} and at {LATE:g} of the chain: full"
-            " width at half force in bodies (solitary wave: 1.412), kinetic energy, shares of the chain's energy and"
-            " momentum at that time (momentum above 1: what follows runs back), momentum that runs back; later maxima"
-            " of the velocity of the body in the middle above 5 % of the first; wave speed at the end over that at"
-            " the start. Scenes with weight or precompression have no pulse apart from their chain."
-        ),
-        columns=(
-            "scene",
-            *(f"{what} at {at:g}" for what in ("width (bodies)", "kinetic energy (mJ)") for at in (EARLY, LATE)),
-            f"energy share at {LATE:g}",
-            f"momentum share at {LATE:g}",
-            f"momentum running back at {LATE:g} (g m/s)",
-            "further fronts",
-            "V_out/V_in",
-        ),
-        rows=tuple(_rows(runs, names, _pulse)),
-    )
+    """Return width, energy and momentum of the leading pulse of each scene, and later pulses, by the reference."""
+    return PAPER.table("pulses", _rows(runs, names, _pulse), early=EARLY, late=LATE)
 
 
 def fits_table(runs: Runs, names: Iterable[str]) -> Table:
-    """Power laws of speed and force and the cascades of spectra, with their errors, by the reference."""
-    return Table(
-        id="fits",
-        title="Fits and spectra, scene by scene",
-        caption=(
-            "By the reference. Speed: V = (b1 + b2 i)^(1/n) fitted to bodies 3 to N-3, with the standard errors and the"
-            " correlation of its covariance. Force: exponent of the peak force in the stiffness between both ends, its"
-            " standard error (as if the residuals were scatter) and least and largest over other windows; none where"
-            " all contacts are alike. Spectra: centroid over the last tenth of the way over that over the first, least"
-            " and largest with other shares."
-        ),
-        columns=(
-            "scene",
-            "b1 ((m/s)^n)",
-            "error of b1",
-            "b2 ((m/s)^n)",
-            "error of b2",
-            "correlation",
-            "rms (%)",
-            "force exponent",
-            "its error",
-            *(
-                text
-                for what in ("exponent", "frequency ratio", "wavenumber ratio")
-                for text in ([what] * (what != "exponent") + [f"least {what}", f"largest {what}"])
-            ),
-        ),
-        rows=tuple(_rows(runs, names, _fits)),
-    )
+    """Return power laws of speed and force and the cascades of spectra, with their errors, by the reference."""
+    return PAPER.table("fits", _rows(runs, names, _fits))
 
 
 def _rows(
@@ -91,7 +45,7 @@ def _rows(
 
 
 def _or_nothing(of: Callable[[], Numbers], count: int) -> Numbers:
-    """Nan where an observable refuses a scene."""
+    """Return numbers, or nan where an observable does not apply to a scene."""
     try:
         return of()
     except UsageError:

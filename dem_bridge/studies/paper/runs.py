@@ -17,20 +17,20 @@ from dem_bridge.studies.paper.effects import VARIANTS
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE, SCIPY, engine_for
 
-#: the paper's own chains: verified in full, with a ladder of time steps
+#: the paper's own chains: verified in full, with refinement levels
 DECELERATING, ACCELERATING = "decelerating-40", "accelerating-40"
 MAIN = (DECELERATING, ACCELERATING)
 LONG = ("decelerating-200", "accelerating-200")
-#: of all other scenes, where nothing is read off to more digits
+#: accuracy of all other scenes, of which the claims need no more digits
 OTHER_ACCURACY = 1e-4
-#: beside those that every verification has: another's integrator, one of order 4, the paper's method, the better theory
+#: further backends: an external integrator, one of order 4, the paper's method, and the more accurate theory
 BESIDE = {
     "ase": Resolution(dt=1e-7),
     "blanes-moan": Resolution(),
     "ode45": Resolution(),
     "adiabatic": Resolution(),
 }
-#: what codes are asked for in the claims table, in its columns' order
+#: backends whose values the claims list, in this order
 JUDGES = (REFERENCE, "lammps", "ode45", "bca", "adiabatic")
 #: mass gradients of figure 6, and the step of LAMMPS on them
 GRADIENTS = tuple(round(0.0025 * i, 4) for i in range(-8, 9))
@@ -39,16 +39,16 @@ COARSE = Resolution(dt=1e-7)
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """All runs of the study: the main run of each backend on each scene, by their names."""
+    """Hold all runs of the study: the main run of each backend on each scene, by their names."""
 
     scenes: Mapping[str, Scene]
     results: Mapping[tuple[str, str], Result]
 
     @classmethod
     def of(cls, results: Iterable[Result]) -> Runs:
+        """Return the runs among some results; of each scene and backend the first is the main one."""
         matches: dict[tuple[str, str], Result] = {}
         for result in results:
-            # the first of each is the main one
             matches.setdefault((result.case.scene.name, result.case.backend), result)
         # claims on printed numbers are about the paper's chains, whether or not these have run
         scenes = {name: load_scene(name) for name in MAIN}
@@ -65,10 +65,11 @@ class Runs:
         return None if result is None else result.trajectory
 
     def truth(self, scene: str) -> Trajectory | None:
+        """Return the run of a scene by the reference."""
         return self.run(scene, REFERENCE)
 
     def judges(self, scene: str) -> Iterator[tuple[str, Trajectory]]:
-        """Runs of a scene by those whom the claims ask."""
+        """Yield the runs of a scene by :data:`JUDGES`, with their names."""
         for name in JUDGES:
             if scene in self.scenes and (run := self.run(scene, name)) is not None:
                 yield name, run
@@ -78,7 +79,7 @@ class Runs:
         return scene in self.scenes and self.truth(scene) is not None
 
     def by_backend(self, scene: str) -> dict[str, Trajectory]:
-        """All runs of one scene."""
+        """Return all runs of one scene."""
         return {
             name: result.trajectory
             for (of, name), result in self.results.items()
@@ -87,13 +88,13 @@ class Runs:
 
 
 def scenes_of_paper(names: Sequence[str] | None = None) -> list[Scene]:
-    """The shipped scenes, the paper's two first; ``names``: of these alone."""
+    """Return the shipped scenes, or those with these names; the paper's two come first."""
     available = shipped_scenes() if names is None else names
     return [load_scene(name) for name in sorted(available, key=lambda name: (name not in MAIN, name))]
 
 
 def beside(scene: Scene) -> Iterator[Case]:
-    """A scene through the backends that judge nothing."""
+    """Yield the cases of :data:`BESIDE` that support a scene."""
     sampling = Sampling(count=scene.samples)
     for name, resolution in BESIDE.items():
         if supports_of(name).covers(scene):
@@ -105,7 +106,7 @@ def beside(scene: Scene) -> Iterator[Case]:
 def quick(
     scenes: Sequence[Scene], names: Sequence[str] = (REFERENCE,), *, samples: int = 1, uncertainty: bool = False
 ) -> list[Case]:
-    """Scenes of which only peak forces and crossing times are wanted, or one number."""
+    """Return cases with few samples, for peak forces and crossing times, or one number."""
     return [
         Case(
             scene=scene,
@@ -120,18 +121,18 @@ def quick(
 
 
 def variants() -> list[Case]:
-    """The paper's chains with one thing changed."""
+    """Return the cases of the paper's chains with one change each."""
     return quick([variant.of(scene) for scene in map(load_scene, MAIN) for variant in VARIANTS])
 
 
 def with_mass_gradient(scene: Scene, gamma: float) -> Scene:
-    """Masses m_i = m (1 + gamma i) for i = 1, 2, ... (appendix A); the striker stays as it is."""
+    """Return a scene with masses m_i = m (1 + gamma i) for i = 1, 2, ... (appendix A), and the same striker."""
     masses = (rounded(scene.mass[1] * (1.0 + gamma * i)) for i in range(1, scene.n_body))
     return replace(scene, name=f"{scene.name}.gamma{gamma:g}", mass=(scene.mass[0], *masses), geometry=None)
 
 
 def mass_gradients(engine: Engine | None = None) -> list[Case]:
-    """Both chains under every mass gradient of figure 6, LAMMPS at every second one."""
+    """Return the cases of both chains at every mass gradient of figure 6, of LAMMPS at every second one."""
     cases = []
     for scene in map(load_scene, MAIN):
         scenes = [with_mass_gradient(scene, gamma) for gamma in GRADIENTS]
@@ -149,7 +150,7 @@ MATCHED: Mapping[str, Callable[[Scene], Scene]] = {
 
 
 def matched() -> list[Case]:
-    """The decelerating chain struck through a stiffer contact, by a heavier striker, and both."""
+    """Return cases of the decelerating chain with a stiffer first contact, a heavier striker, and both."""
     scene = load_scene(DECELERATING)
     scenes = [replace(change(scene), name=f"{scene.name}.{key}") for key, change in MATCHED.items()]
     return quick(scenes, samples=scene.samples)
@@ -160,9 +161,9 @@ STEEPER = {0.95: 4000, 0.9: 8000}
 
 
 def steeper_taper(scene: Scene, ratio: float) -> Scene:
-    """A tapered chain with another ratio of radii: m goes as R^3, beta as the root of R R'/(R + R').
+    """Return a tapered chain with another ratio of radii, from one whose striker is as large as the first sphere.
 
-    ``scene``: one whose striker is as large as the first sphere.
+    Masses are proportional to R^3, stiffnesses to the square root of R R'/(R + R').
     """
     radii = [1.0, *(ratio**i for i in range(scene.n_body - 1))]
     return replace(
@@ -175,7 +176,7 @@ def steeper_taper(scene: Scene, ratio: float) -> Scene:
 
 
 def steeper_tapers() -> list[Case]:
-    """Chains that taper more than the shipped ones."""
+    """Return cases of chains that taper more than the shipped ones."""
     scene = load_scene("tapered-forward")
     return [
         case

@@ -1,4 +1,4 @@
-"""All of the paper's study, in order: what is run, what is judged, what is shown."""
+"""Run the whole study of the paper: its runs, verdicts, claims, tables and figures, in this order."""
 
 from __future__ import annotations
 
@@ -31,13 +31,10 @@ from dem_bridge.studies.paper.claims_spectrum import spectra
 from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.effects import (
     AS_IS,
-    NUMERICS,
-    THEORY,
     VARIANTS,
     Effect,
     budget_table,
     effect,
-    of_numerics,
     own_bar,
 )
 from dem_bridge.studies.paper.pulses import fits_table, pulses_table
@@ -56,6 +53,7 @@ from dem_bridge.studies.paper.runs import (
     variants,
 )
 from dem_bridge.studies.paper.summary import NOT_VERIFIED, answer
+from dem_bridge.studies.paper.texts import PAPER
 from dem_bridge.studies.paper.theories import split_table, theories_table
 from dem_bridge.studies.paper.validity import contacts_table, scenes_table
 from dem_bridge.studies.scatter import ScatteredChains
@@ -68,7 +66,7 @@ from dem_bridge.verification.roles import REFERENCE, SCIPY
 
 @dataclass(frozen=True, kw_only=True)
 class Extent:
-    """Extent of the study of the paper; smaller ones are for tests."""
+    """Hold the extent of the study of the paper; smaller ones are for tests."""
 
     scenes: tuple[str, ...] | None = None
     """Shipped scenes; None: all."""
@@ -80,14 +78,8 @@ class Extent:
     """Whether it asks what may be left out of the two main ones."""
 
 
-#: errors of codes and theories that stand in the budget: backend -> what it is, kind
-TERMS = {
-    "lammps": ("LAMMPS at the time step of this report", NUMERICS),
-    SCIPY: ("the second reference", NUMERICS),
-    "ode45": ("ode45 at MATLAB's default tolerances, the paper's method", NUMERICS),
-    "bca": ("binary collisions in place of the equations of motion", THEORY),
-    "adiabatic": ("the adiabatic wave in place of the equations of motion", THEORY),
-}
+#: codes and theories whose errors stand in the budget
+TERMS = ("lammps", SCIPY, "ode45", "bca", "adiabatic")
 
 
 def verify_paper(
@@ -212,7 +204,7 @@ def read_paper(
             fits_table(runs, names),
             coverage_table(runs, names, accuracy),
             scenes_table(runs, names),
-            *(table for table in contacts if table is not None),
+            *(of_chain for of_chain in contacts if of_chain is not None),
             scatter.table(scattered),
             *more,
         ),
@@ -221,14 +213,8 @@ def read_paper(
 
 
 def claims_table(claims: Sequence[Claim]) -> Table:
-    """List the claims of the paper with their outcomes."""
-    return Table(
-        id="claims",
-        title="Claims of the paper",
-        caption="Each statement of the paper and what the runs show.",
-        columns=("claim", "where", "outcome", "finding"),
-        rows=tuple((claim.id, claim.where, claim.outcome.value, claim.sentence) for claim in claims),
-    )
+    """Return the table of the claims with their outcomes."""
+    return PAPER.table("claims", [(claim.id, claim.where, claim.outcome.value, claim.sentence) for claim in claims])
 
 
 def _left_out(hierarchy: ModelHierarchy, results: Sequence[Result]) -> tuple[LeftOut, ...]:
@@ -241,26 +227,24 @@ def _left_out(hierarchy: ModelHierarchy, results: Sequence[Result]) -> tuple[Lef
 
 
 def _effects(runs: Runs) -> Iterator[Effect]:
-    """All terms of the budget of both chains."""
+    """Yield all terms of the budget of both chains."""
     for name in MAIN:
-        truth = runs.truth(name)
+        truth, base = runs.truth(name), runs.truth(f"{name}.{AS_IS}")
         if truth is None:
             continue
         scene = runs.scenes[name]
         yield own_bar(scene, truth)
-        for backend, (what, kind) in TERMS.items():
-            run = runs.run(name, backend)
-            if run is not None:
-                yield of_numerics(scene, what, backend, kind, run, truth)
-        base = runs.truth(f"{name}.{AS_IS}")
+        for backend in TERMS:
+            if (run := runs.run(name, backend)) is not None:
+                yield effect(backend, scene, truth, run)
         for variant in VARIANTS:
             run = runs.truth(f"{name}.{variant.id}")
             if run is not None and base is not None and variant.id != AS_IS:
-                yield effect(variant, scene, base, run)
+                yield effect(variant.id, scene, base, run)
 
 
 def coverage_table(runs: Runs, names: Sequence[str], accuracy: float = DEFAULT_ACCURACY) -> Table:
-    """Every scene through every backend: the largest velocity error against the reference; empty where it refuses."""
+    """Return the largest velocity error of each backend on each scene; empty where a backend does not support it."""
     others = [name for name in BACKENDS if name != REFERENCE]
     rows: list[tuple[str | float, ...]] = []
     for name in names:
@@ -270,23 +254,13 @@ def coverage_table(runs: Runs, names: Sequence[str], accuracy: float = DEFAULT_A
             fits = run is not None and truth is not None
             row.append(difference("velocity", run, truth).value if fits else "")  # type: ignore[arg-type]
         rows.append((name, *row))
-    return Table(
-        id="coverage",
-        title="Every scene through every backend",
-        caption=(
-            "Largest difference of velocity to the reference over all samples and bodies, relative to the largest"
-            " velocity; empty where a backend refuses the scene, 0 where scipy is the reference itself. LAMMPS and its"
-            f" twin at steps for {accuracy:g} on the paper's two chains and {max(accuracy, OTHER_ACCURACY):g} on the"
-            " others, ase at 1e-7 s, blanes-moan at its default step, ode45 at MATLAB's defaults. Theories (bca,"
-            " adiabatic) have other equations, and steps where the chain has waves."
-        ),
-        columns=("scene", *others),
-        rows=tuple(rows),
+    return PAPER.table(
+        "coverage", rows, columns=("scene", *others), main=accuracy, others=max(accuracy, OTHER_ACCURACY)
     )
 
 
 def _figures(runs: Runs, scattered: Sequence[ScatteredChains]) -> Iterator[FigureData]:
-    """The paper's figures, as far as their scenes have run; then what the scatter of angles does."""
+    """Yield the paper's figures whose scenes have run, and those of chains with scattered angles."""
 
     def runs_of(name: str) -> figures.ChainRuns:
         return figures.ChainRuns(runs.scenes[name], runs.by_backend(name))

@@ -18,6 +18,7 @@ from dem_bridge.studies.paper.claims_numbers import numbers
 from dem_bridge.studies.paper.claims_spectrum import spectra
 from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, GRADIENTS, LONG, MAIN, Runs
+from dem_bridge.studies.paper.texts import CLAIMS
 from dem_bridge.studies.scatter import ScatteredChains
 from dem_bridge.studies.study import Claim, ClaimValue
 from dem_bridge.trajectory import Trajectory
@@ -610,11 +611,22 @@ def test_the_reference_speaks_first_then_lammps() -> None:
 
 def test_values_of_a_claim_may_be_nested() -> None:
     one, two, three = (_value("reference", float(i)) for i in range(3))
-    found = claim("id", "section 1", "It is.", PASS, "It is 1.", one, (two,), [three])
+    numbers: dict[str, Any] = {"result": 1.0, "count": 1, "grams": 1.0, "ratio": 1.0}
+    found = claim("weight", PASS, one, (two,), [three], **numbers)
     assert found.values == (one, two, three)
-    assert claim("id", "section 1", "It is.", NOT_RUN, "It is nan.").sentence == (
-        "The runs from which this is read are missing."
-    )
+    assert claim("weight", NOT_RUN).sentence == "The runs from which this is read are missing."
+
+
+def test_a_text_whose_number_is_missing_is_an_error() -> None:
+    with pytest.raises(KeyError, match="ratio"):
+        claim("weight", PASS, result=1.0, count=1, grams=1.0)
+
+
+def test_every_claim_has_its_texts_and_none_is_left_over() -> None:
+    assert set(CLAIMS) == set(EXPECTED)
+    assert {key for text in CLAIMS.values() for key in text} == {
+        "where", "statement", "sentence", "each", "join", "printed", "formula", "fit",
+    }  # fmt: skip
 
 
 def test_half_of_the_last_digit_is_what_print_leaves_open() -> None:

@@ -21,7 +21,6 @@ from dem_bridge.studies.paper.effects import (
     budget_table,
     effect,
     observables,
-    of_numerics,
     own_bar,
 )
 from dem_bridge.studies.paper.runs import MAIN, Runs, with_mass_gradient
@@ -53,8 +52,7 @@ def _main(name: str) -> Scene:
 
 
 def _of(runs: Runs, id: str, chain: str) -> dict[str, float]:
-    variant = BY_ID[id]
-    found = effect(variant, runs.scenes[chain], truth_of(runs, f"{chain}.{AS_IS}"), truth_of(runs, f"{chain}.{id}"))
+    found = effect(id, runs.scenes[chain], truth_of(runs, f"{chain}.{AS_IS}"), truth_of(runs, f"{chain}.{id}"))
     assert (found.id, found.scene) == (id, chain)
     return dict(found.changes)
 
@@ -208,10 +206,11 @@ def test_bars_of_the_reference_are_relative_and_small(runs: Runs) -> None:
 def test_errors_of_codes_are_those_of_their_observables(runs: Runs) -> None:
     scene, truth, run = runs.scenes[MAIN[0]], truth_of(runs, MAIN[0]), runs.run(MAIN[0], "bca")
     assert run is not None
-    found = of_numerics(scene, "binary collisions", "bca", "theory", run, truth)
+    found = effect("bca", scene, truth, run)
+    assert (found.kind, found.what) == ("theory", "binary collisions in place of the equations of motion")
     assert found.changes[ARRIVAL] == pytest.approx(run.crossing_time[39] / truth.crossing_time[39] - 1.0)
     assert -0.03 < found.changes[ARRIVAL] < -0.01  # about 2 % early
-    same = of_numerics(scene, "itself", "reference", NUMERICS, truth, truth)
+    same = effect("scipy", scene, truth, truth)
     assert set(same.changes.values()) == {0.0}
     assert same.largest == 0.0
 

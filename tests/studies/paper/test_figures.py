@@ -139,7 +139,8 @@ def test_bars_are_those_of_both_crossings_and_none_where_nothing_is_known(
     assert line.bar is not None
     assert speed.bar is not None
     np.testing.assert_allclose(line.bar, 1e6 * (bars[:-1] + bars[1:]), rtol=1e-12)
-    np.testing.assert_allclose(speed.bar / speed.y, line.bar / line.y, rtol=1e-12)
+    # the speed changes most where the residence time is short
+    np.testing.assert_allclose(speed.bar / speed.y, line.bar / (line.y - line.bar), rtol=1e-12)
     assert _series(figure_3(*chains).panels[0], "bca").bar is None
 
 

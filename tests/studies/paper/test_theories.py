@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dem_bridge.studies.paper.runs import MAIN, Runs
-from dem_bridge.studies.paper.theories import FIRST, LAST, PROFILES, deviation, theories_table
+from dem_bridge.studies.paper.theories import FIRST, LAST, PROFILES, deviation, profile, theories_table
 from tests.studies.paper.conftest import planted, truth_of, without
 
 PARTS = ("arrival", "residence time", "peak velocity", "peak force")
@@ -27,9 +27,14 @@ def test_binary_collisions_are_about_2_percent_off_in_time_and_far_off_in_force(
     table = theories_table(runs, MAIN)
     at = {name: i for i, name in enumerate(table.columns)}
     by = {(row[0], row[1]): row for row in table.rows}
-    for scene, sign in zip(MAIN, (-1.0, 1.0), strict=True):
+    # the decelerating chain's pulse still forms at cylinder 5, where binary collisions are late; then they get early
+    for scene, sign, worst in zip(MAIN, (-1.0, 1.0), (2.83, 1.91), strict=True):
         row = by[scene, "BCA"]
-        assert 1.5 < sign * float(row[at["arrival, worst (%)"]]) < 2.5
+        assert float(row[at["arrival, worst (%)"]]) == pytest.approx(worst, abs=0.02)
+        theory = runs.run(scene, "bca")
+        assert theory is not None
+        late = 100.0 * deviation("arrival", runs.scenes[scene], theory, truth_of(runs, scene))
+        assert 1.5 < sign * late[-1] < 2.5
         assert float(row[at["peak velocity, median (%)"]]) > 50.0
         # the adiabatic wave knows times ten times as well, and velocities; ode45 errs by its tolerance of 1e-3 at most
         assert abs(float(by[scene, "adiabatic wave"][at["arrival, median (%)"]])) < 0.3
@@ -41,9 +46,9 @@ def test_numbers_are_those_of_numpy(runs: Runs) -> None:
     name = MAIN[0]
     truth, theory = truth_of(runs, name), runs.run(name, "bca")
     assert theory is not None
-    # bodies 5 to 37: body i is reached at crossing i-1, holds from i-1 to i, and the profile's arrival is that of i
+    # bodies 5 to 37: body i is reached at crossing i-1 and holds from i-1 to i
     inside = slice(5, 38)
-    arrival = (theory.crossing_time / truth.crossing_time - 1.0)[inside]
+    arrival = (theory.crossing_time / truth.crossing_time - 1.0)[4:37]
     residence = (np.diff(theory.crossing_time) / np.diff(truth.crossing_time) - 1.0)[4:37]
     force = (theory.peak_force / truth.peak_force - 1.0)[inside]
     row = theories_table(without(runs, "ode45", "adiabatic"), [name]).rows[0]
@@ -56,7 +61,7 @@ def test_profiles_leave_out_both_ends(runs: Runs) -> None:
     scene, run = runs.scenes[MAIN[0]], truth_of(runs, MAIN[0])
     assert (FIRST, LAST) == (5, 3)
     assert tuple(PROFILES) == PARTS
-    assert {name: len(of(scene, run)) for name, of in PROFILES.items()} == dict.fromkeys(PARTS, 41 - 5 - 3)
+    assert {name: len(profile(name, scene, run)) for name in PROFILES} == dict.fromkeys(PARTS, 41 - 5 - 3)
     assert not any(deviation(name, scene, run, run).any() for name in PROFILES)
 
 
