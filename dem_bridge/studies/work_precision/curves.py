@@ -69,39 +69,34 @@ class Curve:
             requested["atol"] = ATOL_PER_RTOL * value
         return requested
 
-    def resolution(self, value: float, *, limit: float) -> Resolution:
-        """Return the settings of a run; ``limit`` (s) stops an engine in another process."""
-        return Resolution(**self.settings(value), time_limit=limit)
-
     def size(self, value: float) -> float:
         """Return the size with which the time of a run grows about linearly."""
         if self.knob == "dt":
             return 1.0 / value
         return value**-ADAPTIVE if self.knob in ("rtol", "atol") else value
 
+    def case(self, scene: Scene, value: float, sampling: Sampling, *, limit: float = 1e9) -> Case:
+        """Return the case of a run; ``limit`` (s) stops an engine in another process."""
+        resolution = Resolution(**self.settings(value), time_limit=limit)
+        return Case(scene=scene, backend=self.backend, resolution=resolution, sampling=sampling, uncertainty=False)
+
     def run(self, chosen: Backend, scene: Scene, value: float, sampling: Sampling, *, limit: float) -> Trajectory:
-        """One run, as whoever asks for these settings gets it."""
-        resolution = self.resolution(value, limit=limit)
-        case = Case(scene=scene, backend=self.backend, resolution=resolution, sampling=sampling, uncertainty=False)
+        """Run the scene with these settings."""
+        case = self.case(scene, value, sampling, limit=limit)
         return extrapolate(case, chosen) if self.richardson else case.solve(chosen)
 
     def guess(self, scene: Scene, value: float, sampling: Sampling) -> float:
-        """Roughly the seconds of one run, for the time that is left and nothing else."""
-        resolution = self.resolution(value, limit=1e9)
-        if resolution.dt is None:
-            return UNKNOWN
-        steps = Case(
-            scene=scene, backend=self.backend, resolution=resolution, sampling=sampling, uncertainty=False
-        ).expected
-        return steps * (10.0 if self.richardson else 1.0)
+        """Guess the seconds of one run, for the time that is left and nothing else."""
+        case = self.case(scene, value, sampling)
+        return UNKNOWN if case.resolution.dt is None else case.expected * (10.0 if self.richardson else 1.0)
 
 
 def curves(
     scene: Scene, sampling: Sampling, prescan: Prescan, engine: Engine | None, requested: Sequence[str] | None = None
 ) -> tuple[list[tuple[Curve, Backend]], list[str]]:
-    """All curves that can be run here, each with its backend; and why others cannot.
+    """Return all curves that can be run here, each with its backend; and why others cannot.
 
-    ``wanted``: backends; None for all.
+    ``requested``: names of backends; None for all.
     """
     results, notes = [], []
     for name in BACKENDS if requested is None else dict.fromkeys(requested):
@@ -115,7 +110,7 @@ def curves(
 
 
 def steps(scene: Scene, sampling: Sampling, prescan: Prescan) -> tuple[float, ...]:
-    """Time steps (s), each half the one before, that fall on the samples; the first below 1/omega."""
+    """Return time steps (s), each half the one before, that fall on the samples; the first below 1/omega."""
     first = scene.duration / sampling.count
     while first * prescan.frequency > 1.0:
         first *= 0.5
@@ -147,22 +142,15 @@ def _of(chosen: Backend, dt: tuple[float, ...], scene: Scene) -> list[Curve]:
 
 
 def _tables(name: str, dt: float) -> list[Curve]:
-    """Knobs of tables at a fixed step."""
-    results = [
-        Curve(
-            name=f"{name} ({style})",
-            backend=name,
-            knob="table_points",
-            values=POINTS,
-            fixed={"dt": dt, "table_style": style},
-            variant=style,
-        )
-        for style in STYLES
+    """Return the knobs of tables at a fixed step."""
+    points = Curve(name=name, backend=name, knob="table_points", values=POINTS)
+    return [
+        *(
+            replace(points, name=f"{name} ({style})", fixed={"dt": dt, "table_style": style}, variant=style)
+            for style in STYLES
+        ),
+        replace(points, name=f"{name} (lines)", knob="table_lines", values=LINES, fixed={"dt": dt}, variant="lines"),
     ]
-    lines = Curve(
-        name=f"{name} (lines)", backend=name, knob="table_lines", values=LINES, fixed={"dt": dt}, variant="lines"
-    )
-    return [*results, lines]
 
 
 def _adaptive(name: str) -> list[Curve]:
@@ -174,6 +162,6 @@ def _adaptive(name: str) -> list[Curve]:
     atol = tuple(ATOL_PER_RTOL * rtol for rtol in RTOL[name])
     return [
         replace(by_rtol, name=f"{name} (rtol alone)"),
-        Curve(name=f"{name} (atol alone)", backend=name, knob="atol", values=atol, variant="atol alone"),
+        replace(by_rtol, name=f"{name} (atol alone)", knob="atol", values=atol, variant="atol alone"),
         replace(by_rtol, name=f"{name} (both)", variant="both"),
     ]

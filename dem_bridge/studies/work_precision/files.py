@@ -6,122 +6,80 @@ column can be plotted against any other (Wickham 2014, *J. Stat. Softw.* 59, 10)
 
 from __future__ import annotations
 
-import csv
 import io
 import json
-from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.studies.work_precision.norms import NORMS
-from dem_bridge.studies.work_precision.runs import Measured, Point
+from dem_bridge.studies.work_precision.runs import TEXTS, Measured
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 SCHEMA = "dem-bridge/work-precision/1"
-#: columns of a setting -> (unit, what it is)
-SETTING: dict[str, tuple[str, str]] = {
-    "dt": ("s", "time step as it was run"),
-    "steps": ("1", "time steps"),
-    "force_evaluations": ("1", "evaluations of all forces; of a Taylor series its coefficients"),
-    "wall_min": ("s", "least wall time of a run, from the scene to the trajectory"),
-    "wall_median": ("s", "median wall time of a run"),
-    "cpu_min": ("s", "least CPU time of a run, with the processes that it starts"),
-    "cpu_median": ("s", "median CPU time of a run"),
-    "repeats": ("1", "runs that were timed, after one that was not"),
-    "engine_loop": ("s", "LAMMPS' own time for its steps, of the last run"),
-}
 
 
-def numbers(point: Point) -> dict[str, float]:
-    """The columns of :data:`SETTING`; nan where there is no run."""
-    timing = point.timing
-    times = (timing.least_wall, timing.median_wall, timing.least_cpu, timing.median_cpu) if timing else (np.nan,) * 4
-    repeats = float(len(timing.wall)) if timing else 0.0
-    values = (point.dt, point.steps, point.evaluations, *times, repeats, point.loop)
-    return dict(zip(SETTING, values, strict=True))
+def as_frame(measured: Measured) -> DataFrame:
+    """Return one row for each setting, observable and norm; numbers are nan where there is no run."""
+    from pandas import DataFrame
+
+    columns = [
+        *("scene", "backend", "curve", "knob", "value", "settings", *TEXTS.data["columns"]),
+        *("observable", "norm", "error", "reference_uncertainty", "known", "reason"),
+    ]
+    rows = []
+    for point in measured.points:
+        curve = point.curve
+        # all that was asked for, in SI
+        settings = json.dumps(curve.settings(point.value) | ({"order": "richardson"} if curve.richardson else {}))
+        texts = (measured.scene.name, curve.backend, curve.name, curve.knob, point.value, settings)
+        numbers = [float(getattr(point, name)) for name in TEXTS.data["columns"]]
+        for (name, norm), bar in measured.uncertainty.items():
+            known = "" if not point.ran else "yes" if measured.known(point, name, norm) else "no"
+            rows.append((*texts, *numbers, name, norm, point.error(name, norm), bar, known, point.reason))
+    # as objects, so that a whole number is written as one
+    return DataFrame(rows, columns=columns, dtype=object)
 
 
 def as_csv(measured: Measured) -> str:
-    """Long form: one line for each setting, observable and norm; numbers in full precision, nan where there is none."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    head = ("scene", "backend", "curve", "knob", "value", "settings", *SETTING)
-    writer.writerow([*head, "observable", "norm", "error", "reference_uncertainty", "known", "reason"])
-    writer.writerows(_rows(measured))
-    return text.getvalue()
-
-
-def _rows(measured: Measured) -> Iterator[tuple[Any, ...]]:
-    for point in measured.points:
-        curve = point.curve
-        first = (measured.scene.name, curve.backend, curve.name, curve.knob, point.value, _settings(point))
-        for name in measured.observables:
-            for norm in NORMS:
-                available = "" if point.timing is None else "yes" if measured.known(point, name, norm) else "no"
-                error, bar = point.error(name, norm), measured.uncertainty[name, norm]
-                yield (*first, *numbers(point).values(), name, norm, error, bar, available, point.reason)
+    """Return the rows as CSV; numbers in full precision, nan where there is none."""
+    return str(as_frame(measured).to_csv(index=False, na_rep="nan", lineterminator="\n"))
 
 
 def as_netcdf(measured: Measured) -> bytes:
-    """netCDF-4: dimensions run, observable, norm; units and meanings as attributes. Read it by ``xarray``."""
+    """Return netCDF-4: dimensions run, observable, norm; units and meanings as attributes. Read it by ``xarray``."""
     import xarray as xr
 
-    points, grid = measured.points, [(name, norm) for name in measured.observables for norm in NORMS]
-    shape = (len(measured.observables), len(NORMS))
-    error = np.array([[point.error(*item) for item in grid] for point in points]).reshape(len(points), *shape)
-    available = np.array([[measured.known(point, *item) for item in grid] for point in points], dtype=np.int8)
-    of_runs = [numbers(point) for point in points]
+    frame, observables, meanings = as_frame(measured), measured.observables, TEXTS.data["variables"]
+    grid = ("run", "observable", "norm")
+    shape = (len(measured.points), len(observables), len(NORMS))
+    runs = frame[:: shape[1] * shape[2]]
+    bars = np.array(list(measured.uncertainty.values())).reshape(shape[1:])
     data: dict[str, Any] = {
-        "error": (
-            ("run", "observable", "norm"),
-            error,
-            {"units": "1", "long_name": "error against the reference, relative to the scale of the observable"},
-        ),
-        "known": (
-            ("run", "observable", "norm"),
-            available.reshape(error.shape),
-            {"long_name": "1: the error is above the bar of the reference; 0: it is below, or there is no run"},
-        ),
-        "reference_uncertainty": (
-            ("observable", "norm"),
-            np.array([measured.uncertainty[item] for item in grid]).reshape(shape),
-            {"units": "1", "long_name": "what the reference may err by itself, on the same scale"},
-        ),
+        "error": (grid, frame["error"].to_numpy(float).reshape(shape), meanings["error"]),
+        "known": (grid, (frame["known"] == "yes").to_numpy(np.int8).reshape(shape), meanings["known"]),
+        "reference_uncertainty": (grid[1:], bars, meanings["reference_uncertainty"]),
+        **{name: ("run", runs[name].to_numpy(float), meaning) for name, meaning in TEXTS.data["columns"].items()},
     }
-    for name, (unit, meaning) in SETTING.items():
-        data[name] = ("run", np.array([of_run[name] for of_run in of_runs]), {"units": unit, "long_name": meaning})
-    texts = {
-        "backend": [point.curve.backend for point in points],
-        "curve": [point.curve.name for point in points],
-        "knob": [point.curve.knob for point in points],
-        "settings": [_settings(point) for point in points],
-        "reason": [point.reason for point in points],
+    scales = {"scale": json.dumps({name: OBSERVABLES[name].scale_name for name in observables})}
+    coordinates: dict[str, Any] = {
+        "observable": ("observable", list(observables), {"long_name": "observable"} | scales),
+        "norm": ("norm", list(NORMS), meanings["norm"]),
+        "value": ("run", runs["value"].to_numpy(float), meanings["value"]),
     }
-    scales = {name: OBSERVABLES[name].scale_name for name in measured.observables}
-    dataset = xr.Dataset(
-        data,
-        coords={
-            "observable": ("observable", list(scales), {"long_name": "observable", "scale": json.dumps(scales)}),
-            "norm": ("norm", list(NORMS), {"long_name": "norm over samples and bodies, or over contacts"}),
-            "value": ("run", [point.value for point in points], {"long_name": "value of the knob, SI"}),
-            **{name: ("run", np.array(values, dtype=object)) for name, values in texts.items()},
-        },
-        attrs={
-            "schema": SCHEMA,
-            "scene": measured.scene.name,
-            "scene_hash": measured.scene.content_hash,
-            "samples": measured.sampling.count,
-            "limit_s": measured.limit,
-            "provenance": json.dumps(dict(measured.provenance), sort_keys=True),
-        },
-    )
+    for name in ("backend", "curve", "knob", "settings", "reason"):
+        coordinates[name] = ("run", runs[name].to_numpy(object))
+    attributes = {
+        "schema": SCHEMA,
+        "scene": measured.scene.name,
+        "scene_hash": measured.scene.content_hash,
+        "samples": measured.sampling.count,
+        "limit_s": measured.limit,
+        "provenance": json.dumps(dict(measured.provenance), sort_keys=True),
+    }
     buffer = io.BytesIO()
-    dataset.to_netcdf(buffer, engine="h5netcdf")
+    xr.Dataset(data, coords=coordinates, attrs=attributes).to_netcdf(buffer, engine="h5netcdf")
     return buffer.getvalue()
-
-
-def _settings(point: Point) -> str:
-    """All that was asked for as JSON; SI."""
-    order = {"order": "richardson"} if point.curve.richardson else {}
-    return json.dumps(point.curve.settings(point.value) | order)

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from dem_bridge.backends.base import Backend, Sampling
@@ -18,39 +19,49 @@ from dem_bridge.campaign import Progress
 from dem_bridge.errors import BackendUnavailable, NotAsymptotic, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.observables.errors import Reading
 from dem_bridge.scene import Scene
+from dem_bridge.studies.texts import Texts
 from dem_bridge.studies.work_precision.curves import Curve
 from dem_bridge.studies.work_precision.norms import errors_of, uncertainties_of
-from dem_bridge.studies.work_precision.timed import Timing, timed
+from dem_bridge.studies.work_precision.timed import timed
+from dem_bridge.trajectory import Trajectory
 
+TEXTS = Texts("work-precision")
 REFERENCE = "reference"
+#: errors after which a setting has no numbers, and the next one is run
+FAILURES = (NotAsymptotic, RunBroken, UnsupportedScene, BackendUnavailable, UsageError)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Point:
-    """One setting of a curve; without a timing where there is no run, with the reason."""
+    """One setting of a curve; without numbers where there is no run, with the reason. Times are in s."""
 
     curve: Curve
     value: float
     """Of the curve's knob; nan where it has none."""
-    timing: Timing | None = None
     dt: float = math.nan
-    """s: as it was run; nan without a fixed step."""
+    """Time step as it was run; nan without a fixed step."""
     steps: float = math.nan
-    evaluations: float = math.nan
-    loop: float = math.nan
-    """s: LAMMPS' own time for its steps."""
+    force_evaluations: float = math.nan
+    wall_min: float = math.nan
+    wall_median: float = math.nan
+    cpu_min: float = math.nan
+    cpu_median: float = math.nan
+    repeats: float = 0.0
+    """Number of timed runs."""
+    engine_loop: float = math.nan
+    """LAMMPS' own time for its steps."""
     errors: Mapping[tuple[str, str], float] = field(default_factory=dict)
     """(observable, norm) -> relative error."""
     reason: str = ""
 
-    def error(self, observable: str, norm: str = "max") -> float:
-        """nan without a run."""
-        return self.errors.get((observable, norm), math.nan)
-
     @property
-    def cpu(self) -> float:
-        """Least CPU time of a run, s; nan without one."""
-        return math.nan if self.timing is None else self.timing.least_cpu
+    def ran(self) -> bool:
+        """Return whether there is a timed run."""
+        return self.repeats > 0.0
+
+    def error(self, observable: str, norm: str = "max") -> float:
+        """Return a relative error; nan without a run."""
+        return self.errors.get((observable, norm), math.nan)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,13 +81,13 @@ class Measured:
         return point.error(observable, norm) > self.uncertainty[observable, norm]
 
     def bound(self, point: Point, observable: str) -> float:
-        """The largest error, or the bar of the reference where that is more; inf without a run."""
+        """Return the largest error, or the uncertainty of the reference where that is more; inf without a run."""
         error = point.error(observable)
         return max(error, self.uncertainty[observable, "max"]) if math.isfinite(error) else math.inf
 
     def of(self, name: str) -> list[Point]:
-        """The points of the curve of that name which have numbers."""
-        return [point for point in self.points if point.curve.name == name and point.timing is not None]
+        """List the points of the curve of that name which have numbers."""
+        return [point for point in self.points if point.curve.name == name and point.ran]
 
     @property
     def observables(self) -> tuple[str, ...]:
@@ -100,71 +111,81 @@ def measured(
     progress: Progress | None,
 ) -> Iterator[Point]:
     """Measure every setting of every curve against the ``reference``; arguments as of the study."""
-    clock = Clock(requested, scene, sampling, limit=limit, progress=progress)
+    left = {
+        (curve.name, place): min(curve.guess(scene, value, sampling), limit)
+        for curve, _ in requested
+        for place, value in enumerate(curve.values)
+    }
+    began, fraction = time.perf_counter(), 0.0
     for curve, chosen in requested:
+        # size of a setting, wall time of a run of it
         seconds: list[tuple[float, float]] = []
-        """Size of a setting, wall time of a run of it."""
-        clock.say(curve.name)
-        _warm(curve, chosen, scene, sampling, limit)
+        call = partial(curve.run, chosen, scene, sampling=sampling, limit=limit)
+        fraction = _say(progress, f"{scene.name}: {curve.name}", began, left, fraction)
+        # what is compiled, imported or cached on the way is so from here on; a failure counts when it is measured
+        with suppress(*FAILURES):
+            call(curve.values[0])
         for place, value in enumerate(curve.values):
             expected = predicted(seconds, curve.size(value))
             if expected > limit:
-                yield Point(
-                    curve=curve,
-                    value=value,
-                    reason=f"not run: about {expected:.2g} s, and the limit is {limit:g} s",
-                )
+                yield Point(curve=curve, value=value, reason=TEXTS("foreseen", expected=expected, limit=limit))
             else:
-                point, wall = _measured(curve, chosen, value, scene, sampling, reference, limit=limit, repeats=repeats)
+                point, wall = _measured(curve, value, partial(call, value), scene, reference, limit, repeats)
                 seconds.append((curve.size(value), wall))
                 yield point
-            clock.done(curve, place, seconds)
+            del left[curve.name, place]
+            if len(seconds) > 1:
+                for later in range(place + 1, len(curve.values)):
+                    expected = predicted(seconds, curve.size(curve.values[later]))
+                    left[curve.name, later] = expected if expected <= limit else 0.0
+            fraction = _say(progress, f"{scene.name}: {curve.name}", began, left, fraction)
 
 
-def _warm(curve: Curve, chosen: Backend, scene: Scene, sampling: Sampling, limit: float) -> None:
-    """A run that is not measured: what is compiled, imported or cached on the way is so from here on."""
-    # a run that fails will say so when it counts
-    with suppress(NotAsymptotic, RunBroken, UnsupportedScene, BackendUnavailable, UsageError):
-        curve.run(chosen, scene, curve.values[0], sampling, limit=limit)
+def _say(
+    progress: Progress | None, label: str, began: float, left: Mapping[tuple[str, int], float], fraction: float
+) -> float:
+    """Show the part of the expected time that has passed, which never falls; return it."""
+    # each setting is run two times or so
+    spent, rest = time.perf_counter() - began, 2.0 * sum(left.values())
+    fraction = max(fraction, spent / (spent + rest) if rest > 0.0 else 1.0)
+    if progress is not None:
+        progress(fraction, 1, label)
+    return fraction
 
 
 def _measured(
     curve: Curve,
-    chosen: Backend,
     value: float,
+    call: Callable[[], Trajectory],
     scene: Scene,
-    sampling: Sampling,
     reference: Mapping[str, Reading],
-    *,
     limit: float,
     repeats: int,
 ) -> tuple[Point, float]:
-    """One setting, and the wall time (s) of a run of it; nan errors where it fails or takes more than ``limit``."""
+    """Return one setting, and the wall time (s) of a run; it has no numbers where it fails or takes too long."""
     began = time.perf_counter()
     try:
-        run, timing = timed(lambda: curve.run(chosen, scene, value, sampling, limit=limit), repeats=repeats)
-    except (NotAsymptotic, RunBroken, UnsupportedScene, BackendUnavailable, UsageError) as error:
+        run, timing = timed(call, repeats=repeats)
+    except FAILURES as error:
         return Point(curve=curve, value=value, reason=str(error)), time.perf_counter() - began
-    if timing.least_wall > limit:
-        reason = f"took {timing.least_wall:.2g} s, and the limit is {limit:g} s"
-        return Point(curve=curve, value=value, reason=reason), timing.least_wall
-    return (
-        Point(
-            curve=curve,
-            value=value,
-            timing=timing,
-            dt=float(run.provenance["settings"].get("dt", math.nan)),
-            steps=float(run.cost.steps),
-            evaluations=float(run.cost.force_evaluations),
-            loop=float(run.provenance.get("engine_loop", math.nan)),
-            errors=uncertainties_of(reference) if curve.backend == REFERENCE else errors_of(scene, run, reference),
-        ),
-        timing.least_wall,
+    wall = min(timing.wall)
+    if wall > limit:
+        return Point(curve=curve, value=value, reason=TEXTS("late", wall=wall, limit=limit)), wall
+    point = Point(
+        curve=curve,
+        value=value,
+        dt=run.provenance["settings"].get("dt", math.nan),
+        steps=run.cost.steps,
+        force_evaluations=run.cost.force_evaluations,
+        **timing.numbers(),
+        engine_loop=run.provenance.get("engine_loop", math.nan),
+        errors=uncertainties_of(reference) if curve.backend == REFERENCE else errors_of(scene, run, reference),
     )
+    return point, wall
 
 
 def predicted(seconds: Sequence[tuple[float, float]], size: float) -> float:
-    """Wall time (s) of a run of that size, by the line through the last two measured; never less than the last.
+    """Predict the wall time (s) of a run of that size, by the line through the last two; never less than the last.
 
     >>> predicted([(1.0, 0.25), (2.0, 0.5)], 4.0), predicted([(1.0, 0.25)], 2.0), predicted([], 1.0)
     (1.0, 0.25, 0.0)
@@ -173,42 +194,3 @@ def predicted(seconds: Sequence[tuple[float, float]], size: float) -> float:
         return seconds[-1][1] if seconds else 0.0
     (s1, t1), (s2, t2) = seconds[-2:]
     return t2 + max(0.0, (t2 - t1) / (s2 - s1)) * (size - s2) if s2 > s1 else t2
-
-
-class Clock:
-    """Says how far all is, by the time that is expected to be left: a fraction that never falls."""
-
-    def __init__(
-        self,
-        requested: Sequence[tuple[Curve, Backend]],
-        scene: Scene,
-        sampling: Sampling,
-        *,
-        limit: float,
-        progress: Progress | None,
-    ) -> None:
-        self.progress, self.limit, self.scene = progress, limit, scene
-        self.began, self.fraction, self.label = time.perf_counter(), 0.0, ""
-        self.left = {
-            (curve.name, place): min(curve.guess(scene, value, sampling), limit)
-            for curve, _ in requested
-            for place, value in enumerate(curve.values)
-        }
-
-    def say(self, label: str) -> None:
-        self.label = f"{self.scene.name}: {label}"
-        if self.progress is not None:
-            spent = time.perf_counter() - self.began
-            # each setting two times or so
-            left = 2.0 * sum(self.left.values())
-            self.fraction = max(self.fraction, spent / (spent + left) if left > 0.0 else 1.0)
-            self.progress(self.fraction, 1, self.label)
-
-    def done(self, curve: Curve, place: int, seconds: Sequence[tuple[float, float]]) -> None:
-        """The setting at ``place`` of ``curve`` has been, and the next ones are foreseen by what was found."""
-        del self.left[curve.name, place]
-        if len(seconds) > 1:
-            for later in range(place + 1, len(curve.values)):
-                expected = predicted(seconds, curve.size(curve.values[later]))
-                self.left[curve.name, later] = expected if expected <= self.limit else 0.0
-        self.say(curve.name)

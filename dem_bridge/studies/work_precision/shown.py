@@ -6,65 +6,37 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from textwrap import shorten
-from typing import NamedTuple
 
 from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.studies.study import Study, Table
 from dem_bridge.studies.work_precision.curves import STYLES, WHOLE
-from dem_bridge.studies.work_precision.figures import ID, cpu, evaluations, figures
+from dem_bridge.studies.work_precision.figures import ID, figures
 from dem_bridge.studies.work_precision.files import as_csv, as_netcdf
 from dem_bridge.studies.work_precision.pareto import cheapest
-from dem_bridge.studies.work_precision.runs import Measured, Point
+from dem_bridge.studies.work_precision.runs import TEXTS, Measured, Point
 
 TARGETS = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8)
 #: errors that grow by more than this factor under refinement have passed their floor
 TURNING = 1.5
-_FLOOR = "its floor"
-
-
-class Group(NamedTuple):
-    """Settings among which the cheapest is looked for."""
-
-    name: str
-    holds: Callable[[Point], bool]
-
-
-GROUPS = (
-    Group("all backends", lambda point: True),
-    Group("fixed steps in house", lambda point: point.curve.knob == "dt" and not _of_engine(point)),
-    Group("LAMMPS", lambda point: _of_engine(point)),
-)
-
-
-def _of_engine(point: Point) -> bool:
-    return point.curve.backend in ENGINE_BACKENDS
+#: settings among which the cheapest is looked for
+GROUPS: dict[str, Callable[[Point], bool]] = {
+    "all backends": lambda point: True,
+    "fixed steps in house": lambda point: point.curve.knob == "dt" and point.curve.backend not in ENGINE_BACKENDS,
+    "LAMMPS": lambda point: point.curve.backend in ENGINE_BACKENDS,
+}
 
 
 def shown(measured: Measured, *, notes: Sequence[str] = (), interrupted: bool = False) -> Study:
-    """The study of what was measured."""
-    lost = sum(point.timing is None for point in measured.points)
-    how = [
-        "After one call of each curve that is not timed, each setting is called two or three times, alone, in one"
-        " process. The diagrams have the least CPU time of a call, from the scene to the trajectory: with the start of"
-        " LAMMPS' own process, and without error bars but those that an extrapolation needs.",
-        "Errors are differences from the reference, whose uncertainty in velocity is"
-        f" {measured.uncertainty['velocity', 'max']:.1e}. The size of a smaller error is unknown; that uncertainty"
-        " stands"
-        " in its place.",
-        f"{lost} of {len(measured.points)} settings have no numbers (nan): for the limit of {measured.limit:g} s a"
-        " run, or"
-        " for another reason; the table of all settings has it.",
-        "Steps are the sample interval over powers of two. ode45 (both): atol is a thousandth of rtol, in m and m/s."
-        " Tables: at a fixed step.",
-        *notes,
-    ]
+    """Return the study of what was measured."""
+    counts = {"lost": sum(not point.ran for point in measured.points), "count": len(measured.points)}
+    bar = measured.uncertainty["velocity", "max"]
     return Study(
         id=ID,
-        title=f"Work-precision: {measured.scene.name}",
+        title=TEXTS.title(scene=measured.scene.name),
         answer=tuple(_answer(measured)),
         tables=(_cheapest_table(measured), _floors_table(measured), _runs_table(measured)),
         figures=tuple(figures(measured)),
-        notes=tuple(how),
+        notes=(*TEXTS.notes(bar=bar, limit=measured.limit, **counts), *notes),
         interrupted=interrupted,
         provenance=measured.provenance,
         files={f"{ID}-all.csv": partial(as_csv, measured), f"{ID}.nc": partial(as_netcdf, measured)},
@@ -72,7 +44,7 @@ def shown(measured: Measured, *, notes: Sequence[str] = (), interrupted: bool = 
 
 
 def setting(point: Point) -> str:
-    """A curve's name with the value of its knob.
+    """Return a curve's name with the value of its knob.
 
     >>> from dem_bridge.studies.work_precision.curves import Curve
     >>> setting(Point(curve=Curve(name="verlet", backend="verlet", knob="dt"), value=1e-7))
@@ -82,30 +54,39 @@ def setting(point: Point) -> str:
 
 
 def _turned(point: Point) -> str:
-    """The knob with its value; '' where there is none."""
+    """Return the knob with its value; '' where there is none."""
     knob, value = point.curve.knob, point.value
     digits = f"{value:.0f}" if knob in WHOLE else f"{value:.3g}"
     return f"{knob} = {digits}{' s' if knob == 'dt' else ''}" if knob else ""
 
 
-def best(measured: Measured, target: float, group: Group, observable: str = "velocity") -> Point | None:
-    """The setting of least CPU time that errs by at most ``target``."""
-    return cheapest(
-        filter(group.holds, measured.points),
-        target,
-        cost=lambda point: point.cpu,
-        error=lambda point: measured.bound(point, observable),
-    )
+def _least(
+    measured: Measured, points: Sequence[Point], target: float, cost: str = "cpu_min", observable: str = "velocity"
+) -> Point | None:
+    """Return the point of least cost with errors of at most ``target``."""
+    bound = partial(measured.bound, observable=observable)
+    return cheapest(points, target, cost=lambda point: float(getattr(point, cost)), error=bound)
+
+
+def _groups(measured: Measured) -> dict[str, list[Point]]:
+    return {name: list(filter(holds, measured.points)) for name, holds in GROUPS.items()}
 
 
 def _answer(measured: Measured) -> Iterator[str]:
     for target in TARGETS[1:]:
         parts = []
-        for group in GROUPS:
-            point = best(measured, target, group)
-            parts.append(f"{group.name}: {'none' if point is None else f'{setting(point)} ({_ms(point.cpu)})'}")
-        yield f"Velocities to {target:g} for the least CPU time, {'; '.join(parts)}."
-    yield from _on_floors(measured)
+        for name, points in _groups(measured).items():
+            best = _least(measured, points, target)
+            parts.append(f"{name}: {'none' if best is None else f'{setting(best)} ({_ms(best.cpu_min)})'}")
+        yield TEXTS("cheapest", target=target, parts="; ".join(parts))
+    ends = [_floor(measured, name) for name in measured.curves]
+    floors = [
+        f"{setting(end[0])} with {end[0].error('velocity'):.1e}"
+        for end in ends
+        if end is not None and end[1].startswith("its floor") and end[0].curve.knob in ("dt", "rtol", "atol")
+    ]
+    if floors:
+        yield TEXTS("floors", floors="; ".join(floors))
     yield from _on_richardson(measured)
     yield from _on_tables(measured)
 
@@ -114,119 +95,81 @@ def _ms(seconds: float) -> str:
     return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
 
 
-class Floor(NamedTuple):
-    """End of a curve: the smallest error that any setting reaches."""
-
-    best: Point
-    """Of least velocity error."""
-    why: str
-    """What lies beyond."""
-
-
-def _floor(measured: Measured, name: str) -> Floor | None:
-    """None for a curve without a run."""
+def _floor(measured: Measured, name: str) -> tuple[Point, str] | None:
+    """Return the point of least velocity error of a curve, and the reason why there is no better; None without runs."""
     points = [point for point in measured.points if point.curve.name == name]
     ran = [point for point in points if math.isfinite(point.error("velocity"))]
     if not ran:
         return None
-    least = min(ran, key=lambda point: point.error("velocity"))
-    beyond = ran[ran.index(least) + 1 :]
+    errors = [point.error("velocity") for point in ran]
+    best = min(errors)
+    least = ran[errors.index(best)]
+    beyond = errors[errors.index(best) + 1 :]
+    flat = len(errors) > 1 and errors[-1] > errors[-2] / TURNING
     if len(points) == 1:
-        return Floor(least, "it has no knob")
-    if not measured.known(least, "velocity"):
-        return Floor(least, "below the bar of the reference")
-    if any(point.error("velocity") > TURNING * least.error("velocity") for point in beyond):
-        return Floor(least, f"{_FLOOR}: finer settings err more")
-    if len(beyond) > 0 or _flat(ran):
-        return Floor(least, f"{_FLOOR}: finer settings gain nothing")
-    if any(point.timing is None for point in points[points.index(least) + 1 :]):
-        return Floor(least, f"the limit of {measured.limit:g} s")
-    return Floor(least, "the end of what was asked for")
-
-
-def _flat(ran: Sequence[Point]) -> bool:
-    """Return whether the last setting has no smaller error than the one before."""
-    return len(ran) > 1 and ran[-1].error("velocity") > ran[-2].error("velocity") / TURNING
-
-
-def _on_floors(measured: Measured) -> Iterator[str]:
-    ended = [
-        f"{setting(item.best)} with {item.best.error('velocity'):.1e}"
-        for item in (_floor(measured, name) for name in measured.curves)
-        if item is not None and item.why.startswith(_FLOOR) and item.best.curve.knob in ("dt", "rtol", "atol")
-    ]
-    if ended:
-        yield f"Floors of velocity, which finer settings of the same curve do not pass: {'; '.join(ended)}."
+        reason = "no_knob"
+    elif not measured.known(least, "velocity"):
+        reason = "below"
+    elif any(error > TURNING * best for error in beyond):
+        reason = "worse"
+    elif beyond or flat:
+        reason = "floor"
+    else:
+        reason = "limit" if not all(point.ran for point in points[points.index(least) + 1 :]) else "end"
+    return least, TEXTS(reason, limit=measured.limit)
 
 
 def _on_richardson(measured: Measured) -> Iterator[str]:
-    """Return the cost of extrapolation relative to plain runs of the same error."""
+    """Yield the cost of extrapolation relative to plain runs of the same error."""
     for name in measured.curves:
         extrapolated = f"{name} (Richardson)"
-        if extrapolated not in measured.curves:
+        tried = [point for point in measured.points if point.curve.name == extrapolated]
+        if not tried:
             continue
         details: dict[float, str] = {}
         for target in TARGETS[1:]:  # a setting that meets several says the most at the last
-            plain, better = (_least(measured, item, target, cpu) for item in (name, extrapolated))
-            of_evaluations, fewer = (_least(measured, item, target, evaluations) for item in (name, extrapolated))
-            if better and plain and fewer and of_evaluations:
-                share = fewer.evaluations / of_evaluations.evaluations
-                details[better.value] = (
-                    f"to {target:g} it takes {better.cpu / plain.cpu:.2g} times the CPU time and {share:.2g} times the"
-                    " force evaluations of plain runs"
-                )
+            plain, better, slow, fewer = (
+                _least(measured, measured.of(curve), target, cost)
+                for cost in ("cpu_min", "force_evaluations")
+                for curve in (name, extrapolated)
+            )
+            if better and plain and fewer and slow:
+                evaluations = fewer.force_evaluations / slow.force_evaluations
+                cpu = better.cpu_min / plain.cpu_min
+                details[better.value] = TEXTS("gain", target=target, cpu=cpu, evaluations=evaluations)
             elif better:
-                details[better.value] = f"only it reaches {target:g}"
-        tried = [point for point in measured.points if point.curve.name == extrapolated]
+                details[better.value] = TEXTS("alone", target=target)
+        said = ", ".join(details.values()) or "it meets no target within the limit"
         refused = sum("no extrapolation" in point.reason for point in tried)
-        yield (
-            f"Richardson extrapolation of {name}:"
-            f" {', '.join(details.values()) or 'it meets no target within the limit'};"
-            f" {refused} of {len(tried)} steps are refused, for their order is not clean. Its CPU time has the error"
-            " bars of its finest run in it."
-        )
-
-
-def _least(measured: Measured, name: str, target: float, cost: Callable[[Point], float]) -> Point | None:
-    """Return the cheapest point of a curve with velocity errors of at most ``target``."""
-    return cheapest(measured.of(name), target, cost=cost, error=lambda point: measured.bound(point, "velocity"))
+        yield TEXTS("richardson", curve=name, details=said, refused=refused, tried=len(tried))
 
 
 def _on_tables(measured: Measured) -> Iterator[str]:
     plain, tabled = (
         {point.value: point for point in measured.of(name)} for name in ("lammps-granular", "lammps-table")
     )
-    both = sorted(set(plain) & set(tabled))
-    if both:
-        first, other = plain[both[0]], tabled[both[0]]
-        yield (
-            f"LAMMPS with tables at dt = {both[0]:.3g} s takes {_ms(other.cpu)} of CPU time and errs by"
-            f" {other.error('velocity'):.2g}, with the law itself {_ms(first.cpu)} and {first.error('velocity'):.2g}."
-        )
+    if both := set(plain) & set(tabled):
+        law, table = plain[min(both)], tabled[min(both)]
+        times = {"plain_time": _ms(law.cpu_min), "tabled_time": _ms(table.cpu_min)}
+        yield TEXTS("tables", dt=min(both), tabled=table.error("velocity"), plain=law.error("velocity"), **times)
     for style in STYLES:
         points = measured.of(f"lammps-table ({style})")
         if points:
-            parts = [f"{p.error('velocity'):.1e} with {p.value:g}" for p in points]
-            yield f"Tables, {style}, at dt = {points[0].dt:.3g} s err by {', '.join(parts)} points."
+            parts = ", ".join(f"{point.error('velocity'):.1e} with {point.value:g}" for point in points)
+            yield TEXTS("points", style=style, dt=points[0].dt, parts=parts)
 
 
 def _cheapest_table(measured: Measured) -> Table:
-    rows: list[tuple[str | float, ...]] = []
+    rows = []
     for observable in measured.observables:
         for target in TARGETS:
-            cells: list[str | float] = []
-            for group in GROUPS:
-                point = best(measured, target, group, observable)
-                cells += ["-", math.nan] if point is None else [setting(point), 1e3 * point.cpu]
-            rows.append((observable, target, *cells))
-    heads = (head for group in GROUPS for head in (group.name, f"{group.name}: CPU (ms)"))
-    return Table(
-        id="cheapest",
-        title="The cheapest setting that is good enough",
-        caption="Least CPU time of a run whose largest error is at most the wanted one; of the settings that were run.",
-        columns=("observable", "wanted error", *heads),
-        rows=tuple(rows),
-    )
+            cells: list[str | float] = [observable, target]
+            for points in _groups(measured).values():
+                best = _least(measured, points, target, observable=observable)
+                cells += ["-", math.nan] if best is None else [setting(best), 1e3 * best.cpu_min]
+            rows.append(cells)
+    heads = (head for name in GROUPS for head in (name, f"{name}: CPU (ms)"))
+    return TEXTS.table("cheapest", rows, columns=("observable", "wanted error", *heads))
 
 
 def _floors_table(measured: Measured) -> Table:
@@ -236,52 +179,25 @@ def _floors_table(measured: Measured) -> Table:
         floor = _floor(measured, name)
         if floor is None:
             reason = next(point.reason for point in measured.points if point.curve.name == name)
-            rows.append((name, "-", math.nan, math.nan, *[math.nan] * len(others), reason))
-        else:
-            least = (
-                min((measured.bound(point, other) for point in measured.of(name)), default=math.inf) for other in others
-            )
-            error, spent = measured.bound(floor.best, "velocity"), 1e3 * floor.best.cpu
-            rows.append((name, _turned(floor.best), error, spent, *least, floor.why))
-    return Table(
-        id="floors",
-        title="The least error of each curve",
-        caption=(
-            "Largest error of a velocity, at the setting where it is least, and what keeps it from being less; beside"
-            " it the least errors of the others, each at its own setting. Never less than the bar of the reference."
-        ),
-        columns=(
-            *("curve", "setting", "velocity error", "CPU (ms)"),
-            *(f"least error of {name}" for name in others),
-            "what ends it (velocity)",
-        ),
-        rows=tuple(rows),
-    )
+            rows.append((name, "-", *[math.nan] * (len(others) + 2), reason))
+            continue
+        best, reason = floor
+        points = measured.of(name)
+        least = (min((measured.bound(point, other) for point in points), default=math.inf) for other in others)
+        rows.append((name, _turned(best), measured.bound(best, "velocity"), 1e3 * best.cpu_min, *least, reason))
+    heads = ("curve", "setting", "velocity error", "CPU (ms)", *(f"least error of {name}" for name in others))
+    return TEXTS.table("floors", rows, columns=(*heads, "what ends it (velocity)"))
 
 
 def _runs_table(measured: Measured) -> Table:
-    def row(point: Point) -> tuple[str | float, ...]:
-        return (
-            point.curve.name,
-            _turned(point),
-            1e3 * point.cpu,
-            1e3 * point.timing.median_wall if point.timing else math.nan,
-            point.evaluations,
-            *(point.error(name) for name in measured.observables),
+    rows = [
+        (
+            *(point.curve.name, _turned(point)),
+            *(1e3 * point.cpu_min, 1e3 * point.wall_median, float(point.force_evaluations)),
+            *map(point.error, measured.observables),
             shorten(point.reason, 60, placeholder=" ..."),
         )
-
-    return Table(
-        id="runs",
-        title="All settings",
-        caption="Errors are the largest, relative. Other norms, timings and whole reasons are in the files above.",
-        columns=(
-            *("curve", "setting", "CPU, least (ms)", "wall, median (ms)", "force evaluations"),
-            *measured.observables,
-            "reason",
-        ),
-        rows=tuple(map(row, measured.points)),
-    )
-
-
-__all__ = ["GROUPS", "TARGETS", "best", "setting", "shown"]
+        for point in measured.points
+    ]
+    heads = ("curve", "setting", "CPU, least (ms)", "wall, median (ms)", "force evaluations", *measured.observables)
+    return TEXTS.table("runs", rows, columns=(*heads, "reason"))

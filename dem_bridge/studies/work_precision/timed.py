@@ -7,7 +7,7 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 Answer = TypeVar("Answer")
 
@@ -23,26 +23,19 @@ class Timing:
     wall: tuple[float, ...]
     cpu: tuple[float, ...]
 
-    @property
-    def least_wall(self) -> float:
-        return min(self.wall)
-
-    @property
-    def median_wall(self) -> float:
-        return statistics.median(self.wall)
-
-    @property
-    def least_cpu(self) -> float:
-        """The least is what the work takes; what is above it was done for others."""
-        return min(self.cpu)
-
-    @property
-    def median_cpu(self) -> float:
-        return statistics.median(self.cpu)
+    def numbers(self) -> dict[str, Any]:
+        """Return least and median times; the least is what the work takes, what is above it was done for others."""
+        return {
+            "wall_min": min(self.wall),
+            "wall_median": statistics.median(self.wall),
+            "cpu_min": min(self.cpu),
+            "cpu_median": statistics.median(self.cpu),
+            "repeats": len(self.wall),
+        }
 
 
 def timed(call: Callable[[], Answer], *, repeats: int) -> tuple[Answer, Timing]:
-    """The last answer of ``call`` and what each call cost: up to ``repeats`` of them, fewer where they are long.
+    """Return the last answer of ``call`` and what each call cost: up to ``repeats`` of them, fewer where they are long.
 
     One at a time, with nothing before: whoever wants it warm calls it once before. Raises what ``call`` raises.
     """
@@ -57,6 +50,6 @@ def timed(call: Callable[[], Answer], *, repeats: int) -> tuple[Answer, Timing]:
 
 
 def _used() -> float:
-    """CPU time of this process, all threads, and of the children that it has waited for, s."""
+    """Return the CPU time of this process, all threads, and of the children that it has waited for, s."""
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + children.ru_utime + children.ru_stime

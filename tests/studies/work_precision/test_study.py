@@ -196,7 +196,7 @@ def test_beyond_the_limit_rows_stay_without_numbers_and_without_runs(monkeypatch
 
     points = _measured(monkeypatch, run, limit=1e-9)
     assert [point.value for point in points] == [8e-8, 4e-8, 2e-8, 1e-8]
-    assert all(math.isnan(point.error("velocity")) and math.isnan(point.cpu) for point in points)
+    assert all(math.isnan(point.error("velocity")) and math.isnan(point.cpu_min) for point in points)
     assert points[0].reason.startswith("took ")
     assert all(point.reason.startswith("not run: about ") for point in points[1:])
     assert made == [8e-8, 8e-8]  # to warm, and to measure
@@ -237,9 +237,8 @@ def test_what_is_below_the_bar_is_drawn_at_it_and_marked() -> None:
 
     def point(value: float, error: float) -> Point:
         errors = dict.fromkeys(bars, error)
-        return Point(
-            curve=curve, value=value, timing=Timing(wall=(1.0,), cpu=(1.0 / value,)), evaluations=10.0, errors=errors
-        )
+        times = Timing(wall=(1.0,), cpu=(1.0 / value,)).numbers()
+        return Point(curve=curve, value=value, **times, force_evaluations=10.0, errors=errors)
 
     found = Measured(
         scene=SCENE,
