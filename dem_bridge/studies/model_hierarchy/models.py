@@ -1,4 +1,4 @@
-"""The ladder of models of one scene: which pieces of physics an accuracy asks for, and the least model that is left.
+"""The models of one scene: which pieces of physics an accuracy requires, and the least model that is left.
 
 Each piece is left out of the fullest model alone; then all that may be left out are, the one of the smallest effect
 first, and every model on the way down is measured against the fullest: two effects of 0.6 % can make 1.2 % together.
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -72,10 +72,7 @@ class ModelHierarchy:
         """The fullest model but for these pieces; with what they bear, for that cannot be without them."""
         for id in without:
             without |= self.bears[id]
-        return self.cut(model(self.scene, self.model_terms, without))
-
-    def cut(self, scene: Scene) -> Scene:
-        return replace(scene, duration=self.duration)
+        return replace(model(self.scene, self.model_terms, without), duration=self.duration)
 
     def case(self, scene: Scene, backend: str = REFERENCE, resolution: Resolution | None = None) -> Case:
         """A run of a model; by default the reference's, with bars."""
@@ -93,30 +90,31 @@ class ModelHierarchy:
 
     def cases(self) -> list[Case]:
         """The fullest model, and every other that :meth:`alone` asks for."""
-        asked = [frozenset(), *(one for term in self.model_terms for one in self.alone(term))]
-        return [self.case(self.model(one)) for one in dict.fromkeys(asked)]
+        models = [frozenset[str](), *(without for term in self.model_terms for without in self.alone(term))]
+        return [self.case(self.model(without)) for without in dict.fromkeys(models)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class LeftOut:
-    """One piece left out alone."""
+class Tried:
+    """One change of the fullest model or of the numerics, with its effects."""
+
+    name: str
+    """Short."""
+    what: str
+    effects: Effects = field(default_factory=dict)
+    """Empty: there is no run."""
+    outcome: Outcome
+    """PASS: within the accuracy. NOT_RUN or BROKEN without a run."""
+    note: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeftOut(Tried):
+    """One piece left out alone; PASS: it may be left out."""
 
     term: ModelTerm
-    effects: Effects
-    outcome: Outcome
-    """PASS: may be left out."""
     bears: Pieces
-    """What had to be left out of both models."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Step:
-    """A model on the way down: what is left out of it in all, and what that changes."""
-
-    tried: str
-    without: Pieces
-    effects: Effects
-    outcome: Outcome
+    """Pieces that had to be left out of both models."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,7 +126,8 @@ class Least:
     without: Pieces
     effects: Effects
     """Against the fullest."""
-    steps: tuple[Step, ...]
+    steps: tuple[Tried, ...]
+    """The models that were tried on the way down, each named after the piece that it is without for the first time."""
 
 
 def model_hierarchy_of(
@@ -152,10 +151,8 @@ def model_hierarchy_of(
         raise UsageError(f"dashpot = {dashpot!r}; allowed: a number > 0 (N s/m)")
     accuracy = checked_accuracy(accuracy)
     model_terms = model_terms_of(scene, add=add, dashpot=dashpot)
-    bears: dict[str, set[str]] = {one.id: set() for one in model_terms}
-    for one in model_terms:
-        for id in needs(scene, model_terms, one) & bears.keys():
-            bears[id].add(one.id)
+    needed = {term.id: needs(scene, model_terms, term) for term in model_terms}
+    bears = {id: frozenset(other for other, ids in needed.items() if id in ids) for id in needed}
     full = model(scene, model_terms)
     coarse = Case(scene=full, backend=TWIN, resolution=Resolution(), sampling=Sampling(count=1), uncertainty=False)
     [result] = run_cases([coarse], store=store)
@@ -175,7 +172,7 @@ def model_hierarchy_of(
         accuracy=accuracy,
         window=window,
         observables=names,
-        bears={id: frozenset(ids) for id, ids in bears.items()},
+        bears=bears,
     )
 
 
@@ -190,12 +187,12 @@ class Bench:
         progress: Progress | None = None,
         store: Store | None = None,
     ) -> None:
-        self.hierarchy, self._jobs, self._tell, self._store = hierarchy, jobs, progress, store
+        self.hierarchy, self._jobs, self._progress, self._store = hierarchy, jobs, progress, store
         self._read: dict[str, Readings] = {}
         self.until = math.inf
 
     def run(self, cases: Sequence[Case]) -> tuple[Result, ...]:
-        return run_cases(cases, jobs=self._jobs, progress=self._tell, store=self._store)
+        return run_cases(cases, jobs=self._jobs, progress=self._progress, store=self._store)
 
     def take(self, results: Sequence[Result]) -> None:
         """Read the results of :meth:`ModelHierarchy.cases`, the first of which is the fullest model."""
@@ -203,72 +200,73 @@ class Bench:
             run = _trajectory(results[0])
             arrival = run.crossing_time[self.hierarchy.scene.n_body - 2 : self.hierarchy.scene.n_body - 1]
             self.until = float(arrival[0]) if len(arrival) and np.isfinite(arrival[0]) else self.hierarchy.duration
-        for one in results:
-            self._read[one.case.scene.content_hash] = self.read(one.case.scene, _trajectory(one))
+        for result in results:
+            self._read[result.case.scene.content_hash] = self.read(result.case.scene, _trajectory(result))
 
     def read(self, scene: Scene, run: Trajectory) -> Readings:
+        """Return the observables of a run in the window."""
         window = window_of(scene, self.until, whole=self.hierarchy.window == "whole")
         return readings_of(scene, run, window, self.hierarchy.tabulated)
 
     def of(self, scenes: Sequence[Scene]) -> list[Readings]:
         """Return the readings of these scenes by the reference; scenes that were not run yet are run."""
-        new = [self.hierarchy.case(one) for one in scenes if one.content_hash not in self._read]
+        new = [self.hierarchy.case(scene) for scene in scenes if scene.content_hash not in self._read]
         if new:
             self.take(self.run(new))
-        return [self._read[one.content_hash] for one in scenes]
+        return [self._read[scene.content_hash] for scene in scenes]
+
+    def tried(self, name: str, what: str, changes: Effects, observables: Sequence[str]) -> Tried:
+        """Return a change with its outcome."""
+        outcome = decided(changes, observables, self.hierarchy.accuracy)
+        return Tried(name=name, what=what, effects=changes, outcome=outcome)
 
 
 def left_out(bench: Bench, observables: Sequence[str]) -> tuple[LeftOut, ...]:
-    """Every piece alone, the largest effect first."""
+    """Leave out every piece alone; the largest effect is the first."""
     hierarchy = bench.hierarchy
     bench.of([case.scene for case in hierarchy.cases()])
-    found = []
+    results = []
     for term in hierarchy.model_terms:
-        full, other = bench.of([hierarchy.model(one) for one in hierarchy.alone(term)])
-        own = effects(full, other)
-        found.append(
-            LeftOut(
-                term=term,
-                effects=own,
-                outcome=decided(own, observables, hierarchy.accuracy),
-                bears=hierarchy.bears[term.id],
-            )
-        )
-    return tuple(sorted(found, key=lambda one: -abs(largest(one.effects, observables)[1].value)))
+        changes = effects(*bench.of([hierarchy.model(without) for without in hierarchy.alone(term)]))
+        outcome, bears = decided(changes, observables, hierarchy.accuracy), hierarchy.bears[term.id]
+        what = f"{term.what}, of a chain without {named(bears)}" if bears else term.what
+        name = term.id.replace("-", " ")
+        results.append(LeftOut(name=name, what=what, effects=changes, outcome=outcome, term=term, bears=bears))
+    return tuple(sorted(results, key=lambda item: -abs(largest(item.effects, observables)[1].value)))
 
 
 def least(bench: Bench, alone: Sequence[LeftOut], observables: Sequence[str]) -> Least:
-    """The fullest model without all that may be left out together; see the module's docstring."""
+    """Return the fullest model without all that may be left out together; see the module's docstring."""
     hierarchy = bench.hierarchy
     [full] = bench.of([hierarchy.model()])
-    without, found, steps = frozenset[str](), effects(full, full), []
-    may = [one for one in reversed(alone) if one.outcome is Outcome.PASS]
+    without, changes, steps = frozenset[str](), effects(full, full), []
+    may = [item for item in reversed(alone) if item.outcome is Outcome.PASS]
     # what bears another comes after it
-    for one in sorted(may, key=lambda one: len(one.bears)):
-        if not one.bears <= without:
+    for item in sorted(may, key=lambda item: len(item.bears)):
+        if not item.bears <= without:
             continue
-        [readings] = bench.of([hierarchy.model(without | {one.term.id})])
-        own = effects(full, readings)
-        outcome = decided(own, observables, hierarchy.accuracy)
-        steps.append(Step(tried=one.term.id, without=without | {one.term.id}, effects=own, outcome=outcome))
+        fewer = without | {item.term.id}
+        [readings] = bench.of([hierarchy.model(fewer)])
+        effects_of_all = effects(full, readings)
+        outcome = decided(effects_of_all, observables, hierarchy.accuracy)
+        steps.append(Tried(name=item.term.id, what=f"without {named(fewer)}", effects=effects_of_all, outcome=outcome))
         if outcome is Outcome.PASS:
-            without, found = without | {one.term.id}, own
-    return Least(scene=hierarchy.model(without), without=without, effects=found, steps=tuple(steps))
+            without, changes = fewer, effects_of_all
+    return Least(scene=hierarchy.model(without), without=without, effects=changes, steps=tuple(steps))
 
 
 def judged(bench: Bench) -> tuple[str, ...]:
     """Return the judged observables that the fullest model has; UnsupportedScene where it has none of them."""
-    asked = bench.hierarchy.observables
+    scene, observables = bench.hierarchy.scene, bench.hierarchy.observables
     [full] = bench.of([bench.hierarchy.model()])
-    own = effects(full, full)
-    found = tuple(name for name in asked if own[name].exists)
-    if not found:
+    changes = effects(full, full)
+    names = tuple(name for name in observables if changes[name].exists)
+    if not names:
         raise UnsupportedScene(
-            f"{bench.hierarchy.scene.name}: no impulse runs through the chain within"
-            f" {bench.hierarchy.scene.duration:g} s, so that there is no {' or '.join(asked)};"
-            " allowed: a longer duration, or observables = ('velocity',)"
+            f"{scene.name}: no impulse runs through the chain within {scene.duration:g} s, so that there is no"
+            f" {' or '.join(observables)}; allowed: a longer duration, or observables = ('velocity',)"
         )
-    return found
+    return names
 
 
 def least_scene(
@@ -288,13 +286,13 @@ def least_scene(
     if not hierarchy.model_terms:
         return scene
     bench = Bench(hierarchy, jobs=jobs, progress=progress, store=store)
-    asked = judged(bench)
-    found = least(bench, left_out(bench, asked), asked)
-    if not found.without:
+    names = judged(bench)
+    without = least(bench, left_out(bench, names), names).without
+    if not without:
         return scene
-    gone = f"without {named(found.without)}, at {100.0 * accuracy:g} %"
+    gone = f"without {named(without)}, at {100.0 * accuracy:g} %"
     return replace(
-        model(scene, hierarchy.model_terms, found.without),
+        model(scene, hierarchy.model_terms, without),
         name=f"{scene.name[:94]}.least",
         description=f"{scene.description}; {gone}" if scene.description else gone,
     )

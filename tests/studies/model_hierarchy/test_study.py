@@ -93,7 +93,7 @@ def test_what_stays_within_the_accuracy_alone_need_not_together() -> None:
     # 0.3 and 0.6 % together are within 1 %, with 0.61 % beside they are not: b is put back
     assert found.without == {"a", "c"}
     assert found.effects["arrival_at_end"].value == pytest.approx(0.009)
-    assert [(step.tried, step.outcome) for step in found.steps] == [
+    assert [(step.name, step.outcome) for step in found.steps] == [
         ("c", Outcome.PASS), ("a", Outcome.PASS), ("b", Outcome.FAIL),
     ]  # fmt: skip
 
@@ -107,7 +107,7 @@ def test_nothing_is_left_out_because_another_error_cancels_it() -> None:
 def test_what_bears_another_goes_after_it_or_not_at_all() -> None:
     bears = {"base": frozenset({"gravity"})}
     alone, found = _down(Linear({"base": 0.001, "gravity": 0.004}, bears=bears))
-    assert [step.tried for step in found.steps] == ["gravity", "base"]
+    assert [step.name for step in found.steps] == ["gravity", "base"]
     assert found.without == {"base", "gravity"}
     heavy = Linear({"base": 0.001, "gravity": 0.02}, bears=bears)
     alone, found = _down(heavy)
@@ -278,7 +278,7 @@ def test_model_and_numerics_are_measured_together_against_the_fullest(store: Pat
     _, below = _down(bench)
     found = hierarchy_choices.cheapest(bench, below, PASSAGE)
     assert found is not None
-    assert found.effects is not None
+    assert found.effects
     # the step's own part is a tenth of what the model leaves out
     left = below.effects["peak_velocity"].value
     assert abs(left) > 1e-3
