@@ -23,13 +23,15 @@ from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
-from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
+from dem_bridge.studies.study import FigureData, Series, Study, Table
+from dem_bridge.studies.texts import Texts
 from dem_bridge.sweep import table_of
 from dem_bridge.timescales import contact_time_of, rayleigh_time_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
+TEXTS = Texts("rule-of-thumb")
 #: of the Rayleigh time; each step is a whole number of the finer ones
 SHARES = (0.05, 0.10, 0.20, 0.40)
 #: shares at which LAMMPS itself is run, for one scene
@@ -110,18 +112,11 @@ def study_rule_of_thumb(
     errors = [errors_of(item, results) for item, results in zip(scenes, groups, strict=True)]
     return Study(
         id="rule-of-thumb",
-        title="Time steps as a share of the Rayleigh time",
+        title=TEXTS.title(),
         answer=tuple(_answer(errors)),
         tables=(table(errors), _engine_table(errors)),
         figures=(_figure(errors),) if any(error.errors() for error in errors) else (),
-        notes=(
-            "Rayleigh time: pi R sqrt(rho/G) / (0.1631 nu + 0.8766) of the smallest body (Thornton & Randall 1988; Li,"
-            " Xu & Thornton 2005). Each step is the longest within its share that falls on the samples:"
-            f" {_smallest_part(errors):.4f} of the share or more.",
-            "Errors are relative to the reference, whose uncertainty is not estimated here: its series are accurate to"
-            f" 1e-12; where exponents are not half-integer or energy is lost, scipy has a local tolerance of"
-            f" {REFERENCE_RTOL:g}.",
-        ),
+        notes=TEXTS.notes(part=_smallest_part(errors), rtol=REFERENCE_RTOL),
     )
 
 
@@ -149,13 +144,8 @@ def cases_of(scene: Scene, *, engine: Engine | None = None, with_engine: bool = 
     if rayleigh is None:
         return []
     sampling, steps = steps_at(scene, rayleigh)
-    exact = Case(
-        scene=scene,
-        backend=REFERENCE,
-        resolution=Resolution(rtol=REFERENCE_RTOL),
-        sampling=sampling,
-        uncertainty=False,
-    )
+    resolution = Resolution(rtol=REFERENCE_RTOL)
+    exact = Case(scene=scene, backend=REFERENCE, resolution=resolution, sampling=sampling, uncertainty=False)
     twins = [replace(exact, backend=TWIN, resolution=Resolution(dt=steps[share])) for share in SHARES]
     engines = [replace(twins[SHARES.index(share)], backend=ENGINE, engine=engine) for share in ENGINE_SHARES]
     return [exact, *twins, *(engines if with_engine else ())]
@@ -169,7 +159,7 @@ def errors_of(scene: Scene, results: Sequence[Result]) -> SceneErrors:
         rayleigh=math.nan,
         contact=math.nan if contact is None else contact,
         stable=2.0 / frequency if frequency > 0.0 else math.nan,
-        reason="no Rayleigh time: the scene has masses and stiffnesses, and no bodies",
+        reason=TEXTS("no_bodies"),
     )
     rayleigh = rayleigh_time_of(scene)
     if rayleigh is None:
@@ -192,91 +182,62 @@ def errors_of(scene: Scene, results: Sequence[Result]) -> SceneErrors:
 def table(errors: Sequence[SceneErrors]) -> Table:
     """List the errors, a row for each scene."""
     reasons = any(error.reason for error in errors)
-
-    def row(scene_errors: SceneErrors) -> tuple[str | float, ...]:
-        velocity = scene_errors.errors()
-        return (
-            scene_errors.scene.name,
-            1e6 * scene_errors.rayleigh,
-            1e6 * scene_errors.contact,
-            1e6 * scene_errors.stable,
-            *(100.0 * velocity.get(share, math.nan) for share in SHARES),
-            *(scene_errors.errors(log.name).get(SHOWN, math.nan) for log in (MOMENTUM, KINETIC_ENERGY)),
-            *((scene_errors.reason,) if reasons else ()),
+    columns = [
+        *("scene", "T_R (µs)", "collision (µs)", "2/omega (µs)"),
+        *(f"velocity at {100 * share:g} % (%)" for share in SHARES),
+        *(f"{quantity} at {100 * SHOWN:g} %" for quantity in ("momentum", "kinetic energy")),
+        *(["missing because"] if reasons else []),
+    ]
+    rows = [
+        (
+            error.scene.name,
+            *(1e6 * time for time in (error.rayleigh, error.contact, error.stable)),
+            *(100.0 * error.errors().get(share, math.nan) for share in SHARES),
+            *(error.errors(log.name).get(SHOWN, math.nan) for log in (MOMENTUM, KINETIC_ENERGY)),
+            *([error.reason] if reasons else []),
         )
-
-    return Table(
-        id="rule-of-thumb",
-        title="Errors at shares of the Rayleigh time",
-        caption=(
-            "Velocity-Verlet (the twin of LAMMPS) at shares of the Rayleigh time T_R of the smallest body: largest"
-            " error of a velocity over all samples and bodies, in % of the largest velocity; and, at"
-            f" {100 * SHOWN:g} %, the largest error of the total momentum and the error of the kinetic energy at the"
-            " end, both relative. Collision: the shortest of two bodies alone at the largest start velocity."
-            " 2/omega: of the stiffest contact at its largest overlap."
-        ),
-        columns=(
-            "scene",
-            "T_R (µs)",
-            "collision (µs)",
-            "2/omega (µs)",
-            *(f"velocity at {100 * share:g} % (%)" for share in SHARES),
-            f"momentum at {100 * SHOWN:g} %",
-            f"kinetic energy at {100 * SHOWN:g} %",
-            *(("missing because",) if reasons else ()),
-        ),
-        rows=tuple(map(row, errors)),
-    )
+        for error in errors
+    ]
+    return TEXTS.table("rule-of-thumb", rows, columns=columns, shown=SHOWN)
 
 
 def _engine_table(errors: Sequence[SceneErrors]) -> Table:
-    return Table(
-        id="rule-of-thumb-lammps",
-        title="LAMMPS at the same steps",
-        caption="pair_style granular, small surrogate radius; relative to the largest velocity.",
-        columns=("scene", "share of T_R (%)", "velocity error (%)", "largest difference from the twin"),
-        rows=tuple(
-            (error.scene.name, 100.0 * share, 100.0 * error.errors(backend=ENGINE).get(share, math.nan), difference)
-            for error in errors
-            for share, difference in error.engine.items()
-        ),
-    )
+    rows = [
+        (error.scene.name, 100.0 * share, 100.0 * error.errors(backend=ENGINE).get(share, math.nan), difference)
+        for error in errors
+        for share, difference in error.engine.items()
+    ]
+    return TEXTS.table("rule-of-thumb-lammps", rows)
+
+
+def _main(errors: Sequence[SceneErrors]) -> SceneErrors:
+    """Return the scene that figure and answer show: decelerating-40, or the first."""
+    return next((item for item in errors if item.scene.name == MAIN), errors[0])
 
 
 def _answer(errors: Sequence[SceneErrors]) -> Iterator[str]:
-    known_values = [item for item in errors if len(item.errors()) == len(SHARES)]
-    if not known_values:
-        yield "No scene here has a Rayleigh time: " + "; ".join(f"{item.scene.name}: {item.reason}" for item in errors)
+    complete = [item for item in errors if len(item.errors()) == len(SHARES)]
+    if not complete:
+        yield TEXTS("none", reasons="; ".join(f"{item.scene.name}: {item.reason}" for item in errors))
         return
-    spans = [
-        f"{_span([item.errors()[share] for item in known_values])} at {100 * share:g} %" for share in reversed(SHARES)
-    ]
-    scenes = known_values[0].scene.name if len(known_values) == 1 else f"{len(known_values)} scenes"
-    yield (
-        f"At time steps that are shares of the Rayleigh time, the velocity error of velocity-Verlet on {scenes} is"
-        f" {', '.join(spans)} (largest error of a velocity, in % of the largest velocity)."
+    spans = ", ".join(
+        f"{_span([item.errors()[share] for item in complete])} at {100 * share:g} %" for share in reversed(SHARES)
     )
-    main = next((item for item in known_values if item.scene.name == MAIN), known_values[0])
-    yield (
-        f"Conservation does not show this error: on {main.scene.name} (T_R = {1e6 * main.rayleigh:.2f} µs) a step of"
-        f" {100 * SHOWN:g} % gives a velocity error of {100 * main.errors()[SHOWN]:.1f} %, while the momentum is"
-        f" conserved to {main.errors(MOMENTUM.name)[SHOWN]:.0e} and the kinetic energy at the end has an error of"
-        f" {main.errors(KINETIC_ENERGY.name)[SHOWN]:.0e}."
+    yield TEXTS(
+        "errors", scenes=complete[0].scene.name if len(complete) == 1 else f"{len(complete)} scenes", spans=spans
     )
-    yield (
-        f"Steps at 40 % are {_span([0.4 * item.rayleigh / item.stable for item in known_values])} of 2/omega of the"
-        " stiffest"
-        f" contact and {_span([0.4 * item.rayleigh / item.contact for item in known_values])} of the shortest"
-        " collision, far from"
-        " the limit of stability: the rule of thumb ensures stability and nothing more."
+    main = _main(complete)
+    velocity, momentum, energy = (main.errors(name)[SHOWN] for name in ("velocity", MOMENTUM.name, KINETIC_ENERGY.name))
+    values = {"velocity": velocity, "momentum": momentum, "energy": energy, "shown": SHOWN}
+    yield TEXTS("conservation", scene=main.scene.name, rayleigh=1e6 * main.rayleigh, **values)
+    stable, contact = (
+        _span([0.4 * item.rayleigh / getattr(item, time) for item in complete]) for time in ("stable", "contact")
     )
+    yield TEXTS("stability", stable=stable, contact=contact)
     for item in errors:
         for share, difference in item.engine.items():
             error = item.errors(backend=ENGINE).get(share, math.nan)
-            yield (
-                f"LAMMPS on {item.scene.name} at {100 * share:g} % has a velocity error of {100 * error:.2g} %; it"
-                f" differs from the twin by {difference:.0e}, so that this is the error of the method."
-            )
+            yield TEXTS("engine", scene=item.scene.name, share=share, error=error, difference=difference)
 
 
 def _span(values: Sequence[float]) -> str:
@@ -290,8 +251,8 @@ def _span(values: Sequence[float]) -> str:
 
 
 def _figure(errors: Sequence[SceneErrors]) -> FigureData:
-    known_values = [error for error in errors if error.errors()]
-    main = next((item for item in known_values if item.scene.name == MAIN), known_values[0])
+    complete = [error for error in errors if error.errors()]
+    main = _main(complete)
 
     def line(scene_errors: SceneErrors, observable: str, label: str, style: str) -> Series:
         steps, values = (
@@ -299,26 +260,16 @@ def _figure(errors: Sequence[SceneErrors]) -> FigureData:
         )
         return Series(label=label, style=style, x=100.0 * steps / scene_errors.rayleigh, y=100.0 * values)
 
-    others = [line(item, "velocity", "velocity, other scenes", "guide") for item in known_values if item is not main]
-    of_main = (
-        line(main, "velocity", f"velocity, {main.scene.name}", "reference"),
-        line(main, KINETIC_ENERGY.name, "kinetic energy at the end", "bca"),
-        line(main, MOMENTUM.name, "total momentum", "adiabatic"),
+    name = main.scene.name
+    velocity = line(main, "velocity", f"velocity, {name}", "reference")
+    kinetic = line(main, KINETIC_ENERGY.name, "kinetic energy at the end", "bca")
+    momentum = line(main, MOMENTUM.name, "total momentum", "adiabatic")
+    others = [line(item, "velocity", "velocity, other scenes", "guide") for item in complete if item is not main]
+    panels = (
+        TEXTS.panel("errors", (*others, velocity), title="(a) velocities, all scenes"),
+        TEXTS.panel("errors", (velocity, kinetic, momentum), title=f"(b) momentum and energy, {name}"),
     )
-
-    def panel(title: str, series: tuple[Series, ...]) -> Panel:
-        return Panel(title=title, x_label="step (% of the Rayleigh time)", y_label="error (%)", series=series, log=True)
-
-    return FigureData(
-        id="rule-of-thumb-errors",
-        title="Errors at shares of the Rayleigh time",
-        caption="Largest error of a velocity in % of the largest velocity, and the relative errors of momentum and"
-        " kinetic energy, which a log shows.",
-        panels=(
-            panel("(a) velocities, all scenes", (*others, of_main[0])),
-            panel(f"(b) momentum and energy, {main.scene.name}", of_main),
-        ),
-    )
+    return TEXTS.figure("rule-of-thumb-errors", panels)
 
 
 def _smallest_part(errors: Sequence[SceneErrors]) -> float:

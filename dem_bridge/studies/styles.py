@@ -31,11 +31,13 @@ from dem_bridge.lmp.process import require
 from dem_bridge.lmp.variants import flat_walls, hertz_history, newton_off, with_restart
 from dem_bridge.progress import listening
 from dem_bridge.scene import Scene
-from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
+from dem_bridge.studies.study import FigureData, Series, Study
+from dem_bridge.studies.texts import Texts
 from dem_bridge.trajectory import QUANTITIES, SMALLEST_SCALE, Trajectory
 from dem_bridge.uncertainty.fixed_step import REALISATIONS, last_digit
 from dem_bridge.verification.verdict import Outcome, Verdict, judge_relative
 
+TEXTS = Texts("styles")
 #: columns of the matrix
 COLUMNS = QUANTITIES
 #: of the deck's radii, for realisations of round-off: other last digits, and hardly other sizes
@@ -53,7 +55,7 @@ class Base:
     resolution: Resolution
     prescan: Prescan
     deck: Deck
-    own: Trajectory
+    twin: Trajectory
     """The twin in overlap variables on the deck's steps."""
     lammps: str
     """Version of LAMMPS."""
@@ -68,13 +70,15 @@ class Base:
         if key not in self._floors:
             radius = deck.surrogate_radius if deck.encoded_radii is None else deck.encoded_radii
             runs = [solve_plan(self.scene, deck.schedule, factor * radius) for factor in RADIUS_FACTORS]
-            self._floors[key] = {name: max(difference(name, run, self.own).value for run in runs) for name in COLUMNS}
+            self._floors[key] = {name: max(difference(name, run, self.twin).value for run in runs) for name in COLUMNS}
         return self._floors[key]
 
     def of_types(self, types: str) -> Deck:
+        """Return the deck with other types of bodies."""
         return self._written(self.backend, replace(self.resolution, types=types))
 
     def of_tables(self, style: str) -> Deck:
+        """Return the deck with tables of a style."""
         return self._written(LammpsTable(self.backend.engine), replace(self.resolution, table_style=style))
 
     def _written(self, backend: LammpsGranular, resolution: Resolution) -> Deck:
@@ -86,7 +90,7 @@ class Base:
         tables = tables_for(self.scene, replace(self.resolution, table_style=style), self.prescan)
         kernel = in_kernel(self.scene, tables, self.deck.surrogate_radius)
         run = solve_plan(self.scene, self.deck.schedule, tables=kernel)
-        return {name: difference(name, run, self.own).value for name in COLUMNS}
+        return {name: difference(name, run, self.twin).value for name in COLUMNS}
 
     def restart_error(self) -> dict[str, float]:
         """Return the permissible relative change by a restart: zero, unless forces depend on velocities.
@@ -98,7 +102,7 @@ class Base:
         coarse = Sampling(count=self.deck.schedule.samples)
         twice = Resolution(dt=2.0 * self.deck.schedule.step)
         other = solve_plan(self.scene, fixed_step_plan(self.scene, twice, coarse, self.prescan))
-        return {name: difference(name, other, self.own).value for name in COLUMNS}
+        return {name: difference(name, other, self.twin).value for name in COLUMNS}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,11 +121,11 @@ class Way:
     """What may differ beside round-off, relative, by quantity."""
 
 
-def _suffixed(suffix: str, package: str, arguments: tuple[str, ...], **more: Any) -> Way:
+def _suffixed(name: str, suffix: str, package: str, *arguments: str, **more: Any) -> Way:
     def engine(engine: Engine) -> Engine:
         return replace(engine, lmp_args=(*engine.lmp_args, *arguments))
 
-    return Way(engine=engine, package=package, suffix=suffix, **{"name": f"granular, {suffix}", **more})
+    return Way(name=f"{name}, {suffix}", engine=engine, package=package, suffix=suffix, **more)
 
 
 def _history(base: Base) -> Deck:
@@ -137,24 +141,20 @@ def _table(style: str) -> Way:
     )
 
 
-_OMP = ("-sf", "omp", "-pk", "omp", "2")
+_OMP = ("omp", "OPENMP", "-sf", "omp", "-pk", "omp", "2")
 _HISTORY: dict[str, Any] = {"deck": _history, "style": "pair gran/hertz/history"}
 WAYS = (
     Way(name="granular"),
     Way(name="granular, types per body", deck=lambda base: base.of_types("per-body")),
     Way(name="granular, newton off", deck=lambda base: newton_off(base.deck)),
-    Way(
-        name="granular, restart halfway",
-        deck=lambda base: with_restart(base.deck),
-        beside=lambda base: base.restart_error(),
-    ),
+    Way(name="granular, restart halfway", deck=lambda base: with_restart(base.deck), beside=Base.restart_error),
     Way(name="granular, fix wall/gran", deck=lambda base: flat_walls(base.deck, base.scene), style="fix wall/gran"),
     Way(name="granular, 2 ranks", engine=lambda engine: replace(engine, ranks=2)),
-    _suffixed("opt", "OPT", ("-sf", "opt")),
-    _suffixed("omp", "OPENMP", _OMP),
-    _suffixed("kk", "KOKKOS", ("-k", "on", "-sf", "kk")),
+    _suffixed("granular", "opt", "OPT", "-sf", "opt"),
+    _suffixed("granular", *_OMP),
+    _suffixed("granular", "kk", "KOKKOS", "-k", "on", "-sf", "kk"),
     Way(name="gran/hertz/history", **_HISTORY),
-    _suffixed("omp", "OPENMP", _OMP, name="gran/hertz/history, omp", **_HISTORY),
+    _suffixed("gran/hertz/history", *_OMP, **_HISTORY),
     _table("linear"),
     _table("spline"),
 )
@@ -182,31 +182,42 @@ class Row:
         return {name: item.value / self.tolerances[name] for name, item in self.differences.items()}
 
     @property
+    def largest_share(self) -> float:
+        """Largest difference over its tolerance; nan without numbers."""
+        return max(self.shares.values(), default=math.nan)
+
+    @property
+    def same_bits(self) -> str:
+        """Return :attr:`bitwise` in a word."""
+        return {None: "", True: "yes", False: "no"}[self.bitwise]
+
+    @property
     def beyond(self) -> str:
         """The differences that exceed their tolerance, and where; '' if none does."""
-        return "; ".join(
-            f"{item.quantity} differs by {item.value:.2e} of {item.scale_name}, tolerance {self.tolerances[name]:.1e}"
-            f" ({'body' if math.isfinite(item.time) else 'contact'} {item.body}"
-            + (f" at t = {1e3 * item.time:.4g} ms)" if math.isfinite(item.time) else ")")
-            for name, item in self.differences.items()
-            if not item.value <= self.tolerances[name]
-        )
+        parts = []
+        for name, item in self.differences.items():
+            place = f"body {item.body} at t = {1e3 * item.time:.4g} ms"
+            if not math.isfinite(item.time):
+                place = f"contact {item.body}"
+            if not item.value <= self.tolerances[name]:
+                parts.append(TEXTS("beyond", item=item, tolerance=self.tolerances[name], place=place))
+        return "; ".join(parts)
 
     def verdict(self, scene: str) -> Verdict:
         """Return the verdict on the quantity whose difference is the largest part of its tolerance."""
         worst = max(self.shares, key=self.shares.__getitem__, default="")
-        item = self.differences.get(worst)
+        numbers: dict[str, Any] = {}
+        if worst:
+            item = self.differences[worst]
+            numbers = {"difference": item.value, "scale": item.scale, "unit": item.unit, "scale_name": item.scale_name}
         return Verdict(
             scene=scene,
             quantity=worst or "all",
             backend=self.way,
             reference="verlet",
             outcome=self.outcome,
-            sentence=f"{self.way}: {self.beyond or self.reason or 'every difference is within its tolerance'}.",
-            difference=math.nan if item is None else item.value,
-            scale=math.nan if item is None else item.scale,
-            unit="" if item is None else item.unit,
-            scale_name="" if item is None else item.scale_name,
+            sentence=f"{self.way}: {self.beyond or self.reason or TEXTS('within')}.",
+            **numbers,
             tolerance=self.tolerances.get(worst, math.nan),
             meaning="implementation and round-off",
         )
@@ -259,9 +270,9 @@ def base_of(scene: Scene, *, dt: float | None, engine: Engine | None = None, tim
     prescan, backend = prescan_hertz(scene), LammpsGranular(engine)
     version = str(require(backend.engine, "pair granular").version)
     deck = backend.written(scene, resolution, Sampling(count=scene.samples), prescan).deck
-    own_value = solve_plan(scene, deck.schedule)
+    twin = solve_plan(scene, deck.schedule)
     return Base(
-        scene=scene, backend=backend, resolution=resolution, prescan=prescan, deck=deck, own=own_value, lammps=version
+        scene=scene, backend=backend, resolution=resolution, prescan=prescan, deck=deck, twin=twin, lammps=version
     )
 
 
@@ -296,114 +307,42 @@ def rows_of(base: Base, ways: Sequence[Way], *, progress: Progress | None = None
 
 def study_of(base: Base, rows: Sequence[Row]) -> Study:
     """Show the rows; nothing is run here."""
-    scene, ran = base.scene.name, [row for row in rows if row.differences]
-    alike = [row for row in rows if row.bitwise]
-    worst = sorted((share, name, row.way) for row in ran for name, share in row.shares.items())[-1:]
+    scene, dt, ran = base.scene.name, base.deck.schedule.step, [row for row in rows if row.differences]
+    alike = sum(bool(row.bitwise) for row in rows)
+    answer = [TEXTS("count", count=len(rows), scene=scene, lammps=base.lammps, dt=dt, ran=len(ran), alike=alike)]
+    if ran:
+        share, name, way = max((share, name, row.way) for row in ran for name, share in row.shares.items())
+        answer.append(TEXTS("worst", share=share, name=name.replace("_", " "), way=way))
     return Study(
         id="styles",
-        title=f"LAMMPS' pair styles, walls, suffixes and ranks: {scene}",
-        answer=(
-            f"Of {len(rows)} ways to run {scene} with LAMMPS {base.lammps} at dt = {base.deck.schedule.step:.4g} s,"
-            f" {len(ran)} were run, and {len(alike)} of them give the same bits as the first.",
-            *(
-                f"The largest difference from the twin is {share:.2g} of its tolerance ({name.replace('_', ' ')},"
-                f" {way})."
-                for share, name, way in worst
-            ),
-        ),
-        tables=(_differences(rows), _tolerances(ran)),
+        title=TEXTS.title(scene=scene),
+        answer=tuple(answer),
+        tables=(TEXTS.table("styles", rows), TEXTS.table("tolerances", ran)),
         figures=(_figure(scene, ran),) if ran else (),
         verdicts=tuple(row.verdict(scene) for row in rows),
-        notes=(
-            "The tolerance of a way is the round-off that twins predict for a code that keeps positions with the radii"
-            " of this way's deck, plus what its tables or its restart change.",
-            *(f"{row.way}: {row.reason}." for row in ran if row.reason),
-        ),
-        provenance={
-            "scene": scene,
-            "scene_hash": base.scene.content_hash,
-            "dt": base.deck.schedule.step,
-            "lammps": base.lammps,
-        },
-    )
-
-
-def _differences(rows: Sequence[Row]) -> Table:
-    return Table(
-        id="styles",
-        title="Differences from the twin at the same time step",
-        caption="Velocity and displacement: largest over all samples and bodies, relative to the largest of the twin;"
-        " peak force and crossing time: of the worst contact, relative to its own. Same bits: as the first way.",
-        columns=(
-            "way",
-            *(name.replace("_", " ") for name in COLUMNS),
-            "largest / tolerance",
-            "same bits",
-            "wall (s)",
-            "outcome",
-        ),
-        rows=tuple(
-            (
-                row.way,
-                *(row.differences[name].value if row.differences else math.nan for name in COLUMNS),
-                max(row.shares.values(), default=math.nan),
-                {None: "", True: "yes", False: "no"}[row.bitwise],
-                row.wall,
-                row.outcome.value,
-            )
-            for row in rows
-        ),
-    )
-
-
-def _tolerances(rows: Sequence[Row]) -> Table:
-    return Table(
-        id="tolerances",
-        title="Tolerances",
-        caption="Relative, to the same scales as the differences.",
-        columns=("way", *(name.replace("_", " ") for name in COLUMNS)),
-        rows=tuple((row.way, *(row.tolerances[name] for name in COLUMNS)) for row in rows),
+        notes=(*TEXTS.notes(), *(f"{row.way}: {row.reason}." for row in ran if row.reason)),
+        provenance={"scene": scene, "scene_hash": base.scene.content_hash, "dt": dt, "lammps": base.lammps},
     )
 
 
 def _figure(scene: str, rows: Sequence[Row]) -> FigureData:
     places = np.arange(len(rows), dtype=float)
-    marks = tuple(
-        Series(
-            label=name.replace("_", " "),
-            style=f"mark-{nth}",
-            x=np.array([max(row.shares[name], LEAST_SHOWN) for row in rows]),
-            y=places,
-        )
-        for nth, name in enumerate(COLUMNS, start=1)
-    )
-    limit = Series(label="tolerance", style="guide", x=np.ones(2), y=np.array([-0.5, len(rows) - 0.5]))
-    return FigureData(
-        id="styles-differences",
-        title=f"Differences from the twin as parts of their tolerances: {scene}",
-        caption=f"A mark to the right of 1 is a failure. Differences below {LEAST_SHOWN:g} of the tolerance are drawn"
-        " there.",
-        panels=(
-            Panel(
-                title=scene,
-                x_label="difference / tolerance",
-                y_label="",
-                series=(limit, *marks),
-                rows=tuple(row.way for row in rows),
-            ),
-        ),
-        columns=1,
-    )
+    series = [Series(label="tolerance", style="guide", x=np.ones(2), y=np.array([-0.5, len(rows) - 0.5]))]
+    for nth, name in enumerate(COLUMNS, start=1):
+        shares = np.array([max(row.shares[name], LEAST_SHOWN) for row in rows])
+        series.append(Series(label=name.replace("_", " "), style=f"mark-{nth}", x=shares, y=places))
+    panel = TEXTS.panel("shares", series, rows=tuple(row.way for row in rows), scene=scene)
+    return TEXTS.figure("styles-differences", [panel], scene=scene, least=LEAST_SHOWN)
 
 
 def _row(way: Way, base: Base) -> tuple[Trajectory, Row]:
     engine = way.engine(base.backend.engine)
     result = require(engine, way.style)
     if way.package and way.package not in result.packages:
-        raise BackendUnavailable(f"LAMMPS {result.version} has no {way.package} package")
+        raise BackendUnavailable(TEXTS("package", version=result.version, package=way.package))
     deck = way.deck(base)
     run = LammpsGranular(engine).run_written(base.scene, Written(deck=deck), time_limit=base.resolution.time_limit)
-    differences = {name: difference(name, run, base.own) for name in COLUMNS}
+    differences = {name: difference(name, run, base.twin) for name in COLUMNS}
     tolerances = tolerances_of(base, deck, way.beside(base))
     outcomes = {
         judge_relative(differences[name].value, last_digit(deck.schedule), tolerances[name]) for name in COLUMNS
@@ -411,7 +350,7 @@ def _row(way: Way, base: Base) -> tuple[Trajectory, Row]:
     notes = [str(run.provenance["lammps"].get("note", ""))]
     style = str(run.provenance["pair_style"])
     if way.suffix and not style.endswith(f"/{way.suffix}"):
-        notes.append(f"pair_style {style} has no variant with /{way.suffix}: the plain one ran")
+        notes.append(TEXTS("plain", style=style, suffix=way.suffix))
     return run, Row(
         way=way.name,
         outcome=next(item for item in (Outcome.FAIL, Outcome.UNDECIDED, Outcome.PASS) if item in outcomes),
@@ -428,10 +367,10 @@ def tolerances_of(base: Base, deck: Deck, companion: Mapping[str, float]) -> dic
     It is the round-off of a code that keeps positions of bodies with the deck's radii, and the further amount
     ``beside``.
     """
-    plan, own_values, floor = deck.schedule, base.own, base.floor(deck)
+    plan, floor = deck.schedule, base.floor(deck)
     eps, digit = float(np.finfo(float).eps), last_digit(plan)
     # forces are running sums of net forces, and small ones are measured against a thousandth of the largest
-    largest = float(np.max(own_values.peak_force, initial=0.0))
+    largest = float(np.max(base.twin.peak_force, initial=0.0))
     sums = 4.0 * largest + base.scene.summed_outer_force
     more = {
         # equal increments round alike
