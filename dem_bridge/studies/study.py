@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,7 +42,8 @@ class ClaimValue:
     unit: str = ""
 
     def as_json(self) -> dict[str, Any]:
-        return {key: plain(getattr(self, key)) for key in ("name", "backend", "value", "uncertainty", "unit")}
+        """Return the fields; a number that is not finite is None."""
+        return {key: plain(value) for key, value in vars(self).items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,8 +64,8 @@ class Claim:
     values: tuple[ClaimValue, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        parts = {key: getattr(self, key) for key in ("id", "where", "statement", "outcome", "sentence")}
-        return parts | {"values": [value.as_json() for value in self.values]}
+        """Return the fields, the values as mappings."""
+        return vars(self) | {"values": [value.as_json() for value in self.values]}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,7 +162,7 @@ class FigureData:
 
     def content(self) -> bytes:
         """All that the picture is made of: figures with the same content look the same."""
-        return b"".join(_bytes(self))
+        return json.dumps(asdict(self), default=np.ndarray.tolist).encode()
 
     def as_csv(self) -> str:
         """All panels, long form: panel, series, x, y, value, bar. Numbers in full precision; empty where there is none.
@@ -174,12 +176,9 @@ class FigureData:
         rows: list[tuple[str | float, ...]] = []
         for panel in self.panels:
             if panel.map is not None:
-                item = panel.map
-                rows += [
-                    (panel.title, item.label, float(x), float(y), float(item.values[j, i]), "")
-                    for j, y in enumerate(item.y)
-                    for i, x in enumerate(item.x)
-                ]
+                x, y = (axis.ravel().tolist() for axis in np.meshgrid(panel.map.x, panel.map.y))
+                cells = zip(x, y, panel.map.values.ravel().tolist(), strict=True)
+                rows += [(panel.title, panel.map.label, *cell, "") for cell in cells]
             for line in panel.series:
                 bars = [""] * len(line.x) if line.bar is None else line.bar.tolist()
                 rows += [
@@ -275,22 +274,6 @@ class Study:
             "interrupted": self.interrupted,
             "provenance": dict(self.provenance),
         }
-
-
-def _bytes(part: Any) -> Iterator[bytes]:
-    """Yield the content of a value as bytes: shapes and numbers of arrays, the ``repr`` of all else."""
-    if isinstance(part, np.ndarray):
-        yield f"{part.shape}{part.dtype}".encode() + part.tobytes()
-    elif is_dataclass(part):
-        for item in fields(part):
-            yield f"\n{item.name}=".encode()
-            yield from _bytes(getattr(part, item.name))
-    elif isinstance(part, tuple):
-        yield f"({len(part)}".encode()
-        for item in part:
-            yield from _bytes(item)
-    else:
-        yield f"{part!r};".encode()
 
 
 def _csv(columns: tuple[str, ...], rows: Any) -> str:

@@ -53,4 +53,4 @@ def test_every_text_is_used(file: Path) -> None:
     assert f'Texts("{file.stem}")' in CODE
     for kind in ("sentences", "tables", "panels", "figures"):
         for key in data.get(kind, {}):
-            assert re.search(rf'"{re.escape(key)}"', CODE), f"{file.name}: nobody reads {kind}.{key}"
+            assert re.search(rf"[\"']{re.escape(key)}[\"']", CODE), f"{file.name}: nobody reads {kind}.{key}"

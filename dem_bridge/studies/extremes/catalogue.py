@@ -1,23 +1,266 @@
-"""The extremes by name."""
+"""The extremes by name: scales and symmetries, contacts that hardly touch, and the numerics."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import cache
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import cache, partial
 
-from dem_bridge.studies.extremes.entry import Entry, checked
-from dem_bridge.studies.extremes.of_numerics import steps, tables
-from dem_bridge.studies.extremes.of_scales import angles, exponents, ratios, sizes, speeds, symmetries
-from dem_bridge.studies.extremes.of_touch import gaps, nothing, presses, touches
+import numpy as np
 
-PARTS = (
-    *(speeds, angles, ratios, sizes, exponents, symmetries),
-    *(touches, gaps, presses, nothing),
-    *(tables, steps),
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.lammps import LammpsTable
+from dem_bridge.backends.prescan import Prescan
+from dem_bridge.backends.tabled import tables_for
+from dem_bridge.lmp.pairing import TableSet
+from dem_bridge.physics.hertz import crossed_cylinders
+from dem_bridge.runs.case import Case
+from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene_file import load_scene
+from dem_bridge.studies.extremes.entry import (
+    BETA,
+    ENGINE,
+    FIXED_STEP,
+    MASS,
+    SPEED,
+    VERLET,
+    Entry,
+    chain,
+    checked,
+    contact_time,
+    entry,
+    plain,
+    refused,
+    theories_refuse,
 )
+from dem_bridge.studies.extremes.judge import Expected, Word
+from dem_bridge.studies.extremes.truths import (
+    apart,
+    back_again,
+    by_others,
+    galilei,
+    mirrored,
+    nothing_happens,
+    scaled,
+    shorter,
+    two_bodies,
+)
+from dem_bridge.uncertainty.estimate import solve
+
+#: the adiabatic wave needs more than two bodies
+ONE_CONTACT = {"adiabatic": refused("the number of contacts is 1")}
+#: theories need a single pulse into a touching chain at rest
+GAPS, MOVING = theories_refuse("the scene has gaps"), theories_refuse("bodies behind the first that move")
+
+
+def speeds() -> Iterator[Entry]:
+    """Yield slow and fast impacts."""
+    for speed in (1e-9, 1e-3, 1e3):
+        pair = chain(f"pair-at-{plain(speed)}", bodies=2, speed=speed, samples=3)
+        # ode45's absolute tolerance of 1e-6 m/s sees nothing of 1e-9 m/s; that no step of it is longer than a tenth of
+        # the duration is what leaves a number, with a wide bar
+        asks = f"two bodies at {speed:g} m/s, beside the closed form"
+        yield entry(pair, asks, two_bodies, by_others, expected=ONE_CONTACT)
+        asks = f"a chain struck at {speed:g} m/s: nothing but scales changes"
+        yield entry(chain(f"speed-{plain(speed)}", speed=speed), asks, by_others, partial(scaled, factor=speed))
+    asks = "v0 -> 32 v0 and dt -> dt/2: powers of two throughout, fixed steps repeat themselves bit for bit"
+    same = partial(scaled, factor=32.0, to_the_bit=(FIXED_STEP,))
+    yield entry(chain("speed-32-times", speed=32 * SPEED), asks, by_others, same)
+
+
+def angles() -> Iterator[Entry]:
+    """Yield contact angles over five decades."""
+    angle = np.geomspace(90.0, 0.001, 9)
+    beta = [crossed_cylinders(angle=a, radius=9e-3, young=72e9, poisson=0.17).stiffness for a in angle.tolist()]
+    for name, betas, way in (
+        ("angles-90-to-0.001", beta, "stiffer and stiffer"),
+        ("angles-0.001-to-90", beta[::-1], "softer and softer"),
+    ):
+        asks = f"contact angles over {beta[-1] / beta[0]:.0f} in stiffness, {way}"
+        yield entry(chain(name, stiffness=betas), asks)
+
+
+def ratios() -> Iterator[Entry]:
+    """Yield large ratios of masses and of stiffnesses."""
+    yield entry(chain("mass-heavy-striker", mass=[1e6 * MASS, *[MASS] * 4], times=3.0), "a striker of 1e6 masses")
+    yield entry(chain("mass-light-striker", mass=[1e-6 * MASS, *[MASS] * 4], times=0.1), "a striker of 1e-6 masses")
+    asks = "a body of 1e-6 masses between two, which meets them some hundred times"
+    yield entry(chain("mass-light-between", mass=[MASS, 1e-6 * MASS, MASS], times=0.3), asks, slow=True)
+    stiff = chain("stiffness-1e8", stiffness=[BETA, 1e8 * BETA, BETA], times=1.0)
+    yield entry(stiff, "one contact 1e8 times as stiff as the others", phase=0.05, slow=True)
+
+
+def sizes() -> Iterator[Entry]:
+    """Yield the shortest chain and a very long one."""
+    pair = chain("bodies-2", bodies=2, samples=3)
+    yield entry(pair, "the least chain", two_bodies, by_others, expected=ONE_CONTACT)
+    yield entry(
+        chain("bodies-100000", bodies=100_000, times=12.0, samples=2),
+        "1e5 bodies, and a front that has passed some thirty: it knows nothing of the others",
+        partial(shorter, bodies=200, by_itself=False),
+        partial(shorter, bodies=200),
+        phase=0.1,
+        left_out={"scipy": "stopped unfinished after some 430 s: 1e5 unknowns at each of a hundred events"},
+        slow=True,
+    )
+
+
+def exponents() -> Iterator[Entry]:
+    """Yield exponents other than Hertz'."""
+    for n in (1.5, 2.0, 2.0001, 2.001, 5.0, 6.0):
+        # the force of a Hertz contact at 10 um
+        beta = BETA * 1e-5 ** (2.5 - n)
+        # below n = 2 contacts are the stiffer the less deep they are: there is no highest frequency to take a step from
+        period = contact_time(stiffness=beta, exponent=n)
+        scene = chain(f"n-{n:g}", exponent=n, stiffness=beta, duration=5.0 * period)
+        expected = {}
+        if n != 2.0:
+            expected["lammps-granular"] = refused("allowed exponents: 2 and 2.5")
+        if not 2.0 <= n <= 5.0:
+            expected["lammps-table"] = refused("allowed exponents: 2 to 5")
+        if n < 2.1:
+            # no steady pulse, and near n = 2 it is too wide to form
+            expected["adiabatic"] = refused("allowed exponents: 2.1 to 50")
+        dt = period / 200 if n < 2.0 else None
+        yield entry(scene, f"n = {n:g}", by_others, partial(scaled, factor=0.5), expected=expected, dt=dt)
+
+
+def symmetries() -> Iterator[Entry]:
+    """Yield scenes that must move as others do."""
+    for u, name in ((-3.0, "galilei-backwards"), (768.0, "galilei-fast")):
+        scene = chain(name, velocity=(SPEED + u, *[u] * 9))
+        asks = f"all move at {u:g} m/s besides: nothing else changes"
+        yield entry(scene, asks, by_others, partial(galilei, speed=u), expected=MOVING)
+    beta = np.geomspace(BETA, 20 * BETA, 9).tolist()
+    mirror = chain("mirror", stiffness=beta[::-1], velocity=(*[0.0] * 9, -SPEED), wall_left=Wall(stiffness=BETA))
+    yield entry(mirror, "a chain struck from its other end, on a wall", by_others, mirrored, expected=MOVING)
+    there = chain("there", stiffness=beta, times=4.0)
+    sampling = Sampling(count=there.samples)
+    forward = solve(Case(scene=there, backend="reference", resolution=Resolution(), sampling=sampling))
+    scene, truth = back_again(forward, there)
+    scene = replace(scene, name="time-reversal")
+    asks = "all velocities reversed at the end: back to the start"
+    yield entry(scene, asks, by_others, lambda scene: truth, expected=MOVING)
+
+
+def touches() -> Iterator[Entry]:
+    """Yield contacts that hardly touch."""
+    # a ball thrown up at a ceiling, which is where it would turn, or next to it
+    g, up = -1e3, SPEED
+    height = up**2 / (2.0 * -g)
+    for share in (1e-12, 1e-6, 1e-3, -1e-12, -1e-6):
+        where = "below" if share > 0.0 else "above"
+        ceiling = Wall(stiffness=BETA, gap=height * (1.0 - share))
+        name = f"graze-{plain(abs(share))}-{where}"
+        yield entry(
+            chain(name, bodies=1, gravity=g, wall_right=ceiling, duration=1.5 * up / -g),
+            f"a ball that rises to a ceiling {abs(share):g} of its way {where} where it turns",
+            expected=theories_refuse("the scene has walls"),
+        )
+    crawl = chain("closing-1e-12", bodies=2, velocity=(SPEED + SPEED * 2.0**-40, SPEED), samples=3,
+                  duration=3.0 * contact_time(speed=SPEED * 2.0**-40))  # fmt: skip
+    asks = "two bodies in flight that close in on each other 1e-12 times as fast as they fly"
+    yield entry(crawl, asks, two_bodies, by_others, expected=MOVING)
+    asks = "a tenth of a contact time: forces ahead of the front down to nothing"
+    yield entry(chain("front-barely-begun", times=0.1), asks, by_others, partial(shorter, bodies=8))
+
+
+def gaps() -> Iterator[Entry]:
+    """Yield gaps from the last digits of a position to a thousand kilometres."""
+    yield entry(chain("gaps-1e-15", bodies=6, gap=1e-15), "gaps of 1e-15 m", expected=GAPS)
+    wide = chain("gaps-of-metres", bodies=4, speed=1e3, gap=2.0, duration=6.5e-3)
+    yield entry(wide, "gaps of 2 m, and a flight of 2 ms between contacts of 10 us", expected=GAPS)
+    pair = chain("gap-in-front", bodies=2, speed=1e3, gap=2.0, duration=6e-3, samples=3)
+    asks = "one flight over 2 m into one contact, beside the closed form"
+    yield entry(pair, asks, two_bodies, by_others, expected=GAPS)
+    still = [0.0] * 4
+    cut = chain("cut-at-a-gap", gap=(*still, 1.0, *still), velocity=(SPEED, *still, SPEED, *still))
+    asks = "two chains 1 m apart that never meet: each as if alone"
+    yield entry(cut, asks, by_others, partial(apart, at=4), expected=GAPS)
+    for far in (1e3, 1e6, 1e9, 1e12):
+        scene = chain(f"far-{plain(far)}", gap=(far, *[0.0] * 8), velocity=(0.0, SPEED, *[0.0] * 8))
+        # overlaps are of 1e-5 m; positions of 1e9 m are known to 1e-7 m, those of 1e12 m to 1e-4 m. The bars of all
+        # fixed steps come from a twin in positions
+        vague = {ENGINE: refused("known to 0.00012 m"), VERLET: Expected(Word.NO_BAR)} if far >= 1e12 else {}
+        yield entry(scene, f"a chain {far:g} m from the origin", by_others, partial(apart, at=0), expected=GAPS | vague)
+
+
+def presses() -> Iterator[Entry]:
+    """Yield precompressed chains."""
+    dynamic = (1.25 * 0.5 * MASS * SPEED**2 / BETA) ** 0.4
+    for share in (1e-9, 1e-3, 1.0, 1e3):
+        force = BETA * (share * dynamic) ** 1.5
+        # a wave in a chain pressed so much is faster
+        scene = chain(f"pressed-{plain(share)}", precompression=force, times=5.0 / max(1.0, share**0.25))
+        asks = f"a chain pressed to {share:g} of the dynamic overlap, and struck"
+        yield entry(scene, asks, expected=theories_refuse("the scene has precompression"))
+
+
+def nothing() -> Iterator[Entry]:
+    """Yield scenes in which nothing happens."""
+    rest, start = chain("at-rest", velocity=(0.0,) * 10), theories_refuse("body 0 starts with a velocity of 0 m/s")
+    yield entry(rest, "a striker at rest: nothing moves", nothing_happens, expected=start)
+    flight = chain("all-together", velocity=(768.0,) * 10)
+    yield entry(flight, "all bodies fly on in touch, at 768 m/s", nothing_happens, expected=MOVING)
+
+
+class ShortTable(LammpsTable):
+    """Tables that end where the deepest overlap is foreseen, a line short of it."""
+
+    def _tables(self, scene: Scene, resolution: Resolution, prescan: Prescan) -> TableSet | None:
+        result = tables_for(scene, resolution, prescan)
+        deepest = float(np.max(prescan.peak_overlap))
+        cut = {}
+        for law, table in result.tables.items():
+            kept = table.distance > table.distance[-1] - deepest
+            cut[law] = replace(table, distance=table.distance[kept], energy=table.energy[kept], force=table.force[kept])
+        return replace(result, tables=cut)
+
+
+def tables() -> Iterator[Entry]:
+    """Yield tables that are as short as they may be, and shorter."""
+    for name, asks, settings, expected in (
+        ("table-7-lines", "a table one line shorter than any may be", {"table_lines": 7}, refused("table_lines = 7")),
+        ("table-8-lines", "the shortest table", {"table_lines": 8}, None),
+        ("table-2-points", "a table of two points", {"table_points": 2}, None),
+    ):
+        outcomes = {} if expected is None else {"lammps-table": expected}
+        yield entry(chain(name), asks, settings={"lammps-table": settings}, expected=outcomes)
+    asks = "a table that ends a line short of the deepest overlap"
+    expected = refused("table inner cutoff")
+    yield entry(
+        chain("table-ends-a-line-short"),
+        asks,
+        instead={"lammps-table": ShortTable},
+        expected={"lammps-table": expected},
+    )
+
+
+def steps() -> Iterator[Entry]:
+    """Yield time steps at the limit of stability and beyond."""
+    # linear springs between walls, pressed so that none opens: the limit is 2 over the highest frequency
+    bodies, spring = 8, BETA * 1e-5**0.5
+    highest = 2.0 * math.sqrt(spring / MASS) * math.cos(0.5 * math.pi / (bodies + 1))
+    wall = Wall(stiffness=spring, exponent=2.0)
+    # the twins at twice the step are unstable, and so are those at 1.01; then bodies may pass through others
+    unstable = Expected(Word.NO_BAR, otherwise=Word.REFUSED)
+    for share, name in ((0.99, "below"), (1.01, "above")):
+        dt = share * 2.0 / highest
+        scene = chain(f"step-just-{name}-the-limit", bodies=bodies, exponent=2.0, stiffness=spring,
+                      wall_left=wall, wall_right=wall, precompression=100.0 * SPEED * math.sqrt(MASS * spring),
+                      duration=400 * dt)  # fmt: skip
+        expected = theories_refuse("has walls and precompression", **{VERLET: unstable})
+        yield entry(scene, f"a step of {share:g} of the limit of velocity-Verlet", dt=dt, expected=expected)
+    asks = "a step of 4e-6 s on the paper's chain, where momentum and final energy look right and velocities are not"
+    yield entry(replace(load_scene("decelerating-40"), name="step-in-the-trap", samples=60), asks, dt=4e-6)
+    over = chain("step-over-contacts", samples=3, times=12.0)
+    yield entry(over, "a step of four contact times", dt=over.duration / 3, expected={FIXED_STEP: unstable})
 
 
 @cache
 def catalogue() -> Mapping[str, Entry]:
     """Return all entries by name; the state from which one of them runs backwards is computed by the reference."""
-    return checked([entry for part in PARTS for entry in part()])
+    scales = (speeds, angles, ratios, sizes, exponents, symmetries)
+    parts = (*scales, touches, gaps, presses, nothing, tables, steps)
+    return checked([item for part in parts for item in part()])

@@ -7,7 +7,7 @@ code is compared with its own run of another scene, so that they share nothing w
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.reference import SERIES
 from dem_bridge.physics.exact import scaling, two_body_collision
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import FREE, Trajectory, Uncertainty
+from dem_bridge.trajectory import FREE, QUANTITIES, Trajectory, Uncertainty
 
 Floats = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
@@ -45,7 +45,7 @@ class Truth:
 
 
 def by_others(scene: Scene) -> Truth:
-    """The same scene by the most exact code that is not the judged one."""
+    """Return the same scene by the most exact code that is not the judged one."""
     return Truth(says="another code", make=lambda runs: runs[0], scenes=(scene,), by_itself=False)
 
 
@@ -55,12 +55,12 @@ def witness(judged: str, scene: Scene) -> str:
 
 
 def _code(name: str, scene: Scene) -> str:
-    """Who really answers: where its series do not fit, the reference asks scipy."""
+    """Return the code that solves the scene: where its series do not fit, the reference calls scipy."""
     return "scipy" if name == "reference" and not SERIES.covers(scene) else name
 
 
 def galilei(scene: Scene, speed: float) -> Truth:
-    """``scene`` is another where all bodies are slower by ``speed`` (m/s)."""
+    """Compare with a scene where all bodies are slower by ``speed`` (m/s)."""
 
     def make(runs: Sequence[Trajectory]) -> Trajectory:
         run = runs[0]
@@ -71,7 +71,7 @@ def galilei(scene: Scene, speed: float) -> Truth:
 
 
 def mirrored(scene: Scene) -> Truth:
-    """``scene`` seen from the other end."""
+    """Compare with the scene seen from the other end."""
     links = len(scene.stiffness)
     sides = [scene.wall_left is not None, scene.wall_right is not None]
     # the chain's contacts backwards, then the walls: the left one is the right one of the mirror
@@ -105,28 +105,24 @@ def mirrored(scene: Scene) -> Truth:
 
 
 def scaled(scene: Scene, factor: float, to_the_bit: tuple[str, ...] = ()) -> Truth:
-    """``scene`` is another where all is slower by ``factor``: one exponent, no gaps, no gravity."""
+    """Compare with a scene where all is slower by ``factor``: one exponent, no gaps, no gravity."""
     by = scaling(exponent=_each(scene.exponent)[0], velocity=factor)
     if math.log2(factor).is_integer():  # powers of two stay so: 32^(4/5) is 16
         by = replace(by, **{name: _to_power_of_two(value) for name, value in vars(by).items()})
 
+    factors = {
+        "displacement": by.displacement,
+        "velocity": by.velocity,
+        "contact_force": by.force,
+        "peak_force": by.force,
+        "crossing_time": by.time,
+    }
+
     def make(runs: Sequence[Trajectory]) -> Trajectory:
-        run, estimate = runs[0], runs[0].uncertainty
-        return replace(
-            run,
-            time=run.time * by.time,
-            displacement=run.displacement * by.displacement,
-            velocity=run.velocity * by.velocity,
-            contact_force=run.contact_force * by.force,
-            peak_force=run.peak_force * by.force,
-            crossing_time=run.crossing_time * by.time,
-            uncertainty=Uncertainty(
-                velocity=estimate.velocity * by.velocity,
-                displacement=estimate.displacement * by.displacement,
-                peak_force=estimate.peak_force * by.force,
-                crossing_time=estimate.crossing_time * by.time,
-            ),
-        )
+        run = runs[0]
+        uncertainty = Uncertainty(**{name: run.uncertainty[name] * factors[name] for name in QUANTITIES})
+        fields = {name: getattr(run, name) * factor for name, factor in factors.items()}
+        return replace(run, time=run.time * by.time, **fields, uncertainty=uncertainty)
 
     slower = replace(
         scene,
@@ -139,26 +135,16 @@ def scaled(scene: Scene, factor: float, to_the_bit: tuple[str, ...] = ()) -> Tru
 
 
 def _to_power_of_two(value: float) -> float:
-    """The power of two that ``value`` is but for round-off; ``value`` itself where it is none."""
+    """Return the power of two that ``value`` is but for round-off; ``value`` itself where it is none."""
     nearest = 2.0 ** round(math.log2(value))
     return nearest if abs(value / nearest - 1.0) < 1e-12 else value
 
 
 def apart(scene: Scene, at: int) -> Truth:
-    """``scene`` is two chains that never meet: contact ``at`` stays open. Without walls and weight."""
-    pieces = (slice(None, at + 1), slice(at + 1, None))
-    contacts = (slice(None, at), slice(at + 1, None))
-    scenes = tuple(
-        replace(
-            scene,
-            name=f"{scene.name}.{side}",
-            mass=scene.mass[bodies],
-            velocity=scene.velocity[bodies],
-            stiffness=scene.stiffness[links],
-            exponent=_each(scene.exponent)[links],
-            gap=_each(scene.gap)[links],
-        )
-        for side, bodies, links in zip(("left", "right"), pieces, contacts, strict=True)
+    """Compare with two chains that never meet, because contact ``at`` stays open; without walls and weight."""
+    scenes = (
+        _part(scene, "left", slice(None, at + 1), slice(None, at)),
+        _part(scene, "right", slice(at + 1, None), slice(at + 1, None)),
     )
 
     def make(runs: Sequence[Trajectory]) -> Trajectory:
@@ -181,9 +167,9 @@ def apart(scene: Scene, at: int) -> Truth:
 
 
 def shorter(scene: Scene, bodies: int, *, by_itself: bool = True) -> Truth:
-    """The first ``bodies`` of ``scene``, whose front has not come further: the others stand still, as the last of them.
+    """Compare with the first ``bodies`` alone, by the judged code itself or by another.
 
-    By the judged code itself, or by another.
+    The front has not come further, so that the others stand still, as the last of these does.
     """
 
     def make(runs: Sequence[Trajectory]) -> Trajectory:
@@ -204,21 +190,26 @@ def shorter(scene: Scene, bodies: int, *, by_itself: bool = True) -> Truth:
             uncertainty=uncertainty,
         )
 
-    short = replace(
-        scene,
-        name=f"{scene.name}.first-{bodies}",
-        mass=scene.mass[:bodies],
-        velocity=scene.velocity[:bodies],
-        stiffness=scene.stiffness[: bodies - 1],
-        exponent=_each(scene.exponent)[: bodies - 1],
-        gap=_each(scene.gap)[: bodies - 1],
-    )
+    short = _part(scene, f"first-{bodies}", slice(bodies), slice(bodies - 1))
     says = f"its own run of the first {bodies} bodies"
     return Truth(says=says, make=make, scenes=(short,), by_itself=by_itself)
 
 
+def _part(scene: Scene, name: str, bodies: slice, links: slice) -> Scene:
+    """Return some neighbouring bodies of a scene, with the contacts between them."""
+    return replace(
+        scene,
+        name=f"{scene.name}.{name}",
+        mass=scene.mass[bodies],
+        velocity=scene.velocity[bodies],
+        stiffness=scene.stiffness[links],
+        exponent=_each(scene.exponent)[links],
+        gap=_each(scene.gap)[links],
+    )
+
+
 def back_again(forward: Trajectory, start: Scene) -> tuple[Scene, Truth]:
-    """The scene in which ``start`` runs backwards from where ``forward`` has it at the end, and what it must do.
+    """Return the scene in which ``start`` runs backwards from the end of ``forward``, and what it must do.
 
     The state at the end is known to the bars of ``forward``. The way back makes more of them by as much as it makes of
     the last digits of its input, which are what the bars of a reference consist of.
@@ -248,7 +239,7 @@ def back_again(forward: Trajectory, start: Scene) -> tuple[Scene, Truth]:
 
 
 def two_bodies(scene: Scene) -> Truth:
-    """Two free bodies in closed form: before they meet and after they have parted."""
+    """Compare with two free bodies in closed form: before they meet and after they have parted."""
     (m1, m2), (v1, v2), gap = scene.mass, scene.velocity, float(scene.contacts.gap[0])
     hit = two_body_collision(
         masses=(m1, m2),
@@ -270,45 +261,44 @@ def two_bodies(scene: Scene) -> Truth:
     apart_by = np.stack([-m2 / (m1 + m2) * (distance - gap), m1 / (m1 + m2) * (distance - gap)], axis=1)
     displacement = np.where(after, middle[:, None] + apart_by, start * times[:, None])
     largest = float(np.max(np.abs(displacement))) + abs(gap) + abs(v1 - v2) * scene.duration
-    run = Trajectory(
+    sizes = {"displacement": largest, "peak_force": hit.peak_force, "crossing_time": scene.duration}
+    return _closed_form(
+        "the closed form of two bodies",
         time=times,
         displacement=displacement,
         velocity=velocity,
         contact_force=np.zeros((len(times), 1)),
         peak_force=np.array([hit.peak_force]),
         crossing_time=np.array([meet + hit.half_time]),
-        uncertainty=Uncertainty(
-            velocity=_CLOSED * float(np.max(np.abs(velocity))),
-            displacement=_CLOSED * largest,
-            peak_force=_CLOSED * hit.peak_force,
-            crossing_time=_CLOSED * scene.duration,
-        ),
-        cost=FREE,
-        provenance={"backend": "closed form"},
+        uncertainty={"velocity": _CLOSED * float(np.max(np.abs(velocity)))}
+        | {name: _CLOSED * size for name, size in sizes.items()},
     )
-    return Truth(says="the closed form of two bodies", make=lambda runs: run)
+
+
+def _closed_form(says: str, *, uncertainty: Mapping[str, Any], **samples: Floats) -> Truth:
+    """Return a truth that needs no run."""
+    provenance = {"backend": "closed form"}
+    run = Trajectory(**samples, uncertainty=Uncertainty(**uncertainty), cost=FREE, provenance=provenance)
+    return Truth(says=says, make=lambda runs: run)
 
 
 def nothing_happens(scene: Scene) -> Truth:
-    """All bodies fly on as they are; nothing presses that does not press at the start. Without weight."""
+    """Compare with bodies that fly on as they are; nothing presses that does not press at the start. Without weight."""
     times, v = Sampling(count=scene.samples).times(scene.duration), np.array(scene.velocity)
     c = scene.contacts
     force = c.force(np.maximum(-c.gap, 0.0), np.arange(scene.n_contact))
     way = times[:, None] * v
-    run = Trajectory(
+    digits = {"displacement": EPS * float(np.max(np.abs(way))), "peak_force": EPS * force}
+    return _closed_form(
+        "uniform flight",
         time=times,
         displacement=way,
         velocity=np.tile(v, (len(times), 1)),
         contact_force=np.tile(force, (len(times), 1)),
         peak_force=force,
         crossing_time=np.full(scene.n_contact, math.nan),
-        uncertainty=Uncertainty(
-            velocity=0.0, displacement=EPS * float(np.max(np.abs(way))), peak_force=EPS * force, crossing_time=0.0
-        ),
-        cost=FREE,
-        provenance={"backend": "closed form"},
+        uncertainty={"velocity": 0.0, "crossing_time": 0.0} | digits,
     )
-    return Truth(says="uniform flight", make=lambda runs: run)
 
 
 def _each(values: tuple[float, ...] | float) -> tuple[float, ...]:
