@@ -34,11 +34,13 @@ from dem_bridge.studies.stability.step_limits import (
     twin,
     velocity_error,
 )
+from dem_bridge.studies.texts import Texts
 from dem_bridge.timescales import rayleigh_time_of
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.roles import GRANULAR
 
 Floats = NDArray[np.float64]
+TEXTS = Texts("stability")
 #: wanted of velocities
 ACCURACIES = (1e-2, 1e-4)
 #: LAMMPS looks so far below the twin's limit, at steps so close
@@ -137,26 +139,7 @@ def chain(name: str, mass: tuple[float, ...], stiffness: tuple[float, ...], spee
 
 def cylinders(angle: float) -> Scene:
     """Return five quartz cylinders of 9 mm at this angle (degrees), struck by a sphere; Hertz' exact law."""
-    scene = parse_scene(
-        f"""
-        name = "angle"
-        duration = 1.0
-        [material]
-        youngs_modulus = 72.0e9
-        poissons_ratio = 0.17
-        density = 2200.0
-        [chain.cylinders]
-        count = 5
-        radius = 9.0e-3
-        height = 18.0e-3
-        [chain.contacts]
-        law = "exact"
-        angle = {angle!r}
-        [chain.striker]
-        radius = 9.0e-3
-        velocity = {SPEED!r}
-        """
-    )
+    scene = parse_scene(TEXTS.data["cylinders"].format(angle=angle, speed=SPEED))
     return replace(scene, duration=_until_over(scene))
 
 

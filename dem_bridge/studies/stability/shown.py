@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dem_bridge.scene import Scene
-from dem_bridge.studies.stability.points import ACCURACIES, PHASES, STEPS, Family, Point, Results, Trap
+from dem_bridge.studies.stability.points import ACCURACIES, PHASES, STEPS, TEXTS, Family, Point, Results, Trap
 from dem_bridge.studies.stability.step_limits import FINEST
 from dem_bridge.studies.study import FigureData, Map, Series, Table, lines
-from dem_bridge.studies.texts import Texts
 from dem_bridge.verification.roles import GRANULAR, TWIN
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-TEXTS = Texts("stability")
 _ACCURACIES: dict[str, Any] = {"first": ACCURACIES[0], "second": ACCURACIES[1]}
 
 

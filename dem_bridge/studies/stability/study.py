@@ -25,6 +25,7 @@ from dem_bridge.studies.stability.points import (
     PHASES,
     STEPS,
     STIFFNESS,
+    TEXTS,
     Family,
     Point,
     Results,
@@ -38,7 +39,7 @@ from dem_bridge.studies.stability.points import (
     stable_at,
     trap_of,
 )
-from dem_bridge.studies.stability.shown import TEXTS, answer, figures, points_of, tables
+from dem_bridge.studies.stability.shown import answer, figures, points_of, tables
 from dem_bridge.studies.stability.step_limits import FINEST, RATIO, twin
 from dem_bridge.studies.study import Study
 from dem_bridge.verification.roles import GRANULAR, TWIN

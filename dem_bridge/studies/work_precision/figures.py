@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,6 @@ import numpy as np
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.studies.study import FigureData, Panel, Series
 from dem_bridge.studies.work_precision.curves import STYLES
-from dem_bridge.studies.work_precision.pareto import front
 from dem_bridge.studies.work_precision.runs import REFERENCE, TEXTS, Measured, Point
 
 ID = "work-precision"
@@ -90,3 +89,19 @@ def _table_panels(measured: Measured) -> Iterator[Panel]:
             series.append(Series(label="without tables, same step", style="guide", x=ends, y=error))
         if series:
             yield TEXTS.panel("tables", series, title=title, label=label)
+
+
+def front(cost: Sequence[float], error: Sequence[float]) -> list[int]:
+    """Places of the points that no other beats, by rising cost and falling error; those that are no numbers are none.
+
+    A point is beaten by another with at most its cost and less error, or with less cost and at most its error.
+
+    >>> front([1.0, 2.0, 3.0, 2.5, float("nan")], [0.1, 0.3, 0.01, 0.01, 0.0])
+    [0, 3]
+    """
+    results: list[int] = []
+    real = (at for at in range(len(cost)) if math.isfinite(cost[at]) and math.isfinite(error[at]))
+    for at in sorted(real, key=lambda at: (cost[at], error[at])):
+        if not results or error[at] < error[results[-1]]:
+            results.append(at)
+    return results

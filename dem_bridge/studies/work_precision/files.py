@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.studies.work_precision.norms import NORMS
-from dem_bridge.studies.work_precision.runs import TEXTS, Measured
+from dem_bridge.studies.work_precision.runs import NORMS, TEXTS, Measured
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -7,26 +7,38 @@ run at all.
 from __future__ import annotations
 
 import math
+import resource
+import statistics
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
 
 from dem_bridge.backends.base import Backend, Sampling
 from dem_bridge.campaign import Progress
 from dem_bridge.errors import BackendUnavailable, NotAsymptotic, RunBroken, UnsupportedScene, UsageError
-from dem_bridge.observables.errors import Reading
+from dem_bridge.observables.errors import REDUCTIONS, Reading, read, reduced, relative_to
+from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.scene import Scene
 from dem_bridge.studies.texts import Texts
 from dem_bridge.studies.work_precision.curves import Curve
-from dem_bridge.studies.work_precision.norms import errors_of, uncertainties_of
-from dem_bridge.studies.work_precision.timed import timed
 from dem_bridge.trajectory import Trajectory
 
 TEXTS = Texts("work-precision")
 REFERENCE = "reference"
+#: every norm is stored, and any of them may be plotted (DiffEqDevTools.jl, issues 125 and 128)
+NORMS = tuple(REDUCTIONS)
+#: (observable, norm) -> number
+Norms = dict[tuple[str, str], float]
+Answer = TypeVar("Answer")
+
+#: calls are repeated no more once all together took so long, s; each is made twice at least
+ENOUGH = 1.0
+LEAST = 2
 #: errors after which a setting has no numbers, and the next one is run
 FAILURES = (NotAsymptotic, RunBroken, UnsupportedScene, BackendUnavailable, UsageError)
 
@@ -194,3 +206,63 @@ def predicted(seconds: Sequence[tuple[float, float]], size: float) -> float:
         return seconds[-1][1] if seconds else 0.0
     (s1, t1), (s2, t2) = seconds[-2:]
     return t2 + max(0.0, (t2 - t1) / (s2 - s1)) * (size - s2) if s2 > s1 else t2
+
+
+def readings_of(scene: Scene, reference: Trajectory) -> dict[str, Reading]:
+    """Return every registered observable of which the reference has at least one value, by name."""
+    readings = {name: read(observable, scene, reference) for name, observable in OBSERVABLES.items()}
+    return {name: reading for name, reading in readings.items() if np.any(np.isfinite(reading.values))}
+
+
+def errors_of(scene: Scene, run: Trajectory, reference: Mapping[str, Reading]) -> Norms:
+    """Return the relative errors of a run over all samples, bodies or contacts, at the samples of the reference.
+
+    An error is inf where only one of the two has a value.
+    """
+    errors = {name: relative_to(reading, read(name, scene, run)) for name, reading in reference.items()}
+    return {(name, norm): error.reduced(norm) for name, error in errors.items() for norm in NORMS}
+
+
+def uncertainties_of(reference: Mapping[str, Reading]) -> Norms:
+    """Return the uncertainty of the reference as :func:`errors_of`: the size of an error below it is unknown."""
+    errors = {name: relative_to(reading, reading) for name, reading in reference.items()}
+    return {(name, norm): reduced(error.uncertainty, norm) for name, error in errors.items() for norm in NORMS}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timing:
+    """Times of several calls, s: ``wall`` and ``cpu``, the latter with the children that ended within the call."""
+
+    wall: tuple[float, ...]
+    cpu: tuple[float, ...]
+
+    def numbers(self) -> dict[str, Any]:
+        """Return least and median times; the least is what the work takes, what is above it was done for others."""
+        return {
+            "wall_min": min(self.wall),
+            "wall_median": statistics.median(self.wall),
+            "cpu_min": min(self.cpu),
+            "cpu_median": statistics.median(self.cpu),
+            "repeats": len(self.wall),
+        }
+
+
+def timed(call: Callable[[], Answer], *, repeats: int) -> tuple[Answer, Timing]:
+    """Return the last answer of ``call`` and what each call cost: up to ``repeats`` of them, fewer where they are long.
+
+    One at a time, with nothing before: whoever wants it warm calls it once before. Raises what ``call`` raises.
+    """
+    wall: list[float] = []
+    cpu: list[float] = []
+    while len(wall) < min(LEAST, repeats) or (len(wall) < repeats and sum(wall) < ENOUGH):
+        began, used = time.perf_counter(), _used()
+        answer = call()
+        wall.append(time.perf_counter() - began)
+        cpu.append(_used() - used)
+    return answer, Timing(wall=tuple(wall), cpu=tuple(cpu))
+
+
+def _used() -> float:
+    """Return the CPU time of this process, all threads, and of the children that it has waited for, s."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from textwrap import shorten
+from typing import TypeVar
 
 from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.studies.study import Study, Table
 from dem_bridge.studies.work_precision.curves import STYLES, WHOLE
 from dem_bridge.studies.work_precision.figures import ID, figures
 from dem_bridge.studies.work_precision.files import as_csv, as_netcdf
-from dem_bridge.studies.work_precision.pareto import cheapest
 from dem_bridge.studies.work_precision.runs import TEXTS, Measured, Point
 
+Setting = TypeVar("Setting")
 TARGETS = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8)
 #: errors that grow by more than this factor under refinement have passed their floor
 TURNING = 1.5
@@ -201,3 +202,19 @@ def _runs_table(measured: Measured) -> Table:
     ]
     heads = ("curve", "setting", "CPU, least (ms)", "wall, median (ms)", "force evaluations", *measured.observables)
     return TEXTS.table("runs", rows, columns=(*heads, "reason"))
+
+
+def cheapest(
+    settings: Iterable[Setting],
+    target: float,
+    *,
+    cost: Callable[[Setting], float],
+    error: Callable[[Setting], float],
+) -> Setting | None:
+    """Return the cheapest setting with an error of at most ``target``; None where there is none.
+
+    >>> cheapest([(1.0, 0.1), (3.0, 0.001), (2.0, 0.01)], 0.02, cost=lambda s: s[0], error=lambda s: s[1])
+    (2.0, 0.01)
+    """
+    enough = [setting for setting in settings if error(setting) <= target and math.isfinite(cost(setting))]
+    return min(enough, key=cost, default=None)

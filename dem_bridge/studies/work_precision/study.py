@@ -19,8 +19,7 @@ from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import Study
 from dem_bridge.studies.work_precision.curves import curves
-from dem_bridge.studies.work_precision.norms import readings_of, uncertainties_of
-from dem_bridge.studies.work_precision.runs import REFERENCE, Measured, Point, measured
+from dem_bridge.studies.work_precision.runs import REFERENCE, Measured, Point, measured, readings_of, uncertainties_of
 from dem_bridge.studies.work_precision.shown import shown
 
 #: s of wall time that one run may take

@@ -27,10 +27,17 @@ from dem_bridge.studies.study import Study
 from dem_bridge.studies.work_precision import curves as work_curves
 from dem_bridge.studies.work_precision import figures as work_figures
 from dem_bridge.studies.work_precision.curves import Curve, curves, steps
-from dem_bridge.studies.work_precision.norms import NORMS, errors_of, readings_of, uncertainties_of
-from dem_bridge.studies.work_precision.runs import Measured, Point, measured
+from dem_bridge.studies.work_precision.runs import (
+    NORMS,
+    Measured,
+    Point,
+    Timing,
+    errors_of,
+    measured,
+    readings_of,
+    uncertainties_of,
+)
 from dem_bridge.studies.work_precision.study import study_work_precision
-from dem_bridge.studies.work_precision.timed import Timing
 
 SCENE = Scene(
     name="four",

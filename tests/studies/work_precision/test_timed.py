@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from dem_bridge.studies.work_precision.timed import ENOUGH, Timing, timed
+from dem_bridge.studies.work_precision.runs import ENOUGH, Timing, timed
 
 
 @pytest.mark.parametrize(
@@ -24,7 +24,7 @@ def test_long_calls_are_made_twice_and_short_ones_as_often_as_asked(
             yield seconds  # and at its end
 
     ticks = clock()
-    monkeypatch.setattr("dem_bridge.studies.work_precision.timed.time.perf_counter", lambda: next(ticks))
+    monkeypatch.setattr("dem_bridge.studies.work_precision.runs.time.perf_counter", lambda: next(ticks))
     calls: list[int] = []
     answer, timing = timed(lambda: calls.append(1) or len(calls), repeats=repeats)  # type: ignore[func-returns-value]
     assert answer == made == len(timing.wall) == len(timing.cpu)
