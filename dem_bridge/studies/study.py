@@ -238,6 +238,7 @@ class Study:
 
     @property
     def exit_code(self) -> int:
+        """Exit code of the verdicts."""
         return exit_code(verdict.outcome for verdict in self.verdicts)
 
     def _repr_html_(self) -> str:

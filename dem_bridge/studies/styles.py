@@ -117,8 +117,8 @@ class Way:
     package: str = ""
     suffix: str = ""
     """What the pair style's name ends with, where it has such a variant."""
-    beside: Callable[[Base], Mapping[str, float]] = lambda base: {}
-    """What may differ beside round-off, relative, by quantity."""
+    changes: Callable[[Base], Mapping[str, float]] = lambda base: {}
+    """What may differ apart from round-off, relative, by quantity."""
 
 
 def _suffixed(name: str, suffix: str, package: str, *arguments: str, **more: Any) -> Way:
@@ -137,7 +137,7 @@ def _table(style: str) -> Way:
         name=f"table, {style}",
         deck=lambda base: base.of_tables(style),
         style="pair table",
-        beside=lambda base: base.table_error(style),
+        changes=lambda base: base.table_error(style),
     )
 
 
@@ -147,7 +147,7 @@ WAYS = (
     Way(name="granular"),
     Way(name="granular, types per body", deck=lambda base: base.of_types("per-body")),
     Way(name="granular, newton off", deck=lambda base: newton_off(base.deck)),
-    Way(name="granular, restart halfway", deck=lambda base: with_restart(base.deck), beside=Base.restart_error),
+    Way(name="granular, restart halfway", deck=lambda base: with_restart(base.deck), changes=Base.restart_error),
     Way(name="granular, fix wall/gran", deck=lambda base: flat_walls(base.deck, base.scene), style="fix wall/gran"),
     Way(name="granular, 2 ranks", engine=lambda engine: replace(engine, ranks=2)),
     _suffixed("granular", "opt", "OPT", "-sf", "opt"),
@@ -343,7 +343,7 @@ def _row(way: Way, base: Base) -> tuple[Trajectory, Row]:
     deck = way.deck(base)
     run = LammpsGranular(engine).run_written(base.scene, Written(deck=deck), time_limit=base.resolution.time_limit)
     differences = {name: difference(name, run, base.twin) for name in COLUMNS}
-    tolerances = tolerances_of(base, deck, way.beside(base))
+    tolerances = tolerances_of(base, deck, way.changes(base))
     outcomes = {
         judge_relative(differences[name].value, last_digit(deck.schedule), tolerances[name]) for name in COLUMNS
     }
@@ -361,11 +361,11 @@ def _row(way: Way, base: Base) -> tuple[Trajectory, Row]:
     )
 
 
-def tolerances_of(base: Base, deck: Deck, companion: Mapping[str, float]) -> dict[str, float]:
+def tolerances_of(base: Base, deck: Deck, changes: Mapping[str, float]) -> dict[str, float]:
     """Return the permissible relative difference of a deck's run from the twin, by quantity.
 
     It is the round-off of a code that keeps positions of bodies with the deck's radii, and the further amount
-    ``beside``.
+    ``changes``.
     """
     plan, floor = deck.schedule, base.floor(deck)
     eps, digit = float(np.finfo(float).eps), last_digit(plan)
@@ -378,7 +378,7 @@ def tolerances_of(base: Base, deck: Deck, companion: Mapping[str, float]) -> dic
         "peak_force": eps * sums / (SMALLEST_SCALE * largest) if largest > 0.0 else 0.0,
     }
     return {
-        name: REALISATIONS * (floor[name] + digit) + more.get(name, 0.0) + companion.get(name, 0.0) for name in COLUMNS
+        name: REALISATIONS * (floor[name] + digit) + more.get(name, 0.0) + changes.get(name, 0.0) for name in COLUMNS
     }
 
 

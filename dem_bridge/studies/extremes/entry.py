@@ -91,26 +91,27 @@ def expectation(entry: Entry, name: str) -> Expected:
 
 
 def refused(because: str) -> Expected:
+    """Return the expectation that a scene is refused, with a part of the reason."""
     return Expected(Word.REFUSED, because)
 
 
 def theories_refuse(because: str, **more: Expected) -> dict[str, Expected]:
-    """Expectations of a scene that is no single pulse into a touching chain at rest."""
+    """Return the expectations of a scene that is no single pulse into a touching chain at rest."""
     return {THEORY: refused(because), **more}
 
 
 def checked(entries: Sequence[Entry]) -> Mapping[str, Entry]:
     """Return the entries by name. Raises ValueError for equal names, and for expectations or settings of no backend."""
-    known_values = {*BACKENDS, THEORY, VERLET, FIXED_STEP, ENGINE, HERTZ}
+    kinds_and_names = {*BACKENDS, THEORY, VERLET, FIXED_STEP, ENGINE, HERTZ}
     results: dict[str, Entry] = {}
     for entry in entries:
         if entry.name in results:
             raise ValueError(f"two entries are called {entry.name}")
-        if stray := ({*entry.expected} - known_values) | (
+        if stray := ({*entry.expected} - kinds_and_names) | (
             {*entry.settings, *entry.left_out, *entry.instead} - {*BACKENDS}
         ):
             raise ValueError(
-                f"{entry.name}: {min(stray)!r} is no backend and no kind; allowed: {', '.join(sorted(known_values))}"
+                f"{entry.name}: {min(stray)!r} is no backend and no kind; allowed: {', '.join(sorted(kinds_and_names))}"
             )
         results[entry.name] = entry
     return MappingProxyType(results)

@@ -54,13 +54,14 @@ class Expected:
 
     word: Word
     because: str = ""
-    """A part of the reason, where the answer is a refusal."""
+    """A part of the reason, where the scene is refused."""
     otherwise: Word | None = None
 
     def fits(self, word: Word, reason: str) -> bool:
+        """Return whether a finding is the expected one."""
         if word not in (self.word, self.otherwise):
             return False
-        # one clear line is part of a refusal
+        # a scene is refused in one clear line
         return word is not Word.REFUSED or (bool(reason) and "\n" not in reason and self.because in reason)
 
     def __str__(self) -> str:

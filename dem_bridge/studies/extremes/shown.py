@@ -72,8 +72,8 @@ def answer(rows: Sequence[Row]) -> tuple[str, ...]:
         sentences.append(TEXTS("vague", named=_named(vague)))
     if without := sum(bool(row.finding.unsaid) for row in judged):
         sentences.append(TEXTS("without", count=without))
-    named = f"; not so: {_named(failed)}" if failed else ""
-    return (*sentences, TEXTS("expected", passed=len(rows) - len(failed), count=len(rows), failed=named))
+    exceptions = f"; not so: {_named(failed)}" if failed else ""
+    return (*sentences, TEXTS("expected", passed=len(rows) - len(failed), count=len(rows), failed=exceptions))
 
 
 def _with(word: Word, rows: Sequence[Row]) -> list[Row]:

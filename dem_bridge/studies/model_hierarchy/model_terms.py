@@ -7,7 +7,7 @@ what a scene has can be left out. Both the error budget of the paper and the lad
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial
 from types import MappingProxyType
 from typing import Any, Literal
@@ -89,7 +89,7 @@ def with_exponent(scene: Scene, exponent: tuple[float, ...], anchor: float) -> S
 
 
 def angles_soften(scene: Scene, anchor: float) -> Scene:
-    """n from 2.5 at 90 degrees to 2.2 at the smallest angle, linear in the angle: the paper's own suspicion."""
+    """Let n fall from 2.5 at 90 degrees to 2.2 at the smallest angle, linear in the angle, as the paper suspects."""
     angle = np.array([90.0 if a is None else a for a in geometry_of(scene).angle])
     low = float(angle.min())
     return with_exponent(scene, tuple(float(f"{n:.6g}") for n in 2.2 + 0.3 * (angle - low) / (90.0 - low)), anchor)
@@ -101,7 +101,7 @@ def weighing(scene: Scene) -> Scene:
 
 
 def on_base(scene: Scene) -> Scene:
-    """A rigid base behind the last body, as stiff as the last contact; where there is a wall already, that."""
+    """Add a rigid base behind the last body, as stiff as the last contact, where there is no wall yet."""
     if scene.wall_right is not None:
         return scene
     last = len(scene.stiffness) - 1
@@ -119,15 +119,12 @@ def _walled(scene: Scene, side: str, wall: Wall | None) -> Scene:
     Entries per contact follow; those of a new wall are the last contact's.
     """
     links = len(scene.stiffness)
+    before = [place for place in SIDES if getattr(scene, place) is not None]
+    after = [place for place in SIDES if (wall if place == side else getattr(scene, place)) is not None]
+    places = [*range(links), *(links + before.index(place) if place in before else links - 1 for place in after)]
 
     def fitted(values: Any) -> tuple[Any, ...]:
-        rest = iter(values[links:])
-        of_walls = {one: next(rest) for one in SIDES if getattr(scene, one) is not None}
-        if wall is None:
-            of_walls.pop(side, None)
-        else:
-            of_walls[side] = values[links - 1]
-        return (*values[:links], *(of_walls[one] for one in SIDES if one in of_walls))
+        return tuple(values[place] for place in places)
 
     damping = scene.damping
     changes: dict[str, Any] = {side: wall}
@@ -151,7 +148,7 @@ def _pressed(scene: Scene) -> bool:
 
 
 def _stands(scene: Scene) -> str:
-    """The wall that bears the weight of a chain in equilibrium; '' where none does."""
+    """Return the wall that bears the weight of a chain in equilibrium; '' where none does."""
     side = SIDES[scene.gravity > 0.0]
     return side if scene.gravity != 0.0 and scene.precompression > 0.0 and getattr(scene, side) is not None else ""
 
@@ -164,7 +161,7 @@ def _hertzian(scene: Scene) -> Scene:
     overlap = prescan_scene(scene).peak_overlap
     deepest = float(np.max(overlap, initial=0.0)) or 1e-6  # a scene at rest has no scale
     overlap = np.where(overlap > 0.0, overlap, deepest)
-    beta = [rounded(one) for one in (c.force(overlap, np.arange(len(overlap))) / overlap ** (HERTZ - 1.0)).tolist()]
+    beta = list(map(rounded, (c.force(overlap, np.arange(len(overlap))) / overlap ** (HERTZ - 1.0)).tolist()))
     links = len(scene.stiffness)
     walls = [side for side in SIDES if getattr(scene, side) is not None]
     changed = {
@@ -177,13 +174,14 @@ def _hertzian(scene: Scene) -> Scene:
 # switches
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class ModelTerm:
     """A piece of physics of one scene: what the scene is with it, and without."""
 
     id: str
     what: str
     """What is left out, and what takes its place."""
+    _: KW_ONLY
     off: Change = _as_it_is
     on: Change = _as_it_is
     """One of the two leaves the scene as it is: it has the piece, or its geometry tells of it."""
@@ -228,72 +226,62 @@ def model_terms_of(scene: Scene, *, add: bool = True, dashpot: float = DASHPOT) 
     where the size of the ``dashpot`` (N s/m) is supposed. Without: what the scene has and may do without.
     A switch that changes nothing is not there.
     """
-    told = tuple(_told(scene, dashpot)) if add and crossed(scene) else ()
-    known = {one.id for one in told}
-    found = {one.id: one for one in (*told, *(one for one in _own(scene) if one.id not in known))}
-    model_terms = tuple(found[id] for id in PIECES if id in found)
+    added = _from_geometry(scene, dashpot) if add and crossed(scene) else ()
+    terms = {term.id: term for term in (*_own(scene), *added)}
+    model_terms = tuple(terms[id] for id in PIECES if id in terms)
 
-    def does(one: ModelTerm) -> bool:
-        held = frozenset(other.id for other in model_terms if one.id in needs(scene, model_terms, other))
-        return model(scene, model_terms, held).content_hash != model(scene, model_terms, held | {one.id}).content_hash
+    def does(term: ModelTerm) -> bool:
+        held = frozenset(other.id for other in model_terms if term.id in needs(scene, model_terms, other))
+        with_it, without = (model(scene, model_terms, ids) for ids in (held, held | {term.id}))
+        return with_it.content_hash != without.content_hash
 
     return tuple(filter(does, model_terms))
 
 
-def needs(scene: Scene, model_terms: Sequence[ModelTerm], one: ModelTerm) -> frozenset[str]:
-    """Ids of what must be there for ``one`` to be: a chain that bears its weight needs what it stands on."""
-    if one.id != "gravity":
+def needs(scene: Scene, model_terms: Sequence[ModelTerm], term: ModelTerm) -> frozenset[str]:
+    """Return the ids of the terms that a term needs: a chain that bears its weight needs what it stands on."""
+    if term.id != "gravity":
         return frozenset()
     side = _stands(model(scene, model_terms))
     return frozenset({"base" if side == "wall_right" else "wall"} if side else ())
 
 
 def model(scene: Scene, model_terms: Sequence[ModelTerm], without: frozenset[str] = frozenset()) -> Scene:
-    """The scene with all switches on, but for those ``without``."""
-    made = scene
-    for one in model_terms:
-        made = (one.off if one.id in without else one.on)(made)
-    parts = [f"no-{one.id}" for one in model_terms if one.id in without]
-    return replace(made, name=".".join([scene.name, *(parts or ["fullest"])])[:100])
+    """Return the scene with all switches on, but for those ``without``."""
+    changed = scene
+    for term in model_terms:
+        changed = (term.off if term.id in without else term.on)(changed)
+    parts = [f"no-{term.id}" for term in model_terms if term.id in without]
+    return replace(changed, name=".".join([scene.name, *(parts or ["fullest"])])[:100])
 
 
-def _told(scene: Scene, dashpot: float) -> Iterator[ModelTerm]:
+def _from_geometry(scene: Scene, dashpot: float) -> Iterator[ModelTerm]:
     """Yield the model terms that follow from the geometry of an upright chain of crossed cylinders."""
-    geometry = geometry_of(scene)
-    exact = geometry.law == "exact"
+    geometry, by_sphere = geometry_of(scene), geometry_of(scene).angle[0] is None
     if hertzian(scene):
-        yield ModelTerm(
-            id="stiffness-law",
-            what="the exact Hertz law between cylinders (eq. 3.1's approximation in its place)",
-            on=_as_it_is if exact else partial(by_law, law="exact"),
-            off=partial(by_law, law="paper") if exact else _as_it_is,
+        what = "the exact Hertz law between cylinders (eq. 3.1's approximation in its place)"
+        exact = geometry.law == "exact"
+        switch: dict[str, Any] = (
+            {"off": partial(by_law, law="paper")} if exact else {"on": partial(by_law, law="exact")}
         )
-    if geometry.angle[0] is None and hertzian(scene):
+        yield ModelTerm("stiffness-law", what, **switch)
+    if by_sphere and hertzian(scene):
         stiffness = hertz_stiffness(scene)[0]
-        yield ModelTerm(
-            id="striker-stiffness",
-            what=f"the striker's exact stiffness, {stiffness:.4g} N/m^1.5 ({scene.stiffness[0]:.4g} in its place)",
-            on=lambda s: replace(s, stiffness=(stiffness, *s.stiffness[1:])),
-        )
-    if geometry.angle[0] is None:
+        what = f"the striker's exact stiffness, {stiffness:.4g} N/m^1.5 ({scene.stiffness[0]:.4g} in its place)"
+        yield ModelTerm("striker-stiffness", what, on=lambda s: replace(s, stiffness=(stiffness, *s.stiffness[1:])))
+    if by_sphere:
         mass = rounded(geometry.bodies[0].mass)
-        yield ModelTerm(
-            id="striker-mass",
-            what=f"the true mass of the striker, {1e3 * mass:.3g} g ({1e3 * scene.mass[0]:.3g} g in its place)",
-            on=lambda s: replace(s, mass=(mass, *s.mass[1:])),
-        )
+        what = f"the true mass of the striker, {1e3 * mass:.3g} g ({1e3 * scene.mass[0]:.3g} g in its place)"
+        yield ModelTerm("striker-mass", what, on=lambda s: replace(s, mass=(mass, *s.mass[1:])))
     if not scene.damped:
-        yield ModelTerm(
-            id="damping",
-            what=f"dissipation in contacts, a dashpot of {dashpot:g} N s/m",
-            on=lambda s: replace(s, damping=Damping(law="dashpot", coefficient=dashpot)),
-            supposed=True,
-        )
+        dashpots = Damping(law="dashpot", coefficient=dashpot)
+        what = f"dissipation in contacts, a dashpot of {dashpot:g} N s/m"
+        yield ModelTerm("damping", what, on=lambda s: replace(s, damping=dashpots), supposed=True)
     if scene.wall_right is None:
-        yield ModelTerm(id="base", what="the base behind the last body (a free end in its place)", on=on_base)
+        yield ModelTerm("base", "the base behind the last body (a free end in its place)", on=on_base)
     # a chain with gaps does not stand in touch
     if scene.gravity == 0.0 and not np.any(scene.contacts.gap > 0.0):
-        yield ModelTerm(id="gravity", what="gravity: the static compression by the chain's own weight", on=weighing)
+        yield ModelTerm("gravity", "gravity: the static compression by the chain's own weight", on=weighing)
 
 
 def _own(scene: Scene) -> Iterator[ModelTerm]:
@@ -301,17 +289,16 @@ def _own(scene: Scene) -> Iterator[ModelTerm]:
 
     Its drive is not among them, because without it there may be no wave.
     """
-    yield ModelTerm(id="force-law", what="forces that are no Hertz power (n = 5/2 in its place)", off=_hertzian)
-    yield ModelTerm(id="gaps", what="gaps and overlaps at the start", off=lambda s: replace(s, gap=0.0))
-    yield ModelTerm(id="drag", what=f"drag of {scene.drag:g} 1/s", off=lambda s: replace(s, drag=0.0))
-    damping = scene.damping
-    kind = f"{damping.law}" if damping is not None else ""
-    yield ModelTerm(id="damping", what=f"dissipation in contacts ({kind})", off=lambda s: replace(s, damping=None))
-    yield ModelTerm(id="wall", what="the wall before the first body", off=partial(_walled, side="wall_left", wall=None))
-    yield ModelTerm(id="base", what="the wall behind the last body", off=partial(_walled, side="wall_right", wall=None))
-    yield ModelTerm(id="gravity", what=f"gravity of {scene.gravity:g} m/s^2", off=_weightless)
-    yield ModelTerm(
-        id="precompression",
-        what=f"precompression of {scene.precompression:g} N",
-        off=lambda s: replace(s, precompression=BARELY if _stands(s) else 0.0) if _pressed(s) else s,
-    )
+
+    def unpressed(scene: Scene) -> Scene:
+        return replace(scene, precompression=BARELY if _stands(scene) else 0.0) if _pressed(scene) else scene
+
+    kind = scene.damping.law if scene.damping is not None else ""
+    yield ModelTerm("force-law", "forces that are no Hertz power (n = 5/2 in its place)", off=_hertzian)
+    yield ModelTerm("gaps", "gaps and overlaps at the start", off=lambda s: replace(s, gap=0.0))
+    yield ModelTerm("drag", f"drag of {scene.drag:g} 1/s", off=lambda s: replace(s, drag=0.0))
+    yield ModelTerm("damping", f"dissipation in contacts ({kind})", off=lambda s: replace(s, damping=None))
+    yield ModelTerm("wall", "the wall before the first body", off=partial(_walled, side="wall_left", wall=None))
+    yield ModelTerm("base", "the wall behind the last body", off=partial(_walled, side="wall_right", wall=None))
+    yield ModelTerm("gravity", f"gravity of {scene.gravity:g} m/s^2", off=_weightless)
+    yield ModelTerm("precompression", f"precompression of {scene.precompression:g} N", off=unpressed)

@@ -69,13 +69,13 @@ class ModelHierarchy:
         return tuple(dict.fromkeys((*JUDGED[self.window], "velocity", *self.observables)))
 
     def model(self, without: Pieces = frozenset()) -> Scene:
-        """The fullest model but for these pieces; with what they bear, for that cannot be without them."""
+        """Return the fullest model but for these pieces, and for what they bear, which cannot be without them."""
         for id in without:
             without |= self.bears[id]
         return replace(model(self.scene, self.model_terms, without), duration=self.duration)
 
     def case(self, scene: Scene, backend: str = REFERENCE, resolution: Resolution | None = None) -> Case:
-        """A run of a model; by default the reference's, with bars."""
+        """Return the case of a model; by default that of the reference, with its uncertainty."""
         if resolution is None:
             resolution = Resolution(rtol=min(1e-8, max(3e-14, RTOL * self.accuracy)))
         return Case(scene=scene, backend=backend, resolution=resolution, sampling=Sampling(count=self.samples))
@@ -89,7 +89,7 @@ class ModelHierarchy:
         return self.bears[term.id], self.bears[term.id] | {term.id}
 
     def cases(self) -> list[Case]:
-        """The fullest model, and every other that :meth:`alone` asks for."""
+        """List the cases of the fullest model, and of every other that :meth:`alone` needs."""
         models = [frozenset[str](), *(without for term in self.model_terms for without in self.alone(term))]
         return [self.case(self.model(without)) for without in dict.fromkeys(models)]
 
@@ -192,6 +192,7 @@ class Bench:
         self.until = math.inf
 
     def run(self, cases: Sequence[Case]) -> tuple[Result, ...]:
+        """Run cases."""
         return run_cases(cases, jobs=self._jobs, progress=self._progress, store=self._store)
 
     def take(self, results: Sequence[Result]) -> None:

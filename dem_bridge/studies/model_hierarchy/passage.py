@@ -37,8 +37,8 @@ ENDING = 2
 
 def checked_observables(names: object) -> tuple[str, ...]:
     """Return the names of registered observables, each once; UsageError for anything else."""
-    named = isinstance(names, Collection) and not isinstance(names, str) and len(names) > 0
-    if not named or not set(names) <= set(OBSERVABLES):  # type: ignore[call-overload]
+    several = isinstance(names, Collection) and not isinstance(names, str) and len(names) > 0
+    if not several or not set(names) <= set(OBSERVABLES):  # type: ignore[call-overload]
         raise UsageError(f"observables = {names!r}; allowed: a list of {', '.join(OBSERVABLES)}")
     return tuple(dict.fromkeys(names))  # type: ignore[call-overload]
 
@@ -124,7 +124,7 @@ def effects(full: Readings, other: Readings, *, one_sided: bool = False) -> dict
     return {name: effect(reading, other[name], one_sided=one_sided) for name, reading in full.items()}
 
 
-def decided(found: Effects, observables: Sequence[str], accuracy: float) -> Outcome:
+def decided(changes: Effects, observables: Sequence[str], accuracy: float) -> Outcome:
     """Decide whether the changes of all ``observables`` that exist stay within ``accuracy``.
 
     PASS: they do; FAIL: one does not; UNDECIDED: an uncertainty leaves it open.
@@ -137,12 +137,12 @@ def decided(found: Effects, observables: Sequence[str], accuracy: float) -> Outc
     ['PASS', 'UNDECIDED']
 
     """
-    changes = (found[name] for name in observables if found[name].exists)
-    outcomes = {judge(abs(change.value), change.uncertainty, accuracy) for change in changes}
+    effects_there = (changes[name] for name in observables if changes[name].exists)
+    outcomes = {judge(abs(change.value), change.uncertainty, accuracy) for change in effects_there}
     return next((outcome for outcome in (Outcome.FAIL, Outcome.UNDECIDED) if outcome in outcomes), Outcome.PASS)
 
 
-def largest(found: Effects, observables: Sequence[str]) -> tuple[str, Effect]:
+def largest(changes: Effects, observables: Sequence[str]) -> tuple[str, Effect]:
     """Return the name of the observable that changes most, and its effect."""
-    name = max((name for name in observables if found[name].exists), key=lambda name: abs(found[name].value))
-    return name, found[name]
+    name = max((name for name in observables if changes[name].exists), key=lambda name: abs(changes[name].value))
+    return name, changes[name]

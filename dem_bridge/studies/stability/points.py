@@ -179,7 +179,7 @@ def point_of(
         own_limit, _ = stable_step(engine, result.scene, scale=result.scale, allowed=allowed, phases=(phase,), **search)
         limit = own_limit.good
     coarse, fine = (
-        accurate_step(twin, result.scene, result.truth, stable=stable.good, wanted=accuracy).good
+        accurate_step(twin, result.scene, result.truth, stable=stable.good, accuracy=accuracy).good
         for accuracy in ACCURACIES
     )
     rayleigh = rayleigh_time_of(result.scene)

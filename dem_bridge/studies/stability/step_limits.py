@@ -62,7 +62,7 @@ def largest_step(
     guard: float = GUARD,
     finest: float = FINEST,
 ) -> Limit:
-    """The largest step (s) below which all are good, looked for downwards from ``start``.
+    """Search the largest step (s) below which all are good, downwards from ``start``.
 
     Steps are tried ``ratio`` apart until all over a factor ``guard`` are good, then the limit is bisected to
     ``finest``. Where ``start`` and all below are good, it is looked for upwards. RunBroken after 400 steps.
@@ -103,13 +103,13 @@ def largest_step(
 
 
 def twin(scene: Scene, dt: float) -> Trajectory:
-    """The twin, without a look between the samples: peaks and crossings of such a run are worth nothing."""
+    """Run the twin without searching between the samples: peaks and crossings of such a run are not accurate."""
     per_sample = round(scene.duration / scene.samples / dt)
     return solve_plan(scene, Schedule(step=dt, per_sample=per_sample, subdivisions=1, samples=scene.samples))
 
 
 def lammps(name: str, engine: Engine | None, *, radius: float) -> Stepper:
-    """The backend of that name; ``radius`` (m) of its bodies, far above all overlaps."""
+    """Return the backend of that name as a stepper; ``radius`` (m) of its bodies, far above all overlaps."""
     chosen = backend(name, engine)
 
     def run(scene: Scene, dt: float) -> Trajectory:
@@ -143,7 +143,7 @@ def at_step(scene: Scene, dt: float, phase: float = 0.0, *, samples: int | None 
 
 
 def energies(scene: Scene, run: Trajectory) -> tuple[Floats, Floats]:
-    """Kinetic and total energy, J, ``(n_t,)`` both; without walls in the frame of the centre of mass."""
+    """Return kinetic and total energy, J, ``(n_t,)`` both; without walls in the frame of the centre of mass."""
     kinetic, stored, potential = energy_parts(scene, run)
     if scene.wall_left is None and scene.wall_right is None:
         kinetic = kinetic - momentum(scene, run) ** 2 / (2.0 * sum(scene.mass))
@@ -152,7 +152,7 @@ def energies(scene: Scene, run: Trajectory) -> tuple[Floats, Floats]:
 
 
 def in_motion(scene: Scene, truth: Trajectory) -> float:
-    """Largest kinetic energy, J; UsageError where nothing moves."""
+    """Return the largest kinetic energy, J; UsageError where nothing moves."""
     most = float(np.max(energies(scene, truth)[0]))
     if not most > 0.0:
         raise UsageError(f"nothing moves in {scene.name}, so no step is too large; allowed: a scene with an impact")
@@ -187,7 +187,7 @@ def stable_step(
     ratio: float = RATIO,
     guard: float = GUARD,
 ) -> tuple[Limit, float]:
-    """The largest stable step below which all are, and the phase that decides just above it.
+    """Search the largest stable step below which all are stable, and the phase that decides just above it.
 
     ``start`` (s): where to begin; ``scale`` (J): the energy in motion; ``allowed``: gain over that; ``phases``: of the
     first touch (None: :data:`PHASES` where the scene is struck).
@@ -223,8 +223,8 @@ def velocity_error(stepper: Stepper, scene: Scene, truth: Trajectory, dt: float,
     return away if math.isfinite(away) else math.inf
 
 
-def accurate_step(stepper: Stepper, scene: Scene, truth: Trajectory, *, stable: float, wanted: float) -> Limit:
-    """Return the largest step (s) below which all steps have velocity errors of at most ``wanted``.
+def accurate_step(stepper: Stepper, scene: Scene, truth: Trajectory, *, stable: float, accuracy: float) -> Limit:
+    """Return the largest step (s) below which all steps have velocity errors of at most ``accuracy``.
 
     The search begins at three times the step that second order predicts from the error at a quarter of ``stable`` (s),
     the largest stable step.
@@ -232,7 +232,7 @@ def accurate_step(stepper: Stepper, scene: Scene, truth: Trajectory, *, stable: 
     phases = PHASES[::3] if struck(scene) else (0.0,)
 
     def is_good(dt: float) -> bool:
-        return all(velocity_error(stepper, scene, truth, dt, phase) <= wanted for phase in phases)
+        return all(velocity_error(stepper, scene, truth, dt, phase) <= accuracy for phase in phases)
 
     seen = velocity_error(stepper, scene, truth, 0.25 * stable)
-    return largest_step(is_good, min(stable, 0.75 * stable * math.sqrt(wanted / seen)))
+    return largest_step(is_good, min(stable, 0.75 * stable * math.sqrt(accuracy / seen)))

@@ -37,8 +37,8 @@ def as_frame(measured: Measured) -> DataFrame:
         texts = (measured.scene.name, curve.backend, curve.name, curve.knob, point.value, settings)
         numbers = [float(getattr(point, name)) for name in TEXTS.data["columns"]]
         for (name, norm), bar in measured.uncertainty.items():
-            known = "" if not point.ran else "yes" if measured.known(point, name, norm) else "no"
-            rows.append((*texts, *numbers, name, norm, point.error(name, norm), bar, known, point.reason))
+            above = "" if not point.ran else "yes" if measured.known(point, name, norm) else "no"
+            rows.append((*texts, *numbers, name, norm, point.error(name, norm), bar, above, point.reason))
     # as objects, so that a whole number is written as one
     return DataFrame(rows, columns=columns, dtype=object)
 

@@ -147,7 +147,7 @@ def test_an_error_is_told_from_none_and_from_another(pair: Measured) -> None:
 
 
 def test_accuracy_follows_second_order(pair: Measured) -> None:
-    limits = [accurate_step(twin, PAIR, pair.truth, stable=1.7 / pair.mode, wanted=a).good for a in (1e-3, 1e-5)]
+    limits = [accurate_step(twin, PAIR, pair.truth, stable=1.7 / pair.mode, accuracy=a).good for a in (1e-3, 1e-5)]
     # errors go up and down by tens of a per cent with the phase of the touch
     assert math.log10(limits[0] / limits[1]) == pytest.approx(1.0, abs=0.1)
 
