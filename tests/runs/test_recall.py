@@ -43,14 +43,19 @@ VALUE = {
 }
 
 
+def _exact(value: object) -> str:
+    """Return a value as text, with all digits of all numbers of its arrays."""
+    with np.printoptions(floatmode="unique", threshold=sys.maxsize):
+        return repr(value)
+
+
 def test_all_plain_data_comes_back_to_the_last_digit(tmp_path: Path) -> None:
     compute = Mock(return_value=VALUE)
     first, second = (recall(Store(tmp_path), "value", ["key"], compute) for _ in range(2))
     compute.assert_called_once()
     assert first is VALUE
     for name, value in VALUE.items():
-        with np.printoptions(floatmode="unique", threshold=sys.maxsize):
-            assert repr(second[name]) == repr(value), name
+        assert _exact(second[name]) == _exact(value), name
         assert type(second[name]) is type(value)
     assert second["verdicts"][0].outcome is Outcome.PASS
 
@@ -151,6 +156,6 @@ def test_a_prescan_is_made_once_for_all_processes(tmp_path: Path, monkeypatch: p
     recalled.clear()  # another process
     monkeypatch.setattr(tabled, "prescan_hertz", Mock(side_effect=AssertionError("made again")))
     recall_prescan(Store(tmp_path), SCENE)
-    assert b"".join(_bytes(prescan_scene(replace(SCENE, name="other")))) == b"".join(_bytes(made))
+    assert _exact(prescan_scene(replace(SCENE, name="other"))) == _exact(made)
     with pytest.raises(AssertionError, match="made again"):
         prescan_scene(replace(SCENE, mass=(8e-3, 2e-2)))
