@@ -15,8 +15,8 @@ from dem_bridge.stopwatch import cpu_time, credit
 class Kernel:
     """A function that numba compiles, or loads from its cache, when it is first called.
 
-    numba takes half a second of CPU to import and to prepare for its first kernel: a process that runs none, and one
-    that has other things to start before, do without.
+    numba takes half a second of CPU to import and to prepare for its first kernel. It is therefore imported with the
+    first call, which some processes never make and others make after they have started an engine.
     """
 
     def __init__(self, function: Callable[..., Any], nogil: bool) -> None:
@@ -25,14 +25,14 @@ class Kernel:
 
     @cached_property
     def compiled(self) -> Any:
-        """What numba makes of the function; loops that call it a hundred thousand times call this."""
+        """The function as numba compiles it; a loop of a hundred thousand calls calls this directly."""
         from numba import njit
 
         return njit(cache=True, nogil=self.nogil)(self.py_func)
 
     @property
     def _numba_type_(self) -> Any:
-        """How numba finds the type of a kernel that another one calls."""
+        """Type of the compiled function, which numba needs where one kernel calls another."""
         return self.compiled._numba_type_
 
     def __call__(self, *arguments: Any) -> Any:
@@ -43,8 +43,8 @@ class Kernel:
 def kernel(*, nogil: bool = True) -> Callable[[Callable[..., Any]], Kernel]:
     """Return a decorator that makes a :class:`Kernel` of a function of numbers and arrays.
 
-    ``nogil``: it releases the interpreter lock; False for what takes microseconds, as a thread that has released the
-    lock may wait 5 ms for it.
+    With ``nogil`` the kernel releases the interpreter lock. A kernel that takes microseconds should keep it, because a
+    thread that has released the lock may wait 5 ms for it.
 
     Examples
     --------

@@ -85,11 +85,11 @@ class Support:
             object.__setattr__(self, "exponents", HERTZ)
 
     def covers(self, scene: Scene) -> bool:
-        """Return whether the scene has nothing but what is supported."""
+        """Return True if the scene has supported features only."""
         return self.unsupported_reason(scene) is None
 
     def unsupported_reason(self, scene: Scene) -> str | None:
-        """Return in one line why the scene is not supported and what is; None if it is supported."""
+        """Return the reason why the scene is not supported, in one line; None if it is supported."""
         problems, allowed = [], []
         # exponents are named with their contact below
         missing = scene.features - self.features - {OTHER_EXPONENTS}

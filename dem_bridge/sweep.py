@@ -1,7 +1,7 @@
 """Many runs as one long table: a row for each case and observable, or for each of its bodies or contacts.
 
-A question that is a list of runs is answered by views of such a table. A question that chooses its next run by the last
-one is a search, and no sweep.
+Studies that consist of a list of runs read such a table. A study that chooses its next run by the result of the last
+one is a search and does not use it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def sweep(
     progress: Progress | None = None,
     store: Store | None = None,
 ) -> pd.DataFrame:
-    """Run cases and return what they have of some observables as one long table.
+    """Run cases and return their values of some observables as one long table.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def table_of(
     *,
     places: bool = False,
 ) -> pd.DataFrame:
-    """Return the table of results that are there already, each with that of its reference.
+    """Return the table of results that exist already, each compared with the result of its reference.
 
     Returns
     -------
@@ -100,16 +100,16 @@ def table_of(
     """
     import pandas as pd
 
-    chosen = [observable_named(one) if isinstance(one, str) else one for one in observables]
-    known: dict[tuple[int, str], Reading] = {}  # most cases share their reference
+    chosen = [observable_named(name) if isinstance(name, str) else name for name in observables]
+    readings: dict[tuple[int, str], Reading] = {}  # most cases share their reference
 
     def reading(result: Result | None, observable: Observable) -> Reading | None:
         if result is None or result.trajectory is None:
             return None
         key = (id(result.trajectory), observable.name)
-        if key not in known:
-            known[key] = read(observable, result.case.scene, result.trajectory)
-        return known[key]
+        if key not in readings:
+            readings[key] = read(observable, result.case.scene, result.trajectory)
+        return readings[key]
 
     rows = [
         (*_case(number, result)[:4], observable.name, *numbers, *_case(number, result)[4:])

@@ -32,7 +32,7 @@ QUANTITIES = (*SAMPLED, *PER_CONTACT)
 SMALLEST_SCALE = 1e-3
 Floats = NDArray[np.float64]
 
-#: quantity -> (unit, what it is, dimensions); the vocabulary of every backend, file and table
+#: quantity -> (unit, description, dimensions), for every backend, file and table
 VOCABULARY: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
     {
         "displacement": ("m", "displacement from the start", ("time", "body")),
@@ -67,7 +67,7 @@ FREE = Cost(wall=0.0, cpu=0.0, steps=0, force_evaluations=0)
 
 
 class _ReadOnly:
-    """Base of dataclasses with read-only arrays and mappings, which pickles plain ones and checks them again."""
+    """Base of dataclasses whose arrays and mappings are read-only, also after pickling."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         parts = {each.name: getattr(self, each.name) for each in fields(cast(Any, self))}
@@ -146,7 +146,7 @@ class Uncertainty(_ReadOnly, Mapping[str, Any]):
         return replace(self, **values)
 
     def as_json(self) -> dict[str, Any]:
-        """Return all parts but the four quantities, JSON-able; a number that is not finite becomes null."""
+        """Return all parts except the four quantities as JSON types; a number that is not finite becomes null."""
         floor = self.roundoff_floor
         return {
             "parts": dict(self.parts),
@@ -157,7 +157,7 @@ class Uncertainty(_ReadOnly, Mapping[str, Any]):
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any], about: Mapping[str, Any]) -> Uncertainty:
-        """Return the uncertainty of four ``values`` and what :meth:`as_json` wrote ``about`` them."""
+        """Return the uncertainty with four ``values``, and the parts ``about`` them that :meth:`as_json` returned."""
         floor = about["roundoff_floor"]
         return cls(
             **{name: values[name] for name in QUANTITIES},
@@ -176,12 +176,33 @@ UNKNOWN = Uncertainty(velocity=math.inf, displacement=math.inf, peak_force=math.
 class Trajectory(_ReadOnly):
     """The motion of every body and the force of every contact, with uncertainty, cost and provenance.
 
-    Arrays are float64 and read-only. ``time (n_t,)`` in s starts at 0; ``displacement`` (m) and ``velocity`` (m/s) are
-    ``(n_t, n_body)``; ``contact_force`` (N) is ``(n_t, n_contact)`` with columns as in :attr:`Scene.contacts`.
-    ``peak_force`` (N) and ``crossing_time`` (s), ``(n_contact,)``, have the accuracy of the run, not that of the
-    sample spacing.
+    Arrays are float64 and read-only; their columns of contacts are in the order of :attr:`Scene.contacts`.
 
-    ``uncertainty``: the estimated error of each quantity, see :class:`Uncertainty`; inf where no estimate exists.
+    Parameters
+    ----------
+    time : ndarray, shape (n_t,)
+        Times of the samples, s, from 0.
+    displacement, velocity : ndarray, shape (n_t, n_body)
+        Displacements from the start, m, and velocities, m/s.
+    contact_force : ndarray, shape (n_t, n_contact)
+        Compressive forces, N.
+    peak_force, crossing_time : ndarray, shape (n_contact,)
+        Largest force, N, and time of first maximal compression, s (nan: never). They have the accuracy of the run, not
+        that of the sample spacing.
+    uncertainty : Uncertainty
+        Estimated error of each quantity; inf where no estimate exists.
+    cost : Cost
+        Times, steps and force evaluations of the run.
+    provenance : mapping
+        Versions, settings and hashes of the run.
+
+    Examples
+    --------
+    >>> import dem_bridge as db
+    >>> pair = db.Scene(name="pair", duration=1e-4, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=4)
+    >>> run = db.solve(pair, backend="scipy")
+    >>> run.velocity.shape, f"{run.peak_force[0]:.1f} N"
+    ((5, 2), '259.3 N')
     """
 
     time: Floats
@@ -256,7 +277,13 @@ class Trajectory(_ReadOnly):
         )
 
     def save(self, path: str | Path) -> None:
-        """Write netCDF-4; the file appears complete or not at all."""
+        """Write a netCDF-4 file, which appears complete or not at all.
+
+        Raises
+        ------
+        UsageError
+            If the file cannot be written.
+        """
         path = Path(path)
         check_file(path)
         part = path.with_name(f"{path.name}.{os.getpid()}.part")
@@ -282,12 +309,12 @@ def own_scale(values: Floats) -> Floats:
 
 
 def cost_as_json(cost: Cost) -> dict[str, Any]:
-    """Return the cost as JSON has it: nan becomes null."""
+    """Return the cost as JSON types; nan becomes null."""
     return {name: None if value != value else value for name, value in asdict(cost).items()}
 
 
 def cost_from_json(cost: Mapping[str, Any]) -> Cost:
-    """Return the cost that :func:`cost_as_json` wrote."""
+    """Return the cost from the result of :func:`cost_as_json`."""
     numbers: dict[str, Any] = {name: math.nan if value is None else value for name, value in cost.items()}
     return Cost(**numbers)
 
@@ -295,10 +322,27 @@ def cost_from_json(cost: Mapping[str, Any]) -> Cost:
 def load_trajectory(path: str | Path) -> Trajectory:
     """Read a file that :meth:`Trajectory.save` wrote.
 
+    Parameters
+    ----------
+    path : str or Path
+        A netCDF-4 file.
+
+    Returns
+    -------
+    Trajectory
+        The run with its uncertainty, cost and provenance.
+
     Raises
     ------
     UsageError
-        For a missing file, a file of another kind, or another version of the schema, which is named.
+        If the file is missing, is of another kind, or has another version of the schema.
+
+    Examples
+    --------
+    >>> import dem_bridge as db
+    >>> db.load_trajectory("missing.nc")
+    Traceback (most recent call last):
+    dem_bridge.errors.UsageError: missing.nc: no such file; allowed: a .nc file written by Trajectory.save
     """
     import xarray as xr
 
