@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,25 +49,21 @@ class Contacts:
         which : ndarray of int
             Indices of the contacts.
         """
-        if not self.laws:
-            return contact.force(overlap, self.stiffness[which], self.exponent[which])
-        return self._by_law([law.force for law in self.laws], overlap, which)
+        return self._evaluated("force", overlap, which)
 
     def energy(self, overlap: NDArray[np.float64], which: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the stored energy, J; parameters as in :meth:`force`."""
-        if not self.laws:
-            return contact.energy(overlap, self.stiffness[which], self.exponent[which])
-        return self._by_law([law.energy for law in self.laws], overlap, which)
+        return self._evaluated("energy", overlap, which)
 
-    def _by_law(
-        self,
-        functions: Sequence[Callable[[NDArray[np.float64]], NDArray[np.float64]]],
-        overlap: NDArray[np.float64],
-        which: NDArray[np.int64],
+    def _evaluated(
+        self, quantity: Literal["force", "energy"], overlap: NDArray[np.float64], which: NDArray[np.int64]
     ) -> NDArray[np.float64]:
-        """Evaluate each contact by the function of its law."""
+        """Evaluate force or energy of each contact by its power or its law."""
+        if not self.laws:
+            by_power = contact.force if quantity == "force" else contact.energy
+            return by_power(overlap, self.stiffness[which], self.exponent[which])
         out = np.empty(overlap.shape)
         for law in np.unique(self.law[which]).tolist():
             columns = self.law[which] == law
-            out[..., columns] = functions[law](overlap[..., columns])
+            out[..., columns] = getattr(self.laws[law], quantity)(overlap[..., columns])
         return out

@@ -110,13 +110,8 @@ def schedule(
     needed = max(1, min(resolving, per_sample))
     # five numbers per body: overlap, rate, acceleration, force and position
     affordable = max(1, int(memory / (40.0 * bodies * samples)))
-    return Schedule(
-        step=interval / per_sample,
-        per_sample=per_sample,
-        subdivisions=min(needed, affordable),
-        samples=samples,
-        resolved=needed <= affordable,
-    )
+    steps = {"per_sample": per_sample, "subdivisions": min(needed, affordable), "samples": samples}
+    return Schedule(step=interval / per_sample, **steps, resolved=needed <= affordable)
 
 
 def extremes(
@@ -202,11 +197,7 @@ def at_turns(
     if len(deep) == 0:
         return peak_force, crossing
     contacts, time, width, overlap, rate, acceleration, force = (np.asarray(data)[..., deep] for data in turns)
-    polynomial = _quintic((overlap[0], overlap[1]), (rate[0], rate[1]), (acceleration[0], acceleration[1]), width)
-    fraction: Floats = _turning_point(np.array(polynomial))
-    top = np.zeros_like(fraction)
-    for coefficient in polynomial[::-1]:
-        top = top * fraction + coefficient
+    fraction, top = _turn(overlap, rate, acceleration, width)
     first = fraction < 0.5
     nearer = np.where(first, overlap[0], overlap[1])
     compressed = (top > resolution) & (nearer > 0.0)
@@ -255,15 +246,21 @@ def approaches(*, time: NDArray[np.floating[Any]], overlap: Floats, rate: Floats
     """
     rows, contacts = np.nonzero((rate[:-1] > 0.0) & (rate[1:] <= 0.0) & (overlap[:-1] <= 0.0) & (overlap[1:] <= 0.0))
     width = np.asarray(time[rows + 1] - time[rows], dtype=np.float64)
-    value, slope, curve = ((data[rows, contacts], data[rows + 1, contacts]) for data in (overlap, rate, acceleration))
-    polynomial = _quintic(value, slope, curve, width)
-    fraction: Floats = _turning_point(np.array(polynomial))
-    return Approaches(
-        contact=contacts,
-        time=np.asarray(time[rows] + fraction * width, dtype=np.float64),
-        overlap=np.asarray(sum(c * fraction**power for power, c in enumerate(polynomial))),
-        bend=np.maximum(-curve[0], -curve[1]),
-    )
+    series = (overlap, rate, acceleration)
+    value, slope, curve = (np.stack((data[rows, contacts], data[rows + 1, contacts])) for data in series)
+    fraction, top = _turn(value, slope, curve, width)
+    when = np.asarray(time[rows] + fraction * width, dtype=np.float64)
+    return Approaches(contact=contacts, time=when, overlap=top, bend=np.max(-curve, axis=0))
+
+
+def _turn(overlap: Floats, rate: Floats, acceleration: Floats, width: Floats) -> tuple[Floats, Floats]:
+    """Return where between two samples the quintic polynomial of each overlap turns, 0 to 1, and its value there."""
+    polynomial = _quintic(overlap, rate, acceleration, width)
+    fraction: Floats = _turning_point(polynomial)
+    top = np.zeros_like(fraction)
+    for coefficient in polynomial[::-1]:
+        top = top * fraction + coefficient
+    return fraction, top
 
 
 def damped_peaks(
@@ -303,8 +300,8 @@ def damped_peaks(
             pieces.append((from_touch, rest, share[first], share[first]))
         closed = (delta[:-1] > 0.0) & (delta[1:] > 0.0)
         rows = np.flatnonzero(closed & (np.maximum(series[:-1], series[1:]) > 0.8 * peaks[k]))
-        value, slope, curve = ((data[rows, k], data[rows + 1, k]) for data in (overlap, rate, acceleration))
-        pieces.append((np.array(_quintic(value, slope, curve, width[rows])), width[rows], share[rows], share[rows + 1]))
+        value, slope, curve = (np.stack((data[rows, k], data[rows + 1, k])) for data in (overlap, rate, acceleration))
+        pieces.append((_quintic(value, slope, curve, width[rows]), width[rows], share[rows], share[rows + 1]))
         # each row is one piece; time runs along it
         polynomial, span, early, late = (np.concatenate(parts, axis=-1) for parts in zip(*pieces, strict=True))
         if len(span) == 0:
@@ -361,25 +358,14 @@ def secondary_peak_force(force: Floats) -> Floats:
     return secondary
 
 
-def _quintic(
-    value: tuple[Floats, Floats],
-    slope: tuple[Floats, Floats],
-    curvature: tuple[Floats, Floats],
-    width: Floats,
-) -> list[Floats]:
-    """Return the coefficients c_0..c_5 in u = (t - t_0)/width of the Hermite quintic."""
+def _quintic(value: Floats, slope: Floats, curvature: Floats, width: Floats) -> Floats:
+    """Return the coefficients c_0..c_5 in u = (t - t_0)/width of the Hermite quintic, from data at both ends."""
     s0, s1 = value
-    d0, d1 = slope[0] * width, slope[1] * width
-    a0, a1 = 0.5 * curvature[0] * width**2, 0.5 * curvature[1] * width**2
+    d0, d1 = slope * width
+    a0, a1 = 0.5 * curvature * width**2
     rise, turn, bend = s1 - s0 - d0 - a0, d1 - d0 - 2.0 * a0, a1 - a0
-    return [
-        s0,
-        d0,
-        a0,
-        10.0 * rise - 4.0 * turn + bend,
-        -15.0 * rise + 7.0 * turn - 2.0 * bend,
-        6.0 * rise - 3.0 * turn + bend,
-    ]
+    c3, c4 = 10.0 * rise - 4.0 * turn + bend, -15.0 * rise + 7.0 * turn - 2.0 * bend
+    return np.array([s0, d0, a0, c3, c4, 6.0 * rise - 3.0 * turn + bend])
 
 
 def _quartic(speed: Floats, value: Floats, slope: Floats, curvature: Floats, width: Floats) -> Floats:

@@ -203,9 +203,8 @@ class Scene:
             for k, (gamma, n) in enumerate(zip(coefficient, self._joined("exponent").tolist(), strict=True)):
                 if gamma > 0.0 and n < 2.0:
                     problem = f"has the law kuwabara-kono on contact {k}, whose exponent n is {n!r}"
-                    raise SceneError(
-                        "damping", problem=problem, allowed="n >= 2, since the force is infinite at touch below"
-                    )
+                    allowed = "n >= 2, since the force is infinite at touch below"
+                    raise SceneError("damping", problem=problem, allowed=allowed)
         return Damping(law=damping.law, coefficient=coefficient)
 
     def _check_drive(self) -> None:
@@ -218,9 +217,8 @@ class Scene:
         # the last value may lie at the end of the run, up to two roundings
         if drive.end < self.duration * (1.0 - 1e-9):
             problem = f"ends at {drive.end:.9g} s ({drive.words})"
-            raise SceneError(
-                "drive.force", problem=problem, allowed=f"values up to the duration, {self.duration:.9g} s"
-            )
+            allowed = f"values up to the duration, {self.duration:.9g} s"
+            raise SceneError("drive.force", problem=problem, allowed=allowed)
 
     def _checked_statics(self) -> tuple[float, ...]:
         """Return the static overlaps of a precompressed chain, m, or an empty tuple."""
@@ -422,14 +420,8 @@ class Scene:
         return {key: value for key, value in self.__dict__.items() if key not in ("contacts", "features")}
 
     def _hash(self) -> str:
-        parts: list[object] = [
-            self.duration,
-            self.mass,
-            self.stiffness,
-            self.exponent,
-            self.gap,
-            self.velocity,
-        ]
+        numbers = ("duration", "mass", "stiffness", "exponent", "gap", "velocity")
+        parts: list[object] = [getattr(self, name) for name in numbers]
         for wall in (self.wall_left, self.wall_right):
             parts.append(None if wall is None else (wall.stiffness, wall.gap, wall.exponent))
         parts += [self.gravity, self.samples]

@@ -64,6 +64,19 @@ def line_order(scene: Scene) -> NDArray[np.int64]:
     return np.array(order, dtype=np.int64)
 
 
+def coefficients(
+    stiffness: float, exponent: float, eta: float, radius: float, *, viscoelastic: bool, clipped: bool
+) -> str:
+    """Return the arguments of ``pair_coeff I J`` for contacts of this effective ``radius`` (m)."""
+    viscoelastic = viscoelastic and exponent == 2.5
+    per_root = math.sqrt(radius)
+    value = stiffness / per_root if exponent == 2.5 else stiffness
+    damping = f"damping {'viscoelastic' if viscoelastic else 'velocity'}{' limit_damping' * clipped}"
+    # "0", not "0.0", so that decks of undamped scenes stay as they were before there was damping
+    eta_text = repr(eta / per_root if viscoelastic else eta) if eta else "0"
+    return f"{MODELS[exponent]} {value!r} {eta_text} tangential linear_nohistory 0 0 {damping}"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Laws:
     """The distinct laws of a scene's contacts, and the law of each contact.
@@ -87,13 +100,7 @@ class Laws:
     def coefficients(self, law: int, radius: float) -> str:
         """Return the arguments of ``pair_coeff I J`` for bodies of ``radius`` (m)."""
         beta, n, eta = (float(column[law]) for column in (self.stiffness, self.exponent, self.damping))
-        value = beta / math.sqrt(0.5 * radius) if n == 2.5 else beta
-        viscoelastic = self.viscoelastic and n == 2.5
-        if viscoelastic:
-            eta /= math.sqrt(0.5 * radius)
-        damping = f"damping {'viscoelastic' if viscoelastic else 'velocity'}{' limit_damping' * self.clipped}"
-        # "0", not "0.0", so that decks of undamped scenes stay as they were before there was damping
-        return f"{MODELS[n]} {value!r} {eta if eta else 0!r} tangential linear_nohistory 0 0 {damping}"
+        return coefficients(beta, n, eta, 0.5 * radius, viscoelastic=self.viscoelastic, clipped=self.clipped)
 
     def left_to_granular(self, law: int) -> bool:
         """Return True if a law is damped and available in ``granular``, which alone can clip the net force."""
@@ -122,12 +129,10 @@ def laws(scene: Scene) -> Laws:
             mass[np.where(end == scene.n_body, other, end)] for end, other in ((c.left, c.right), (c.right, c.left))
         )
         eta = np.where(c.damping_power > 0.0, eta * (left + right) / (left * right), eta)
-    rows = np.stack([c.stiffness, c.exponent, eta, c.law], axis=1)[order]
-    _, first, where = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    by_place = np.argsort(first)
-    rank = np.empty_like(by_place)
-    rank[by_place] = np.arange(len(by_place))
-    chosen = rows[first[by_place]]
+    rows = np.stack([c.stiffness, c.exponent, eta, c.law], axis=1)[order].tolist()
+    numbers: dict[tuple[float, ...], int] = {}
+    where = [numbers.setdefault(tuple(row), len(numbers)) for row in rows]
+    chosen = np.array(list(numbers)).reshape(-1, 4)
     return Laws(
         stiffness=chosen[:, 0],
         exponent=chosen[:, 1],
@@ -135,7 +140,7 @@ def laws(scene: Scene) -> Laws:
         viscoelastic=viscoelastic,
         clipped=scene.damped,
         functions=tuple(c.laws[nth] for nth in chosen[:, 3].astype(int)) if scene.law is not None else None,
-        where=rank[where.ravel()],
+        where=np.array(where, dtype=np.int64),
     )
 
 

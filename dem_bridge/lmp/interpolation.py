@@ -86,9 +86,6 @@ class Interpolation:
     """Square of the cutoff, m^2, from which on there is no force."""
     spacing: float
     """Spacing of r^2, m^2."""
-    inverse_spacing: float
-    sixth: float
-    """spacing^2 / 6, m^4."""
     value: Floats
     """f/r at ``inner_squared + i spacing``, N/m, ``(points,)``."""
     second: Floats
@@ -97,7 +94,8 @@ class Interpolation:
     @property
     def arguments(self) -> tuple[float, float, float, float, Floats, Floats]:
         """Arguments of :func:`~dem_bridge.lmp.cell.pair_force` after ``rsq``."""
-        return self.inner_squared, self.spacing, self.inverse_spacing, self.sixth, self.value, self.second
+        h = self.spacing
+        return self.inner_squared, h, 1.0 / h, h * h / 6.0, self.value, self.second
 
     def force(self, distance: Floats) -> Floats:
         """Return the force of pairs at these distances (m) as LAMMPS computes it, N; 0 from the cutoff on.
@@ -160,8 +158,6 @@ def interpolated(table: ContactTable, *, style: Style, points: int) -> Interpola
         inner_squared=inner_squared,
         cut_squared=cut * cut,
         spacing=spacing,
-        inverse_spacing=1.0 / spacing,
-        sixth=spacing * spacing / 6.0,
         value=internal,
         second=second,
     )

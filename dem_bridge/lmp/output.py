@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,27 +49,31 @@ def read_binary_dump(path: Path, columns: int) -> tuple[NDArray[np.int64], NDArr
 
 def _frame(data: bytes, at: int, name: str) -> tuple[int, NDArray[np.float64], int]:
     """Return step and values of the frame that starts at byte ``at``, and the byte after it."""
-    (size,) = struct.unpack_from("=q", data, at)
-    if size != -len(_MAGIC) or data[at + 8 : at + 18] != _MAGIC:
+
+    def take(form: str) -> tuple[Any, ...]:
+        """Return the next values."""
+        nonlocal at
+        values = struct.unpack_from(form, data, at)
+        at += struct.calcsize(form)
+        return values
+
+    size, magic = take(f"=q{len(_MAGIC)}s")
+    if size != -len(_MAGIC) or magic != _MAGIC:
         raise RunBroken(f"{name}: not a binary LAMMPS dump of this machine's byte order")
-    at += 18
-    _endian, revision, step, _atoms, triclinic = struct.unpack_from("=iiqqi", data, at)
+    _endian, revision, step, _atoms, triclinic = take("=iiqqi")
     if revision != 2:
         raise RunBroken(f"{name}: binary dump revision {revision}; allowed: 2")
-    # boundary flags, box, tilt, then the number of columns
-    at += struct.calcsize("=iiqqi") + 6 * 4 + 6 * 8 + (3 * 8 if triclinic else 0) + 4
-    (units,) = struct.unpack_from("=i", data, at)
-    at += 4 + units
-    has_time = data[at]
-    at += 1 + (8 if has_time else 0)
-    (names,) = struct.unpack_from("=i", data, at)
-    at += 4 + names
-    (chunks,) = struct.unpack_from("=i", data, at)
-    at += 4
+    take("=6i6d" + "3d" * bool(triclinic) + "i")  # boundary flags, box, tilt, number of columns
+    (units,) = take("=i")
+    at += units
+    (has_time,) = take("=B")
+    at += 8 * bool(has_time)
+    (names,) = take("=i")
+    at += names
     parts = []
+    (chunks,) = take("=i")
     for _ in range(chunks):
-        (count,) = struct.unpack_from("=i", data, at)
-        at += 4
+        (count,) = take("=i")
         parts.append(np.frombuffer(data, dtype="=f8", count=count, offset=at))
         at += 8 * count
     return step, parts[0] if chunks == 1 else np.concatenate(parts), at

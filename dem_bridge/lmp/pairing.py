@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from dem_bridge.lmp.coefficients import NOTHING, Laws
 from dem_bridge.lmp.table import LINES, ContactTable, Style, contact_table, points_for, zero_table
-from dem_bridge.version import FORM_DATE
 
 #: range of a table relative to the largest overlap of the prescan
 MARGIN = 1.1
@@ -96,7 +95,6 @@ def table_set(
             keyword=f"LAW{law}",
             diameter=2.0 * radius,
             reach=float(reach[law]),
-            date=FORM_DATE,
             points=points,
             lines=lines or LINES,
         )
@@ -107,38 +105,25 @@ def tabled(laws: Laws, radius: float, table_set: TableSet, name: str) -> Pairing
     """Return the pair commands of ``pair_style table``; with damping, ``hybrid/overlay`` with ``granular``."""
     # contacts that are left to granular have no table, so their overlap has no bound
     reach = radius if laws.clipped else None
-    none = zero_table(keyword="NONE", diameter=2.0 * radius, date=FORM_DATE, reach=reach)
+    none = zero_table(keyword="NONE", diameter=2.0 * radius, reach=reach)
     files = {f"{name}.none.table": none.text}
     files |= {f"{name}.{law}.table": table.text for law, table in table_set.tables.items()}
     style = f"table {table_set.style} {table_set.points}"
 
-    def file(law: int | str, keyword: str) -> str:
-        return f"{name}.{law}.table {keyword}"
-
-    note = "forces from tables, exact at their lines"
-    if not laws.clipped:
-        return Pairing(
-            note=note,
-            head=(f"pair_style      {style}", f"pair_coeff      * * {file('none', 'NONE')}"),
-            behind=tuple((file(law, table.keyword),) for law, table in table_set.tables.items()),
-            files=MappingProxyType(files),
-        )
-    behind: list[tuple[str, ...]] = []
+    kind, overlay = ("table ", "hybrid/overlay ") if laws.clipped else ("", "")
+    behind = []
     for law in range(len(laws.stiffness)):
         table = table_set.tables.get(law)
         if table is None:
             behind.append((f"granular {laws.coefficients(law, radius)}",))
-        elif laws.damping[law] > 0.0:
-            behind.append((f"table {file(law, table.keyword)}", f"granular {laws.dashpot(law)}"))
-        else:
-            behind.append((f"table {file(law, table.keyword)}",))
-    return Pairing(
-        note=f"{note}; damping is added and can make a contact tensile where granular lacks its law",
-        head=(
-            f"pair_style      hybrid/overlay {style} granular",
-            f"pair_coeff      * * table {file('none', 'NONE')}",
-            f"pair_coeff      * * granular {NOTHING}",
-        ),
-        behind=tuple(behind),
-        files=MappingProxyType(files),
+            continue
+        dashpot = (f"granular {laws.dashpot(law)}",) if laws.damping[law] > 0.0 else ()
+        behind.append((f"{kind}{name}.{law}.table {table.keyword}", *dashpot))
+    pulls = "; damping is added and can make a contact tensile where granular lacks its law" if laws.clipped else ""
+    head = (
+        f"pair_style      {overlay}{style}{' granular' * laws.clipped}",
+        f"pair_coeff      * * {kind}{name}.none.table NONE",
+        *([f"pair_coeff      * * granular {NOTHING}"] if laws.clipped else []),
     )
+    note = f"forces from tables, exact at their lines{pulls}"
+    return Pairing(note=note, head=head, behind=tuple(behind), files=MappingProxyType(files))

@@ -19,7 +19,7 @@ import numpy as np
 from dem_bridge.errors import UsageError
 from dem_bridge.physics.contact import Floats
 from dem_bridge.physics.law import ContactLaw, clustered
-from dem_bridge.version import __version__
+from dem_bridge.version import FORM_DATE, __version__
 
 #: LAMMPS' interpolation between the points of its internal table
 Style = Literal["linear", "spline"]
@@ -32,6 +32,8 @@ POINTS = 10_000
 FEWEST_POINTS = 500
 #: number of cells next to touch by which the slope at touch is fitted
 _CELLS = 24
+#: first line of a file, of which LAMMPS reads DATE and UNITS
+_HEADER = f"# DATE: {FORM_DATE} UNITS: si CONTRIBUTOR: dem_bridge {__version__}"
 _EPS = float(np.finfo(float).eps)
 #: Gauss rules for one interval
 _RULES = [np.polynomial.legendre.leggauss(order) for order in (4, 5, 7)]
@@ -42,7 +44,6 @@ class ContactTable:
     """A table file; its columns are read-only and exact at the distances as written."""
 
     keyword: str
-    header: str
     distance: Floats
     """Distances, m, ascending to touch, ``(lines,)``."""
     energy: Floats
@@ -55,16 +56,10 @@ class ContactTable:
     @property
     def text(self) -> str:
         """The text of the file, with all digits of every number."""
-        rows = zip(
-            range(1, len(self.distance) + 1),
-            self.distance.tolist(),
-            self.energy.tolist(),
-            self.force.tolist(),
-            strict=True,
-        )
+        columns = zip(self.distance.tolist(), self.energy.tolist(), self.force.tolist(), strict=True)
         low, high = self.slopes
-        body = "\n".join(f"{i} {r!r} {e!r} {f!r}" for i, r, e, f in rows)
-        return f"{self.header}\n\n{self.keyword}\nN {len(self.distance)} FPRIME {low!r} {high!r}\n\n{body}\n"
+        body = "\n".join(f"{i} {r!r} {e!r} {f!r}" for i, (r, e, f) in enumerate(columns, start=1))
+        return f"{_HEADER}\n\n{self.keyword}\nN {len(self.distance)} FPRIME {low!r} {high!r}\n\n{body}\n"
 
 
 def contact_table(
@@ -73,7 +68,6 @@ def contact_table(
     keyword: str,
     diameter: float,
     reach: float,
-    date: str,
     points: int = POINTS,
     lines: int = LINES,
 ) -> ContactTable:
@@ -93,8 +87,6 @@ def contact_table(
         Diameter of both bodies, m.
     reach : float
         Largest overlap, m.
-    date : str
-        Date of the file's format, YYYY-MM-DD.
     points : int
         N of ``pair_style table spline N``.
     lines : int
@@ -123,20 +115,13 @@ def contact_table(
     distance[0] = _innermost(float(distance[0]), diameter, points)
     overlap = diameter - distance
     force, energy = _values(law, overlap)
-    columns = distance, energy, force
-    for column in columns:
+    for column in (distance, energy, force):
         column.setflags(write=False)
-    return ContactTable(
-        keyword=keyword,
-        header=_header(date),
-        distance=distance,
-        energy=energy,
-        force=force,
-        slopes=(_slope(distance[:5], force[:5]), _slope_at_touch(law, float(distance[0]), diameter, points)),
-    )
+    slopes = (_slope(distance[:5], force[:5]), _slope_at_touch(law, float(distance[0]), diameter, points))
+    return ContactTable(keyword=keyword, distance=distance, energy=energy, force=force, slopes=slopes)
 
 
-def zero_table(*, keyword: str, diameter: float, date: str, reach: float | None = None) -> ContactTable:
+def zero_table(*, keyword: str, diameter: float, reach: float | None = None) -> ContactTable:
     """Return a table without force, for ``pair_coeff * *``, which must come first and covers the pairs without contact.
 
     Its innermost line is ``reach`` (m; None: 1/1024 of the diameter) below the diameter. LAMMPS stops if bodies that
@@ -144,9 +129,7 @@ def zero_table(*, keyword: str, diameter: float, date: str, reach: float | None 
     """
     distance = np.array([diameter - reach if reach is not None else diameter * (1.0 - 2.0**-10), diameter])
     none = np.zeros(2)
-    return ContactTable(
-        keyword=keyword, header=_header(date), distance=distance, energy=none, force=none, slopes=(0.0, 0.0)
-    )
+    return ContactTable(keyword=keyword, distance=distance, energy=none, force=none, slopes=(0.0, 0.0))
 
 
 def points_for(tables: int, *, memory: float = 5e8) -> int:
@@ -178,12 +161,6 @@ def points_for(tables: int, *, memory: float = 5e8) -> int:
             " contacts of equal stiffness can share a table"
         )
     return points
-
-
-def _header(date: str) -> str:
-    """Return the first line of a file."""
-    # LAMMPS reads DATE and UNITS
-    return f"# DATE: {date} UNITS: si CONTRIBUTOR: dem_bridge {__version__}"
 
 
 def _innermost(distance: float, diameter: float, points: int) -> float:

@@ -6,7 +6,6 @@ variant cannot express the scene. Formulas: LAMMPS manual, *pair_style gran/hert
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.lmp.coefficients import line_order
+from dem_bridge.lmp.coefficients import coefficients, line_order
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.lmp.radii import encoded_radii
 from dem_bridge.scene import Scene
@@ -110,16 +109,11 @@ def flat_walls(deck: Deck, scene: Scene) -> Deck:
 def _flat_law(scene: Scene, contact: int, radius: float) -> str:
     """Return the law of a body of ``radius`` (m) on a plane: R_eff = R and m_eff = m."""
     c = scene.contacts
-    beta, n = float(c.stiffness[contact]), float(c.exponent[contact])
-    eta, power = float(c.damping[contact]), float(c.damping_power[contact])
-    model = f"hertz {beta / math.sqrt(radius)!r}" if n == 2.5 else f"hooke {beta!r}"
-    kind = "velocity"
-    if eta > 0.0 and power > 0.0:
-        body = min(int(c.left[contact]), int(c.right[contact]))
-        body = body if body < scene.n_body else int(c.right[contact])
-        kind, eta = "viscoelastic", eta / scene.mass[body] / math.sqrt(radius)
-    limit = " limit_damping" * scene.damped
-    return f"{model} {eta!r} tangential linear_nohistory 0 0 damping {kind}{limit}"
+    body = min(int(c.left[contact]), int(c.right[contact]))
+    body = body if body < scene.n_body else int(c.right[contact])
+    beta, n, eta, power = (float(column[contact]) for column in (c.stiffness, c.exponent, c.damping, c.damping_power))
+    eta = eta / scene.mass[body] if power > 0.0 else eta
+    return coefficients(beta, n, eta, radius, viscoelastic=eta > 0.0 and power > 0.0, clipped=scene.damped)
 
 
 def hertz_history(deck: Deck, scene: Scene, peak_overlap: NDArray[np.float64]) -> Deck:

@@ -37,17 +37,13 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from dem_bridge.physics.solitary import wave_shape
+from dem_bridge.physics.contact import Floats
+from dem_bridge.physics.solitary import filtered, grid, wave_shape
 from dem_bridge.physics.valid import above
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Floats = NDArray[np.float64]
 
 #: below this exponent the wave is tens of bodies wide and needs hundreds of bodies to form
 LEAST_EXPONENT, MOST_EXPONENT = 2.1, 50.0
@@ -86,25 +82,15 @@ def response(exponent: float) -> Local:
     >>> [f"{x:.4f}" for x in (*hertz.pressed, *hertz.moving)]
     ['-0.5473', '-0.6702', '0.3574', '-0.4685', '0.1096', '-0.0781']
     """
-    from scipy.fft import dct
-
     shape = wave_shape(exponent)
     n, p, points = shape.exponent, shape.exponent - 1.0, len(shape.overlap) - 1
     modes = np.arange(points + 1)
     cosines = np.cos(np.pi / points * np.outer(modes, modes))
     r, v = np.maximum(cosines @ shape.overlap, 0.0), cosines @ shape.velocity
-    box = np.sinc(modes / (2.0 * shape.half_length))
-    weight = np.full(points + 1, 2.0 * shape.half_length / points)
-    weight[[0, -1]] *= 0.5
-
-    def filtered(kernel: Floats, values: Floats) -> Floats:
-        return np.asarray(dct(kernel[:, None] * dct(values, type=1, axis=0), type=1, axis=0) / (2 * points))
-
-    slope = p * r ** (p - 1.0)
-    overlap_gain = np.linalg.solve(
-        np.eye(points + 1) - filtered(box**2, np.eye(points + 1)) * slope, np.ones(points + 1)
-    )
-    velocity_gain = filtered(box, (slope * overlap_gain)[:, None])[:, 0]
+    box, weight = grid(shape.half_length, points)
+    slope, unit = p * r ** (p - 1.0), np.eye(points + 1)
+    overlap_gain = np.linalg.solve(unit - filtered(box**2, unit) * slope, np.ones(points + 1))
+    velocity_gain = filtered(box, slope * overlap_gain)
     (top, fastest), energy = shape.peaks, shape.kinetic + shape.potential
 
     def at_constant_energy(overlap: float, velocity: float, energy_gain: float) -> tuple[float, float, float]:

@@ -169,14 +169,7 @@ def wall_rebound(*, mass: float, velocity: float, stiffness: float, exponent: fl
     v = above(0.0, "velocity", velocity, "m/s, towards the wall")
     m = above(0.0, "mass", mass, "kg")
     hit = two_body_collision(masses=(m, math.inf), velocities=(v, 0.0), stiffness=stiffness, exponent=exponent)
-    return WallRebound(
-        peak_overlap=hit.peak_overlap,
-        peak_force=hit.peak_force,
-        half_time=hit.half_time,
-        contact_time=hit.contact_time,
-        exit_velocity=-v,
-        impulse=2.0 * m * v,
-    )
+    return WallRebound(**{**vars(hit), "exit_velocity": -v}, impulse=2.0 * m * v)
 
 
 def equal_mass_transfer(
@@ -251,9 +244,7 @@ def scaling(*, exponent: float, velocity: float = 1.0, stiffness: float = 1.0, m
     [-0.2, 0.8, 1.2, 2.0]
     """
     n = above(1.0, "exponent", exponent)
-    s, b, m = (
-        above(0.0, name, value) for name, value in (("velocity", velocity), ("stiffness", stiffness), ("mass", mass))
-    )
+    s, b, m = above(0.0, "velocity", velocity), above(0.0, "stiffness", stiffness), above(0.0, "mass", mass)
     displacement = (m * s**2 / b) ** (1.0 / n)
     time = displacement / s
     force = m * s**2 / displacement

@@ -9,18 +9,13 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dem_bridge.physics.adiabatic import checked_exponent, response
+from dem_bridge.physics.contact import Floats
 from dem_bridge.physics.solitary import wave_shape
 from dem_bridge.physics.valid import above
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 #: contacts at the struck end after which the pulse has formed, in addition to twice the wave's half length
 FORMED = 20

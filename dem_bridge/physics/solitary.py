@@ -258,14 +258,7 @@ def _solved(n: float, length: float, points: int) -> WaveShape | None:
     from scipy.fft import dct
 
     p = n - 1.0
-    wave_number = np.pi / length * np.arange(points + 1)
-    box = np.sinc(wave_number / (2.0 * np.pi))  # Fourier transform of a grain's length; the tent's is its square
-    weight = np.full(points + 1, 2.0 * length / points)  # trapezoidal rule over both halves: spectrally accurate
-    weight[[0, -1]] *= 0.5
-
-    def filtered(kernel: Floats, values: Floats) -> Floats:
-        return np.asarray(dct(kernel * dct(values, type=1), type=1) / (2 * points))
-
+    box, weight = grid(length, points)
     x = np.linspace(0.0, length, points + 1)
     r = np.exp(-3.0 * (n - 2.0) / p * x**2)
     for _ in range(100):  # Petviashvili: a power of the mismatch stabilises the amplitude
@@ -274,7 +267,7 @@ def _solved(n: float, length: float, points: int) -> WaveShape | None:
         before, r = r, mismatch ** (p / (p - 1.0)) * image
         if np.max(np.abs(r - before)) < 1e-2 * min(n - 2.0, 1.0) * r[0]:
             break
-    tent = dct(box[:, None] ** 2 * dct(np.eye(points + 1), type=1, axis=0), type=1, axis=0) / (2 * points)
+    tent = filtered(box**2, np.eye(points + 1))
     correction = np.inf
     for _ in range(20):
         step = np.linalg.solve(np.eye(points + 1) - tent * (p * r ** (p - 1.0)), r - filtered(box**2, r**p))
@@ -300,6 +293,28 @@ def _solved(n: float, length: float, points: int) -> WaveShape | None:
         residual=residual,
         uncertainty=correction,
     )
+
+
+def grid(length: float, points: int) -> tuple[Floats, Floats]:
+    """Return the Fourier transform of a grain's length at the cosines of a grid, and the weights of its quadrature.
+
+    The square of the transform is that of the tent. The weights are those of the trapezoidal rule over both halves,
+    which is spectrally accurate.
+    """
+    import numpy as np
+
+    weight = np.full(points + 1, 2.0 * length / points)
+    weight[[0, -1]] *= 0.5
+    wave_number = np.pi / length * np.arange(points + 1)
+    return np.sinc(wave_number / (2.0 * np.pi)), weight
+
+
+def filtered(kernel: Floats, values: Floats) -> Floats:
+    """Return values on a grid (first axis), each cosine of them multiplied by its entry of ``kernel``."""
+    from scipy.fft import dct
+
+    product = (kernel * dct(values, type=1, axis=0).T).T
+    return dct(product, type=1, axis=0) / (2 * (len(kernel) - 1))  # type: ignore[no-any-return]
 
 
 def _coefficients(values: Floats) -> Floats:

@@ -64,7 +64,7 @@ def ellipse_on_body(semi_major: float, *, half_height: float) -> Validity:
     """
     ratio = not_negative("semi_major", semi_major, "m") / above(0.0, "half_height", half_height, "m")
     finding = f"the semi-major axis, {semi_major:.3g} m, is {ratio:.3g} of the half-height, {half_height:.3g} m"
-    return _at_most(1.0, ratio, finding, "the ellipse ends on the body", "the ellipse would reach beyond the body")
+    return _judged(1.0, ratio, finding, "the ellipse ends on the body", "the ellipse would reach beyond the body")
 
 
 def half_space(semi_axis: float, *, radius: float, limit: float = 0.1) -> Validity:
@@ -91,7 +91,7 @@ def half_space(semi_axis: float, *, radius: float, limit: float = 0.1) -> Validi
     """
     ratio = not_negative("semi_axis", semi_axis, "m") / above(0.0, "radius", radius, "m")
     finding = f"the semi-axis, {semi_axis:.3g} m, is {ratio:.3g} of the radius, {radius:.3g} m"
-    return _at_most(limit, ratio, finding, "small compared with the body", "not small compared with the body")
+    return _judged(limit, ratio, finding, "small compared with the body", "not small compared with the body")
 
 
 def no_crushing(peak_pressure: float, *, strength: float = FUSED_QUARTZ_COMPRESSIVE) -> Validity:
@@ -117,7 +117,7 @@ def no_crushing(peak_pressure: float, *, strength: float = FUSED_QUARTZ_COMPRESS
     finding = (
         f"the peak pressure, {peak_pressure:.3g} Pa, is {ratio:.3g} of the compressive strength, {strength:.3g} Pa"
     )
-    return _at_most(1.0, ratio, finding, "the contact stays elastic", "the material may crush")
+    return _judged(1.0, ratio, finding, "the contact stays elastic", "the material may crush")
 
 
 def no_cracking(tension: float, *, strength: float = FUSED_QUARTZ_TENSILE) -> Validity:
@@ -140,7 +140,7 @@ def no_cracking(tension: float, *, strength: float = FUSED_QUARTZ_TENSILE) -> Va
     """
     ratio = not_negative("tension", tension, "Pa") / above(0.0, "strength", strength, "Pa")
     finding = f"the tension at the edge, {tension:.3g} Pa, is {ratio:.3g} of the tensile strength, {strength:.3g} Pa"
-    return _at_most(1.0, ratio, finding, "no crack is to be expected", "flaws of the surface may open")
+    return _judged(1.0, ratio, finding, "no crack is to be expected", "flaws of the surface may open")
 
 
 def edge_tension(peak_pressure: float, *, poisson: float, axis_ratio: float = 1.0) -> float:
@@ -204,7 +204,8 @@ def quasi_static(contact_time: float, *, size: float, young: float, density: flo
     crossing = above(0.0, "size", size, "m") / speed
     ratio = above(0.0, "contact_time", contact_time, "s") / crossing
     finding = f"the contact lasts {contact_time:.3g} s, in which sound crosses the body {ratio:.3g} times"
-    return _at_least(limit, ratio, finding, "the body acts as one mass", "the body rings while it is in contact")
+    well, ill = "the body acts as one mass", "the body rings while it is in contact"
+    return _judged(limit, ratio, finding, well, ill, least=True)
 
 
 def weightless(static_force: float, dynamic_force: float, *, limit: float = 0.1) -> Validity:
@@ -231,16 +232,11 @@ def weightless(static_force: float, dynamic_force: float, *, limit: float = 0.1)
     """
     ratio = not_negative("static_force", static_force, "N") / above(0.0, "dynamic_force", dynamic_force, "N")
     finding = f"the static force, {static_force:.3g} N, is {ratio:.3g} of the dynamic one, {dynamic_force:.3g} N"
-    return _at_most(limit, ratio, finding, "the chain acts as if it just touched", "the static force shapes the wave")
+    return _judged(limit, ratio, finding, "the chain acts as if it just touched", "the static force shapes the wave")
 
 
-def _at_most(limit: float, ratio: float, finding: str, well: str, ill: str) -> Validity:
-    """Return the result for a ratio that must not exceed ``limit``."""
-    holds = ratio <= above(0.0, "limit", limit)
-    return Validity(ratio=ratio, limit=limit, holds=holds, sentence=f"{finding}: {well if holds else ill}")
-
-
-def _at_least(limit: float, ratio: float, finding: str, well: str, ill: str) -> Validity:
-    """Return the result for a ratio that must not fall below ``limit``."""
-    holds = ratio >= above(0.0, "limit", limit)
+def _judged(limit: float, ratio: float, finding: str, well: str, ill: str, *, least: bool = False) -> Validity:
+    """Return the result for a ratio that must not exceed ``limit``, or with ``least`` must not fall below it."""
+    above(0.0, "limit", limit)
+    holds = ratio >= limit if least else ratio <= limit
     return Validity(ratio=ratio, limit=limit, holds=holds, sentence=f"{finding}: {well if holds else ill}")

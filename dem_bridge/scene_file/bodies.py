@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import fields
 from itertools import pairwise
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-from dem_bridge.checked import checked_number, checked_numbers
+from dem_bridge.checked import checked_numbers
 from dem_bridge.errors import SceneError, UsageError
 from dem_bridge.geometry import ANGLE, Body, Geometry, Material, crossings
 from dem_bridge.scene import Scene, Wall
-from dem_bridge.scene_file.physical import HERTZ, rounded
+from dem_bridge.scene_file.physical import HERTZ, Numbers, checked_velocity, rounded
 
-Numbers = float | Sequence[float] | NDArray[np.float64]
 #: fields of a Scene that are computed from the bodies
 _FOLLOW = ("mass", "stiffness", "exponent", "spacing", "geometry", "law", "content_hash")
 
@@ -97,7 +93,7 @@ def chain(
         mass=tuple(rounded(body.mass) for body in all_bodies),
         stiffness=stiffnesses(geometry),
         exponent=HERTZ,
-        velocity=_checked_velocity(velocity, len(all_bodies)),
+        velocity=checked_velocity(velocity, len(all_bodies), "body"),
         gap=checked_numbers("gap", gap, "a finite number (m)", count=links, per="contact"),
         spacing=2.0 * row[0].radius if len(radii) == 1 else None,
         wall_left=flat(wall_left, all_bodies[0], "wall_left") if isinstance(wall_left, Material) else wall_left,
@@ -161,11 +157,3 @@ def _checked_angles(bodies: tuple[Body, ...], angles: Numbers | None) -> tuple[f
     for k, angle in zip(where, checked, strict=True):
         entries[k] = angle
     return tuple(entries)
-
-
-def _checked_velocity(velocity: Numbers, count: int) -> tuple[float, ...]:
-    """Return the start velocity of each body, m/s."""
-    allowed = "a finite number (m/s)"
-    if isinstance(velocity, int | float | np.number):
-        return (checked_number("velocity", velocity, allowed), *[0.0] * (count - 1))
-    return checked_numbers("velocity", velocity, allowed, count=count, per="body")

@@ -34,11 +34,8 @@ def with_force_of_file(table: Mapping[str, Any], folder: Path) -> Mapping[str, A
         return table
     for key in ("force", "interval"):
         if key in drive:
-            raise SceneError(
-                f"drive.{key}",
-                problem="cannot be combined with file",
-                allowed="one of the two, since the file contains it",
-            )
+            allowed = "one of the two, since the file contains it"
+            raise SceneError(f"drive.{key}", problem="cannot be combined with file", allowed=allowed)
     if drive.get("shape") != "table":
         raise SceneError(
             _FILE, problem=f"cannot be combined with shape = {drive.get('shape')!r}", allowed="shape = 'table'"

@@ -76,12 +76,8 @@ def load_scene(source: str | Path) -> Scene:
     except (OSError, ValueError):  # the name is too long or contains a NUL
         is_file = False
     if not is_file:
-        raise SceneError(
-            "",
-            problem="there is no such scene or file",
-            allowed=f"{', '.join(shipped_scenes())}, or the path of a .toml file",
-            where=name,
-        )
+        allowed = f"{', '.join(shipped_scenes())}, or the path of a .toml file"
+        raise SceneError("", problem="there is no such scene or file", allowed=allowed, where=name)
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
@@ -171,25 +167,17 @@ def _in_one_line(error: ValidationError, form: type[BaseModel], where: str) -> S
     key = key if key.isprintable() else repr(key)
     others = len(keys_in_error) - 1
     more = f"{others} more error{'s follow' if others > 1 else ' follows'}" if others else ""
+    what: dict[str, Any] = {"value": finding["input"]}
     if finding["type"] == "extra_forbidden":
-        return SceneError(key, problem="is an unknown key", allowed=_keys(form, path[:-1]), advice=more, where=where)
-    if finding["type"] == "missing":
-        return SceneError(
-            key,
-            problem="is missing, but required",
-            allowed=f"the keys {_keys(form, path[:-1])}",
-            advice=more,
-            where=where,
-        )
-    allowed = (
-        finding["msg"]
-        .removeprefix("Input should be ")
-        .replace("a valid integer", "a whole number")
-        .replace("a valid ", "a ")
-    )
-    if finding["type"].startswith("model_"):
+        what, allowed = {"problem": "is an unknown key"}, _keys(form, path[:-1])
+    elif finding["type"] == "missing":
+        what, allowed = {"problem": "is missing, but required"}, f"the keys {_keys(form, path[:-1])}"
+    elif finding["type"].startswith("model_"):
         allowed = f"a table with the keys {_keys(form, path)}"
-    return SceneError(key, value=finding["input"], allowed=allowed, advice=more, where=where)
+    else:
+        allowed = finding["msg"].removeprefix("Input should be ")
+        allowed = allowed.replace("a valid integer", "a whole number").replace("a valid ", "a ")
+    return SceneError(key, **what, allowed=allowed, advice=more, where=where)
 
 
 def _keys(form: type[BaseModel], path: list[Any]) -> str:

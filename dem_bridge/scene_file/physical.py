@@ -16,8 +16,9 @@ from statistics import NormalDist
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dem_bridge.checked import LARGEST, SMALLEST, checked_numbers
+from dem_bridge.checked import LARGEST, SMALLEST, checked_number, checked_numbers
 from dem_bridge.errors import SceneError
 from dem_bridge.geometry import ANGLE, Body, Geometry, Material
 from dem_bridge.scene import Scene
@@ -36,6 +37,7 @@ from dem_bridge.scene_file.forms import (
 HERTZ = 2.5
 #: the three ways to specify the angles of cylinders, by their keys
 WAYS = (("angle",), ("angles",), ("first_angle", "last_angle", "grading"))
+Numbers = float | Sequence[float] | NDArray[np.float64]
 _PER = "contact between the bodies of the chain"
 
 
@@ -133,8 +135,8 @@ def _crossed(
     _check_way(contacts)
     first, last = contacts.first_angle, contacts.last_angle
     if first is None or last is None:
-        given = contacts.angles if contacts.angle is None else contacts.angle
-        angles = checked_numbers("contacts.angles", given or (), ANGLE, count=links, per=_PER)
+        entries = contacts.angles if contacts.angle is None else contacts.angle
+        angles = checked_numbers("contacts.angles", entries or (), ANGLE, count=links, per=_PER)
     else:
         if links == 1 and first != last:
             allowed = f"first_angle = {first!r}, since two cylinders have one contact"
@@ -218,13 +220,18 @@ def _scene(
     return Scene(**numbers, geometry=Geometry(bodies=bodies, **crossing), **in_common(file))
 
 
+def checked_velocity(velocity: Numbers, count: int, per: str) -> tuple[float, ...]:
+    """Return the start velocity of ``count`` bodies, m/s; a number is that of the first one."""
+    allowed = "a finite number (m/s)"
+    if isinstance(velocity, int | float | np.number):
+        return (checked_number("velocity", velocity, allowed), *[0.0] * (count - 1))
+    return checked_numbers("velocity", velocity, allowed, count=count, per=per)
+
+
 def start_velocity(chain: PhysicalChain, count: int) -> tuple[float, ...]:
     """Return the start velocities, m/s: the striker's and ``count`` zeros, or ``chain.velocity`` without a striker."""
     if chain.striker is None:
-        if isinstance(chain.velocity, list):
-            allowed = "a finite number (m/s)"
-            return checked_numbers("velocity", chain.velocity, allowed, count=count, per="body of the chain")
-        return (chain.velocity or 0.0, *[0.0] * (count - 1))
+        return checked_velocity(chain.velocity or 0.0, count, "body of the chain")
     if chain.velocity is not None:
         allowed = "striker.velocity alone, since all bodies behind a striker start at rest"
         raise SceneError("velocity", problem="cannot be combined with a striker", allowed=allowed)

@@ -37,7 +37,7 @@ LAWS = {
 
 def table(law: ContactLaw, geometry: tuple[float, float] = GAUGE, points: int = 1000) -> ContactTable:
     diameter, reach = geometry
-    return contact_table(law, keyword="LAW", diameter=diameter, reach=reach, date=DATE, points=points)
+    return contact_table(law, keyword="LAW", diameter=diameter, reach=reach, points=points)
 
 
 def distances(geometry: tuple[float, float]) -> Floats:
@@ -264,7 +264,7 @@ def test_lammps_passes_touch_in_a_table_whose_innermost_distance_is_moved(tmp_pa
 
 @pytest.mark.lammps
 def test_bodies_without_a_contact_that_meet_stop_lammps(tmp_path: Path) -> None:
-    none = zero_table(keyword="ZERO", diameter=GAUGE[0], date=DATE)
+    none = zero_table(keyword="ZERO", diameter=GAUGE[0])
     near, nearer = GAUGE[0] * (1.0 - 2.0**-11), GAUGE[0] * (1.0 - 2.0**-9)
     assert lammps_forces(tmp_path, none, np.array([near, 2.0 * near]), "spline", 1000).tolist() == [0.0, 0.0]
     with pytest.raises(RunBroken, match="Pair distance < table inner cutoff"):

@@ -32,7 +32,7 @@ HERTZ = power_law(1e9, 2.5)
 
 
 def table(law: ContactLaw = HERTZ, *, diameter: float = GAUGE, reach: float = REACH, **kwargs: int) -> ContactTable:
-    return contact_table(law, keyword="LAW", diameter=diameter, reach=reach, date=DATE, **kwargs)
+    return contact_table(law, keyword="LAW", diameter=diameter, reach=reach, **kwargs)
 
 
 def changed(law: ContactLaw, *, force: float = 0.0, energy: float = 0.0, factor: float = 1.0) -> ContactLaw:
@@ -158,14 +158,14 @@ def test_an_energy_that_does_not_fit_is_named_by_overlap_and_both_numbers() -> N
     ],
 )
 def test_wrong_settings_are_refused(changes: dict[str, object], words: str) -> None:
-    settings: dict[str, object] = {"keyword": "LAW", "diameter": GAUGE, "reach": REACH, "date": DATE} | changes
+    settings: dict[str, object] = {"keyword": "LAW", "diameter": GAUGE, "reach": REACH} | changes
     with pytest.raises(UsageError) as caught:
         contact_table(HERTZ, **settings)  # type: ignore[arg-type]
     assert words in str(caught.value)
 
 
 def test_the_zero_table_holds_no_force_and_begins_just_below_touch() -> None:
-    none = zero_table(keyword="ZERO", diameter=GAUGE, date=DATE)
+    none = zero_table(keyword="ZERO", diameter=GAUGE)
     assert not none.force.any()
     assert not none.energy.any()
     assert none.distance.tolist() == [GAUGE * 1023 / 1024, GAUGE]
