@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import os
 import re
@@ -452,10 +453,12 @@ def test_the_command_line_uses_all_cores_and_the_store_unless_told_otherwise_and
         calls.append(how)
         return verification_of((), accuracy=1e-6, wall=0.0, notes=("store: nothing is stored: why",))
 
+    defaults = {name: item.default for name, item in inspect.signature(db.verify).parameters.items()}
     monkeypatch.setattr(db, "verify", verify)
     for words, jobs, recompute in ((), None, False), (("-j", "3", "--no-cache"), 3, True):
         done = CliRunner().invoke(main, ["verify", "-o", str(tmp_path), *words])
         assert done.exit_code == 0
         assert "note: store: nothing is stored: why\n" in done.stdout
-        assert (calls[-1]["jobs"], calls[-1]["recompute"]) == (jobs, recompute)
+        settings = defaults | calls[-1]
+        assert (settings["jobs"], settings["recompute"]) == (jobs, recompute)
         assert "store" not in calls[-1]

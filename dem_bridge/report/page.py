@@ -18,6 +18,7 @@ from dem_bridge.report.cells import SEVERITY
 from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.images import image_of_data, image_of_runs
 from dem_bridge.report.pages import fill
+from dem_bridge.runs.recall import recall
 from dem_bridge.runs.store import Store
 from dem_bridge.studies.independence import ANSWERS_THROUGH, matrix
 from dem_bridge.studies.study import Study
@@ -75,7 +76,7 @@ def _page(study: Study, figures: Mapping[str, Mapping[str, str | bytes]], store:
     """Return the page as text. ``figures``: the files of each figure, the picture first."""
     template, more = "study.html.j2", {}
     if isinstance(study, Verification):
-        template, more = "verification.html.j2", _of_verification(study)
+        template, more = "verification.html.j2", _of_verification(study, store)
     return fill(
         template,
         study=study,
@@ -86,7 +87,7 @@ def _page(study: Study, figures: Mapping[str, Mapping[str, str | bytes]], store:
     )
 
 
-def _of_verification(study: Verification) -> dict[str, Any]:
+def _of_verification(study: Verification, store: Store | None) -> dict[str, Any]:
     """Return what the page of a verification shows beside the parts that every study has."""
     counts = Counter(verdict.outcome for verdict in study.verdicts)
     # scenes of the paper without refinement levels have no figures of their own
@@ -104,6 +105,6 @@ def _of_verification(study: Verification) -> dict[str, Any]:
         "with_theory": lambda pair: any(chain.run(THEORY) is not None for chain in pair),
         "names": NAMES,
         "backends": tuple(BACKENDS),
-        "shares": matrix(),
+        "shares": recall(store, "shared modules", [], matrix),
         "answers_through": ANSWERS_THROUGH,
     }

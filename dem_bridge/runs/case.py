@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dem_bridge.backends.base import Backend, Resolution, Sampling, backend
+from dem_bridge.backends.base import ENGINE_BACKENDS, Backend, Resolution, Sampling, backend
+from dem_bridge.backends.reference import SERIES
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.store import run_key
 from dem_bridge.scene import Scene
@@ -12,9 +13,11 @@ from dem_bridge.trajectory import Trajectory
 
 #: wall time of one core in s: per body and step for a fixed step, per body to a power for an adaptive one
 _PER_STEP = {"lammps-granular": 6e-8, "lammps-table": 6e-8, "verlet": 2e-9, "blanes-moan": 1e-8, "ase": 1e-6}
-_PER_BODIES = {"reference": (2e-4, 2.0), "scipy": (0.06, 1.35)}
-#: number of further runs that the uncertainty of a fixed-step run takes
-_FURTHER_RUNS = 5
+_PER_BODIES = {"reference": (2e-4, 2.0), "scipy": (0.06, 0.85)}
+#: LAMMPS evaluates the force of a drive as a formula at every step: factor of its time
+_DRIVEN = 5.0
+#: number of further runs that the uncertainty of a run takes
+_FURTHER_RUNS = {"verlet": 5, "blanes-moan": 5, "scipy": 2}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,13 +49,17 @@ class Case:
     @property
     def expected(self) -> float:
         """Rough estimate of the wall time, s, by which runs are ordered and the remaining time is shown."""
-        bodies, dt = self.scene.n_body, self.resolution.dt
-        if self.backend in _PER_BODIES:
-            factor, power = _PER_BODIES[self.backend]
-            return factor * float(bodies**power)
+        bodies, dt, code = self.scene.n_body, self.resolution.dt, self.backend
+        if code == "reference" and not SERIES.covers(self.scene):
+            code = "scipy"
+        runs = 1 + (_FURTHER_RUNS.get(code, 0) if self.uncertainty else 0)
+        if code in _PER_BODIES:
+            factor, power = _PER_BODIES[code]
+            return runs * factor * float(bodies**power)
         steps = self.scene.duration / dt if dt else 1e5
-        runs = 1 + _FURTHER_RUNS * (self.backend in ("verlet", "blanes-moan") and self.uncertainty)
-        return 0.05 + runs * _PER_STEP.get(self.backend, 0.0) * bodies * steps
+        if code in ENGINE_BACKENDS and self.scene.drive is not None:
+            steps *= _DRIVEN
+        return 0.05 + runs * _PER_STEP.get(code, 0.0) * bodies * steps
 
     def solve(self, code: Backend | None = None) -> Trajectory:
         """Return the run, without uncertainty; ``code``: a backend in place of the one that the case names."""

@@ -63,6 +63,10 @@ _VARIABLES = ("LD_LIBRARY_PATH", "LD_PRELOAD", "NUMBA_CPU_FEATURES", "NUMBA_CPU_
               "OMP_NUM_THREADS", "PYTHONPATH")  # fmt: skip
 _CPU = ("vendor_id", "cpu family", "model", "model name", "flags", "CPU implementer", "CPU part", "Features")
 _SUFFIX = ".run"
+#: files of the package that are code, or texts and tables in place of code
+_SOURCES = (".py", ".template", ".toml", ".json", ".j2")
+#: s for which the answer holds that the code is that of this process; it takes 3 ms
+_SAME_CODE = 1.0
 #: s, after which what a killed process left half written goes
 _LEFT_BEHIND = 86_400.0
 Array = NDArray[Any]
@@ -147,6 +151,8 @@ class Store:
         self.trouble = ""
         """What a user should know, one line; '' if all is well."""
         self._writes = True
+        self._same_code_until = 0.0
+        """Time (monotonic, s) up to which entries are read without another look at the code."""
         self._room = 0
         """Bytes that may be written before the folder is looked at again."""
         try:
@@ -209,8 +215,12 @@ class Store:
         return self.folder / f"{key}{_SUFFIX}"
 
     def _read(self, key: str) -> tuple[dict[str, Array], dict[str, Any]] | None:
-        if self.recompute or self._outdated():
+        if self.recompute:
             return None
+        if (now := time.monotonic()) > self._same_code_until:
+            if self._outdated():
+                return None
+            self._same_code_until = now + _SAME_CODE
         path = self._path(key)
         try:
             found = _unpacked(key, path.read_bytes())
@@ -312,8 +322,9 @@ def code_hash(without: tuple[str, ...] = (), package: Path = _PACKAGE) -> str:
 
 @cache
 def _sources(package: Path) -> tuple[Path, ...]:
-    texts = (package / "studies").rglob("*.toml")  # scenes have keys of their own
-    return tuple(sorted([*package.rglob("*.py"), *package.rglob("*.template"), *texts]))
+    scenes = package / "scenes"  # they have keys of their own
+    files = (file for suffix in _SOURCES for file in package.rglob(f"*{suffix}"))
+    return tuple(sorted(file for file in files if scenes not in file.parents))
 
 
 def _changed_since_start(package: Path = _PACKAGE) -> bool:
