@@ -5,6 +5,7 @@ This module makes no runs.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -17,7 +18,7 @@ from dem_bridge.differences import difference
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.regression.baseline import QUANTITIES, Accuracy, Baseline
 from dem_bridge.trajectory import Floats, Trajectory, own_scale
-from dem_bridge.verification.verdict import Outcome, judge_relative, plain
+from dem_bridge.verification.verdict import Outcome, judge_relative
 
 
 class Change(StrEnum):
@@ -103,7 +104,7 @@ class Comparison:
 
     def as_json(self) -> dict[str, Any]:
         """Return the comparison as JSON types; numbers that are not finite become null."""
-        document: dict[str, Any] = _plain(asdict(self))
+        document: dict[str, Any] = json.loads(json.dumps(asdict(self)), parse_constant=lambda word: None)
         return document
 
 
@@ -299,12 +300,3 @@ def _notes(baseline: Baseline, run: Trajectory) -> list[str]:
         ("machine", then["machine"], now["machine"]),
     ]
     return notes + [f"{name} {before} -> {after}" for name, before, after in changes if before != after]
-
-
-def _plain(value: Any) -> Any:
-    """Return nested values as JSON types."""
-    if isinstance(value, Mapping):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    return value.value if isinstance(value, Change) else plain(value)

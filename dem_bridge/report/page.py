@@ -53,18 +53,18 @@ def study_files(study: Study, store: Store | None = None) -> dict[str, str | byt
     ``files``. Images are kept in ``store``.
     """
     figures: dict[str, dict[str, str | bytes]] = {
-        one.id: {
-            f"figures/{one.id}.png": image_of_data(one, store),
-            **{f"figures/{name}": text for name, text in csv_texts(one).items()},
+        figure.id: {
+            f"figures/{figure.id}.png": image_of_data(figure, store),
+            **{f"figures/{name}": text for name, text in csv_texts(figure).items()},
         }
-        for one in study.figures
+        for figure in study.figures
     }
     files: dict[str, str | bytes] = {
         "index.html": _page(study, figures, store),
         study.record_name: json.dumps(study.as_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
     }
     parts: list[dict[str, str | bytes]] = [{name: content()} for name, content in study.files.items()]
-    parts += [{f"tables/{one.id}.csv": one.as_csv()} for one in study.tables]
+    parts += [{f"tables/{table.id}.csv": table.as_csv()} for table in study.tables]
     for part in (*parts, *figures.values()):
         if twice := set(part) & set(files):
             raise ValueError(f"study {study.id}: two parts have the file name {min(twice)}; allowed: distinct names")
@@ -98,7 +98,7 @@ def _of_verification(study: Verification, store: Store | None) -> dict[str, Any]
     ]
     return {
         "paper": bool(study.claims),
-        "tables": [one for one in study.tables if one.id not in _SHOWN_OTHERWISE],
+        "tables": [table for table in study.tables if table.id not in _SHOWN_OTHERWISE],
         "counts": [(outcome, counts[outcome]) for outcome in Outcome if counts[outcome]],
         "order_of_claims": (Outcome.PASS, *SEVERITY[:-1]),
         "with_figures": with_figures,

@@ -167,14 +167,16 @@ def _answer(study: SceneStudy) -> str:
     assert run is not None
     parts = study.budgets[0].parts
     cause = "the time step"
-    agreement = f"to {positional.difference:.1e}" if positional.difference > 0.0 else "bit for bit"
+    same, same_positions = (
+        f"to {v.difference:.1e}" if v.difference > 0.0 else "bit for bit" for v in (twin, positional)
+    )
     if "table" in run.provenance:
         cause += f" ({parts['time step']:.1e}) and the interpolation of the force tables ({parts['table']:.1e})"
     text = (
         f"{study.scene.name}: with dt = {run.provenance['settings']['dt']:.3g} s, the velocity error of LAMMPS is at"
         f" most {error.difference:.1e} of the largest velocity ({error.scale:.3g} m/s). Its cause is {cause}: the"
-        f" same algorithm in another code (the twin) differs from LAMMPS by only {twin.difference:.1e}, which is"
-        f" round-off, and a twin that stores positions, as LAMMPS does, agrees with it {agreement}."
+        f" same algorithm in another code (the twin) agrees with LAMMPS {same}, and a twin that stores positions, as"
+        f" LAMMPS does, {same_positions}; these differences are round-off."
     )
     worst, end = verdict("arrival", THEORY, REFERENCE), verdict("arrival_at_end", THEORY, REFERENCE)
     if worst is not None and end is not None:

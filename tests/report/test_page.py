@@ -178,7 +178,7 @@ def test_a_failed_check_stands_in_the_headline_instead_of_praise(found: Verifica
     strict = assess_scene(PAIR, study.runs, 1e-9)
     [sentence] = verification_of([strict], accuracy=1e-3, wall=1.0).answer
     assert "FAIL" in sentence
-    assert "which is round-off" not in sentence
+    assert "are round-off" not in sentence
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(found: Verification, tmp_path: Path) -> None:
