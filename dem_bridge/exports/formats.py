@@ -221,15 +221,11 @@ def as_tex(table: Table) -> str:
     """Return the table as a LaTeX ``tabular`` for the packages booktabs and siunitx, with its notes as comments."""
     columns = rounded_columns(table)
 
-    def cell(column: _Rounded, text: str | None) -> str:
-        if column.words:
-            return "--" if text is None else _escaped(text)
-        return "{--}" if text is None else text
-
-    body = [
-        " & ".join(cell(column, text) for column, text in zip(columns, row, strict=True)) + r" \\"
-        for row in zip(*(column.cells for column in columns), strict=True)
+    cells = [
+        [("--" if text is None else _escaped(text)) if column.words else text or "{--}" for text in column.cells]
+        for column in columns
     ]
+    body = [" & ".join(row) + r" \\" for row in zip(*cells, strict=True)]
     lines = [
         f"% {table.title}, written by dem_bridge {__version__}",
         r"% needs \usepackage{booktabs} and \usepackage{siunitx}",

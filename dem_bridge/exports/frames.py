@@ -104,43 +104,41 @@ def _grouped(column: Mapping[str, Floats], count: int) -> dict[str, Floats]:
     return grouped | {name: values for name, values in extra.items() if values is not None}
 
 
+#: items of a dump before its atoms, with the number of their lines
+_ITEMS = {"UNITS": 1, "TIME": 1, "TIMESTEP": 1, "NUMBER OF ATOMS": 1, "BOX BOUNDS": 3}
+
+
 def read_dump(path: Path) -> Frames:
     """Read a LAMMPS text dump (``dump custom``) with the columns ``id`` and ``x`` or ``xu``.
 
     Units and times are read if the dump has them (``dump_modify units yes time yes``).
     """
     collector, times, steps = _FrameCollector(), [], []
+    lines, label = _lines(path), "frame 0"
+    items: dict[str, list[str]] = {}
     units = None
-    lines = _lines(path)
-    label = "frame 0"
-    item: dict[str, list[str]] = {}
     try:
         for line in lines:
             if not line.startswith("ITEM:"):
                 raise UsageError(f"{label} has the line {line[:40]!r} where a line 'ITEM: ...' is expected")
-            words = line.split()[1:]
-            name = " ".join(words)
-            if name == "UNITS":
-                units = next(lines).strip()
-            elif name in ("TIME", "TIMESTEP", "NUMBER OF ATOMS"):
-                item[name] = [next(lines)]
-            elif words[:2] == ["BOX", "BOUNDS"]:
-                item["BOX"] = [next(lines) for _ in range(3)]
-            elif words[:1] == ["ATOMS"]:
-                step, count = float(item["TIMESTEP"][0]), int(item["NUMBER OF ATOMS"][0])
-                label = f"frame {collector.count} (step {step:g})"
-                rows = [next(lines).split() for _ in range(count)]
-                ids, columns = _dump_columns(words[1:], rows, label)
-                collector.add(ids, columns, label)
-                steps.append(step)
-                if "TIME" in item:
-                    times.append(float(item["TIME"][0]))
-                item = {}
-            else:
+            name = " ".join(line.split()[1:])
+            item = next((item for item in _ITEMS if name == item or name.startswith(f"{item} ")), None)
+            if item is not None:
+                items[item] = [next(lines) for _ in range(_ITEMS[item])]
+                continue
+            if not name.startswith("ATOMS"):
                 raise UsageError(f"{label} has the unknown item {name!r}; allowed: the items of a dump custom")
+            step, count = float(items["TIMESTEP"][0]), int(items["NUMBER OF ATOMS"][0])
+            label = f"frame {collector.count} (step {step:g})"
+            rows = [next(lines).split() for _ in range(count)]
+            collector.add(*_dump_columns(name.split()[1:], rows, label), label)
+            steps.append(step)
+            times += [float(text) for text in items.get("TIME", ())]
+            units = items["UNITS"][0].strip() if "UNITS" in items else units
+            items = {}
+    except UsageError:
+        raise
     except (StopIteration, KeyError, ValueError) as error:
-        if isinstance(error, UsageError):
-            raise
         raise UsageError(
             f"{label} or the next frame is incomplete or not in the format of a dump; write the file again"
         ) from error
@@ -185,17 +183,13 @@ def read_ase(path: Path, kind: str) -> Frames:
     """
     from ase.io import iread
 
-    collector, times = _FrameCollector(), []
+    collector, times, label = _FrameCollector(), list[float](), "frame 0"
     units: str | None = None
-    label = "frame 0"
     try:
         for nth, atoms in enumerate(iread(path, index=":", format=kind)):
             label = f"frame {nth}"
-            info = atoms.info
-            units = info.get("units", units)
-            time = next((float(info[name]) for name in ("Time", "time") if name in info), None)
-            if time is not None:
-                times.append(time)
+            units = atoms.info.get("units", units)
+            times += [float(atoms.info[name]) for name in ("Time", "time") if name in atoms.info][:1]
             ids = np.asarray(atoms.arrays.get("id", np.arange(len(atoms))), dtype=np.int64)
             collector.add(ids, dict(_ase_columns(atoms)), label)
     except UsageError:
@@ -204,11 +198,8 @@ def read_ase(path: Path, kind: str) -> Frames:
         raise UsageError(f"ASE cannot read {label} or the next frame ({error})") from error
     if times and len(times) != collector.count:
         raise UsageError(f"{len(times)} of {collector.count} frames have a time; allowed: all frames or none")
-    return collector.frames(
-        time=np.array(times) if times else None,
-        step=np.arange(float(collector.count)),
-        units=units,
-    )
+    time = np.array(times) if times else None
+    return collector.frames(time=time, step=np.arange(float(collector.count)), units=units)
 
 
 def _ase_columns(atoms: Any) -> Iterator[tuple[str, Floats]]:
