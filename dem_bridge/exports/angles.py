@@ -126,6 +126,10 @@ class Cylinders:
         except ValueError as error:
             raise UsageError(str(error)) from None
 
+    def __str__(self) -> str:
+        modulus, ratio = f"Young's modulus {self.youngs_modulus!r} Pa", f"Poisson's ratio {self.poissons_ratio!r}"
+        return f"cylinders of radius {self.radius!r} m, {modulus}, {ratio}"
+
     @property
     def properties(self) -> dict[str, float]:
         """Return the radius and the elastic properties."""
@@ -219,8 +223,7 @@ def angles(
             numbers("stiffness_slope", "d ln(stiffness)/d(angle)", "1/deg", slope, digits=4),
         ),
         notes=(
-            f"cylinders of radius {pair.radius!r} m, Young's modulus {pair.youngs_modulus!r} Pa, Poisson's ratio"
-            f" {pair.poissons_ratio!r}; stiffness by the {pair.law} law",
+            f"{pair}; stiffness by the {pair.law} law",
             "with an error of the angle up to the tolerance, of either sign, the stiffness is off by at most"
             f" {100.0 * within:g} %",
             *notes,
@@ -258,11 +261,7 @@ def stiffness_curve(
             numbers("slope_paper", "d ln(stiffness)/d(angle), eq. 3.1", "1/deg", paper_slope),
             numbers("slope_exact", "d ln(stiffness)/d(angle), exact", "1/deg", exact_slope),
         ),
-        notes=(
-            f"cylinders of radius {pair.radius!r} m, Young's modulus {pair.youngs_modulus!r} Pa, Poisson's ratio"
-            f" {pair.poissons_ratio!r}",
-            EQUATION,
-        ),
+        notes=(str(pair), EQUATION),
         provenance=origin(scene),
     )
 

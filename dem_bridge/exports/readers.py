@@ -122,9 +122,7 @@ def _samples_of_frames(
     """Return the samples of frames: motion along the chain's axis and contact forces."""
     style, assumed = _units(frames.units, units, default_units)
     si = UNITS[style]
-    if not np.all(np.isfinite(frames.position)):
-        frame = int(np.argwhere(~np.isfinite(frames.position))[0, 0])
-        raise UsageError(f"frame {frame} has positions that are not finite; allowed: finite numbers")
+    _check_finite("positions", frames.position)
     bodies, with_walls = _bodies(frames, scene)
     axis = _axis(frames, bodies)
     if axis != 0:
@@ -163,6 +161,12 @@ def _samples_of_frames(
                 "contact forces are the running sum of net forces minus weight, precompression force and drive"
             )
     return _Samples(time, displacement, velocity, contact, digits, assumed, style)
+
+
+def _check_finite(name: str, values: Floats) -> None:
+    """Raise UsageError unless all values are finite."""
+    if len(wrong := np.argwhere(~np.isfinite(values))):
+        raise UsageError(f"frame {wrong[0, 0]} has {name} that are not finite; allowed: finite numbers")
 
 
 def _units(in_file: str | None, argument: str | None, default: str) -> tuple[str, list[str]]:
@@ -322,9 +326,7 @@ def _check_start(samples: _Samples, scene: Scene) -> None:
     if samples.velocity is None:
         samples.assumed.append("units and initial velocities are not checked, because the file has no velocities")
         return
-    if not np.all(np.isfinite(samples.velocity)):
-        frame = int(np.argwhere(~np.isfinite(samples.velocity))[0, 0])
-        raise UsageError(f"frame {frame} has velocities that are not finite; allowed: finite numbers")
+    _check_finite("velocities", samples.velocity)
     off = np.abs(samples.velocity[0] - start)
     scale = float(max(np.max(np.abs(start)), np.max(np.abs(samples.velocity))))
     if np.max(off) > START_WITHIN * scale:
