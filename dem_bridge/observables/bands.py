@@ -28,18 +28,18 @@ from dem_bridge.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 
-#: neighbours that differ by less than this, relative, are alike
+#: relative difference below which two neighbours count as equal
 ALIKE = 1e-9
-#: frequencies in a row that edges are looked for in the median of: deep in a gap, where next to nothing moves, one or
-#: two stand out by what is no motion of small amplitude
+#: number of frequencies over which the trace is smoothed by a median before edges are determined: deep in a gap, where
+#: bodies hardly move, single frequencies are outliers because the motion is not exactly linear
 ALONE = 5
-#: a cell is seen so many times at least
+#: smallest number of cells in a chain
 FEWEST_CELLS = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bands:
-    """Pass bands read off a run. Made by :func:`measured_bands`."""
+    """Hold the pass bands of a run; :func:`measured_bands` returns them."""
 
     frequency: Floats
     """``(n_f,)``, Hz."""
@@ -54,13 +54,15 @@ class Bands:
 
     @property
     def phase(self) -> Floats:
-        """``(n_f,)``: k per cell, rad, from 0 to pi; nan where no wave travels."""
+        """Return the phase k per cell, rad, from 0 to pi, ``(n_f,)``; nan where no wave travels."""
         inside = np.abs(self.trace) <= 2.0
         return np.where(inside, np.arccos(np.clip(0.5 * self.trace, -1.0, 1.0)), np.nan)
 
 
 def unit_cell(scene: Scene) -> tuple[int, Cell]:
-    """First body of the periodic part of a precompressed chain, 0 or 1 (behind a striker), and its unit cell.
+    """Return the first body of the periodic part of a precompressed chain, 0 or 1, and its unit cell.
+
+    The first body is 1 behind a striker.
 
     Raises UnsupportedScene where nothing is pressed or nothing repeats.
 
@@ -94,7 +96,7 @@ def _repeats(values: Floats, period: int) -> bool:
 def measured_bands(
     scene: Scene, trajectory: Trajectory, *, lowest: float | None = None, highest: float | None = None
 ) -> Bands:
-    """Bands between two frequencies (Hz; None: all that the record resolves) from all samples of a run.
+    """Return the bands between two frequencies (Hz; None: all that the record resolves) from all samples of a run.
 
     Samples must be closer than a third of the shortest period, and the record longer than 20 periods of ``lowest``.
     Raises UnsupportedScene as :func:`unit_cell` does, UsageError where nothing moves or nothing is left between the two

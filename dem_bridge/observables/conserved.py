@@ -16,10 +16,10 @@ Floats = NDArray[np.float64]
 
 
 def momentum(scene: Scene, trajectory: Trajectory) -> Floats:
-    """Total momentum, kg m/s, ``(n_t,)``. Constant where the scene ``conserves_momentum``.
+    """Return the total momentum, kg m/s, ``(n_t,)``; it is constant where the scene ``conserves_momentum``.
 
-    Without walls the loads on both ends of a precompressed chain cancel; damping gives one body what it takes from the
-    other.
+    Without walls the loads on both ends of a precompressed chain cancel, and damping forces act on both bodies of a
+    contact with opposite signs.
     """
     return np.asarray(trajectory.velocity @ np.array(scene.mass))
 

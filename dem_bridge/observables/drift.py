@@ -24,15 +24,15 @@ from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
-#: into so many means a series is cut; with fewer the bar is not known, with more they are not independent
+#: number of blocks of a series: with fewer its uncertainty is not known, with more the means are not independent
 BLOCKS = 20
-#: bars cover the true slope this often
+#: probability with which the uncertainty covers the true slope
 CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drift:
-    """Slope of a series in time, and its standard errors. Made by :func:`drift_of`."""
+    """Hold the slope of a series in time, and its standard errors; :func:`drift_of` returns it."""
 
     slope: float
     """In the series' unit per second."""
@@ -47,7 +47,7 @@ class Drift:
 
     @property
     def total(self) -> tuple[float, float]:
-        """Drift of the series over the duration, with its uncertainty."""
+        """Return the drift of the series over the duration, and its uncertainty."""
         return self.slope * self.duration, self.bar * self.duration
 
     @property
@@ -57,10 +57,11 @@ class Drift:
 
 
 def drift_of(time: Floats, series: Floats) -> Drift:
-    """Slope of ``series (n_t,)`` over ``time`` (s, evenly spaced), by means over 20 blocks.
+    """Return the slope of ``series (n_t,)`` over ``time`` (s, evenly spaced), by means over 20 blocks.
 
-    The slope is that of a line through the means. Its bar holds for what walks at random (the means' differences are
-    independent then) and for what swings (their distances from the line are). UsageError for less than 40 samples.
+    The slope is that of a line through the means. Its uncertainty covers a random walk, for which the differences of
+    the means are independent, and an oscillation, for which their distances from the line are. Raises UsageError for
+    fewer than 40 samples.
 
     >>> time = np.linspace(0.0, 1.0, 2001)
     >>> swing = drift_of(time, 3e-6 * time + 1e-6 * np.sin(1000.0 * time))

@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Window:
-    """Part of a run that a question is about."""
+    """Hold the part of a run that is compared."""
 
     until: float = math.inf
     """s: the latest sample."""
@@ -57,7 +57,7 @@ ALL = Window()
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reading:
-    """Values of one observable of one run inside a window, with their uncertainty and scale, in its unit."""
+    """Hold the values of one observable of one run inside a window, with their uncertainty and scale, in its unit."""
 
     observable: Observable
     values: Floats
@@ -87,7 +87,7 @@ def read(observable: Observable | str, scene: Scene, run: Trajectory, window: Wi
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RelativeError:
-    """Differences of a run from a reference over the scale of the reference, one for each place of a reading."""
+    """Hold the differences of a run from a reference, relative to the scale of the reference, one for each place."""
 
     values: Floats
     """With their sign; nan where neither run has a value, inf where only one has."""
@@ -98,7 +98,7 @@ class RelativeError:
 
     @property
     def worst(self) -> tuple[int, ...] | None:
-        """The place of the largest magnitude; None where no run has any value."""
+        """Return the place of the largest magnitude; None where no run has any value."""
         size = np.where(np.isnan(self.values), -1.0, np.abs(self.values))
         if not np.any(size >= 0.0):
             return None

@@ -1,14 +1,13 @@
 """Laws fitted along the chain: wave speed (fig. 3c, d), peak force against stiffness (fig. 5c, d), peak velocity.
 
-Least squares of what is no scatter but a slow departure from a power: a standard error then says how well a line fits
-the points that it was given, not how well its slope is known. So a slope also comes with its ``spread``, the range of
-the slopes over other windows, and with ``bar``, what the bars of the run can change in it.
+The residuals of these fits are not random but a slow departure from a power law. A standard error then states how well
+a line fits its points, not how well its slope is known. A slope therefore also has a ``spread``, the range of slopes
+over other windows, and a ``bar``, its largest change within the uncertainties of the run.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +26,10 @@ PARTS = (0.9, 0.8, 0.7, 0.6, 0.5)
 
 
 def inner_bodies(scene: Scene) -> tuple[int, int]:
-    """First and last body with a residence time of the chain's own: 3 to n_body - 3, both included.
+    """Return the first and last body whose residence time is not affected by the ends: 3 and n_body - 3.
 
-    Bodies 1 and 2 have that of the striker's contact, which is another (in the paper's decelerating chain 18 times
-    softer: body 1 seems three times as fast as body 3), the last one with a residence time hands on to a free end.
+    Residence times of bodies 1 and 2 depend on the striker's contact, which in the paper's decelerating chain is 18
+    times softer, so that the speed at body 1 is three times that at body 3. The last one is that before the free end.
     """
     return 3, scene.n_body - 3
 
@@ -51,7 +50,7 @@ def inner_contacts(scene: Scene) -> tuple[int, int]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SpeedFit:
-    """V_i = (b1 + b2 i)^(1/n), V in m/s. Made by :func:`speed_power_law`."""
+    """Hold the fit V_i = (b1 + b2 i)^(1/n), V in m/s; :func:`speed_power_law` returns it."""
 
     b1: float
     """(m/s)^n."""
@@ -70,14 +69,14 @@ class SpeedFit:
     """Largest changes of b1 and b2 by the bars of the run's crossing times."""
 
     def speed(self, body: NDArray[np.int64] | int) -> Floats:
-        """m/s, at bodies of any shape."""
+        """Return the fitted speed at bodies, m/s."""
         return np.asarray((self.b1 + self.b2 * np.asarray(body)) ** (1.0 / self.exponent))
 
 
 def speed_power_law(
     scene: Scene, trajectory: Trajectory, *, first: int | None = None, last: int | None = None
 ) -> SpeedFit:
-    """Power law of the wave speed along a chain whose stiffness is linear in i (paper, section 4a, fig. 3c, d).
+    """Fit the power law of the wave speed along a chain whose stiffness is linear in i (paper, section 4a, fig. 3c, d).
 
     Least squares in V, the wave speed by crossing, over bodies ``first`` to ``last``, both included (None: those of
     :func:`inner_bodies`). The exponent 1/n is that of the scene's contacts, as in the paper. Raises UsageError for a
@@ -136,7 +135,7 @@ def speed_power_law(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Slope:
-    """A straight line through points along the chain, and how far its slope can be trusted."""
+    """Hold the slope of a straight line through points along the chain, and its uncertainties."""
 
     slope: float
     stderr: float
@@ -156,19 +155,8 @@ class Slope:
     """Slope in each of them."""
 
 
-Fitted = TypeVar("Fitted", bound=Slope)
-
-
-class ForceFit(Slope):
-    """ln(peak force) against ln(stiffness). Made by :func:`force_exponent`."""
-
-
-class VelocitySlope(Slope):
-    """ln(peak velocity) per body. Made by :func:`log_velocity_slope`."""
-
-
-def force_exponent(scene: Scene, trajectory: Trajectory, *, window: tuple[int, int] | None = None) -> ForceFit:
-    """Exponent of the peak contact force in the stiffness, F_max ~ beta^slope (paper, section 4c, fig. 5c, d: 1/n).
+def force_exponent(scene: Scene, trajectory: Trajectory, *, window: tuple[int, int] | None = None) -> Slope:
+    """Fit the exponent of the peak contact force in the stiffness, F_max ~ beta^slope (section 4c, fig. 5c, d: 1/n).
 
     ``window``: first and last contact, both included (None: :func:`inner_contacts`). The paper's chains of 200 give
     0.3950 (decelerating; spread 0.3934 to 0.3974) and 0.4053 (accelerating; 0.4027 to 0.4073); in those of 40 the pulse
@@ -190,11 +178,11 @@ def force_exponent(scene: Scene, trajectory: Trajectory, *, window: tuple[int, i
     if np.ptp(np.log(stiffness)) < 1e-6:
         raise UsageError(f"{scene.name} has one stiffness in contacts {first}..{last}; an exponent needs a gradient")
     bar = np.asarray(trajectory.uncertainty["peak_force"])[pick] / force
-    return straight_line(ForceFit, np.log(stiffness), np.log(force), bar, first)
+    return straight_line(np.log(stiffness), np.log(force), bar, first)
 
 
-def log_velocity_slope(scene: Scene, trajectory: Trajectory, first: int, last: int) -> VelocitySlope:
-    """Slope of ln(peak velocity in the leading pulse) per body, over bodies ``first`` to ``last``, both included.
+def log_velocity_slope(scene: Scene, trajectory: Trajectory, first: int, last: int) -> Slope:
+    """Fit the slope of ln(peak velocity in the leading pulse) per body, from body ``first`` to ``last``, both included.
 
     In chains of spheres whose radius changes by a constant factor the binary collision approximation gives a constant
     slope (Wu 2002, *Physica A* 315, 194; Doney & Sen 2005, *Phys. Rev. E* 72, 041304). Peak velocities by
@@ -211,10 +199,10 @@ def log_velocity_slope(scene: Scene, trajectory: Trajectory, first: int, last: i
     peak, pick = peak_velocity_of_front(scene, trajectory), slice(first, last + 1)
     body, velocity = np.arange(first, last + 1), peak.velocity[pick]
     _check_finite("the peak velocity", velocity, body)
-    return straight_line(VelocitySlope, body.astype(float), np.log(velocity), peak.bar[pick] / velocity, first)
+    return straight_line(body.astype(float), np.log(velocity), peak.bar[pick] / velocity, first)
 
 
-def straight_line(kind: type[Fitted], x: Floats, y: Floats, bar: Floats, first: int) -> Fitted:
+def straight_line(x: Floats, y: Floats, bar: Floats, first: int) -> Slope:
     """Return the slope of y against x; point j is that of contact or body ``first + j``."""
     from scipy.stats import t as student
 
@@ -227,12 +215,14 @@ def straight_line(kind: type[Fitted], x: Floats, y: Floats, bar: Floats, first: 
         windows += [(start, start + size) for start in (0, rest // 2, rest)]
     windows = sorted({(a, b) for a, b in windows if b - a >= 3 and np.ptp(x[a:b]) > 0.0})
     slopes = np.array([_least_squares(x[a:b], y[a:b])[0] for a, b in windows])
-    return kind(
+    return Slope(
         slope=slope,
         stderr=stderr,
         interval=(slope - reach, slope + reach),
         spread=(float(np.min(slopes)), float(np.max(slopes))),
-        bar=float(np.abs(weight[weight != 0.0]) @ bar[weight != 0.0]),  # the middle may be as unknown as it likes
+        bar=float(
+            np.abs(weight[weight != 0.0]) @ bar[weight != 0.0]
+        ),  # an unknown uncertainty in the middle does not matter
         first=first,
         last=first + len(x) - 1,
         windows=tuple((first + a, first + b - 1) for a, b in windows),
@@ -241,7 +231,7 @@ def straight_line(kind: type[Fitted], x: Floats, y: Floats, bar: Floats, first: 
 
 
 def _least_squares(x: Floats, y: Floats) -> tuple[float, float, Floats]:
-    """Slope, its standard error, and the weight of each y in it."""
+    """Return the slope, its standard error, and the weight of each y in it."""
     away = x - np.mean(x)
     weight = away / np.sum(away**2)
     slope = float(weight @ y)

@@ -77,7 +77,9 @@ def _at_bodies(trajectory: Trajectory, contacts: Floats) -> Floats:
 
 
 def local_stiffness(scene: Scene, position: NDArray[np.int64] | Floats) -> Floats:
-    """Geometric mean of the stiffnesses on both sides of bodies 1..n_body-2, N/m^(n-1); linear in ln between bodies.
+    """Return the geometric mean of the stiffnesses on both sides of bodies 1..n_body-2, N/m^(n-1).
+
+    Between bodies its logarithm is interpolated linearly.
 
     >>> from dem_bridge.scene import Scene
     >>> chain = Scene(name="three", duration=1.0, mass=(1.0,) * 3, stiffness=(1.0, 4.0), velocity=(1.0, 0.0, 0.0))
@@ -90,22 +92,25 @@ def local_stiffness(scene: Scene, position: NDArray[np.int64] | Floats) -> Float
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PeakVelocity:
-    """Largest velocity of each body in the leading pulse, ``(n_body,)`` all. Made by :func:`peak_velocity_of_front`."""
+    """Hold the largest velocity of each body in the leading pulse, ``(n_body,)`` all.
+
+    :func:`peak_velocity_of_front` returns it.
+    """
 
     velocity: Floats
-    """m/s; nan: the pulse never came."""
+    """m/s; nan where the pulse never arrives."""
     time: Floats
     """s."""
     sampling: Floats
-    """m/s: what the samples leave open; nan: not known."""
+    """Uncertainty due to the distance of samples, m/s; nan where it is unknown."""
     bar: Floats
-    """m/s: ``sampling`` and the run's bar of velocities together."""
+    """Sum of ``sampling`` and the uncertainty of the run's velocities, m/s."""
     time_bar: Floats
-    """s: how far the maximum of a parabola moves where velocities err by ``bar``; inf without an acceleration."""
+    """Shift of the maximum of a parabola for a velocity error of ``bar``, s; inf without an acceleration."""
 
 
 def peak_velocity_of_front(scene: Scene, trajectory: Trajectory) -> PeakVelocity:
-    """Largest velocity of body i up to t_i^f, when it hands the impulse on (of the last body: up to the end).
+    """Return the largest velocity of body i up to t_i^f, when it hands the impulse on (last body: up to the end).
 
     The maximum is found between samples, on the polynomial of degree 11 through six samples of velocity and
     acceleration (:mod:`.interpolate`); ``sampling`` is its distance from that of degree 7 through four. In the solitary
@@ -163,7 +168,7 @@ def _maximum(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SpeedConstant:
-    """Speed of the front against its size, at body i = 1..n_body-2. Made by :func:`local_speed_constant`."""
+    """Hold the speed constant of the front at body i = 1..n_body-2; :func:`local_speed_constant` returns it."""
 
     body: NDArray[np.int64]
     by_velocity: Floats

@@ -56,7 +56,7 @@ def acceleration(scene: Scene, trajectory: Trajectory) -> Floats:
 
 
 def spacing(trajectory: Trajectory) -> float:
-    """Between samples, s. Raises UsageError where they are not evenly spaced."""
+    """Return the time between samples, s; UsageError where they are not evenly spaced."""
     return _spacing(trajectory.time.tobytes())
 
 
@@ -76,7 +76,7 @@ def require_known_forces(scene: Scene, what: str) -> None:
 
 
 def require_forces(trajectory: Trajectory, what: str) -> None:
-    """UsageError for a trajectory without contact forces."""
+    """Raise UsageError for a trajectory without contact forces."""
     if np.any(np.isnan(trajectory.contact_force)):
         backend = trajectory.provenance.get("backend", "?")
         raise UsageError(
@@ -87,7 +87,7 @@ def require_forces(trajectory: Trajectory, what: str) -> None:
 def hermite(
     trajectory: Trajectory, value: Floats, slope: Floats, when: Floats, *, nodes: int = NODES, derivative: int = 0
 ) -> Floats:
-    """``value`` with ``slope`` in time, ``(n_t, n)`` both, at one time per column or at times for all columns.
+    """Interpolate ``value`` with its ``slope`` in time, ``(n_t, n)`` both, to one time per column, or for all columns.
 
     ``when (n,)``, s: one time per column, answer ``(n,)``; ``when (n_when, 1)``: answer ``(n_when, n)``. Nan stays nan.
     ``derivative=1``: the polynomial's own slope.
@@ -135,7 +135,7 @@ def contact_motion(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats
 
 
 def state_at(scene: Scene, trajectory: Trajectory, when: Floats) -> tuple[Floats, Floats]:
-    """Overlaps (m, ``(n_when, n_contact)``; >= 0) and velocities (m/s, ``(n_when, n_body)``) at times ``(n_when,)``."""
+    """Return overlaps >= 0 (m, ``(n_when, n_contact)``) and velocities (m/s, ``(n_when, n_body)``) at some times."""
     at = when[:, None]
     x = hermite(trajectory, trajectory.displacement, trajectory.velocity, at)
     v = hermite(trajectory, trajectory.velocity, acceleration(scene, trajectory), at)

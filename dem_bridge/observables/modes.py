@@ -28,7 +28,7 @@ _SLOPE = 1e-4
 
 
 def tangent_stiffness(scene: Scene, overlap: Floats) -> Floats:
-    """``dF/d(overlap)``, N/m, of each contact at overlaps ``(n_t, n_contact)``; 0 where it is open.
+    """Return ``dF/d(overlap)``, N/m, of each contact at overlaps ``(n_t, n_contact)``; 0 where it is open.
 
     Raises UnsupportedScene for n < 2, where it is infinite at touch.
     """
@@ -47,9 +47,9 @@ def tangent_stiffness(scene: Scene, overlap: Floats) -> Floats:
 
 
 def highest_frequencies(scene: Scene, trajectory: Trajectory) -> tuple[float, float]:
-    """Highest angular frequency (rad/s) over all samples of one contact between its two bodies, and of a mode.
+    """Return the highest angular frequencies (rad/s) of all samples: of one contact alone, and of a mode.
 
-    Damping and drag are left out. Both 0 where nothing touches; as good as the samples are close.
+    Damping and drag are left out. Both are 0 if no bodies touch. Frequencies between samples may be higher.
 
     >>> import dem_bridge as db
     >>> scene = db.load_scene("decelerating-40")

@@ -1,10 +1,10 @@
 """The pulse as a whole: its width, energy and momentum, what follows it and what runs back.
 
-The leading pulse is looked at when each contact k of the chain is at its first maximal compression (its
-``crossing_time``). It begins ahead of all that moves and ends at the first contact behind k where the force is least:
-zero, or smaller than in the contact behind it; before two pulses have parted there may be no such contact between them,
-and both count. States between samples are those of :mod:`.interpolate`. All of it is
-meant for a chain struck at rest: gravity and precompression, whose forces and energies are no pulse's, are refused.
+The leading pulse is evaluated when each contact k of the chain is at its first maximal compression (its
+``crossing_time``). It begins at the first body that moves and ends at the first contact behind k where the force has a
+minimum: zero, or smaller than in the contact behind it. Before two pulses have separated there may be no such contact
+between them, and both count. States between samples are those of :mod:`.interpolate`. Chains must be struck at rest;
+gravity and precompression, whose forces and energies are not those of a pulse, are rejected.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from dem_bridge.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 
-#: a maximum of a body's velocity counts as a further pulse from this share of the first on
+#: smallest maximum of a body's velocity that counts as a further pulse, relative to the first
 SECONDARY = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PulseWidth:
-    """Width of the leading pulse in bodies, ``(n_contact of the chain,)`` all. Made by :func:`pulse_width_by_force`."""
+    """Hold the width of the leading pulse, ``(n_contact of the chain,)``; :func:`pulse_width_by_force` returns it."""
 
     width: Floats
     """Bodies; nan where one side of the pulse is beyond an end of the chain."""
@@ -40,7 +40,7 @@ class PulseWidth:
 
 
 def pulse_width_by_force(scene: Scene, trajectory: Trajectory) -> PulseWidth:
-    """Full width of the leading pulse at half force, in bodies, as each contact of the chain has its peak.
+    """Return the full width of the leading pulse at half force, in bodies, as each contact of the chain has its peak.
 
     The front edge is where contacts have just reached half their own first peak, the rear edge where they are back at
     it; both run along the chain, and between contacts their places are those of a cubic spline through (time, contact).
@@ -74,7 +74,7 @@ def pulse_width_by_force(scene: Scene, trajectory: Trajectory) -> PulseWidth:
     after = np.min(np.where(low & (time[:, None] > peak_time), number, len(time)), axis=0)
 
     def edge(row: NDArray[np.int64], available: NDArray[np.bool_], other: int) -> Floats:
-        """Between the sample ``row``, below half, and the one nearer to the peak, or the peak."""
+        """Return the time between the sample ``row``, below half, and the one nearer to the peak, or the peak."""
         inside = np.clip(row, 0, len(time) - 1)
         outer, inner = time[inside], time[np.clip(row + other, 0, len(time) - 1)]
         inner = np.minimum(inner, peak_time) if other > 0 else np.maximum(inner, peak_time)
@@ -104,9 +104,9 @@ def _place(passing: Floats, when: Floats) -> Floats:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeadingPulse:
-    """Energy and momentum of the leading pulse as each contact has its peak, ``(n_contact of the chain,)``.
+    """Hold energy and momentum of the leading pulse as each contact has its peak, ``(n_contact of the chain,)``.
 
-    Made by :func:`leading_pulse`. nan, and ``rear`` -1, where the pulse never came.
+    :func:`leading_pulse` returns it. Values are nan, and ``rear`` is -1, where the pulse never arrives.
     """
 
     time: Floats
@@ -127,7 +127,7 @@ class LeadingPulse:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reflected:
-    """Motion behind the leading pulse, ``(n_contact of the chain,)`` all. Made by :func:`reflected`."""
+    """Hold the motion behind the leading pulse, ``(n_contact of the chain,)`` all; :func:`reflected` returns it."""
 
     time: Floats
     """s: the crossing time of the contact."""
@@ -144,7 +144,7 @@ class Reflected:
 
 
 def leading_pulse(scene: Scene, trajectory: Trajectory) -> LeadingPulse:
-    """Energy and momentum in the leading pulse along the chain, and their shares in those of the chain.
+    """Return energy and momentum in the leading pulse along the chain, and their shares in those of the chain.
 
     In a solitary wave: energy 1.0693229458 m v_max^2 and momentum 1.6699712493 m v_max for n = 5/2. Energies stored in
     contacts are rebuilt from their laws. Raises UsageError for gravity, precompression, or runs without contact forces.
@@ -159,7 +159,7 @@ def leading_pulse(scene: Scene, trajectory: Trajectory) -> LeadingPulse:
 
 
 def reflected(scene: Scene, trajectory: Trajectory) -> Reflected:
-    """Energy and momentum behind the leading pulse, and the part of both that runs back, along the chain.
+    """Return energy and momentum behind the leading pulse along the chain, and the part of both that runs back.
 
     Raises UsageError as :func:`leading_pulse` does.
 
@@ -219,7 +219,7 @@ def _split(scene: Scene, trajectory: Trajectory) -> tuple[LeadingPulse, Reflecte
 
 
 def _rear(force: Floats, k: int) -> int:
-    """First body of the pulse whose peak is in contact k: that behind the contact with the least force."""
+    """Return the first body of the pulse whose peak is in contact k: that behind the contact with the least force."""
     for j in range(k - 1, -1, -1):
         if force[j] == 0.0 or (j > 0 and force[j - 1] > force[j]):
             return j + 1
@@ -228,7 +228,7 @@ def _rear(force: Floats, k: int) -> int:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SecondaryFronts:
-    """Further pulses at a body, in order of time, ``(n_pulse,)``. Made by :func:`secondary_fronts`."""
+    """Hold the further pulses at a body in order of time, ``(n_pulse,)``; :func:`secondary_fronts` returns it."""
 
     body: int
     first: float
@@ -245,14 +245,14 @@ class SecondaryFronts:
 
     @property
     def amplitude(self) -> Floats:
-        """Peak velocities over the first."""
+        """Return the peak velocities over that of the leading pulse."""
         return self.velocity / self.first
 
 
 def secondary_fronts(
     scene: Scene, trajectory: Trajectory, body: int, *, share: float = SECONDARY, until: float | None = None
 ) -> SecondaryFronts:
-    """Pulses that follow the leading one (paper, section 4a): later maxima of the velocity of ``body``.
+    """Return the pulses that follow the leading one (paper, section 4a): later maxima of the velocity of ``body``.
 
     A maximum counts if it is at least ``share`` of the leading peak, and rises by as much above the dips beside it,
     after the body has handed on the leading pulse and before ``until``, s (None: the end of the run). Peaks are largest
@@ -285,7 +285,7 @@ def secondary_fronts(
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedRatio:
-    """V_out / V_in. Made by :func:`speed_ratio`."""
+    """Hold V_out / V_in; :func:`speed_ratio` returns it."""
 
     ratio: float
     bar: float
@@ -301,7 +301,7 @@ class SpeedRatio:
 def speed_ratio(
     scene: Scene, trajectory: Trajectory, *, first: int | None = None, last: int | None = None
 ) -> SpeedRatio:
-    """Wave speed at the output over that at the input (paper, appendix A, fig. 6c, f), by crossing.
+    """Return the wave speed at the output over that at the input (paper, appendix A, fig. 6c, f).
 
     At bodies ``first`` and ``last`` (None: 3 and n_body - 3, see :func:`~dem_bridge.observables.fits.inner_bodies`; the
     paper does not name its own). Raises UsageError where the pulse never came to one of them.

@@ -42,7 +42,7 @@ AXES = ("time", "body", "contact")
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """Scale that differences of an observable are relative to, computed from the reference."""
+    """Define the scale of relative differences of an observable, computed from the reference."""
 
     name: str
     """In words; ``{name}`` and ``{axis}`` stand for those of the observable."""
@@ -61,7 +61,7 @@ OWN = Scale(name="each {axis}'s own {name}", of=lambda scene, run, values: own_s
 
 @dataclass(frozen=True, kw_only=True)
 class Observable:
-    """A quantity read off a run.
+    """Define a quantity that is read off a run.
 
     ``value`` and ``uncertainty`` have one entry for each sample, body or contact that ``axis`` names: bodies from 0,
     contacts as :attr:`Scene.contacts`. A value is nan where a run has none, such as the arrival at a body that the
@@ -71,7 +71,7 @@ class Observable:
     name: str
     """In snake_case, as it stands in tables, files and options."""
     definition: str
-    """One sentence: what it is, with the source of the definition."""
+    """One sentence with the source of the definition."""
     unit: str
     """SI."""
     axis: tuple[str, ...]
@@ -89,12 +89,12 @@ class Observable:
 
     @property
     def words(self) -> str:
-        """The name as it stands in a sentence."""
+        """Return the name as it stands in a sentence."""
         return self.name.replace("_", " ")
 
     @property
     def scale_name(self) -> str:
-        """The scale in words."""
+        """Return the scale in words."""
         return self.scale.name.format(name=self.name, axis=self.axis[-1] if self.axis else "chain")
 
 

@@ -1,14 +1,13 @@
 """Spectra of the velocity in time and along the chain (paper, section 4b, fig. 4b, c, e, f), as numbers.
 
-A spectrum "cascades" when its centroid moves as the pulse travels. Both spectra are one-sided densities of ``v^2``, so
-that their sum over frequency or wavenumber is the integral of v^2 over time or the sum of v^2 over bodies (Parseval;
-the relative mismatch is a field). The striker is left out. Only the time until the pulse has reached the last body
-counts: later the chain is what the free end left of it.
+A spectrum cascades if its centroid moves as the pulse travels. Both spectra are one-sided densities of ``v^2``, so that
+their sum over frequency or wavenumber is the integral of v^2 over time or the sum of v^2 over bodies (Parseval; the
+relative mismatch is a field). The striker is left out. Only the time until the pulse has reached the last body counts;
+later the free end has changed the motion.
 
-No window (``"boxcar"``) is the default and meant: the record starts at rest and ends behind the pulse, so nothing is
-cut off at its ends that a window could smooth, while a window as long as the record weighs a body by when its pulse
-comes and distorts what is near its ends: with ``"hann"`` the wavenumber's centroid at the end of the paper's
-accelerating chain of 200 is 0.08 in place of 0.13. Whatever ``scipy.signal.get_window`` knows is taken instead.
+No window is applied. The record starts at rest and ends behind the pulse, so no motion is cut off at its ends that a
+window could smooth. A window as long as the record would weigh bodies by the time of their pulse: with Hann's window
+the centroid of the wavenumber at the end of the paper's accelerating chain of 200 is 0.08 instead of 0.13.
 """
 
 from __future__ import annotations
@@ -26,17 +25,13 @@ from dem_bridge.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 
-Window = str | tuple[str, float]
-
-#: how far the ratio of two centroids must be from 1, either way, for a cascade
-CASCADE = 1.2
 #: shares of the positions, at the start and at the end, over which centroids are averaged: the one of the ratio first
 SHARES = (0.1, 0.05, 0.2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spectrum:
-    """One-sided spectra, one for each position of the pulse.
+    """Hold one-sided spectra, one for each position of the pulse.
 
     Made by :func:`frequency_spectrum` and :func:`wavenumber_spectrum`.
     """
@@ -55,23 +50,21 @@ class Spectrum:
     """``(n_position,)``: root of the density's second moment about the centroid."""
     parseval: float
     """Largest relative mismatch, over positions, of the density's sum and that of v^2."""
-    window: Window
 
 
 def frequency_spectrum(
     scene: Scene,
     trajectory: Trajectory,
     *,
-    window: Window = "boxcar",
     first: int | None = None,
     last: int | None = None,
 ) -> Spectrum:
-    """Spectrum in time of the velocity of bodies ``first`` to ``last``, both included, m^2/s per Hz (fig. 4b, e).
+    """Return the spectrum in time of the velocity of bodies ``first`` to ``last`` (both included), m^2/s per Hz.
 
-    None: from a tenth of the chain, where the pulse has formed, to a twentieth before its end, where it has passed
-    before the record ends. The record: all samples until the last contact is at its first maximal compression. Bodies
-    that the pulse does not reach are refused by UsageError. Samples must be much closer than a residence time: the
-    density at half the sampling rate is what is folded back.
+    These are figures 4b and 4e of the paper. None: from a tenth of the chain, where the pulse has formed, to a
+    twentieth before its end, where it has passed before the record ends. The record has all samples until the last
+    contact is at its first maximal compression. Samples must be much closer than a residence time, because the spectrum
+    above half the sampling rate is folded back. Raises UsageError for bodies that the pulse does not reach.
 
     >>> import dem_bridge as db
     >>> scene = db.load_scene("accelerating-40")
@@ -91,21 +84,21 @@ def frequency_spectrum(
             f"the pulse never came to body {bodies[np.isnan(arrival)][0]}; take a longer run, or a lower last"
         )
     v = trajectory.velocity[: _passage(scene, trajectory), :][:, bodies]
-    return _spectrum(v, h, window=window, position=bodies.astype(float), time=arrival)
+    return _spectrum(v, h, position=bodies.astype(float), time=arrival)
 
 
 def wavenumber_spectrum(
     scene: Scene,
     trajectory: Trajectory,
     *,
-    window: Window = "boxcar",
     first: int | None = None,
     last: int | None = None,
 ) -> Spectrum:
-    """Spectrum along bodies 1..n_body-1 of their velocity, m^2/s^2 per (cycle per body), at many times (fig. 4c, f).
+    """Return the spectrum along bodies 1..n_body-1 of their velocity at many times, m^2/s^2 per (cycle per body).
 
-    At each sample while the front is between bodies ``first`` and ``last`` (None: as in :func:`frequency_spectrum`, so
-    that the whole pulse is in the chain). ``position`` is where the front is, by its arrivals.
+    These are figures 4c and 4f of the paper. Spectra are taken at each sample while the front is between bodies
+    ``first`` and ``last`` (None: as in :func:`frequency_spectrum`, so that the whole pulse is in the chain).
+    ``position`` is where the front is, by its arrivals.
 
     >>> import dem_bridge as db
     >>> scene = db.load_scene("accelerating-40")
@@ -127,27 +120,20 @@ def wavenumber_spectrum(
         raise UsageError("no sample falls while the pulse is in the chain; take more samples")
     position = np.interp(trajectory.time[rows], arrival, bodies)
     v = trajectory.velocity[rows, 1:].T
-    return _spectrum(v, 1.0, window=window, position=position, time=trajectory.time[rows])
+    return _spectrum(v, 1.0, position=position, time=trajectory.time[rows])
 
 
-def _spectrum(v: Floats, step: float, *, window: Window, position: Floats, time: Floats) -> Spectrum:
+def _spectrum(v: Floats, step: float, *, position: Floats, time: Floats) -> Spectrum:
     """Return the spectrum of each column of ``v``, sampled at ``step`` along its rows."""
-    from scipy.signal import get_window
-
     count = len(v)
-    try:
-        weight = get_window(window, count)  # periodic, as the transform is
-    except ValueError as error:
-        raise UsageError(f"window = {window!r}: {error}; allowed: a name that scipy.signal.get_window knows") from error
-    signal = v * weight[:, None]
     frequency = np.asarray(np.fft.rfftfreq(count, step), dtype=np.float64)
     both = np.full(len(frequency), 2.0)  # positive and negative frequencies
     both[0] = 1.0
     if count % 2 == 0:
         both[-1] = 1.0
-    density = both[:, None] * np.abs(step * np.fft.rfft(signal, axis=0)) ** 2
+    density = both[:, None] * np.abs(step * np.fft.rfft(v, axis=0)) ** 2
     width = 1.0 / (count * step)
-    total, direct = width * np.sum(density, axis=0), step * np.sum(signal**2, axis=0)
+    total, direct = width * np.sum(density, axis=0), step * np.sum(v**2, axis=0)
     if not np.all(direct > 0.0):
         raise UsageError("a body or time has no motion at all in the record: it has no spectrum; take inner bodies")
     share = density / np.sum(density, axis=0)
@@ -161,7 +147,6 @@ def _spectrum(v: Floats, step: float, *, window: Window, position: Floats, time:
         centroid=centroid,
         width=spread,
         parseval=float(np.max(np.abs(total / direct - 1.0))),
-        window=window,
     )
 
 
@@ -176,13 +161,9 @@ def _check_bodies(scene: Scene, bodies: NDArray[np.int64]) -> None:
         raise UsageError(f"bodies {result}; allowed: two or more of 1..{scene.n_body - 1}, first and last included")
 
 
-class CentroidSlope(Slope):
-    """d ln(centroid) / d ln(position, or what it is set against). ``first`` and ``last`` count positions."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Cascade:
-    """Motion of a spectrum's centroid as the pulse travels. Made by :func:`cascade`."""
+    """Hold how the centroid of a spectrum moves as the pulse travels; :func:`cascade` returns it."""
 
     ratio: float
     """Of the geometric mean of centroids over the last tenth of the way to that over the first."""
@@ -193,13 +174,11 @@ class Cascade:
     start: float
     end: float
     """Mean positions in the first and the last tenth: what theory has to be evaluated at."""
-    slope: CentroidSlope
-    threshold: float
-    cascades: bool | None
-    """Whether all ratios of ``spread`` are beyond ``threshold``, or its inverse; None: some are."""
+    slope: Slope
+    """d ln(centroid) / d ln(position, or the values that the power law is in); its windows count positions."""
 
 
-def cascade(spectrum: Spectrum, *, against: Floats | None = None, threshold: float = CASCADE) -> Cascade:
+def cascade(spectrum: Spectrum, *, against: Floats | None = None) -> Cascade:
     """Return the ratio of the centroid at the end of the chain to that at its start, and its power law.
 
     ``against``: what the power law is in, > 0, one per position (None: the position; the stiffness of
@@ -212,11 +191,9 @@ def cascade(spectrum: Spectrum, *, against: Floats | None = None, threshold: flo
     >>> import dem_bridge as db
     >>> scene = db.load_scene("accelerating-40")
     >>> run = db.solve(scene, backend="reference", samples=1500, uncertainty=False)
-    >>> [cascade(spectrum(scene, run)).cascades for spectrum in (frequency_spectrum, wavenumber_spectrum)]
-    [True, False]
+    >>> [f"{cascade(spectrum(scene, run)).ratio:.2f}" for spectrum in (frequency_spectrum, wavenumber_spectrum)]
+    ['2.25', '1.07']
     """
-    if not threshold > 1.0:
-        raise UsageError(f"threshold = {threshold!r}; allowed: a number > 1, the ratio that counts as a cascade")
     x, y = spectrum.position, np.log(spectrum.centroid)
     if len(x) < 4:
         raise UsageError(f"a spectrum at {len(x)} positions; a cascade needs 4 or more: take more samples or bodies")
@@ -228,7 +205,6 @@ def cascade(spectrum: Spectrum, *, against: Floats | None = None, threshold: flo
     ratios = [float(np.exp(late - early)) for _, (early, late) in results]
     ends = results[0][0]
     error = float(np.sqrt(sum(_scatter(x[end], y[end]) ** 2 for end in ends)))
-    beyond = [ratio > threshold or ratio < 1.0 / threshold for ratio in ratios]
     other = np.log(x if against is None else np.asarray(against, dtype=float))
     return Cascade(
         ratio=ratios[0],
@@ -236,9 +212,7 @@ def cascade(spectrum: Spectrum, *, against: Floats | None = None, threshold: flo
         spread=(min(ratios), max(ratios)),
         start=float(np.mean(x[ends[0]])),
         end=float(np.mean(x[ends[1]])),
-        slope=straight_line(CentroidSlope, other, y, np.zeros_like(y), 0),
-        threshold=threshold,
-        cascades=None if any(beyond) != all(beyond) else all(beyond),
+        slope=straight_line(other, y, np.zeros_like(y), 0),
     )
 
 

@@ -15,7 +15,6 @@ from scipy.stats import linregress
 import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.fits import (
-    Slope,
     force_exponent,
     inner_bodies,
     inner_contacts,
@@ -177,7 +176,7 @@ def test_the_bar_of_a_slope_is_reached_by_forces_that_err_in_its_direction() -> 
 
 
 def test_a_straight_line_of_three_points_has_one_degree_of_freedom() -> None:
-    fit = straight_line(Slope, np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 3.0]), np.full(3, 0.1), 7)
+    fit = straight_line(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 3.0]), np.full(3, 0.1), 7)
     assert (fit.slope, fit.bar) == pytest.approx((1.5, 0.1), rel=1e-14)
     assert fit.stderr == pytest.approx(math.sqrt(1.0 / 12.0), rel=1e-12)
     assert (fit.first, fit.last) == (7, 9)

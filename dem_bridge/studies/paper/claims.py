@@ -105,7 +105,7 @@ def claim(
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """Claim that one number lies between two limits in each of some chains."""
+    """Define the claim that one number lies between two limits in each of some chains."""
 
     id: str
     measure: Measure

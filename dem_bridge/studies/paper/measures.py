@@ -1,8 +1,9 @@
-"""Numbers of one run with error bars that follow from those of the run.
+"""Numbers of one run with uncertainties that follow from those of the run.
 
-A measure is a function of a scene and a trajectory. Its bar is how far it can move within the bars of what it is made
-of: crossing times and peak forces move one at a time and their moves add up (to first order no error does more);
-velocities, whose bar is one for all samples, move by random signs, three times over.
+A measure is a function of a scene and a trajectory. Registered observables have an uncertainty (:func:`at_body`). For
+other numbers it is estimated by perturbing parts of the trajectory within their uncertainties: crossing times and peak
+forces one at a time, and the changes are added, which is the largest change to first order; velocities, which have one
+uncertainty for all samples, with random signs, three times.
 """
 
 from __future__ import annotations
@@ -21,23 +22,23 @@ from dem_bridge.studies.study import ClaimValue
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.verdict import Outcome
 
-#: backends whose errors can be told; of the others (theories) a number has no bar
+#: theories, whose numbers have no uncertainty
 THEORIES = ("bca", "adiabatic")
-#: random moves of all velocities by their bar
+#: number of random perturbations of all velocities
 MOVES = 3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Measure:
-    """Number read off a run: ``of(scene, trajectory)`` in ``unit``, made of the named parts of a trajectory."""
+    """Define a number that is read off a run: ``of(scene, trajectory)`` in ``unit``."""
 
     name: str
     of: Callable[[Scene, Trajectory], float]
     unit: str = ""
     made_of: tuple[str, ...] = ("crossing_time",)
-    """"crossing_time", "peak_force", "velocity"."""
+    """Parts of the trajectory that are perturbed: "crossing_time", "peak_force", "velocity"."""
     bar: Callable[[Scene, Trajectory], float] | None = None
-    """Its own error bar, for a measure that knows it better."""
+    """Function for the uncertainty, in place of perturbations."""
 
 
 def at_body(observable: str, body: int | None, name: str) -> Measure:
@@ -58,13 +59,13 @@ def measured(measure: Measure, scene: Scene, run: Trajectory, backend: str) -> C
     """
     try:
         value = float(measure.of(scene, run))
-    except (DemBridgeError, ValueError):  # such as too few contacts that were reached
+    except (DemBridgeError, ValueError):  # for example, the wave reached too few contacts
         value = float("nan")
     bar = float("nan")
     if backend not in THEORIES and np.isfinite(value):
         try:
             bar = _bar(measure, scene, run, value)
-        except (DemBridgeError, ValueError):  # its bars carry the run to where nothing can be measured
+        except (DemBridgeError, ValueError):  # the perturbed run cannot be measured
             bar = float("inf")
         bar = bar if np.isfinite(bar) else float("inf")
     return ClaimValue(name=measure.name, backend=backend, value=value, uncertainty=bar, unit=measure.unit)
@@ -93,11 +94,11 @@ def _moves(measure: Measure, scene: Scene, run: Trajectory, part: str, value: fl
     bars, values = run.uncertainty[part], getattr(run, part)
     if not np.all(np.isfinite(bars[np.isfinite(values)])):
         return [float("inf")]
-    if "velocity" not in measure.made_of:  # samples that do not matter need not be copied for every move
+    if "velocity" not in measure.made_of:  # samples are not read, and need not be copied for every perturbation
         run = replace(run, **{name: getattr(run, name)[:1] for name in ("time", *SAMPLED)})
     results = []
     for k in np.flatnonzero(np.isfinite(values)):
-        # a least or a largest value may move one way only
+        # a minimum or a maximum may change in one direction only
         moved = []
         for away in (bars[k], -bars[k]):
             shifted = values.copy()
@@ -112,9 +113,10 @@ def _signs(chance: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.fl
 
 
 def inside(claim_value: ClaimValue, low: float, high: float) -> Outcome:
-    """PASS where the value with its whole bar is between ``low`` and ``high``, FAIL where it is outside with all of it.
+    """Judge whether a value lies between ``low`` and ``high`` within its uncertainty.
 
-    A bar of nan is none (of a formula, or a theory); one of inf leaves all open.
+    PASS and FAIL need the whole interval of the value and its uncertainty to be inside or outside. An uncertainty of
+    nan counts as zero (a formula or a theory has none); one of inf gives UNDECIDED.
 
     >>> one = ClaimValue(name="ratio", backend="reference", value=0.4, uncertainty=0.01)
     >>> [inside(one, *range_).value for range_ in ((0.3, 0.5), (0.5, 1.0), (0.395, 1.0))]

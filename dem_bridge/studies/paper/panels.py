@@ -14,6 +14,7 @@ from dem_bridge.observables.fits import force_exponent, speed_power_law
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.spectrum import Spectrum, frequency_spectrum, wavenumber_spectrum
 from dem_bridge.scene import Scene
+from dem_bridge.studies.paper.measures import THEORIES
 from dem_bridge.studies.study import Map, Panel, Series
 from dem_bridge.trajectory import Trajectory
 
@@ -21,7 +22,6 @@ Floats = NDArray[np.float64]
 #: gamma and V_out/V_in by each backend
 Ratios = Sequence[tuple[float, Mapping[str, float]]]
 
-THEORIES = ("bca", "adiabatic")
 #: those with a velocity and a force at every time; binary collisions have steps
 IN_TIME = ("reference", "adiabatic", *ENGINE_BACKENDS, "ode45")
 EVERY = ("reference", *THEORIES, *ENGINE_BACKENDS, "ode45")
