@@ -198,7 +198,9 @@ def test_the_order_is_two_and_of_forces_that_depend_on_velocities_one(
 
 @pytest.mark.lammps
 @pytest.mark.parametrize(
-    "changes", [{"damping": Damping(law="kuwabara-kono", coefficient=1e-5)}, {"drag": 5e3}], ids=["damped", "dragged"]
+    "changes",
+    [{"damping": Damping(law="kuwabara-kono", coefficient=1e-5)}, pytest.param({"drag": 5e3}, marks=pytest.mark.slow)],
+    ids=["damped", "dragged"],
 )
 def test_a_damped_scene_is_verified_to_the_end_and_its_page_says_so(changes: dict[str, Any], tmp_path: Path) -> None:
     scene = replace(SHORT, name="lossy", **changes)

