@@ -1,7 +1,8 @@
-"""Scatter of the contact angles: what chains do whose cylinders are not turned quite as wanted.
+"""Scatter of the contact angles: the effect of random errors of the angles between cylinders.
 
-The paper (section 4a) takes such scatter as the reason why its measured fronts are uneven. A seeded set of chains, each
-angle off by a normal deviate, goes through the reference; what comes out is the spread of what is measured.
+The paper (section 4a) states such scatter as the reason why its measured fronts are uneven. A seeded set of chains, in
+which each angle differs from the intended one by a normal deviate, is solved by the reference; the result is the spread
+of the observables.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.scene_file.physical import rounded
 from dem_bridge.scene_file.physical import scattered as turned_by_chance
 from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
+from dem_bridge.studies.texts import Texts
 from dem_bridge.sweep import table_of
 from dem_bridge.verification.roles import REFERENCE
 
@@ -31,9 +33,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Floats = NDArray[np.float64]
-#: no cylinder is turned closer to its neighbour than this, degrees: at 0 the contact is a line
+TEXTS = Texts("scatter")
+#: smallest angle between neighbours, degrees: at 0 the contact is a line
 LEAST_ANGLE = 0.05
-#: what is compared with the chain with the intended angles
+#: observables that are compared with those of the chain with the intended angles
 OBSERVABLES = ("arrival_at_end", "residence_time", "peak_force")
 
 
@@ -80,10 +83,10 @@ class ScatteredChains:
 
 
 def scattered(scene: Scene, *, spread: float, seed: int) -> Scene:
-    """The scene with each contact angle off by a normal deviate of ``spread`` degrees, stiffnesses by its own law.
+    """Return the scene with random errors of the contact angles, and the stiffnesses by its law.
 
-    Angles are reflected at 90 degrees, where a contact is as it was, and at 0. Raises UnsupportedScene where the scene
-    has no angles.
+    Errors are normal deviates with a standard deviation of ``spread`` degrees. Angles are reflected at 90 degrees and
+    at 0. Raises UnsupportedScene where the scene has no angles.
     """
     geometry = _turned(scene)
     known_values = [k for k, angle in enumerate(geometry.angle) if angle is not None]
@@ -99,7 +102,7 @@ def scattered(scene: Scene, *, spread: float, seed: int) -> Scene:
 
 
 def cases_of(scene: Scene, *, spread: float, count: int, seed: int = 0) -> list[Case]:
-    """The wanted chain, then ``count`` scattered ones, with seeds from ``seed`` on."""
+    """Return the case of the intended chain, then of ``count`` scattered ones, with seeds from ``seed`` on."""
     if isinstance(spread, bool) or not isinstance(spread, int | float) or not 0.0 < spread <= 45.0:
         raise UsageError(f"spread = {spread!r}; allowed: a number of degrees > 0, up to 45")
     if isinstance(count, bool) or not isinstance(count, int) or not 2 <= count <= 100_000:
@@ -168,17 +171,16 @@ def study_scatter(
     cases = cases_of(scene, spread=spread, count=count, seed=seed)
     chains = chains_of(scene, run_cases(cases, jobs=jobs, progress=progress, store=store), spread=spread, seed=seed)
     (mean, deviation), times, force = chains.arrival_shift, chains.residence_spread, chains.force_spread
+    spreads = (("residence time of a body", times), ("peak force of a contact", force))
+    arrival = {"spread": spread, "mean": 100.0 * mean, "deviation": 100.0 * deviation}
     return Study(
         id="scatter",
-        title=f"Random errors of the contact angles: {scene.name}",
+        title=TEXTS.title(scene=scene.name),
         answer=(
-            f"{scene.name}: {chains.count} chains whose angles have random errors of {spread:g} degrees"
-            f" (standard deviation). The arrival at the last body changes by {100 * mean:+.2f} % on average, with a"
-            f" standard deviation of {100 * deviation:.2f} %.",
+            TEXTS("arrival", scene=scene.name, count=chains.count, **arrival),
             *(
-                f"The standard deviation of the {name} is {100 * np.nanmedian(values):.2f} % (median along the chain),"
-                f" and at most {100 * np.nanmax(values):.2f} %."
-                for name, values in (("residence time of a body", times), ("peak force of a contact", force))
+                TEXTS("along", name=name, median=100.0 * np.nanmedian(values), largest=100.0 * np.nanmax(values))
+                for name, values in spreads
             ),
         ),
         tables=(table([chains]), _along(chains)),
@@ -188,71 +190,37 @@ def study_scatter(
 
 
 def figure(chains: ScatteredChains) -> FigureData:
-    """Show residence time and peak force along the chain with the middle 90 % of the set."""
-    links = chains.scene.n_body - 1
+    """Return residence time and peak force along the chain with the middle 90 % of the set."""
+    links, name = chains.scene.n_body - 1, chains.scene.name
     residence, force = chains.ratios("residence_time")[:, 1:-1], chains.ratios("peak_force")[:, :links]
 
-    def panel(quantity: str, ratio: Floats, first: int) -> Panel:
+    def panel(id: str, ratio: Floats, first: int) -> Panel:
         x = np.arange(first, first + ratio.shape[1], dtype=float)
         low, middle, high = np.nanpercentile(ratio, [5.0, 50.0, 95.0], axis=0)
         parts = (("95 % below", high, "guide"), ("median", middle, "reference"), ("5 % below", low, "guide"))
-        series = tuple(Series(label=label, style=style, x=x, y=y) for label, y, style in parts)
-        return Panel(
-            title=quantity, x_label="body" if first else "contact", y_label=f"{quantity} / intended", series=series
-        )
+        return TEXTS.panel(id, [Series(label=label, style=style, x=x, y=y) for label, y, style in parts])
 
-    return FigureData(
-        id=f"scatter-{chains.scene.name}",
-        title=f"Angles with random errors of {chains.spread:g}°: {chains.scene.name}",
-        caption=f"{chains.count} chains with seeds from {chains.seed} on, solved by the reference; each relative"
-        " to the chain with the intended angles. A residence time below zero: the next contact reaches its peak first.",
-        panels=(panel("residence time", residence, 1), panel("peak force", force, 0)),
-    )
+    panels = (panel("body", residence, 1), panel("contact", force, 0))
+    settings = {"spread": chains.spread, "count": chains.count, "seed": chains.seed}
+    return replace(TEXTS.figure("scatter", panels, scene=name, **settings), id=f"scatter-{name}")
 
 
 def table(sets: Sequence[ScatteredChains]) -> Table:
-    """List the spreads of several sets, a row for each."""
-    return Table(
-        id="scatter",
-        title="Random errors of the contact angles",
-        caption="Standard deviations over seeded sets of chains, relative to the chain with the intended angles.",
-        columns=(
-            "chain",
-            "angle (degrees)",
-            "chains",
-            "arrival at the end: mean shift (%)",
-            "its deviation (%)",
-            "residence time, median deviation along the chain (%)",
-            "largest (%)",
-            "peak force, median deviation (%)",
-        ),
-        rows=tuple(
-            (
-                chains.scene.name,
-                chains.spread,
-                float(chains.count),
-                100.0 * chains.arrival_shift[0],
-                100.0 * chains.arrival_shift[1],
-                100.0 * float(np.nanmedian(chains.residence_spread)),
-                100.0 * float(np.nanmax(chains.residence_spread)),
-                100.0 * float(np.nanmedian(chains.force_spread)),
-            )
-            for chains in sets
-        ),
-    )
+    """Return the table of the spreads of several sets, a row for each."""
+    rows = []
+    for chains in sets:
+        times, force = chains.residence_spread, chains.force_spread
+        spreads = (*chains.arrival_shift, np.nanmedian(times), np.nanmax(times), np.nanmedian(force))
+        shares = [100.0 * float(spread) for spread in spreads]
+        rows.append((chains.scene.name, chains.spread, float(chains.count), *shares))
+    return TEXTS.table("scatter", rows)
 
 
 def _along(chains: ScatteredChains) -> Table:
-    """List the spreads along the chain: of body and contact 0, 1, ...; body 0 has no residence time."""
+    """Return the table of the spreads at bodies and contacts 0, 1, ...; body 0 has no residence time."""
     force = chains.force_spread[: chains.scene.n_body - 1].tolist()
     spreads = zip((math.nan, *chains.residence_spread.tolist()), force, strict=True)
-    return Table(
-        id="along-the-chain",
-        title="Spread along the chain",
-        caption="Standard deviations at each body and at the contact behind it, relative to the intended chain.",
-        columns=("body, contact", "residence time of the body (%)", "peak force of the contact (%)"),
-        rows=tuple((float(k), 100.0 * time, 100.0 * force) for k, (time, force) in enumerate(spreads)),
-    )
+    return TEXTS.table("along-the-chain", [(float(k), 100.0 * time, 100.0 * f) for k, (time, f) in enumerate(spreads)])
 
 
 def _turned(scene: Scene) -> Geometry:

@@ -15,6 +15,7 @@ from typing import Any
 
 from dem_bridge.lmp.coefficients import MODELS
 from dem_bridge.studies.study import Claim, Study, Table, verdict_table
+from dem_bridge.studies.texts import Texts
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN
@@ -22,23 +23,12 @@ from dem_bridge.verification.verdict import Outcome, Verdict
 from dem_bridge.version import __version__
 
 SCHEMA = "dem-bridge/verdicts/1"
-#: limits of every verification, which the page states
-_NEVER_VERIFIED = (
-    "The physics of the model is not verified: the report compares codes with codes and with theory, not with"
-    " measurements.",
-    "The contact stiffness is not verified: it is an input of the scene. The shipped scenes follow eq. 3.1 of the paper"
-    " with its approximate axis ratio; the exact Hertz solution is softer by 15 % at 2 degrees, and there the contact"
-    " ellipse is as long as the cylinder is high, which is beyond Hertz' theory.",
-    "Bending of cylinders, rotation, friction and motion in two or three dimensions are not part of the scenes.",
-    "The uncertainty of the reference is an estimate, not a proof. It comes from runs of another order with every input"
-    " perturbed by its last digit, and was tested against quadruple-precision solutions of four scenes and"
-    " extended-precision solutions of 300 random scenes.",
-)
+TEXTS = Texts("verify")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Verification(Study):
-    """Study of how accurately LAMMPS solves scenes. Made by :func:`verification_of`."""
+    """Hold the study of how accurately LAMMPS solves scenes; :func:`verification_of` returns it."""
 
     studies: tuple[SceneStudy, ...]
     """Runs, verdicts and error budgets of each scene."""
@@ -53,7 +43,7 @@ class Verification(Study):
 
     @property
     def record_name(self) -> str:
-        """Name of the JSON file."""
+        """Return the name of the JSON file."""
         return "verdicts.json"
 
     def as_json(self) -> dict[str, Any]:
@@ -77,7 +67,7 @@ def verification_of(
     verdicts = tuple(verdict for study in studies for verdict in study.verdicts)
     return Verification(
         id="verify",
-        title=f"Verification of {', '.join(study.scene.name for study in studies)}",
+        title=TEXTS.title(scenes=", ".join(study.scene.name for study in studies)),
         answer=tuple(map(_answer, studies)),
         tables=(verdict_table(verdicts), observable_table(studies)),
         verdicts=verdicts,
@@ -86,7 +76,7 @@ def verification_of(
         studies=tuple(studies),
         accuracy=accuracy,
         wall=wall,
-        not_verified=(*_NEVER_VERIFIED, *_limits(studies)),
+        not_verified=(*TEXTS.notes(), *_limits(studies)),
     )
 
 
@@ -95,21 +85,7 @@ def observable_table(studies: Sequence[SceneStudy]) -> Table:
 
     Scenes without a reference, and those of the paper that are run without refinement levels, have no rows.
     """
-    return Table(
-        id="observables",
-        title="Observables",
-        caption=(
-            "For each registered observable, its largest magnitude in the reference, and the differences of the other"
-            " runs from the reference. Differences and uncertainties are the largest of all samples, bodies and"
-            " contacts, relative to the scale of the observable. An uncertainty of inf is unknown."
-        ),
-        columns=(
-            *("scene", "observable", "reference", "unit", "uncertainty of reference"),
-            *("LAMMPS - reference", "uncertainty of LAMMPS", "twin - reference", "uncertainty of twin"),
-            *("second reference - reference", "uncertainty of second reference"),
-        ),
-        rows=tuple(row for study in studies for row in study.observables),
-    )
+    return TEXTS.table("observables", [row for study in studies for row in study.observables])
 
 
 def _provenance(studies: Sequence[SceneStudy], accuracy: float, wall: float) -> dict[str, Any]:
@@ -162,30 +138,27 @@ def _answer(study: SceneStudy) -> str:
     missing = [f"{v.outcome}: {v.sentence}" for v in study.verdicts if v.outcome is Outcome.NOT_RUN]
     failures = [f"{v.outcome}: {v.sentence}" for v in study.verdicts if v.outcome not in clean]
     if error is None or twin is None or positional is None or failures:
-        return f"{study.scene.name}: {' '.join([*failures, *missing]) or 'no verdict on LAMMPS'}"
+        return TEXTS("none", scene=study.scene.name, verdicts=" ".join([*failures, *missing]) or "no verdict on LAMMPS")
     run = study.run(study.engine)
     assert run is not None
     parts = study.budgets[0].parts
-    cause = "the time step"
     same, same_positions = (
         f"to {v.difference:.1e}" if v.difference > 0.0 else "bit for bit" for v in (twin, positional)
     )
-    if "table" in run.provenance:
-        cause += f" ({parts['time step']:.1e}) and the interpolation of the force tables ({parts['table']:.1e})"
-    text = (
-        f"{study.scene.name}: with dt = {run.provenance['settings']['dt']:.3g} s, the velocity error of LAMMPS is at"
-        f" most {error.difference:.1e} of the largest velocity ({error.scale:.3g} m/s). Its cause is {cause}: the"
-        f" same algorithm in another code (the twin) agrees with LAMMPS {same}, and a twin that stores positions, as"
-        f" LAMMPS does, {same_positions}; these differences are round-off."
+    answer = TEXTS(
+        "engine",
+        scene=study.scene.name,
+        dt=run.provenance["settings"]["dt"],
+        error=error,
+        cause=TEXTS("tables" if "table" in run.provenance else "step", step=parts["time step"], table=parts["table"]),
+        twin=same,
+        positional=same_positions,
     )
     worst, end = verdict("arrival", THEORY, REFERENCE), verdict("arrival_at_end", THEORY, REFERENCE)
     if worst is not None and end is not None:
-        text += (
-            " The binary collision approximation (BCA) predicts the arrival at the last body with an error of"
-            f" {100 * end.difference:.1f} %, and at the worst body of {100 * worst.difference:.1f} %."
-        )
+        answer += " " + TEXTS("theory", end=100.0 * end.difference, worst=100.0 * worst.difference)
     # checks that were not run do not affect this answer
-    return " ".join([text, *missing])
+    return " ".join([answer, *missing])
 
 
 def _limits(studies: Sequence[SceneStudy]) -> Iterator[str]:
@@ -194,10 +167,7 @@ def _limits(studies: Sequence[SceneStudy]) -> Iterator[str]:
     used = dict.fromkeys(command for study, run in runs for command in _commands(study, run))
     ranks = max((int(run.provenance.get("lammps", {}).get("ranks", 1)) for _, run in runs), default=1)
     if used:
-        yield (
-            f"Of LAMMPS only these parts are verified, on {ranks} rank{'s' * (ranks > 1)}: {', '.join(used)}. Other"
-            " styles, builds and numbers of ranks are not verified."
-        )
+        yield TEXTS("parts", ranks=f"{ranks} rank{'s' * (ranks > 1)}", used=", ".join(used))
     alone = [
         study.scene.name
         for study in studies
@@ -206,10 +176,7 @@ def _limits(studies: Sequence[SceneStudy]) -> Iterator[str]:
         and study.scene.dissipates
     ]
     if alone:
-        yield (
-            f"The reference solution of {', '.join(alone)} is not verified by a second method: with damping or drag it"
-            f" is that of {SCIPY}."
-        )
+        yield TEXTS("alone", scenes=", ".join(alone), code=SCIPY)
 
 
 def _commands(study: SceneStudy, run: Trajectory) -> list[str]:
