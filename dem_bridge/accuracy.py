@@ -310,10 +310,9 @@ def grid_convergence_index(
         elif formal_order is None and order > MOST_ORDER:
             reason = f"observed order {order:.3f}: the finest two agree by chance; give formal_order to limit it"
     if reason:
-        return GridConvergence(
-            order=order, fine=math.inf, coarse=math.inf, uncertainty=math.inf,
-            extrapolated=math.nan, asymptotic_ratio=math.nan, asymptotic=False, reason=reason,
-        )  # fmt: skip
+        unknown = dict.fromkeys(("fine", "coarse", "uncertainty"), math.inf)
+        unknown |= dict.fromkeys(("extrapolated", "asymptotic_ratio"), math.nan)
+        return GridConvergence(order=order, asymptotic=False, reason=reason, **unknown)
     applied = order if formal_order is None else min(order, formal_order)
     inner, outer = (math.expm1(applied * math.log(steps[i + 1] / steps[i])) for i in (0, 1))
     finer, coarser = safety * abs(fine) / inner, safety * abs(coarse) / outer

@@ -96,30 +96,31 @@ class Drive:
         # evaluated in the order of a deck's formula, so that large phases are rounded in the same way
         t = np.asarray(time, dtype=np.float64)
         if self.shape == "table":
-            assert self.interval is not None
-            values, place = self._knots[1], t / self.interval
+            times, values = self._knots
+            place = t / times[1]
             cell = np.minimum(np.floor(place), len(values) - 2)
             low = cell.astype(np.int64)
             fraction = np.minimum(place - cell, 1.0)
             return np.asarray(values[low] + (values[low + 1] - values[low]) * fraction)
-        assert isinstance(self.force, float)  # set in __post_init__
-        assert self.frequency is not None
-        first = 2.0 * math.pi * self.frequency
+        frequency, last_frequency, sweep = self._numbers
+        first, last = 2.0 * math.pi * frequency, 2.0 * math.pi * last_frequency
         angle = first * t
         if self.shape == "chirp":
-            assert self.last_frequency is not None
-            assert self.sweep is not None
-            last, swept = 2.0 * math.pi * self.last_frequency, np.minimum(t, self.sweep)
-            angle = (first + 0.5 * (last - first) / self.sweep * swept) * swept + last * (t - swept)
+            swept = np.minimum(t, sweep)
+            angle = (first + 0.5 * (last - first) / sweep * swept) * swept + last * (t - swept)
         envelope = np.sin(0.5 * math.pi / self.rise * np.minimum(t, self.rise)) ** 2 if self.rise > 0.0 else 1.0
-        return np.asarray(self.force * envelope * np.sin(angle + math.radians(self.phase)))
+        return np.asarray(self.peak * envelope * np.sin(angle + math.radians(self.phase)))
 
     @cached_property
     def _knots(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Times (s) and values (N) of a table."""
-        assert self.interval is not None
         values = np.array(self.force, dtype=np.float64)
-        return np.asarray(self.interval * np.arange(len(values))), values
+        return np.asarray((self.interval or math.nan) * np.arange(len(values))), values
+
+    @property
+    def _numbers(self) -> tuple[float, float, float]:
+        """Frequency and last frequency, Hz, and sweep, s; 0 for those that the shape does not have."""
+        return self.frequency or 0.0, self.last_frequency or 0.0, self.sweep or 0.0
 
     @property
     def end(self) -> float:
@@ -142,8 +143,7 @@ class Drive:
             time, values = self._knots
             slope = float(np.max(np.abs(np.diff(values)))) / float(time[1])
             return slope / self.peak if self.peak > 0.0 else 0.0
-        assert self.frequency is not None
-        highest = 2.0 * math.pi * max(self.frequency, self.last_frequency or 0.0)
+        highest = 2.0 * math.pi * max(self._numbers[:2])
         return highest + (math.pi / self.rise if self.rise > 0.0 else 0.0)
 
     @cached_property

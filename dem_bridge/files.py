@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from dem_bridge.errors import UsageError
 
@@ -35,8 +36,8 @@ def write_whole(folder: Path, texts: Mapping[str, str | bytes]) -> None:
     folder : Path
         Folder, which is created if it is missing.
     texts : mapping
-        Name to content: text, or bytes for a picture. A name may contain folders, such as "figures/main.csv"; they are
-        created, and removed again if the writing fails.
+        Name to content: text, or bytes for a picture. A name may contain folders, such as "figures/main.csv", which are
+        created.
 
     Raises
     ------
@@ -44,35 +45,15 @@ def write_whole(folder: Path, texts: Mapping[str, str | bytes]) -> None:
         If a file cannot be written.
     """
     check_folder(folder)
-    parts = {name: folder / f"{name}.{os.getpid()}.part" for name in texts}
-    created: list[Path] = []
     try:
-        for name, text in texts.items():
-            for missing in _missing(folder, (folder / name).parent):
-                missing.mkdir()
-                created.append(missing)
-            check_file(folder / name)
-            if isinstance(text, bytes):
-                parts[name].write_bytes(text)
-            else:
-                parts[name].write_text(text, encoding="utf-8")
-        for name, part in parts.items():
-            part.replace(folder / name)
+        with TemporaryDirectory(dir=folder) as temporary:
+            for name, text in texts.items():
+                part, target = Path(temporary, name), folder / name
+                check_file(next(parent for parent in target.parents if parent.exists()) / target.name)
+                part.parent.mkdir(parents=True, exist_ok=True)
+                part.write_bytes(text if isinstance(text, bytes) else text.encode("utf-8"))
+            for name in texts:
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                Path(temporary, name).replace(folder / name)
     except OSError as error:
         raise UsageError(f"{folder}: cannot be written ({error.strerror}); choose another folder") from error
-    finally:
-        for part in parts.values():
-            if part.parent.is_dir():
-                part.unlink(missing_ok=True)
-        for directory in reversed(created):
-            if not any(directory.iterdir()):
-                directory.rmdir()
-
-
-def _missing(folder: Path, inner: Path) -> list[Path]:
-    """Return the missing directories on the way from ``folder`` to ``inner``, outermost first."""
-    return [
-        directory
-        for directory in (*reversed(inner.parents), inner)
-        if folder in directory.parents and not directory.exists()
-    ]

@@ -81,6 +81,10 @@ class Damping:
     coefficient: tuple[float, ...] | float
 
 
+#: fields of a Scene that are objects or None
+_PARTS = {"wall_left": Wall, "wall_right": Wall, "damping": Damping, "drive": Drive, "geometry": Geometry}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Scene:
     """A one-dimensional chain of contacts.
@@ -162,23 +166,21 @@ class Scene:
         if not mass:
             raise SceneError("mass", problem="is empty", allowed="at least one body")
         check_fields(self, _NUMBERS, sizes={"body": len(mass), "contact": len(mass) - 1})
+        for name, kind in _PARTS.items():
+            if not isinstance(part := getattr(self, name), kind | None):
+                raise SceneError(name, value=part, allowed=f"a {kind.__name__} or None")
         for side in ("wall_left", "wall_right"):
             wall: Wall | None = getattr(self, side)
             if wall is None:
                 continue
-            if not isinstance(wall, Wall):
-                raise SceneError(side, value=wall, allowed="a Wall or None")
             wall = replace(wall, exponent=np.append(self.exponent, 2.5)[0] if wall.exponent is None else wall.exponent)
             check_fields(wall, _WALL, f"{side}.")
             object.__setattr__(self, side, wall)
         if isinstance(self.samples, bool) or not isinstance(self.samples, int) or self.samples < 1:
             raise SceneError("samples", value=self.samples, allowed="a whole number >= 1")
-        if self.geometry is not None:
-            if not isinstance(self.geometry, Geometry):
-                raise SceneError("geometry", value=self.geometry, allowed="a Geometry or None")
-            if len(self.geometry.bodies) != len(mass):
-                problem = f"has {len(self.geometry.bodies)} bodies"
-                raise SceneError("geometry", problem=problem, allowed=f"{len(mass)}, one per mass, or None")
+        if self.geometry is not None and len(self.geometry.bodies) != len(mass):
+            problem = f"has {len(self.geometry.bodies)} bodies"
+            raise SceneError("geometry", problem=problem, allowed=f"{len(mass)}, one per mass, or None")
         object.__setattr__(self, "damping", self._checked_damping())
         self._check_drive()
         object.__setattr__(self, "law", self._checked_law())
@@ -192,8 +194,6 @@ class Scene:
         damping = self.damping
         if damping is None:
             return None
-        if not isinstance(damping, Damping):
-            raise SceneError("damping", value=damping, allowed="a Damping or None")
         if damping.law not in DAMPING_LAWS:
             raise SceneError("damping.law", value=damping.law, allowed=" or ".join(DAMPING_LAWS))
         allowed = f"a number >= 0 ({DAMPING_LAWS[damping.law]})"
@@ -210,12 +210,8 @@ class Scene:
     def _check_drive(self) -> None:
         """Raise SceneError unless the drive lasts as long as the scene."""
         drive = self.drive
-        if drive is None:
-            return
-        if not isinstance(drive, Drive):
-            raise SceneError("drive", value=drive, allowed="a Drive or None")
         # the last value may lie at the end of the run, up to two roundings
-        if drive.end < self.duration * (1.0 - 1e-9):
+        if drive is not None and drive.end < self.duration * (1.0 - 1e-9):
             problem = f"ends at {drive.end:.9g} s ({drive.words})"
             allowed = f"values up to the duration, {self.duration:.9g} s"
             raise SceneError("drive.force", problem=problem, allowed=allowed)

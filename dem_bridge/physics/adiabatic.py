@@ -37,6 +37,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -49,19 +50,21 @@ from dem_bridge.physics.valid import above
 LEAST_EXPONENT, MOST_EXPONENT = 2.1, 50.0
 
 
-@dataclass(frozen=True, eq=False)
-class Local:
-    """The wave of a uniform chain of one exponent and its first-order response, at m = beta = speed = 1."""
+class Local(NamedTuple):
+    """The wave of a uniform chain and its first-order response, at m = beta = speed = 1.
 
-    exponent: float
-    peak_overlap: float
-    peak_velocity: float
-    momentum: float
-    energy: float
-    pressed: tuple[float, float, float]
-    """Derivatives of ln(peak force, peak velocity, speed) at constant energy with respect to J / peak overlap."""
-    moving: tuple[float, float, float]
-    """The same derivatives with respect to u / peak velocity."""
+    The entries are those of one exponent, or arrays with an entry for each contact.
+    """
+
+    exponent: Any
+    peak_overlap: Any
+    peak_velocity: Any
+    momentum: Any
+    energy: Any
+    pressed: Any
+    """Three derivatives of ln(peak force, peak velocity, speed) at constant energy, by J / peak overlap."""
+    moving: Any
+    """The same derivatives by u / peak velocity."""
 
 
 @functools.lru_cache(maxsize=1024)
@@ -204,18 +207,11 @@ def adiabatic_wave(
 
 @dataclass(frozen=True, eq=False)
 class _Chain:
-    """A chain's parameters with those of the local wave's shape, each ``(n_contact,)``; the mass is ``(n_body,)``."""
+    """A chain's masses ``(n_body,)`` and stiffnesses, and the local wave of each contact."""
 
     mass: Floats
     stiffness: Floats
-    n: Floats
-    top: Floats
-    fastest: Floats
-    shape_momentum: Floats
-    shape_energy: Floats
-    pressed: Floats
-    """``(3, n_contact)``: see :class:`Local`."""
-    moving: Floats
+    local: Local
 
     @classmethod
     def of(cls, mass: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike) -> _Chain:
@@ -233,22 +229,18 @@ class _Chain:
             raise ValueError(f"exponent has shape {n.shape}; allowed: one number, or {len(beta)}, one per contact")
         distinct, which = np.unique(np.broadcast_to(n, beta.shape), return_inverse=True)
         waves = [response(checked_exponent(value)) for value in distinct.tolist()]
-
-        def each(name: str) -> Floats:
-            return np.array([getattr(wave, name) for wave in waves]).T[..., which]
-
-        names = ("exponent", "peak_overlap", "peak_velocity", "momentum", "energy", "pressed", "moving")
-        return cls(m, beta, *(each(name) for name in names))
+        return cls(m, beta, Local(*(np.array(column).T[..., which] for column in zip(*waves, strict=True))))
 
     def wave(self, energy: float, at: int, order: int) -> AdiabaticWave:
         """Return the pulse that has ``energy`` (J) at contact ``at``."""
-        m, beta, n, between = self.mass, self.stiffness, self.n, np.sqrt(self.mass[1:] * self.mass[:-1])
+        m, beta, local, between = self.mass, self.stiffness, self.local, np.sqrt(self.mass[1:] * self.mass[:-1])
+        n = local.exponent
         at_contact = np.full(len(beta), energy)
         for _ in range(3 if order else 1):  # where n varies, the lost shares depend weakly on the energy
-            scale = (at_contact / (beta * self.shape_energy)) ** (1.0 / n)
+            scale = (at_contact / (beta * local.energy)) ** (1.0 / n)
             spring = beta * scale ** (n - 2.0)  # mass times speed squared
             speed = np.sqrt(spring / between)
-            momentum = self.shape_momentum * np.sqrt(between * at_contact / self.shape_energy)
+            momentum = local.momentum * np.sqrt(between * at_contact / local.energy)
             left_velocity, left_overlap = np.zeros(len(m)), np.zeros(len(beta))
             if order:
                 # losses of a pulse of constant energy; the change of its energy is of second order
@@ -267,15 +259,15 @@ class _Chain:
                 )  # relative to the present energy, which stays positive
                 at_contact = energy * np.exp(lost[at] - lost)
         # both are small where the theory is valid; elsewhere tanh keeps the results finite
-        jump = np.tanh(left_overlap / (scale * self.top))
-        drift = np.tanh(_at_contacts(left_velocity) / (speed * scale * self.fastest))
-        force, velocity, faster = np.exp(self.pressed * jump + self.moving * drift)
+        jump = np.tanh(left_overlap / (scale * local.peak_overlap))
+        drift = np.tanh(_at_contacts(left_velocity) / (speed * scale * local.peak_velocity))
+        force, velocity, faster = np.exp(local.pressed * jump + local.moving * drift)
         # the factor of a body's velocity that does not depend on its own mass
-        per_mass = self.fastest * np.sqrt(at_contact / self.shape_energy) * velocity
+        per_mass = local.peak_velocity * np.sqrt(at_contact / local.energy) * velocity
         return AdiabaticWave(
             energy=at_contact,
             momentum=momentum,
-            peak_force=beta * (scale * self.top) ** (n - 1.0) * force,
+            peak_force=beta * (scale * local.peak_overlap) ** (n - 1.0) * force,
             peak_velocity=_at_bodies(per_mass) / np.sqrt(m),
             transit=np.sqrt(m) / _at_bodies(np.sqrt(spring) * faster),
             left_velocity=left_velocity,
@@ -285,12 +277,12 @@ class _Chain:
 
 def _left_overlap(chain: _Chain, energy: Floats) -> Floats:
     """Return -dD/dk at constant energy at each contact, from the shifts D of its two neighbours."""
-    beta, n = chain.stiffness, chain.n
+    beta, local = chain.stiffness, chain.local
     padded = np.pad(np.arange(len(beta)), 1, mode="edge")
     before, behind = padded[:-2], padded[2:]
 
     def shift(of: NDArray[np.int64]) -> Floats:
-        return np.asarray(chain.shape_momentum[of] * (energy / (beta[of] * chain.shape_energy[of])) ** (1.0 / n[of]))
+        return np.asarray(local.momentum[of] * (energy / (beta[of] * local.energy[of])) ** (1.0 / local.exponent[of]))
 
     return (shift(before) - shift(behind)) / (behind - before)
 

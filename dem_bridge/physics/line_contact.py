@@ -138,13 +138,9 @@ def parallel_cylinders(
     '1.3924 um, n = 2.0880'
     """
     first = _cylinder(radius, young, poisson, "")
-    second = _cylinder(
-        radius if radius2 is None else radius2,
-        young if young2 is None else young2,
-        poisson if poisson2 is None else poisson2,
-        "2",
-    )
-    return _line((first, second), length)
+    values = ((radius2, radius), (young2, young), (poisson2, poisson))
+    radius2, young2, poisson2 = (first_value if value is None else value for value, first_value in values)
+    return _line((first, _cylinder(radius2, young2, poisson2, "2")), length)
 
 
 def cylinder_on_plane(

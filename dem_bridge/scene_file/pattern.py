@@ -168,18 +168,13 @@ def _angles(pattern: Pattern, first: Bodies, row: Bodies) -> tuple[float, ...] |
         raise SceneError("pattern.disorder.angle", value=scatter, allowed="0, since no two cylinders of the chain meet")
     if of_chain + with_striker == 0:
         return None
-    if pattern.angle is not None:
-        angles: tuple[float, ...] = (pattern.angle,) * of_chain
-        of_striker = (pattern.angle,) * with_striker
-    elif pattern.angles is None or of_chain == 0:
+    entries = pattern.angles if pattern.angle is None else pattern.angle
+    if entries is None or (pattern.angle is None and of_chain == 0):
         allowed = f"{ANGLE}, between the axes of two cylinders that meet; or a list angles for {of_chain} contacts"
         raise SceneError("pattern.angle", problem="is missing", allowed=allowed)
-    else:
-        angles = tuple(pattern.angles)
-        of_striker = angles[:1] * with_striker
-    if len(angles) != of_chain:
-        allowed = f"{of_chain}, one per contact of two cylinders of the chain"
-        raise SceneError("pattern.angles", problem=f"has {len(angles)} entries", allowed=allowed)
+    per = "contact of two cylinders of the chain"
+    angles = checked_numbers("pattern.angles", entries, ANGLE, count=of_chain, per=per)
+    of_striker = (pattern.angle or angles[0],) * with_striker
     if pattern.disorder is not None and scatter > 0.0:
         angles = scattered(angles, scatter=scatter, seed=pattern.disorder.seed)
     return (*of_striker, *angles)

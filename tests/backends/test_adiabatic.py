@@ -148,7 +148,7 @@ def test_a_response_of_the_other_sign_is_seen_by_the_exponent(monkeypatch: pytes
 
     def turned(n: float) -> adiabatic.Local:
         force, velocity, speed = sound(n).pressed
-        return replace(sound(n), pressed=(-force, velocity, speed))
+        return sound(n)._replace(pressed=(-force, velocity, speed))
 
     monkeypatch.setattr(adiabatic, "response", turned)
     wrong = db.solve(SOFTENING, backend="adiabatic", samples=1)

@@ -144,8 +144,7 @@ class ReadScript:
 
     @staticmethod
     def _neigh_modify(command: Command) -> None:
-        if "exclude" in command.rest:
-            raise command.error("excludes pairs that may touch", "neigh_modify without exclude")
+        command.fail_if("exclude" in command.rest, "excludes pairs that may touch", "neigh_modify without exclude")
         settings = dict(pairwise(command.rest))
         delayed = any(settings.get(key, "0") not in _WAITS for key in ("every", "delay"))
         unchecked = settings.get("check") == "no" and settings.get("every", "1") != "1"
@@ -164,8 +163,7 @@ class ReadScript:
             self.dump_every = int(every) if every.isdigit() else None
 
     def _fix(self, command: Command) -> None:
-        if len(command.rest) < 3:
-            raise command.error("is incomplete", "fix ID GROUP STYLE ...")
+        command.fail_if(len(command.rest) < 3, "is incomplete", "fix ID GROUP STYLE ...")
         name, group, style = command.rest[:3]
         if style in _SILENT_FIXES:
             return
@@ -182,12 +180,10 @@ class ReadScript:
 
     def _timestep(self, command: Command) -> None:
         self.step = self.script.number(command, command.rest[0]) if len(command.rest) == 1 else 0.0
-        if not self.step > 0.0:
-            raise command.error("has no valid time step", "timestep DT, a number > 0")
+        command.fail_if(not self.step > 0.0, "has no valid time step", "timestep DT, a number > 0")
 
     def _reset_timestep(self, command: Command) -> None:
-        if len(command.rest) != 1:
-            raise command.error("is not supported", "reset_timestep N")
+        command.fail_if(len(command.rest) != 1, "is not supported", "reset_timestep N")
         self.counter = self.script.whole(command, command.rest[0])
 
     def _run(self, command: Command) -> None:
@@ -244,14 +240,12 @@ class ReadScript:
             raise command.error("is not supported", "fix ID GROUP gravity MAGNITUDE vector x y z")
         size, *direction = self._numbers(command, (words[0], *words[2:]))
         length = sum(component * component for component in direction) ** 0.5
-        if not length > 0.0:
-            raise command.error("has no direction", "a vector other than 0 0 0")
+        command.fail_if(not length > 0.0, "has no direction", "a vector other than 0 0 0")
         self._add(forces.gravity, members, [size * component / length for component in direction])
 
     def _addforce(self, command: Command, members: set[int], forces: Forces) -> None:
         words = command.rest[3:]
-        if len(words) != 3:
-            raise command.error("is not supported", "fix ID GROUP addforce fx fy fz, constants")
+        command.fail_if(len(words) != 3, "is not supported", "fix ID GROUP addforce fx fy fz, constants")
         self._add(forces.load, members, self._numbers(command, words))
 
     @staticmethod
@@ -271,8 +265,7 @@ class ReadScript:
 
     def _setforce(self, command: Command, members: set[int], forces: Forces) -> None:
         words = command.rest[3:]
-        if len(words) != 3:
-            raise command.error("is not supported", "fix ID GROUP setforce with 0 or NULL along x, y and z")
+        command.fail_if(len(words) != 3, "is not supported", "fix ID GROUP setforce with 0 or NULL along x, y and z")
         axes = [axis for axis, word in enumerate(words) if word != "NULL"]
         if any(self.script.number(command, words[axis]) != 0.0 for axis in axes):
             raise command.error("sets a force other than 0", "0 or NULL along x, y and z; use addforce for a load")

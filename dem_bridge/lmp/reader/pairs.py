@@ -85,14 +85,12 @@ class Pairs:
 
     def pair_style(self, command: Command) -> None:
         """Evaluate a ``pair_style`` command."""
-        if not command.rest:
-            raise command.error("names no style", _STYLES)
+        command.fail_if(not command.rest, "names no style", _STYLES)
         style, *words = command.rest
         if style == "table" or style.startswith("hybrid"):
             why = "reads forces from a file" if style == "table" else "has more than one law for a pair"
             raise command.error(f"{why}, so that the force is not a power of the overlap", _STYLES)
-        if style not in (*_GRAN, "granular"):
-            raise command.error(f"has the style {style}, which is not supported", _STYLES)
+        command.fail_if(style not in (*_GRAN, "granular"), f"has the style {style}, which is not supported", _STYLES)
         self.style, self.command, self._whole = style, command, None
         self._named, self._ranges, self._lines = {}, [], 0
         if style in _GRAN:
@@ -128,11 +126,9 @@ class Pairs:
         if not words or words[0] not in _MODELS:
             raise command.error(f"has the normal model {(*words, 'none')[0]}, which is not supported", _ALLOWED)
         model, count = words[0], _MODELS[words[0]]
-        if len(words) < 1 + count:
-            raise command.error(f"has {len(words) - 1} numbers for {model}", f"{count}")
+        command.fail_if(len(words) < 1 + count, f"has {len(words) - 1} numbers for {model}", f"{count}")
         numbers = [self.script.number(command, word) for word in words[1 : 1 + count]]
-        if numbers[0] < 0.0 or numbers[1] < 0.0:
-            raise command.error("has a stiffness or a damping below 0", "numbers >= 0")
+        command.fail_if(numbers[0] < 0.0 or numbers[1] < 0.0, "has a stiffness or a damping below 0", "numbers >= 0")
         behind, damping = list(words[1 + count :]), "viscoelastic"
         section = ""
         for at, word in enumerate(behind):
@@ -185,6 +181,5 @@ def numbered(script: Script, command: Command, word: str, most: int) -> range:
     low, star, high = word.partition("*")
     first = script.whole(command, low) if low else 1
     last = (script.whole(command, high) if high else most) if star else first
-    if not 1 <= first <= last <= most:
-        raise command.error(f"has {word!r}", f"1 to {most}")
+    command.fail_if(not 1 <= first <= last <= most, f"has {word!r}", f"1 to {most}")
     return range(first, last + 1)

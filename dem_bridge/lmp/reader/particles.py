@@ -55,14 +55,12 @@ class Particles:
 
     def region(self, command: Command) -> None:
         """Evaluate a ``region`` command."""
-        if len(command.rest) < 2:
-            raise command.error("is incomplete", "region ID block xlo xhi ylo yhi zlo zhi")
+        command.fail_if(len(command.rest) < 2, "is incomplete", "region ID block xlo xhi ylo yhi zlo zhi")
         self._regions[command.rest[0]] = command
 
     def set_boundary(self, command: Command) -> None:
         """Evaluate a ``boundary`` command."""
-        if len(command.rest) != 3:
-            raise command.error(f"has {len(command.rest)} arguments", "boundary x y z")
+        command.fail_if(len(command.rest) != 3, f"has {len(command.rest)} arguments", "boundary x y z")
         x, y, z = command.rest
         self.boundary = (x, y, z)
 
@@ -84,8 +82,7 @@ class Particles:
         words = command.rest
         if len(words) < 5 or words[1] != "single" or words[5:] not in ((), ("units", "box"), ("units", "lattice")):
             raise command.error("is not supported", "create_atoms TYPE single x y z")
-        if not self.box:
-            raise command.error("comes before the box is defined", "create_box or read_data first")
+        command.fail_if(not self.box, "comes before the box is defined", "create_box or read_data first")
         place = [self.script.number(command, word) for word in words[2:5]]
         for (low, high), coordinate, axis in zip(self.box, place, "xyz", strict=True):
             if not low <= coordinate < high:  # on the upper side LAMMPS creates no atom, without a message
@@ -96,8 +93,7 @@ class Particles:
     def _kind(self, command: Command, word: str) -> int:
         """Return a valid atom type."""
         kind = self.script.whole(command, word)
-        if not 1 <= kind <= self.types:
-            raise command.error(f"has the atom type {kind}", f"1 to {self.types}")
+        command.fail_if(not 1 <= kind <= self.types, f"has the atom type {kind}", f"1 to {self.types}")
         return kind
 
     def read_data(self, command: Command) -> None:
@@ -140,8 +136,7 @@ class Particles:
         if any(self.script.whole(at, word) for word in at.words[7:]):
             raise at.error("is an atom that has left the box", "image flags of 0")
         number, place = self.script.whole(at, at.words[0]), [self.script.number(at, word) for word in at.words[4:7]]
-        if number in self.atoms:
-            raise at.error(f"repeats atom {number}", "each id once")
+        at.fail_if(number in self.atoms, f"repeats atom {number}", "each id once")
         diameter, density = (self.script.number(at, word) for word in at.words[2:4])
         if not (diameter > 0.0 and density > 0.0):
             raise at.error("has a diameter or density that is not positive", "numbers > 0")
@@ -155,8 +150,7 @@ class Particles:
         number = self.script.whole(at, at.words[0])
         if len(numbers) != 6 or number not in self.atoms:
             raise at.error("is not the velocity of an atom of this file", "id vx vy vz wx wy wz")
-        if any(numbers[3:]):
-            raise at.error("has an angular velocity", "wx wy wz of 0, since bodies of a scene do not rotate")
+        at.fail_if(any(numbers[3:]), "has an angular velocity", "wx wy wz of 0, since bodies of a scene do not rotate")
         self.atoms[number].velocity = numbers[:3]
 
     def members(self, command: Command, name: str) -> set[int]:
@@ -169,8 +163,7 @@ class Particles:
 
     def group(self, command: Command) -> None:
         """Evaluate a ``group`` command."""
-        if len(command.rest) < 2:
-            raise command.error("is incomplete", "group ID STYLE ...")
+        command.fail_if(len(command.rest) < 2, "is incomplete", "group ID STYLE ...")
         name, style, *words = command.rest
         if style in ("id", "type"):
             chosen = self._ranged(command, words)
@@ -193,8 +186,7 @@ class Particles:
         numbers: set[int] = set()
         for word in words:
             parts = [self.script.whole(command, part) for part in word.split(":")]
-            if len(parts) > 3 or (len(parts) == 3 and parts[2] < 1):
-                raise command.error(f"has {word!r}", "n, n:m or n:m:step")
+            command.fail_if(len(parts) > 3 or (len(parts) == 3 and parts[2] < 1), f"has {word!r}", "n, n:m or n:m:step")
             numbers |= set(
                 range(parts[0], parts[-1] + 1) if len(parts) < 3 else range(parts[0], parts[1] + 1, parts[2])
             )
@@ -214,11 +206,9 @@ class Particles:
                 chosen = {number for number in numbers if number in self.atoms}
             else:
                 chosen = {atom.number for atom in self.atoms.values() if atom.kind in numbers}
-        if not chosen:
-            raise command.error("changes no atom", "atoms that exist")
+        command.fail_if(not chosen, "changes no atom", "atoms that exist")
         for key, word in zip(pairs[::2], pairs[1::2], strict=True):
-            if key not in _SETTABLE:
-                raise command.error(f"sets {key}, which is not supported", ", ".join(_SETTABLE))
+            command.fail_if(key not in _SETTABLE, f"sets {key}, which is not supported", ", ".join(_SETTABLE))
             rows = self._rows(command, word)
             for number in sorted(chosen):
                 if rows is not None and number not in rows:

@@ -189,11 +189,9 @@ def _line(script: ReadScript, reverse: bool | None) -> _Line:
     axis = _axis(command, atoms)
     atoms.sort(key=lambda atom: atom.place[axis])
     fixed = [_at_rest(command, atom, forces, axis) for atom in atoms]
-    if all(fixed):
-        raise command.error("runs without any moving atom", "fix nve on the bodies of the chain")
+    command.fail_if(all(fixed), "runs without any moving atom", "fix nve on the bodies of the chain")
     for atom, held in zip(atoms[1:-1], fixed[1:-1], strict=True):
-        if held:
-            raise command.error(f"runs with atom {atom.number} frozen inside of the chain", "frozen atoms at its ends")
+        command.fail_if(held, f"runs with atom {atom.number} frozen inside of the chain", "frozen atoms at its ends")
     ends = [atom.velocity[axis] for atom, held in zip(atoms, fixed, strict=True) if not held]
     if reverse is None:
         reverse = ends[0] == 0.0 != ends[-1]

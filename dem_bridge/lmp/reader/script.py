@@ -73,6 +73,11 @@ class Command:
         where = f"{self.file}, line {self.line}"
         return SceneError(key, problem=problem, allowed=allowed, advice=advice, where=where)
 
+    def fail_if(self, condition: bool, problem: str, allowed: str) -> None:
+        """Raise the error of :meth:`error` if the condition is true."""
+        if condition:
+            raise self.error(problem, allowed)
+
 
 @dataclass
 class Script:
@@ -112,8 +117,7 @@ class Script:
     def whole(self, command: Command, word: str) -> int:
         """Return a whole number, or raise SceneError."""
         number = self.number(command, word)
-        if number != int(number):
-            raise command.error(f"has {word!r} where a whole number is required", "a whole number")
+        command.fail_if(number != int(number), f"has {word!r} where a whole number is required", "a whole number")
         return int(number)
 
     def value(self, command: Command, name: str, depth: int = 0) -> str:
@@ -190,8 +194,7 @@ class Script:
 
     def _define(self, command: Command) -> None:
         """Execute a ``variable`` command."""
-        if len(command.rest) < 2:
-            raise command.error("is incomplete", "variable NAME STYLE VALUE")
+        command.fail_if(len(command.rest) < 2, "is incomplete", "variable NAME STYLE VALUE")
         name, style, *words = command.rest
         if style == "delete":
             self.variables.pop(name, None)
