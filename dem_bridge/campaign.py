@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -20,15 +20,15 @@ from dataclasses import dataclass, replace
 from functools import partial
 from types import ModuleType
 
-from dem_bridge.backends.base import Backend, backend, unsupported_reason
+from dem_bridge.backends.base import Backend, Sampling, backend, unsupported_reason
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.progress import listening
-from dem_bridge.runs.cache import load_run
+from dem_bridge.runs.cache import RunCache, load_run
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import UNKNOWN, Trajectory
-from dem_bridge.uncertainty.estimate import solve
+from dem_bridge.uncertainty.estimate import TWIN, parts_of, solve
 
 #: s that a worker needs until it can begin: what takes less in all is run here
 _START = 2.0
@@ -53,15 +53,20 @@ class Crashed(RunBroken):
 Progress = Callable[[float, int, str], None]
 
 
-def run_case(case: Case, *, everything: bool = False, by: Backend | None = None) -> Result:
-    """Run one case; an unsupported scene, a missing engine or a broken run is a result. ``everything``: wrong settings
-    and crashes, too. ``by``: a backend in place of the one that the case names."""
+def run_case(
+    case: Case, *, everything: bool = False, by: Backend | None = None, cache: RunCache | None = None
+) -> Result:
+    """Run one case; an unsupported scene, a missing engine or a broken run is a result.
+
+    ``everything``: wrong settings and crashes are results, too. ``by``: a backend in place of the one that the case
+    names. ``cache``: where runs and families are looked for and kept.
+    """
     try:
         chosen = by or backend(case.backend, case.engine)
         reason = unsupported_reason(chosen, case.scene)
         if reason:
             return Result(case=case, failure=UnsupportedScene(reason))
-        return Result(case=case, trajectory=solve(case, code=chosen if by else None))
+        return Result(case=case, trajectory=solve(case, cache, chosen if by else None))
     except (UnsupportedScene, BackendUnavailable, RunBroken) as error:
         return Result(case=case, failure=error)
     except UsageError as error:
@@ -82,14 +87,30 @@ def run_cases(
     progress: Progress | None = None,
     store: Store | None = None,
     everything: bool = False,
+    cache: RunCache | None = None,
 ) -> tuple[Result, ...]:
-    """Run all cases, ``jobs`` at a time; results in the order of the cases.
+    """Run all cases and return the results in the order of the cases; runs that they share are made once.
 
-    ``jobs``: None for as many as there are cores, where what is to be run is worth the start of other processes.
-    ``store``: where trajectories are looked for, and kept as they come. ``progress`` is called with (done, total,
-    label), where done goes with the time that runs are expected to take. UsageError for a law that cannot go to the
-    processes asked for; RunBroken where one of these dies. ``everything``: wrong settings and crashes
-    (:class:`Crashed`) are results, too, and stop nothing.
+    Parameters
+    ----------
+    cases : sequence of Case
+    jobs : int or None
+        Number of runs at a time; None: as many as there are cores, where other processes are worth their start.
+    progress : callable, optional
+        Called with (done, total, label); done follows the time that runs are expected to take.
+    store : Store, optional
+        Where trajectories are looked for, and kept as they come.
+    everything : bool
+        Wrong settings and crashes (:class:`Crashed`) are results, too, and stop nothing.
+    cache : RunCache, optional
+        Runs and families that exist already, such as those of the choice of a step.
+
+    Raises
+    ------
+    UsageError
+        For a law that cannot go to another process, with ``jobs`` above 1.
+    RunBroken
+        If one of the processes dies.
     """
     if jobs is not None and jobs > 1:
         for scene in {id(case.scene): case.scene for case in cases}.values():
@@ -98,42 +119,88 @@ def run_cases(
                     f"jobs = {jobs}: the law of {scene.name} cannot go to another process ({reason});"
                     " allowed: laws that are functions of a module, or jobs = 1"
                 )
-    # a case without a key is like no other
-    same = [replace(case, uncertainty=False).key or str(number) for number, case in enumerate(cases)]
-    found: dict[str, Result] = {}
+    cache = cache or RunCache(store)
+    # a case without a name is like no other
+    names = [_name(case) or str(number) for number, case in enumerate(cases)]
+    results: dict[str, Result] = {}
     left: dict[str, Case] = {}
     # a run with its uncertainty is also that of the case without
-    for one, case in sorted(zip(same, cases, strict=True), key=lambda item: not item[1].uncertainty):
-        if one in found or one in left:
+    for name, case in sorted(zip(names, cases, strict=True), key=lambda item: not item[1].uncertainty):
+        if name in results or name in left:
             continue
         run = load_run(case, store)
         if run is None:
-            left[one] = case
+            left[name] = case
         else:
-            found[one] = Result(case=case, trajectory=run, key=case.key)
-    keys = {one: case.key for one, case in left.items()}
-    whole = sum(case.expected for case in left.values())
+            results[name] = Result(case=case, trajectory=run, key=case.key if case.uncertainty else name)
+    parts = {name: parts_of(case, cache) if _name(case) else None for name, case in left.items()}
+    todo = _to_run(left, parts)
+    keys = {case: case.key for case in (*todo.values(), *left.values())}
+    remaining = {name: case.expected for name, case in todo.items()}
+    whole = sum(remaining.values())
 
     def say(label: str, part: float = 0.0) -> None:
         if progress is not None:
-            progress(
-                len(cases) * (1.0 - (sum(case.expected for case in left.values()) - part) / whole), len(cases), label
-            )
+            progress(len(cases) * (1.0 - (sum(remaining.values()) - part) / whole), len(cases), label)
 
-    def keep(one: str, result: Result) -> None:
-        case, run = left.pop(one), result.trajectory
+    def stored(result: Result) -> Result:
         # the key again, for an engine may have become another meanwhile
-        if store is not None and (key := case.key) is not None and key == keys[one]:
-            result = replace(result, key=key if run is not None else f"{key}: {result.failure}")
-            if run is not None:
-                store.save(key, run)
-        found[one] = result
-        say(case.label)
+        if store is None or (key := result.case.key) is None or key != keys[result.case]:
+            return result
+        if result.trajectory is None:
+            return replace(result, key=f"{key}: {result.failure}")
+        store.save(key, result.trajectory)
+        return replace(result, key=key)
 
-    _run_all(left.copy(), jobs, keep, say, partial(run_case, everything=everything))
+    def keep(name: str, result: Result, others: RunCache) -> None:
+        del remaining[name]
+        cache.adopt(others)
+        results[name] = stored(result)
+        say(result.case.label)
+
+    _run_all(todo, jobs, keep, say, partial(_run_alone, everything=everything))
+    for name, case in left.items():
+        if todo.get(name) == case:
+            continue
+        broken = [results[part] for part in map(_name, parts[name] or ()) if part in todo and results[part].failure]
+        result = broken[0] if broken else run_case(case, everything=everything, cache=cache)
+        results[name] = stored(replace(result, case=case))
     if progress is not None:
         progress(len(cases), len(cases), "")
-    return tuple(_as_of(case, found[one]) for case, one in zip(cases, same, strict=True))
+    return tuple(_as_of(case, results[name]) for case, name in zip(cases, names, strict=True))
+
+
+def _name(case: Case) -> str | None:
+    """Return the name under which a case is the same with and without its uncertainty; None: it is like no other."""
+    return replace(case, uncertainty=False).key
+
+
+def _to_run(left: Mapping[str, Case], parts: Mapping[str, tuple[Case, ...] | None]) -> dict[str, Case]:
+    """Return the cases to be solved, by name: those without parts, and the parts of the others."""
+    todo: dict[str, Case] = {}
+    for name, case in left.items():
+        needed = parts[name]
+        for part in (case,) if needed is None else needed:
+            part_name = name if needed is None else str(_name(part))
+            if part.uncertainty or part_name not in todo:
+                todo[part_name] = part
+    # twins without uncertainty may be runs of the family of another twin
+    families = {_steps(case) for case in todo.values() if case.backend == TWIN and case.uncertainty}
+    return {
+        name: case
+        for name, case in todo.items()
+        if case.backend != TWIN or case.uncertainty or _steps(case) not in families
+    }
+
+
+def _steps(case: Case) -> tuple[Scene, float | None, Sampling]:
+    return case.scene, case.resolution.dt, case.sampling
+
+
+def _run_alone(case: Case, *, everything: bool) -> tuple[Result, RunCache]:
+    """Run one case; return the result, and all runs and families that were made for it."""
+    cache = RunCache()
+    return run_case(case, everything=everything, cache=cache), cache
 
 
 def run_groups(
@@ -142,18 +209,20 @@ def run_groups(
     jobs: int | None = 1,
     progress: Progress | None = None,
     store: Store | None = None,
+    cache: RunCache | None = None,
 ) -> list[tuple[Result, ...]]:
-    """As :func:`run_cases`, all groups together; the results of each group."""
-    results = iter(run_cases([case for group in groups for case in group], jobs=jobs, progress=progress, store=store))
+    """Run all groups of cases together, see :func:`run_cases`; return the results of each group."""
+    cases = [case for group in groups for case in group]
+    results = iter(run_cases(cases, jobs=jobs, progress=progress, store=store, cache=cache))
     return [tuple(next(results) for _ in group) for group in groups]
 
 
 def _run_all(
     cases: dict[str, Case],
     jobs: int | None,
-    keep: Callable[[str, Result], None],
+    keep: Callable[[str, Result, RunCache], None],
     say: Callable[[str, float], None],
-    run: Callable[[Case], Result],
+    run: Callable[[Case], tuple[Result, RunCache]],
 ) -> None:
     # the longest first: then all cores end at about the same time
     names = sorted(cases, key=lambda one: -cases[one].expected)
@@ -167,14 +236,17 @@ def _run_all(
         label = cases[one].label
         say(label, 0.0)
         with listening(partial(_within, say, label, cases[one].expected)):
-            result = run(cases[one])
-        keep(one, result)
+            result, others = run(cases[one])
+        keep(one, result, others)
 
 
 def _run_away(
-    cases: dict[str, Case], workers: int, keep: Callable[[str, Result], None], run: Callable[[Case], Result]
+    cases: dict[str, Case],
+    workers: int,
+    keep: Callable[[str, Result, RunCache], None],
+    run: Callable[[Case], tuple[Result, RunCache]],
 ) -> None:
-    """In processes of their own."""
+    """Run cases in other processes."""
     others, ended = set(multiprocessing.active_children()), False
     # spawn: compiled code and engines do not survive a fork of a process with threads
     executor = ProcessPoolExecutor(
@@ -186,7 +258,7 @@ def _run_away(
         with _bare_main(any(_stays(case.scene, of_main=True) for case in cases.values())):
             futures = {executor.submit(run, case): one for one, case in cases.items()}
         for future in as_completed(futures):
-            keep(futures[future], future.result())
+            keep(futures[future], *future.result())
         ended = True
     except BrokenProcessPool as error:
         raise RunBroken(

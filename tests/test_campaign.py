@@ -176,7 +176,7 @@ def test_a_case_with_uncertainty_and_the_same_without_are_one_run(
 ) -> None:
     solved: list[Case] = []
 
-    def counted(case: Case, **_: object) -> Trajectory:
+    def counted(case: Case, *_: object) -> Trajectory:
         solved.append(case)
         return solve(case)
 

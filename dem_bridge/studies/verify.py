@@ -18,6 +18,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Progress, Result, run_groups
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.recall import recall, recall_prescan
 from dem_bridge.runs.store import Store, study_key
@@ -49,8 +50,9 @@ def verify_scenes(
         raise UsageError(f"two scenes have the same name among {', '.join(names)}; give each its own")
     check_jobs(jobs)
     checked_accuracy(accuracy)
-    plans = [plan_scene(scene, accuracy, engine=engine, store=store) for scene in scenes]
-    groups = run_groups([plan.cases for plan in plans], jobs=jobs, progress=progress, store=store)
+    cache = RunCache(store)
+    plans = [plan_scene(scene, accuracy, engine=engine, cache=cache) for scene in scenes]
+    groups = run_groups([plan.cases for plan in plans], jobs=jobs, progress=progress, store=store, cache=cache)
     studies = tuple(plan.assess(results, store) for plan, results in zip(plans, groups, strict=True))
     notes = (store.trouble,) if store is not None and store.trouble else ()
     return verification_of(studies, accuracy=accuracy, wall=time.perf_counter() - start, notes=notes)
@@ -96,18 +98,19 @@ def plan_scene(
     accuracy: float,
     *,
     engine: Engine | None = None,
-    store: Store | None = None,
+    cache: RunCache | None = None,
     full: bool = True,
     others: Sequence[Case] = (),
 ) -> ScenePlan:
     """Choose the settings of the main runs and list the cases of a scene.
 
+    ``cache`` keeps the runs of the choice, which are runs of the verification, and has the store of choices.
     A scene for which no settings can be chosen has a plan with the reason. Where no time step reaches the accuracy (no
     step does beyond the predictability horizon) one run at the default step is left, to judge conserved quantities by.
     """
     try:
-        recall_prescan(store, scene)
-        main = main_resolution(scene, accuracy, store)
+        recall_prescan(None if cache is None else cache.store, scene)
+        main = main_resolution(scene, accuracy, cache)
         runs = list_cases(scene, main, engine=engine, full=full)
         return ScenePlan(scene=scene, accuracy=accuracy, runs=runs, others=tuple(others))
     except (RunBroken, UnsupportedScene) as error:
@@ -117,21 +120,21 @@ def plan_scene(
         return ScenePlan(scene=scene, accuracy=accuracy, error=error, others=left)
 
 
-def main_resolution(scene: Scene, accuracy: float, store: Store | None = None) -> Resolution:
+def main_resolution(scene: Scene, accuracy: float, cache: RunCache | None = None) -> Resolution:
     """Choose the step of the main runs: the largest whose velocity uncertainty of LAMMPS is within ``accuracy``."""
-    tables = assign_roles(scene).takes_tables
+    tables, store = assign_roles(scene).takes_tables, cache.store if cache is not None else None
     key = study_key("main step", [scene], accuracy=accuracy, tables=tables) if store is not None else None
     available = store.load_arrays(key) if store is not None and key is not None else None
     if available is not None:
         return Resolution(dt=float(available["dt"]))
     sampling = Sampling(count=scene.samples)
     try:
-        main = step_for_accuracy(scene, accuracy, Resolution(tables=tables), sampling)
+        main = step_for_accuracy(scene, accuracy, Resolution(tables=tables), sampling, cache=cache)
     except UsageError:
         if not tables:
             raise
         # the error of the tables alone is too large at any step: verdicts then say how large it is
-        main = step_for_accuracy(scene, accuracy, Resolution(), sampling)
+        main = step_for_accuracy(scene, accuracy, Resolution(), sampling, cache=cache)
     if store is not None and key is not None:
         assert main.dt is not None
         store.save_arrays(key, {"dt": np.array(main.dt)})

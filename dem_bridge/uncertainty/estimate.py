@@ -27,10 +27,11 @@ from dem_bridge.trajectory import UNKNOWN, Trajectory, Uncertainty
 if TYPE_CHECKING:
     from dem_bridge.uncertainty.family import TwinFamily
 
+TWIN = "verlet"
 #: module of the family or rule -> backends that take their uncertainty from it
 SOURCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "dem_bridge.uncertainty.twins": (*ENGINE_BACKENDS, "verlet", "ase"),
+        "dem_bridge.uncertainty.twins": (*ENGINE_BACKENDS, TWIN, "ase"),
         "dem_bridge.uncertainty.own_steps": ("blanes-moan",),
         "dem_bridge.uncertainty.replicas": ("reference", "ode45", "scipy"),
     }
@@ -57,7 +58,7 @@ def solve(case: Case, cache: RunCache | None = None, code: Backend | None = None
         pending = started(_family, case, cache)
         run = _run(case, cache, code)
         return replace(run, uncertainty=estimate_uncertainty(case, run, cache, pending()))
-    if case.backend in OWN_STEPS or case.backend == "verlet":
+    if case.backend in OWN_STEPS or case.backend == TWIN:
         # the run is one of its family
         family = _family(case, cache)
         run = _run(case, cache, code)
@@ -108,6 +109,31 @@ def estimate_uncertainty(
         with progress.share(number / (1 + len(looser)), 1.0 / (1 + len(looser))):
             runs.append(cache.load(other) or cache.keep(other, other.solve(scipy)))
     return replica_uncertainty(run, runs, looser_rule(case.scene))
+
+
+def parts_of(case: Case, cache: RunCache) -> tuple[Case, ...] | None:
+    """Return the cases from which :func:`solve` puts a case together, which others may share; None: it has no parts.
+
+    Without its uncertainty a case that ``cache`` has is put together from nothing. The part of a case of LAMMPS or ASE
+    is the twin on the same steps, whose family is theirs.
+    """
+    alone = replace(case, uncertainty=False)
+    solved = cache.load(case) is not None
+    if not case.uncertainty:
+        return () if solved else None
+    if case.backend in TWINS:
+        from dem_bridge.uncertainty.twins import twin_resolution
+
+        twin = Case(scene=case.scene, backend=TWIN, resolution=twin_resolution(case), sampling=case.sampling)
+        if replace(twin, uncertainty=False) in cache.families:
+            return () if solved else (alone,)
+        return None if case.backend == TWIN else (*(() if solved else (alone,)), twin)
+    from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
+
+    looser = looser_cases(case)
+    if not looser or any((other.resolution.rtol or 0.0) > LARGEST_RTOL for other in looser):
+        return None
+    return tuple(part for part in (alone, *looser) if cache.load(part) is None)
 
 
 def looser_cases(case: Case) -> tuple[Case, ...]:

@@ -15,6 +15,7 @@ from dem_bridge.backends.base import BACKENDS
 from dem_bridge.campaign import Progress, Result, run_groups
 from dem_bridge.differences import difference
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.recall import recall
 from dem_bridge.runs.store import Store
@@ -95,7 +96,7 @@ def verify_paper(
     began, extent = time.perf_counter(), extent or Extent()
     check_jobs(jobs)
     checked_accuracy(accuracy)
-    scenes = scenes_of_paper(extent.scenes)
+    scenes, cache = scenes_of_paper(extent.scenes), RunCache(store)
 
     def plan(scene: Scene) -> ScenePlan:
         main = scene.name in MAIN
@@ -103,7 +104,7 @@ def verify_paper(
             scene,
             accuracy if main else max(accuracy, OTHER_ACCURACY),
             engine=engine,
-            store=store,
+            cache=cache,
             full=main,
             others=tuple(beside(scene)),
         )
@@ -124,7 +125,8 @@ def verify_paper(
     thumbs = [rule_of_thumb.cases_of(scene) for scene in scenes]
     changed = [*variants(), *mass_gradients(engine), *matched(), *steeper_tapers()]
     parts: tuple[list[Sequence[Case]], ...] = ([plan.cases for plan in plans], [changed], [*sets], [*models], [*thumbs])
-    groups = iter(run_groups(list(chain.from_iterable(parts)), jobs=jobs, progress=progress, store=store))
+    together = list(chain.from_iterable(parts))
+    groups = iter(run_groups(together, jobs=jobs, progress=progress, store=store, cache=cache))
     of_scenes, [of_changed], of_sets, of_models, of_thumbs = ([next(groups) for _ in part] for part in parts)
     if progress is not None:
         progress(1.0, 1, "reading claims")
