@@ -286,8 +286,10 @@ def _begin() -> None:
 
 @contextmanager
 def _bare_main(needed: bool) -> Iterator[None]:
-    """Unless it is needed, processes get nothing of the program that asks: one that runs as a whole when it is
-    imported, without ``if __name__ == "__main__"``, would ask again in each."""
+    """Hide the main program from new processes, unless they need it.
+
+    A program that runs as a whole when it is imported, without ``if __name__ == "__main__"``, would run again in each.
+    """
     main = sys.modules["__main__"]
     if not needed:
         sys.modules["__main__"] = ModuleType("__main__")

@@ -194,18 +194,44 @@ def plan(
     samples: int | None = None,
     progress: Progress | None = None,
 ) -> Plan:
-    """The cheapest settings with which a scene is solved to ``accuracy``, and why each number is what it is.
+    """Find the cheapest settings for an accuracy, with the reason for each number.
 
-    ``accuracy``: relative, the largest error of the ``observable`` over all samples, bodies or contacts. It is one of
-    :data:`dem_bridge.observables.registry.OBSERVABLES`, such as "velocity" (relative to the largest), "peak_force" (of
-    each contact, relative to its own) or "arrival_at_end", which has its definition and scale. ``backend``: None for
-    the cheapest of those in the house; with LAMMPS named, LAMMPS' settings. A model predicts the settings from a coarse
-    run, and runs at two and more resolutions check and correct them, unless ``predict_only``. ``budget``: s of CPU that
-    the run may take. ``samples``: None for the scene's. ``progress`` is called with (done, total, label).
+    A model predicts the settings from a coarse run, and runs at two and more resolutions check and correct them.
 
-    Raises UsageError where the accuracy cannot be had, with the floor, or not within the budget, with the accuracy that
-    it buys; UnsupportedScene where the backend cannot do the scene.
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Scene, name of a shipped scene or path of a scene file.
+    accuracy : float
+        Largest permissible error of the observable over all samples, bodies or contacts, relative to its scale.
+    backend : str, optional
+        Find the settings of this backend. None: the cheapest of the backends in this package, without LAMMPS.
+    observable : str
+        One of :data:`dem_bridge.observables.registry.OBSERVABLES`, which has its definition and scale, such as
+        "velocity" (relative to the largest) or "peak_force" (of each contact, relative to its own).
+    budget : float, optional
+        CPU time that the run may take, s.
+    predict_only : bool
+        Whether the prediction is the answer, without runs that check it.
+    samples : int, optional
+        Number of equal sampling intervals. None: the scene's.
+    progress : callable, optional
+        Called with (done, total, label).
 
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    UsageError
+        If the accuracy cannot be reached, with the smallest error, or not within the budget, with the accuracy that the
+        budget buys.
+    UnsupportedScene
+        If the backend does not support the scene.
+
+    Examples
+    --------
     >>> import dem_bridge as db
     >>> found = db.plan("accelerating-40", 1e-3, backend="verlet")
     >>> run = db.solve("accelerating-40", backend=found.backend, **found.resolution)

@@ -84,27 +84,27 @@ def study(
     if scene is not None and "scene" not in parameters:
         raise UsageError(f"study {name!r} has scenes of its own, and {scene!r} was given; leave the scene out")
     lammps = Engine.named(engine, lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
-    given = dict(settings)
+    options = dict(settings)
     if jobs is not None:
-        given["jobs"] = jobs
+        options["jobs"] = jobs
     if "engine" in parameters or lammps is not None:
-        given["engine"] = lammps or Engine.chosen()
+        options["engine"] = lammps or Engine.chosen()
     if "store" in parameters or recompute:
-        given["store"] = Store.opened(store, recompute=recompute)
-    if unknown := [key for key in given if key not in parameters]:
+        options["store"] = Store.opened(store, recompute=recompute)
+    if unknown := [key for key in options if key not in parameters]:
         allowed = ", ".join(key for key in parameters if key not in ("scene", "engine", "store", "progress"))
         raise UsageError(f"study {name!r} has no setting {unknown[0]!r}; allowed: {allowed or 'none'}")
     if folder is not None:
         check_folder(Path(folder))
     if "progress" in parameters:
-        given["progress"] = progress
+        options["progress"] = progress
     if scene is not None:
-        given["scene"] = scene_of(scene)
-    result = function(**given)
+        options["scene"] = scene_of(scene)
+    result = function(**options)
     if folder is not None:
         from dem_bridge.report.page import write_study
 
-        write_study(result, Path(folder), given.get("store"))
+        write_study(result, Path(folder), options.get("store"))
     return result
 
 
@@ -118,24 +118,45 @@ def minimal(
     progress: Progress | None = None,
     store: bool | str | Path = True,
 ) -> Scene:
-    """The least scene that tells the same within ``accuracy``: without what the given one has and does not need.
+    """Return the scene without the physics that an accuracy does not require.
 
-    What may go: gravity, precompression, walls, damping, drag, gaps, and forces other than Hertz' (n = 5/2 with the
-    same force at the largest overlap in their place); nothing is added, and masses, stiffnesses, start velocities and a
-    drive stay.
-    Each piece must stay within ``accuracy`` alone, and all that go must together, against the scene as given; where an
-    error bar straddles the accuracy the piece stays. Runs are the reference's.
+    Gravity, precompression, walls, damping, drag and gaps may be left out, and forces other than Hertz' may be replaced
+    by those with n = 5/2 and the same force at the largest overlap. Nothing is added; masses, stiffnesses, start
+    velocities and a drive stay. Each part that is left out must change the observables by at most ``accuracy`` alone,
+    and all together must, relative to the full scene; a part whose effect is uncertain stays. The runs are those of the
+    reference.
 
-    ``observables``: names from :data:`dem_bridge.observables.registry.OBSERVABLES`, whose largest relative changes must
-    stay within ``accuracy``; None: "arrival_at_end", "residence_time", "peak_velocity" and "first_peak_force" (window
-    "whole": "peak_force"). In ``window`` "passage" nothing that comes back from an end
-    counts, nor do the last two bodies, which feel what stands behind them, so that a wall behind a long chain is left
-    out; in chains of up to 7 bodies all count, until the scene ends. With "whole" all bodies, the largest forces and
-    the whole duration count. ``jobs``, ``progress`` and ``store`` as in :func:`dem_bridge.verify`.
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Scene, name of a shipped scene or path of a scene file.
+    accuracy : float
+        Largest permissible relative change of the observables.
+    observables : sequence of str, optional
+        Names from :data:`dem_bridge.observables.registry.OBSERVABLES`. None: "arrival_at_end", "residence_time",
+        "peak_velocity" and "first_peak_force" (in the window "whole": "peak_force").
+    window : {"passage", "whole"}
+        "passage" leaves out reflections from the end and the last two bodies, so that a wall behind a long chain is
+        left out; chains of up to 7 bodies count until the scene ends. "whole" is all bodies, the largest forces and the
+        whole duration.
+    jobs, progress, store
+        As in :func:`dem_bridge.verify`.
 
-    Answers with the scene itself where nothing can go; else with one named ``NAME.least``, whose description says what
-    went. Raises UsageError for another setting, UnsupportedScene where no impulse runs through the chain.
+    Returns
+    -------
+    Scene
+        The scene itself if nothing can be left out; otherwise one named ``NAME.least``, whose description lists what
+        was.
 
+    Raises
+    ------
+    UsageError
+        For another setting.
+    UnsupportedScene
+        If no pulse travels through the chain.
+
+    Examples
+    --------
     >>> import dem_bridge as db
     >>> light = db.minimal("decelerating-40-on-base")
     >>> light.name, light.wall_right, light.description.split("; ")[1]

@@ -115,15 +115,15 @@ def verify(
     if whole:
         from dem_bridge.studies.paper.study import verify_paper
 
-        found = verify_paper(**settings)
+        verification = verify_paper(**settings)
     else:
-        found = verify_scenes(chosen, **settings)
-    write_found(found, folder=folder, bundle=bundle, engine=lammps, store=kept)
-    return found
+        verification = verify_scenes(chosen, **settings)
+    write_found(verification, folder=folder, bundle=bundle, engine=lammps, store=kept)
+    return verification
 
 
 def write_found(
-    found: Verification,
+    verification: Verification,
     *,
     folder: str | Path | None = None,
     bundle: str | Path | None = None,
@@ -140,10 +140,10 @@ def write_found(
         return
     from dem_bridge.report.page import study_files
 
-    report = study_files(found, store)
+    report = study_files(verification, store)
     if folder is not None:
         write_whole(Path(folder), report)
     if bundle is not None:
         from dem_bridge.report.bundle import write_bundle
 
-        write_bundle(found, Path(bundle), report=report, engine=engine, words=words)
+        write_bundle(verification, Path(bundle), report=report, engine=engine, words=words)

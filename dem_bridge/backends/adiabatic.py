@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from dem_bridge import features
-from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
+from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling, run_provenance
 from dem_bridge.backends.bca import MOVES_TOWARDS_THE_CHAIN, has_contacts
 from dem_bridge.physics.adiabatic import LEAST_EXPONENT, MOST_EXPONENT, adiabatic_wave
 from dem_bridge.physics.launch import launched
@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 PROFILE = 512
 
 
-class AdiabaticWaves:
+class AdiabaticWaves(AlwaysAvailable):
     """The leading pulse by its energy; single-pulse chains only."""
 
     name = "adiabatic"
@@ -45,10 +45,8 @@ class AdiabaticWaves:
         scope="the adiabatic wave is a single pulse in a free chain of touching bodies at rest",
     )
 
-    def availability(self) -> Availability:
-        return Availability(True)
-
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
+        """Evaluate the closed form at the sample times."""
         watch = Stopwatch()
         times, c, mass = sampling.times(scene.duration), scene.contacts, np.array(scene.mass)
         beta, n, striker = c.stiffness, c.exponent, scene.velocity[0]
@@ -72,9 +70,10 @@ class AdiabaticWaves:
         peak_time = launch.start + 0.5 / launch.speed + np.cumsum([0.0, 1.0 / launch.speed, *wave.transit[2:-1]])
         peak_time[:first] += launch.late[:first]
         force, impulse, travel = (
-            np.array(one).T
-            for one in zip(
-                *(_pulse(*one, times) for one in zip(n, peak_force, wave.momentum, peak_time, strict=True)), strict=True
+            np.array(rows).T
+            for rows in zip(
+                *(_pulse(*part, times) for part in zip(n, peak_force, wave.momentum, peak_time, strict=True)),
+                strict=True,
             )
         )
         force[0] = 0.0  # at the start bodies only touch
@@ -105,7 +104,7 @@ def _pulse(n: float, peak: float, momentum: float, at: float, times: Floats) -> 
 
 @functools.lru_cache(maxsize=256)
 def _profile(n: float) -> tuple[PPoly, PPoly, PPoly]:
-    """The wave's force over its peak against grains from its centre, and its integrals from far ahead."""
+    """Return the wave's force over its peak against grains from its centre, and its integrals from far ahead."""
     from scipy.interpolate import CubicSpline
 
     shape = wave_shape(n)

@@ -47,6 +47,7 @@ class AseVerlet:
     )
 
     def availability(self) -> Availability:
+        """Return whether ase is installed."""
         if importlib.util.find_spec("ase") is None:
             return Availability(False, "the package ase is not installed; install it by: pip install 'ase>=3.23'")
         return Availability(True)
@@ -98,7 +99,7 @@ class AseVerlet:
 
 
 def chain_calculator(scene: Scene) -> Any:
-    """An ``ase.calculators.calculator.Calculator`` of the contacts and weights of ``scene``.
+    """Return an ``ase.calculators.calculator.Calculator`` of the contacts and weights of ``scene``.
 
     Positions (first column) are displacements from the start in m, forces in N. After each calculation ``overlap``
     (m, negative: open) and ``contact_force`` (N), both ``(n_contact,)``, are those of the last positions.

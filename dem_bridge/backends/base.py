@@ -48,7 +48,10 @@ CHOICES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Resolution:
-    """How finely to solve. None: the backend's own default; a backend ignores what does not apply to it."""
+    """State how finely to solve.
+
+    None is the backend's own default. A backend ignores settings that do not apply to it.
+    """
 
     dt: float | None = None
     """Largest time step, s."""
@@ -114,24 +117,30 @@ class Sampling:
         object.__setattr__(self, "count", int(self.count))
 
     def times(self, duration: float) -> NDArray[np.float64]:
+        """Return the sample times, s, ``(count + 1,)``."""
         return np.linspace(0.0, duration, self.count + 1)
 
 
 @dataclass(frozen=True)
 class Availability:
-    """Whether a backend can run on this machine; ``reason`` says why not and what to do."""
+    """State whether a backend can run on this machine; ``reason`` is the reason why not, with a remedy."""
 
     available: bool
     reason: str = ""
 
 
 class Named(Protocol):
-    """What a birth certificate names."""
+    """Name and equations of a code, as the provenance of a run has them."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Name in the catalogue."""
+        ...
+
     @property
-    def equations(self) -> str: ...
+    def equations(self) -> str:
+        """Name of the equations that the code solves."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,36 +159,51 @@ class Backend(Protocol):
     order: int | None
     supports: Support
 
-    def availability(self) -> Availability: ...
+    def availability(self) -> Availability:
+        """Return whether the backend can run on this machine."""
+        ...
 
-    def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory: ...
+    def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
+        """Solve a scene."""
+        ...
+
+
+class AlwaysAvailable:
+    """A backend of this package that needs nothing else."""
+
+    def availability(self) -> Availability:
+        """Return that the backend can run."""
+        return Availability(True)
 
 
 class Replicating(Backend, Protocol):
     """A backend that makes the further runs for its uncertainty itself."""
 
-    def replicas(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> list[Trajectory]: ...
+    def replicas(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> list[Trajectory]:
+        """Return the further runs of a case."""
+        ...
 
 
 def backend(name: str, engine: Engine | None = None) -> Backend:
-    """The backend of that name; UsageError with the allowed names otherwise.
+    """Return the backend of that name.
 
-    ``engine``: which LAMMPS, for backends that run it (None: the default); UsageError with any other backend.
+    ``engine``: which LAMMPS, for backends that run it (None: the default). UsageError for another name, with the
+    allowed ones, and for an engine with a backend that runs no LAMMPS.
     """
     if not isinstance(name, str) or name not in BACKENDS:
         raise UsageError(f"backend = {name!r}; allowed: {', '.join(BACKENDS)}")
     entry = BACKENDS[name]
-    made = getattr(importlib.import_module(entry.module), entry.attribute)
+    create = getattr(importlib.import_module(entry.module), entry.attribute)
     if name in ENGINE_BACKENDS:
-        found: Backend = made(engine)
-        return found
+        lammps: Backend = create(engine)
+        return lammps
     if engine is not None:
         raise UsageError(
             f"lmp, lmp_args, python and ranks say which LAMMPS; backend = {name!r} runs none;"
             f" allowed with: {', '.join(ENGINE_BACKENDS)}"
         )
-    found = made()
-    return found
+    result: Backend = create()
+    return result
 
 
 def unsupported_reason(chosen: Backend, scene: Scene) -> str | None:

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from dem_bridge import features
-from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
+from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling, run_provenance
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.scene import Scene
 from dem_bridge.stopwatch import Stopwatch
@@ -42,7 +42,7 @@ SINGLE_PULSE = Support(
 )
 
 
-class BinaryCollisions:
+class BinaryCollisions(AlwaysAvailable):
     """A row of exact two-body collisions; single-pulse chains only."""
 
     name = "bca"
@@ -50,10 +50,8 @@ class BinaryCollisions:
     order: int | None = None
     supports = SINGLE_PULSE
 
-    def availability(self) -> Availability:
-        return Availability(True)
-
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
+        """Follow the pulse from one binary collision to the next."""
         watch = Stopwatch()
         times, c, n = sampling.times(scene.duration), scene.contacts, scene.n_body
         arrival = np.zeros(n)  # when body i is set moving

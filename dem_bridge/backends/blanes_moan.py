@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from dem_bridge import features
-from dem_bridge.backends.base import Availability, Resolution, Sampling
+from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling
 from dem_bridge.backends.splitting import Method, solve
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import prescan_scene
@@ -34,7 +34,7 @@ SRKN_6B = Method(drifts=np.array([_A1, _A2, _A3, _A3, _A2, _A1]), kicks=np.array
 PHASE = 0.05
 
 
-class BlanesMoan:
+class BlanesMoan(AlwaysAvailable):
     """The symplectic Runge-Kutta-Nystroem method SRKN_6^b in overlap variables, compiled."""
 
     name = "blanes-moan"
@@ -46,9 +46,6 @@ class BlanesMoan:
         | {features.CONTACT_FUNCTIONS, features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE},
         scope="the method evaluates forces where it knows no velocities",
     )
-
-    def availability(self) -> Availability:
-        return Availability(True)
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve on the steps of a fixed step that is twenty times that of the twin by default."""

@@ -38,7 +38,7 @@ POWERS = Curves(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, 0)),
 
 
 def curves_of(scene: Scene, cells: int = CELLS) -> Curves:
-    """The laws of a scene that are functions, with so many ``cells`` each."""
+    """Return the laws of a scene that are functions, with so many ``cells`` each."""
     return POWERS if scene.law is None else _curves(scene.contacts, cells)
 
 

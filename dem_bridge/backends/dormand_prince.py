@@ -54,8 +54,11 @@ FINISHED, STEP_TOO_SMALL, TOO_MANY_STEPS = 0, 1, 2
 def integrate(  # type: ignore[no-untyped-def]
     mass, velocity, left, right, stiffness, exponent, gap, free, times, rtol, atol, most_steps, share, wary
 ):
-    """Displacement, velocity ``(n_t, n_body)`` and force ``(n_t, n_contact)`` at ``times`` (s; the first 0, the last
-    the end), largest force and first crossing ``(n_contact,)``, accepted and failed steps, how and when it ended.
+    """Integrate a chain, and return what a trajectory has, with the numbers of steps and how it ended.
+
+    The results are displacement, velocity ``(n_t, n_body)`` and force ``(n_t, n_contact)`` at ``times`` (s; the first
+    0, the last the end), largest force and first crossing ``(n_contact,)``, accepted and failed steps, how and when it
+    ended.
 
     ``atol (2 n_body,)``: absolute tolerance of displacements (m), then of velocities (m/s). The index ``n_body`` in
     ``left`` and ``right`` stands for a wall. No step is longer than ``share`` of the whole time (MATLAB: a tenth), and
@@ -219,7 +222,7 @@ def _between(y, first, n, left, right):  # type: ignore[no-untyped-def]
 
 @kernel()
 def _forces(y, out, peak, left, right, stiffness, exponent, gap):  # type: ignore[no-untyped-def]
-    """Forces in the state ``y``, into ``out``; ``peak`` rises to them."""
+    """Write the forces in the state ``y`` into ``out``, and raise ``peak`` to them."""
     n = y.shape[0] // 2
     for k in range(left.shape[0]):
         overlap = _between(y, 0, n, left[k], right[k]) - gap[k]
@@ -231,11 +234,11 @@ def _forces(y, out, peak, left, right, stiffness, exponent, gap):  # type: ignor
 def _look(  # type: ignore[no-untyped-def]
     y, new, extension, doubt, t, h, peak, crossing, left, right, stiffness, exponent, gap
 ):
-    """Every fall of a closing rate through zero within the step from ``y`` to ``new`` while the contact is closed:
-    ``peak`` rises to its force, ``crossing`` keeps the first.
+    """Find each maximal compression within the step from ``y`` to ``new``.
 
-    A compression within ``SEEN`` times what the step may err by, or round-off, is none. Ahead of a front the stages
-    leave motions of alternating sign and next to no size, which would otherwise be collisions.
+    It is a fall of the closing rate through zero while the contact is closed: ``peak`` rises to its force, ``crossing``
+    keeps the first. A compression within ``SEEN`` times the error of the step, or round-off, does not count: ahead of a
+    front the stages leave motions of alternating sign and almost no size, which would otherwise be collisions.
     """
     n = y.shape[0] // 2
     overlap, rate = np.zeros(5), np.zeros(5)
@@ -274,7 +277,10 @@ def _above(c, s):  # type: ignore[no-untyped-def]
 
 @kernel()
 def _positive_somewhere(c):  # type: ignore[no-untyped-def]
-    """Whether the quartic ``sum_j c[j] s^j`` may be positive in [0, 1]: whether a Bernstein coefficient is."""
+    """Return True if a Bernstein coefficient of the quartic ``sum_j c[j] s^j`` in [0, 1] is positive.
+
+    Otherwise the quartic is positive nowhere in the interval.
+    """
     return (
         c[0] > 0.0
         or c[0] + c[1] / 4 > 0.0
@@ -286,18 +292,18 @@ def _positive_somewhere(c):  # type: ignore[no-untyped-def]
 
 @kernel()
 def _falls(c, last):  # type: ignore[no-untyped-def]
-    """Where in [0, 1] the quartic ``sum_j c[j] s^j`` falls through zero, ascending, and how many; ``last`` is its value
-    at 1, to the last digit that of the next step's start, so that no fall is seen twice or not at all.
+    """Return where in [0, 1] the quartic ``sum_j c[j] s^j`` falls through zero, ascending, and how many times.
 
-    Between the zeros of its derivative a polynomial is monotone, so a sign change is one root and bisection finds it:
-    from the third derivative, a line, up to the quartic itself.
+    ``last`` is its value at 1, equal to the last digit to that of the next step's start, so that no fall is seen twice
+    or not at all. Between the zeros of its derivative a polynomial is monotone, so a sign change is one root and
+    bisection finds it: from the third derivative, a line, up to the quartic itself.
     """
     derivatives = np.zeros((4, 5))
     derivatives[0] = c
     for order in range(1, 4):
         for j in range(5 - order):
             derivatives[order, j] = (j + 1) * derivatives[order - 1, j + 1]
-    knots, found = np.zeros(6), np.zeros(6)
+    knots, falls = np.zeros(6), np.zeros(6)
     knots[1] = 1.0
     pieces = 1
     count = 0
@@ -317,14 +323,14 @@ def _falls(c, last):  # type: ignore[no-untyped-def]
                     low = middle
                 else:
                     high = middle
-            found[count] = high
+            falls[count] = high
             count += 1
         if order > 0:
             for j in range(count):
-                knots[j + 1] = found[j]
+                knots[j + 1] = falls[j]
             pieces = count + 1
             knots[pieces] = 1.0
-    return found, count
+    return falls, count
 
 
 @kernel()

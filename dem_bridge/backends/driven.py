@@ -36,7 +36,7 @@ class Driven(NamedTuple):
 
 
 def driven_of(scene: Scene) -> Driven:
-    """What drives body 0; an amplitude of 0 and no values where nothing does."""
+    """Return the drive of body 0 as a tuple of numbers; its amplitude is 0 and it has no values where there is none."""
     drive = scene.drive
     if drive is None:
         return Driven()
@@ -57,7 +57,7 @@ def driven_of(scene: Scene) -> Driven:
 
 
 def rate_of(scene: Scene) -> float:
-    """How fast the force on body 0 changes at most, rad/s; 0 where there is none."""
+    """Return the largest rate at which the force on body 0 changes, rad/s; 0 where there is none."""
     return 0.0 if scene.drive is None else scene.drive.rate
 
 

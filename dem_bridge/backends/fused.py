@@ -27,8 +27,10 @@ def advance(  # type: ignore[no-untyped-def]
     n_body, first, last, mass, velocity, weight, stiffness, overlap, positional, reach, start,
     drifts, kicks, dt, dense_steps, keep, full, resting,
 ):  # fmt: skip
-    """Velocity, displacement ``(n_kept, n_body + 1)``, force ``(n_kept, n_contact)``, at every ``keep``-th of
-    ``dense_steps``; if ``full``, acceleration and overlap, too. Then, of all dense steps: the largest force of each
+    """Integrate a chain of Hertz' contacts in one vector loop per evaluation of the forces.
+
+    The results are velocity, displacement ``(n_kept, n_body + 1)``, force ``(n_kept, n_contact)``, at every ``keep``-th
+    of ``dense_steps``; if ``full``, acceleration and overlap, too. Then, of all dense steps: the largest force of each
     contact ``(size,)``, the farthest displacement (m), and the turns from closing to opening: dense step and contact
     ``(n_turn, 2)``, overlap, closing rate, closing acceleration and force, before and then after ``(n_turn, 8)``.
 
@@ -69,12 +71,12 @@ def advance(  # type: ignore[no-untyped-def]
                 # the last kick of a step is the next one's first: the same force, for the same part of the step
                 twice = stage == 0 and (begun or turn > 0)
                 kick, drift = kicks[stage], dt * drifts[stage]
-                beside = f[0]
+                pushed = f[0]
                 if positional:
                     behind = place[0]
                     for i in range(count):
                         ahead = f[i + 1]
-                        gained = kick * rate[i + 1] * ((weight[i + 1] + beside) - ahead)
+                        gained = kick * rate[i + 1] * ((weight[i + 1] + pushed) - ahead)
                         u = v[i + 1] + gained
                         if twice:
                             u += gained
@@ -84,12 +86,12 @@ def advance(  # type: ignore[no-untyped-def]
                         depth = reach[i] - (there - behind)
                         closed = depth if depth > 0.0 else 0.0
                         f[i] = stiffness[i] * closed * np.sqrt(closed)
-                        beside, behind = ahead, there
+                        pushed, behind = ahead, there
                 else:
                     behind = v[0]
                     for i in range(count):
                         ahead = f[i + 1]
-                        gained = kick * rate[i + 1] * ((weight[i + 1] + beside) - ahead)
+                        gained = kick * rate[i + 1] * ((weight[i + 1] + pushed) - ahead)
                         u = v[i + 1] + gained
                         if twice:
                             u += gained
@@ -99,7 +101,7 @@ def advance(  # type: ignore[no-untyped-def]
                         s[i] = depth
                         closed = depth if depth > 0.0 else 0.0
                         f[i] = stiffness[i] * closed * np.sqrt(closed)
-                        beside, behind = ahead, u
+                        pushed, behind = ahead, u
             begun = True
             while most > front and not (v[most] or x[most] or place[most] - start[most] or f[most - 1]):
                 most -= 1
@@ -150,8 +152,8 @@ def advance(  # type: ignore[no-untyped-def]
 def _doubled(where, sides):  # type: ignore[no-untyped-def]
     more_where, more_sides = np.zeros((2 * len(where), 2), dtype=np.int64), np.zeros((2 * len(where), 8))
     for turn in range(len(where)):
-        for one in range(2):
-            more_where[turn, one] = where[turn, one]
-        for one in range(8):
-            more_sides[turn, one] = sides[turn, one]
+        for column in range(2):
+            more_where[turn, column] = where[turn, column]
+        for column in range(8):
+            more_sides[turn, column] = sides[turn, column]
     return more_where, more_sides

@@ -60,6 +60,7 @@ class LammpsGranular:
         self.engine = engine or Engine.chosen()
 
     def availability(self) -> Availability:
+        """Return whether the engine starts and has the pair style."""
         try:
             require(self.engine, *self.styles)
         except BackendUnavailable as error:
@@ -93,7 +94,7 @@ class LammpsGranular:
         dense = dense_of(scene, deck, steps, values)
         settings = {"dt": plan.step, "samples": plan.samples, "surrogate_radius": deck.surrogate_radius}
         run = read_off(self, scene, plan, dense, settings, watch=watch, evaluations=plan.steps + 1)
-        told: dict[str, Any] = {
+        provenance: dict[str, Any] = {
             "lammps": engine_certificate(self.engine, report, scene),
             "engine_wall": report.wall,
             "engine_loop": report.loop,
@@ -103,7 +104,7 @@ class LammpsGranular:
             "pair_style": report.pair_style,
         }
         if written.tables is not None:
-            told["table"] = {
+            provenance["table"] = {
                 "style": written.tables.style,
                 "points": written.tables.points,
                 "files": len(written.tables.tables),
@@ -113,14 +114,14 @@ class LammpsGranular:
             }
         # the engine's own share of the processor, and not only ours
         cost = replace(run.cost, cpu=run.cost.cpu + report.cpu)
-        return replace(run, cost=cost, provenance={**run.provenance, **told})
+        return replace(run, cost=cost, provenance={**run.provenance, **provenance})
 
     def deck(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Deck:
-        """The deck that :meth:`run` runs."""
+        """Return the deck that :meth:`run` runs."""
         return self.written(scene, resolution, sampling, prescan_scene(scene)).deck
 
     def written(self, scene: Scene, resolution: Resolution, sampling: Sampling, prescan: Prescan) -> Written:
-        """As :meth:`deck`. Raises UnsupportedScene or UsageError where there can be none."""
+        """Return the deck with its tables; UnsupportedScene or UsageError if there can be none."""
         reason = unsupported_reason(self, scene)
         if reason:
             raise UnsupportedScene(f"{self.name} cannot do {scene.name}: {reason}")
@@ -136,7 +137,7 @@ class LammpsGranular:
                 f" known to {grain:.2g} m, and overlaps are of {deepest:.2g} m; take backend='reference'"
             )
         plan = fixed_step_plan(scene, resolution, sampling, prescan)
-        own = resolution.geometry == "physical" and resolution.surrogate_radius is None
+        physical = resolution.geometry == "physical" and resolution.surrogate_radius is None
         tables = self._tables(scene, resolution, prescan)
         deck = deck_of(
             scene,
@@ -145,7 +146,7 @@ class LammpsGranular:
             tables=tables,
             travel=prescan.highest - prescan.lowest,
             types=resolution.types,
-            floor=roundoff_floor(scene, plan, radius) if own else None,
+            floor=roundoff_floor(scene, plan, radius) if physical else None,
         )
         return Written(deck=deck, tables=tables)
 
@@ -154,13 +155,12 @@ class LammpsGranular:
 
 
 class LammpsTable(LammpsGranular):
-    """LAMMPS with ``pair_style table``: n from 2 to 5 or any law given as a function, another in each
-    contact; the rest as ``lammps-granular``.
+    """Run LAMMPS with ``pair_style table``: n from 2 to 5, or a law given as a function, another in each contact.
 
-    A damped contact is left to ``granular`` where that has its law (n = 5/2 and 2). Elsewhere the damping stands
-    beside the table and may pull, as no contact of the scene does: LAMMPS clips no sum of two pair styles. The twin
-    with tables does the same, so the bars know it (part ``table``); ``provenance["table"]["pull"]`` is the largest
-    tension, N.
+    A damped contact has ``granular`` where that has its law (n = 5/2 and 2). Elsewhere the damping is added to the
+    table and the contact may become tensile, as no contact of the scene does: LAMMPS clips no sum of two pair styles.
+    The twin with tables does the same, so the uncertainty has it (part ``table``); ``provenance["table"]["pull"]`` is
+    the largest tension, N.
     """
 
     name = "lammps-table"

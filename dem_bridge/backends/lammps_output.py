@@ -1,4 +1,4 @@
-"""What LAMMPS dumped, read as a run: in the order of the scene's contacts and bodies, and checked.
+"""LAMMPS' dump read as a run: in the order of the scene's contacts and bodies, and checked.
 
 Positions, velocities and net forces are LAMMPS' own. Contact forces are the running sum of the net forces along the
 chain, so a wrong coefficient in a deck shows in them.
@@ -25,7 +25,7 @@ from dem_bridge.scene import Scene
 
 
 def checked_values(deck: Deck, steps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-    """RunBroken unless the dump has the frames and atoms that the deck asks for, finite and within the gauge."""
+    """Raise RunBroken unless the dump has the frames and atoms of the deck, finite and with small enough overlaps."""
     expected = deck.schedule.dense_steps
     if not np.array_equal(steps, expected) or values.shape[1] != len(deck.line):
         raise RunBroken(
@@ -39,7 +39,7 @@ def checked_values(deck: Deck, steps: NDArray[np.int64], values: NDArray[np.floa
 
 
 def dense_of(scene: Scene, deck: Deck, steps: NDArray[np.int64], values: NDArray[np.float64]) -> Dense:
-    """What LAMMPS dumped, in the order of the scene's contacts and bodies."""
+    """Return the dump in the order of the scene's contacts and bodies."""
     position, velocity, net = (values[:, :, DUMP_COLUMNS.index(name)] for name in ("x", "vx", "fx"))
     columns = np.argsort(line_order(scene))
     outer = deck.weight
@@ -68,28 +68,30 @@ def dense_of(scene: Scene, deck: Deck, steps: NDArray[np.int64], values: NDArray
 
 
 def check_gauge(position: NDArray[np.float64], deck: Deck, steps: NDArray[np.int64]) -> None:
-    """RunBroken where bodies that are not neighbours touch, or an overlap exceeds the gauge radius, so that they may
-    have touched between two looks."""
+    """Raise RunBroken if bodies that are not neighbours touch, or may have touched between two samples.
+
+    They may have where an overlap exceeds the surrogate radius.
+    """
     if position.shape[1] < 2:
         return
     radii = deck.radii
     smaller = np.minimum(radii[:-1], radii[1:])
     beyond = np.max(deck.reach - smaller - np.diff(position, axis=1), axis=0)
     worst = int(np.argmax(beyond))
-    found = f"an overlap of {beyond[worst] + smaller[worst]:.6g} m exceeds the gauge radius {smaller[worst]:.6g} m"
+    excess = f"an overlap of {beyond[worst] + smaller[worst]:.6g} m exceeds the gauge radius {smaller[worst]:.6g} m"
     across = position[:, 2:] - position[:, :-2] - (radii[2:] + radii[:-2])
     if np.min(across, initial=math.inf) < 0.0:
         row, atom = np.unravel_index(np.argmin(across), across.shape)
         raise RunBroken(
-            f"{found}, and atoms {atom + 1} and {atom + 3}, which are not neighbours, overlap by"
+            f"{excess}, and atoms {atom + 1} and {atom + 3}, which are not neighbours, overlap by"
             f" {-float(across[row, atom]):.6g} m at step {steps[row]}; give a larger surrogate_radius"
         )
     if beyond[worst] > 0.0:
-        raise RunBroken(f"{found}: bodies that are not neighbours may have touched; give a larger surrogate_radius")
+        raise RunBroken(f"{excess}: bodies that are not neighbours may have touched; give a larger surrogate_radius")
 
 
 def dump_progress(path: Path, deck: Deck) -> Callable[[], None]:
-    """A call that reports the share of the dump that is written."""
+    """Return a function that reports the share of the dump that is written."""
     whole = dump_size(deck)
 
     def watch() -> None:
@@ -100,13 +102,13 @@ def dump_progress(path: Path, deck: Deck) -> Callable[[], None]:
 
 
 def dump_size(deck: Deck) -> int:
-    """Bytes that a run of the deck writes."""
+    """Return the number of bytes that a run of the deck writes, roughly."""
     frame = 8 * len(DUMP_COLUMNS) * len(deck.line) + 200  # values and, roughly, a frame's header
     return frame * len(deck.schedule.dense_steps)
 
 
 def engine_certificate(engine: Engine, report: EngineReport, scene: Scene) -> dict[str, Any]:
-    """Provenance of a run: which LAMMPS, and how. JSON-able."""
+    """Return the provenance of the engine: which LAMMPS ran, and how; JSON-able."""
     note = engine.note(scene.n_body)
     return {
         "version": report.version,

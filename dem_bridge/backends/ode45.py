@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge import features
-from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
+from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling, run_provenance
 from dem_bridge.backends.dormand_prince import STEP_TOO_SMALL, TOO_MANY_STEPS, integrate
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.compiled import interruptible
@@ -33,7 +33,7 @@ SHARE, REPLICA_SHARE = 0.1, 0.02
 MOST_STEPS = 50_000_000
 
 
-class Ode45:
+class Ode45(AlwaysAvailable):
     """Dormand & Prince 5(4) with MATLAB's step control.
 
     >>> import dem_bridge as db
@@ -50,9 +50,6 @@ class Ode45:
         {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
         | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
     )
-
-    def availability(self) -> Availability:
-        return Availability(True)
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve with ``rtol`` and ``atol`` (m and m/s), the initial step as for ``tspan = [0 duration]``.
@@ -126,8 +123,11 @@ def _tolerances(resolution: Resolution) -> tuple[float, float]:
 
 
 def _scales(scene: Scene) -> NDArray[np.float64]:
-    """What is small against each entry of the state: the shallowest overlap (m) of a body's contacts that the energy at
-    hand allows, then the largest speed (m/s)."""
+    """Return a small value of each entry of the state, ``(2 n_body,)``.
+
+    For displacements it is the shallowest overlap (m) of a body's contacts that the energy of the scene allows, for
+    velocities the largest speed (m/s).
+    """
     speed, depth = natural_scales(scene)
     of_body = np.full(scene.n_body + 1, speed * scene.duration)
     np.minimum.at(of_body, scene.contacts.left, depth)

@@ -18,6 +18,7 @@ MOST_TURNS = 2 * (PIECES + HALVINGS)
 
 @kernel()
 def value(c, order, r):  # type: ignore[no-untyped-def]
+    """Return the value of the polynomial at ``t``."""
     total = c[order]
     for o in range(order - 1, -1, -1):
         total = total * r + c[o]
@@ -26,8 +27,11 @@ def value(c, order, r):  # type: ignore[no-untyped-def]
 
 @kernel()
 def root(c, order, level, low, high):  # type: ignore[no-untyped-def]
-    """Where the polynomial passes ``level`` in [low, high], whose ends lie on different sides: regula falsi with the
-    Illinois weight, and bisection where that is slow. The end on the far side of the passage is returned."""
+    """Return where the polynomial passes ``level`` in [low, high], whose ends lie on different sides.
+
+    The method is regula falsi with the Illinois weight, and bisection where that is slow. The end on the far side of
+    the passage is returned.
+    """
     a, b = low, high
     fa, fb = value(c, order, a) - level, value(c, order, b) - level
     for _ in range(120):
@@ -57,8 +61,10 @@ def root(c, order, level, low, high):  # type: ignore[no-untyped-def]
 
 @kernel()
 def first_nonzero(c, order, start):  # type: ignore[no-untyped-def]
-    """Index of the first coefficient from ``start`` on that is not 0: its sign is that of the polynomial right after 0;
-    ``order + 1``: there is none."""
+    """Return the index of the first coefficient from ``start`` on that is not 0; ``order + 1``: there is none.
+
+    Its sign is that of the polynomial right after 0.
+    """
     o = start
     while o <= order and c[o] == 0.0:
         o += 1
@@ -67,7 +73,7 @@ def first_nonzero(c, order, start):  # type: ignore[no-untyped-def]
 
 @kernel()
 def swing(c, order, r):  # type: ignore[no-untyped-def]
-    """The most by which the polynomial can leave its value at 0 within [0, r]."""
+    """Return the most by which the polynomial can leave its value at 0 within [0, r]."""
     most = 0.0
     for o in range(order, 0, -1):
         most = (most + abs(c[o])) * r
@@ -76,17 +82,17 @@ def swing(c, order, r):  # type: ignore[no-untyped-def]
 
 @kernel()
 def between(c, order, low, high):  # type: ignore[no-untyped-def]
-    """The root between ``low`` and ``high``, on which the signs differ; a root at 0 itself is divided out."""
+    """Return the root between ``low`` and ``high``, on which the signs differ; a root at 0 itself is divided out."""
     lead = first_nonzero(c, order, 0) if low == 0.0 else 0
     return root(c[lead:], order - lead, 0.0, low, high)
 
 
 @kernel()
 def turning_points(c, order, r, turns):  # type: ignore[no-untyped-def]
-    """Where the polynomial changes its sign in (0, r], into ``turns`` (room for MOST_TURNS), in order. Returns their
-    number and whether the first goes from + to -; every other one then does.
+    """Write where the polynomial changes its sign in (0, r] into ``turns`` (room for MOST_TURNS), in order.
 
-    Looked at piece by piece; a piece whose ends are on the same side may hold an extremum on the other.
+    Returns their number and whether the first goes from + to -; every other one then does. The interval is searched
+    piece by piece; a piece whose ends are on the same side may hold an extremum on the other.
     """
     lead = first_nonzero(c, order, 0)
     if lead > order or (lead == 0 and swing(c, order, r) < abs(c[0])):
@@ -94,8 +100,8 @@ def turning_points(c, order, r, turns):  # type: ignore[no-untyped-def]
     count, before, falls = 0, c[lead], c[lead] > 0.0
     tilt = c[max(lead, min(first_nonzero(c, order, 1), order))]
     low = 0.0
-    for look in range(1 - (HALVINGS if lead > 0 else 0), PIECES + 1):
-        high = r * (look if look > 0 else 2.0 ** (look - 1)) / PIECES
+    for piece in range(1 - (HALVINGS if lead > 0 else 0), PIECES + 1):
+        high = r * (piece if piece > 0 else 2.0 ** (piece - 1)) / PIECES
         after, slope = c[order], 0.0
         for o in range(order - 1, -1, -1):
             slope = slope * high + after

@@ -1,8 +1,7 @@
-"""A coarse look at a scene before the real run: how deep contacts go, how fast they are, how far bodies get.
+"""A coarse run of a scene before the real run: the depth and rate of its contacts, and the range of its bodies.
 
-Decks need it for the gauge radius, fixed-step runs for the spacing of dense samples. Velocity-Verlet with a step
-that follows the stiffest contact of the moment; good to about a per cent, or a few with damping, and nothing more is
-asked of it.
+Decks need it for the surrogate radius, fixed-step runs for the spacing of dense samples. It is velocity-Verlet with a
+step that follows the stiffest contact of the moment, accurate to about a per cent, or a few with damping.
 """
 
 from __future__ import annotations
@@ -108,10 +107,10 @@ def _pace(scene: Scene) -> float:
     if scene.drive is None or scene.drive.peak == 0.0:
         return 0.0
     c, inverse_mass = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
-    mine = (c.left == 0) | (c.right == 0)
-    beta, n = c.stiffness[mine], c.exponent[mine]
+    driven = (c.left == 0) | (c.right == 0)
+    beta, n = c.stiffness[driven], c.exponent[driven]
     slope = (n - 1.0) * beta * (scene.drive.peak / beta) ** ((n - 2.0) / (n - 1.0))
-    mobility = (inverse_mass[c.left] + inverse_mass[c.right])[mine]
+    mobility = (inverse_mass[c.left] + inverse_mass[c.right])[driven]
     return float(np.max(np.sqrt(slope * mobility), initial=scene.drive.rate))
 
 
@@ -141,8 +140,11 @@ def _run(  # type: ignore[no-untyped-def]
     fraction,
     max_steps,
 ):
-    """Index n_body is the wall: no inverse mass, no velocity. ``free (n_body,)``: acceleration without contact;
-    ``pace``, rad/s, what a drive asks of the step."""
+    """Integrate the scene coarsely, and return the largest values of what a Prescan has.
+
+    Index n_body is the wall: no inverse mass, no velocity. ``free (n_body,)``: acceleration without contact; ``pace``,
+    rad/s: the rate of the drive, which limits the step.
+    """
     n_body, n_contact = inverse_mass.shape[0] - 1, left.shape[0]
     v = velocity.copy()
     x = np.zeros(n_body + 1)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge import features
-from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
+from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling, run_provenance
 from dem_bridge.backends.scales import natural_scales, resting_acceleration
 from dem_bridge.backends.scipy_dop853 import ScipyDop853
 from dem_bridge.backends.taylor import integrate
@@ -44,7 +44,7 @@ SERIES = Support(
 )
 
 
-class Reference:
+class Reference(AlwaysAvailable):
     """Taylor series with desingularised contacts."""
 
     name = "reference"
@@ -52,9 +52,6 @@ class Reference:
     order: int | None = None
     #: scipy answers where the series do not fit
     supports = ScipyDop853.supports
-
-    def availability(self) -> Availability:
-        return Availability(True)
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve by Taylor series, or through scipy where they do not fit."""
@@ -127,7 +124,7 @@ def _unfelt(scene: Scene, speed: float, depth: NDArray[np.float64]) -> NDArray[n
 
 
 def _perturbed(scene: Scene, directions: np.random.Generator) -> Scene:
-    """The scene with each number of its own moved by one unit in its last place, up or down."""
+    """Return the scene with each number moved by one unit in its last place, up or down."""
 
     def moved(value: float) -> float:
         # what is exactly 0 stays: a body at rest is at rest

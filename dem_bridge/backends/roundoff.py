@@ -11,6 +11,6 @@ from dem_bridge.scene import Scene
 
 def roundoff_floor(scene: Scene, plan: Schedule, radius: float) -> float:
     """Return the round-off of positions of bodies of ``radius`` (m) in velocities, relative to the largest of them."""
-    own, positional = solve_plan(scene, plan), solve_plan(scene, plan, radius)
-    speed = float(np.max(np.abs(own.velocity)))
-    return float(np.max(np.abs(own.velocity - positional.velocity))) / speed if speed > 0.0 else 0.0
+    exact, positional = solve_plan(scene, plan), solve_plan(scene, plan, radius)
+    speed = float(np.max(np.abs(exact.velocity)))
+    return float(np.max(np.abs(exact.velocity - positional.velocity))) / speed if speed > 0.0 else 0.0

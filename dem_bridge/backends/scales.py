@@ -1,4 +1,4 @@
-"""What is much and what is little in a scene: speeds, overlaps and accelerations, from its energy and its forces."""
+"""Large and small values of a scene: speeds, overlaps and accelerations, from its energy and its forces."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def resting_speed(scene: Scene) -> float:
 
 
 def resting_acceleration(scene: Scene) -> NDArray[np.float64]:
-    """Closing acceleration (m/s^2) of each contact, ``(n_contact,)``, below which it counts as at rest.
+    """Return the closing acceleration (m/s^2) of each contact, ``(n_contact,)``, below which it counts as at rest.
 
     Ahead of a front the forces on a body of a precompressed chain cancel but for round-off, and the closing rate
     passes zero all the time: maximal compressions are only those that a force ends. 0 without precompression.

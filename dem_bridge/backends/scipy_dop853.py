@@ -7,7 +7,7 @@ with the twin.
 from __future__ import annotations
 
 from dem_bridge import features
-from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
+from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling, run_provenance
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.stopwatch import Stopwatch
@@ -20,7 +20,7 @@ DEFAULT_RTOL = 3e-14
 LARGEST_RTOL = 1e-4
 
 
-class ScipyDop853:
+class ScipyDop853(AlwaysAvailable):
     """DOP853 in overlap variables with located contact events."""
 
     name = "scipy"
@@ -36,9 +36,6 @@ class ScipyDop853:
 
     def __init__(self, largest_rtol: float = LARGEST_RTOL) -> None:
         self.largest_rtol = largest_rtol
-
-    def availability(self) -> Availability:
-        return Availability(True)
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve at the tolerance ``rtol``.

@@ -40,8 +40,10 @@ class Method(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """Interpolated laws of contacts, for the kernel. Damped contacts with a table may pull: LAMMPS adds the damping
-    beside the table, where no sum can be clipped."""
+    """Interpolated laws of contacts, for the kernel.
+
+    Damped contacts with a table may become tensile: LAMMPS adds the damping to the table, and no sum can be clipped.
+    """
 
     diameter: float
     """m, of the bodies that the tables are for."""
@@ -75,10 +77,10 @@ def solve(
     cells: int = CELLS,
     full: bool = True,
 ) -> tuple[Trajectory, Dense]:
-    """A run without bars on the given steps, with all that was looked at between the samples.
+    """Return a run on given steps and its dense samples.
 
     ``radius`` (m): as :func:`~dem_bridge.backends.twin.solve_plan` has it; ``cells``: of laws that are functions. If
-    not ``full``, only the samples are kept where that is enough, and the second answer is those.
+    not ``full``, only the samples are kept where that is enough, and the second result is those.
     """
     watch = Stopwatch()
     settings: dict[str, float] = {"dt": plan.step, "samples": plan.samples}
@@ -108,7 +110,7 @@ def solve(
         )
         return run, dense
     c = scene.contacts
-    found = interruptible(
+    arrays = interruptible(
         integrate,
         np.array(scene.mass),
         np.array(scene.velocity),
@@ -131,15 +133,18 @@ def solve(
         tables,
         curves_of(scene, cells),
     )
-    dense = Dense(*found)
+    dense = Dense(*arrays)
     return read_off(code, scene, plan, dense, settings, **costs), dense
 
 
 def _march(
     method: Method, scene: Scene, plan: Schedule, radius: float | NDArray[np.float64], full: bool
 ) -> tuple[Dense, float, NDArray[np.float64], Turns]:
-    """The fast kernel's answer in the order of the scene: kept samples, farthest displacement (m), largest force of
-    each contact at the dense samples (N), turns."""
+    """Run the fast kernel, and return its results in the order of the scene.
+
+    They are the kept samples, the farthest displacement (m), the largest force of each contact at the dense samples (N)
+    and the turns.
+    """
     c, n = scene.contacts, scene.n_body
     line = _along(scene)
     first, last = int(scene.wall_left is None), n + int(scene.wall_right is not None)
@@ -159,7 +164,7 @@ def _march(
         distance, places, wall = _frame(scene, radius)
         reach, start = along(distance), bodies(places)
         # the walls' own: where there is none nothing is pressed
-        start[0], start[n + 1 :] = (np.sum(wall[one]) for one in (c.left == n, c.right == n))
+        start[0], start[n + 1 :] = (np.sum(wall[side]) for side in (c.left == n, c.right == n))
     v, x, force, a, overlap, top, farthest, where, sides = interruptible(
         advance,
         n,
@@ -189,7 +194,7 @@ def _march(
 
 
 def _along(scene: Scene) -> NDArray[np.int64]:
-    """Which contact of the scene stands at each place of the line: a left wall's first."""
+    """Return the contact of the scene at each place of the line, a left wall's first."""
     c, every = scene.contacts, np.arange(scene.n_contact)
     return np.argsort(np.where(c.left == scene.n_body, -1, every), kind="stable")
 
@@ -244,10 +249,11 @@ def integrate(  # type: ignore[no-untyped-def]
     tables,
     curves,
 ):
-    """Velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap and force
-    ``(n_dense, n_contact)`` at ``dense_steps``. The first ``links`` contacts are those of the chain; ``load (n_body,)``
-    is the constant force on each body beside its weight, N; ``driven`` that on body 0 when a step has its forces.
-    ``drifts`` and ``kicks`` are those of a :class:`Method`.
+    """Integrate a scene by kicks and drifts, ``drifts`` and ``kicks`` being those of a :class:`Method`.
+
+    The results are velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap
+    and force ``(n_dense, n_contact)`` at ``dense_steps``. The first ``links`` contacts are those of the chain; ``load
+    (n_body,)`` is the constant force on each body beside its weight, N; ``driven`` the drive of body 0.
 
     With n = 5/2 the force is ``beta s sqrt(s)``: only exact powers of two appear when v0 -> 32 v0 and
     dt -> dt/2, so such runs repeat bit for bit.

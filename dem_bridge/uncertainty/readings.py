@@ -1,4 +1,4 @@
-"""What the uncertainty of a family reads off dense samples, and the runs that it needs for that."""
+"""Numbers that an uncertainty needs from dense samples, and the runs that it needs for them."""
 
 from __future__ import annotations
 

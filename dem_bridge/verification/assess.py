@@ -172,9 +172,9 @@ def _accuracy(
             continue
         name = result.case.backend
         yield from checks.accuracy(scene, name, run, reference, accuracy)
-        known = _reference_with_table_error(roles) if result is runs.engine else reference
+        standard = _reference_with_table_error(roles) if result is runs.engine else reference
         if len(refinement[name][0]) > 1:
-            yield checks.order(scene, name, refinement[name], known)
+            yield checks.order(scene, name, refinement[name], standard)
     if roles.theory is not None:
         yield from checks.model(scene, roles.theory, reference)
 

@@ -100,7 +100,7 @@ def exit_code(outcomes: Iterable[Outcome]) -> int:
 
 
 def numerical_verdict(
-    found: Difference,
+    compared: Difference,
     *,
     scene: str,
     backend: str,
@@ -113,8 +113,8 @@ def numerical_verdict(
 
     The uncertainty that counts is the reference's: the difference itself is known exactly.
     """
-    uncertainty = found.reference_uncertainty
-    outcome = judge_relative(found.value, uncertainty, tolerance)
+    uncertainty = compared.reference_uncertainty
+    outcome = judge_relative(compared.value, uncertainty, tolerance)
     relation = {
         Outcome.PASS: "this is within the tolerance of",
         Outcome.FAIL: "this exceeds the tolerance of",
@@ -122,23 +122,23 @@ def numerical_verdict(
     }[outcome]
     if not tolerance < 1.0:
         relation = "nothing follows from it, because the tolerance is an uncertainty of 100 % or more:"
-    when = f" at t = {1e3 * found.time:.4g} ms" if math.isfinite(found.time) else ""
+    when = f" at t = {1e3 * compared.time:.4g} ms" if math.isfinite(compared.time) else ""
     return Verdict(
         scene=scene,
-        quantity=found.quantity,
+        quantity=compared.quantity,
         backend=backend,
         reference=reference,
         outcome=outcome,
         sentence=(
-            f"{found.quantity} of {backend} differs from {reference} by {found.value:.2e} of"
-            f" {found.scale_name} ({found.place}{when}), +- {uncertainty:.1e}; {relation} {tolerance:.1e}."
+            f"{compared.quantity} of {backend} differs from {reference} by {compared.value:.2e} of"
+            f" {compared.scale_name} ({compared.place}{when}), +- {uncertainty:.1e}; {relation} {tolerance:.1e}."
         ),
-        difference=found.value,
-        scale=found.scale,
-        unit=found.unit,
-        scale_name=found.scale_name,
-        uncertainty=found.uncertainty,
-        reference_uncertainty=found.reference_uncertainty,
+        difference=compared.value,
+        scale=compared.scale,
+        unit=compared.unit,
+        scale_name=compared.scale_name,
+        uncertainty=compared.uncertainty,
+        reference_uncertainty=compared.reference_uncertainty,
         tolerance=tolerance,
         first_divergence=first_divergence,
         meaning=meaning,

@@ -28,10 +28,10 @@ _PART = 1_000_000
 
 
 def perturbed(scene: Scene, share: float, seed: int) -> Scene:
-    """The scene with every mass, velocity and stiffness moved by ``share`` times a normal deviate of its own.
+    """Return the scene with every mass, velocity and stiffness moved by ``share`` times a normal deviate of its own.
 
-    A drive is moved as a whole. What is 0 stays: a body at rest is at rest. Gaps stay, for they are sums of what is
-    left and right of them.
+    A drive is moved as a whole. Values of 0 stay, so that a body at rest is at rest. Gaps stay, because they are sums
+    of what is left and right of them.
     """
     deviate = np.random.default_rng([2018, seed])
 
@@ -79,7 +79,7 @@ class Growth:
 
     @property
     def kind(self) -> str:
-        """ "exponential" or "power of time"; "neither" where both are off by more than a factor e."""
+        """Return the better fit, or "neither" if both are off by more than a factor e."""
         if not min(self.misfit) <= 1.0:
             return "neither"
         return "exponential" if self.exponential else "power of time"
@@ -263,7 +263,7 @@ def long_run(
 
 
 def _from_here(scene: Scene, overlap: Floats, velocity: Floats) -> Scene:
-    """The scene that goes on from these overlaps (m, negative: gaps) and velocities."""
+    """Return the scene that continues from these overlaps (m, negative: gaps) and velocities."""
     gap, links = (-overlap).tolist(), len(scene.stiffness)
     walls = iter(gap[links:])
 
@@ -302,4 +302,5 @@ class Found:
 
     @property
     def truth(self) -> Trajectory:
+        """Return the run of the reference."""
         return self.trusts[0].run
