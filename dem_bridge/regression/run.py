@@ -23,6 +23,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.uncertainty.step_choice import step_for_accuracy
+from dem_bridge.verification.roles import assign_roles
 
 SCHEMA = "dem-bridge/regression/1"
 FOLDER = Path("reports/baselines")
@@ -270,7 +271,7 @@ def regress_scenes(
         reference = None if is_reference else answer.trajectory
         comparison = task.compare(run, reference)
         changed = comparison.change is Change.CHANGED or (update and comparison.change is Change.NEW)
-        if changed and is_reference and run.provenance.get("answered_by") != SECOND:
+        if changed and is_reference and assign_roles(task.case.scene).solver != SECOND:
             [second] = run_cases([replace(task.reference, backend=SECOND)], jobs=1, everything=True)
             reference = second.trajectory
             comparison = task.compare(run, reference)

@@ -18,7 +18,7 @@ from dem_bridge.studies.study import Claim, Study, Table, verdict_table
 from dem_bridge.studies.texts import Texts
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
-from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN
+from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, assign_roles
 from dem_bridge.verification.verdict import Outcome, Verdict
 from dem_bridge.version import __version__
 
@@ -171,9 +171,7 @@ def _limits(studies: Sequence[SceneStudy]) -> Iterator[str]:
     alone = [
         study.scene.name
         for study in studies
-        if (reference := study.run(REFERENCE)) is not None
-        and reference.provenance.get("answered_by") == SCIPY
-        and study.scene.dissipates
+        if study.run(REFERENCE) is not None and study.scene.dissipates and assign_roles(study.scene).solver == SCIPY
     ]
     if alone:
         yield TEXTS("alone", scenes=", ".join(alone), code=SCIPY)

@@ -172,7 +172,12 @@ class Trust:
     horizon: float
     """s: when the bar is above 1 %; inf: not within the duration."""
     collisions: float
-    """Contacts that closed until then; nan: steps are looked at too rarely to count."""
+    """Contacts that closed until then; nan: steps are sampled too rarely to count."""
+
+    @property
+    def last(self) -> float:
+        """Return the uncertainty at the end."""
+        return float(self.bar[-1])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

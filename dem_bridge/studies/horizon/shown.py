@@ -3,80 +3,47 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from dem_bridge.studies.horizon.runs import KNOWN, Floats, Found, LongRun, horizon_of
 from dem_bridge.studies.horizon.verdicts import independent_from
-from dem_bridge.studies.study import FigureData, Panel, Series, Table, verdict_table
+from dem_bridge.studies.study import FigureData, Series, Table, verdict_table
+from dem_bridge.studies.texts import Texts
+from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE, TWIN
 from dem_bridge.verification.verdict import Outcome, Verdict
 
+TEXTS = Texts("horizon")
 #: points of a line of a long run, and least value that is drawn
 _POINTS, _LEAST = 1000, 1e-18
 
 
 def tables(result: Found, judged: Sequence[Verdict]) -> tuple[Table, ...]:
-    """Horizons, growth, the long run, and all verdicts."""
+    """Return the horizons, the growth, the long run, and all verdicts."""
     g = result.growth
-    horizons = Table(
-        id="horizons",
-        title="How long single velocities are known to 1 %",
-        caption="Horizon: when the bar is above 1 % of the largest speed (inf: not within the duration). Bars are from"
-        " twins at other steps and in positions, of the reference from inputs moved by their last digits; differences"
-        " to the reference are what was found.",
-        columns=(
-            "backend", "horizon (s)", "in contact times", "contacts closed until then", "bar at the end",
-            "largest difference to the reference",
-            "difference above 1 % from (s)",
-        ),
-        rows=tuple(
-            (
-                trust.backend,
-                trust.horizon,
-                trust.horizon / result.contact_time,
-                trust.collisions,
-                float(trust.bar[-1]),
-                math.nan if trust.error is None else float(trust.error[-1]),
-                math.nan if trust.error is None else horizon_of(result.truth.time, trust.error),
-            )
-            for trust in result.trusts
-        ),
-    )  # fmt: skip
-    growth = Table(
-        id="growth",
-        title="How a perturbation grows",
-        caption=f"{len(result.distance)} runs of the reference with masses, velocities and stiffnesses moved by"
-        f" {result.perturbation:g}; bars are 95 % intervals from their scatter.",
-        columns=(
-            "fits", "rate (1/s) or power", "bar", "e-folding time in contact times", "fitted from (s)", "to (s)",
-            "misfit, exponential", "misfit, power", "largest distance / perturbation",
-        ),
-        rows=(
-            (
-                g.kind,
-                g.rate,
-                g.bar,
-                1.0 / (g.rate * result.contact_time) if g.exponential else math.nan,
-                *g.window,
-                *g.misfit,
-                g.factor,
-            ),
-        ),
-    )  # fmt: skip
-    long = Table(
-        id="long",
-        title="Energy of long runs of the twin",
-        caption="Drift of what velocity-Verlet conserves (energy with its known swing added), over the whole run, in"
-        " parts of the most that was in motion; bars are 95 % intervals that hold for a walk at random, too.",
-        columns=(
-            "dt (s)", "steps", "duration (s)", "drift", "bar", "drift told from none", "swing, found",
-            "swing, predicted", "mean kinetic / stored energy",
-        ),
-        rows=tuple(_long_row(item) for item in (result.long, result.halved) if item is not None),
-    )  # fmt: skip
-    return horizons, growth, long, verdict_table(judged)
+    horizons = [
+        (
+            trust.backend,
+            trust.horizon,
+            trust.horizon / result.contact_time,
+            trust.collisions,
+            trust.last,
+            math.nan if trust.error is None else float(trust.error[-1]),
+            math.nan if trust.error is None else horizon_of(result.truth.time, trust.error),
+        )
+        for trust in result.trusts
+    ]
+    folding = 1.0 / (g.rate * result.contact_time) if g.exponential else math.nan
+    growth = [(g.kind, g.rate, g.bar, folding, *g.window, *g.misfit, g.factor)]
+    return (
+        TEXTS.table("horizons", horizons),
+        TEXTS.table("growth", growth, count=len(result.distance), perturbation=result.perturbation),
+        TEXTS.table("long", [_long_row(item) for item in (result.long, result.halved) if item is not None]),
+        verdict_table(judged),
+    )
 
 
 def _long_row(long_run: LongRun) -> tuple[str | float, ...]:
@@ -96,7 +63,7 @@ def _long_row(long_run: LongRun) -> tuple[str | float, ...]:
 
 
 def figures(result: Found) -> tuple[FigureData, ...]:
-    """Distances and bars over time; the energy of the long run; the distribution of velocities beyond the horizon."""
+    """Return the distances over time, the energy of the long run, and the velocities beyond the horizon."""
     created = [_parting(result)]
     if len(result.long.time) > 2:
         created.append(_energy(result.long))
@@ -106,16 +73,12 @@ def figures(result: Found) -> tuple[FigureData, ...]:
     return tuple(created)
 
 
-def _log(values: Floats) -> Floats:
-    return np.asarray(np.log10(np.maximum(values, _LEAST)))
-
-
 def _parting(result: Found) -> FigureData:
     time = 1e3 * result.truth.time
     middle = np.exp(np.mean(np.log(np.maximum(result.distance, _LEAST)), axis=0))
 
     def line(label: str, style: str, y: Floats) -> Series:
-        return Series(label=label, style=style, x=time, y=_log(y))
+        return Series(label=label, style=style, x=time, y=np.log10(np.maximum(y, _LEAST)))
 
     perturbations = (
         line(f"inputs moved by {result.perturbation:g}", "reference", middle),
@@ -123,27 +86,17 @@ def _parting(result: Found) -> FigureData:
         line("the farthest", "guide", np.max(result.distance, axis=0)),
     )
     styles = {REFERENCE: "adiabatic", TWIN: "bca"}
-    bars = [
-        line(f"bar of {trust.backend}", styles.get(trust.backend, trust.backend), trust.bar) for trust in result.trusts
+    codes = [
+        line(f"uncertainty of {trust.backend}", styles.get(trust.backend, trust.backend), trust.bar)
+        for trust in result.trusts
     ]
-    bars += [
+    codes += [
         line(f"{trust.backend} - reference", "fit" if trust.backend == TWIN else "ode45", trust.error)
         for trust in result.trusts
         if trust.error is not None
     ]
-    bars.append(Series(label="1 %", style="guide", x=time[[0, -1]], y=np.log10([KNOWN, KNOWN])))
-    label = "log10 of distance"
-    return FigureData(
-        id="horizon",
-        title="How velocities part",
-        caption="Largest distance of velocities so far, over the largest speed. Left: runs of the reference whose"
-        " inputs differ a little. Right: bars of each code, and what it differs by from the reference; where a bar"
-        " passes 1 % its horizon is.",
-        panels=(
-            Panel(title="(a) growth of a perturbation", x_label="time (ms)", y_label=label, series=perturbations),
-            Panel(title="(b) bars of the codes", x_label="time (ms)", y_label=label, series=tuple(bars)),
-        ),
-    )
+    codes.append(Series(label="1 %", style="guide", x=time[[0, -1]], y=np.log10([KNOWN, KNOWN])))
+    return TEXTS.figure("horizon", [TEXTS.panel("growth", perturbations), TEXTS.panel("codes", tuple(codes))])
 
 
 def _energy(long: LongRun) -> FigureData:
@@ -155,126 +108,64 @@ def _energy(long: LongRun) -> FigureData:
         Series(label="energy", style="guide", x=time, y=energy[::every] / unit),
         Series(label="conserved by the method", style="reference", x=time, y=kept[::every] / unit),
     ]
-    notes: tuple[str, ...] = ()
+    panel = TEXTS.panel("energy", unit=unit)
     if drift is not None:
         line = float(np.mean(kept)) + drift.slope * (time - float(np.mean(long.time)))
         series.append(Series(label="fitted drift", style="fit", x=time, y=line / unit))
         total, bar = drift.total
-        notes = (f"drift {total:+.1e} +- {bar:.1e} over {long.steps:.3g} steps of {long.dt:.3g} s",)
-    panel = Panel(
-        title="energy",
-        x_label="time (s)",
-        y_label=f"change / most in motion ({unit:.0e})",
-        series=tuple(series),
-        notes=notes,
-    )
-    return FigureData(
-        id="horizon-energy",
-        title="Energy of the long run",
-        caption="The energy of velocity-Verlet swings about what the method conserves; that walks at random by what"
-        " each touch adds or takes.",
-        panels=(panel,),
-        columns=1,
-    )
+        note = f"drift {total:+.1e} +- {bar:.1e} over {long.steps:.3g} steps of {long.dt:.3g} s"
+        panel = replace(panel, notes=(note,))
+    return TEXTS.figure("horizon-energy", [replace(panel, series=tuple(series))])
 
 
 def _distribution(result: Found, first: int) -> FigureData:
     root = np.sqrt(np.array(result.scene.mass))
-    parts = [(trust.backend, trust.backend, [trust.run]) for trust in result.trusts[1:]]
-    styles = {TWIN: "bca"}
     edges = np.linspace(-4.0, 4.0, 41)
     middle = 0.5 * (edges[1:] + edges[:-1])
 
-    def density(runs: Sequence[Floats]) -> Floats:
-        values = np.concatenate([run.ravel() for run in runs])
-        return np.asarray(np.histogram(values / np.sqrt(np.mean(values**2)), bins=edges, density=True)[0])
+    def density(label: str, style: str, runs: Sequence[Trajectory]) -> Series:
+        values = np.concatenate([(run.velocity[first:] * root).ravel() for run in runs])
+        scaled = values / np.sqrt(np.mean(values**2))
+        return Series(label=label, style=style, x=middle, y=np.histogram(scaled, bins=edges, density=True)[0])
 
-    available = density([item.velocity[first:] * root for item in (result.truth, *result.ensemble)])
-    series = [Series(label="reference, independent runs", style="reference", x=middle, y=available)]
-    series += [
-        Series(
-            label=name,
-            style=styles.get(style, style),
-            x=middle,
-            y=density([run.velocity[first:] * root for run in runs]),
-        )
-        for name, style, runs in parts
-    ]
+    series = [density("reference, independent runs", "reference", (result.truth, *result.ensemble))]
+    for trust in result.trusts[1:]:
+        series.append(density(trust.backend, "bca" if trust.backend == TWIN else trust.backend, [trust.run]))
     normal = np.exp(-0.5 * middle**2) / math.sqrt(2.0 * math.pi)
     series.append(Series(label="normal", style="guide", x=middle, y=normal))
-    return FigureData(
-        id="horizon-distribution",
-        title="Velocities beyond the horizon",
-        caption=f"Of all bodies and samples from {1e3 * result.truth.time[first]:.3g} ms on, times the root of the"
-        " mass,"
-        " over their root mean square: one by one unknown, together well known.",
-        panels=(
-            Panel(
-                title=result.scene.name, x_label="velocity / root mean square", y_label="density", series=tuple(series)
-            ),
-        ),
-        columns=1,
-    )
+    panel = TEXTS.panel("velocities", tuple(series), scene=result.scene.name)
+    return TEXTS.figure("horizon-distribution", [panel], ms=1e3 * float(result.truth.time[first]))
 
 
-def answer(result: Found, judged: Sequence[Verdict]) -> tuple[str, ...]:
-    """Return the answer in sentences, the horizons first."""
-    g, scene = result.growth, result.scene
-    said = []
-    # a chain that is driven from rest has no collision to count by
-    available = math.isfinite(result.contact_time)
+def answer(result: Found, judged: Sequence[Verdict]) -> Iterator[str]:
+    """Yield the answer in sentences, the horizons first."""
+    g, scene, contact_time = result.growth, result.scene, result.contact_time
+
+    def in_contact_times(key: str, time: float) -> str:
+        # a chain that is driven from rest has no collision to count by
+        return TEXTS(key, number=time / contact_time) if math.isfinite(contact_time) else ""
+
     for trust in result.trusts:
         if math.isinf(trust.horizon):
-            said.append(
-                f"Velocities of {trust.backend} on {scene.name} have no horizon within {scene.duration:.3g} s: their"
-                " bar"
-                f" is {float(trust.bar[-1]):.1e} of the largest at the end."
-            )
-        else:
-            at = f" at dt = {result.plan.step:.3g} s" if trust.backend != REFERENCE else ""
-            said.append(
-                f"Single velocities of {trust.backend} on {scene.name}{at} are known to 1 % until"
-                f" {1e3 * trust.horizon:.3g} ms"
-                f" ({f'{trust.horizon / result.contact_time:.0f} contact times, ' * available}"
-                f"{trust.collisions:.0f} contacts closed); beyond that they are UNDECIDED."
-            )
-    fits = f"misfit in the logarithm {g.misfit[0]:.2g}, of a power of time {g.misfit[1]:.2g}"
-    if g.kind == "neither":
-        said.append(
-            f"A perturbation grows {g.factor:.1e} times, not steadily: neither an exponential nor a power fits"
-            f" ({fits})."
-        )
-    elif g.exponential:
-        companion = f", which is {1.0 / (g.rate * result.contact_time):.2g} contact times" * available
-        said.append(
-            f"A perturbation grows {g.factor:.1e} times, exponentially ({fits}): by a factor e in {1.0 / g.rate:.2e}"
-            f" s{companion}"
-            f" (rate {g.rate:.4g} +- {g.bar:.2g} 1/s, from {len(result.distance)} perturbations). One digit more in a"
-            " run"
-            f" buys {2.302585 / g.rate:.2e} s."
-        )
+            yield TEXTS("known", trust=trust, scene=scene)
+            continue
+        at = TEXTS("at", dt=result.plan.step) if trust.backend != REFERENCE else ""
+        contacts = in_contact_times("contact_times", trust.horizon)
+        yield TEXTS("until", trust=trust, scene=scene, at=at, ms=1e3 * trust.horizon, contacts=contacts)
+    fits = TEXTS("fits", g=g)
+    if g.kind != "exponential":
+        yield TEXTS("neither" if g.kind == "neither" else "power", g=g, fits=fits)
     else:
-        said.append(
-            f"A perturbation grows {g.factor:.1e} times, as time to the power {g.rate:.2f} +- {g.bar:.2g} and not"
-            f" exponentially ({fits})."
-        )
+        time = 1.0 / g.rate
+        contacts, count = in_contact_times("in_contact_times", time), len(result.distance)
+        yield TEXTS("exponential", g=g, fits=fits, time=time, contacts=contacts, count=count, digit=2.302585 * time)
     drift = result.long.drift
     if drift is not None:
-        total, bar = drift.total
-        predicted, swing = result.long.swing
-        said.append(
-            f"Energy of the twin over {result.long.steps:.3g} steps ({drift.duration:.3g} s): drift {total:+.1e} +-"
-            f" {bar:.1e} of the most in motion, {'told' if drift.found else 'not told'} from none; it swings by"
-            f" {swing:.1e} at most ({predicted:.1e} predicted from the step)."
-        )
+        significant = "significantly different" if drift.found else "not significantly different"
+        yield TEXTS("drift", long=result.long, drift=drift, significant=significant)
         if result.halved is not None:
             until = float(result.halved.time[-1])
             ratio = result.long.predicted_swing(until) / result.halved.predicted_swing(until)
-            said.append(
-                f"At half the step it swings {ratio:.2f} times less (root mean square over {until:.3g} s): second order"
-                " has 4."
-            )
+            yield TEXTS("halved", ratio=ratio, until=until)
     beyond = [item for item in judged if item.quantity != "velocity"]
-    passed = sum(item.outcome is Outcome.PASS for item in beyond)
-    said.append(f"{passed} of {len(beyond)} conserved and statistical quantities pass.")
-    return tuple(said)
+    yield TEXTS("beyond", passed=sum(item.outcome is Outcome.PASS for item in beyond), count=len(beyond))

@@ -38,7 +38,7 @@ from dem_bridge.studies.horizon.runs import (
     round_off_bar,
     step_bar,
 )
-from dem_bridge.studies.horizon.shown import answer, figures, tables
+from dem_bridge.studies.horizon.shown import TEXTS, answer, figures, tables
 from dem_bridge.studies.horizon.verdicts import verdicts
 from dem_bridge.studies.study import Study
 from dem_bridge.timescales import contact_time_of
@@ -166,20 +166,15 @@ def study_horizon(
         contact_time=contact_time_of(scene) or math.nan,
     )
     created = verdicts(result)
+    not_run = () if lmp.failure is None else (TEXTS("engine", failure=lmp.failure),)
     return Study(
         id="horizon",
-        title=f"How long trajectories of {scene.name} can be trusted",
-        answer=answer(result, created),
+        title=TEXTS.title(scene=scene.name),
+        answer=tuple(answer(result, created)),
         tables=tables(result, created),
         figures=figures(result),
         verdicts=created,
-        notes=(
-            *(() if lmp.failure is None else (f"LAMMPS was not run: {lmp.failure}.",)),
-            "Bars over time are made as those of whole runs are, from differences up to each time: of the time step"
-            " from twins at twice and a third of it, of LAMMPS' round-off from the twin in positions, of the twin's and"
-            " the reference's from inputs moved by their last digits.",
-            "Statistics are compared with runs of the reference that were perturbed and have become independent.",
-        ),
+        notes=(*not_run, *TEXTS.notes()),
         interrupted=result.halved is None,
         provenance={
             "scene": scene.name,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -10,10 +11,12 @@ from dem_bridge.observables.conserved import energy, energy_parts, momentum, wor
 from dem_bridge.observables.drift import BLOCKS
 from dem_bridge.scene import Scene
 from dem_bridge.studies.horizon.runs import KNOWN, Floats, Found, Trust
+from dem_bridge.studies.texts import Texts
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE, TWIN
 from dem_bridge.verification.verdict import Outcome, Verdict, judge, judge_relative
 
+TEXTS = Texts("horizon")
 #: perturbed runs are independent from when the nearest two are this far apart, of the largest speed
 INDEPENDENT = 0.1
 #: of the duration that must be left then for statistics over time
@@ -25,7 +28,7 @@ SKEWNESS = "skewness of velocities"
 
 
 def verdicts(result: Found) -> tuple[Verdict, ...]:
-    """On single velocities of each backend, then on statistics and on what is conserved."""
+    """Return the verdicts on single velocities of each backend, then on statistics and on conserved quantities."""
     created = [single(result, trust) for trust in result.trusts]
     for trust in result.trusts[1:]:
         created += statistical(result, trust)
@@ -33,27 +36,46 @@ def verdicts(result: Found) -> tuple[Verdict, ...]:
     return (*created, *drift(result))
 
 
+def _verdict(
+    result: Found,
+    quantity: str,
+    backend: str,
+    outcome: Outcome,
+    sentence: str,
+    *,
+    scale_name: str = "1",
+    **numbers: Any,
+) -> Verdict:
+    """Return a verdict without uncertainties and with a scale of 1, unless others are given."""
+    defaults = {"scale": 1.0, "uncertainty": 0.0, "reference_uncertainty": 0.0}
+    return Verdict(
+        scene=result.scene.name,
+        quantity=quantity,
+        backend=backend,
+        outcome=outcome,
+        sentence=sentence,
+        scale_name=scale_name,
+        **(defaults | numbers),
+    )
+
+
 def single(result: Found, trust: Trust) -> Verdict:
     """Judge whether each velocity is known to 1 % all along; beyond the horizon single velocities are UNDECIDED."""
-    name, scene, last = trust.backend, result.scene.name, float(trust.bar[-1])
-    if math.isinf(trust.horizon):
-        outcome = Outcome.PASS
-        sentence = (
-            f"by its own bar {name} knows single velocities to {last:.1e} of the largest over all"
-            f" {result.scene.duration:.3g} s."
-        )
-    else:
-        outcome = Outcome.UNDECIDED
-        sentence = (
-            f"by its own bar {name} knows single velocities to {100 * KNOWN:g} % of the largest until"
-            f" {1e3 * trust.horizon:.3g} ms; nothing is said of them beyond."
-        )
-    return Verdict(
-        scene=scene, quantity="velocity", backend=name, reference="" if name == REFERENCE else REFERENCE,
-        outcome=outcome, sentence=sentence, scale=1.0, scale_name="largest |velocity|",
+    known = math.isinf(trust.horizon)
+    return _verdict(
+        result,
+        "velocity",
+        trust.backend,
+        Outcome.PASS if known else Outcome.UNDECIDED,
+        TEXTS("velocity_known" if known else "velocity_until", trust=trust, scene=result.scene, ms=1e3 * trust.horizon),
+        reference="" if trust.backend == REFERENCE else REFERENCE,
+        scale_name="largest |velocity|",
         difference=math.nan if trust.error is None else float(trust.error[-1]),
-        uncertainty=last, tolerance=KNOWN, meaning="time step and round-off",
-    )  # fmt: skip
+        uncertainty=trust.last,
+        reference_uncertainty=math.nan,
+        tolerance=KNOWN,
+        meaning="time step and round-off",
+    )
 
 
 def independent_from(result: Found) -> int | None:
@@ -100,20 +122,33 @@ def statistical(result: Found, trust: Trust) -> list[Verdict]:
         middle = float(np.mean(available))
         away = abs(value - middle)
         size = 1.0 if quantity == SKEWNESS else abs(middle)
+        sentence = TEXTS(
+            "statistic",
+            quantity=quantity,
+            name=name,
+            value=value,
+            ms=1e3 * float(result.truth.time[first]),
+            count=len(available),
+            middle=middle,
+            width=width,
+            within=ONCE_IN - 1.0,
+            once_in=ONCE_IN,
+        )
+        outcome = judge_relative(away / size, 0.0, width / size)
         created.append(
-            Verdict(
-                scene=scene.name, quantity=quantity, backend=name, reference=REFERENCE,
-                outcome=judge_relative(away / size, 0.0, width / size),
-                sentence=(
-                    f"{quantity} of {name} is {value:.4g} from {1e3 * result.truth.time[first]:.3g} ms on;"
-                    f" {len(available)}"
-                    f" independent runs of the reference have {middle:.4g}, and one more like them is within"
-                    f" {width:.2g} in {ONCE_IN - 1:.0f} of {ONCE_IN:.0f} cases."
-                ),
-                difference=away, scale=1.0, scale_name="1", uncertainty=0.0, reference_uncertainty=width,
-                tolerance=width, meaning="statistics beyond the horizon",
+            _verdict(
+                result,
+                quantity,
+                name,
+                outcome,
+                sentence,
+                reference=REFERENCE,
+                difference=away,
+                reference_uncertainty=width,
+                tolerance=width,
+                meaning="statistics beyond the horizon",
             )
-        )  # fmt: skip
+        )
     return created
 
 
@@ -135,18 +170,25 @@ def conserved(result: Found, trust: Trust) -> list[Verdict]:
     verdicts = []
     for series, quantity, scale, unit, tolerance in created:
         away = float(np.max(np.abs(series - series[0]))) / scale
+        name = trust.backend
         verdicts.append(
-            Verdict(
-                scene=scene.name, quantity=quantity, backend=trust.backend, reference="its own start",
-                outcome=judge(away, 0.0, tolerance),
-                sentence=(
-                    f"{quantity} of {trust.backend} is at most {away:.1e} of {scale:.3g} {unit} from its start;"
-                    f" tolerance {tolerance:.1e}."
+            _verdict(
+                result,
+                quantity,
+                name,
+                judge(away, 0.0, tolerance),
+                TEXTS(
+                    "conserved", quantity=quantity, name=name, away=away, scale=scale, unit=unit, tolerance=tolerance
                 ),
-                difference=away, scale=scale, unit=unit, scale_name="its largest", uncertainty=0.0,
-                reference_uncertainty=0.0, tolerance=tolerance, meaning="conserved",
+                reference="its own start",
+                difference=away,
+                scale=scale,
+                unit=unit,
+                scale_name="its largest",
+                tolerance=tolerance,
+                meaning="conserved",
             )
-        )  # fmt: skip
+        )
     return verdicts
 
 
@@ -159,43 +201,51 @@ def drift(result: Found) -> list[Verdict]:
     from scipy.stats import t as student
 
     long, scene, created = result.long, result.scene, []
-    name, over = f"energy of {TWIN}", f"over {long.steps:.3g} steps ({long.time[-1]:.3g} s at dt = {long.dt:.3g} s)"
+    over = TEXTS("over", long=long, duration=float(long.time[-1]))
     if not scene.dissipates and long.drift is not None:
         total, bar = long.drift.total
-        details = "which is told from none" if long.drift.found else "which cannot be told from none"
-        sentence = (
-            f"{name} drifts by {total:+.1e} +- {bar:.1e} of the most in motion {over}, {details}; tolerance {KNOWN:g}."
-        )
+        significance = "significant" if long.drift.found else "not_significant"
         created.append(
-            Verdict(
-                scene=scene.name, quantity="energy drift", backend=TWIN, reference="none",
-                outcome=judge(abs(total), bar, KNOWN), sentence=sentence, difference=abs(total), scale=long.scale,
-                unit="J", scale_name="most energy in motion", uncertainty=bar, reference_uncertainty=0.0,
-                tolerance=KNOWN, meaning="conserved",
+            _verdict(
+                result,
+                "energy drift",
+                TWIN,
+                judge(abs(total), bar, KNOWN),
+                TEXTS(significance, name=TWIN, total=total, bar=bar, over=over, tolerance=KNOWN),
+                reference="none",
+                difference=abs(total),
+                scale=long.scale,
+                unit="J",
+                scale_name="most energy in motion",
+                uncertainty=bar,
+                tolerance=KNOWN,
+                meaning="conserved",
             )
-        )  # fmt: skip
+        )
     exact = virial(scene)
     if exact is not None and long.drift is not None:
         kinetic, stored = (
             np.array([np.mean(part) for part in np.array_split(item, BLOCKS)]) for item in (long.kinetic, long.stored)
         )
-        found_ratio = float(np.sum(kinetic) / np.sum(stored))
+        ratio = float(np.sum(kinetic) / np.sum(stored))
         # of a ratio of sums: the blocks' scatter about it, as parts of the mean below the line
-        scatter = float(np.std(kinetic - found_ratio * stored, ddof=1) / np.mean(stored))
+        scatter = float(np.std(kinetic - ratio * stored, ddof=1) / np.mean(stored))
         width = float(student.ppf(1.0 - 0.5 / ONCE_IN, BLOCKS - 1)) * scatter / math.sqrt(BLOCKS)
-        away = abs(found_ratio - exact)
+        away = abs(ratio - exact)
         created.append(
-            Verdict(
-                scene=scene.name, quantity="mean kinetic / stored energy, long run", backend=TWIN,
-                reference="virial theorem", outcome=judge_relative(away / exact, 0.0, width / exact),
-                sentence=(
-                    f"mean kinetic to mean stored {name} is {found_ratio:.5f} +- {width:.1e} {over}; the virial theorem"
-                    f" says {exact:g}."
-                ),
-                difference=away, scale=1.0, scale_name="1", uncertainty=width, reference_uncertainty=0.0,
-                tolerance=width, meaning="statistics beyond the horizon",
+            _verdict(
+                result,
+                "mean kinetic / stored energy, long run",
+                TWIN,
+                judge_relative(away / exact, 0.0, width / exact),
+                TEXTS("virial", name=TWIN, ratio=ratio, width=width, over=over, exact=exact),
+                reference="virial theorem",
+                difference=away,
+                uncertainty=width,
+                tolerance=width,
+                meaning="statistics beyond the horizon",
             )
-        )  # fmt: skip
+        )
     return created
 
 

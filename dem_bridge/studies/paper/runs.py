@@ -15,7 +15,7 @@ from dem_bridge.scene_file import load_scene, shipped_scenes
 from dem_bridge.scene_file.physical import rounded
 from dem_bridge.studies.paper.effects import VARIANTS
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.roles import REFERENCE, SCIPY, engine_for
+from dem_bridge.verification.roles import REFERENCE, SCIPY, assign_roles, engine_for
 
 #: the paper's own chains: verified in full, with refinement levels
 DECELERATING, ACCELERATING = "decelerating-40", "accelerating-40"
@@ -59,9 +59,8 @@ class Runs:
         if name == "lammps":
             name = engine_for(self.scenes[scene])
         result = self.results.get((scene, name))
-        if result is None and name == SCIPY:  # where the reference is its own answer
-            truth = self.truth(scene)
-            return truth if truth is not None and truth.provenance.get("answered_by") == SCIPY else None
+        if result is None and name == SCIPY == assign_roles(self.scenes[scene]).solver:
+            return self.truth(scene)
         return None if result is None else result.trajectory
 
     def truth(self, scene: str) -> Trajectory | None:
