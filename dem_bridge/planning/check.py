@@ -73,7 +73,7 @@ class Candidate:
     """Of the error in the knob, as it can be expected."""
     kind: int = 0
     """Order of the method, of a fixed step."""
-    given: Mapping[str, Any] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
     """More settings of those runs."""
     answer: Mapping[str, Any] = field(default_factory=dict)
     """More settings of the backend itself."""
@@ -128,7 +128,7 @@ class Judge:
         if key in self._runs:
             return self._runs[key]
         self.progress(f"{candidate.runs} at {candidate.knob} = {setting:.3g}" if candidate.knob else candidate.runs)
-        settings = {**candidate.given, **({candidate.knob: setting} if candidate.knob else {})}
+        settings = {**candidate.settings, **({candidate.knob: setting} if candidate.knob else {})}
         run = backend(candidate.runs).run(self.scene, Resolution(**settings), self.sampling)
         if self.truth is None:
             self._runs[key] = run

@@ -239,7 +239,7 @@ class Planner:
                     Case(
                         scene=self.scene,
                         backend=candidate.runs,
-                        resolution=Resolution(**candidate.given, dt=setting),
+                        resolution=Resolution(**candidate.settings, dt=setting),
                         sampling=self.sampling,
                         uncertainty=False,
                     )
@@ -262,7 +262,9 @@ class Planner:
             return None
         # the order is 4 in place of 2
         first = min(2.0 * plain.setting * (1e-4 / self.accuracy) ** 0.25, most)
-        roundoff = roundoff_floor(self.scene, self.outlook.schedule(0.5 * first), candidate.given["surrogate_radius"])
+        roundoff = roundoff_floor(
+            self.scene, self.outlook.schedule(0.5 * first), candidate.settings["surrogate_radius"]
+        )
         if EXTRAPOLATED_ROUNDING * roundoff > self.accuracy:
             return None
         settled = settle(trial, first, self.accuracy, order=4.0, least=least, most=most)
@@ -332,12 +334,12 @@ class Planner:
             return candidate
         provided = {"surrogate_radius": radius_of(self.scene, Resolution(), self.outlook.prescan)}
         if candidate.name != "lammps-table":
-            return replace(candidate, given=provided)
-        plain = replace(candidate, given=provided, name="without tables")
+            return replace(candidate, settings=provided)
+        plain = replace(candidate, settings=provided, name="without tables")
         error = math.inf
         for points in TABLE_POINTS:
             answer = {} if points is None else {"table_points": points}
-            tabled = replace(candidate, given={**provided, **answer, "tables": True}, answer=answer)
+            tabled = replace(candidate, settings={**provided, **answer, "tables": True}, answer=answer)
             # named by its points, so that runs with other tables are told apart
             run = self.judge.run(replace(tabled, name=f"{points} points"), setting)
             error = measured_error(self.observable, self.scene, run, self.judge.run(plain, setting))
@@ -350,7 +352,7 @@ class Planner:
         last = settled.trials[-1]
         least = f"the smallest measured error is {settled.least:.2g}"
         if candidate.name in ENGINE_BACKENDS:
-            radius = candidate.given["surrogate_radius"]
+            radius = candidate.settings["surrogate_radius"]
             floor = roundoff_floor(self.scene, self.outlook.schedule(last.setting), radius)
             if floor > 0.3 * self.accuracy:
                 return f"round-off with a radius of {radius:.3g} m limits the accuracy to {floor:.2g}; {least}"

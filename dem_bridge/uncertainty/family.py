@@ -35,18 +35,18 @@ class TwinFamily:
 
     scene: Scene
     plan: Schedule
-    """Steps of ``own``, ``positional``, ``tabled`` and ``halved``."""
+    """Steps of ``main``, ``positional``, ``tabled`` and ``halved``."""
     order: int
-    own: Trajectory
+    main: Trajectory
     """The run in overlap variables, with the laws themselves."""
     others: Mapping[float, Trajectory]
     """The same at a coarser and a finer step, by the ratio of their step to that of the plan."""
     positional: Trajectory
-    """As ``own``, in absolute positions; with the tables if there are any, for these are looked up by a distance."""
+    """As ``main``, in absolute positions; with the tables if there are any, for these are looked up by a distance."""
     tabled: Trajectory | None = None
-    """As ``own``, with tables; None: the code has the laws themselves."""
+    """As ``main``, with tables; None: the code has the laws themselves."""
     halved: Trajectory | None = None
-    """As ``own``, with laws that are functions from half as many cells; None: the laws are powers."""
+    """As ``main``, with laws that are functions from half as many cells; None: the laws are powers."""
     readings: DenseReadings
     """Of ``positional``."""
     thinning: float
@@ -59,4 +59,4 @@ class TwinFamily:
     @property
     def speed(self) -> float:
         """Largest velocity, m/s."""
-        return float(np.max(np.abs(self.own.velocity)))
+        return float(np.max(np.abs(self.main.velocity)))

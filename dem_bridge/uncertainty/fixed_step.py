@@ -63,23 +63,16 @@ def fixed_step_uncertainty(family: TwinFamily, summed: float | None = None) -> U
         For a code whose contact forces are running sums of net forces: the sum of all other forces, N. None: the code
         gives its contact forces.
     """
-    step, roundoff = time_step_part(family), roundoff_differences(family)
-    tables = [absolute_differences(family.own, other) for other in (family.tabled, family.halved) if other is not None]
+    step, roundoff, tables = time_step_part(family), roundoff_differences(family), table_part(family)
     reading, lost = reading_part(family)
-    total = _sum(
-        step,
-        roundoff_part(family, roundoff),
-        summation_part(family, summed),
-        *({name: TABLE_SAFETY * part[name] for name in QUANTITIES} for part in tables),
-        reading,
-    )
+    total = _sum(step, roundoff_part(family, roundoff), summation_part(family, summed), tables, reading)
     total["peak_force"] = total["peak_force"] + secondary_peak_part(family, total["velocity"])
     total["crossing_time"] = np.where(family.readings.unresolved, math.inf, total["crossing_time"])
     if may_graze(family.readings.turns, total["displacement"]):
         total = widen_for_grazes(
             total,
             family.scene,
-            family.own,
+            family.main,
             family.readings.turns,
             family.readings.turns_elsewhere,
             safety=step_safety(family),
@@ -95,7 +88,7 @@ def fixed_step_uncertainty(family: TwinFamily, summed: float | None = None) -> U
         # kept samples are steps: only peaks and crossings are read between steps
         sampling=dict.fromkeys(QUANTITIES, 0.0)
         | {
-            name: float(np.max(amount / np.maximum(own_scale(getattr(family.own, name)), 1e-300), initial=0.0))
+            name: float(np.max(amount / np.maximum(own_scale(getattr(family.main, name)), 1e-300), initial=0.0))
             for name, amount in lost.items()
         },
         cost=family.cost,
@@ -104,20 +97,15 @@ def fixed_step_uncertainty(family: TwinFamily, summed: float | None = None) -> U
 
 def displacement_uncertainty(family: TwinFamily) -> float:
     """Return the uncertainty of displacements without grazes, m, which decides whether a contact may graze another."""
-    tables = [absolute_differences(family.own, other) for other in (family.tabled, family.halved) if other is not None]
-    total = _sum(
-        time_step_part(family),
-        roundoff_part(family, roundoff_differences(family)),
-        summation_part(family, None),
-        *({name: TABLE_SAFETY * part[name] for name in QUANTITIES} for part in tables),
-    )
+    roundoff = roundoff_part(family, roundoff_differences(family))
+    total = _sum(time_step_part(family), roundoff, summation_part(family, None), table_part(family))
     return float(total["displacement"])
 
 
 def time_step_part(family: TwinFamily) -> Part:
     """Return the uncertainty by the time step; no contact has less than the median of all, relative to its own."""
     factor = step_safety(family)
-    differences = {ratio: absolute_differences(family.own, other) for ratio, other in family.others.items()}
+    differences = {ratio: absolute_differences(family.main, other) for ratio, other in family.others.items()}
     part = {
         name: np.max([factor[ratio] * each[name] for ratio, each in differences.items()], axis=0) for name in QUANTITIES
     }
@@ -125,7 +113,7 @@ def time_step_part(family: TwinFamily) -> Part:
         between = absolute_differences(*family.others.values())
         part = {name: part[name] + family.scatter * between[name] for name in QUANTITIES}
     # errors of forces scale with the force; a late crossing is late by the delays of all before it
-    size = np.nan_to_num(np.abs(family.own.peak_force))
+    size = np.nan_to_num(np.abs(family.main.peak_force))
     return part | {
         "velocity": float(part["velocity"]),
         "displacement": float(part["displacement"]),
@@ -141,7 +129,7 @@ def step_safety(family: TwinFamily) -> dict[float, float]:
 
 def roundoff_differences(family: TwinFamily) -> Part:
     """Return the differences that only the round-off of absolute positions makes."""
-    return absolute_differences(family.tabled or family.own, family.positional)
+    return absolute_differences(family.tabled or family.main, family.positional)
 
 
 def roundoff_part(family: TwinFamily, differences: Part) -> Part:
@@ -149,7 +137,7 @@ def roundoff_part(family: TwinFamily, differences: Part) -> Part:
     digit = last_digit(family.plan)
     part: Part = {}
     for name in QUANTITIES:
-        size = np.nan_to_num(np.abs(getattr(family.own, name)))
+        size = np.nan_to_num(np.abs(getattr(family.main, name)))
         scale = float(np.max(size)) if name in SAMPLED else size
         part[name] = REALISATIONS * (differences[name] + digit * scale)
     return part
@@ -157,16 +145,22 @@ def roundoff_part(family: TwinFamily, differences: Part) -> Part:
 
 def summation_part(family: TwinFamily, summed: float | None) -> Part:
     """Return the uncertainty by sums: over steps, and over contacts where forces are running sums of net forces."""
-    steps, own = 0.5 * family.plan.steps * _EPSILON, family.own
+    steps, main = 0.5 * family.plan.steps * _EPSILON, family.main
     # a contact without force shows the last digit of the largest force and, in running sums, of all other forces
-    largest = float(np.max(own.peak_force, initial=0.0))
+    largest = float(np.max(main.peak_force, initial=0.0))
     forces = largest if summed is None else 4.0 * largest + summed
     return {
         "velocity": steps * family.speed,
-        "displacement": steps * float(np.max(np.abs(own.displacement))),
+        "displacement": steps * float(np.max(np.abs(main.displacement))),
         "peak_force": _EPSILON * forces,
         "crossing_time": 0.0,
     }
+
+
+def table_part(family: TwinFamily) -> Part:
+    """Return the uncertainty by the tables, or by the interpolation of laws that are functions."""
+    others = [absolute_differences(family.main, run) for run in (family.tabled, family.halved) if run is not None]
+    return {name: TABLE_SAFETY * sum((part[name] for part in others), start=0.0) for name in QUANTITIES}
 
 
 def reading_part(family: TwinFamily) -> tuple[Part, Part]:
@@ -179,7 +173,7 @@ def reading_part(family: TwinFamily) -> tuple[Part, Part]:
     part = {
         "velocity": 0.0,
         "displacement": 0.0,
-        "peak_force": lost["peak_force"] + PEAK_ERROR * family.own.peak_force,
+        "peak_force": lost["peak_force"] + PEAK_ERROR * family.main.peak_force,
         "crossing_time": lost["crossing_time"] + CROSSING_ERROR * family.plan.spacing,
     }
     return part, lost
@@ -188,7 +182,7 @@ def reading_part(family: TwinFamily) -> tuple[Part, Part]:
 def secondary_peak_part(family: TwinFamily, velocity: float) -> NDArray[np.float64]:
     """Return how far another collision may exceed the largest, N, if velocities are uncertain by ``velocity`` (m/s)."""
     unknown = min(1.0, _relative(velocity, family.speed))
-    return np.maximum(0.0, family.readings.secondary_peak_force * (1.0 + unknown) - family.own.peak_force)
+    return np.maximum(0.0, family.readings.secondary_peak_force * (1.0 + unknown) - family.main.peak_force)
 
 
 def last_digit(plan: Schedule) -> float:
@@ -196,13 +190,13 @@ def last_digit(plan: Schedule) -> float:
     return _EPSILON * math.sqrt(plan.steps)
 
 
-def _velocity_parts(family: TwinFamily, step: Part, roundoff: Part, tables: list[Part]) -> dict[str, float]:
+def _velocity_parts(family: TwinFamily, step: Part, roundoff: Part, tables: Part) -> dict[str, float]:
     speed, digit = family.speed, last_digit(family.plan)
     moving = speed > 0.0
     return {
         "time_step": _relative(step["velocity"], speed),
         "round_off": REALISATIONS * (_relative(float(roundoff["velocity"]), speed) + digit) if moving else 0.0,
-        "table": TABLE_SAFETY * sum(_relative(float(part["velocity"]), speed) for part in tables),
+        "table": _relative(float(tables["velocity"]), speed),
         "summation": 0.5 * family.plan.steps * _EPSILON,
         "last_digit": digit if moving else 0.0,
     }

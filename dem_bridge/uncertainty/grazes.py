@@ -27,14 +27,16 @@ def may_graze(turns: Approaches, displacement: float) -> bool:
 def widen_for_grazes(
     uncertainty: Mapping[str, Any],
     scene: Scene,
-    own: Trajectory,
+    run: Trajectory,
     turns: Approaches,
     elsewhere: Mapping[float, Approaches],
     *,
     safety: Mapping[float, float],
     roundoff: float,
 ) -> dict[str, Any]:
-    """Return an uncertainty of ``own`` that covers touches which no run has.
+    """Return an uncertainty of ``run`` that covers touches which no run of a family has.
+
+    Where some of the runs touch and some do not, their differences cover the touch already.
 
     Parameters
     ----------
@@ -48,8 +50,6 @@ def widen_for_grazes(
         Factor of a difference to the run at another step, by the ratio of its step.
     roundoff : float
         Round-off of displacements, m.
-
-    Where some of the runs touch and some do not, their differences cover the touch already.
     """
     c, widened = scene.contacts, dict(uncertainty)
     doubt = [safety[ratio] * _difference_of_turns(turns, other) for ratio, other in elsewhere.items()]
@@ -57,7 +57,7 @@ def widen_for_grazes(
     near = np.flatnonzero(deepest > 0.0)
     deepest, at = deepest[near], turns.contact[near]
     widened["crossing_time"] = np.array(np.broadcast_to(widened["crossing_time"], c.left.shape))
-    widened["crossing_time"][at[~(turns.time[near] > own.crossing_time[at])]] = math.inf  # nan: it never crosses
+    widened["crossing_time"][at[~(turns.time[near] > run.crossing_time[at])]] = math.inf  # nan: it never crosses
     force = c.force(deepest, at)
     widened["peak_force"] = np.array(np.broadcast_to(widened["peak_force"], c.left.shape))
     np.maximum.at(widened["peak_force"], at, force)

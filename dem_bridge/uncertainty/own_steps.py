@@ -48,8 +48,8 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
     plan = fixed_step_plan(scene, case.resolution, case.sampling, prescan, PHASE)
     if plan.steps > MOST_STEPS / 3:
         return None
-    own, dense = solve(code, SRKN_6B, scene, plan)
-    cache.keep(case, own)
+    main, dense = solve(code, SRKN_6B, scene, plan)
+    cache.keep(case, main)
     plans, others = {}, dict[float, Trajectory]()
     for ratio in RATIOS:
         other = replace(case, resolution=Resolution(dt=ratio * plan.step))
@@ -64,11 +64,11 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
         scene=scene,
         plan=plan,
         order=ORDER,
-        own=own,
+        main=main,
         others=others,
-        positional=own,
+        positional=main,
         halved=halved,
-        readings=read_dense(scene, plan, dense, own),
+        readings=read_dense(scene, plan, dense, main),
         thinning=THINNING,
         scatter=SCATTER,
     )

@@ -36,8 +36,8 @@ def complete_family(
     ``watch`` began with the first run of the family; ``plans`` has the other steps, by their ratio; ``solve`` makes a
     run on given steps, with its dense samples.
     """
-    runs = [family.own, *family.others.values()]
-    runs += [run for run in (family.positional, family.tabled, family.halved) if run not in (None, family.own)]
+    runs = [family.main, *family.others.values()]
+    runs += [run for run in (family.positional, family.tabled, family.halved) if run not in (None, family.main)]
     if may_graze(family.readings.turns, displacement_uncertainty(family)):
         turns = {}
         for ratio, plan in plans.items():

@@ -84,7 +84,7 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
     plain = replace(case, resolution=Resolution(dt=resolution.dt))
     at_radius = replace(case, resolution=replace(resolution, surrogate_radius=radius, geometry="surrogate"))
 
-    own = cache.load(plain) or cache.keep(plain, solve_plan(scene, plan))
+    main = cache.load(plain) or cache.keep(plain, solve_plan(scene, plan))
     plans, others = {}, {}
     for ratio in ratios:
         other = replace(plain, resolution=Resolution(dt=ratio * plan.step))
@@ -98,7 +98,7 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
         scene=scene,
         plan=plan,
         order=order_on(scene),
-        own=own,
+        main=main,
         others=others,
         positional=positional,
         tabled=_tabled(case, plan, tables, cache) if resolution.tables else None,

@@ -62,7 +62,7 @@ def family(
         "scene": SCENE,
         "plan": PLAN,
         "order": 2,
-        "own": OWN,
+        "main": OWN,
         "others": others or {2.0: OWN, 1.0 / 3.0: OWN},
         "positional": positional,
         "thinning": 0.5,

@@ -186,14 +186,14 @@ def test_the_uncertainty_that_decides_on_grazes_is_that_of_displacements() -> No
 
 def test_a_scene_at_rest_has_no_relative_parts() -> None:
     rest = replace(OWN, velocity=0.0 * OWN.velocity, displacement=0.0 * OWN.displacement)
-    still = family(own=rest, others={2.0: rest, 1 / 3: rest}, positional=rest)
+    still = family(main=rest, others={2.0: rest, 1 / 3: rest}, positional=rest)
     found = fixed_step_uncertainty(still)
     assert found["velocity"] == 0.0
     assert found.parts["time_step"] == found.parts["round_off"] == found.parts["last_digit"] == 0.0
 
 
 def _without_tables(family: TwinFamily) -> Any:
-    return absolute_differences(family.own, family.positional)
+    return absolute_differences(family.main, family.positional)
 
 
 def _of_second_order(family: TwinFamily) -> dict[float, float]:

@@ -134,7 +134,7 @@ def growth_of(time: Floats, distance: Floats, share: float, *, most: float = KNO
 def step_bar(family: TwinFamily, scale: float) -> Floats:
     """Return the time-step uncertainty of velocities up to each sample, ``(n_t,)``, in units of ``scale`` (m/s)."""
     parts = [
-        factor * apart(family.own.velocity, family.others[ratio].velocity, scale)
+        factor * apart(family.main.velocity, family.others[ratio].velocity, scale)
         for ratio, factor in step_safety(family).items()
     ]
     return np.asarray(np.max(parts, axis=0))

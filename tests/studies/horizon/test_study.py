@@ -75,7 +75,7 @@ def test_a_bar_over_time_ends_as_that_of_the_whole_run() -> None:
     assert twins is not None
     whole = db.solve(scene, backend="verlet", dt=1e-7, samples=50)
     speed = float(np.max(np.abs(whole.velocity)))
-    found = step_bar(twins, speed) + round_off_bar(twins.own.velocity, [twins.positional.velocity], twins.plan, speed)
+    found = step_bar(twins, speed) + round_off_bar(twins.main.velocity, [twins.positional.velocity], twins.plan, speed)
     # the same sums in another order
     assert found[-1] == pytest.approx(whole.uncertainty["velocity"] / speed, rel=1e-12)
     assert np.all(np.diff(found) >= 0.0)
