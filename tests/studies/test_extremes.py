@@ -248,7 +248,9 @@ def test_a_study_is_asked_by_name_and_written(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, ["study", "extremes", "--match", "at-rest", "-o", str(tmp_path), "--json"])
     assert done.exit_code == 0, done.output
     told = json.loads(done.stdout)
-    assert told["answer"][0].startswith("No backend is wrong in silence: 1 extremes by")
+    assert told["answer"][0].startswith(
+        "Every backend is right within its uncertainty or refuses the scene. 1 extremes were run with"
+    )
     assert {row["extreme"] for row in told["tables"]["outcomes"]} == {"at-rest"}
     assert len(told["tables"]["findings"]) == len(BACKENDS)
     assert (tmp_path / "figures/error-over-bars.png").read_bytes().startswith(b"\x89PNG")

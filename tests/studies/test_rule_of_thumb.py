@@ -84,7 +84,9 @@ def test_a_scene_without_bodies_says_why_its_row_is_empty() -> None:
     cells = _cells(found.tables[0])
     assert np.isnan(cells["velocity at 20 % (%)"])
     assert np.isnan(cells["T_R (µs)"])
-    assert cells["missing because"] == "no Rayleigh time: the scene has masses and stiffnesses, and no bodies"
+    assert (
+        cells["missing because"] == "no Rayleigh time: the scene has masses and stiffnesses but no radii and materials"
+    )
     # what does not need bodies is there: 2.943 d/v of the pair
     assert cells["collision (µs)"] == pytest.approx(55.7, rel=1e-2)
 

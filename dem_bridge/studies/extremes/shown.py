@@ -103,7 +103,7 @@ def tables(rows: Sequence[Row]) -> tuple[Table, ...]:
         TEXTS.table(
             "counts",
             [(name, *_counts(some, words)) for name, some in backends.items()],
-            columns=("backend", "as expected", *words, "largest error / bars where right"),
+            columns=("backend", "as expected", *words, "largest error / uncertainties where right"),
             count=len(entries),
         ),
         TEXTS.table(

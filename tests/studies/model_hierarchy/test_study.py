@@ -242,12 +242,13 @@ def test_the_answer_is_that_of_the_tables(found: Study) -> None:
         "gaps and overlaps at the start": "no", "gravity": "yes", "drag": "yes", "the wall behind the last body": "yes",
     }  # fmt: skip
     assert found.answer[0].startswith(
-        "At 1 % raw requires the gaps; drag, the base and gravity may be left out, which changes in all at most "
+        "At 1 % raw requires the gaps; drag, the base and gravity may be left out; together this changes the "
+        "observables by at most "
     )
     last = list(_rows(found, "down").values())[-1]
     worst = max((last[f"{name} (%)"] for name in PASSAGE_WORDS), key=abs)
-    assert f"in all at most {worst:+.3g} % ± " in found.answer[0]
-    assert "Not there, so that there is nothing to switch: the exact stiffness law, " in found.notes[-1]
+    assert f"together this changes the observables by at most {worst:+.3g} % ± " in found.answer[0]
+    assert "The scene has none of these model terms: the exact stiffness law, " in found.notes[-1]
     # a raw scene tells of nothing that could be suspected
     assert [table.id for table in found.tables] == ["physics", "down", "numerics"]
 
@@ -268,8 +269,14 @@ def test_numerical_errors_fall_with_the_step_and_theories_are_of_what_they_know(
     bca = numerics["binary collisions in place of the equations of motion (of the barest chain)"]
     assert bca["arrival at end (%)"] == pytest.approx(100.0 * (arrivals[1] / arrivals[0] - 1.0), rel=1e-6)
     words = " ".join(found.answer)
-    assert "these do not stay within 1 %: binary collisions in place of the equations of motion (of the bar" in words
-    assert "The least model by the coarsest of them that serves it, velocity-Verlet, dt = " in words
+    assert (
+        "These numerical choices have an error above 1 %: binary collisions in place of the equations of motion "
+        "(of the bar" in words
+    )
+    assert (
+        "The smallest model, solved with the coarsest numerical choice that is accurate enough (velocity-Verlet, dt = "
+        in words
+    )
     assert found.exit_code == 0
 
 
@@ -353,12 +360,12 @@ def test_an_upright_chain_is_asked_what_is_suspected_too(monkeypatch: pytest.Mon
     ]
     words = " ".join(study.answer)
     assert "short requires the exact stiffness law, the striker's true mass" in words
-    assert "What is only suspected, added to it: drag of 20 1/s on every body: " in words
+    assert "The largest change caused by adding a term that is only suspected: drag of 20 1/s on every body: " in words
     dragged = _rows(study, "suspected")["drag of 20 1/s on every body"]
     assert -1.0 < dragged["peak velocity (%)"] < 0.0 < dragged["arrival at end (%)"]
     if "gravity" in study.answer[0].split(";")[0]:
         assert "the base" in study.answer[0].split(";")[0]
-        assert any(one.startswith("Without gravity the base could go, too") for one in study.answer)
+        assert any(one.startswith("Without gravity the base could be left out, too") for one in study.answer)
 
 
 def test_draws_are_inside_their_bar() -> None:
@@ -391,4 +398,4 @@ def test_the_command_prints_and_writes_it(tmp_path: Path, monkeypatch: pytest.Mo
     }  # fmt: skip
     # an observable that is asked for has a column, though it is not among those of every table
     assert "front speed (%)" in (tmp_path / "out" / "tables" / "physics.csv").read_text().splitlines()[0]
-    assert told["notes"][0].startswith("Judged: front speed, arrival at end.")
+    assert told["notes"][0].startswith("The judged observables are front speed, arrival at end.")

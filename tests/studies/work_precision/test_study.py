@@ -204,8 +204,8 @@ def test_beyond_the_limit_rows_stay_without_numbers_and_without_runs(monkeypatch
     points = _measured(monkeypatch, run, limit=1e-9)
     assert [point.value for point in points] == [8e-8, 4e-8, 2e-8, 1e-8]
     assert all(math.isnan(point.error("velocity")) and math.isnan(point.cpu_min) for point in points)
-    assert points[0].reason.startswith("took ")
-    assert all(point.reason.startswith("not run: about ") for point in points[1:])
+    assert points[0].reason.startswith("the run took ")
+    assert all(point.reason.startswith("not run: the predicted time is ") for point in points[1:])
     assert made == [8e-8, 8e-8]  # to warm, and to measure
 
 
