@@ -2,7 +2,7 @@
 
 The residuals of these fits are not random but a slow departure from a power law. A standard error then states how well
 a line fits its points, not how well its slope is known. A slope therefore also has a ``spread``, the range of slopes
-over other windows, and a ``bar``, its largest change within the uncertainties of the run.
+over other windows, and an ``uncertainty``, its largest change within the uncertainties of the run.
 """
 
 from __future__ import annotations
@@ -65,8 +65,8 @@ class SpeedFit:
     first: int
     last: int
     """Bodies fitted, both included."""
-    bar: tuple[float, float]
-    """Largest changes of b1 and b2 by the bars of the run's crossing times."""
+    uncertainty: tuple[float, float]
+    """Largest changes of b1 and b2 by the uncertainties of the run's crossing times."""
 
     def speed(self, body: NDArray[np.int64] | int) -> Floats:
         """Return the fitted speed at bodies, m/s."""
@@ -120,7 +120,7 @@ def speed_power_law(
     # how each speed moves both, to first order
     moved = np.abs(turn @ np.linalg.pinv(slope(x, a, b)))
     relative = residence_time_uncertainty(scene, trajectory)[body] * rate
-    bars = moved @ (relative * speed / scale)
+    uncertainties = moved @ (relative * speed / scale)
     return SpeedFit(
         b1=float(b1),
         b2=float(b2),
@@ -129,7 +129,7 @@ def speed_power_law(
         exponent=n,
         first=low,
         last=high,
-        bar=(float(bars[0]), float(bars[1])),
+        uncertainty=(float(uncertainties[0]), float(uncertainties[1])),
     )
 
 
@@ -144,8 +144,8 @@ class Slope:
     """95 % of Student's t with that standard error."""
     spread: tuple[float, float]
     """Least and largest slope over ``windows``."""
-    bar: float
-    """Largest change of the slope by the run's bars."""
+    uncertainty: float
+    """Largest change of the slope by the run's uncertainties."""
     first: int
     last: int
     """Contacts or bodies fitted, both included."""
@@ -177,8 +177,8 @@ def force_exponent(scene: Scene, trajectory: Trajectory, *, window: tuple[int, i
     _check_finite("the peak force", force, np.arange(first, last + 1))
     if np.ptp(np.log(stiffness)) < 1e-6:
         raise UsageError(f"{scene.name} has one stiffness in contacts {first}..{last}; an exponent needs a gradient")
-    bar = np.asarray(trajectory.uncertainty["peak_force"])[pick] / force
-    return straight_line(np.log(stiffness), np.log(force), bar, first)
+    uncertainty = np.asarray(trajectory.uncertainty["peak_force"])[pick] / force
+    return straight_line(np.log(stiffness), np.log(force), uncertainty, first)
 
 
 def log_velocity_slope(scene: Scene, trajectory: Trajectory, first: int, last: int) -> Slope:
@@ -199,10 +199,10 @@ def log_velocity_slope(scene: Scene, trajectory: Trajectory, first: int, last: i
     peak, pick = peak_velocity_of_front(scene, trajectory), slice(first, last + 1)
     body, velocity = np.arange(first, last + 1), peak.velocity[pick]
     _check_finite("the peak velocity", velocity, body)
-    return straight_line(body.astype(float), np.log(velocity), peak.bar[pick] / velocity, first)
+    return straight_line(body.astype(float), np.log(velocity), peak.uncertainty[pick] / velocity, first)
 
 
-def straight_line(x: Floats, y: Floats, bar: Floats, first: int) -> Slope:
+def straight_line(x: Floats, y: Floats, uncertainty: Floats, first: int) -> Slope:
     """Return the slope of y against x; point j is that of contact or body ``first + j``."""
     from scipy.stats import t as student
 
@@ -220,8 +220,8 @@ def straight_line(x: Floats, y: Floats, bar: Floats, first: int) -> Slope:
         stderr=stderr,
         interval=(slope - reach, slope + reach),
         spread=(float(np.min(slopes)), float(np.max(slopes))),
-        bar=float(
-            np.abs(weight[weight != 0.0]) @ bar[weight != 0.0]
+        uncertainty=float(
+            np.abs(weight[weight != 0.0]) @ uncertainty[weight != 0.0]
         ),  # an unknown uncertainty in the middle does not matter
         first=first,
         last=first + len(x) - 1,

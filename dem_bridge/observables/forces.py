@@ -25,9 +25,9 @@ def first_peak_force(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floa
         In N; nan where the contact is never compressed to a maximum.
 
     """
-    peak, bar = trajectory.peak_force, np.asarray(trajectory.uncertainty["peak_force"])
+    peak, uncertainty = trajectory.peak_force, np.asarray(trajectory.uncertainty["peak_force"])
     if trajectory.provenance.get("equations", "hertz") != "hertz":
-        return peak, bar
+        return peak, uncertainty
     c, time = scene.contacts, trajectory.crossing_time
 
     overlap, closing = contact_motion(scene, trajectory)
@@ -37,7 +37,7 @@ def first_peak_force(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floa
         return c.force(pressed, np.arange(len(time)))
 
     elastic = force(NODES)
-    return elastic, bar + np.abs(elastic - force(FEWER))
+    return elastic, uncertainty + np.abs(elastic - force(FEWER))
 
 
 def contact_force_uncertainty(scene: Scene | None, trajectory: Trajectory) -> Floats:

@@ -103,10 +103,10 @@ class PeakVelocity:
     """s."""
     sampling: Floats
     """Uncertainty due to the distance of samples, m/s; nan where it is unknown."""
-    bar: Floats
+    uncertainty: Floats
     """Sum of ``sampling`` and the uncertainty of the run's velocities, m/s."""
-    time_bar: Floats
-    """Shift of the maximum of a parabola for a velocity error of ``bar``, s; inf without an acceleration."""
+    time_uncertainty: Floats
+    """Shift of the maximum of a parabola for a velocity error of ``uncertainty``, s; inf without an acceleration."""
 
 
 def peak_velocity_of_front(scene: Scene, trajectory: Trajectory) -> PeakVelocity:
@@ -151,10 +151,12 @@ def peak_velocity_of_front(scene: Scene, trajectory: Trajectory) -> PeakVelocity
     sampling[np.any(np.isnan(a), axis=0)] = np.nan
     for item in (peak, when, sampling):
         item[missing] = np.nan
-    bar = sampling + trajectory.uncertainty["velocity"]
-    # v - bend t^2/2 with an error of either sign has its maximum where 2 bar or less are missing
-    time_bar = np.sqrt(4.0 * np.divide(bar, bend, out=np.full(n, np.inf), where=bend > 0.0))
-    return PeakVelocity(velocity=peak, time=when, sampling=sampling, bar=bar, time_bar=time_bar)
+    uncertainty = sampling + trajectory.uncertainty["velocity"]
+    # v - bend t^2/2 with an error of either sign has its maximum where at most twice the uncertainty is missing
+    time_uncertainty = np.sqrt(4.0 * np.divide(uncertainty, bend, out=np.full(n, np.inf), where=bend > 0.0))
+    return PeakVelocity(
+        velocity=peak, time=when, sampling=sampling, uncertainty=uncertainty, time_uncertainty=time_uncertainty
+    )
 
 
 def _maximum(
@@ -173,10 +175,10 @@ class SpeedConstant:
     body: NDArray[np.int64]
     by_velocity: Floats
     """c / ((beta/m)^(1/n) v_max^((n-2)/n)), from the largest velocity of the body."""
-    by_velocity_bar: Floats
+    by_velocity_uncertainty: Floats
     by_force: Floats
     """The same constant from the peak forces beside the body, which stand for the v_max of their solitary wave."""
-    by_force_bar: Floats
+    by_force_uncertainty: Floats
     solitary: float
     """What it is in a solitary wave: 0.907470078412 for n = 5/2."""
 
@@ -225,8 +227,8 @@ def local_speed_constant(scene: Scene, trajectory: Trajectory) -> SpeedConstant:
     return SpeedConstant(
         body=np.arange(1, links),
         by_velocity=by_velocity,
-        by_velocity_bar=by_velocity * (of_speed + power * peak.bar[1:-1] / peak.velocity[1:-1]),
+        by_velocity_uncertainty=by_velocity * (of_speed + power * peak.uncertainty[1:-1] / peak.velocity[1:-1]),
         by_force=by_force,
-        by_force_bar=by_force * (of_speed + half * 0.5 * (of_force[1:] + of_force[:-1])),
+        by_force_uncertainty=by_force * (of_speed + half * 0.5 * (of_force[1:] + of_force[:-1])),
         solitary=wave.speed,
     )

@@ -288,8 +288,8 @@ class SpeedRatio:
     """Hold V_out / V_in; :func:`speed_ratio` returns it."""
 
     ratio: float
-    bar: float
-    """From the run's bars of crossing times."""
+    uncertainty: float
+    """From the run's uncertainties of crossing times."""
     speed_in: float
     speed_out: float
     """m/s, or bodies per second where the scene has no spacing."""
@@ -325,7 +325,7 @@ def speed_ratio(
     ratio = float(speed[1] / speed[0])
     return SpeedRatio(
         ratio=ratio,
-        bar=ratio * float(np.sum(relative)),
+        uncertainty=ratio * float(np.sum(relative)),
         speed_in=float(speed[0]),
         speed_out=float(speed[1]),
         first=low,

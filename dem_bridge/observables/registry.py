@@ -192,7 +192,7 @@ OBSERVABLES_IN_ORDER = (
         unit="m/s",
         axis=("body",),
         value=lambda scene, run: _peak_velocity(scene, run).velocity,
-        uncertainty=lambda scene, run: _peak_velocity(scene, run).bar,
+        uncertainty=lambda scene, run: _peak_velocity(scene, run).uncertainty,
     ),
     Observable(
         name="peak_velocity_time",
@@ -200,7 +200,7 @@ OBSERVABLES_IN_ORDER = (
         unit="s",
         axis=("body",),
         value=lambda scene, run: _peak_velocity(scene, run).time,
-        uncertainty=lambda scene, run: _peak_velocity(scene, run).time_bar,
+        uncertainty=lambda scene, run: _peak_velocity(scene, run).time_uncertainty,
     ),
     _stored("peak_force", "Largest compressive force of the contact during the run.", OWN),
     Observable(

@@ -1,4 +1,4 @@
-"""Fits: laws that are put in come out, bars and spreads mean what they say, the paper's chains have their numbers."""
+"""Fits: laws that are put in come out, uncertainties and spreads are as stated, and the paper's chains agree."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ def _chain(stiffness: np.ndarray | None = None, *, exponent: float = 2.5) -> Sce
                  velocity=(1.0, *[0.0] * (BODIES - 1)), spacing=18e-3)  # fmt: skip
 
 
-def _run(*, speed: np.ndarray | None = None, force: np.ndarray | None = None, **bars: object) -> Trajectory:
+def _run(*, speed: np.ndarray | None = None, force: np.ndarray | None = None, **uncertainties: object) -> Trajectory:
     """A fake whose front has the ``speed`` (m/s) at bodies 1.. and whose contacts have the peak ``force`` (N)."""
     changes: dict[str, Any] = {}
     if speed is not None:
         changes["crossing_time"] = np.concatenate([[1e-5], 1e-5 + np.cumsum(18e-3 / speed)])
     if force is not None:
         changes["peak_force"] = force
-    return free_flight(bodies=BODIES, contacts=BODIES - 1, uncertainty=uncertain(**bars), **changes)
+    return free_flight(bodies=BODIES, contacts=BODIES - 1, uncertainty=uncertain(**uncertainties), **changes)
 
 
 BODY = np.arange(1.0, BODIES - 1.0)
@@ -95,17 +95,17 @@ def test_the_least_squares_are_in_the_speed_and_not_in_its_power() -> None:
 
 def test_bars_of_the_power_law_are_reached_by_speeds_that_err_in_its_direction() -> None:
     speed = (1e7 + 1e6 * BODY) ** 0.4
-    bar = 1e-9
-    fit = speed_power_law(_chain(), _run(speed=speed, crossing_time=bar))
+    uncertainty = 1e-9
+    fit = speed_power_law(_chain(), _run(speed=speed, crossing_time=uncertainty))
     residence = 18e-3 / speed
     changes = []
     for j in range(2, len(speed) - 1):
         moved = residence.copy()
-        moved[j] += 2.0 * bar  # both crossings err
+        moved[j] += 2.0 * uncertainty  # both crossings err
         again = speed_power_law(_chain(), _run(speed=18e-3 / moved))
         changes.append((again.b1 - fit.b1, again.b2 - fit.b2))
     # to first order in 2e-9 / 2e-5 s
-    assert fit.bar == pytest.approx(np.sum(np.abs(changes), axis=0), rel=1e-2)
+    assert fit.uncertainty == pytest.approx(np.sum(np.abs(changes), axis=0), rel=1e-2)
 
 
 def test_the_window_of_bodies_is_the_callers() -> None:
@@ -166,18 +166,18 @@ def test_the_spread_is_that_of_moving_and_shrinking_windows() -> None:
 
 def test_the_bar_of_a_slope_is_reached_by_forces_that_err_in_its_direction() -> None:
     scene = _chain()
-    force, bar = np.array(scene.stiffness) ** 0.4, np.linspace(1.0, 3.0, BODIES - 1)
-    fit = force_exponent(scene, _run(force=force, peak_force=bar))
+    force, uncertainty = np.array(scene.stiffness) ** 0.4, np.linspace(1.0, 3.0, BODIES - 1)
+    fit = force_exponent(scene, _run(force=force, peak_force=uncertainty))
     x = np.log(np.array(scene.stiffness))
-    worst = force + bar * np.sign(x - np.mean(x[4:38]))
+    worst = force + uncertainty * np.sign(x - np.mean(x[4:38]))
     moved = force_exponent(scene, _run(force=worst))
     # to first order in 3/1e4
-    assert moved.slope - fit.slope == pytest.approx(fit.bar, rel=1e-3)
+    assert moved.slope - fit.slope == pytest.approx(fit.uncertainty, rel=1e-3)
 
 
 def test_a_straight_line_of_three_points_has_one_degree_of_freedom() -> None:
     fit = straight_line(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 3.0]), np.full(3, 0.1), 7)
-    assert (fit.slope, fit.bar) == pytest.approx((1.5, 0.1), rel=1e-14)
+    assert (fit.slope, fit.uncertainty) == pytest.approx((1.5, 0.1), rel=1e-14)
     assert fit.stderr == pytest.approx(math.sqrt(1.0 / 12.0), rel=1e-12)
     assert (fit.first, fit.last) == (7, 9)
 
@@ -213,7 +213,7 @@ def test_peak_velocities_of_tapered_chains_have_their_known_slopes(ratio: float,
     scene = tapered_chain(ratio)
     fit = log_velocity_slope(scene, solved(scene, "reference", uncertainty=False), 15, 35)
     assert f"{fit.slope:.4f}" == f"{slope:.4f}"
-    assert math.isinf(fit.bar)  # a run without bars
+    assert math.isinf(fit.uncertainty)  # a run without uncertainties
     coarse = replace(scene, samples=500)
     again = log_velocity_slope(coarse, solved(coarse, "reference", uncertainty=False), 15, 35)
     assert again.slope == pytest.approx(fit.slope, abs=1e-9)

@@ -86,9 +86,9 @@ def test_residence_times_of_the_papers_chains_are_those_of_the_truth(free_chain:
 
 def test_the_twin_finds_the_same_residence_times_within_its_bars(free_chain: Truth, solved: Solve) -> None:
     run = solved(free_chain.scene, "verlet", dt=1e-8)
-    bars = run.uncertainty["crossing_time"]
+    uncertainties = run.uncertainty["crossing_time"]
     error = np.abs(residence_time(free_chain.scene, run)[1:-1] - free_chain.data["residence"])
-    assert np.all(error <= bars[1:] + bars[:-1])
+    assert np.all(error <= uncertainties[1:] + uncertainties[:-1])
 
 
 def test_the_wave_slows_down_and_speeds_up_as_the_scenes_are_named(solved: Solve) -> None:
@@ -139,7 +139,7 @@ def test_the_peak_velocity_of_a_wave_is_found_between_samples_within_what_is_sai
 def test_the_bar_of_a_peak_velocity_is_that_of_the_run_and_of_the_samples() -> None:
     scene, run, _ = travelling_wave(uncertainty=uncertain(velocity=1e-3))
     peak = peak_velocity_of_front(scene, run)
-    assert np.all(peak.bar == peak.sampling + 1e-3)
+    assert np.all(peak.uncertainty == peak.sampling + 1e-3)
 
 
 def test_the_striker_is_fastest_at_the_start_and_the_last_body_when_it_flies_off(solved: Solve) -> None:
@@ -188,19 +188,19 @@ def test_a_solitary_wave_of_any_size_has_the_constant_of_solitary_waves(
     assert found.by_force == pytest.approx(found.solitary, rel=1e-13)
     # the sampled peak is good to 2e-12 for n = 5/2, where the wave is 5 bodies long; for larger n it is shorter
     assert found.by_velocity == pytest.approx(found.solitary, rel=1e-8)
-    assert np.all(np.abs(found.by_velocity - found.solitary) <= found.by_velocity_bar + 1e-12)
+    assert np.all(np.abs(found.by_velocity - found.solitary) <= found.by_velocity_uncertainty + 1e-12)
 
 
 def test_bars_reach_the_constant_by_the_powers_that_they_have_in_it() -> None:
     crossing, force = np.linspace(1.0, 2.0, 39) * 1e-10, np.linspace(1.0, 2.0, 39) * 1e-3
-    bars = uncertain(velocity=1e-4, peak_force=force, crossing_time=crossing)
-    scene, run, wave = travelling_wave(uncertainty=bars)
+    uncertainties = uncertain(velocity=1e-4, peak_force=force, crossing_time=crossing)
+    scene, run, wave = travelling_wave(uncertainty=uncertainties)
     found = local_speed_constant(scene, run)
     of_speed = (crossing[1:] + crossing[:-1]) * wave.speed
     by_force = of_speed + 0.5 * (force[1:] + force[:-1]) / wave.peak_force / 6.0
-    assert found.by_force_bar == pytest.approx(by_force * found.solitary, rel=1e-9)
-    # the bar of the samples, 1e-9 of the peak, comes on top
-    assert found.by_velocity_bar == pytest.approx((of_speed + 0.2 * 1e-4 / 0.5) * found.solitary, rel=1e-4)
+    assert found.by_force_uncertainty == pytest.approx(by_force * found.solitary, rel=1e-9)
+    # the uncertainty of the samples, 1e-9 of the peak, comes on top
+    assert found.by_velocity_uncertainty == pytest.approx((of_speed + 0.2 * 1e-4 / 0.5) * found.solitary, rel=1e-4)
 
 
 def test_a_struck_uniform_chain_comes_to_the_constant_by_body_forty(solved: Solve) -> None:
@@ -211,7 +211,7 @@ def test_a_struck_uniform_chain_comes_to_the_constant_by_body_forty(solved: Solv
     # what is asked; 4e-12 at body 40, 2e-13 from there on
     assert np.all(np.abs(found.by_force[far] / found.solitary - 1.0) < 1e-9)
     assert np.all(np.abs(found.by_velocity[far] / found.solitary - 1.0) < 1e-9)
-    assert np.all(np.abs(found.by_force - found.solitary)[far] < found.by_force_bar[far] + 4e-12)
+    assert np.all(np.abs(found.by_force - found.solitary)[far] < found.by_force_uncertainty[far] + 4e-12)
     # and not before: each body is 0.56 times nearer than the one before
     near = found.body < 30
     departure = np.log(np.abs(found.by_force[near & (found.body >= 10)] / found.solitary - 1.0))
@@ -224,8 +224,8 @@ def test_lammps_has_the_constant_of_solitary_waves_within_its_bars(solved: Solve
     scene = uniform_chain()
     found = local_speed_constant(scene, solved(scene, "lammps-granular", dt=2e-8))
     far = (found.body >= 40) & (found.body <= 96)
-    assert np.all(np.abs(found.by_force - found.solitary)[far] <= found.by_force_bar[far])
-    assert np.all(np.abs(found.by_velocity - found.solitary)[far] <= found.by_velocity_bar[far])
+    assert np.all(np.abs(found.by_force - found.solitary)[far] <= found.by_force_uncertainty[far])
+    assert np.all(np.abs(found.by_velocity - found.solitary)[far] <= found.by_velocity_uncertainty[far])
 
 
 def test_binary_collisions_give_another_constant(solved: Solve) -> None:

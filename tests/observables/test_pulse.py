@@ -227,7 +227,7 @@ def test_the_speed_ratio_is_that_of_two_stated_bodies() -> None:
     assert (found.first, found.last) == (3, 37)
     assert found.speed_in == pytest.approx(18e-3 / residence[2], rel=1e-12)
     assert found.ratio == pytest.approx(residence[2] / residence[36], rel=1e-12)
-    assert found.bar / found.ratio == pytest.approx(2e-9 / residence[2] + 2e-9 / residence[36], rel=1e-9)
+    assert found.uncertainty / found.ratio == pytest.approx(2e-9 / residence[2] + 2e-9 / residence[36], rel=1e-9)
     whole = speed_ratio(replace(scene, spacing=None), graded, first=1, last=38)
     assert whole.ratio == pytest.approx(0.25, rel=1e-10)
     assert whole.speed_in == pytest.approx(1e5, rel=1e-12)

@@ -33,12 +33,12 @@ SETTLED, EXACT = 40, 1e-9
 EXPONENT = Measure(
     name="force exponent",
     of=lambda scene, run: force_exponent(scene, run).slope,
-    bar=lambda scene, run: force_exponent(scene, run).bar,
+    uncertainty=lambda scene, run: force_exponent(scene, run).uncertainty,
 )
 SLOPE = Measure(
     name="d ln(peak velocity) per sphere",
     of=lambda scene, run: log_velocity_slope(scene, run, 15, 35).slope,
-    bar=lambda scene, run: log_velocity_slope(scene, run, 15, 35).bar,
+    uncertainty=lambda scene, run: log_velocity_slope(scene, run, 15, 35).uncertainty,
 )
 
 
@@ -160,7 +160,7 @@ def _solitary(runs: Runs) -> Claim:
                 name=f"c/((beta/m)^0.4 v^0.2) at cylinder {body}",
                 backend=name,
                 value=float(result.by_force[body - 1]),
-                uncertainty=np.nan if name in THEORIES else float(result.by_force_bar[body - 1]),
+                uncertainty=np.nan if name in THEORIES else float(result.by_force_uncertainty[body - 1]),
             )
             for body in (10, 20, 40, 60)
         ]
@@ -170,7 +170,7 @@ def _solitary(runs: Runs) -> Claim:
         settled = slice(SETTLED - 1, -3)
         away, allowed, within = np.abs(result.by_force - truth)[settled], np.array(EXACT), f"within {EXACT:.0e}"
         if name != REFERENCE:
-            allowed = result.by_force_bar[settled]
+            allowed = result.by_force_uncertainty[settled]
             within = f"within its uncertainty of {np.max(allowed):.1e}"
         outcomes.append(Outcome.PASS if bool(np.all(away <= allowed)) else Outcome.FAIL)
         each.append({"code": name, "deviation": np.max(away), "within": within})

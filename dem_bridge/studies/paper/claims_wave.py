@@ -91,7 +91,7 @@ def _peak_velocities(scene: Scene, run: Trajectory, bodies: slice) -> float:
 SPEED_RATIO = Measure(
     name="V_out/V_in",
     of=lambda scene, run: speed_ratio(scene, run).ratio,
-    bar=lambda scene, run: speed_ratio(scene, run).bar,
+    uncertainty=lambda scene, run: speed_ratio(scene, run).uncertainty,
 )
 FIRST_CLAIMS = (
     Limits(id="decelerates", measure=SPEED_RATIO, chains=(DECELERATING,), high=0.9),

@@ -136,14 +136,14 @@ def effect(id: str, scene: Scene, base: Trajectory, changed: Trajectory) -> Effe
     return Effect(id=id, scene=scene.name, changes=relative_changes(scene, base, changed), **TERMS[id])
 
 
-def own_bar(scene: Scene, truth: Trajectory) -> Effect:
+def reference_uncertainty(scene: Scene, truth: Trajectory) -> Effect:
     """Return the uncertainty of the reference in the four observables, relative."""
     changes = {}
     for label, (name, place) in PLACES.items():
         value, uncertainty = (np.atleast_1d(part(scene, truth)[place(scene)]) for part in _parts(name))
         largest = int(np.argmax(value))
         changes[label] = float(uncertainty[largest] / value[largest])
-    return Effect(id="reference-bar", scene=scene.name, changes=changes, **TERMS["reference-bar"])
+    return Effect(id="reference-uncertainty", scene=scene.name, changes=changes, **TERMS["reference-uncertainty"])
 
 
 def _parts(name: str) -> tuple[Reader, Reader]:

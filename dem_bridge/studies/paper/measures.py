@@ -37,7 +37,7 @@ class Measure:
     unit: str = ""
     made_of: tuple[str, ...] = ("crossing_time",)
     """Parts of the trajectory that are perturbed: "crossing_time", "peak_force", "velocity"."""
-    bar: Callable[[Scene, Trajectory], float] | None = None
+    uncertainty: Callable[[Scene, Trajectory], float] | None = None
     """Function for the uncertainty, in place of perturbations."""
 
 
@@ -48,8 +48,8 @@ def at_body(observable: str, body: int | None, name: str) -> Measure:
     def reader(read: Reader) -> Callable[[Scene, Trajectory], float]:
         return lambda scene, run: float(read(scene, run) if body is None else read(scene, run)[body])
 
-    value, bar = reader(registered.value), reader(registered.uncertainty)
-    return Measure(name=name, of=value, unit=registered.unit, bar=bar)
+    value, uncertainty = reader(registered.value), reader(registered.uncertainty)
+    return Measure(name=name, of=value, unit=registered.unit, uncertainty=uncertainty)
 
 
 def measured(measure: Measure, scene: Scene, run: Trajectory, backend: str) -> ClaimValue:
@@ -61,19 +61,19 @@ def measured(measure: Measure, scene: Scene, run: Trajectory, backend: str) -> C
         value = float(measure.of(scene, run))
     except (DemBridgeError, ValueError):  # for example, the wave reached too few contacts
         value = float("nan")
-    bar = float("nan")
+    uncertainty = float("nan")
     if backend not in THEORIES and np.isfinite(value):
         try:
-            bar = _bar(measure, scene, run, value)
+            uncertainty = _uncertainty(measure, scene, run, value)
         except (DemBridgeError, ValueError):  # the perturbed run cannot be measured
-            bar = float("inf")
-        bar = bar if np.isfinite(bar) else float("inf")
-    return ClaimValue(name=measure.name, backend=backend, value=value, uncertainty=bar, unit=measure.unit)
+            uncertainty = float("inf")
+        uncertainty = uncertainty if np.isfinite(uncertainty) else float("inf")
+    return ClaimValue(name=measure.name, backend=backend, value=value, uncertainty=uncertainty, unit=measure.unit)
 
 
-def _bar(measure: Measure, scene: Scene, run: Trajectory, value: float) -> float:
-    if measure.bar is not None:
-        return float(measure.bar(scene, run))
+def _uncertainty(measure: Measure, scene: Scene, run: Trajectory, value: float) -> float:
+    if measure.uncertainty is not None:
+        return float(measure.uncertainty(scene, run))
     total = 0.0
     for part in ("crossing_time", "peak_force"):
         if part in measure.made_of:
@@ -91,8 +91,8 @@ def _bar(measure: Measure, scene: Scene, run: Trajectory, value: float) -> float
 
 
 def _moves(measure: Measure, scene: Scene, run: Trajectory, part: str, value: float) -> list[float]:
-    bars, values = run.uncertainty[part], getattr(run, part)
-    if not np.all(np.isfinite(bars[np.isfinite(values)])):
+    uncertainties, values = run.uncertainty[part], getattr(run, part)
+    if not np.all(np.isfinite(uncertainties[np.isfinite(values)])):
         return [float("inf")]
     if "velocity" not in measure.made_of:  # samples are not read, and need not be copied for every perturbation
         run = replace(run, **{name: getattr(run, name)[:1] for name in ("time", *SAMPLED)})
@@ -100,7 +100,7 @@ def _moves(measure: Measure, scene: Scene, run: Trajectory, part: str, value: fl
     for k in np.flatnonzero(np.isfinite(values)):
         # a minimum or a maximum may change in one direction only
         moved = []
-        for away in (bars[k], -bars[k]):
+        for away in (uncertainties[k], -uncertainties[k]):
             shifted = values.copy()
             shifted[k] += away
             moved.append(abs(float(measure.of(scene, replace(run, **{part: shifted}))) - value))
@@ -122,11 +122,11 @@ def inside(claim_value: ClaimValue, low: float, high: float) -> Outcome:
     >>> [inside(one, *range_).value for range_ in ((0.3, 0.5), (0.5, 1.0), (0.395, 1.0))]
     ['PASS', 'FAIL', 'UNDECIDED']
     """
-    bar = 0.0 if np.isnan(claim_value.uncertainty) else claim_value.uncertainty
+    uncertainty = 0.0 if np.isnan(claim_value.uncertainty) else claim_value.uncertainty
     if not np.isfinite(claim_value.value):
         return Outcome.UNDECIDED
-    if low <= claim_value.value - bar and claim_value.value + bar <= high:
+    if low <= claim_value.value - uncertainty and claim_value.value + uncertainty <= high:
         return Outcome.PASS
-    if claim_value.value + bar < low or claim_value.value - bar > high:
+    if claim_value.value + uncertainty < low or claim_value.value - uncertainty > high:
         return Outcome.FAIL
     return Outcome.UNDECIDED

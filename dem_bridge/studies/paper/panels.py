@@ -245,9 +245,9 @@ def _panel(
     )
 
 
-def _series(name: str, x: Floats, y: Floats, bar: Floats | None = None) -> Series:
+def _series(name: str, x: Floats, y: Floats, uncertainty: Floats | None = None) -> Series:
     """Return a line or marks of a backend; an uncertainty that is nowhere finite is left out."""
-    available = bar if bar is not None and np.isfinite(bar).any() else None
+    available = uncertainty if uncertainty is not None and np.isfinite(uncertainty).any() else None
     return Series(label=LABELS.get(name, name), style=name, x=x, y=y, bar=available)
 
 
@@ -256,8 +256,12 @@ def _along(chain: ChainRuns, name: str, factor: float = 1.0) -> Iterator[Series]
     observable = OBSERVABLES[name]
     places = slice(None) if observable.axis == ("contact",) else slice(1, chain.scene.n_body - 1)
     for backend, run in chain.named(*EVERY):
-        value, bar = (factor * part(chain.scene, run)[places] for part in (observable.value, observable.uncertainty))
-        yield _series(backend, np.arange(float(places.start or 0), (places.start or 0) + len(value)), value, bar)
+        value, uncertainty = (
+            factor * part(chain.scene, run)[places] for part in (observable.value, observable.uncertainty)
+        )
+        yield _series(
+            backend, np.arange(float(places.start or 0), (places.start or 0) + len(value)), value, uncertainty
+        )
 
 
 def _in_time(chain: ChainRuns, name: str, place: int) -> Iterator[Series]:

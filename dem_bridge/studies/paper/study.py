@@ -36,7 +36,7 @@ from dem_bridge.studies.paper.effects import (
     Effect,
     budget_table,
     effect,
-    own_bar,
+    reference_uncertainty,
 )
 from dem_bridge.studies.paper.pulses import fits_table, pulses_table
 from dem_bridge.studies.paper.runs import (
@@ -235,7 +235,7 @@ def _effects(runs: Runs) -> Iterator[Effect]:
         if truth is None:
             continue
         scene = runs.scenes[name]
-        yield own_bar(scene, truth)
+        yield reference_uncertainty(scene, truth)
         for backend in TERMS:
             if (run := runs.run(name, backend)) is not None:
                 yield effect(backend, scene, truth, run)

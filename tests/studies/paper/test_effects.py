@@ -21,7 +21,7 @@ from dem_bridge.studies.paper.effects import (
     budget_table,
     effect,
     observables,
-    own_bar,
+    reference_uncertainty,
 )
 from dem_bridge.studies.paper.runs import MAIN, Runs, with_mass_gradient
 from dem_bridge.studies.paper.runs import variants as all_variants
@@ -194,11 +194,11 @@ def test_observables_are_those_of_the_first_passage(runs: Runs) -> None:
 
 def test_bars_of_the_reference_are_relative_and_small(runs: Runs) -> None:
     scene, run = runs.scenes[MAIN[0]], truth_of(runs, MAIN[0])
-    found = own_bar(scene, run)
+    found = reference_uncertainty(scene, run)
     assert (found.kind, found.scene) == (NUMERICS, MAIN[0])
-    bar, time = run.uncertainty["crossing_time"], run.crossing_time
-    assert found.changes[ARRIVAL] == pytest.approx(bar[39] / time[39])
-    assert found.changes[SPEED] == pytest.approx((bar[19] + bar[20]) / (time[20] - time[19]))
+    uncertainty, time = run.uncertainty["crossing_time"], run.crossing_time
+    assert found.changes[ARRIVAL] == pytest.approx(uncertainty[39] / time[39])
+    assert found.changes[SPEED] == pytest.approx((uncertainty[19] + uncertainty[20]) / (time[20] - time[19]))
     assert found.changes[FORCE] == pytest.approx(run.uncertainty["peak_force"][20] / run.peak_force[20])
     assert 0.0 < found.largest < 1e-10
 

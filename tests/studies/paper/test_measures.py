@@ -1,4 +1,4 @@
-"""Error bars of measures: for linear ones they are known in closed form."""
+"""Uncertainties of measures: for linear ones they are known in closed form."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ numbers = st.floats(-1e3, 1e3)
 sizes = st.floats(0.0, 1e3)
 
 
-def _with(**bars: object) -> Trajectory:
-    return replace(RUN, uncertainty=uncertain(**bars))
+def _with(**uncertainties: object) -> Trajectory:
+    return replace(RUN, uncertainty=uncertain(**uncertainties))
 
 
 @given(w=st.tuples(numbers, numbers, numbers, numbers), b=st.tuples(sizes, sizes, sizes, sizes))
@@ -42,13 +42,15 @@ def test_bars_of_linear_measures_are_exact(w: tuple[float, ...], b: tuple[float,
     assert found.uncertainty == pytest.approx(wanted, rel=1e-12, abs=16.0 * np.finfo(float).eps * size)
 
 
-@given(bar=st.floats(1e-6, 1.0), body=st.integers(0, 2))
-def test_one_velocity_moves_by_its_bar_and_a_mean_by_no_more(bar: float, body: int) -> None:
+@given(uncertainty=st.floats(1e-6, 1.0), body=st.integers(0, 2))
+def test_one_velocity_moves_by_its_bar_and_a_mean_by_no_more(uncertainty: float, body: int) -> None:
     one = Measure(name="one", of=lambda s, r: float(r.velocity[2, body]), made_of=("velocity",))
     mean = Measure(name="mean", of=lambda s, r: float(np.mean(r.velocity)), made_of=("velocity",))
-    # v + bar - v, with v up to 3
-    assert measured(one, CHAIN, _with(velocity=bar), "reference").uncertainty == pytest.approx(bar, abs=2e-15)
-    assert 0.0 < measured(mean, CHAIN, _with(velocity=bar), "reference").uncertainty <= bar + 2e-15
+    # v + uncertainty - v, with v up to 3
+    assert measured(one, CHAIN, _with(velocity=uncertainty), "reference").uncertainty == pytest.approx(
+        uncertainty, abs=2e-15
+    )
+    assert 0.0 < measured(mean, CHAIN, _with(velocity=uncertainty), "reference").uncertainty <= uncertainty + 2e-15
 
 
 def test_velocities_move_more_than_once_and_the_same_each_time() -> None:
@@ -80,7 +82,7 @@ def test_only_what_a_measure_is_made_of_has_a_part_in_its_bar() -> None:
 
 
 def test_a_measure_that_knows_its_bar_gives_it_and_theories_have_none() -> None:
-    own = Measure(name="speed", of=lambda s, r: 2.0, bar=lambda s, r: 0.25, unit="m/s")
+    own = Measure(name="speed", of=lambda s, r: 2.0, uncertainty=lambda s, r: 0.25, unit="m/s")
     wanted = ClaimValue(name="speed", backend="lammps", value=2.0, uncertainty=0.25, unit="m/s")
     assert measured(own, CHAIN, RUN, "lammps") == wanted
     for theory in ("bca", "adiabatic"):
@@ -126,7 +128,7 @@ INF, NAN = math.inf, math.nan
 
 
 @pytest.mark.parametrize(
-    ("value", "bar", "low", "high", "outcome"),
+    ("value", "uncertainty", "low", "high", "outcome"),
     [
         (0.4, 0.1, 0.3, 0.5, "PASS"),  # both edges are inside
         (0.25, 0.0, 0.25, 0.25, "PASS"),
@@ -146,16 +148,18 @@ INF, NAN = math.inf, math.nan
         (INF, 0.1, 0.0, INF, "UNDECIDED"),
     ],
 )
-def test_inside_and_its_edges(value: float, bar: float, low: float, high: float, outcome: str) -> None:
-    found = ClaimValue(name="", backend="reference", value=value, uncertainty=bar)
+def test_inside_and_its_edges(value: float, uncertainty: float, low: float, high: float, outcome: str) -> None:
+    found = ClaimValue(name="", backend="reference", value=value, uncertainty=uncertainty)
     # 0.4 - 0.1 is 0.30000000000000004, and 0.4 + 0.1 is 0.5
     assert inside(found, low, high) == Outcome(outcome)
 
 
-@given(value=numbers, bar=sizes, low=numbers, high=numbers)
-def test_a_wider_bar_never_turns_one_decision_into_the_other(value: float, bar: float, low: float, high: float) -> None:
-    def outcome(bar: float) -> Outcome:
-        return inside(ClaimValue(name="", backend="reference", value=value, uncertainty=bar), low, high)
+@given(value=numbers, uncertainty=sizes, low=numbers, high=numbers)
+def test_a_wider_bar_never_turns_one_decision_into_the_other(
+    value: float, uncertainty: float, low: float, high: float
+) -> None:
+    def outcome(uncertainty: float) -> Outcome:
+        return inside(ClaimValue(name="", backend="reference", value=value, uncertainty=uncertainty), low, high)
 
-    assert {outcome(0.0), outcome(bar)} != {Outcome.PASS, Outcome.FAIL}
+    assert {outcome(0.0), outcome(uncertainty)} != {Outcome.PASS, Outcome.FAIL}
     assert outcome(0.0) == (Outcome.PASS if low <= value <= high else Outcome.FAIL)
