@@ -13,6 +13,7 @@ from dataclasses import fields
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
+import numpy as np
 from packaging.requirements import Requirement
 
 from dem_bridge.backends.base import BACKENDS, backend
@@ -220,13 +221,12 @@ def _contacts(study: SceneStudy) -> str:
         "backend", "contact", "peak_force (N)", "peak_force uncertainty (N)", "crossing_time (s)",
         "crossing_time uncertainty (s)",
     )  # fmt: skip
-    solved = {result.case.backend for result in study.results}
     rows: list[tuple[str | float, ...]] = []
     for name in BACKENDS:
-        if name not in solved or (run := study.run(name)) is None:
-            continue
-        values = (run.peak_force, run.uncertainty["peak_force"], run.crossing_time, run.uncertainty["crossing_time"])
-        rows += [(name, k, *row) for k, row in enumerate(zip(*(v.tolist() for v in values), strict=True))]
+        if (run := study.run(name)) is not None:
+            force, crossing = run.uncertainty["peak_force"], run.uncertainty["crossing_time"]
+            values = np.stack([run.peak_force, force, run.crossing_time, crossing], axis=1).tolist()
+            rows += [(name, k, *row) for k, row in enumerate(values)]
     return _csv(columns, tuple(rows))
 
 
