@@ -28,7 +28,8 @@ def profile(frame, event, argument):
     if name == "<module>":
         return
     calls += 1
-    if name == "run" and os.sep + "backends" + os.sep in frame.f_code.co_filename:
+    # a twin that is solved for the choice of a step is a run too
+    if name in ("run", "solve") and os.sep + "backends" + os.sep in frame.f_code.co_filename:
         sys.setprofile(None)
         print(calls, frame.f_code.co_filename[len(root):])
         sys.stdout.flush()
