@@ -71,14 +71,10 @@ def sweep(
     >>> f"{coarse / fine:.1f}"
     '4.0'
     """
-    compared = [None if reference is None else reference(case) for case in cases]
-    results = run_cases(
-        [*cases, *(case for case in compared if case is not None)], jobs=jobs, progress=progress, store=store
-    )
-    rest = iter(results[len(cases) :])
-    return table_of(
-        results[: len(cases)], [None if case is None else next(rest) for case in compared], observables, places=places
-    )
+    compared = [] if reference is None else [reference(case) for case in cases]
+    results = run_cases([*cases, *compared], jobs=jobs, progress=progress, store=store)
+    count = len(cases)
+    return table_of(results[:count], results[count:] or [None] * count, observables, places=places)
 
 
 def table_of(

@@ -166,10 +166,8 @@ class Particles:
         command.fail_if(len(command.rest) < 2, "is incomplete", "group ID STYLE ...")
         name, style, *words = command.rest
         if style in ("id", "type"):
-            chosen = self._ranged(command, words)
-            members = {
-                atom.number for atom in self.atoms.values() if (atom.number if style == "id" else atom.kind) in chosen
-            }
+            chosen, key = self._ranged(command, words), "number" if style == "id" else "kind"
+            members = {atom.number for atom in self.atoms.values() if getattr(atom, key) in chosen}
             self.groups[name] = self.groups.get(name, set()) | members
         elif style in ("union", "subtract", "intersect") and words:
             sets = [self.members(command, word) for word in words]
