@@ -362,7 +362,9 @@ def test_every_study_is_in_the_catalogue() -> None:
 
 
 def test_every_study_is_a_documented_command_and_is_tested() -> None:
-    tests = "\n".join(file.read_text(encoding="utf-8") for file, _ in _sources("tests/studies", "test_*.py"))
+    # the catalogue's own test names every study
+    files = [file for file, _ in _sources("tests/studies", "test_*.py") if file.name != "test_catalogue.py"]
+    tests = "\n".join(file.read_text(encoding="utf-8") for file in files)
     for name, (module, *_) in STUDIES.items():
         assert f"dem-bridge study {name} " in COMMANDS, name
         package = module.removesuffix(".study")
