@@ -11,8 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Progress, Result, run_groups
@@ -21,7 +19,7 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.recall import recall, recall_prescan
-from dem_bridge.runs.store import Store, study_key
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies.verification import Verification, verification_of
 from dem_bridge.uncertainty.step_choice import step_for_accuracy
@@ -122,23 +120,19 @@ def plan_scene(
 
 def main_resolution(scene: Scene, accuracy: float, cache: RunCache | None = None) -> Resolution:
     """Choose the step of the main runs: the largest whose velocity uncertainty of LAMMPS is within ``accuracy``."""
-    tables, store = assign_roles(scene).takes_tables, cache.store if cache is not None else None
-    key = study_key("main step", [scene], accuracy=accuracy, tables=tables) if store is not None else None
-    available = store.load_arrays(key) if store is not None and key is not None else None
-    if available is not None:
-        return Resolution(dt=float(available["dt"]))
-    sampling = Sampling(count=scene.samples)
-    try:
-        main = step_for_accuracy(scene, accuracy, Resolution(tables=tables), sampling, cache=cache)
-    except UsageError:
-        if not tables:
-            raise
-        # the error of the tables alone is too large at any step: verdicts then say how large it is
-        main = step_for_accuracy(scene, accuracy, Resolution(), sampling, cache=cache)
-    if store is not None and key is not None:
-        assert main.dt is not None
-        store.save_arrays(key, {"dt": np.array(main.dt)})
-    return replace(main, tables=False)
+    tables, sampling = assign_roles(scene).takes_tables, Sampling(count=scene.samples)
+    store = cache.store if cache is not None else None
+
+    def choose() -> float | None:
+        try:
+            return step_for_accuracy(scene, accuracy, Resolution(tables=tables), sampling, cache=cache).dt
+        except UsageError:
+            if not tables:
+                raise
+            # the error of the tables alone is too large at any step: verdicts then say how large it is
+            return step_for_accuracy(scene, accuracy, Resolution(), sampling, cache=cache).dt
+
+    return Resolution(dt=recall(store, "main step", [], choose, scenes=[scene], accuracy=accuracy, tables=tables))
 
 
 def _default_run(scene: Scene, engine: Engine | None) -> Case:

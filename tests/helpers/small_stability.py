@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import BackendUnavailable
-from dem_bridge.studies.stability import shown as stability_show
 from dem_bridge.studies.stability import study as stability
 from dem_bridge.studies.stability.points import families
 
@@ -18,9 +17,8 @@ def small_stability(monkeypatch: pytest.MonkeyPatch, *, engine: bool) -> None:
     monkeypatch.setattr(stability, "families", lambda points: families(points)[3:])
     monkeypatch.setattr(stability, "GAINS", (0.1, 1.0))
     monkeypatch.setattr(stability, "CURVE", np.array([4.0, 2.0]))
-    for module in (stability, stability_show):
-        monkeypatch.setattr(module, "STEPS", np.array([1.0, 2.0]))
-        monkeypatch.setattr(module, "PHASES", np.array([0.25, 0.75]))
+    monkeypatch.setattr(stability, "STEPS", np.array([1.0, 2.0]))
+    monkeypatch.setattr(stability, "PHASES", np.array([0.25, 0.75]))
     if not engine:
 
         def missing(*_: Any) -> None:

@@ -24,8 +24,7 @@ from dem_bridge.scene import Scene, Wall
 from dem_bridge.studies.extremes.catalogue import catalogue
 from dem_bridge.studies.extremes.entry import chain, checked, expectation, kinds
 from dem_bridge.studies.extremes.judge import Expected, Standard, Word, judge, outcome
-from dem_bridge.studies.extremes.shown import Row
-from dem_bridge.studies.extremes.study import rows_of
+from dem_bridge.studies.extremes.study import Row, rows_of
 from dem_bridge.studies.extremes.truths import apart, galilei, mirrored, two_bodies
 from dem_bridge.trajectory import UNKNOWN, Trajectory, Uncertainty
 from dem_bridge.uncertainty import fixed_step

@@ -7,9 +7,12 @@ reference, and those below its bar are not known. A run over its limit is NaN an
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from textwrap import shorten
+from typing import TypeVar
 
-from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.campaign import Progress, run_cases
 from dem_bridge.errors import RunBroken, UsageError
@@ -17,11 +20,30 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.studies.study import Study
-from dem_bridge.studies.work_precision.curves import curves
-from dem_bridge.studies.work_precision.runs import REFERENCE, Measured, Point, measured, readings_of, uncertainties_of
-from dem_bridge.studies.work_precision.shown import shown
+from dem_bridge.studies.study import Study, Table
+from dem_bridge.studies.work_precision.curves import STYLES, WHOLE, curves
+from dem_bridge.studies.work_precision.figures import ID, figures
+from dem_bridge.studies.work_precision.files import as_csv, as_netcdf
+from dem_bridge.studies.work_precision.runs import (
+    REFERENCE,
+    TEXTS,
+    Measured,
+    Point,
+    measured,
+    readings_of,
+    uncertainties_of,
+)
 
+Setting = TypeVar("Setting")
+TARGETS = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8)
+#: errors that grow by more than this factor under refinement have passed their floor
+TURNING = 1.5
+#: settings among which the cheapest is looked for
+GROUPS: dict[str, Callable[[Point], bool]] = {
+    "all backends": lambda point: True,
+    "fixed steps in house": lambda point: point.curve.knob == "dt" and point.curve.backend not in ENGINE_BACKENDS,
+    "LAMMPS": lambda point: point.curve.backend in ENGINE_BACKENDS,
+}
 #: s of wall time that one run may take
 LIMIT = 5.0
 REPEATS = 3
@@ -96,3 +118,196 @@ def study_work_precision(
         provenance={key: truth.trajectory.provenance[key] for key in ("scene_hash", "versions", "machine")},
     )
     return shown(result, notes=notes, interrupted=interrupted)
+
+
+def shown(measured: Measured, *, notes: Sequence[str] = (), interrupted: bool = False) -> Study:
+    """Return the study of what was measured."""
+    counts = {"lost": sum(not point.ran for point in measured.points), "count": len(measured.points)}
+    bar = measured.uncertainty["velocity", "max"]
+    return Study(
+        id=ID,
+        title=TEXTS.title(scene=measured.scene.name),
+        answer=tuple(_answer(measured)),
+        tables=(_cheapest_table(measured), _floors_table(measured), _runs_table(measured)),
+        figures=tuple(figures(measured)),
+        notes=(*TEXTS.notes(bar=bar, limit=measured.limit, **counts), *notes),
+        interrupted=interrupted,
+        provenance=measured.provenance,
+        files={f"{ID}-all.csv": partial(as_csv, measured), f"{ID}.nc": partial(as_netcdf, measured)},
+    )
+
+
+def setting(point: Point) -> str:
+    """Return a curve's name with the value of its knob.
+
+    >>> from dem_bridge.studies.work_precision.curves import Curve
+    >>> setting(Point(curve=Curve(name="verlet", backend="verlet", knob="dt"), value=1e-7))
+    'verlet at dt = 1e-07 s'
+    """
+    return f"{point.curve.name} at {_turned(point)}" if point.curve.knob else point.curve.name
+
+
+def _turned(point: Point) -> str:
+    """Return the knob with its value; '' where there is none."""
+    knob, value = point.curve.knob, point.value
+    digits = f"{value:.0f}" if knob in WHOLE else f"{value:.3g}"
+    return f"{knob} = {digits}{' s' if knob == 'dt' else ''}" if knob else ""
+
+
+def _least(
+    measured: Measured, points: Sequence[Point], target: float, cost: str = "cpu_min", observable: str = "velocity"
+) -> Point | None:
+    """Return the point of least cost with errors of at most ``target``."""
+    bound = partial(measured.bound, observable=observable)
+    return cheapest(points, target, cost=lambda point: float(getattr(point, cost)), error=bound)
+
+
+def _groups(measured: Measured) -> dict[str, list[Point]]:
+    return {name: list(filter(holds, measured.points)) for name, holds in GROUPS.items()}
+
+
+def _answer(measured: Measured) -> Iterator[str]:
+    for target in TARGETS[1:]:
+        parts = []
+        for name, points in _groups(measured).items():
+            best = _least(measured, points, target)
+            parts.append(f"{name}: {'none' if best is None else f'{setting(best)} ({_ms(best.cpu_min)})'}")
+        yield TEXTS("cheapest", target=target, parts="; ".join(parts))
+    ends = [_floor(measured, name) for name in measured.curves]
+    floors = [
+        f"{setting(end[0])} with {end[0].error('velocity'):.1e}"
+        for end in ends
+        if end is not None and end[1].startswith("its floor") and end[0].curve.knob in ("dt", "rtol", "atol")
+    ]
+    if floors:
+        yield TEXTS("floors", floors="; ".join(floors))
+    yield from _on_richardson(measured)
+    yield from _on_tables(measured)
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
+
+
+def _floor(measured: Measured, name: str) -> tuple[Point, str] | None:
+    """Return the point of least velocity error of a curve, and the reason why there is no better; None without runs."""
+    points = [point for point in measured.points if point.curve.name == name]
+    ran = [point for point in points if math.isfinite(point.error("velocity"))]
+    if not ran:
+        return None
+    errors = [point.error("velocity") for point in ran]
+    best = min(errors)
+    least = ran[errors.index(best)]
+    beyond = errors[errors.index(best) + 1 :]
+    flat = len(errors) > 1 and errors[-1] > errors[-2] / TURNING
+    if len(points) == 1:
+        reason = "no_knob"
+    elif not measured.known(least, "velocity"):
+        reason = "below"
+    elif any(error > TURNING * best for error in beyond):
+        reason = "worse"
+    elif beyond or flat:
+        reason = "floor"
+    else:
+        reason = "limit" if not all(point.ran for point in points[points.index(least) + 1 :]) else "end"
+    return least, TEXTS(reason, limit=measured.limit)
+
+
+def _on_richardson(measured: Measured) -> Iterator[str]:
+    """Yield the cost of extrapolation relative to plain runs of the same error."""
+    for name in measured.curves:
+        extrapolated = f"{name} (Richardson)"
+        tried = [point for point in measured.points if point.curve.name == extrapolated]
+        if not tried:
+            continue
+        details: dict[float, str] = {}
+        for target in TARGETS[1:]:  # a setting that meets several says the most at the last
+            plain, better, slow, fewer = (
+                _least(measured, measured.of(curve), target, cost)
+                for cost in ("cpu_min", "force_evaluations")
+                for curve in (name, extrapolated)
+            )
+            if better and plain and fewer and slow:
+                evaluations = fewer.force_evaluations / slow.force_evaluations
+                cpu = better.cpu_min / plain.cpu_min
+                details[better.value] = TEXTS("gain", target=target, cpu=cpu, evaluations=evaluations)
+            elif better:
+                details[better.value] = TEXTS("alone", target=target)
+        said = ", ".join(details.values()) or "it meets no target within the limit"
+        refused = sum("no extrapolation" in point.reason for point in tried)
+        yield TEXTS("richardson", curve=name, details=said, refused=refused, tried=len(tried))
+
+
+def _on_tables(measured: Measured) -> Iterator[str]:
+    plain, tabled = (
+        {point.value: point for point in measured.of(name)} for name in ("lammps-granular", "lammps-table")
+    )
+    if both := set(plain) & set(tabled):
+        law, table = plain[min(both)], tabled[min(both)]
+        times = {"plain_time": _ms(law.cpu_min), "tabled_time": _ms(table.cpu_min)}
+        yield TEXTS("tables", dt=min(both), tabled=table.error("velocity"), plain=law.error("velocity"), **times)
+    for style in STYLES:
+        points = measured.of(f"lammps-table ({style})")
+        if points:
+            parts = ", ".join(f"{point.error('velocity'):.1e} with {point.value:g}" for point in points)
+            yield TEXTS("points", style=style, dt=points[0].dt, parts=parts)
+
+
+def _cheapest_table(measured: Measured) -> Table:
+    rows = []
+    for observable in measured.observables:
+        for target in TARGETS:
+            cells: list[str | float] = [observable, target]
+            for points in _groups(measured).values():
+                best = _least(measured, points, target, observable=observable)
+                cells += ["-", math.nan] if best is None else [setting(best), 1e3 * best.cpu_min]
+            rows.append(cells)
+    heads = (head for name in GROUPS for head in (name, f"{name}: CPU (ms)"))
+    return TEXTS.table("cheapest", rows, columns=("observable", "wanted error", *heads))
+
+
+def _floors_table(measured: Measured) -> Table:
+    others = [name for name in measured.observables if name != "velocity"]
+    rows: list[tuple[str | float, ...]] = []
+    for name in measured.curves:
+        floor = _floor(measured, name)
+        if floor is None:
+            reason = next(point.reason for point in measured.points if point.curve.name == name)
+            rows.append((name, "-", *[math.nan] * (len(others) + 2), reason))
+            continue
+        best, reason = floor
+        points = measured.of(name)
+        least = (min((measured.bound(point, other) for point in points), default=math.inf) for other in others)
+        rows.append((name, _turned(best), measured.bound(best, "velocity"), 1e3 * best.cpu_min, *least, reason))
+    heads = ("curve", "setting", "velocity error", "CPU (ms)", *(f"least error of {name}" for name in others))
+    return TEXTS.table("floors", rows, columns=(*heads, "what ends it (velocity)"))
+
+
+def _runs_table(measured: Measured) -> Table:
+    rows = [
+        (
+            *(point.curve.name, _turned(point)),
+            *(1e3 * point.cpu_min, 1e3 * point.wall_median, float(point.force_evaluations)),
+            *map(point.error, measured.observables),
+            shorten(point.reason, 60, placeholder=" ..."),
+        )
+        for point in measured.points
+    ]
+    heads = ("curve", "setting", "CPU, least (ms)", "wall, median (ms)", "force evaluations", *measured.observables)
+    return TEXTS.table("runs", rows, columns=(*heads, "reason"))
+
+
+def cheapest(
+    settings: Iterable[Setting],
+    target: float,
+    *,
+    cost: Callable[[Setting], float],
+    error: Callable[[Setting], float],
+) -> Setting | None:
+    """Return the cheapest setting with an error of at most ``target``; None where there is none.
+
+    >>> cheapest([(1.0, 0.1), (3.0, 0.001), (2.0, 0.01)], 0.02, cost=lambda s: s[0], error=lambda s: s[1])
+    (2.0, 0.01)
+    """
+    enough = [setting for setting in settings if error(setting) <= target and math.isfinite(cost(setting))]
+    return min(enough, key=cost, default=None)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dem_bridge.studies.work_precision.figures import front
-from dem_bridge.studies.work_precision.shown import cheapest
+from dem_bridge.studies.work_precision.study import cheapest
 
 # few values, so that costs and errors are often equal
 points = st.lists(
