@@ -77,18 +77,22 @@ class ScenePlan:
         """Judge the results of :attr:`cases`, given in their order, unless the store has their verdicts."""
         if self.error is not None:
             study = study_without_runs(self.scene, self.error)
-            return with_conserved(study, results, self.accuracy)
+            runs = [result.trajectory for result in results if result.trajectory is not None]
+            # the default step is made for the default accuracy, and there is no run at a finer one
+            tolerance = max(self.accuracy, DEFAULT_ACCURACY)
+            conserved = [verdict for run in runs for verdict in checks.conserved(self.scene, run, tolerance)]
+            return replace(study, verdicts=(*study.verdicts, *conserved))
         assert self.runs is not None
         count = len(results) - len(self.others)
-        runs = self.runs.filled(results[:count])
+        filled = self.runs.filled(results[:count])
 
         def judge() -> dict[str, Any]:
-            study = assess_scene(self.scene, runs, self.accuracy)
+            study = assess_scene(self.scene, filled, self.accuracy)
             return {name: getattr(study, name) for name in ("verdicts", "refinement", "budgets", "observables")}
 
-        keys = [result.key for result in runs]
+        keys = [result.key for result in filled]
         judged = recall(store, "assessment", keys, judge, scenes=[self.scene], accuracy=self.accuracy)
-        return SceneStudy(scene=self.scene, runs=runs, others=tuple(results[count:]), **judged)
+        return SceneStudy(scene=self.scene, runs=filled, others=tuple(results[count:]), **judged)
 
 
 def plan_scene(
@@ -153,15 +157,6 @@ def study_without_runs(scene: Scene, error: RunBroken | UnsupportedScene | Usage
         sentence=f"{error}.",
     )
     return SceneStudy(scene=scene, verdicts=(verdict,))
-
-
-def with_conserved(study: SceneStudy, results: Sequence[Result], accuracy: float) -> SceneStudy:
-    """Return a study with further verdicts on the conserved quantities of the runs at the default step."""
-    runs = [result.trajectory for result in results if result.trajectory is not None]
-    # the default step is made for the default accuracy, and there is no run at a finer one
-    tolerance = max(accuracy, DEFAULT_ACCURACY)
-    verdicts = [verdict for run in runs for verdict in checks.conserved(study.scene, run, tolerance)]
-    return replace(study, verdicts=(*study.verdicts, *verdicts))
 
 
 def check_jobs(jobs: object) -> None:

@@ -14,14 +14,12 @@ from dem_bridge.campaign import Result
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
-from dem_bridge.studies.model_hierarchy.model_terms import angles_soften, crossed, hertzian
+from dem_bridge.studies.model_hierarchy.model_terms import TEXTS, angles_soften, crossed, hertzian
 from dem_bridge.studies.model_hierarchy.models import Bench, Least, Tried
 from dem_bridge.studies.model_hierarchy.passage import Effect, Effects, Readings, effects
 from dem_bridge.studies.scatter import scattered
-from dem_bridge.studies.texts import Texts
 from dem_bridge.verification.verdict import Outcome
 
-TEXTS = Texts("model-hierarchy")
 #: what is only suspected: drag (1/s), the overlap (m) at which softer contacts have Hertz' force
 DRAG, ANCHOR = 10.0, 5e-6
 #: steps of velocity-Verlet over the default one, the coarsest first, and that of LAMMPS

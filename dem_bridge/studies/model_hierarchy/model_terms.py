@@ -6,10 +6,9 @@ what a scene has can be left out. Both the error budget of the paper and the lad
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial
-from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -18,7 +17,9 @@ from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.geometry import Body, Geometry
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file.physical import rounded
+from dem_bridge.studies.texts import Texts
 
+TEXTS = Texts("model-hierarchy")
 GRAVITY = 9.81
 #: holds the chain together before the impact and does nothing else: N
 BARELY = 1e-6
@@ -189,37 +190,19 @@ class ModelTerm:
     """Whether its size is ours: nothing is known of it but that it is there."""
 
 
-#: all pieces by their ids, in the order in which they are applied, as sentences call them
-PIECES: Mapping[str, str] = MappingProxyType(
-    {
-        "stiffness-law": "the exact stiffness law",
-        "striker-stiffness": "the striker's exact stiffness",
-        "striker-mass": "the striker's true mass",
-        "force-law": "forces other than Hertz'",
-        "gaps": "the gaps",
-        "drag": "drag",
-        "damping": "dissipation in contacts",
-        "wall": "the wall before the first body",
-        "base": "the base",
-        "gravity": "gravity",
-        "precompression": "the precompression",
-    }
-)
-
-
 def named(ids: Iterable[str]) -> str:
-    """Pieces in words, in their order.
+    """Return pieces in words, in their order.
 
     >>> named({"gravity", "drag", "base"})
     'drag, the base and gravity'
     """
     chosen = set(ids)
-    words = [word for id, word in PIECES.items() if id in chosen]
+    words = [word for id, word in TEXTS.data["pieces"].items() if id in chosen]
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def model_terms_of(scene: Scene, *, add: bool = True, dashpot: float = DASHPOT) -> tuple[ModelTerm, ...]:
-    """Every piece of physics that this scene can be with and without, in the order of :data:`PIECES`.
+    """Every piece of physics that this scene can be with and without, in the order in which they are applied.
 
     ``add``: also those that the scene has not, but its geometry tells. An upright chain of crossed cylinders stands on
     a base under its weight, has exact stiffnesses and a striker of its true mass, and loses energy in its contacts,
@@ -228,7 +211,7 @@ def model_terms_of(scene: Scene, *, add: bool = True, dashpot: float = DASHPOT) 
     """
     added = _from_geometry(scene, dashpot) if add and crossed(scene) else ()
     terms = {term.id: term for term in (*_own(scene), *added)}
-    model_terms = tuple(terms[id] for id in PIECES if id in terms)
+    model_terms = tuple(terms[id] for id in TEXTS.data["pieces"] if id in terms)
 
     def does(term: ModelTerm) -> bool:
         held = frozenset(other.id for other in model_terms if term.id in needs(scene, model_terms, other))

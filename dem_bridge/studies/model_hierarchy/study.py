@@ -17,8 +17,8 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.studies.model_hierarchy.choices import TEXTS, cheapest, choices, doubts
-from dem_bridge.studies.model_hierarchy.model_terms import DASHPOT, PIECES, named
+from dem_bridge.studies.model_hierarchy.choices import cheapest, choices, doubts
+from dem_bridge.studies.model_hierarchy.model_terms import DASHPOT, TEXTS, named
 from dem_bridge.studies.model_hierarchy.models import (
     Bench,
     Least,
@@ -247,6 +247,6 @@ def _notes(hierarchy: ModelHierarchy, bench: Bench, numerical: Sequence[Tried], 
     if hierarchy.window == "passage":
         yield TEXTS("passage", until=1e3 * bench.until, duration=1e3 * hierarchy.duration)
     ids = {term.id for term in hierarchy.model_terms}
-    if missing := [id for id in PIECES if id not in ids]:
+    if missing := [id for id in TEXTS.data["pieces"] if id not in ids]:
         yield TEXTS("missing", names=named(missing))
     yield from (item.note for item in numerical if item.note)

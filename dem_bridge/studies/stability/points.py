@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,32 +84,6 @@ class Measured:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Point:
-    """Limits of one scene: frequencies in rad/s, steps in s."""
-
-    family: str
-    """Id of the family; "": the named scene."""
-    value: float
-    """The family's parameter; nan for a scene of no family."""
-    name: str
-    pair: float
-    mode: float
-    stable: float
-    window: float
-    """Largest good step above a bad one; nan: there is none."""
-    phase: float
-    """Phase of the first touch at which the next larger step is unstable first."""
-    coarse: float
-    """Largest step that is accurate to the first of :data:`ACCURACIES`."""
-    fine: float
-    """The same to the second."""
-    engine: float
-    """Largest stable step of LAMMPS; nan: not run."""
-    rayleigh: float
-    """nan: the scene does not describe its bodies."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Threshold:
     """Limit of a scene, in units of 1/omega of its highest mode, for one permissible growth of the energy."""
 
@@ -170,33 +145,43 @@ def stable_at(result: Measured, allowed: float) -> tuple[Limit, float]:
 
 def point_of(
     result: Measured, *, family: str = "", value: float = math.nan, allowed: float, engine: Stepper | None = None
-) -> Point:
-    """Return all limits of a scene; ``engine``: LAMMPS, if its limit is searched next to that of the twin."""
-    stable, phase = stable_at(result, allowed)
-    limit = math.nan
+) -> dict[str, Any]:
+    """Return all limits of a scene and their ratios by name; times in s.
+
+    ``engine``: LAMMPS, if its limit is searched next to that of the twin. ``value`` is the parameter of the ``family``.
+    """
+    limit, phase = stable_at(result, allowed)
+    stable, pair, mode, of_engine = limit.good, result.pair, result.mode, math.nan
     if engine is not None:
-        search = {"start": stable.bad, "ratio": CLOSE, "guard": BESIDE}
-        own_limit, _ = stable_step(engine, result.scene, scale=result.scale, allowed=allowed, phases=(phase,), **search)
-        limit = own_limit.good
+        search = {"start": limit.bad, "scale": result.scale, "ratio": CLOSE, "guard": BESIDE}
+        of_engine = stable_step(engine, result.scene, allowed=allowed, phases=(phase,), **search)[0].good
     coarse, fine = (
-        accurate_step(twin, result.scene, result.truth, stable=stable.good, accuracy=accuracy).good
+        accurate_step(twin, result.scene, result.truth, stable=stable, accuracy=accuracy).good
         for accuracy in ACCURACIES
     )
-    rayleigh = rayleigh_time_of(result.scene)
-    return Point(
-        family=family,
-        value=value,
-        name=result.scene.name,
-        pair=result.pair,
-        mode=result.mode,
-        stable=stable.good,
-        window=stable.window,
-        phase=phase,
-        coarse=coarse,
-        fine=fine,
-        engine=limit,
-        rayleigh=math.nan if rayleigh is None else rayleigh,
-    )
+    rayleigh = rayleigh_time_of(result.scene) or math.nan
+    return {
+        "family": family,
+        "varied": TEXTS.data["families"][family]["axis"] if family else result.scene.name,
+        "name": result.scene.name,
+        "value": value,
+        "over_pair": 2.0 / pair,
+        "over_mode": 2.0 / mode,
+        "stable": stable,
+        "window": limit.window,
+        "engine": of_engine,
+        "engine_ratio": of_engine / stable,
+        "pair_ratio": 0.5 * stable * pair,
+        "mode_ratio": 0.5 * stable * mode,
+        "omega_dt": stable * pair,
+        "coarse": coarse,
+        "fine": fine,
+        "over_coarse": stable / coarse,
+        "over_fine": stable / fine,
+        "rayleigh": rayleigh,
+        "share": stable / rayleigh,
+        "coarse_share": coarse / rayleigh,
+    }
 
 
 def engine_on(scene: Scene, engine: Engine | None) -> Stepper | None:
@@ -268,7 +253,8 @@ def gain_map(pair: Measured, steps: Floats, phases: Floats) -> Floats:
 class Results:
     """Results so far; an interrupted study has those that were finished."""
 
-    points: list[Point] = field(default_factory=list)
+    points: list[dict[str, Any]] = field(default_factory=list)
+    """Results of :func:`point_of`."""
     thresholds: list[Threshold] = field(default_factory=list)
     gains: Floats | None = None
     """``(n_phase, n_step)`` of two bodies."""

@@ -8,7 +8,7 @@ Between the two limits lies a trap, shown on the named scene: momentum and energ
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,7 +29,6 @@ from dem_bridge.studies.stability.points import (
     STIFFNESS,
     TEXTS,
     Family,
-    Point,
     Results,
     Threshold,
     Trap,
@@ -96,6 +95,8 @@ def study_stability(
         raise UsageError(f"gain = {gain!r}; allowed: a number > 0, as 1.0 for energy that doubles")
     if isinstance(points, bool) or not isinstance(points, int) or not 2 <= points <= 100:
         raise UsageError(f"points = {points!r}; allowed: a whole number from 2 to 100")
+    from pandas import DataFrame
+
     scene = load_scene(DEFAULT_SCENE) if scene is None else scene
     if scene.drive is not None:
         raise UsageError(
@@ -110,14 +111,15 @@ def study_stability(
                 progress(done, total, label)
     except KeyboardInterrupt:
         results.interrupted = True
-    frame = points_of(scene, results)
+    columns = ["family", "varied", "value", "omega_dt", "rayleigh", *TEXTS.data["tables"]["limits"]["columns"].values()]
+    frame = DataFrame(results.points, columns=list(dict.fromkeys(columns)))
     return Study(
         id="stability",
         title=TEXTS.title(scene=scene.name),
         answer=tuple(answer(chosen, frame, results, float(gain))) or ("Nothing was finished.",),
         tables=tables(scene, frame, results),
         figures=tuple(figures(scene, chosen, frame, results, float(gain))),
-        verdicts=tuple(_agreement(point) for point in results.points if math.isfinite(point.engine)),
+        verdicts=tuple(_agreement(point) for point in results.points if math.isfinite(point["engine"])),
         notes=(*results.notes, *TEXTS.notes(gain=gain, finest=100 * (FINEST - 1), ratio=100 * (RATIO - 1))),
         interrupted=results.interrupted,
         provenance={"scene": scene.name, "scene_hash": scene.content_hash, "gain": gain, "points": points},
@@ -159,7 +161,7 @@ def _measure(
             result.thresholds.append(Threshold(scene=item.scene.name, share=share, **limits))
     result.gains = gain_map(pair, STEPS, PHASES)
     yield "trap"
-    limit = point.stable
+    limit = point["stable"]
     result.curve = [trap_of(whole, twin, TWIN, float(limit / share)) for share in CURVE]
     for dt in (float(f"{limit / share:.0e}") for share in SHARES):
         result.traps.append(trap_of(whole, twin, TWIN, dt))
@@ -167,42 +169,22 @@ def _measure(
             result.traps.append(trap_of(whole, lmp, GRANULAR, dt))
 
 
-def _agreement(point: Point) -> Verdict:
+def _agreement(point: Mapping[str, Any]) -> Verdict:
     """Judge whether LAMMPS and the twin have the same largest stable step."""
-    apart = abs(point.engine / point.stable - 1.0)
+    apart = abs(point["engine_ratio"] - 1.0)
     return Verdict(
-        scene=point.name,
+        scene=point["name"],
         quantity="largest stable step",
         backend=GRANULAR,
         reference=TWIN,
         outcome=Outcome.PASS if apart <= SAME else Outcome.FAIL,
         sentence=TEXTS("agreement", p=point, tolerance=SAME),
         difference=apart,
-        scale=point.stable,
+        scale=point["stable"],
         unit="s",
         scale_name="that of the twin",
         tolerance=SAME,
         meaning="implementation",
-    )
-
-
-def points_of(scene: Scene, result: Results) -> DataFrame:
-    """Return the limits of all scenes and their ratios, a row for each scene."""
-    from pandas import DataFrame
-
-    axes = {family: texts["axis"] for family, texts in TEXTS.data["families"].items()} | {"": scene.name}
-    frame = DataFrame(result.points, columns=list(Point.__dataclass_fields__))
-    return frame.assign(
-        varied=frame["family"].map(axes),
-        over_pair=2.0 / frame["pair"],
-        over_mode=2.0 / frame["mode"],
-        engine_ratio=frame["engine"] / frame["stable"],
-        pair_ratio=0.5 * frame["stable"] * frame["pair"],
-        mode_ratio=0.5 * frame["stable"] * frame["mode"],
-        over_coarse=frame["stable"] / frame["coarse"],
-        over_fine=frame["stable"] / frame["fine"],
-        share=frame["stable"] / frame["rayleigh"],
-        coarse_share=frame["coarse"] / frame["rayleigh"],
     )
 
 
@@ -301,7 +283,7 @@ def answer(chosen: Sequence[Family], points: DataFrame, result: Results, gain: f
         yield TEXTS("engine", count=len(both), away=np.max(np.abs(both - 1.0)), finest=100 * (FINEST - 1))
     speeds, angles = (points[points["family"] == family] for family in ("speed", "angle"))
     if len(speeds):
-        collapsed, value = speeds["stable"] * speeds["pair"], speeds["value"].iloc
+        collapsed, value = speeds["omega_dt"], speeds["value"].iloc
         spread = collapsed.max() / collapsed.min() - 1
         yield TEXTS("speed", limit=collapsed.iloc[0], first=value[0], last=value[-1], spread=spread)
     if len(angles) > 1:
