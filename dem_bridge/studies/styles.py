@@ -73,17 +73,10 @@ class Base:
             self._floors[key] = {name: max(difference(name, run, self.twin).value for run in runs) for name in COLUMNS}
         return self._floors[key]
 
-    def of_types(self, types: str) -> Deck:
-        """Return the deck with other types of bodies."""
-        return self._written(self.backend, replace(self.resolution, types=types))
-
-    def of_tables(self, style: str) -> Deck:
-        """Return the deck with tables of a style."""
-        return self._written(LammpsTable(self.backend.engine), replace(self.resolution, table_style=style))
-
-    def _written(self, backend: LammpsGranular, resolution: Resolution) -> Deck:
-        sampling = Sampling(count=self.deck.schedule.samples)
-        return backend.written(self.scene, resolution, sampling, self.prescan).deck
+    def of(self, backend: LammpsGranular | None = None, **settings: Any) -> Deck:
+        """Return the deck with other settings, or of another backend."""
+        resolution, sampling = replace(self.resolution, **settings), Sampling(count=self.deck.schedule.samples)
+        return (backend or self.backend).written(self.scene, resolution, sampling, self.prescan).deck
 
     def table_error(self, style: str) -> dict[str, float]:
         """Return the relative change that tables of this style make, by the twin that has them."""
@@ -135,7 +128,7 @@ def _history(base: Base) -> Deck:
 def _table(style: str) -> Way:
     return Way(
         name=f"table, {style}",
-        deck=lambda base: base.of_tables(style),
+        deck=lambda base: base.of(LammpsTable(base.backend.engine), table_style=style),
         style="pair table",
         changes=lambda base: base.table_error(style),
     )
@@ -145,7 +138,7 @@ _OMP = ("omp", "OPENMP", "-sf", "omp", "-pk", "omp", "2")
 _HISTORY: dict[str, Any] = {"deck": _history, "style": "pair gran/hertz/history"}
 WAYS = (
     Way(name="granular"),
-    Way(name="granular, types per body", deck=lambda base: base.of_types("per-body")),
+    Way(name="granular, types per body", deck=lambda base: base.of(types="per-body")),
     Way(name="granular, newton off", deck=lambda base: newton_off(base.deck)),
     Way(name="granular, restart halfway", deck=lambda base: with_restart(base.deck), changes=Base.restart_error),
     Way(name="granular, fix wall/gran", deck=lambda base: flat_walls(base.deck, base.scene), style="fix wall/gran"),

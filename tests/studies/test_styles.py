@@ -208,7 +208,7 @@ FAULTS: dict[str, Callable[[Base], Deck]] = {
         newton_off(base.deck), r"^(4 \d+ \S+ \S+ )(\S+)", lambda m: f"{m[1]}{float(m[2]) + 1e-12!r}", data=True
     ),
     "types per body: two contacts swapped": lambda base: _changed(
-        base.of_types("per-body"), r"(2 3 hertz )(\S+)( .*\n.* 3 4 hertz )(\S+)", r"\1\4\3\2"
+        base.of(types="per-body"), r"(2 3 hertz )(\S+)( .*\n.* 3 4 hertz )(\S+)", r"\1\4\3\2"
     ),
 }
 

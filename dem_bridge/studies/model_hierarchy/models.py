@@ -176,31 +176,27 @@ def model_hierarchy_of(
     )
 
 
+@dataclass(eq=False)
 class Bench:
     """Runs models and reads them, each once."""
 
-    def __init__(
-        self,
-        hierarchy: ModelHierarchy,
-        *,
-        jobs: int | None = None,
-        progress: Progress | None = None,
-        store: Store | None = None,
-    ) -> None:
-        self.hierarchy, self._jobs, self._progress, self._store = hierarchy, jobs, progress, store
-        self._read: dict[str, Readings] = {}
-        self.until = math.inf
+    hierarchy: ModelHierarchy
+    jobs: int | None = None
+    progress: Progress | None = None
+    store: Store | None = None
+    until: float = math.inf
+    """When the front of the fullest model is at the end, s; inf: not run yet."""
+    _read: dict[str, Readings] = field(default_factory=dict)
 
     def run(self, cases: Sequence[Case]) -> tuple[Result, ...]:
         """Run cases."""
-        return run_cases(cases, jobs=self._jobs, progress=self._progress, store=self._store)
+        return run_cases(cases, jobs=self.jobs, progress=self.progress, store=self.store)
 
     def take(self, results: Sequence[Result]) -> None:
         """Read the results of :meth:`ModelHierarchy.cases`, the first of which is the fullest model."""
         if math.isinf(self.until):
-            run = _trajectory(results[0])
-            arrival = run.crossing_time[self.hierarchy.scene.n_body - 2 : self.hierarchy.scene.n_body - 1]
-            self.until = float(arrival[0]) if len(arrival) and np.isfinite(arrival[0]) else self.hierarchy.duration
+            arrivals = _trajectory(results[0]).crossing_time[: self.hierarchy.scene.n_body - 1]
+            self.until = float(arrivals[-1]) if np.isfinite(arrivals[-1:]).any() else self.hierarchy.duration
         for result in results:
             self._read[result.case.scene.content_hash] = self.read(result.case.scene, _trajectory(result))
 

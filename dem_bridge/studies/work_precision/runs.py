@@ -129,11 +129,20 @@ def measured(
         for place, value in enumerate(curve.values)
     }
     began, fraction = time.perf_counter(), 0.0
+
+    def say(curve: Curve) -> None:
+        """Show the part of the expected time that has passed, which never falls; each setting is run twice or so."""
+        nonlocal fraction
+        spent, rest = time.perf_counter() - began, 2.0 * sum(left.values())
+        fraction = max(fraction, spent / (spent + rest) if rest > 0.0 else 1.0)
+        if progress is not None:
+            progress(fraction, 1, f"{scene.name}: {curve.name}")
+
     for curve, chosen in requested:
         # size of a setting, wall time of a run of it
         seconds: list[tuple[float, float]] = []
         call = partial(curve.run, chosen, scene, sampling=sampling, limit=limit)
-        fraction = _say(progress, f"{scene.name}: {curve.name}", began, left, fraction)
+        say(curve)
         # what is compiled, imported or cached on the way is so from here on; a failure counts when it is measured
         with suppress(*FAILURES):
             call(curve.values[0])
@@ -146,23 +155,10 @@ def measured(
                 seconds.append((curve.size(value), wall))
                 yield point
             del left[curve.name, place]
-            if len(seconds) > 1:
-                for later in range(place + 1, len(curve.values)):
-                    expected = predicted(seconds, curve.size(curve.values[later]))
-                    left[curve.name, later] = expected if expected <= limit else 0.0
-            fraction = _say(progress, f"{scene.name}: {curve.name}", began, left, fraction)
-
-
-def _say(
-    progress: Progress | None, label: str, began: float, left: Mapping[tuple[str, int], float], fraction: float
-) -> float:
-    """Show the part of the expected time that has passed, which never falls; return it."""
-    # each setting is run two times or so
-    spent, rest = time.perf_counter() - began, 2.0 * sum(left.values())
-    fraction = max(fraction, spent / (spent + rest) if rest > 0.0 else 1.0)
-    if progress is not None:
-        progress(fraction, 1, label)
-    return fraction
+            for later in range(place + 1, len(curve.values)) if len(seconds) > 1 else ():
+                expected = predicted(seconds, curve.size(curve.values[later]))
+                left[curve.name, later] = expected if expected <= limit else 0.0
+            say(curve)
 
 
 def _measured(

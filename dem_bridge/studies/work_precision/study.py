@@ -117,23 +117,18 @@ def study_work_precision(
         uncertainty=uncertainties_of(reference),
         provenance={key: truth.trajectory.provenance[key] for key in ("scene_hash", "versions", "machine")},
     )
-    return shown(result, notes=notes, interrupted=interrupted)
-
-
-def shown(measured: Measured, *, notes: Sequence[str] = (), interrupted: bool = False) -> Study:
-    """Return the study of what was measured."""
-    counts = {"lost": sum(not point.ran for point in measured.points), "count": len(measured.points)}
-    bar = measured.uncertainty["velocity", "max"]
+    counts = {"lost": sum(not point.ran for point in points), "count": len(points)}
+    bar = result.uncertainty["velocity", "max"]
     return Study(
         id=ID,
-        title=TEXTS.title(scene=measured.scene.name),
-        answer=tuple(_answer(measured)),
-        tables=(_cheapest_table(measured), _floors_table(measured), _runs_table(measured)),
-        figures=tuple(figures(measured)),
-        notes=(*TEXTS.notes(bar=bar, limit=measured.limit, **counts), *notes),
+        title=TEXTS.title(scene=scene.name),
+        answer=tuple(_answer(result)),
+        tables=(_cheapest_table(result), _floors_table(result), _runs_table(result)),
+        figures=tuple(figures(result)),
+        notes=(*TEXTS.notes(bar=bar, limit=limit, **counts), *notes),
         interrupted=interrupted,
-        provenance=measured.provenance,
-        files={f"{ID}-all.csv": partial(as_csv, measured), f"{ID}.nc": partial(as_netcdf, measured)},
+        provenance=result.provenance,
+        files={f"{ID}-all.csv": partial(as_csv, result), f"{ID}.nc": partial(as_netcdf, result)},
     )
 
 
