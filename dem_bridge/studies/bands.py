@@ -126,7 +126,7 @@ def study_bands(
     rows = [row for result in matches for row in _rows(cell, result, tolerance, excused=bool(excuses[result.backend]))]
     return Study(
         id="bands",
-        title=TEXTS.title(scene=scene.name),
+        title=TEXTS("title", scene=scene.name),
         answer=(*_answer(scene, cell, matches, rows, tolerance), *_undecided(rows, excuses)),
         tables=(TEXTS.table("edges", rows, tolerance=tolerance), TEXTS.table("codes", matches)),
         figures=(_figure(cell, matches),) if matches else (),

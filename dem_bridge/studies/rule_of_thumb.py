@@ -112,7 +112,7 @@ def study_rule_of_thumb(
     errors = [errors_of(item, results) for item, results in zip(scenes, groups, strict=True)]
     return Study(
         id="rule-of-thumb",
-        title=TEXTS.title(),
+        title=TEXTS("title"),
         answer=tuple(_answer(errors)),
         tables=(table(errors), _engine_table(errors)),
         figures=(_figure(errors),) if any(error.errors() for error in errors) else (),

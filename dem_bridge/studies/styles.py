@@ -308,7 +308,7 @@ def study_of(base: Base, rows: Sequence[Row]) -> Study:
         answer.append(TEXTS("worst", share=share, name=name.replace("_", " "), way=way))
     return Study(
         id="styles",
-        title=TEXTS.title(scene=scene),
+        title=TEXTS("title", scene=scene),
         answer=tuple(answer),
         tables=(TEXTS.table("styles", rows), TEXTS.table("tolerances", ran)),
         figures=(_figure(scene, ran),) if ran else (),

@@ -59,10 +59,6 @@ class Texts:
         """Return a sentence."""
         return fill(self.data["sentences"][key], **values)
 
-    def title(self, **values: Any) -> str:
-        """Return the title of the study."""
-        return fill(self.data["title"], **values)
-
     def notes(self, **values: Any) -> tuple[str, ...]:
         """Return the notes that do not depend on the outcome."""
         return tuple(fill(note, **values) for note in self.data["notes"])

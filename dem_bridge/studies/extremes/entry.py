@@ -63,16 +63,15 @@ def entry(scene: Scene, asks: str, *truths: Callable[[Scene], Truth], **settings
 
 def kinds(judged: Backend) -> tuple[str, ...]:
     """Return the keys under which an expectation for this backend may stand, the most special first."""
-    results = [judged.name]
-    if judged.name in ENGINE_BACKENDS:
-        results.append(ENGINE)
-    if judged.equations != "hertz":
-        return (*results, THEORY)
-    if judged.order == 2:
-        results.append(VERLET)
-    if judged.order is not None:
-        results.append(FIXED_STEP)
-    return (*results, HERTZ)
+    hertz = judged.equations == "hertz"
+    holds = {
+        ENGINE: judged.name in ENGINE_BACKENDS,
+        THEORY: not hertz,
+        VERLET: hertz and judged.order == 2,
+        FIXED_STEP: hertz and judged.order is not None,
+        HERTZ: hertz,
+    }
+    return (judged.name, *(kind for kind, is_of_it in holds.items() if is_of_it))
 
 
 def expectation(entry: Entry, name: str) -> Expected:
@@ -84,10 +83,8 @@ def expectation(entry: Entry, name: str) -> Expected:
     if name in entry.left_out:
         return Expected(Word.NOT_RUN)
     every = kinds(backend(name))
-    for kind in every:
-        if kind in entry.expected:
-            return entry.expected[kind]
-    return Expected(Word.MODEL if THEORY in every else Word.RIGHT)
+    default = Expected(Word.MODEL if THEORY in every else Word.RIGHT)
+    return next((entry.expected[kind] for kind in every if kind in entry.expected), default)
 
 
 def refused(because: str) -> Expected:
@@ -95,9 +92,9 @@ def refused(because: str) -> Expected:
     return Expected(Word.REFUSED, because)
 
 
-def theories_refuse(because: str, **more: Expected) -> dict[str, Expected]:
+def theories_refuse(because: str) -> dict[str, Expected]:
     """Return the expectations of a scene that is no single pulse into a touching chain at rest."""
-    return {THEORY: refused(because), **more}
+    return {THEORY: refused(because)}
 
 
 def checked(entries: Sequence[Entry]) -> Mapping[str, Entry]:

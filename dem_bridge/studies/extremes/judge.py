@@ -115,14 +115,11 @@ def judge(result: Result, standards: Sequence[Standard], *, model: bool) -> Find
 
     ``model``: whether it solves other equations, so that only a number can be stated.
     """
-    failure = result.failure
-    if isinstance(failure, BackendUnavailable):
-        return Finding(word=Word.NOT_RUN, reason=str(failure))
-    if isinstance(failure, Crashed):
-        return Finding(word=Word.BROKEN, reason=str(failure))
-    run = result.trajectory
+    run, failure = result.trajectory, result.failure
     if run is None:
-        return Finding(word=Word.REFUSED, reason=str(failure))
+        words = {BackendUnavailable: Word.NOT_RUN, Crashed: Word.BROKEN}
+        word = next((word for kind, word in words.items() if isinstance(failure, kind)), Word.REFUSED)
+        return Finding(word=word, reason=str(failure))
     if model:
         return _model(run, standards)
     results, truths = [], []
@@ -140,16 +137,14 @@ def judge(result: Result, standards: Sequence[Standard], *, model: bool) -> Find
 
 
 def outcome(finding: Finding, expected: Expected) -> Outcome:
-    """PASS where what was found is expected; a missing engine is NOT_RUN, a crash BROKEN whatever is expected."""
-    if finding.word is Word.NOT_RUN:
-        return Outcome.NOT_RUN
-    if finding.word is Word.BROKEN:
-        return Outcome.BROKEN
-    return Outcome.PASS if expected.fits(finding.word, finding.reason) else Outcome.FAIL
+    """Return PASS where what was found is expected; a missing engine is NOT_RUN, a crash BROKEN."""
+    outcomes = {Word.NOT_RUN: Outcome.NOT_RUN, Word.BROKEN: Outcome.BROKEN}
+    fits = expected.fits(finding.word, finding.reason)
+    return outcomes.get(finding.word, Outcome.PASS if fits else Outcome.FAIL)
 
 
 def _said(run: Trajectory) -> float:
-    """Bar of the velocities over the largest of them; 0 where all are at rest and known to be."""
+    """Return the bar of the velocities over the largest of them; 0 where all are at rest and known to be."""
     return _over(run.uncertainty["velocity"], float(np.max(np.abs(run.velocity))))
 
 
@@ -191,7 +186,9 @@ def _worst(run: Trajectory, truth: Trajectory, standard: Standard) -> Finding:
             scale = own_scale(other)
         bars = [np.broadcast_to(np.atleast_1d(item.uncertainty[name]), error.shape) for item in (run, truth)]
         allowed = np.zeros_like(error) if standard.to_the_bit else bars[0] + bars[1]
-        ratio = np.array([_ratio(e, b) for e, b in zip(error, allowed, strict=True)])
+        # 0: right to the last digit, or nothing was said
+        ratio = np.where((error == 0.0) | np.isinf(allowed), 0.0, math.inf)
+        np.divide(error, allowed, out=ratio, where=np.isinf(ratio) & (allowed > 0.0))
         if not len(ratio):
             continue
         # of what never happens there is no scale: any bar but an infinite one says that it does not
@@ -213,9 +210,3 @@ def _worst(run: Trajectory, truth: Trajectory, standard: Standard) -> Finding:
             )
         )
     return replace(max(results, key=lambda result: result.ratio), unsaid=", ".join(unsaid))
-
-
-def _ratio(error: float, allowed: float) -> float:
-    if error == 0.0 or math.isinf(allowed):
-        return 0.0  # right to the last digit, or nothing was said
-    return error / allowed if allowed > 0.0 else math.inf

@@ -125,7 +125,7 @@ def study_extremes(
     rows = rows_of(entries, engine=engine, jobs=jobs, progress=progress, store=store)
     return Study(
         id="extremes",
-        title=TEXTS.title(),
+        title=TEXTS("title"),
         answer=answer(rows),
         tables=tables(rows),
         figures=figures(rows),

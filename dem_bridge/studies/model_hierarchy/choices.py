@@ -65,7 +65,8 @@ def choices(bench: Bench, observables: Sequence[str], engine: Engine | None) -> 
     # all that theories do not know is left out; stiffness and the striker's mass are those of the fullest model
     kept = ("stiffness-law", "striker-stiffness", "striker-mass")
     barest = hierarchy.model(frozenset(term.id for term in hierarchy.model_terms if term.id not in kept))
-    runs = [*_without_engine(full, hierarchy.samples), *_of_engine(full, hierarchy.samples)]
+    step = default_step(full, Sampling(count=hierarchy.samples), prescan_scene(full))
+    runs = [*_without_engine(step), *_of_engine(full, step)]
     runs.append(("ode45", "ode45 at MATLAB's default tolerances", "ode45", Resolution()))
     cases = []
     for *_, name, resolution in runs:
@@ -77,26 +78,22 @@ def choices(bench: Bench, observables: Sequence[str], engine: Engine | None) -> 
         yield _numerical(bench, name, what, truth, result, observables)
 
 
-def _without_engine(scene: Scene, samples: int) -> Iterator[Choice]:
+def _without_engine(step: float) -> Iterator[Choice]:
     """Yield the numerical choices without LAMMPS, from the coarsest to the finest."""
     rough = Resolution()
     yield "binary collisions", "binary collisions in place of the equations of motion", "bca", rough
     yield "the adiabatic wave", "the adiabatic wave in place of the equations of motion", "adiabatic", rough
     for factor in STEPS:
-        yield "velocity-Verlet", "velocity-Verlet", "verlet", Resolution(dt=factor * _default_step(scene, samples))
+        yield "velocity-Verlet", "velocity-Verlet", "verlet", Resolution(dt=factor * step)
 
 
-def _of_engine(scene: Scene, samples: int) -> Iterator[Choice]:
-    step = Resolution(dt=OF_ENGINE * _default_step(scene, samples))
-    yield "LAMMPS granular", "LAMMPS, pair_style granular", "lammps-granular", step
+def _of_engine(scene: Scene, step: float) -> Iterator[Choice]:
+    coarse = Resolution(dt=OF_ENGINE * step)
+    yield "LAMMPS granular", "LAMMPS, pair_style granular", "lammps-granular", coarse
     if scene.spacing is not None:
         what = "LAMMPS, pair_style granular, bodies of their physical radius"
-        yield "the same, physical radius", what, "lammps-granular", replace(step, geometry="physical")
-    yield "LAMMPS table", "LAMMPS, pair_style table", "lammps-table", step
-
-
-def _default_step(scene: Scene, samples: int) -> float:
-    return default_step(scene, Sampling(count=samples), prescan_scene(scene))
+        yield "the same, physical radius", what, "lammps-granular", replace(coarse, geometry="physical")
+    yield "LAMMPS table", "LAMMPS, pair_style table", "lammps-table", coarse
 
 
 def _numerical(
@@ -116,7 +113,8 @@ def cheapest(bench: Bench, below: Least, observables: Sequence[str]) -> Tried | 
     """Return the coarsest numerics that keep the accuracy together with all that the least model leaves out."""
     hierarchy = bench.hierarchy
     [full] = bench.of([hierarchy.model()])
-    runs = list(_without_engine(below.scene, hierarchy.samples))
+    step = default_step(below.scene, Sampling(count=hierarchy.samples), prescan_scene(below.scene))
+    runs = list(_without_engine(step))
     results = bench.run([hierarchy.case(below.scene, backend, resolution) for *_, backend, resolution in runs])
     tried = (
         _numerical(bench, name, what, full, result, observables)

@@ -123,7 +123,7 @@ def study_model_hierarchy(
     texts = {"scene": scene.name, "accuracy": accuracy, "least": LEAST_SHOWN}
     return Study(
         id="model-hierarchy",
-        title=TEXTS.title(**texts),
+        title=TEXTS("title", **texts),
         answer=tuple(answer),
         tables=tuple(_table(hierarchy, id, items) for id, items in tables.items() if items),
         figures=(TEXTS.figure("effects", drawn, **texts),) if drawn else (),

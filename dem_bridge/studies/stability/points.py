@@ -194,20 +194,20 @@ def engine_on(scene: Scene, engine: Engine | None) -> Stepper | None:
 
 @dataclass(frozen=True, kw_only=True)
 class Trap:
-    """One run of a scene at a large step: what looks right in it beside what is wrong. All relative."""
+    """One run of a scene at a large step: what looks right in it and what is wrong. All relative; inf: it broke."""
 
     backend: str
     dt: float
     """s."""
-    velocity: float
+    velocity: float = math.inf
     """Largest error over all samples and bodies, over the truth's largest velocity."""
-    last: float
+    last: float = math.inf
     """The same at the end alone."""
-    momentum: float
+    momentum: float = math.inf
     """Largest change over that of the start; nan: walls or weight change it."""
-    kinetic: float
+    kinetic: float = math.inf
     """Error of the kinetic energy at the end, over the truth's there."""
-    energy: float
+    energy: float = math.inf
     """What the total energy has grown by at the end, over what was in motion."""
 
 
@@ -217,8 +217,7 @@ def trap_of(result: Measured, stepper: Stepper, backend: str, dt: float) -> Trap
     try:
         run = stepper(scene, dt)
     except RunBroken:
-        nothing = dict.fromkeys(("velocity", "last", "momentum", "kinetic", "energy"), math.inf)
-        return Trap(backend=backend, dt=dt, **nothing)
+        return Trap(backend=backend, dt=dt)
     # the end of the scene need not fall on a step
     final = int(np.searchsorted(run.time, truth.time[-1] * (1.0 + 1e-12), side="right")) - 1
     available, _ = energies(result.scene, truth)

@@ -115,7 +115,7 @@ def study_stability(
     frame = DataFrame(results.points, columns=list(dict.fromkeys(columns)))
     return Study(
         id="stability",
-        title=TEXTS.title(scene=scene.name),
+        title=TEXTS("title", scene=scene.name),
         answer=tuple(answer(chosen, frame, results, float(gain))) or ("Nothing was finished.",),
         tables=tables(scene, frame, results),
         figures=tuple(figures(scene, chosen, frame, results, float(gain))),

@@ -121,7 +121,7 @@ def study_work_precision(
     bar = result.uncertainty["velocity", "max"]
     return Study(
         id=ID,
-        title=TEXTS.title(scene=scene.name),
+        title=TEXTS("title", scene=scene.name),
         answer=tuple(_answer(result)),
         tables=(_cheapest_table(result), _floors_table(result), _runs_table(result)),
         figures=tuple(figures(result)),
