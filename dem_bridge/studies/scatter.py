@@ -175,7 +175,7 @@ def study_scatter(
     arrival = {"spread": spread, "mean": 100.0 * mean, "deviation": 100.0 * deviation}
     return Study(
         id="scatter",
-        title=TEXTS.title(scene=scene.name),
+        title=TEXTS("title", scene=scene.name),
         answer=(
             TEXTS("arrival", scene=scene.name, count=chains.count, **arrival),
             *(

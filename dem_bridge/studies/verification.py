@@ -67,7 +67,7 @@ def verification_of(
     verdicts = tuple(verdict for study in studies for verdict in study.verdicts)
     return Verification(
         id="verify",
-        title=TEXTS.title(scenes=", ".join(study.scene.name for study in studies)),
+        title=TEXTS("title", scenes=", ".join(study.scene.name for study in studies)),
         answer=tuple(map(_answer, studies)),
         tables=(verdict_table(verdicts), observable_table(studies)),
         verdicts=verdicts,
