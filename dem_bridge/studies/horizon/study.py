@@ -169,7 +169,7 @@ def study_horizon(
     not_run = () if lmp.failure is None else (TEXTS("engine", failure=lmp.failure),)
     return Study(
         id="horizon",
-        title=TEXTS.title(scene=scene.name),
+        title=TEXTS("title", scene=scene.name),
         answer=tuple(answer(result, created)),
         tables=tables(result, created),
         figures=figures(result),
