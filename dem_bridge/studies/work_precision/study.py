@@ -172,7 +172,7 @@ def _answer(measured: Measured) -> Iterator[str]:
     floors = [
         f"{setting(end[0])} with {end[0].error('velocity'):.1e}"
         for end in ends
-        if end is not None and end[1].startswith("its floor") and end[0].curve.knob in ("dt", "rtol", "atol")
+        if end is not None and end[1] in ("worse", "floor") and end[0].curve.knob in ("dt", "rtol", "atol")
     ]
     if floors:
         yield TEXTS("floors", floors="; ".join(floors))
@@ -185,7 +185,7 @@ def _ms(seconds: float) -> str:
 
 
 def _floor(measured: Measured, name: str) -> tuple[Point, str] | None:
-    """Return the point of least velocity error of a curve, and the reason why there is no better; None without runs."""
+    """Return the point of least velocity error of a curve, and the text why there is no better; None without runs."""
     points = [point for point in measured.points if point.curve.name == name]
     ran = [point for point in points if math.isfinite(point.error("velocity"))]
     if not ran:
@@ -205,7 +205,7 @@ def _floor(measured: Measured, name: str) -> tuple[Point, str] | None:
         reason = "floor"
     else:
         reason = "limit" if not all(point.ran for point in points[points.index(least) + 1 :]) else "end"
-    return least, TEXTS(reason, limit=measured.limit)
+    return least, reason
 
 
 def _on_richardson(measured: Measured) -> Iterator[str]:
@@ -270,7 +270,7 @@ def _floors_table(measured: Measured) -> Table:
             reason = next(point.reason for point in measured.points if point.curve.name == name)
             rows.append((name, "-", *[math.nan] * (len(others) + 2), reason))
             continue
-        best, reason = floor
+        best, reason = floor[0], TEXTS(floor[1], limit=measured.limit)
         points = measured.of(name)
         least = (min((measured.bound(point, other) for point in points), default=math.inf) for other in others)
         rows.append((name, _turned(best), measured.bound(best, "velocity"), 1e3 * best.cpu_min, *least, reason))
