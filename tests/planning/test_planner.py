@@ -266,7 +266,8 @@ def test_a_free_choice_is_said_and_solve_takes_it() -> None:
     run = db.solve(FIVE, accuracy=1e-5)
     assert run.uncertainty["velocity"] <= 1e-5 * np.max(np.abs(run.velocity))
     told = " ".join(found.reasons)
-    assert all(name in told for name in ("verlet", "blanes-moan", "reference", "scipy"))
+    # which of them is the cheapest can depend on what else the machine does
+    assert all(name in told for name in {"verlet", "blanes-moan", "reference", "scipy"} - {found.backend})
     with pytest.raises(UsageError, match=r"backend = None; allowed: .*an accuracy"):
         db.solve(FIVE)
 

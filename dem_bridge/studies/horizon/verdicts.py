@@ -61,13 +61,18 @@ def _verdict(
 
 def single(result: Found, trust: Trust) -> Verdict:
     """Judge whether each velocity is known to 1 % all along; beyond the horizon single velocities are UNDECIDED."""
-    known = math.isinf(trust.horizon)
+    predictable = math.isinf(trust.horizon)
     return _verdict(
         result,
         "velocity",
         trust.backend,
-        Outcome.PASS if known else Outcome.UNDECIDED,
-        TEXTS("velocity_known" if known else "velocity_until", trust=trust, scene=result.scene, ms=1e3 * trust.horizon),
+        Outcome.PASS if predictable else Outcome.UNDECIDED,
+        TEXTS(
+            "velocity_known" if predictable else "velocity_until",
+            trust=trust,
+            scene=result.scene,
+            ms=1e3 * trust.horizon,
+        ),
         reference="" if trust.backend == REFERENCE else REFERENCE,
         scale_name="largest |velocity|",
         difference=math.nan if trust.error is None else float(trust.error[-1]),
