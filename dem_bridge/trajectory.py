@@ -202,7 +202,7 @@ class Trajectory(_ReadOnly):
     >>> pair = db.Scene(name="pair", duration=1e-4, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=4)
     >>> run = db.solve(pair, backend="scipy")
     >>> run.velocity.shape, f"{run.peak_force[0]:.1f} N"
-    ((5, 2), '259.3 N')
+    ((5, 2), '252.4 N')
     """
 
     time: Floats

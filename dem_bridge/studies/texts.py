@@ -43,7 +43,7 @@ class Texts:
     """Texts of one study. Each may hold fields in braces, which are filled with the values of the call.
 
     >>> Texts("bands")("oscillation", share=0.021, small="small")
-    'Overlaps oscillate by 2.1 % of the static ones: small.'
+    'The oscillation of the overlaps is 2.1 % of the static overlaps: small.'
     """
 
     def __init__(self, name: str) -> None:

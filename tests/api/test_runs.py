@@ -236,11 +236,11 @@ def test_a_scene_that_the_style_cannot_express_writes_nothing(tmp_path: Path) ->
 
 
 def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(self: Path, text: str, **_: object) -> int:
+    def full(self: Path, data: bytes) -> int:
         self.touch()
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(UsageError, match="No space left on device"):
         db.write_deck(PAIR, tmp_path)
     assert list(tmp_path.iterdir()) == []

@@ -115,8 +115,8 @@ FAULTS = {
     "the last kick once only": ("twice = stage == 0 and (begun or turn > 0)", "twice = stage == 0 and turn > 0"),
     "the kick of another stage": ("kick, drift = kicks[stage]", "kick, drift = kicks[stage - 1]"),
     "a drift of a whole step": ("dt * drifts[stage]", "dt"),
-    "weight forgotten": ("weight[i + 1] + beside", "beside"),
-    "a force one body on": ("beside, behind = ahead, u", "behind = u"),
+    "weight forgotten": ("weight[i + 1] + pushed", "pushed"),
+    "a force one body on": ("pushed, behind = ahead, u", "behind = u"),
     "tension allowed": ("closed = depth if depth > 0.0 else 0.0", "closed = depth if depth > 0.0 else -1e-3 * depth"),
     "turns of open contacts alone": ("max(was_overlap[k], s[k]) > 0.0", "s[k] > was_overlap[k]"),
 }
