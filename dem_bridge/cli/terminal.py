@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from dem_bridge.planning.answer import Plan
     from dem_bridge.scene import Scene
-    from dem_bridge.studies.study import Study
+    from dem_bridge.studies.study import Study, Table
 
 _COLOURS = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
 #: rows of all tables together that are printed on a terminal
@@ -90,11 +90,19 @@ def print_plan(plan: Plan, scene: str) -> None:
         _console().print(f"reason: {reason}", markup=False, soft_wrap=True)
 
 
+def _without_single_scene(table: Table) -> tuple[str, Sequence[str], Sequence[Sequence[str | float]]]:
+    """Return title, columns and rows; the name of a scene that all rows share stands in the title alone."""
+    scenes = {row[0] for row in table.rows}
+    if table.columns[0] != "scene" or len(scenes) != 1:
+        return table.title, table.columns, table.rows
+    return f"{table.title}: {scenes.pop()}", table.columns[1:], [row[1:] for row in table.rows]
+
+
 def print_study(study: Study) -> None:
     """Print the answer, the first tables, the number of verdicts by outcome, and the verdicts that do not pass."""
     from collections import Counter
 
-    from rich.table import Table
+    from rich.table import Table as Grid
 
     console, rows = _console(), 0
     for sentence in study.answer:
@@ -104,10 +112,12 @@ def print_study(study: Study) -> None:
         if rows > _MOST_ROWS:
             console.print(f"{data.title}: {len(data.rows)} rows (-o writes them to tables/{data.id}.csv)", markup=False)
             continue
-        table = Table(box=None, pad_edge=False, title=data.title, title_justify="left", title_style="bold")
-        for name in data.columns:
+        title, columns, cells = _without_single_scene(data)
+        console.print(title, style="bold", markup=False)
+        table = Grid(box=None, pad_edge=False)
+        for name in columns:
             table.add_column(name, overflow="fold")
-        for row in data.rows:
+        for row in cells:
             table.add_row(*map(_cell, row))
         console.print(table)
     if counts := Counter(verdict.outcome.value for verdict in study.verdicts):

@@ -326,3 +326,16 @@ def test_the_terminal_knows_all_outcomes(capsys: pytest.CaptureFixture[str]) -> 
     shown = capsys.readouterr().out
     assert "* It <is> so." in shown
     assert "[a]" in shown
+
+
+@pytest.mark.parametrize("names", [("pair",), ("pair", "pair"), ("pair", "chain")], ids=" ".join)
+def test_the_scene_stands_in_the_title_if_all_rows_share_it(
+    names: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = tuple((name, float(x)) for x, name in enumerate(names))
+    table = Table(id="numbers", title="Numbers", caption="", columns=("scene", "x"), rows=rows)
+    terminal.print_study(replace(small(), tables=(table,)))
+    shown = capsys.readouterr().out
+    shared = len(set(names)) == 1
+    assert ("Numbers: pair" in shown) == shared
+    assert shown.count("pair") == (1 if shared else names.count("pair"))

@@ -91,7 +91,7 @@ def test_the_answer_is_five_sentences_each_with_a_number(claims: tuple[Claim, ..
     assert largest.startswith(
         "The largest term of the whole error budget is a dashpot, by 99 % (arrival at the last cylinder"
     )
-    assert "Of the model and its parameters it is a lighter striker, by -13 % (force at the middle of" in largest
+    assert "Among the model terms and parameters the largest is a lighter striker, by -13 % (force at the" in largest
     assert "changes results by up to 4 %" in largest
     assert "with values assumed by us, the largest is a dashpot, by 99 %" in largest
     assert "the numerical error of LAMMPS is 0.0002 %" in largest
