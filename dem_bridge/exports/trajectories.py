@@ -71,8 +71,8 @@ def format_of(path: Path, name: str | None = None) -> str:
         return name
     if path.suffix.lower() not in SUFFIXES:
         raise UsageError(
-            f"{path}: the file type is not clear from {path.suffix!r}; allowed: {', '.join(SUFFIXES)}; rename the file,"
-            " or give its format (--format)"
+            f"{path}: the file type is not clear from {path.suffix!r}; allowed: {', '.join(SUFFIXES)}; rename the file"
+            " or state its format"
         )
     return SUFFIXES[path.suffix.lower()]
 
