@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.trajectory import UNKNOWN, Trajectory
+
+Family = TypeVar("Family")
 
 
 def load_run(case: Case, store: Store | None) -> Trajectory | None:
@@ -45,6 +48,18 @@ class RunCache:
         """Keep the run of a case, and return it."""
         self.runs[replace(case, uncertainty=False)] = run
         return run
+
+    def load_or_solve(self, case: Case, solve: Callable[[], Trajectory]) -> Trajectory:
+        """Return the run of a case, without uncertainty; ``solve`` makes it where there is none, and it is kept."""
+        return self.load(case) or self.keep(case, solve())
+
+    def family(self, case: Case, solve: Callable[[Case, RunCache], Family]) -> Family:
+        """Return the family of a case, without uncertainty; ``solve`` makes it where there is none, and it is kept."""
+        case = replace(case, uncertainty=False)
+        if case not in self.families:
+            self.families[case] = solve(case, self)
+        family: Family = self.families[case]
+        return family
 
     def adopt(self, other: RunCache) -> None:
         """Keep the runs and families of another cache."""

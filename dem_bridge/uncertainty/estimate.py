@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, cast
 
@@ -107,7 +108,7 @@ def estimate_uncertainty(
     runs, scipy = [], ScipyDop853(largest_rtol=math.inf)  # a looser run need not be as good as a reference
     for number, other in enumerate(looser, start=1):
         with progress.share(number / (1 + len(looser)), 1.0 / (1 + len(looser))):
-            runs.append(cache.load(other) or cache.keep(other, other.solve(scipy)))
+            runs.append(cache.load_or_solve(other, partial(other.solve, scipy)))
     return replica_uncertainty(run, runs, looser_rule(case.scene))
 
 
@@ -164,4 +165,4 @@ def _family(case: Case, cache: RunCache) -> TwinFamily | None:
 def _run(case: Case, cache: RunCache, code: Backend | None = None) -> Trajectory:
     if code is not None:
         return case.solve(code)
-    return cache.load(case) or cache.keep(case, case.solve())
+    return cache.load_or_solve(case, case.solve)

@@ -7,6 +7,7 @@ quarter, whatever its order is there.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 from dem_bridge.backends.base import Resolution
 from dem_bridge.backends.blanes_moan import ORDER, PHASE, SRKN_6B, BlanesMoan
@@ -14,9 +15,10 @@ from dem_bridge.backends.curves import CELLS
 from dem_bridge.backends.splitting import solve
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.dense import MOST_STEPS
+from dem_bridge.dense import MOST_STEPS, Schedule
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
+from dem_bridge.scene import Scene
 from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.uncertainty.family import TwinFamily
@@ -34,11 +36,7 @@ SCATTER = 6.0
 
 def blanes_moan_family(case: Case, cache: RunCache | None = None) -> TwinFamily | None:
     """Return the family of a case; None if the finer run would have more steps than can be counted."""
-    cache, case = cache or RunCache(), replace(case, uncertainty=False)
-    if case not in cache.families:
-        cache.families[case] = _solve_family(case, cache)
-    family: TwinFamily | None = cache.families[case]
-    return family
+    return (cache or RunCache()).family(case, _solve_family)
 
 
 def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
@@ -56,7 +54,7 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
         steps = fixed_step_plan(scene, other.resolution, case.sampling, prescan)
         ratio = steps.step / plan.step
         plans[ratio] = steps
-        others[ratio] = cache.load(other) or cache.keep(other, solve(code, SRKN_6B, scene, steps, full=False)[0])
+        others[ratio] = cache.load_or_solve(other, partial(_run_at, scene, steps))
     halved = None
     if scene.law is not None:
         halved, _ = solve(code, SRKN_6B, scene, plan, cells=CELLS // 2, full=False)
@@ -73,3 +71,8 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
         scatter=SCATTER,
     )
     return complete_family(family, watch, plans, lambda steps: solve(code, SRKN_6B, scene, steps))
+
+
+def _run_at(scene: Scene, steps: Schedule) -> Trajectory:
+    """Return the run at other steps, without its dense samples."""
+    return solve(BlanesMoan(), SRKN_6B, scene, steps, full=False)[0]

@@ -6,6 +6,7 @@ LAMMPS, ASE and the twin on the same steps share one family: it is a function of
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.backends.curves import CELLS
@@ -61,12 +62,8 @@ def twin_family(
     cache : RunCache, optional
         Where runs are looked for and kept, so that others need not repeat them.
     """
-    cache = cache or RunCache()
-    case = Case(scene=scene, backend=TWIN.name, resolution=resolution, sampling=sampling, uncertainty=False)
-    if case not in cache.families:
-        cache.families[case] = _solve_family(case, cache)
-    family: TwinFamily | None = cache.families[case]
-    return family
+    case = Case(scene=scene, backend=TWIN.name, resolution=resolution, sampling=sampling)
+    return (cache or RunCache()).family(case, _solve_family)
 
 
 def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
@@ -84,14 +81,14 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
     plain = replace(case, resolution=Resolution(dt=resolution.dt))
     at_radius = replace(case, resolution=replace(resolution, surrogate_radius=radius, geometry="surrogate"))
 
-    main = cache.load(plain) or cache.keep(plain, solve_plan(scene, plan))
+    main = cache.load_or_solve(plain, partial(solve_plan, scene, plan))
     plans, others = {}, {}
     for ratio in ratios:
         other = replace(plain, resolution=Resolution(dt=ratio * plan.step))
         steps = fixed_step_plan(scene, other.resolution, sampling, prescan)
         ratio = steps.step / plan.step
         plans[ratio] = steps
-        others[ratio] = cache.load(other) or cache.keep(other, solve_plan(scene, steps))
+        others[ratio] = cache.load_or_solve(other, partial(solve_plan, scene, steps))
     positional, dense = solve_dense(scene, plan, radius, tables)
     cache.keep(at_radius, positional)
     family = TwinFamily(
@@ -113,4 +110,4 @@ def _tabled(case: Case, plan: Schedule, tables: Tables, cache: RunCache) -> Traj
     """Return the twin with tables in overlap variables, which is a case unless the radius is given."""
     if case.resolution.surrogate_radius is not None:
         return solve_plan(case.scene, plan, tables=tables)
-    return cache.load(case) or cache.keep(case, solve_plan(case.scene, plan, tables=tables))
+    return cache.load_or_solve(case, partial(solve_plan, case.scene, plan, tables=tables))
