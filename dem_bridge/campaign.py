@@ -225,19 +225,19 @@ def _run_all(
     run: Callable[[Case], tuple[Result, RunCache]],
 ) -> None:
     # the longest first: then all cores end at about the same time
-    names = sorted(cases, key=lambda one: -cases[one].expected)
-    away = {one: cases[one] for one in names if jobs is not None or not _stays(cases[one].scene, of_main=True)}
+    names = sorted(cases, key=lambda name: -cases[name].expected)
+    away = {name: cases[name] for name in names if jobs is not None or not _stays(cases[name].scene, of_main=True)}
     workers = _workers(jobs, away.values())
     if workers > 1:
         _run_away(away, workers, keep, run)
-    for one in names:
-        if workers > 1 and one in away:
+    for name in names:
+        if workers > 1 and name in away:
             continue
-        label = cases[one].label
+        label = cases[name].label
         say(label, 0.0)
-        with listening(partial(_within, say, label, cases[one].expected)):
-            result, others = run(cases[one])
-        keep(one, result, others)
+        with listening(partial(_within, say, label, cases[name].expected)):
+            result, others = run(cases[name])
+        keep(name, result, others)
 
 
 def _run_away(
@@ -256,7 +256,7 @@ def _run_away(
     )
     try:
         with _bare_main(any(_stays(case.scene, of_main=True) for case in cases.values())):
-            futures = {executor.submit(run, case): one for one, case in cases.items()}
+            futures = {executor.submit(run, case): name for name, case in cases.items()}
         for future in as_completed(futures):
             keep(futures[future], *future.result())
         ended = True
@@ -272,7 +272,7 @@ def _run_away(
 
 
 def _begin() -> None:
-    """In each worker: Ctrl-C is for the program that asked, and the worker ends with that however it ends."""
+    """Leave Ctrl-C to the program that started this worker, and end the worker when that program ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     assert parent is not None  # a worker has one
@@ -300,7 +300,7 @@ def _bare_main(needed: bool) -> Iterator[None]:
 
 
 def _workers(jobs: int | None, cases: Iterable[Case]) -> int:
-    """How many processes pay."""
+    """Return how many processes run the cases: ``jobs`` where it is given, otherwise as many as save time."""
     cases = list(cases)
     if jobs is not None:
         return min(jobs, len(cases))

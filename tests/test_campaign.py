@@ -40,17 +40,11 @@ from dem_bridge.trajectory import Trajectory
 from dem_bridge.uncertainty.estimate import solve
 from tests.helpers.fake_runs import free_flight
 from tests.helpers.processes import PATIENCE, all_end, running
+from tests.helpers.three_bodies import THREE
 
 #: what no scene satisfies
 NEVER = Condition("nothing", lambda scene: "it can do nothing")
-SCENE = Scene(
-    name="three",
-    duration=1e-4,
-    mass=(8.1e-3, 1e-2, 1e-2),
-    stiffness=(4e9, 5e9),
-    velocity=(0.8, 0.0, 0.0),
-    samples=4,
-)
+SCENE = replace(THREE, samples=4, spacing=None)
 
 
 def _case(dt: float = 1e-6, scene: Scene = SCENE, backend: str = "verlet", **settings: Any) -> Case:

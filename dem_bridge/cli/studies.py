@@ -49,8 +49,8 @@ def documentation(function: Callable[..., Any]) -> tuple[str, dict[str, str]]:
     text = re.sub(r":\w+:`[~.]*([^`]+)`|``", r"\1", inspect.getdoc(function) or "")
     description, *sections = re.split(r"\n\n(?=\w[\w ]*\n-{3,}\n)", text)
     parameters = next((part for part in sections if part.startswith("Parameters\n")), "")
-    found = re.findall(r"^([\w, ]+) : .*\n?((?: {4}.*\n?|\n)*)", parameters, re.MULTILINE)
-    return description, {name: " ".join(words.split()) for names, words in found for name in names.split(", ")}
+    entries = re.findall(r"^([\w, ]+) : .*\n?((?: {4}.*\n?|\n)*)", parameters, re.MULTILINE)
+    return description, {name: " ".join(words.split()) for names, words in entries for name in names.split(", ")}
 
 
 def parameters_of(function: Callable[..., Any], descriptions: dict[str, str]) -> Iterator[click.Parameter]:
@@ -88,9 +88,9 @@ def _option(parameter: inspect.Parameter, text: str) -> click.Option:
 
 def _answer(name: str, *, folder: Path | None, as_json: bool, **settings: Any) -> None:
     """Run a study, show it, and end with its exit code; settings that were not given are left to the study."""
-    given = {key: value for key, value in settings.items() if value is not None and value != ()}
+    chosen = {key: value for key, value in settings.items() if value is not None and value != ()}
     with terminal.bar() as progress:
-        result = dem_bridge.study(name, folder=folder, progress=progress, **given)
+        result = dem_bridge.study(name, folder=folder, progress=progress, **chosen)
     if as_json:
         print_json(result.as_json())
     else:

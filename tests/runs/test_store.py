@@ -30,17 +30,10 @@ from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, VOCABULARY, Trajectory, Uncertainty
 from tests.conftest import Solve
 from tests.helpers.fake_runs import free_flight
+from tests.helpers.three_bodies import THREE
 from tests.test_architecture import INNER, MODULES, PACKAGE, _ours
 
-SCENE = Scene(
-    name="three",
-    duration=1e-4,
-    mass=(8.1e-3, 1e-2, 1e-2),
-    stiffness=(4e9, 5e9),
-    velocity=(0.8, 0.0, 0.0),
-    samples=20,
-    spacing=18e-3,
-)
+SCENE = replace(THREE, samples=20)
 KEY = "0" * 64
 #: every number that a file could lose a bit of
 HARD = np.array([0.1, -0.0, np.nan, np.inf, -np.inf, 5e-324, 1.7976931348623157e308])

@@ -25,16 +25,9 @@ from dem_bridge.studies.verify import plan_scene
 from dem_bridge.trajectory import QUANTITIES
 from dem_bridge.uncertainty.estimate import solve
 from dem_bridge.verification.roles import THEORY
+from tests.helpers.three_bodies import THREE
 
-SCENE = Scene(
-    name="three",
-    duration=1e-4,
-    mass=(8.1e-3, 1e-2, 1e-2),
-    stiffness=(4e9, 5e9),
-    velocity=(0.8, 0.0, 0.0),
-    samples=5,
-    spacing=18e-3,
-)
+SCENE = THREE
 DAMPED = replace(SCENE, damping=Damping(law="dashpot", coefficient=10.0))
 ACCURACY = 1e-4
 
