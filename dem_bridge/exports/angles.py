@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.exports.parameters import EQUATION, origin
-from dem_bridge.exports.table import Table, counts, numbers
+from dem_bridge.exports.table import Table, tabulate
 from dem_bridge.geometry import Body
 from dem_bridge.physics.hertz import AxisRatio, angle_of_stiffness, crossed_cylinders, stiffness_slope
 from dem_bridge.scene import Scene
@@ -185,7 +186,7 @@ def angles(
     if not 0.0 < within < 1.0:
         raise UsageError(f"within = {within!r}; allowed: a number above 0 and below 1")
     settings = {"radius": radius, "youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
-    pair, links = _cylinders(scene, settings, law), len(scene.stiffness)
+    pair = _cylinders(scene, settings, law)
     scene_cylinders = all(value is None for value in settings.values())
     geometry, exponent = scene.geometry, scene.contacts.exponent
     rows: list[tuple[float | None, ...]] = []
@@ -211,21 +212,18 @@ def angles(
         raise UsageError(
             f"{scene.name} has no contact with an angle; {'; '.join(notes) or 'the scene has no contacts'}"
         )
-    angle, tolerance, slope = zip(*rows, strict=True)
-    return Table(
-        id="angles",
+    values: dict[str, Any] = {"contact": range(len(rows)), "stiffness": scene.stiffness}
+    values |= zip(("angle", "tolerance", "stiffness_slope"), zip(*rows, strict=True), strict=True)
+    percent = f"{100.0 * within:g} %"
+    return tabulate(
+        "angles",
+        values,
+        details={"tolerance": {"heading": f"angle tolerance for {percent} of stiffness"}},
         title=f"Contact angles that give the stiffness of {scene.name}",
-        columns=(
-            counts("contact", "contact", range(links)),
-            numbers("stiffness", "stiffness", "N/m^(n-1)", scene.stiffness),
-            numbers("angle", "angle", "deg", angle),
-            numbers("tolerance", f"angle tolerance for {100.0 * within:g} % of stiffness", "deg", tolerance, digits=3),
-            numbers("stiffness_slope", "d ln(stiffness)/d(angle)", "1/deg", slope, digits=4),
-        ),
         notes=(
             f"{pair}; stiffness by the {pair.law} law",
             "with an error of the angle up to the tolerance, of either sign, the stiffness is off by at most"
-            f" {100.0 * within:g} %",
+            f" {percent}",
             *notes,
         ),
         provenance=origin(scene) | {"law": pair.law, "within": within},
@@ -245,25 +243,16 @@ def stiffness_curve(
     pair, angle_grid = _cylinders(scene, settings, "exact"), CURVE if angles is None else tuple(angles)
     if len(angle_grid) == 0:
         raise UsageError("angles = []; allowed: one or more angles above 0 and up to 90 degrees")
+    values: dict[str, Any] = {"angle": angle_grid}
     try:
-        paper, exact = ([pair.stiffness(angle, law) for angle in angle_grid] for law in _LAWS)
-        paper_slope, exact_slope = ([stiffness_slope(angle, law=law) for angle in angle_grid] for law in _LAWS)
+        for law in _LAWS:
+            values[f"stiffness_{law}"] = np.array([pair.stiffness(angle, law) for angle in angle_grid])
+            values[f"slope_{law}"] = [stiffness_slope(angle, law=law) for angle in angle_grid]
     except (TypeError, ValueError) as error:
         raise UsageError(str(error)) from None
-    return Table(
-        id="stiffness-curve",
-        title=f"Stiffness against angle for the cylinders of {scene.name}",
-        columns=(
-            numbers("angle", "angle", "deg", angle_grid),
-            numbers("stiffness_paper", "stiffness by eq. 3.1", "N/m^1.5", paper),
-            numbers("stiffness_exact", "stiffness by Hertz' exact law", "N/m^1.5", exact),
-            numbers("paper_over_exact", "eq. 3.1 over exact", "", [p / e for p, e in zip(paper, exact, strict=True)]),
-            numbers("slope_paper", "d ln(stiffness)/d(angle), eq. 3.1", "1/deg", paper_slope),
-            numbers("slope_exact", "d ln(stiffness)/d(angle), exact", "1/deg", exact_slope),
-        ),
-        notes=(str(pair), EQUATION),
-        provenance=origin(scene),
-    )
+    values["paper_over_exact"] = values["stiffness_paper"] / values["stiffness_exact"]
+    title, notes = f"Stiffness against angle for the cylinders of {scene.name}", (str(pair), EQUATION)
+    return tabulate("stiffness-curve", values, title=title, notes=notes, provenance=origin(scene))
 
 
 def _listed(indices: Sequence[int]) -> str:

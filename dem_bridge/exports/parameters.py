@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.steps import radius_of
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.exports.table import Column, Table, counts, numbers, texts, with_uncertainty
+from dem_bridge.exports.table import COLUMNS, Table, tabulate
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE, Laws, laws, line_order, pairs
 from dem_bridge.lmp.encoding import Types, body_types
 from dem_bridge.lmp.pairing import granular
@@ -114,142 +115,102 @@ def contacts(scene: Scene, run: Trajectory | None = None, **deck_settings: Any) 
     """
     deck, c = _DeckContacts(scene=scene, resolution=Resolution(**deck_settings)), scene.contacts
     notes: list[str] = []
-    columns: list[Column] = [
-        counts("contact", "contact", range(scene.n_contact)),
-        texts("where", "where", _kinds(scene)),
-        *_geometry(scene, notes),
-        numbers("stiffness", "stiffness of the scene", "N/m^(n-1)", c.stiffness),
-        numbers("exponent", "n", "", c.exponent),
-        numbers("gap", "gap", "m", c.gap),
-        *_damping(scene),
-        *_deck_columns(deck, notes),
-        *_predictions(scene, deck.prescan, notes),
-        *_results(scene, run, notes),
-    ]
-    return Table(
-        id="contacts",
-        title=f"Contacts of {scene.name}",
-        columns=tuple(columns),
-        notes=tuple(notes),
-        provenance=origin(scene, run),
-    )
+    values: dict[str, Any] = {"contact": range(scene.n_contact), "where": _kinds(scene), **_geometry(scene, notes)}
+    values |= {"stiffness": c.stiffness, "exponent": c.exponent, "gap": c.gap, **_deck_columns(deck, notes)}
+    values |= _predictions(scene, deck.prescan, notes) | _results(scene, run, notes)
+    details = {"lammps_k_n": {"unit": _unit_of(values.get("lammps_model", [None] * scene.n_contact))}}
+    if scene.damping is not None:
+        values["damping"], details["damping"] = scene.damping.coefficient, {"unit": DAMPING_LAWS[scene.damping.law]}
+    fields = {"title": f"Contacts of {scene.name}", "notes": tuple(notes), "provenance": origin(scene, run)}
+    return tabulate("contacts", values, details=details, **fields)
 
 
-def _geometry(scene: Scene, notes: list[str]) -> list[Column]:
-    """Return the columns of the contact angles and of the stiffness by both laws at these angles."""
-    (angle, paper, exact), links = np.full((3, scene.n_contact), np.nan), len(scene.stiffness)
-    if scene.geometry is None:
+def _geometry(scene: Scene, notes: list[str]) -> dict[str, Any]:
+    """Return the contact angles and the stiffness by both laws at these angles."""
+    if (geometry := scene.geometry) is None:
         notes.append(NO_GEOMETRY)
-    else:
-        for k, degrees in enumerate(scene.geometry.angle):
-            exact[k] = scene.geometry.contact(k).stiffness
-            if degrees is not None:
-                angle[k], paper[k] = degrees, scene.geometry.contact(k, "paper").stiffness
-        if np.isnan(paper[:links]).any():
-            notes.append("a contact with a sphere has no angle, and eq. 3.1 applies to two crossed cylinders only")
-        if scene.n_contact > links:
-            notes.append("walls have a stiffness and an exponent n, but no shape and no material")
-        notes.append(EQUATION)
-    return [
-        numbers("angle", "angle", "deg", angle),
-        numbers("stiffness_paper", "stiffness by eq. 3.1", "N/m^1.5", paper),
-        numbers("stiffness_exact", "stiffness by Hertz' exact law", "N/m^1.5", exact),
-        numbers("paper_over_exact", "eq. 3.1 over exact", "", paper / exact),
-    ]
+        return {}
+    exact = np.array([geometry.contact(k).stiffness for k in range(len(geometry.angle))])
+    paper = np.array(
+        [
+            math.nan if angle is None else geometry.contact(k, "paper").stiffness
+            for k, angle in enumerate(geometry.angle)
+        ]
+    )
+    if np.isnan(paper).any():
+        notes.append("a contact with a sphere has no angle, and eq. 3.1 applies to two crossed cylinders only")
+    if scene.n_contact > len(scene.stiffness):
+        notes.append("walls have a stiffness and an exponent n, but no shape and no material")
+    notes.append(EQUATION)
+    values = {"stiffness_paper": paper, "stiffness_exact": exact, "paper_over_exact": paper / exact}
+    return {"angle": geometry.angle, **values}
 
 
-def _damping(scene: Scene) -> list[Column]:
-    """Return the column of damping coefficients, or no column for a scene without damping."""
-    if scene.damping is None:
-        return []
-    assert isinstance(scene.damping.coefficient, tuple)  # Scene turns a single coefficient into a tuple
-    return [numbers("damping", "damping coefficient", DAMPING_LAWS[scene.damping.law], scene.damping.coefficient)]
-
-
-def _deck_columns(deck: _DeckContacts, notes: list[str]) -> list[Column]:
-    """Return the columns of the contacts' coefficients and atom types in the deck."""
-    scene, law = deck.scene, deck.laws.where[deck.place].tolist()
-    model, stiffness = list[str | None]([None] * scene.n_contact), np.full(scene.n_contact, np.nan)
-    if reason := GRANULAR_STYLE.unsupported_reason(scene):
+def _deck_columns(deck: _DeckContacts, notes: list[str]) -> dict[str, Any]:
+    """Return the contacts' coefficients and atom types in the deck."""
+    values: dict[str, Any] = {"type_left": deck.types[deck.place], "type_right": deck.types[deck.place + 1]}
+    values["surrogate_radius"] = [deck.radius] * deck.scene.n_contact
+    if reason := GRANULAR_STYLE.unsupported_reason(deck.scene):
         notes.append(f"LAMMPS model and k_n are empty because pair_style granular cannot express the scene: {reason}")
-    else:
-        coefficients = {nth: deck.coefficients(nth) for nth in law}
-        model = [coefficients[nth][0] for nth in law]
-        stiffness[:] = [coefficients[nth][1] for nth in law]
-        notes.append(
-            "LAMMPS k_n is the value in pair_coeff: stiffness / sqrt(R/2) for hertz, where R is the surrogate radius,"
-            " and the stiffness for hooke"
-        )
-    return [
-        texts("lammps_model", "LAMMPS model", model),
-        numbers("lammps_k_n", "LAMMPS k_n", _unit_of(model), stiffness, digits=6),
-        counts("type_left", "atom type left", deck.types[deck.place]),
-        counts("type_right", "atom type right", deck.types[deck.place + 1]),
-        numbers("surrogate_radius", "surrogate radius", "m", [deck.radius] * scene.n_contact),
-    ]
+        return values
+    notes.append(
+        "LAMMPS k_n is the value in pair_coeff: stiffness / sqrt(R/2) for hertz, where R is the surrogate radius,"
+        " and the stiffness for hooke"
+    )
+    coefficients = [deck.coefficients(law) for law in deck.laws.where[deck.place].tolist()]
+    values |= zip(("lammps_model", "lammps_k_n"), zip(*coefficients, strict=True), strict=False)
+    return values
 
 
-def _predictions(scene: Scene, prescan: Prescan, notes: list[str]) -> list[Column]:
-    """Return the columns of the predictions by the prescan and by the binary collision approximation (BCA)."""
+def _predictions(scene: Scene, prescan: Prescan, notes: list[str]) -> dict[str, Any]:
+    """Return the predictions by the prescan and by the binary collision approximation (BCA)."""
     c, overlap = scene.contacts, prescan.peak_overlap
+    force = c.force(overlap, np.arange(len(overlap)))
+    values: dict[str, Any] = {"peak_overlap_prescan": overlap, "peak_force_prescan": force}
     notes.append(
         "the prescan is a short coarse run before the real one; its overlaps and elastic forces are accurate to a few"
         " per cent"
     )
-    force, residence = np.full((2, scene.n_contact), np.nan)
     if reason := SINGLE_PULSE.unsupported_reason(scene):
         notes.append(f"BCA columns are empty: {reason}")
-    else:
-        speed = scene.velocity[0]
-        for k in range(scene.n_contact):
-            hit = two_body_collision(
-                masses=(scene.mass[k], scene.mass[k + 1]),
-                velocities=(speed, 0.0),
-                stiffness=float(c.stiffness[k]),
-                exponent=float(c.exponent[k]),
-            )
-            force[k], residence[k], speed = hit.peak_force, hit.half_time, hit.exit_velocity[1]
-    return [
-        numbers("peak_overlap_prescan", "peak overlap, prescan", "m", overlap, digits=3),
-        numbers("peak_force_prescan", "peak force, prescan", "N", c.force(overlap, np.arange(len(overlap))), digits=3),
-        numbers("peak_force_bca", "peak force, BCA", "N", force),
-        numbers("residence_bca", "residence time, BCA", "s", residence),
-    ]
+        return values
+    hits, speed = [], scene.velocity[0]
+    for masses, stiffness, exponent in zip(
+        pairwise(scene.mass), c.stiffness.tolist(), c.exponent.tolist(), strict=True
+    ):
+        hits.append(two_body_collision(masses=masses, velocities=(speed, 0.0), stiffness=stiffness, exponent=exponent))
+        speed = hits[-1].exit_velocity[1]
+    values |= {"peak_force_bca": [hit.peak_force for hit in hits], "residence_bca": [hit.half_time for hit in hits]}
+    return values
 
 
-def _results(scene: Scene, run: Trajectory | None, notes: list[str]) -> list[Column]:
-    """Return the columns of a run's peak forces, with overlaps, ellipses and pressures by Hertz' exact law."""
-    unknown = np.full((7, scene.n_contact), np.nan)
-    force, uncertainty, overlap, overlap_uncertainty, major, minor, pressure = unknown
+def _results(scene: Scene, run: Trajectory | None, notes: list[str]) -> dict[str, Any]:
+    """Return a run's peak forces, with overlaps, ellipses and pressures by Hertz' exact law."""
     if run is None:
         notes.append("without a run, peak forces, peak overlaps, contact ellipses and pressures are unknown")
+        return {}
+    force, uncertainty = run.peak_force, np.asarray(run.uncertainty["peak_force"])
+    values: dict[str, Any] = {"peak_force": force, "peak_force_uncertainty": uncertainty}
+    notes.append(f"results by {run.provenance['backend']}; the peak force is the largest of the whole run")
+    if scene.law is not None or scene.damped:
+        notes.append("peak overlaps are empty: they follow from peak forces only for elastic power laws")
     else:
-        force, uncertainty = run.peak_force, np.asarray(run.uncertainty["peak_force"])
-        notes.append(f"results by {run.provenance['backend']}; the peak force is the largest of the whole run")
-        if scene.law is not None or scene.damped:
-            notes.append("peak overlaps are empty: they follow from peak forces only for elastic power laws")
-        else:
-            power = 1.0 / (scene.contacts.exponent - 1.0)
-            overlap = (force / scene.contacts.stiffness) ** power
-            # the root is steeper below the value than above it, so the lower side has the larger uncertainty
-            lower = (np.maximum(force - uncertainty, 0.0) / scene.contacts.stiffness) ** power
-            overlap_uncertainty = np.where(np.isfinite(uncertainty), overlap - lower, np.nan)
-    if run is not None and scene.geometry is not None:
+        # the root is steeper below the value than above it, so the lower side has the larger uncertainty
+        lower = np.where(np.isfinite(uncertainty), np.maximum(force - uncertainty, 0.0), math.nan)
+        power = 1.0 / (scene.contacts.exponent - 1.0)
+        overlap, least = ((newton / scene.contacts.stiffness) ** power for newton in (force, lower))
+        values |= {"peak_overlap": overlap, "peak_overlap_uncertainty": overlap - least}
+    if scene.geometry is not None:
         hertzian = (scene.contacts.exponent == 2.5) & (scene.law is None)
         if not np.all(hertzian):
             notes.append("only contacts by Hertz' law, n = 2.5, have contact ellipses and pressures")
-        for k in np.flatnonzero(hertzian[: len(scene.stiffness)]).tolist():
-            contact, newton = scene.geometry.contact(k), float(force[k])
-            if newton > 0.0:
-                (major[k], minor[k]), pressure[k] = contact.semi_axes(newton), contact.peak_pressure(newton)
+        ellipses = np.full((3, scene.n_contact), np.nan)
+        for k in np.flatnonzero((hertzian & (force > 0.0))[: len(scene.stiffness)]).tolist():
+            contact = scene.geometry.contact(k)
+            ellipses[:, k] = *contact.semi_axes(float(force[k])), contact.peak_pressure(float(force[k]))
+        values |= zip(("semi_major", "semi_minor", "peak_pressure"), ellipses, strict=True)
         notes.append("contact ellipses and pressures follow from the peak force by Hertz' exact law")
-    return [
-        *with_uncertainty("peak_overlap", "peak overlap", "m", overlap, overlap_uncertainty),
-        *with_uncertainty("peak_force", "peak force", "N", force, uncertainty),
-        numbers("semi_major", "semi-major axis of the contact ellipse", "m", major),
-        numbers("semi_minor", "semi-minor axis of the contact ellipse", "m", minor),
-        numbers("peak_pressure", "peak contact pressure", "Pa", pressure),
-    ]
+    return values
 
 
 def bodies(scene: Scene, **deck_settings: Any) -> Table:
@@ -259,9 +220,8 @@ def bodies(scene: Scene, **deck_settings: Any) -> Table:
     """
     deck = _DeckContacts(scene=scene, resolution=Resolution(**deck_settings))
     shapes = scene.geometry.bodies if scene.geometry is not None else ()
-    unknown: list[None] = [None] * scene.n_body
-    notes = [] if shapes else [NO_GEOMETRY]
     mass_of_shape = [body.mass for body in shapes]
+    notes = [] if shapes else [NO_GEOMETRY]
     if any(
         not math.isclose(by_density, mass, rel_tol=1e-9)
         for by_density, mass in zip(mass_of_shape, scene.mass, strict=False)
@@ -270,28 +230,15 @@ def bodies(scene: Scene, **deck_settings: Any) -> Table:
             "the equations of motion use the mass of the scene; density times volume differs for a body whose mass was"
             " set in the scene file"
         )
-    columns = (
-        counts("body", "body", range(scene.n_body)),
-        numbers("mass", "mass", "kg", scene.mass),
-        numbers("mass_by_density", "density times volume", "kg", mass_of_shape or unknown),
-        texts("shape", "shape", [body.shape for body in shapes] or unknown),
-        numbers("radius", "radius", "m", [body.radius for body in shapes] or unknown),
-        numbers("height", "height", "m", [body.height for body in shapes] or unknown),
-        texts("material", "material", [body.material.name for body in shapes] or unknown),
-        numbers("youngs_modulus", "Young's modulus", "Pa", [b.material.youngs_modulus for b in shapes] or unknown),
-        numbers("poissons_ratio", "Poisson's ratio", "", [b.material.poissons_ratio for b in shapes] or unknown),
-        numbers("density", "density", "kg/m^3", [body.material.density for body in shapes] or unknown),
-        numbers("velocity", "initial velocity", "m/s", scene.velocity),
-        counts("atom_id", "atom id", range(1 + deck.first, 1 + deck.first + scene.n_body)),
-        counts("atom_type", "atom type", deck.types[deck.first : deck.first + scene.n_body]),
-    )
-    return Table(
-        id="bodies",
-        title=f"Bodies of {scene.name}",
-        columns=columns,
-        notes=tuple(notes),
-        provenance=origin(scene),
-    )
+    atoms = slice(deck.first, deck.first + scene.n_body)
+    values: dict[str, Any] = {"body": range(scene.n_body), "mass": scene.mass, "velocity": scene.velocity}
+    values |= {"atom_id": range(1 + atoms.start, 1 + atoms.stop), "atom_type": deck.types[atoms]}
+    values |= {"mass_by_density": mass_of_shape, "material": [body.material.name for body in shapes]}
+    values |= {key: [getattr(body, key) for body in shapes] for key in ("shape", "radius", "height")}
+    for key in ("youngs_modulus", "poissons_ratio", "density"):
+        values[key] = [getattr(body.material, key) for body in shapes]
+    title = f"Bodies of {scene.name}"
+    return tabulate("bodies", values, title=title, notes=tuple(notes), provenance=origin(scene))
 
 
 def pair_coeffs(scene: Scene, **deck_settings: Any) -> Table:
@@ -308,28 +255,19 @@ def pair_coeffs(scene: Scene, **deck_settings: Any) -> Table:
         )
     deck = _DeckContacts(scene=scene, resolution=Resolution(**deck_settings))
     order, c = line_order(scene), scene.contacts
-    rows = [
-        (low, high, int(order[place]), count, index := int(deck.laws.where[place]), *deck.coefficients(index))
-        for low, high, place, count in pairs(deck.types)
-    ]
-    low, high, first, count, law, model, k_n, damping = zip(*rows, strict=True) if rows else [()] * 8
-    arguments = [deck.laws.coefficients(nth, deck.radius) for nth in law]
-    columns = (
-        counts("type_1", "atom type I", low),
-        counts("type_2", "atom type J", high),
-        counts("contact", "first contact", first),
-        counts("contacts", "number of contacts", count),
-        numbers("stiffness", "stiffness", "N/m^(n-1)", c.stiffness[list(first)]),
-        numbers("exponent", "n", "", c.exponent[list(first)]),
-        texts("lammps_model", "LAMMPS model", model),
-        numbers("lammps_k_n", "LAMMPS k_n", _unit_of(model), k_n, digits=6),
-        numbers("lammps_damping", "LAMMPS damping coefficient", "", damping, digits=6),
-        texts("coefficients", "arguments of pair_coeff I J", arguments),
-    )
-    return Table(
-        id="pair-coeffs",
+    rows = []
+    for low, high, place, count in pairs(deck.types):
+        first, law = int(order[place]), int(deck.laws.where[place])
+        pair: dict[str, Any] = {"type_1": low, "type_2": high, "contact": first, "contacts": count}
+        pair |= {"stiffness": c.stiffness[first], "exponent": c.exponent[first], "law": law}
+        pair |= zip(("lammps_model", "lammps_k_n", "lammps_damping"), deck.coefficients(law), strict=True)
+        rows.append(pair | {"coefficients": deck.laws.coefficients(law, deck.radius)})
+    values = {quantity: [row[quantity] for row in rows] for quantity in COLUMNS["pair-coeffs"]}
+    return tabulate(
+        "pair-coeffs",
+        values,
+        details={"lammps_k_n": {"unit": _unit_of(values["lammps_model"])}},
         title=f"Pair coefficients of {scene.name} for pair_style granular",
-        columns=columns,
         notes=(
             f"for spheres of radius R = {deck.radius!r} m; k_n = stiffness / sqrt(R/2) for hertz, stiffness for hooke",
         ),
@@ -338,7 +276,7 @@ def pair_coeffs(scene: Scene, **deck_settings: Any) -> Table:
     )
 
 
-def _include(deck: _DeckContacts, rows: Sequence[tuple[Any, ...]]) -> list[str]:
+def _include(deck: _DeckContacts, rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return the lines of a file that LAMMPS reads by ``include``."""
     scene, kinds = deck.scene, _kinds(deck.scene)
     lines = [
@@ -350,10 +288,9 @@ def _include(deck: _DeckContacts, rows: Sequence[tuple[Any, ...]]) -> list[str]:
     types = [str(kind) for kind in deck.types.tolist()]
     lines += [f"#   {' '.join(types[start : start + 30])}" for start in range(0, len(types), 30)]
     lines += granular(deck.laws, deck.radius).head
-    for low, high, contact, count, law, *_ in rows:
-        name = f"contact {contact}" if kinds[contact] == "chain" else kinds[contact]
-        more = f" and {count - 1} more" if count > 1 else ""
-        beta = float(deck.laws.stiffness[law])
-        arguments = deck.laws.coefficients(law, deck.radius)
-        lines.append(f"pair_coeff      {low} {high} {arguments}  # {name}{more}: beta = {beta!r}")
+    for row in rows:
+        name = f"contact {row['contact']}" if kinds[row["contact"]] == "chain" else kinds[row["contact"]]
+        more = f" and {row['contacts'] - 1} more" if row["contacts"] > 1 else ""
+        pair, beta = f"{row['type_1']} {row['type_2']} {row['coefficients']}", float(deck.laws.stiffness[row["law"]])
+        lines.append(f"pair_coeff      {pair}  # {name}{more}: beta = {beta!r}")
     return lines

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SCHEMA = "dem-bridge/table/1"
+#: the data: heading, unit, kind and digits of the columns of each table, by quantity
+COLUMNS = json.loads(Path(__file__).with_name("columns.json").read_text(encoding="utf-8"))
 #: what a JSON document says of a column
 _COLUMN_KEYS = ("name", "heading", "unit", "kind", "uncertainty_of")
 Cell = float | int | str | None
@@ -192,3 +194,33 @@ class Table:
             "notes": list(self.notes),
             "provenance": json.loads(json.dumps(dict(self.provenance))),
         }
+
+
+def tabulate(
+    id: str,
+    values: Mapping[str, Iterable[Any]],
+    *,
+    details: Mapping[str, Mapping[str, str]] | None = None,
+    **fields: Any,
+) -> Table:
+    """Return the table ``id`` of :data:`COLUMNS`, whose columns have the ``values`` of their quantities.
+
+    The first quantity has a value in every row. Quantities without values, and rows behind the last value of a
+    quantity, are unknown; an optional column without values is left out. ``details`` has the headings and units that
+    depend on the scene or the settings. ``fields`` are further fields of :class:`Table`.
+    """
+    cells = {quantity: list(column) for quantity, column in values.items()}
+    rows, columns = len(next(iter(cells.values()))), list[Column]()
+    for quantity, entry in COLUMNS[id].items():
+        if entry.get("optional") and quantity not in cells:
+            continue
+        entry = {"unit": "", "kind": "number", "digits": 5} | entry | dict((details or {}).get(quantity, {}))
+        names = (quantity, f"{quantity}_uncertainty")
+        column, uncertainty = (cells.get(name, []) + [None] * (rows - len(cells.get(name, []))) for name in names)
+        if entry.get("uncertain"):
+            columns += with_uncertainty(quantity, entry["heading"], entry["unit"], column, uncertainty)
+        elif entry["kind"] == "number":
+            columns.append(numbers(quantity, entry["heading"], entry["unit"], column, digits=entry["digits"]))
+        else:
+            columns.append((counts if entry["kind"] == "count" else texts)(quantity, entry["heading"], column))
+    return Table(id=id, columns=tuple(columns), **fields)
