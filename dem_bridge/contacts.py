@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.physics import contact
+from dem_bridge.physics.contact import Floats as Floats
 from dem_bridge.physics.law import ContactLaw
 
 
@@ -25,21 +26,21 @@ class Contacts:
 
     left: NDArray[np.int64]
     right: NDArray[np.int64]
-    stiffness: NDArray[np.float64]
-    exponent: NDArray[np.float64]
-    gap: NDArray[np.float64]
-    damping: NDArray[np.float64]
-    damping_power: NDArray[np.float64]
+    stiffness: Floats
+    exponent: Floats
+    gap: Floats
+    damping: Floats
+    damping_power: Floats
     laws: tuple[ContactLaw, ...]
     law: NDArray[np.int64]
-    reach: NDArray[np.float64]
+    reach: Floats
 
     def __post_init__(self) -> None:
         for item in fields(self):
             if item.name != "laws":
                 getattr(self, item.name).flags.writeable = False
 
-    def force(self, overlap: NDArray[np.float64], which: NDArray[np.int64]) -> NDArray[np.float64]:
+    def force(self, overlap: Floats, which: NDArray[np.int64]) -> Floats:
         """Return the elastic force of the contacts ``which`` at overlaps >= 0, N.
 
         Parameters
@@ -51,13 +52,11 @@ class Contacts:
         """
         return self._evaluated("force", overlap, which)
 
-    def energy(self, overlap: NDArray[np.float64], which: NDArray[np.int64]) -> NDArray[np.float64]:
+    def energy(self, overlap: Floats, which: NDArray[np.int64]) -> Floats:
         """Return the stored energy, J; parameters as in :meth:`force`."""
         return self._evaluated("energy", overlap, which)
 
-    def _evaluated(
-        self, quantity: Literal["force", "energy"], overlap: NDArray[np.float64], which: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
+    def _evaluated(self, quantity: Literal["force", "energy"], overlap: Floats, which: NDArray[np.int64]) -> Floats:
         """Evaluate force or energy of each contact by its power or its law."""
         if not self.laws:
             by_power = contact.force if quantity == "force" else contact.energy

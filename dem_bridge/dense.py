@@ -17,10 +17,8 @@ from numpy.polynomial import polynomial as poly
 from numpy.typing import NDArray
 
 from dem_bridge.compiled import kernel
-from dem_bridge.contacts import Contacts
+from dem_bridge.contacts import Contacts, Floats
 from dem_bridge.errors import UsageError
-
-Floats = NDArray[np.float64]
 
 #: largest number of steps that LAMMPS can count in one run
 MOST_STEPS = 2e9

@@ -13,7 +13,6 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from dem_bridge import features
@@ -25,9 +24,8 @@ from dem_bridge.physics.solitary import wave_shape
 from dem_bridge.scene import Scene
 from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.support import Exponents, Support
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.trajectory import Cost, Floats, Trajectory
 
-Floats = NDArray[np.float64]
 #: points of a force profile from its centre to its end
 PROFILE = 512
 

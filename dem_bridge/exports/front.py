@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.exports.parameters import origin
 from dem_bridge.exports.table import Column, Table, counts, with_uncertainty
 from dem_bridge.observables.errors import Reading, read
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Floats, Trajectory
 
-Floats = NDArray[np.float64]
 #: at the body behind its contact a crossing time is the arrival
 SAME_AS_ARRIVAL = "crossing_time"
 

@@ -27,8 +27,6 @@ from dem_bridge.scene import DAMPING_LAWS, Scene
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.version import FORM_DATE, __version__
 
-Floats = NDArray[np.float64]
-
 NO_GEOMETRY = (
     "the scene has no geometry, so shapes, sizes, angles, stiffnesses by angle, contact ellipses and pressures are"
     " unknown; a scene file in physical form has a geometry"

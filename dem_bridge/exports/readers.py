@@ -20,10 +20,8 @@ from dem_bridge.errors import UsageError
 from dem_bridge.exports.frames import Frames, Sheet, read_ase, read_csv, read_dump, rounding_error
 from dem_bridge.observables.interpolate import KNOWN_FORCES
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.trajectory import Cost, Floats, Trajectory
 from dem_bridge.version import __version__
-
-Floats = NDArray[np.float64]
 
 #: tolerance of initial velocities and masses, relative to the largest: permits few digits, but no other unit
 START_WITHIN = 1e-4

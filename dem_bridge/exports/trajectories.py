@@ -15,14 +15,12 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Floats, Trajectory
 from dem_bridge.version import __version__
 
-Floats = NDArray[np.float64]
 Layout = Literal["long", "wide"]
 
 #: spacing in m of bodies without a geometry; extended XYZ files then say spacing=nominal

@@ -11,9 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from dem_bridge.physics.contact import Floats
 
 #: smallest ratio of a radius to the overlap of its contacts, so that bodies that are not neighbours never touch
 MARGIN = 1.25

@@ -17,16 +17,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.interpolate import spacing
 from dem_bridge.observables.modes import tangent_stiffness
 from dem_bridge.physics.dispersion import Cell
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
+from dem_bridge.trajectory import Floats, Trajectory
 
 #: relative difference below which two neighbours count as equal
 ALIKE = 1e-9

@@ -6,13 +6,10 @@ LAMMPS' granular styles report no contact energy, so it is computed from the con
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.observables.interpolate import NODES, acceleration, contact_motion, hermite, require_known_forces
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
+from dem_bridge.trajectory import Floats, Trajectory
 
 
 def momentum(scene: Scene, trajectory: Trajectory) -> Floats:

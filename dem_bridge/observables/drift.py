@@ -15,15 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.interpolate import acceleration, contact_motion
 from dem_bridge.observables.modes import tangent_stiffness
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Floats, Trajectory
 
-Floats = NDArray[np.float64]
 #: number of blocks of a series: with fewer its uncertainty is not known, with more the means are not independent
 BLOCKS = 20
 #: probability with which the uncertainty covers the true slope

@@ -12,14 +12,11 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.registry import Observable, observable_named
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
+from dem_bridge.trajectory import Floats, Trajectory
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.observables.interpolate import FEWER, NODES, contact_motion, hermite
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
+from dem_bridge.trajectory import Floats, Trajectory
 
 
 def first_peak_force(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats]:

@@ -16,9 +16,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.observables.interpolate import FEWER, acceleration, hermite, root_between
 from dem_bridge.physics.solitary import solitary_wave
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
+from dem_bridge.trajectory import Floats, Trajectory
 
 
 def arrival(scene: Scene | None, trajectory: Trajectory) -> Floats:

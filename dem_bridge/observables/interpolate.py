@@ -14,15 +14,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.polynomial import polyval
-from numpy.typing import NDArray
 
 from dem_bridge import features
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.support import Support
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Floats, Trajectory
 
-Floats = NDArray[np.float64]
 Bracketed = Callable[[Floats], Floats]
 
 #: features whose forces and energies observables derive from a trajectory; of others they know nothing

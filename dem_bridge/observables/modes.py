@@ -14,14 +14,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.observables.interpolate import contact_motion
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
+from dem_bridge.trajectory import Floats, Trajectory
 
 #: part of an overlap over which the slope of a law is taken
 _SLOPE = 1e-4

@@ -19,9 +19,7 @@ from dem_bridge.observables.fits import inner_bodies
 from dem_bridge.observables.front import front_speed, peak_velocity_of_front, residence_time_uncertainty
 from dem_bridge.observables.interpolate import hermite, require_forces, root_between, state_at
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
+from dem_bridge.trajectory import Floats, Trajectory
 
 #: smallest maximum of a body's velocity that counts as a further pulse, relative to the first
 SECONDARY = 0.05

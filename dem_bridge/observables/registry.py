@@ -16,7 +16,6 @@ from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.observables import front
@@ -31,9 +30,8 @@ from dem_bridge.observables.conserved import (
 from dem_bridge.observables.forces import contact_force_uncertainty, first_peak_force
 from dem_bridge.observables.front import peak_velocity_of_front
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import VOCABULARY, Trajectory, own_scale
+from dem_bridge.trajectory import VOCABULARY, Floats, Trajectory, own_scale
 
-Floats = NDArray[np.float64]
 #: a quantity of a scene and a run of it, ``(n_axis, ...)`` in the order of ``Observable.axis``
 Reader = Callable[[Scene, Trajectory], Floats]
 #: axes that an observable may have, in this order; without any it is one number of the whole chain

@@ -21,9 +21,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.observables.fits import Slope, inner_contacts, straight_line
 from dem_bridge.observables.interpolate import spacing
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
+from dem_bridge.trajectory import Floats, Trajectory
 
 #: shares of the positions, at the start and at the end, over which centroids are averaged: the one of the ratio first
 SHARES = (0.1, 0.05, 0.2)

@@ -25,7 +25,6 @@ from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
 from dem_bridge.verification.roles import REFERENCE, THEORY, TWIN
 
-Floats = NDArray[np.float64]
 #: in place of a scene, for observables that are read off a run alone
 NO_SCENE = cast(Scene, None)
 #: labels of backends in figures

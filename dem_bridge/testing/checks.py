@@ -11,7 +11,6 @@ from functools import cache, partial
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.backends.base import (
     Availability,
@@ -29,7 +28,7 @@ from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.support import Support
 from dem_bridge.testing.examples import DURATION, OTHER, example, plain_scene
-from dem_bridge.trajectory import PER_CONTACT, QUANTITIES, SAMPLED, Trajectory
+from dem_bridge.trajectory import PER_CONTACT, QUANTITIES, SAMPLED, Floats, Trajectory
 from dem_bridge.uncertainty.estimate import solve
 
 #: largest difference from other codes and closed forms, relative to the largest value: a default step errs by 1e-4 and
@@ -45,7 +44,6 @@ ROUND_OFF = 1e-13
 HERTZ = "hertz"
 #: codes that scenes are solved by for comparison, the first that is not the backend under test
 REFERENCES = ("scipy", "verlet")
-Floats = NDArray[np.float64]
 _ARRAYS = ("time", "displacement", "velocity", "contact_force", "peak_force", "crossing_time")
 
 

@@ -9,15 +9,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge import features
 from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
 from dem_bridge.scene import Scene
 from dem_bridge.support import Condition, Exponents, Support
-from dem_bridge.trajectory import FREE, Trajectory, Uncertainty
+from dem_bridge.trajectory import FREE, Floats, Trajectory, Uncertainty
 
-Floats = NDArray[np.float64]
 #: relative error of the formulas: each of some ten operations rounds
 ROUND_OFF = 20.0 * float(np.finfo(float).eps)
 

@@ -13,14 +13,12 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.campaign import Crashed, Result
 from dem_bridge.errors import BackendUnavailable
 from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale
 from dem_bridge.verification.verdict import Outcome
 
-Floats = NDArray[np.float64]
 #: of the largest velocity: a bar as large as that leaves nothing known
 WHOLE = 1.0
 

@@ -12,15 +12,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.reference import SERIES
 from dem_bridge.physics.exact import scaling, two_body_collision
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import FREE, QUANTITIES, Trajectory, Uncertainty
+from dem_bridge.trajectory import FREE, QUANTITIES, Floats, Trajectory, Uncertainty
 
-Floats = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
 #: a truth comes from the first of these that is not the judged code itself
 WITNESSES = ("reference", "scipy", "verlet")

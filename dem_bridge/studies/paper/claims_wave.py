@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.observables.fits import speed_power_law
 from dem_bridge.observables.pulse import leading_pulse, secondary_fronts, speed_ratio
@@ -23,7 +22,6 @@ from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE
 from dem_bridge.verification.verdict import Outcome
 
-Floats = NDArray[np.float64]
 #: a front counts as unscattered if it keeps at least this share of its energy
 KEPT = 0.9
 #: a ratio of the largest to the smallest velocity above this is a large variation

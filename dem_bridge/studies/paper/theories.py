@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.observables.registry import OBSERVABLES as REGISTERED
 from dem_bridge.scene import Scene
@@ -17,9 +16,8 @@ from dem_bridge.studies.paper.effects import OBSERVABLES, Effect
 from dem_bridge.studies.paper.runs import Runs
 from dem_bridge.studies.paper.texts import PAPER
 from dem_bridge.studies.study import Table
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Floats, Trajectory
 
-Floats = NDArray[np.float64]
 #: bodies from here on: the first ones still form the pulse
 FIRST = 5
 #: bodies from the free end, where the last one flies off, that are left out

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import surrogate_radius
@@ -37,10 +36,9 @@ from dem_bridge.studies.stability.step_limits import (
 )
 from dem_bridge.studies.texts import Texts
 from dem_bridge.timescales import rayleigh_time_of
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Floats, Trajectory
 from dem_bridge.verification.roles import GRANULAR
 
-Floats = NDArray[np.float64]
 TEXTS = Texts("stability")
 #: wanted of velocities
 ACCURACIES = (1e-2, 1e-4)

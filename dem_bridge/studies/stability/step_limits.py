@@ -17,7 +17,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution, Sampling, backend
 from dem_bridge.backends.twin import solve_plan
@@ -27,9 +26,8 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.conserved import energy_parts, momentum
 from dem_bridge.observables.interpolate import state_at
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Floats, Trajectory
 
-Floats = NDArray[np.float64]
 #: a code on a scene at a step (s) of which each sample has a whole number
 Stepper = Callable[[Scene, float], Trajectory]
 #: parts of a step at which the first touch may fall
