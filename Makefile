@@ -5,7 +5,7 @@ STAMP  := $(VENV)/.installed
 BIN    := $(VENV)/bin
 PYTEST := -n auto --dist loadgroup
 
-.PHONY: setup verify test test-all bench lint pins clean
+.PHONY: setup verify test test-all bench docs lint pins clean
 
 setup: $(STAMP)
 
@@ -38,6 +38,10 @@ bench: $(STAMP)
 	$(BIN)/python -m tests.bench.bench_horizon
 	$(BIN)/python -m tests.bench.bench_plan
 
+# docs/_build/index.html; a warning is an error
+docs: $(STAMP)
+	$(BIN)/python -m sphinx -b html -W --keep-going -q -j auto docs docs/_build
+
 lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -49,4 +53,4 @@ pins: $(STAMP)
 	$(PYTHON) .ci/move_pins.py $(ARGS)
 
 clean:
-	rm -rf $(VENV) $(VENV)-new reports/latest
+	rm -rf $(VENV) $(VENV)-new reports/latest docs/_build

@@ -1,4 +1,4 @@
-"""The numbers of the README are those of the committed report, and examples there and on the pages run."""
+"""The numbers of README and pages are those of the committed report, and the examples there run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 import pytest
 
-from tests.helpers.readme_tables import with_tables
+from tests.helpers.backend_tables import PAGE, with_tables
 
 ROOT = Path(__file__).parent.parent
 NAMES = {
@@ -21,16 +21,19 @@ NAMES = {
     "scipy": "scipy",
     "BCA": "bca",
 }
+GUIDES = sorted(str(page.relative_to(ROOT)) for page in (ROOT / "docs" / "howto").glob("*.md"))
+PAGES_WITH_COMMANDS = ["README.md", "docs/start.md", "docs/commands.md", "docs/regression.md", *GUIDES]
 
 
-def test_the_table_of_verdicts_is_that_of_the_committed_report() -> None:
+@pytest.mark.parametrize(("page", "count"), [("README.md", 6), ("docs/paper.md", 12)])
+def test_the_table_of_verdicts_is_that_of_the_committed_report(page: str, count: int) -> None:
     report = json.loads((ROOT / "reports/paper/verdicts.json").read_text(encoding="utf-8"))
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    block = readme.split("<!-- verdicts:")[1].split("<!-- end of verdicts -->")[0]
+    text = (ROOT / page).read_text(encoding="utf-8")
+    block = text.split("<!-- verdicts:")[1].split("<!-- end of verdicts -->")[0]
     rows = [
         [cell.strip() for cell in line.strip("|").split("|")] for line in block.splitlines() if line.startswith("| ")
     ][1:]
-    assert len(rows) == 12
+    assert len(rows) == count
     for scene, compared, meaning, difference, uncertainty, tolerance, outcome in rows:
         what, pair = compared.split(", ")
         run, reference = (NAMES[name] for name in pair.split(" - "))
@@ -47,19 +50,25 @@ def test_the_table_of_verdicts_is_that_of_the_committed_report() -> None:
 
 
 def test_the_tables_of_backends_are_what_the_backends_declare() -> None:
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert readme == with_tables(readme), "run: python -m tests.helpers.readme_tables"
+    page = PAGE.read_text(encoding="utf-8")
+    assert page == with_tables(page), "run: python -m tests.helpers.backend_tables"
 
 
 @pytest.mark.lammps
-def test_the_python_example_prints_what_the_readme_says(capsys: pytest.CaptureFixture[str]) -> None:
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    code, printed = re.findall(r"```python\n(.*?)```\s+```\n(.*?)```", readme, re.DOTALL)[0]
-    exec(compile(code, "README.md", "exec"), {})
+@pytest.mark.parametrize("page", ["README.md", "docs/start.md"])
+def test_the_python_example_prints_what_the_page_says(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for scene in re.findall(r"```toml\n(.*?)```", text, re.DOTALL):
+        (tmp_path / "two-sizes.toml").write_text(scene, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    [(code, printed)] = re.findall(r"```python\n(.*?)```\s+```(?:text)?\n(.*?)```", text, re.DOTALL)
+    exec(compile(code, page, "exec"), {})
     assert capsys.readouterr().out == printed
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/scenes.md"])
+@pytest.mark.parametrize("page", ["docs/start.md", "docs/scenes.md"])
 def test_the_scene_on_the_page_loads(page: str) -> None:
     from dem_bridge.scene_file import parse_scene
 
@@ -70,11 +79,11 @@ def test_the_scene_on_the_page_loads(page: str) -> None:
     assert (scene.precompression > 0.0, scene.drive is not None) == ((page == "docs/scenes.md",) * 2)
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/commands.md", "docs/regression.md"])
+@pytest.mark.parametrize("page", PAGES_WITH_COMMANDS)
 def test_every_command_on_the_page_is_understood(page: str) -> None:
     from dem_bridge.cli import main
 
-    lines = re.findall(r"^(dem-bridge .*?)(?: +#.*)?$", (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE)
+    lines = re.findall(r"^ *(dem-bridge .*?)(?: +#.*)?$", (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE)
     assert lines
     for line in lines:
         command: click.Command = main
@@ -94,5 +103,6 @@ def test_the_page_of_commands_has_every_command() -> None:
 def test_every_make_target_in_the_readme_exists() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    for target in re.findall(r"make (\w+)", readme.split("## Use")[0]):
-        assert f"\n{target}:" in makefile
+    targets = re.findall(r"^make ([\w-]+)|`make ([\w-]+)`", readme, re.MULTILINE)
+    assert len(targets) == 4
+    assert [target for target in map("".join, targets) if f"\n{target}:" not in makefile] == []

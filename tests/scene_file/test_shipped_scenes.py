@@ -56,7 +56,7 @@ SHIPPED = {
     "tapered-backward": "2113478c9aeeacdcd05842493089b416110ed0c8e79446fb5465e8f557752333",
     "tapered-forward": "dc573fd8ba7682c8cf8b55296ce44e6ec1d47a9484cca20582aff9ca8aaed461",
 }
-#: features of the scenes that have any; README.md has the backends that support them
+#: features of the scenes that have any; docs/backends.md has the backends that support them
 FEATURES_OF: dict[str, set[Feature]] = {
     "decelerating-40-dashpot": {DASHPOT},
     "decelerating-40-drag": {DRAG},

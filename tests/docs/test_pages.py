@@ -1,0 +1,58 @@
+"""Examples on the pages of theory and how-to guides run and print what the pages show."""
+
+from __future__ import annotations
+
+import doctest
+import re
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).parents[2] / "docs"
+THEORY = sorted((DOCS / "theory").glob("*.md"))
+
+
+def failures(page: Path) -> int:
+    """Run all console examples of a page in one namespace and return the number of those that fail."""
+    text = "\n".join(re.findall(r"^```pycon\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL))
+    examples = doctest.DocTestParser().get_doctest(text, {}, page.stem, str(page), 0)
+    return doctest.DocTestRunner(verbose=False).run(examples, out=lambda text: None).failed
+
+
+@pytest.mark.parametrize("page", THEORY, ids=lambda page: page.stem)
+def test_the_examples_of_a_theory_page_print_what_it_shows(page: Path) -> None:
+    assert failures(page) == 0
+
+
+def test_a_number_that_is_wrong_is_caught(tmp_path: Path) -> None:
+    text = (DOCS / "theory" / "contact.md").read_text(encoding="utf-8")
+    assert "+17.77 %" in text
+    page = tmp_path / "contact.md"
+    page.write_text(text.replace("+17.77 %", "+17.78 %"), encoding="utf-8")
+    assert failures(page) == 1
+
+
+def test_every_theory_page_has_equations_and_names_sources_and_code() -> None:
+    assert len(THEORY) >= 6
+    for page in THEORY:
+        text = page.read_text(encoding="utf-8")
+        assert text.count("\n$$\n") >= 2, page.stem
+        assert "\nIn the code: `dem_bridge/" in text, page.stem
+        # definitions of the project itself, apart from those that name the paper
+        assert "\n## Sources\n" in text or page.stem == "observables", page.stem
+        for path in re.findall(r"`(dem_bridge/[\w/.]+)`", text):
+            assert (DOCS.parent / path).exists(), f"{page.stem}: {path}"
+
+
+def test_the_guide_to_publications_prints_what_it_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = (DOCS / "howto" / "publication.md").read_text(encoding="utf-8")
+    names: dict[str, object] = {}
+    blocks = re.findall(r"^```python\n(.*?)^```$(?:\s+^```text\n(.*?)^```$)?", text, re.MULTILINE | re.DOTALL)
+    assert len(blocks) == 3
+    for code, printed in blocks:
+        exec(compile(code, "publication.md", "exec"), names)
+        assert capsys.readouterr().out == printed
+    assert {file.name for file in tmp_path.iterdir()} == {"map.pdf", "residence.pdf"}
