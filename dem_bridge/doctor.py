@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from importlib import metadata
+from pathlib import Path
 from tempfile import TemporaryFile, gettempdir
 
 from packaging.requirements import Requirement
@@ -24,24 +25,8 @@ from dem_bridge.lmp.process import probe, require, run_deck, workspace
 #: free space that a run needs, bytes; a run of the paper's chains writes 15 MB
 SPACE = 100_000_000
 #: smallest deck that uses everything a run needs: atoms, granular contacts, ranks, a log and a dump
+_DECK = Path(__file__).with_name("smallest_deck.lmp")
 _OTHER_ENGINE = "use another LAMMPS with --lmp or --python"
-_SMALLEST = """\
-units si
-atom_style sphere
-atom_modify map array
-boundary m f f
-comm_modify vel yes
-region box block 0 4 -1 1 -1 1
-create_box 1 box
-create_atoms 1 single 1 0 0
-create_atoms 1 single 3 0 0
-pair_style granular
-pair_coeff * * hertz 1 0 tangential linear_nohistory 0 0 damping velocity
-fix integrate all nve
-dump motion all custom 1 dump.bin id x
-timestep 1e-6
-run 1
-"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,5 +181,5 @@ def temporary_folder() -> Finding:
 def _run_smallest(engine: Engine) -> None:
     """Run the smallest deck."""
     with workspace() as folder:
-        (folder / "in.smallest").write_text(_SMALLEST)
+        shutil.copy(_DECK, folder / "in.smallest")
         run_deck(folder, "in.smallest", time_limit=60.0, engine=engine)

@@ -6,6 +6,7 @@ need them. Exit codes: 0 all checks pass, 1 a check failed, 2 wrong use or bad s
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Iterator
@@ -225,27 +226,13 @@ def _summary(run: Trajectory) -> dict[str, Any]:
     }
 
 
-#: lines of a summary: name, key, and text of the value; then name, key, key of the uncertainty, unit and its size
-_LINES: tuple[tuple[Any, ...], ...] = (
-    ("scene", "scene", "{}"),
-    ("backend", "backend", "{}"),
-    ("samples", "samples", "{}"),
-    ("largest velocity", "largest_velocity_m_per_s", "velocity_uncertainty_m_per_s", "m/s", 1.0),
-    ("largest contact force", "largest_force_N", "peak_force_uncertainty_N", "N", 1.0),
-    ("last arrival", "last_crossing_time_s", "crossing_time_uncertainty_s", "us", 1e-6),
-    ("round-off floor (relative)", "roundoff_floor_relative", "{:.2g}"),
-    ("predicted table error (rel.)", "table_predicted_error_relative", "{:.2g}"),
-    ("measured table error (rel.)", "table_measured_error_relative", "{:.2g}"),
-    ("time steps", "steps", "{}"),
-    ("force evaluations", "force_evaluations", "{}"),
-    ("wall time", "wall_s", "{:.3g} s"),
-    ("CPU time", "cpu_s", "{:.3g} s"),
-)
-
-
 def _summary_lines(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the lines of a summary as pairs of name and text; unknown values are left out."""
-    for name, key, *form in _LINES:
+    """Yield the lines of a summary as pairs of name and text; unknown values are left out.
+
+    ``summary.json`` has the lines: name, key, and format of the value; or name, key, key of the uncertainty, unit and
+    SI value of the unit.
+    """
+    for name, key, *form in json.loads(Path(__file__).with_name("summary.json").read_text(encoding="utf-8")):
         value = summary.get(key)
         if len(form) == 1:
             if value is not None:
