@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Progress, Result, run_cases
+from dem_bridge.campaign import Progress, run_cases
 from dem_bridge.differences import difference
 from dem_bridge.drive import Drive
 from dem_bridge.errors import UnsupportedScene, UsageError
@@ -122,7 +122,8 @@ def study_bands(
     runs = {result.case.backend: result.trajectory for result in results if result.trajectory is not None}
     matches = [_measured(scene, cell, name, run, runs) for name, run in runs.items()]
     excuses = {result.backend: _excuse(scene, cell, result, tolerance) for result in matches}
-    failures = [result for result in results if result.failure is not None]
+    texts = {"scene": scene.name, "outcome": Outcome.BROKEN}
+    broken = [TEXTS.verdict("broken", **texts, backend=r.case.backend, failure=r.failure) for r in results if r.failure]
     rows = [row for result in matches for row in _rows(cell, result, tolerance, excused=bool(excuses[result.backend]))]
     return Study(
         id="bands",
@@ -130,7 +131,7 @@ def study_bands(
         answer=(*_answer(scene, cell, matches, rows, tolerance), *_undecided(rows, excuses)),
         tables=(TEXTS.table("edges", rows, tolerance=tolerance), TEXTS.table("codes", matches)),
         figures=(_figure(cell, matches),) if matches else (),
-        verdicts=(*(_verdict(scene, row, tolerance) for row in rows), *map(_broken, failures)),
+        verdicts=(*_verdicts(scene, rows, tolerance), *broken),
         notes=TEXTS.notes(),
     )
 
@@ -173,33 +174,11 @@ class _Row:
         return self.measured / self.theory - 1.0
 
 
-def _verdict(scene: Scene, row: _Row, tolerance: float) -> Verdict:
-    return Verdict(
-        scene=scene.name,
-        quantity=f"band edge {row.edge}",
-        backend=row.backend,
-        reference="infinite chain",
-        outcome=row.outcome,
-        sentence=TEXTS("verdict", row=row, tolerance=tolerance),
-        difference=abs(row.off),
-        scale=row.theory,
-        unit="Hz",
-        scale_name="edge of the infinite chain",
-        uncertainty=row.bar,
-        tolerance=tolerance,
-    )
-
-
-def _broken(result: Result) -> Verdict:
-    case = result.case
-    return Verdict(
-        scene=case.scene.name,
-        quantity="band edges",
-        backend=case.backend,
-        reference="infinite chain",
-        outcome=Outcome.BROKEN,
-        sentence=f"{case.backend} did not run: {result.failure}.",
-    )
+def _verdicts(scene: Scene, rows: Sequence[_Row], tolerance: float) -> Iterator[Verdict]:
+    for row in rows:
+        names = {"scene": scene.name, "backend": row.backend, "outcome": row.outcome, "edge": row.edge}
+        numbers = {"difference": abs(row.off), "scale": row.theory, "uncertainty": row.bar, "tolerance": tolerance}
+        yield TEXTS.verdict("edge", **names, **numbers, measured=row.measured)
 
 
 def _measured(scene: Scene, cell: Cell, name: str, run: Trajectory, runs: dict[str, Trajectory]) -> Measured:

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Progress, Result, run_cases
-from dem_bridge.errors import UnsupportedScene, UsageError
+from dem_bridge.errors import UnsupportedScene
 from dem_bridge.geometry import Geometry
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file.physical import rounded
 from dem_bridge.scene_file.physical import scattered as turned_by_chance
-from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
+from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table, check_setting
 from dem_bridge.studies.texts import Texts
 from dem_bridge.sweep import table_of
 from dem_bridge.verification.roles import REFERENCE
@@ -103,13 +103,10 @@ def scattered(scene: Scene, *, spread: float, seed: int) -> Scene:
 
 def cases_of(scene: Scene, *, spread: float, count: int, seed: int = 0) -> list[Case]:
     """Return the case of the intended chain, then of ``count`` scattered ones, with seeds from ``seed`` on."""
-    if isinstance(spread, bool) or not isinstance(spread, int | float) or not 0.0 < spread <= 45.0:
-        raise UsageError(f"spread = {spread!r}; allowed: a number of degrees > 0, up to 45")
-    if isinstance(count, bool) or not isinstance(count, int) or not 2 <= count <= 100_000:
-        raise UsageError(f"count = {count!r}; allowed: a whole number of chains from 2 to 100000")
+    check_setting("spread", spread, "a number of degrees > 0, up to 45", most=45.0)
+    check_setting("count", count, "a whole number of chains from 2 to 100000", least=2, most=100_000)
     # a seed and its negative are the same to random.Random
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise UsageError(f"seed = {seed!r}; allowed: a whole number >= 0")
+    check_setting("seed", seed, "a whole number >= 0", least=0, most=math.inf)
     chains = [scene, *(scattered(scene, spread=spread, seed=seed + i) for i in range(count))]
     # crossing times and peak forces are those of the run, not of its samples
     item = Sampling(count=1)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from importlib import import_module
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.errors import UsageError
 from dem_bridge.notebook import study_html
 from dem_bridge.verification.verdict import Outcome, Verdict, exit_code, plain
 
@@ -275,6 +277,20 @@ class Study:
             "interrupted": self.interrupted,
             "provenance": dict(self.provenance),
         }
+
+
+def check_setting(
+    name: str, value: Any, allowed: str, *, least: int | None = None, most: float = sys.float_info.max
+) -> None:
+    """Raise UsageError unless a value is a whole number from ``least`` to ``most``; without ``least``, a positive one.
+
+    >>> check_setting("points", 2.5, "a whole number from 2 to 100", least=2, most=100)
+    Traceback (most recent call last):
+    dem_bridge.errors.UsageError: points = 2.5; allowed: a whole number from 2 to 100
+    """
+    number = isinstance(value, int if least is not None else int | float) and not isinstance(value, bool)
+    if not number or value > most or not (value > 0 if least is None else value >= least):
+        raise UsageError(f"{name} = {value!r}; allowed: {allowed}")
 
 
 def _csv(columns: tuple[str, ...], rows: Any) -> str:

@@ -199,21 +199,12 @@ class Row:
     def verdict(self, scene: str) -> Verdict:
         """Return the verdict on the quantity whose difference is the largest part of its tolerance."""
         worst = max(self.shares, key=self.shares.__getitem__, default="")
-        numbers: dict[str, Any] = {}
-        if worst:
-            item = self.differences[worst]
-            numbers = {"difference": item.value, "scale": item.scale, "unit": item.unit, "scale_name": item.scale_name}
-        return Verdict(
-            scene=scene,
-            quantity=worst or "all",
-            backend=self.way,
-            reference="verlet",
-            outcome=self.outcome,
-            sentence=f"{self.way}: {self.beyond or self.reason or TEXTS('within')}.",
-            **numbers,
-            tolerance=self.tolerances.get(worst, math.nan),
-            meaning="implementation and round-off",
-        )
+        item = self.differences.get(worst)
+        numbers = {} if item is None else {name: getattr(item, name) for name in ("scale", "unit", "scale_name")}
+        if item is not None:
+            numbers |= {"difference": item.value, "tolerance": self.tolerances[worst]}
+        texts = {"quantity": worst or "all", "finding": self.beyond or self.reason or TEXTS("within")}
+        return TEXTS.verdict("way", scene=scene, backend=self.way, outcome=self.outcome, **texts, **numbers)
 
 
 def study_styles(

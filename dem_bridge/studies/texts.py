@@ -13,6 +13,7 @@ from string import Formatter
 from typing import Any
 
 from dem_bridge.studies.study import FigureData, Map, Panel, Series, Table
+from dem_bridge.verification.verdict import Verdict
 
 #: factor from SI to the unit that the heading of a column names
 FACTORS = {"%": 100.0, "kHz": 1e-3, "ms": 1e3, "µs": 1e6}
@@ -85,8 +86,13 @@ class Texts:
         """Return a figure of these panels."""
         return FigureData(id=id, **self._entry("figures", id, values), panels=tuple(panels))
 
+    def verdict(self, id: str, **values: Any) -> Verdict:
+        """Return a verdict; values that are fields of a verdict become these, and all of them fill its texts."""
+        fields = {key: value for key, value in values.items() if key in Verdict.__dataclass_fields__}
+        return Verdict(**(self._entry("verdicts", id, values) | fields))
+
     def _entry(self, kind: str, id: str, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the texts of a table, a panel or a figure, filled with values."""
+        """Return the texts of a table, a panel, a figure or a verdict, filled with values."""
         entry = self.data[kind][id]
         return {key: fill(text, **values) if isinstance(text, str) else text for key, text in entry.items()}
 

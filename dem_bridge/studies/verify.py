@@ -21,6 +21,7 @@ from dem_bridge.runs.case import Case
 from dem_bridge.runs.recall import recall, recall_prescan
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
+from dem_bridge.studies.study import check_setting
 from dem_bridge.studies.verification import Verification, verification_of
 from dem_bridge.uncertainty.step_choice import step_for_accuracy
 from dem_bridge.verification import checks
@@ -161,5 +162,5 @@ def study_without_runs(scene: Scene, error: RunBroken | UnsupportedScene | Usage
 
 def check_jobs(jobs: object) -> None:
     """Raise UsageError unless ``jobs`` is a positive integer or None."""
-    if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1):
-        raise UsageError(f"jobs = {jobs!r}; allowed: a whole number >= 1, or None for all cores")
+    if jobs is not None:
+        check_setting("jobs", jobs, "a whole number >= 1, or None for all cores", least=1)

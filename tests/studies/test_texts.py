@@ -51,6 +51,6 @@ def test_shares_in_sentences_are_per_cent(texts: Texts) -> None:
 def test_every_text_is_used(file: Path) -> None:
     data: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
     assert f'Texts("{file.stem}")' in CODE
-    for kind in ("sentences", "tables", "panels", "figures"):
+    for kind in ("sentences", "tables", "panels", "figures", "verdicts"):
         for key in data.get(kind, {}):
             assert re.search(rf"[\"']{re.escape(key)}[\"']", CODE), f"{file.name}: nobody reads {kind}.{key}"

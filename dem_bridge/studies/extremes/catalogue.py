@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache, partial
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from dem_bridge.physics.hertz import crossed_cylinders
 from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.scene_file import load_scene
+from dem_bridge.studies.extremes import truths
 from dem_bridge.studies.extremes.entry import (
     BETA,
     ENGINE,
@@ -35,17 +37,8 @@ from dem_bridge.studies.extremes.entry import (
     theories_refuse,
 )
 from dem_bridge.studies.extremes.judge import Expected, Word
-from dem_bridge.studies.extremes.truths import (
-    apart,
-    back_again,
-    by_others,
-    galilei,
-    mirrored,
-    nothing_happens,
-    scaled,
-    shorter,
-    two_bodies,
-)
+from dem_bridge.studies.extremes.truths import Truth, by_others, scaled, two_bodies
+from dem_bridge.studies.texts import Texts
 from dem_bridge.uncertainty.estimate import solve
 
 #: the adiabatic wave needs more than two bodies
@@ -81,29 +74,18 @@ def angles() -> Iterator[Entry]:
         yield entry(chain(name, stiffness=betas), asks)
 
 
-def ratios() -> Iterator[Entry]:
-    """Yield large ratios of masses and of stiffnesses."""
-    yield entry(chain("mass-heavy-striker", mass=[1e6 * MASS, *[MASS] * 4], times=3.0), "a striker of 1e6 masses")
-    yield entry(chain("mass-light-striker", mass=[1e-6 * MASS, *[MASS] * 4], times=0.1), "a striker of 1e-6 masses")
-    asks = "a body of 1e-6 masses between two, which meets them some hundred times"
-    yield entry(chain("mass-light-between", mass=[MASS, 1e-6 * MASS, MASS], times=0.3), asks, slow=True)
-    stiff = chain("stiffness-1e8", stiffness=[BETA, 1e8 * BETA, BETA], times=1.0)
-    yield entry(stiff, "one contact 1e8 times as stiff as the others", phase=0.05, slow=True)
+def listed(group: str) -> Iterator[Entry]:
+    """Yield the entries of a group in the file of the catalogue."""
+    for item in Texts("extremes-catalogue").data[group]:
+        scene, others = chain(item["name"], **item.get("chain", {})), ("name", "asks", "chain", "truths", "expected")
+        settings = {key: value for key, value in item.items() if key not in others}
+        expected = {kind: refused(because) for kind, because in item.get("expected", {}).items()}
+        sources = [_source(**source) for source in item.get("truths", ())]
+        yield entry(scene, item["asks"], *sources, expected=expected, **settings)
 
 
-def sizes() -> Iterator[Entry]:
-    """Yield the shortest chain and a very long one."""
-    pair = chain("bodies-2", bodies=2, samples=3)
-    yield entry(pair, "the least chain", two_bodies, by_others, expected=ONE_CONTACT)
-    yield entry(
-        chain("bodies-100000", bodies=100_000, times=12.0, samples=2),
-        "1e5 bodies, and a front that has passed some thirty: it knows nothing of the others",
-        partial(shorter, bodies=200, by_itself=False),
-        partial(shorter, bodies=200),
-        phase=0.1,
-        left_out={"scipy": "stopped unfinished after some 430 s: 1e5 unknowns at each of a hundred events"},
-        slow=True,
-    )
+def _source(by: str, **arguments: Any) -> Callable[[Scene], Truth]:
+    return partial(getattr(truths, by), **arguments)
 
 
 def exponents() -> Iterator[Entry]:
@@ -131,14 +113,14 @@ def symmetries() -> Iterator[Entry]:
     for u, name in ((-3.0, "galilei-backwards"), (768.0, "galilei-fast")):
         scene = chain(name, velocity=(SPEED + u, *[u] * 9))
         asks = f"all move at {u:g} m/s besides: nothing else changes"
-        yield entry(scene, asks, by_others, partial(galilei, speed=u), expected=MOVING)
+        yield entry(scene, asks, by_others, partial(truths.galilei, speed=u), expected=MOVING)
     beta = np.geomspace(BETA, 20 * BETA, 9).tolist()
     mirror = chain("mirror", stiffness=beta[::-1], velocity=(*[0.0] * 9, -SPEED), wall_left=Wall(stiffness=BETA))
-    yield entry(mirror, "a chain struck from its other end, on a wall", by_others, mirrored, expected=MOVING)
+    yield entry(mirror, "a chain struck from its other end, on a wall", by_others, truths.mirrored, expected=MOVING)
     there = chain("there", stiffness=beta, times=4.0)
     sampling = Sampling(count=there.samples)
     forward = solve(Case(scene=there, backend="reference", resolution=Resolution(), sampling=sampling))
-    scene, truth = back_again(forward, there)
+    scene, truth = truths.back_again(forward, there)
     scene = replace(scene, name="time-reversal")
     asks = "all velocities reversed at the end: back to the start"
     yield entry(scene, asks, by_others, lambda scene: truth, expected=MOVING)
@@ -162,28 +144,18 @@ def touches() -> Iterator[Entry]:
                   duration=3.0 * contact_time(speed=SPEED * 2.0**-40))  # fmt: skip
     asks = "two bodies in flight that close in on each other 1e-12 times as fast as they fly"
     yield entry(crawl, asks, two_bodies, by_others, expected=MOVING)
-    asks = "a tenth of a contact time: forces ahead of the front down to nothing"
-    yield entry(chain("front-barely-begun", times=0.1), asks, by_others, partial(shorter, bodies=8))
 
 
-def gaps() -> Iterator[Entry]:
-    """Yield gaps from the last digits of a position to a thousand kilometres."""
-    yield entry(chain("gaps-1e-15", bodies=6, gap=1e-15), "gaps of 1e-15 m", expected=GAPS)
-    wide = chain("gaps-of-metres", bodies=4, speed=1e3, gap=2.0, duration=6.5e-3)
-    yield entry(wide, "gaps of 2 m, and a flight of 2 ms between contacts of 10 us", expected=GAPS)
-    pair = chain("gap-in-front", bodies=2, speed=1e3, gap=2.0, duration=6e-3, samples=3)
-    asks = "one flight over 2 m into one contact, beside the closed form"
-    yield entry(pair, asks, two_bodies, by_others, expected=GAPS)
-    still = [0.0] * 4
-    cut = chain("cut-at-a-gap", gap=(*still, 1.0, *still), velocity=(SPEED, *still, SPEED, *still))
-    asks = "two chains 1 m apart that never meet: each as if alone"
-    yield entry(cut, asks, by_others, partial(apart, at=4), expected=GAPS)
+def far() -> Iterator[Entry]:
+    """Yield chains behind a gap of up to a thousand million kilometres."""
     for far in (1e3, 1e6, 1e9, 1e12):
         scene = chain(f"far-{plain(far)}", gap=(far, *[0.0] * 8), velocity=(0.0, SPEED, *[0.0] * 8))
         # overlaps are of 1e-5 m; positions of 1e9 m are known to 1e-7 m, those of 1e12 m to 1e-4 m. The bars of all
         # fixed steps come from a twin in positions
         vague = {ENGINE: refused("known to 0.00012 m"), VERLET: Expected(Word.NO_BAR)} if far >= 1e12 else {}
-        yield entry(scene, f"a chain {far:g} m from the origin", by_others, partial(apart, at=0), expected=GAPS | vague)
+        yield entry(
+            scene, f"a chain {far:g} m from the origin", by_others, partial(truths.apart, at=0), expected=GAPS | vague
+        )
 
 
 def presses() -> Iterator[Entry]:
@@ -195,14 +167,6 @@ def presses() -> Iterator[Entry]:
         scene = chain(f"pressed-{plain(share)}", precompression=force, times=5.0 / max(1.0, share**0.25))
         asks = f"a chain pressed to {share:g} of the dynamic overlap, and struck"
         yield entry(scene, asks, expected=theories_refuse("the scene has precompression"))
-
-
-def nothing() -> Iterator[Entry]:
-    """Yield scenes in which nothing happens."""
-    rest, start = chain("at-rest", velocity=(0.0,) * 10), theories_refuse("body 0 starts with a velocity of 0 m/s")
-    yield entry(rest, "a striker at rest: nothing moves", nothing_happens, expected=start)
-    flight = chain("all-together", velocity=(768.0,) * 10)
-    yield entry(flight, "all bodies fly on in touch, at 768 m/s", nothing_happens, expected=MOVING)
 
 
 class ShortTable(LammpsTable):
@@ -218,15 +182,8 @@ class ShortTable(LammpsTable):
         return replace(result, tables=cut)
 
 
-def tables() -> Iterator[Entry]:
-    """Yield tables that are as short as they may be, and shorter."""
-    for name, asks, settings, expected in (
-        ("table-7-lines", "a table one line shorter than any may be", {"table_lines": 7}, refused("table_lines = 7")),
-        ("table-8-lines", "the shortest table", {"table_lines": 8}, None),
-        ("table-2-points", "a table of two points", {"table_points": 2}, None),
-    ):
-        outcomes = {} if expected is None else {"lammps-table": expected}
-        yield entry(chain(name), asks, settings={"lammps-table": settings}, expected=outcomes)
+def short_table() -> Iterator[Entry]:
+    """Yield a table that is too short."""
     asks = "a table that ends a line short of the deepest overlap"
     expected = refused("table inner cutoff")
     yield entry(
@@ -261,6 +218,7 @@ def steps() -> Iterator[Entry]:
 @cache
 def catalogue() -> Mapping[str, Entry]:
     """Return all entries by name; the state from which one of them runs backwards is computed by the reference."""
-    scales = (speeds, angles, ratios, sizes, exponents, symmetries)
-    parts = (*scales, touches, gaps, presses, nothing, tables, steps)
-    return checked([item for part in parts for item in part()])
+    scales = (speeds, angles, "ratios", "sizes", exponents, symmetries)
+    groups = (*scales, touches, "fronts", "gaps", far, presses, "nothing", "tables", short_table, steps)
+    parts = [listed(group) if isinstance(group, str) else group() for group in groups]
+    return checked([item for part in parts for item in part])

@@ -74,19 +74,10 @@ class Row:
     @property
     def verdict(self) -> Verdict:
         """Return the outcome with its numbers."""
-        result = self.finding
-        return Verdict(
-            scene=self.entry.name,
-            quantity=result.quantity,
-            backend=self.backend,
-            reference=result.standard,
-            outcome=self.outcome,
-            sentence=TEXTS("verdict", row=self, reason=f" ({result.reason})" if result.reason else ""),
-            difference=result.error,
-            uncertainty=result.bar,
-            reference_uncertainty=result.standard_bar,
-            tolerance=result.bar + result.standard_bar,
-        )
+        result, bars = self.finding, (self.finding.bar, self.finding.standard_bar)
+        numbers = {"difference": result.error, "uncertainty": bars[0], "reference_uncertainty": bars[1]}
+        reason = f" ({result.reason})" if result.reason else ""
+        return TEXTS.verdict("extreme", row=self, outcome=self.outcome, reason=reason, tolerance=sum(bars), **numbers)
 
 
 def study_extremes(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from dem_bridge.campaign import Progress
 from dem_bridge.dense import Schedule
 from dem_bridge.observables.conserved import energy_parts, work
 from dem_bridge.observables.drift import BLOCKS, Drift, drift_of, swing_of
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.uncertainty.family import TwinFamily
 from dem_bridge.uncertainty.fixed_step import REALISATIONS, last_digit, step_safety
@@ -38,18 +39,16 @@ def perturbed(scene: Scene, share: float, seed: int) -> Scene:
     def moved(value: float) -> float:
         return value * (1.0 + share * float(deviate.standard_normal()))
 
-    def wall(item: Wall | None) -> Wall | None:
-        return None if item is None else replace(item, stiffness=moved(item.stiffness))
+    values: dict[str, Any] = {
+        name: tuple(map(moved, getattr(scene, name))) for name in ("mass", "velocity", "stiffness")
+    }
+    walls = {side: replace(wall, stiffness=moved(wall.stiffness)) for side, wall in _walls(scene).items()}
+    return replace(scene, **values, **walls, drive=None if scene.drive is None else scene.drive.times(moved(1.0)))
 
-    return replace(
-        scene,
-        mass=tuple(map(moved, scene.mass)),
-        velocity=tuple(map(moved, scene.velocity)),
-        stiffness=tuple(map(moved, scene.stiffness)),
-        wall_left=wall(scene.wall_left),
-        wall_right=wall(scene.wall_right),
-        drive=None if scene.drive is None else scene.drive.times(moved(1.0)),
-    )
+
+def _walls(scene: Scene) -> dict[str, Any]:
+    """Return the walls of a scene by the names of their fields."""
+    return {side: wall for side in ("wall_left", "wall_right") if (wall := getattr(scene, side)) is not None}
 
 
 def apart(first: Floats, other: Floats, scale: float) -> Floats:
@@ -107,10 +106,9 @@ def growth_of(time: Floats, distance: Floats, share: float, *, most: float = KNO
     inside = positive & (middle >= share) & (middle < most)
     if np.sum(inside) < 8:
         inside = positive & (middle < most)
+    factor, nan = float(np.max(distance, initial=0.0)) / share, math.nan
     if np.sum(inside) < 3:
-        nan = math.nan
-        return Growth(exponential=False, rate=nan, bar=nan, factor=float(np.max(distance, initial=0.0) / share),
-                      window=(nan, nan), misfit=(nan, nan))  # fmt: skip
+        return Growth(exponential=False, rate=nan, bar=nan, factor=factor, window=(nan, nan), misfit=(nan, nan))
     y = np.log(distance[:, inside])
     fits = {}
     for exponential, x in ((True, time[inside]), (False, np.log(time[inside]))):
@@ -125,7 +123,7 @@ def growth_of(time: Floats, distance: Floats, share: float, *, most: float = KNO
         exponential=better,
         rate=float(np.mean(slopes)),
         bar=bar,
-        factor=float(np.max(distance)) / share,
+        factor=factor,
         window=(float(time[inside][0]), float(time[inside][-1])),
         misfit=(fits[True][1], fits[False][1]),
     )
@@ -270,18 +268,8 @@ def long_run(
 def _from_here(scene: Scene, overlap: Floats, velocity: Floats) -> Scene:
     """Return the scene that continues from these overlaps (m, negative: gaps) and velocities."""
     gap, links = (-overlap).tolist(), len(scene.stiffness)
-    walls = iter(gap[links:])
-
-    def wall(item: Wall | None) -> Wall | None:
-        return None if item is None else replace(item, gap=next(walls))
-
-    return replace(
-        scene,
-        gap=tuple(gap[:links]),
-        velocity=tuple(velocity.tolist()),
-        wall_left=wall(scene.wall_left),
-        wall_right=wall(scene.wall_right),
-    )
+    walls = {side: replace(wall, gap=gap[links + i]) for i, (side, wall) in enumerate(_walls(scene).items())}
+    return replace(scene, gap=tuple(gap[:links]), velocity=tuple(velocity.tolist()), **walls)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -40,7 +40,7 @@ from dem_bridge.studies.horizon.runs import (
 )
 from dem_bridge.studies.horizon.shown import TEXTS, answer, figures, tables
 from dem_bridge.studies.horizon.verdicts import verdicts
-from dem_bridge.studies.study import Study
+from dem_bridge.studies.study import Study, check_setting
 from dem_bridge.timescales import contact_time_of
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.uncertainty.twins import twin_family
@@ -97,7 +97,12 @@ def study_horizon(
     UsageError
         For a setting out of its range, and for a scene in which nothing moves.
     """
-    _check(duration, steps, perturbations, seed)
+    if duration is not None:
+        check_setting("duration", duration, "a number > 0 (s), or None for the scene's")
+    if steps is not None:
+        check_setting("steps", steps, f"a whole number from 1 to {MOST_STEPS:.0e}, or None", least=1, most=MOST_STEPS)
+    check_setting("perturbations", perturbations, "a whole number from 2 to 1000", least=2, most=1000)
+    check_setting("seed", seed, f"a whole number from 0 to {_OTHER - 1000}", least=0, most=_OTHER - 1000)
     scene = replace(scene, duration=duration or scene.duration, samples=max(SAMPLES, scene.samples))
     sampling = Sampling(count=scene.samples)
     plan = fixed_step_plan(scene, Resolution(dt=dt), sampling, prescan_scene(scene))
@@ -197,19 +202,3 @@ def _stages(progress: Progress | None, sizes: tuple[float, ...]) -> list[Progres
         return lambda done, total, label: report((before + size * done / total) / whole, 1, label)
 
     return [stage(sum(sizes[:nth]), size) for nth, size in enumerate(sizes)]
-
-
-def _check(duration: object, steps: object, perturbations: object, seed: object) -> None:
-    def whole(value: object, least: int, most: int) -> bool:
-        return isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
-
-    if duration is not None and (
-        isinstance(duration, bool) or not isinstance(duration, int | float) or not 0.0 < duration < math.inf
-    ):
-        raise UsageError(f"duration = {duration!r}; allowed: a number > 0 (s), or None for the scene's")
-    if steps is not None and not whole(steps, 1, int(MOST_STEPS)):
-        raise UsageError(f"steps = {steps!r}; allowed: a whole number from 1 to {MOST_STEPS:.0e}, or None")
-    if not whole(perturbations, 2, 1000):
-        raise UsageError(f"perturbations = {perturbations!r}; allowed: a whole number from 2 to 1000")
-    if not whole(seed, 0, _OTHER - 1000):
-        raise UsageError(f"seed = {seed!r}; allowed: a whole number from 0 to {_OTHER - 1000}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -36,50 +35,20 @@ def verdicts(result: Found) -> tuple[Verdict, ...]:
     return (*created, *drift(result))
 
 
-def _verdict(
-    result: Found,
-    quantity: str,
-    backend: str,
-    outcome: Outcome,
-    sentence: str,
-    *,
-    scale_name: str = "1",
-    **numbers: Any,
-) -> Verdict:
-    """Return a verdict without uncertainties and with a scale of 1, unless others are given."""
-    defaults = {"scale": 1.0, "uncertainty": 0.0, "reference_uncertainty": 0.0}
-    return Verdict(
-        scene=result.scene.name,
-        quantity=quantity,
-        backend=backend,
-        outcome=outcome,
-        sentence=sentence,
-        scale_name=scale_name,
-        **(defaults | numbers),
-    )
-
-
 def single(result: Found, trust: Trust) -> Verdict:
     """Judge whether each velocity is known to 1 % all along; beyond the horizon single velocities are UNDECIDED."""
-    predictable = math.isinf(trust.horizon)
-    return _verdict(
-        result,
+    predictable, scene = math.isinf(trust.horizon), result.scene
+    texts = {"trust": trust, "duration": scene.duration, "ms": 1e3 * trust.horizon}
+    return TEXTS.verdict(
         "velocity",
-        trust.backend,
-        Outcome.PASS if predictable else Outcome.UNDECIDED,
-        TEXTS(
-            "velocity_known" if predictable else "velocity_until",
-            trust=trust,
-            scene=result.scene,
-            ms=1e3 * trust.horizon,
-        ),
+        scene=scene.name,
+        backend=trust.backend,
+        outcome=Outcome.PASS if predictable else Outcome.UNDECIDED,
+        sentence=TEXTS("known_all" if predictable else "known_until", **texts),
         reference="" if trust.backend == REFERENCE else REFERENCE,
-        scale_name="largest |velocity|",
         difference=math.nan if trust.error is None else float(trust.error[-1]),
         uncertainty=trust.last,
-        reference_uncertainty=math.nan,
         tolerance=KNOWN,
-        meaning="time step and round-off",
     )
 
 
@@ -110,50 +79,30 @@ def statistics(scene: Scene, run: Trajectory, first: int) -> dict[str, float]:
 
 
 def statistical(result: Found, trust: Trust) -> list[Verdict]:
-    """Statistics of a run beside those of independent runs of the reference; none where there are no such runs."""
-    from scipy.stats import t as student
-
+    """Judge the statistics of a run by those of independent runs of the reference, where there are such runs."""
     first = independent_from(result)
     if first is None:
         return []
-    scene, name = result.scene, trust.backend
+    scene, created = result.scene, []
     others = [statistics(scene, run, first) for run in (result.truth, *result.ensemble)]
-    created = []
+    texts = {
+        "ms": 1e3 * float(result.truth.time[first]),
+        "count": len(others),
+        "within": ONCE_IN - 1.0,
+        "once_in": ONCE_IN,
+    }
     for quantity, value in statistics(scene, trust.run, first).items():
         available: Floats = np.array([other[quantity] for other in others])
         # of one more of the same kind: its own scatter, and that of the mean
-        width = float(student.ppf(1.0 - 0.5 / ONCE_IN, len(available) - 1) * np.std(available, ddof=1))
-        width *= math.sqrt(1.0 + 1.0 / len(available))
+        width = float(_quantile(len(available)) * np.std(available, ddof=1)) * math.sqrt(1.0 + 1.0 / len(available))
         middle = float(np.mean(available))
         away = abs(value - middle)
         size = 1.0 if quantity == SKEWNESS else abs(middle)
-        sentence = TEXTS(
-            "statistic",
-            quantity=quantity,
-            name=name,
-            value=value,
-            ms=1e3 * float(result.truth.time[first]),
-            count=len(available),
-            middle=middle,
-            width=width,
-            within=ONCE_IN - 1.0,
-            once_in=ONCE_IN,
-        )
+        numbers = {"difference": away, "reference_uncertainty": width, "tolerance": width}
+        names = {"scene": scene.name, "quantity": quantity, "backend": trust.backend}
+        texts |= {"value": value, "middle": middle}
         outcome = judge_relative(away / size, 0.0, width / size)
-        created.append(
-            _verdict(
-                result,
-                quantity,
-                name,
-                outcome,
-                sentence,
-                reference=REFERENCE,
-                difference=away,
-                reference_uncertainty=width,
-                tolerance=width,
-                meaning="statistics beyond the horizon",
-            )
-        )
+        created.append(TEXTS.verdict("statistic", **names, **numbers, **texts, outcome=outcome))
     return created
 
 
@@ -163,37 +112,22 @@ def conserved(result: Found, trust: Trust) -> list[Verdict]:
     Momentum must be constant to round-off. The tolerance of energy is twice the predicted oscillation of
     velocity-Verlet and the drift of the twin over the runs that are compared.
     """
-    scene, run, created, long = result.scene, trust.run, [], result.long
+    scene, run, long = result.scene, trust.run, result.long
     drifted = sum(map(abs, long.drift.total)) if long.drift is not None else 0.0
+    checks = []
     if scene.conserves_momentum:
         scale = sum(scene.mass) * float(np.max(np.abs(run.velocity)))
-        created.append((momentum(scene, run), "momentum", scale, "kg m/s", run.cost.steps * float(np.finfo(float).eps)))
+        checks.append((momentum(scene, run), "momentum", scale, "kg m/s", run.cost.steps * float(np.finfo(float).eps)))
     if not scene.dissipates:
         quantity = "energy" if scene.conserves_energy else "energy less work"
         balance = energy(scene, run) - work(scene, run)[0]
-        created.append((balance, quantity, long.scale, "J", 2.0 * long.swing[0] + drifted))
+        checks.append((balance, quantity, long.scale, "J", 2.0 * long.swing[0] + drifted))
     verdicts = []
-    for series, quantity, scale, unit, tolerance in created:
+    for series, quantity, scale, unit, tolerance in checks:
         away = float(np.max(np.abs(series - series[0]))) / scale
-        name = trust.backend
-        verdicts.append(
-            _verdict(
-                result,
-                quantity,
-                name,
-                judge(away, 0.0, tolerance),
-                TEXTS(
-                    "conserved", quantity=quantity, name=name, away=away, scale=scale, unit=unit, tolerance=tolerance
-                ),
-                reference="its own start",
-                difference=away,
-                scale=scale,
-                unit=unit,
-                scale_name="its largest",
-                tolerance=tolerance,
-                meaning="conserved",
-            )
-        )
+        names = {"scene": scene.name, "quantity": quantity, "backend": trust.backend, "unit": unit}
+        numbers = {"difference": away, "scale": scale, "tolerance": tolerance}
+        verdicts.append(TEXTS.verdict("conserved", **names, **numbers, outcome=judge(away, 0.0, tolerance)))
     return verdicts
 
 
@@ -203,30 +137,13 @@ def drift(result: Found) -> list[Verdict]:
     The tolerance of the drift is 1 % of the largest energy in motion; both have the uncertainty of the long run's
     averages.
     """
-    from scipy.stats import t as student
-
     long, scene, created = result.long, result.scene, []
-    over = TEXTS("over", long=long, duration=float(long.time[-1]))
+    texts = {"scene": scene.name, "backend": TWIN, "over": TEXTS("over", long=long, duration=float(long.time[-1]))}
     if not scene.dissipates and long.drift is not None:
         total, bar = long.drift.total
-        significance = "significant" if long.drift.found else "not_significant"
-        created.append(
-            _verdict(
-                result,
-                "energy drift",
-                TWIN,
-                judge(abs(total), bar, KNOWN),
-                TEXTS(significance, name=TWIN, total=total, bar=bar, over=over, tolerance=KNOWN),
-                reference="none",
-                difference=abs(total),
-                scale=long.scale,
-                unit="J",
-                scale_name="most energy in motion",
-                uncertainty=bar,
-                tolerance=KNOWN,
-                meaning="conserved",
-            )
-        )
+        numbers = {"difference": abs(total), "scale": long.scale, "uncertainty": bar, "tolerance": KNOWN}
+        texts["significant"] = "significant" if long.drift.found else "not significant"
+        created.append(TEXTS.verdict("drift", **texts, **numbers, outcome=judge(abs(total), bar, KNOWN), total=total))
     exact = virial(scene)
     if exact is not None and long.drift is not None:
         kinetic, stored = (
@@ -235,23 +152,19 @@ def drift(result: Found) -> list[Verdict]:
         ratio = float(np.sum(kinetic) / np.sum(stored))
         # of a ratio of sums: the blocks' scatter about it, as parts of the mean below the line
         scatter = float(np.std(kinetic - ratio * stored, ddof=1) / np.mean(stored))
-        width = float(student.ppf(1.0 - 0.5 / ONCE_IN, BLOCKS - 1)) * scatter / math.sqrt(BLOCKS)
+        width = _quantile(BLOCKS) * scatter / math.sqrt(BLOCKS)
         away = abs(ratio - exact)
-        created.append(
-            _verdict(
-                result,
-                "mean kinetic / stored energy, long run",
-                TWIN,
-                judge_relative(away / exact, 0.0, width / exact),
-                TEXTS("virial", name=TWIN, ratio=ratio, width=width, over=over, exact=exact),
-                reference="virial theorem",
-                difference=away,
-                uncertainty=width,
-                tolerance=width,
-                meaning="statistics beyond the horizon",
-            )
-        )
+        numbers = {"difference": away, "uncertainty": width, "tolerance": width, "ratio": ratio, "exact": exact}
+        outcome = judge_relative(away / exact, 0.0, width / exact)
+        created.append(TEXTS.verdict("virial", **texts, **numbers, outcome=outcome))
     return created
+
+
+def _quantile(count: int) -> float:
+    """Return Student's t of ``count`` values that a right code exceeds once in :data:`ONCE_IN`."""
+    from scipy.stats import t as student
+
+    return float(student.ppf(1.0 - 0.5 / ONCE_IN, count - 1))
 
 
 def virial(scene: Scene) -> float | None:

@@ -33,6 +33,7 @@ from dem_bridge.studies.model_hierarchy.passage import (
     readings_of,
     window_of,
 )
+from dem_bridge.studies.study import check_setting
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE, TWIN
 from dem_bridge.verification.verdict import Outcome
@@ -147,8 +148,7 @@ def model_hierarchy_of(
     if window not in JUDGED:
         raise UsageError(f"window = {window!r}; allowed: {' or '.join(JUDGED)}")
     names = JUDGED[window] if observables is None else checked_observables(observables)
-    if isinstance(dashpot, bool) or not isinstance(dashpot, int | float) or not 0.0 < dashpot < math.inf:
-        raise UsageError(f"dashpot = {dashpot!r}; allowed: a number > 0 (N s/m)")
+    check_setting("dashpot", dashpot, "a number > 0 (N s/m)")
     accuracy = checked_accuracy(accuracy)
     model_terms = model_terms_of(scene, add=add, dashpot=dashpot)
     needed = {term.id: needs(scene, model_terms, term) for term in model_terms}

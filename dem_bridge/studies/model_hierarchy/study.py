@@ -12,7 +12,6 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from dem_bridge.campaign import Progress
-from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.runs.store import Store
@@ -31,8 +30,8 @@ from dem_bridge.studies.model_hierarchy.models import (
     model_hierarchy_of,
 )
 from dem_bridge.studies.model_hierarchy.passage import JUDGED, Effects, largest
-from dem_bridge.studies.study import Panel, Series, Study, Table
-from dem_bridge.verification.verdict import Outcome, Verdict
+from dem_bridge.studies.study import Panel, Series, Study, Table, check_setting
+from dem_bridge.verification.verdict import Outcome
 
 #: whether something may be left out
 MAY = {
@@ -98,8 +97,7 @@ def study_model_hierarchy(
     UnsupportedScene
         If no impulse runs through the chain.
     """
-    if isinstance(draws, bool) or not isinstance(draws, int) or not 1 <= draws <= 1000:
-        raise UsageError(f"draws = {draws!r}; allowed: a whole number of chains from 1 to 1000")
+    check_setting("draws", draws, "a whole number of chains from 1 to 1000", least=1, most=1000)
     hierarchy = model_hierarchy_of(
         scene, accuracy=accuracy, observables=observables, dashpot=dashpot, window=window, store=store
     )
@@ -127,20 +125,13 @@ def study_model_hierarchy(
         answer=tuple(answer),
         tables=tuple(_table(hierarchy, id, items) for id, items in tables.items() if items),
         figures=(TEXTS.figure("effects", drawn, **texts),) if drawn else (),
-        verdicts=tuple(_broken(scene, item) for item in numerical if item.outcome is Outcome.BROKEN),
+        verdicts=tuple(
+            TEXTS.verdict("broken", scene=scene.name, **vars(item))
+            for item in numerical
+            if item.outcome is Outcome.BROKEN
+        ),
         notes=tuple(_notes(hierarchy, bench, numerical, names)),
         provenance={"scene": scene.name, "scene_hash": scene.content_hash, "least_hash": below.scene.content_hash},
-    )
-
-
-def _broken(scene: Scene, item: Tried) -> Verdict:
-    return Verdict(
-        scene=scene.name,
-        quantity=item.what,
-        backend=item.name,
-        reference="reference",
-        outcome=Outcome.BROKEN,
-        sentence=item.note or TEXTS("broken", what=item.what),
     )
 
 

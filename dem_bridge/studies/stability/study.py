@@ -42,7 +42,7 @@ from dem_bridge.studies.stability.points import (
     trap_of,
 )
 from dem_bridge.studies.stability.step_limits import FINEST, RATIO, twin
-from dem_bridge.studies.study import FigureData, Map, Series, Study, Table, lines
+from dem_bridge.studies.study import FigureData, Map, Series, Study, Table, check_setting, lines
 from dem_bridge.verification.roles import GRANULAR, TWIN
 from dem_bridge.verification.verdict import Outcome, Verdict
 
@@ -91,10 +91,8 @@ def study_stability(
     UsageError
         For a setting out of its range, and for a scene that is driven or in which nothing moves.
     """
-    if isinstance(gain, bool) or not isinstance(gain, int | float) or not 0.0 < gain < math.inf:
-        raise UsageError(f"gain = {gain!r}; allowed: a number > 0, as 1.0 for energy that doubles")
-    if isinstance(points, bool) or not isinstance(points, int) or not 2 <= points <= 100:
-        raise UsageError(f"points = {points!r}; allowed: a whole number from 2 to 100")
+    check_setting("gain", gain, "a number > 0, as 1.0 for energy that doubles")
+    check_setting("points", points, "a whole number from 2 to 100", least=2, most=100)
     from pandas import DataFrame
 
     scene = load_scene(DEFAULT_SCENE) if scene is None else scene
@@ -172,20 +170,10 @@ def _measure(
 def _agreement(point: Mapping[str, Any]) -> Verdict:
     """Judge whether LAMMPS and the twin have the same largest stable step."""
     apart = abs(point["engine_ratio"] - 1.0)
-    return Verdict(
-        scene=point["name"],
-        quantity="largest stable step",
-        backend=GRANULAR,
-        reference=TWIN,
-        outcome=Outcome.PASS if apart <= SAME else Outcome.FAIL,
-        sentence=TEXTS("agreement", p=point, tolerance=SAME),
-        difference=apart,
-        scale=point["stable"],
-        unit="s",
-        scale_name="that of the twin",
-        tolerance=SAME,
-        meaning="implementation",
-    )
+    names = {"scene": point["name"], "backend": GRANULAR, "reference": TWIN}
+    numbers = {"difference": apart, "scale": point["stable"], "tolerance": SAME}
+    outcome = Outcome.PASS if apart <= SAME else Outcome.FAIL
+    return TEXTS.verdict("agreement", **names, **numbers, outcome=outcome, engine=point["engine"])
 
 
 def tables(scene: Scene, points: DataFrame, result: Results) -> tuple[Table, ...]:

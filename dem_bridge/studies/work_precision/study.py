@@ -15,12 +15,12 @@ from typing import TypeVar
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.campaign import Progress, run_cases
-from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.studies.study import Study, Table
+from dem_bridge.studies.study import Study, Table, check_setting
 from dem_bridge.studies.work_precision.curves import STYLES, WHOLE, curves
 from dem_bridge.studies.work_precision.figures import ID, figures
 from dem_bridge.studies.work_precision.files import as_csv, as_netcdf
@@ -87,10 +87,8 @@ def study_work_precision(
     RunBroken
         If the reference has no run.
     """
-    if isinstance(limit, bool) or not isinstance(limit, int | float) or not 0.0 < limit < math.inf:
-        raise UsageError(f"limit = {limit!r}; allowed: a number of seconds > 0")
-    if isinstance(repeats, bool) or not isinstance(repeats, int) or not 1 <= repeats <= 1000:
-        raise UsageError(f"repeats = {repeats!r}; allowed: a whole number from 1 to 1000")
+    check_setting("limit", limit, "a number of seconds > 0")
+    check_setting("repeats", repeats, "a whole number from 1 to 1000", least=1, most=1000)
     sampling = Sampling(count=scene.samples)
     if progress is not None:
         progress(0.0, 1, f"{scene.name}: {REFERENCE}")
