@@ -9,7 +9,7 @@ import csv
 import io
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from importlib import import_module
 from pathlib import Path
@@ -107,14 +107,6 @@ class Series:
     x: Floats
     y: Floats
     bar: Floats | None = None
-
-
-def lines(frame: DataFrame, x: str, columns: Mapping[str, tuple[str, str]]) -> Iterator[Series]:
-    """Yield a series over column ``x`` for each label -> (style, column) of ``columns`` that has values."""
-    for label, (style, column) in columns.items():
-        rows = frame.dropna(subset=[column])
-        if len(rows):
-            yield Series(label=label, style=style, x=rows[x].to_numpy(float), y=rows[column].to_numpy(float))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

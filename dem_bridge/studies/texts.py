@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from importlib import resources
 from numbers import Real
 from string import Formatter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dem_bridge.studies.study import FigureData, Map, Panel, Series, Table
 from dem_bridge.verification.verdict import Verdict
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 #: factor from SI to the unit that the heading of a column names
 FACTORS = {"%": 100.0, "kHz": 1e-3, "ms": 1e3, "µs": 1e6}
@@ -85,6 +88,14 @@ class Texts:
     def figure(self, id: str, panels: Iterable[Panel], **values: Any) -> FigureData:
         """Return a figure of these panels."""
         return FigureData(id=id, **self._entry("figures", id, values), panels=tuple(panels))
+
+    def lines(self, id: str, frame: DataFrame, x: str, **values: Any) -> Iterator[Series]:
+        """Yield a series over column ``x`` for each label -> (style, column) of the file that has values."""
+        for label, (style, column) in self.data["lines"][id].items():
+            rows = frame.dropna(subset=[column])
+            if len(rows):
+                x_values, y_values = (rows[name].to_numpy(float) for name in (x, column))
+                yield Series(label=fill(label, **values), style=style, x=x_values, y=y_values)
 
     def verdict(self, id: str, **values: Any) -> Verdict:
         """Return a verdict; values that are fields of a verdict become these, and all of them fill its texts."""

@@ -219,6 +219,6 @@ def steps() -> Iterator[Entry]:
 def catalogue() -> Mapping[str, Entry]:
     """Return all entries by name; the state from which one of them runs backwards is computed by the reference."""
     scales = (speeds, angles, "ratios", "sizes", exponents, symmetries)
-    groups = (*scales, touches, "fronts", "gaps", far, presses, "nothing", "tables", short_table, steps)
+    groups = (*scales, touches, "fronts", "gaps", far, presses, "nothing", "tabulated", short_table, steps)
     parts = [listed(group) if isinstance(group, str) else group() for group in groups]
     return checked([item for part in parts for item in part])

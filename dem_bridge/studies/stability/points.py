@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,9 +13,10 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import surrogate_radius
 from dem_bridge.backends.reference import Reference
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.errors import RunBroken
+from dem_bridge.errors import BackendUnavailable, RunBroken
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.lmp.process import require
 from dem_bridge.observables.conserved import momentum
 from dem_bridge.observables.modes import highest_frequencies
 from dem_bridge.physics.exact import two_body_collision
@@ -37,7 +38,7 @@ from dem_bridge.studies.stability.step_limits import (
 from dem_bridge.studies.texts import Texts
 from dem_bridge.timescales import rayleigh_time_of
 from dem_bridge.trajectory import Floats, Trajectory
-from dem_bridge.verification.roles import GRANULAR
+from dem_bridge.verification.roles import GRANULAR, TWIN
 
 TEXTS = Texts("stability")
 #: wanted of velocities
@@ -53,6 +54,8 @@ MASS, STIFFNESS, SPEED = 1e-2, 4e9, 1.0
 
 #: other shares, for how much the limit depends on it
 GAINS = (0.01, 0.1, 1.0, 10.0)
+#: the largest stable step over those in the table of the trap, and over those in its figure
+SHARES, CURVE = (8.0, 4.0, 2.0, 1.0), np.geomspace(32.0, 1.0, 16)
 #: omega dt and phase of the first touch of two bodies
 STEPS: Floats = np.linspace(0.05, 2.5, 50)
 PHASES: Floats = np.asarray((np.arange(16) + 0.5) / 16.0)
@@ -79,16 +82,6 @@ class Measured:
     """rad/s: highest of all contacts together."""
     scale: float
     """J: the most that is in motion."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Threshold:
-    """Limit of a scene, in units of 1/omega of its highest mode, for one permissible growth of the energy."""
-
-    scene: str
-    share: float
-    omega_dt: float
-    window: float
 
 
 def families(points: int) -> tuple[Family, ...]:
@@ -252,10 +245,54 @@ class Results:
 
     points: list[dict[str, Any]] = field(default_factory=list)
     """Results of :func:`point_of`."""
-    thresholds: list[Threshold] = field(default_factory=list)
+    thresholds: list[dict[str, Any]] = field(default_factory=list)
+    """Limits by scene and permissible ``share`` of growth of the energy, in units of 1/omega of the highest mode."""
     gains: Floats | None = None
     """``(n_phase, n_step)`` of two bodies."""
     traps: list[Trap] = field(default_factory=list)
     curve: list[Trap] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     interrupted: bool = False
+
+
+def measure(
+    scene: Scene, chosen: Sequence[Family], result: Results, gain: float, engine: Engine | None
+) -> Iterator[str]:
+    """Measure all of it into ``result``; yield the name of each part before it is measured."""
+    yield "LAMMPS"
+    try:
+        require(Engine.chosen() if engine is None else engine, "pair granular")
+        has_engine = True
+    except BackendUnavailable as error:
+        has_engine = False
+        result.notes.append(f"LAMMPS was not run: {error}.")
+    for family in chosen:
+        some = {0, len(family.values) // 2, len(family.values) - 1}
+        for i, value in enumerate(family.values.tolist()):
+            yield f"{family.id} = {value:.3g}"
+            item = measured(family.scene_at(value))
+            lmp = engine_on(item.scene, engine) if has_engine and i in some else None
+            result.points.append(point_of(item, family=family.id, value=value, allowed=gain, engine=lmp))
+    yield scene.name
+    whole = measured(scene)
+    lmp = engine_on(scene, engine) if has_engine else None
+    if has_engine and lmp is None:
+        result.notes.append(f"LAMMPS was not run on {scene.name}: {GRANULAR_STYLE.unsupported_reason(scene)}.")
+    point = point_of(whole, allowed=gain, engine=lmp)
+    result.points.append(point)
+    yield "thresholds"
+    pair = measured(chain("two-equal", (MASS, MASS), (STIFFNESS,)))
+    row = measured(chain("five-equal", (MASS,) * 5, (STIFFNESS,) * 4))
+    for item in (pair, row, whole):
+        for share in GAINS:
+            stable, _ = stable_at(item, share)
+            limits = {"omega_dt": item.mode * stable.good, "window": item.mode * stable.window}
+            result.thresholds.append({"scene": item.scene.name, "share": share} | limits)
+    result.gains = gain_map(pair, STEPS, PHASES)
+    yield "trap"
+    limit = point["stable"]
+    result.curve = [trap_of(whole, twin, TWIN, float(limit / share)) for share in CURVE]
+    for dt in (float(f"{limit / share:.0e}") for share in SHARES):
+        result.traps.append(trap_of(whole, twin, TWIN, dt))
+        if lmp is not None:
+            result.traps.append(trap_of(whole, lmp, GRANULAR, dt))

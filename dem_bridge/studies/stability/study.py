@@ -14,35 +14,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dem_bridge.campaign import Progress
-from dem_bridge.errors import BackendUnavailable, UsageError
-from dem_bridge.lmp.coefficients import GRANULAR_STYLE
+from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.lmp.process import require
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene
 from dem_bridge.studies.stability.points import (
     ACCURACIES,
-    GAINS,
-    MASS,
     PHASES,
     STEPS,
-    STIFFNESS,
     TEXTS,
     Family,
     Results,
-    Threshold,
     Trap,
-    chain,
-    engine_on,
     families,
-    gain_map,
-    measured,
-    point_of,
-    stable_at,
-    trap_of,
+    measure,
 )
-from dem_bridge.studies.stability.step_limits import FINEST, RATIO, twin
-from dem_bridge.studies.study import FigureData, Map, Series, Study, Table, check_setting, lines
+from dem_bridge.studies.stability.step_limits import FINEST, RATIO
+from dem_bridge.studies.study import FigureData, Map, Series, Study, Table, check_setting
 from dem_bridge.verification.roles import GRANULAR, TWIN
 from dem_bridge.verification.verdict import Outcome, Verdict
 
@@ -53,8 +41,6 @@ _ACCURACIES: dict[str, Any] = {"first": ACCURACIES[0], "second": ACCURACIES[1]}
 #: a run is unstable whose energy grows for good by more than this share of what was in motion
 GAIN = 1.0
 DEFAULT_SCENE = "decelerating-40"
-#: the largest stable step over those in the table of the trap, and over those in its figure
-SHARES, CURVE = (8.0, 4.0, 2.0, 1.0), np.geomspace(32.0, 1.0, 16)
 #: limits of LAMMPS and twin are the same within this: both are known to half of it
 SAME = 0.01
 
@@ -104,7 +90,7 @@ def study_stability(
     chosen, results = families(points), Results()
     total = points * len(chosen) + 4
     try:
-        for done, label in enumerate(_measure(scene, chosen, results, float(gain), engine)):
+        for done, label in enumerate(measure(scene, chosen, results, float(gain), engine)):
             if progress is not None:
                 progress(done, total, label)
     except KeyboardInterrupt:
@@ -122,49 +108,6 @@ def study_stability(
         interrupted=results.interrupted,
         provenance={"scene": scene.name, "scene_hash": scene.content_hash, "gain": gain, "points": points},
     )
-
-
-def _measure(
-    scene: Scene, chosen: Sequence[Family], result: Results, gain: float, engine: Engine | None
-) -> Iterator[str]:
-    """Fill ``result``; yield the name of each part before it is measured."""
-    yield "LAMMPS"
-    try:
-        require(Engine.chosen() if engine is None else engine, "pair granular")
-        has_engine = True
-    except BackendUnavailable as error:
-        has_engine = False
-        result.notes.append(f"LAMMPS was not run: {error}.")
-    for family in chosen:
-        some = {0, len(family.values) // 2, len(family.values) - 1}
-        for i, value in enumerate(family.values.tolist()):
-            yield f"{family.id} = {value:.3g}"
-            item = measured(family.scene_at(value))
-            lmp = engine_on(item.scene, engine) if has_engine and i in some else None
-            result.points.append(point_of(item, family=family.id, value=value, allowed=gain, engine=lmp))
-    yield scene.name
-    whole = measured(scene)
-    lmp = engine_on(scene, engine) if has_engine else None
-    if has_engine and lmp is None:
-        result.notes.append(f"LAMMPS was not run on {scene.name}: {GRANULAR_STYLE.unsupported_reason(scene)}.")
-    point = point_of(whole, allowed=gain, engine=lmp)
-    result.points.append(point)
-    yield "thresholds"
-    pair = measured(chain("two-equal", (MASS, MASS), (STIFFNESS,)))
-    row = measured(chain("five-equal", (MASS,) * 5, (STIFFNESS,) * 4))
-    for item in (pair, row, whole):
-        for share in GAINS:
-            stable, _ = stable_at(item, share)
-            limits = {"omega_dt": item.mode * stable.good, "window": item.mode * stable.window}
-            result.thresholds.append(Threshold(scene=item.scene.name, share=share, **limits))
-    result.gains = gain_map(pair, STEPS, PHASES)
-    yield "trap"
-    limit = point["stable"]
-    result.curve = [trap_of(whole, twin, TWIN, float(limit / share)) for share in CURVE]
-    for dt in (float(f"{limit / share:.0e}") for share in SHARES):
-        result.traps.append(trap_of(whole, twin, TWIN, dt))
-        if lmp is not None:
-            result.traps.append(trap_of(whole, lmp, GRANULAR, dt))
 
 
 def _agreement(point: Mapping[str, Any]) -> Verdict:
@@ -189,20 +132,11 @@ def figures(
     scene: Scene, chosen: Sequence[Family], points: DataFrame, result: Results, gain: float
 ) -> Iterator[FigureData]:
     """Yield the limits over each family, the energy of two bodies over step and phase, and the trap."""
-    columns = {
-        "2/omega of one contact": ("guide", "over_pair"),
-        "2/omega of the highest mode": ("fit", "over_mode"),
-        "stable, twin": ("reference", "stable"),
-        "stable, LAMMPS": (GRANULAR, "engine"),
-        f"accurate to {ACCURACIES[0]:g}, twin": ("bca", "coarse"),
-        f"accurate to {ACCURACIES[1]:g}, twin": ("adiabatic", "fine"),
-        "Rayleigh time": ("", "rayleigh"),
-    }
-    panels = [
-        TEXTS.panel("family", lines(item, "value", columns), letter=letter, family=TEXTS.data["families"][family.id])
-        for letter, family in zip("abcd", chosen, strict=False)
-        if len(item := points[points["family"] == family.id])
-    ]
+    panels = []
+    for letter, family in zip("abcd", chosen, strict=False):
+        if len(item := points[points["family"] == family.id]):
+            series = TEXTS.lines("family", item, "value", **_ACCURACIES)
+            panels.append(TEXTS.panel("family", series, letter=letter, family=TEXTS.data["families"][family.id]))
     if panels:
         yield TEXTS.figure("stability-limits", panels)
     if result.gains is not None:
@@ -222,14 +156,8 @@ def figures(
 def _trap(points: DataFrame, result: Results) -> Iterator[Series]:
     """Yield the errors of the named scene over the time step, and its largest stable step."""
     curve, engine = _frame(result.curve, TWIN), _frame(result.traps, GRANULAR)
-    columns = {
-        "velocity, largest error": ("bca", "velocity"),
-        "velocity at the end": ("adiabatic", "last"),
-        "kinetic energy at the end": ("fit", "kinetic"),
-        "momentum, largest change": ("reference", "momentum"),
-    }
-    yield from lines(curve.assign(momentum=np.maximum(curve["momentum"], 1e-17)), "dt", columns)
-    yield from lines(engine, "dt", {"velocity, LAMMPS": (GRANULAR, "velocity")})
+    yield from TEXTS.lines("trap", curve.assign(momentum=np.maximum(curve["momentum"], 1e-17)), "dt")
+    yield from TEXTS.lines("trap-of-lammps", engine, "dt")
     limit = float(points["stable"].iloc[-1])
     yield Series(label="largest stable step", style="guide", x=np.array([limit] * 2), y=np.array([1e-16, 1.0]))
 
@@ -276,8 +204,8 @@ def answer(chosen: Sequence[Family], points: DataFrame, result: Results, gain: f
         yield TEXTS("speed", limit=collapsed.iloc[0], first=value[0], last=value[-1], spread=spread)
     if len(angles) > 1:
         yield TEXTS("angle", first=angles.iloc[0], last=angles.iloc[-1])
-    for name in dict.fromkeys(threshold.scene for threshold in result.thresholds):
-        first, *_, last = (threshold for threshold in result.thresholds if threshold.scene == name)
+    for name in dict.fromkeys(threshold["scene"] for threshold in result.thresholds):
+        first, *_, last = (threshold for threshold in result.thresholds if threshold["scene"] == name)
         yield TEXTS("threshold", scene=name, first=first, last=last, gain=gain)
 
 
