@@ -26,18 +26,7 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.studies.horizon.runs import (
-    Found,
-    Trust,
-    apart,
-    growth_of,
-    horizon_of,
-    long_run,
-    perturbed,
-    reference_bar,
-    round_off_bar,
-    step_bar,
-)
+from dem_bridge.studies.horizon import runs
 from dem_bridge.studies.horizon.shown import TEXTS, answer, figures, tables
 from dem_bridge.studies.horizon.verdicts import verdicts
 from dem_bridge.studies.study import Study, check_setting
@@ -107,8 +96,8 @@ def study_horizon(
     sampling = Sampling(count=scene.samples)
     plan = fixed_step_plan(scene, Resolution(dt=dt), sampling, prescan_scene(scene))
     judged = engine_for(scene)
-    moved = [perturbed(scene, PERTURBATION, seed + i) for i in range(perturbations)]
-    digits = [perturbed(scene, DIGIT, _OTHER + seed + i) for i in range(DIGITS)]
+    moved = [runs.perturbed(scene, PERTURBATION, seed + i) for i in range(perturbations)]
+    digits = [runs.perturbed(scene, DIGIT, _OTHER + seed + i) for i in range(DIGITS)]
     cases = [
         Case(scene=each, backend=REFERENCE, resolution=Resolution(), sampling=sampling, uncertainty=False)
         for each in (scene, *moved, *digits)
@@ -127,7 +116,7 @@ def study_horizon(
     scale = float(np.max(np.abs(truth.velocity)))
     if scale == 0.0:
         raise UsageError(f"nothing moves in {scene.name}, so that nothing can part; allowed: a scene with an impact")
-    distance = np.array([apart(item.velocity, truth.velocity, scale) for item in ensemble])
+    distance = np.array([runs.apart(item.velocity, truth.velocity, scale) for item in ensemble])
     own_value, dense = solve_dense(scene, plan, 0.0)
     twins = twin_family(scene, Resolution(dt=plan.step), sampling)
     if twins is None:
@@ -136,35 +125,36 @@ def study_horizon(
             " allowed: a larger dt or a shorter duration"
         )
     rounded = [solve_plan(digit, plan).velocity for digit in digits[:TWIN_DIGITS]]
+    own, positional, by_step = own_value.velocity, [twins.positional.velocity], runs.step_bar(twins, scale)
     bars = {
-        REFERENCE: reference_bar(truth.velocity, [item.velocity for item in last], scale),
-        TWIN: step_bar(twins, scale) + round_off_bar(own_value.velocity, rounded, plan, scale),
-        judged: step_bar(twins, scale) + round_off_bar(own_value.velocity, [twins.positional.velocity], plan, scale),
+        REFERENCE: runs.reference_bar(truth.velocity, [item.velocity for item in last], scale),
+        TWIN: by_step + runs.round_off_bar(own, rounded, plan, scale),
+        judged: by_step + runs.round_off_bar(own, positional, plan, scale),
     }
-    runs = {REFERENCE: truth, TWIN: own_value} | ({judged: lmp.trajectory} if lmp.trajectory is not None else {})
+    solved = {REFERENCE: truth, TWIN: own_value} | ({judged: lmp.trajectory} if lmp.trajectory is not None else {})
     closed = np.sum((dense.overlap[1:] > 0.0) & (dense.overlap[:-1] <= 0.0), axis=1)
     when = plan.dense_steps[1:] * plan.step
 
-    def trust(name: str, run: Trajectory) -> Trust:
-        horizon = horizon_of(truth.time, bars[name])
-        return Trust(
+    def trust(name: str, run: Trajectory) -> runs.Trust:
+        horizon = runs.horizon_of(truth.time, bars[name])
+        return runs.Trust(
             backend=name,
             bar=bars[name],
-            error=None if name == REFERENCE else apart(run.velocity, truth.velocity, scale),
+            error=None if name == REFERENCE else runs.apart(run.velocity, truth.velocity, scale),
             run=run,
             horizon=horizon,
             collisions=float(np.sum(closed[when <= horizon])) if plan.resolved else math.nan,
         )
 
-    long = long_run(scene, plan.step, requested, progress=second)
-    halved = long_run(scene, 0.5 * plan.step, max(requested // 4, 1), progress=third) if long.complete else None
-    result = Found(
+    long = runs.long_run(scene, plan.step, requested, progress=second)
+    halved = runs.long_run(scene, 0.5 * plan.step, max(requested // 4, 1), progress=third) if long.complete else None
+    result = runs.Found(
         scene=scene,
         plan=plan,
         perturbation=PERTURBATION,
         distance=distance,
-        growth=growth_of(truth.time, distance, PERTURBATION),
-        trusts=tuple(trust(name, run) for name, run in runs.items()),
+        growth=runs.growth_of(truth.time, distance, PERTURBATION),
+        trusts=tuple(trust(name, run) for name, run in solved.items()),
         ensemble=tuple(ensemble),
         long=long,
         halved=halved if halved is not None and halved.complete else None,

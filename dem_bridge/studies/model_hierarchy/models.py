@@ -20,19 +20,9 @@ from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
+from dem_bridge.studies.model_hierarchy import passage
 from dem_bridge.studies.model_hierarchy.model_terms import DASHPOT, ModelTerm, model, model_terms_of, named, needs
-from dem_bridge.studies.model_hierarchy.passage import (
-    JUDGED,
-    Effects,
-    Readings,
-    checked_observables,
-    decided,
-    effects,
-    largest,
-    last_counted,
-    readings_of,
-    window_of,
-)
+from dem_bridge.studies.model_hierarchy.passage import JUDGED, Effects, Readings, effects, last_counted
 from dem_bridge.studies.study import check_setting
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE, TWIN
@@ -147,7 +137,7 @@ def model_hierarchy_of(
     """
     if window not in JUDGED:
         raise UsageError(f"window = {window!r}; allowed: {' or '.join(JUDGED)}")
-    names = JUDGED[window] if observables is None else checked_observables(observables)
+    names = JUDGED[window] if observables is None else passage.checked_observables(observables)
     check_setting("dashpot", dashpot, "a number > 0 (N s/m)")
     accuracy = checked_accuracy(accuracy)
     model_terms = model_terms_of(scene, add=add, dashpot=dashpot)
@@ -202,8 +192,8 @@ class Bench:
 
     def read(self, scene: Scene, run: Trajectory) -> Readings:
         """Return the observables of a run in the window."""
-        window = window_of(scene, self.until, whole=self.hierarchy.window == "whole")
-        return readings_of(scene, run, window, self.hierarchy.tabulated)
+        window = passage.window_of(scene, self.until, whole=self.hierarchy.window == "whole")
+        return passage.readings_of(scene, run, window, self.hierarchy.tabulated)
 
     def of(self, scenes: Sequence[Scene]) -> list[Readings]:
         """Return the readings of these scenes by the reference; scenes that were not run yet are run."""
@@ -214,7 +204,7 @@ class Bench:
 
     def tried(self, name: str, what: str, changes: Effects, observables: Sequence[str]) -> Tried:
         """Return a change with its outcome."""
-        outcome = decided(changes, observables, self.hierarchy.accuracy)
+        outcome = passage.decided(changes, observables, self.hierarchy.accuracy)
         return Tried(name=name, what=what, effects=changes, outcome=outcome)
 
 
@@ -225,11 +215,11 @@ def left_out(bench: Bench, observables: Sequence[str]) -> tuple[LeftOut, ...]:
     results = []
     for term in hierarchy.model_terms:
         changes = effects(*bench.of([hierarchy.model(without) for without in hierarchy.alone(term)]))
-        outcome, bears = decided(changes, observables, hierarchy.accuracy), hierarchy.bears[term.id]
+        outcome, bears = passage.decided(changes, observables, hierarchy.accuracy), hierarchy.bears[term.id]
         what = f"{term.what}, of a chain without {named(bears)}" if bears else term.what
         name = term.id.replace("-", " ")
         results.append(LeftOut(name=name, what=what, effects=changes, outcome=outcome, term=term, bears=bears))
-    return tuple(sorted(results, key=lambda item: -abs(largest(item.effects, observables)[1].value)))
+    return tuple(sorted(results, key=lambda item: -abs(passage.largest(item.effects, observables)[1].value)))
 
 
 def least(bench: Bench, alone: Sequence[LeftOut], observables: Sequence[str]) -> Least:
@@ -245,7 +235,7 @@ def least(bench: Bench, alone: Sequence[LeftOut], observables: Sequence[str]) ->
         fewer = without | {item.term.id}
         [readings] = bench.of([hierarchy.model(fewer)])
         effects_of_all = effects(full, readings)
-        outcome = decided(effects_of_all, observables, hierarchy.accuracy)
+        outcome = passage.decided(effects_of_all, observables, hierarchy.accuracy)
         steps.append(Tried(name=item.term.id, what=f"without {named(fewer)}", effects=effects_of_all, outcome=outcome))
         if outcome is Outcome.PASS:
             without, changes = fewer, effects_of_all

@@ -16,19 +16,10 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
+from dem_bridge.studies.model_hierarchy import models
 from dem_bridge.studies.model_hierarchy.choices import cheapest, choices, doubts
 from dem_bridge.studies.model_hierarchy.model_terms import DASHPOT, TEXTS, named
-from dem_bridge.studies.model_hierarchy.models import (
-    Bench,
-    Least,
-    LeftOut,
-    ModelHierarchy,
-    Tried,
-    judged,
-    least,
-    left_out,
-    model_hierarchy_of,
-)
+from dem_bridge.studies.model_hierarchy.models import Bench, Least, LeftOut, ModelHierarchy, Tried
 from dem_bridge.studies.model_hierarchy.passage import JUDGED, Effects, largest
 from dem_bridge.studies.study import Panel, Series, Study, Table, check_setting
 from dem_bridge.verification.verdict import Outcome
@@ -98,13 +89,13 @@ def study_model_hierarchy(
         If no impulse runs through the chain.
     """
     check_setting("draws", draws, "a whole number of chains from 1 to 1000", least=1, most=1000)
-    hierarchy = model_hierarchy_of(
+    hierarchy = models.model_hierarchy_of(
         scene, accuracy=accuracy, observables=observables, dashpot=dashpot, window=window, store=store
     )
     bench = Bench(hierarchy, jobs=jobs, progress=progress, store=store)
-    names = judged(bench)
-    alone = left_out(bench, names)
-    below = least(bench, alone, names)
+    names = models.judged(bench)
+    alone = models.left_out(bench, names)
+    below = models.least(bench, alone, names)
     suspected = tuple(doubts(bench, names, spread=spread, draws=draws))
     numerical = tuple(choices(bench, names, engine)) if numerics else ()
     answer = [*_on_physics(hierarchy, alone, below, names, dashpot)]

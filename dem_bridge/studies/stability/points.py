@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,19 +23,8 @@ from dem_bridge.observables.modes import highest_frequencies
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import parse_scene
-from dem_bridge.studies.stability.step_limits import (
-    Limit,
-    Stepper,
-    accurate_step,
-    at_step,
-    energies,
-    gain_of,
-    in_motion,
-    lammps,
-    stable_step,
-    twin,
-    velocity_error,
-)
+from dem_bridge.studies.stability import step_limits
+from dem_bridge.studies.stability.step_limits import Limit, Stepper, energies, stable_step, twin
 from dem_bridge.studies.texts import Texts
 from dem_bridge.timescales import rayleigh_time_of
 from dem_bridge.trajectory import Floats, Trajectory
@@ -124,7 +114,7 @@ def measured(scene: Scene) -> Measured:
     count = math.ceil(math.sqrt(2.0) * prescan.frequency * scene.duration / PHASE)
     sampling = Sampling(count=min(max(count, FEWEST), MOST))
     truth = Reference().run(scene, Resolution(), sampling)
-    scale = in_motion(scene, truth)
+    scale = step_limits.in_motion(scene, truth)
     pair, mode = highest_frequencies(scene, truth)
     return Measured(scene=scene, truth=truth, pair=pair, mode=mode, scale=scale)
 
@@ -147,7 +137,7 @@ def point_of(
         search = {"start": limit.bad, "scale": result.scale, "ratio": CLOSE, "guard": BESIDE}
         of_engine = stable_step(engine, result.scene, allowed=allowed, phases=(phase,), **search)[0].good
     coarse, fine = (
-        accurate_step(twin, result.scene, result.truth, stable=stable, accuracy=accuracy).good
+        step_limits.accurate_step(twin, result.scene, result.truth, stable=stable, accuracy=accuracy).good
         for accuracy in ACCURACIES
     )
     rayleigh = rayleigh_time_of(result.scene) or math.nan
@@ -180,7 +170,7 @@ def engine_on(scene: Scene, engine: Engine | None) -> Stepper | None:
     if not GRANULAR_STYLE.covers(scene):
         return None
     deepest = float(np.max(prescan_scene(scene).peak_overlap, initial=0.0))
-    return lammps(GRANULAR, engine, radius=ROOM * surrogate_radius(deepest))
+    return step_limits.lammps(GRANULAR, engine, radius=ROOM * surrogate_radius(deepest))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,7 +194,7 @@ class Trap:
 
 def trap_of(result: Measured, stepper: Stepper, backend: str, dt: float) -> Trap:
     """Compare a run at ``dt`` (s) with the reference; all numbers are inf where it breaks."""
-    scene, truth = at_step(result.scene, dt), result.truth
+    scene, truth = step_limits.at_step(result.scene, dt), result.truth
     try:
         run = stepper(scene, dt)
     except RunBroken:
@@ -220,7 +210,7 @@ def trap_of(result: Measured, stepper: Stepper, backend: str, dt: float) -> Trap
     return Trap(
         backend=backend,
         dt=dt,
-        velocity=velocity_error(stepper, result.scene, truth, dt),
+        velocity=step_limits.velocity_error(stepper, result.scene, truth, dt),
         last=float(np.max(np.abs(run.velocity[final] - companion))) / speed,
         momentum=float(np.max(np.abs(series - series[0]))) / start
         if scene.conserves_momentum and start > 0.0
@@ -235,8 +225,8 @@ def gain_map(pair: Measured, steps: Floats, phases: Floats) -> Floats:
 
     It is the same for all masses, speeds and stiffnesses, because two Hertzian bodies have no scale.
     """
-    runs = [[gain_of(twin, pair.scene, x / pair.pair, phase, pair.scale) for x in steps] for phase in phases.tolist()]
-    return np.array(runs)
+    gain = partial(step_limits.gain_of, twin, pair.scene, scale=pair.scale)
+    return np.array([[gain(x / pair.pair, phase) for x in steps] for phase in phases.tolist()])
 
 
 @dataclass(kw_only=True)

@@ -23,7 +23,6 @@ from dem_bridge.report.drawing import draw_figure
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.studies.model_hierarchy import choices as hierarchy_choices
-from dem_bridge.studies.model_hierarchy import study as hierarchy_study
 from dem_bridge.studies.model_hierarchy.model_terms import ModelTerm
 from dem_bridge.studies.model_hierarchy.models import Bench, LeftOut, judged, least, left_out, model_hierarchy_of
 from dem_bridge.studies.model_hierarchy.passage import JUDGED, Effect, Readings
@@ -350,7 +349,7 @@ def test_an_upright_chain_is_asked_what_is_suspected_too(monkeypatch: pytest.Mon
     def undamped(*_: Any, **__: Any) -> Any:
         return replace(real, model_terms=tuple(one for one in real.model_terms if one.id != "damping"))
 
-    monkeypatch.setattr(hierarchy_study, "model_hierarchy_of", undamped)
+    monkeypatch.setattr("dem_bridge.studies.model_hierarchy.models.model_hierarchy_of", undamped)
     monkeypatch.setattr(hierarchy_choices, "DRAG", 20.0)
     study = db.study("model-hierarchy", short, jobs=1, store=store, numerics=False, draws=2, spread=0.2)
     assert list(_rows(study, "suspected")) == [
