@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 STAMP  := $(VENV)/.installed
 BIN    := $(VENV)/bin
-PYTEST := -n auto --dist loadgroup
+PYTEST := -n auto
 
 .PHONY: setup verify test test-all bench docs lint pins clean
 

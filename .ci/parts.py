@@ -87,7 +87,7 @@ def lint(env: Environment, words: Sequence[str]) -> Part:
 
 def suite(env: Environment, words: Sequence[str]) -> Part:
     junit = env.work / f"{env.name}-tests.xml"
-    how = ("-q", "-n", "auto", "--dist", "loadgroup", f"--junit-xml={junit}")
+    how = ("-q", "-n", "auto", f"--junit-xml={junit}")
     done = env("python", "-m", "pytest", *how, *words)
     if not junit.is_file():
         raise Broken(f"pytest: {last_line(done)}")

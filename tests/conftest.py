@@ -36,14 +36,26 @@ os.environ["DEM_BRIDGE_STORE"] = ""
 Solve = Callable[..., Trajectory]
 
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Give each file to one process of xdist, and so each folder whose tests share runs."""
-    if not config.pluginmanager.hasplugin("xdist"):
-        return
-    for item in items:
-        folder = item.path.parent
-        shares_runs = (folder / "conftest.py").exists() and folder != Path(__file__).parent
-        item.add_marker(pytest.mark.xdist_group(str(folder if shares_runs else item.path)))
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Give each file to one process of xdist, and so each folder whose tests share runs.
+
+    ``--dist loadgroup`` would do it by markers, but pytest 9.2 drops its groups without a word (pytest-xdist #1386).
+    """
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByFileOrFolder(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return group_of(nodeid, config.rootpath)
+
+    return ByFileOrFolder(config, log)
+
+
+def group_of(nodeid: str, root: Path) -> str:
+    """Return the file of a test, or its folder where a conftest.py there makes runs for all files of the folder."""
+    file = Path(nodeid.split("::")[0])
+    shares_runs = (root / file.parent / "conftest.py").exists() and (root / file).parent != Path(__file__).parent
+    return str(file.parent if shares_runs else file)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -10,6 +10,7 @@ import ast
 import re
 import sys
 from collections.abc import Iterator
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -73,8 +74,13 @@ def _modules() -> dict[str, Path]:
 MODULES = _modules()
 
 
-def _imports(file: Path) -> Iterator[str]:
-    """Dotted names that a file imports; a name imported from a package of ours is its module where it is one."""
+@cache
+def _imports(file: Path) -> tuple[str, ...]:
+    """Return the dotted names that a file imports; a name imported from a package of ours is its module, if any."""
+    return tuple(_imported(file))
+
+
+def _imported(file: Path) -> Iterator[str]:
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)

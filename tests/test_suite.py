@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import hypothesis
@@ -61,6 +62,11 @@ RULES = {
 }
 
 
+@cache
+def _tree(file: Path) -> ast.Module:
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
 @pytest.mark.parametrize("rule", [wordless_errors, compared_with_itself, clocks])
 def test_every_file_keeps_the_rule(rule: object) -> None:
     assert callable(rule)
@@ -68,7 +74,7 @@ def test_every_file_keeps_the_rule(rule: object) -> None:
     for file in FILES:
         path = file.relative_to(Path(__file__).parents[1]).as_posix()
         if rule is not clocks or not path.startswith(WITH_CLOCKS):
-            broken += [f"{path}:{line}" for line in rule(ast.parse(file.read_text(encoding="utf-8")))]
+            broken += [f"{path}:{line}" for line in rule(_tree(file))]
     assert broken == []
 
 

@@ -117,6 +117,7 @@ def test_bars_hold_on_the_papers_chains(free_chain: Truth, walled: Truth, solved
         assert run.uncertainty["velocity"] <= 5.0 * truth.error(run, "velocity")
 
 
+@pytest.mark.slow
 def test_bars_hold_on_random_scenes() -> None:
     # at steps that are a fifth of the shortest contact time, too
     found = list(trials("blanes-moan", range(0, COUNT, 15), (1 / 5, 1 / 50)))

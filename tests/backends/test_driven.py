@@ -189,6 +189,7 @@ def test_damped_driven_chains_are_solved_by_both(shape: str) -> None:
     assert twin.uncertainty["velocity"] < 1e-2 * np.max(np.abs(truth.velocity))
 
 
+@pytest.mark.slow
 def test_trial_steps_that_overflow_are_no_matter() -> None:
     # 3e-4 s long, from a force that hardly changes, into a contact of n = 5: 1e5 times too deep
     scene = Scene(

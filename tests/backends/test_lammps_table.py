@@ -91,6 +91,7 @@ def test_lammps_is_its_twin_bit_for_bit_on_the_shipped_chains(
     _assert_equal(run, _twin(run, scene, **settings), 40)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MAIN_SCENES)
 def test_types_and_radius_leave_lammps_its_twin_bit_for_bit(name: str, solved: Solve) -> None:
     scene = db.load_scene(name)
@@ -200,6 +201,7 @@ def test_a_scene_without_a_spacing_has_no_physical_geometry() -> None:
             db.solve(replace(MIXED, exponent=2.5), backend=backend, dt=1e-7, geometry="physical")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dt", [1e-7, 2e-8])
 @pytest.mark.parametrize("name", MAIN_SCENES)
 def test_the_round_off_of_9_mm_is_that_predicted_within_a_factor_3(name: str, dt: float, solved: Solve) -> None:
@@ -209,6 +211,7 @@ def test_the_round_off_of_9_mm_is_that_predicted_within_a_factor_3(name: str, dt
     assert floor / 3.0 < _apart(run, _in_overlaps(run, scene)) < 3.0 * floor
 
 
+@pytest.mark.slow
 def test_an_accuracy_below_the_floor_of_9_mm_is_refused_with_the_floor() -> None:
     with pytest.raises(
         UsageError, match=r"accuracy = 1e-07 .*radius of 0\.009 m is (\S+) of .*geometry='surrogate'"

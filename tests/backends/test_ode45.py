@@ -231,6 +231,7 @@ def _outside(run: Trajectory, reference: Trajectory, quantity: str) -> bool:
     return bool(np.any(error > run.uncertainty[quantity] + reference.uncertainty[quantity]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rtol", "atol"), [(1e-3, 1e-6), (1e-7, 1e-10)])
 def test_bars_hold_on_random_scenes(rtol: float, atol: float, solved: Solve) -> None:
     found: dict[str, list[str]] = {}

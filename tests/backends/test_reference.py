@@ -75,6 +75,7 @@ def test_its_bars_hold_against_the_truth(chain: str, request: pytest.FixtureRequ
         assert np.all(truth.error(run, quantity) <= run.uncertainty[quantity]), quantity
 
 
+@pytest.mark.slow
 @examples(20)
 @given(scene=scenes(bodies=(1, 6), exponents=st.just(2.5), walls=True, gravity=True, samples=50))
 def test_it_agrees_with_scipy_within_their_bars_on_random_scenes(scene: Scene) -> None:

@@ -31,12 +31,14 @@ def test_make_bench_runs_every_benchmark() -> None:
     assert sorted(re.findall(r"-m tests\.bench\.(bench_\w+)", makefile)) == NAMES == sorted(LAST_LINES)
 
 
-#: bench_paper is `dem-bridge verify` four times over, which tests/cli has: 10 s of CPU
-DEEP = {"bench_paper": pytest.mark.slow}
+#: the benchmarks that take 2 to 10 s of CPU on their tiny case; `make test-all` starts these too
+DEEP = ("bench_backends", "bench_horizon", "bench_lammps", "bench_paper", "bench_plan")
 
 
 @pytest.mark.lammps
-@pytest.mark.parametrize("name", [pytest.param(name, marks=DEEP.get(name, ())) for name in NAMES])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in DEEP else name for name in NAMES]
+)
 def test_a_benchmark_runs_to_its_end_on_a_tiny_case(name: str, capfd: pytest.CaptureFixture[str]) -> None:
     if name == "bench_integrators" and shutil.which("cc") is None:
         pytest.skip("no C compiler")

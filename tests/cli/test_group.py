@@ -193,6 +193,7 @@ def test_a_bundle_is_not_written_into_a_folder_with_other_things(tmp_path: Path)
     assert not list((tmp_path / "report").iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.lammps
 def test_verify_writes_a_bundle_and_names_the_command_that_runs_it_again(tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text(CHAIN)

@@ -217,7 +217,13 @@ def lammps_forces(folder: Path, made: ContactTable, distance: Floats, style: Sty
 @pytest.mark.lammps
 @pytest.mark.parametrize(("style", "points"), [("linear", 1000), ("spline", 10_000)])
 @pytest.mark.parametrize(
-    ("name", "geometry"), [*((name, GAUGE) for name in LAWS), ("Hertz", PHYSICAL), ("bilinear", PHYSICAL)]
+    ("name", "geometry"),
+    [
+        ("Hertz", GAUGE),
+        ("Hertz", PHYSICAL),
+        *(pytest.param(name, GAUGE, marks=pytest.mark.slow) for name in LAWS if name != "Hertz"),
+        pytest.param("bilinear", PHYSICAL, marks=pytest.mark.slow),
+    ],
 )
 def test_lammps_has_the_same_forces_bit_for_bit(
     name: str, geometry: tuple[float, float], style: Style, points: int, tmp_path: Path

@@ -176,6 +176,7 @@ def test_scenes_whose_laws_are_functions_are_named_in_one_line(tmp_path: Path) -
     assert told["verify"] == ["scenes/small.toml", "--accuracy", "0.001"]
 
 
+@pytest.mark.slow
 def test_what_was_asked_for_the_paper_is_replayed_as_such() -> None:
     files = bundle_files(fake_paper(), report={})
     assert json.loads(files["bundle.json"])["verify"] == ["paper", "--accuracy", "0.001"]

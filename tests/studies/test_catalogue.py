@@ -212,8 +212,14 @@ def _words(settings: dict[str, Any]) -> list[str]:
     return words
 
 
+#: the studies that take 2 to 10 s of CPU on their tiny case; each is also started by a test of its own
+DEEP = ("bands", "horizon", "model-hierarchy", "rule-of-thumb", "stability", "styles", "work-precision")
+
+
 @pytest.mark.lammps
-@pytest.mark.parametrize("name", list(catalogue.STUDIES))
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in DEEP else name for name in catalogue.STUDIES]
+)
 def test_every_study_runs_by_name_and_by_command_and_is_written(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -85,6 +85,7 @@ def test_entries_that_cannot_be_meant_are_refused() -> None:
         checked([replace(one, expected={"verlett": Expected(Word.RIGHT)})])
 
 
+@pytest.mark.slow
 def test_codes_of_ours_are_right_or_refuse_at_a_handful() -> None:
     some = ("pair-at-1e-9", "speed-32-times", "time-reversal", "at-rest", "front-barely-begun", "step-over-contacts")
     found = rows(*some)
@@ -94,6 +95,7 @@ def test_codes_of_ours_are_right_or_refuse_at_a_handful() -> None:
     assert found["at-rest", "scipy"].finding.velocity_bar == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.lammps
 def test_lammps_is_right_or_refuses_at_a_handful() -> None:
     found = rows("speed-32-times", "far-1e12", "table-ends-a-line-short", backends=ENGINE_BACKENDS)

@@ -157,6 +157,7 @@ def test_an_engine_that_is_none_is_refused(tmp_path: Path) -> None:
         base_of(HELD, dt=DT, engine=Engine(lmp=none))
 
 
+@pytest.mark.slow
 def test_a_binary_of_ones_own_has_threads_and_ranks_too() -> None:
     binary = Path(sys.executable).with_name("lmp")
     if not binary.exists():
@@ -269,6 +270,7 @@ def test_the_tables_and_the_figure_hold_the_matrix(held: tuple[Row, ...]) -> Non
         assert series.x.tolist() == [max(part, LEAST_SHOWN) for part in parts]
 
 
+@pytest.mark.slow
 def test_the_command_prints_the_matrix_and_ends_with_0(tmp_path: Path) -> None:
     scene = tmp_path / "pair.toml"
     scene.write_text(PAIR)

@@ -196,10 +196,11 @@ def test_the_order_is_two_and_of_forces_that_depend_on_velocities_one(
     assert words in verdict.sentence
 
 
+@pytest.mark.slow
 @pytest.mark.lammps
 @pytest.mark.parametrize(
     "changes",
-    [{"damping": Damping(law="kuwabara-kono", coefficient=1e-5)}, pytest.param({"drag": 5e3}, marks=pytest.mark.slow)],
+    [{"damping": Damping(law="kuwabara-kono", coefficient=1e-5)}, {"drag": 5e3}],
     ids=["damped", "dragged"],
 )
 def test_a_damped_scene_is_verified_to_the_end_and_its_page_says_so(changes: dict[str, Any], tmp_path: Path) -> None:
@@ -299,6 +300,7 @@ def test_tables_are_verified_where_granular_has_not_the_laws(changes: dict[str, 
     assert engine_for(replace(SHORT, **changes)) == engine
 
 
+@pytest.mark.slow
 @pytest.mark.lammps
 def test_a_table_is_verified_and_is_part_of_the_budget(tmp_path: Path) -> None:
     verification = db.verify(STEEP, accuracy=ACCURACY, folder=tmp_path)

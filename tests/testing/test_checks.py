@@ -23,6 +23,8 @@ from dem_bridge.trajectory import Trajectory
 def _of_catalogue() -> Iterator[Any]:
     for name in BACKENDS:
         marks = [pytest.mark.lammps] if name.startswith("lammps") else []
+        if name == "lammps-table":  # each run takes LAMMPS 0.2 s of CPU; lammps-granular has the same checks
+            marks.append(pytest.mark.slow)
         for check in backend_checks(backend(name)):
             yield pytest.param(check, id=f"{name}-{check}".replace(" ", "-"), marks=marks)
 

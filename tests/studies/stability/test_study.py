@@ -61,6 +61,7 @@ def test_what_was_finished_is_there_when_it_is_stopped(monkeypatch: pytest.Monke
     assert any("2 small scenes" in sentence for sentence in found.answer)
 
 
+@pytest.mark.slow
 @pytest.mark.lammps
 def test_lammps_has_the_twins_limit_and_another_limit_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     pair = measured(chain("pair", (1e-2,) * 2, (4e9,)))

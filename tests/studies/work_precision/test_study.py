@@ -276,6 +276,7 @@ def test_settings_that_are_none_are_refused_in_a_line(settings: dict[str, Any], 
     assert str(caught.value).startswith(said)
 
 
+@pytest.mark.slow
 @pytest.mark.lammps
 def test_lammps_has_its_knobs_and_errs_as_the_twin_does(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in (
