@@ -18,8 +18,6 @@ from dem_bridge.errors import NotAsymptotic, UsageError
 ORDER_WINDOW = 0.1
 #: largest plausible order: values that seem to converge faster agree by chance
 MOST_ORDER = 8.0
-#: largest deviation of an error from the fitted line, as a factor minus one
-MOST_SCATTER = 0.1
 
 
 @dataclass(frozen=True)
@@ -104,13 +102,9 @@ class Extrapolation:
     value: tuple[float, ...]
     """Values extrapolated to dt = 0, one number per element."""
     uncertainty: float
-    """Largest uncertainty of the elements.
-
-    From three resolutions it is the distance to the extrapolation from the two coarser ones; from two it is the
-    correction itself, because nothing else is available.
-    """
+    """Largest uncertainty of the elements: the distance to the extrapolation from the two coarser resolutions."""
     order: float
-    """Observed order: from the three resolutions, or that of the fit."""
+    """Observed order."""
 
 
 def richardson(
@@ -118,33 +112,25 @@ def richardson(
     values: Sequence[float] | Sequence[Sequence[float]],
     *,
     order: float,
-    shown: ObservedOrder | None = None,
-    window: float = ORDER_WINDOW,
     floor: float = 0.0,
 ) -> Extrapolation:
-    """Extrapolate to dt = 0 elementwise, ``f1 + (f1 - f2)/((h2/h1)^order - 1)``, from the two finest resolutions.
+    """Extrapolate to dt = 0 elementwise, ``f1 + (f1 - f2)/((h2/h1)^order - 1)``, from the two finest of three runs.
 
     The extrapolation is made only if the order is clean:
 
     * differences are above ``floor`` (round-off) and keep their sign under refinement;
-    * the order observed in the largest differences of three resolutions (their ratios need not be equal) is within
-      ``window`` of the formal one, and the extrapolations from the finer and the coarser pair differ by less than the
-      correction that they make, which detects elements that do not follow the order;
-    * with two resolutions: a fit ``shown`` of at least three points is within ``window`` of the formal order, scatters
-      by at most 10 % and covers both steps.
+    * the order observed in the largest differences (the ratios of the steps need not be equal) is within 0.1 of the
+      formal one, and the extrapolations from the finer and the coarser pair differ by less than the correction that
+      they make, which detects elements that do not follow the order.
 
     Parameters
     ----------
     dt : sequence of float
-        Two or three time steps, s, in any sequence.
+        Three time steps, s, in any sequence.
     values : sequence
         For each step a number or a row of numbers, in one unit. An element that is nan in every row remains nan.
     order : float
         Formal order, which the extrapolation uses.
-    shown : ObservedOrder, optional
-        Fit that proves the order of two resolutions.
-    window : float
-        Largest difference between observed and formal order.
     floor : float
         Round-off floor of the differences.
 
@@ -183,7 +169,7 @@ def richardson(
     if (undefined.any(axis=0) != undefined.all(axis=0)).any():
         raise NotAsymptotic("no extrapolation: a value is nan in some resolutions only; refine dt until all agree")
     # differences of each resolution and the next coarser one
-    fine, *coarser = -np.diff(rows[:, ~undefined[0]], axis=0)
+    fine, coarse = -np.diff(rows[:, ~undefined[0]], axis=0)
     size = float(np.max(np.abs(fine), initial=0.0))
     steps_text = f"at dt = {steps[0]:.3g} .. {steps[-1]:.3g} s"
     if not size > floor:
@@ -191,22 +177,18 @@ def richardson(
             f"no extrapolation: the finest results differ by {size:.3g} {steps_text};"
             f" allowed: more than the floor, {floor:.3g}"
         )
-    factor = math.expm1(order * math.log(steps[1] / steps[0]))
-    if len(steps) == 3:
-        coarse = coarser[0]
-        observed = _order_of_three(steps, size, float(np.max(np.abs(coarse))))
-        if fine @ coarse < 0.0:
-            raise NotAsymptotic(f"no extrapolation: the results oscillate under refinement {steps_text}; refine dt")
-        outer = math.expm1(order * math.log(steps[2] / steps[1]))
-        # f1 + d21/(r21^p - 1) less f2 + d32/(r32^p - 1)
-        spread = float(np.max(np.abs(fine + fine / factor - coarse / outer)))
-    else:
-        observed, spread = _shown_order(shown, steps), size / factor
-    if not abs(observed - order) <= window:
+    factor, outer = (math.expm1(order * math.log(steps[i + 1] / steps[i])) for i in (0, 1))
+    observed = _order_of_three(steps, size, float(np.max(np.abs(coarse))))
+    if fine @ coarse < 0.0:
+        raise NotAsymptotic(f"no extrapolation: the results oscillate under refinement {steps_text}; refine dt")
+    # f1 + d21/(r21^p - 1) less f2 + d32/(r32^p - 1)
+    spread = float(np.max(np.abs(fine + fine / factor - coarse / outer)))
+    if not abs(observed - order) <= ORDER_WINDOW:
+        allowed = f"{order:g} +- {ORDER_WINDOW:g}"
         raise NotAsymptotic(
-            f"no extrapolation: observed order {observed:.3f} {steps_text}; allowed: {order:g} +- {window:g}; refine dt"
+            f"no extrapolation: observed order {observed:.3f} {steps_text}; allowed: {allowed}; refine dt"
         )
-    if len(steps) == 3 and not spread < size / factor:
+    if not spread < size / factor:
         raise NotAsymptotic(
             f"no extrapolation: the results of the finer and the coarser pair differ by {spread:.3g} {steps_text};"
             f" allowed: less than their correction, {size / factor:.3g}; refine dt"
@@ -289,9 +271,7 @@ def grid_convergence_index(
     >>> f"{nasa.extrapolated:.5f}", f"{nasa.asymptotic_ratio:.6f}", nasa.asymptotic
     ('0.97130', '1.002024', True)
     """
-    steps, rows = _sorted_rows(spacing, values)
-    if len(steps) != 3 or len(rows[0]) != 1:
-        raise UsageError(f"{len(steps)} spacings with {len(rows[0])} values each; allowed: three, with one value each")
+    steps, rows = _sorted_rows(spacing, [float(value) for value in values])
     if not safety >= 1.0:
         raise UsageError(f"safety = {safety!r}; allowed: a number >= 1, such as 1.25")
     f1, f2, f3 = (row[0] for row in rows)
@@ -354,8 +334,8 @@ def _sorted_rows(
 ) -> tuple[list[float], list[list[float]]]:
     """Return steps and rows from fine to coarse, or raise UsageError if they do not match."""
     rows = [[float(x) for x in v] if isinstance(v, Iterable) else [float(v)] for v in values]
-    if len(dt) not in (2, 3) or len(rows) != len(dt):
-        raise UsageError(f"{len(dt)} resolutions with {len(rows)} results; allowed: two or three, with one result each")
+    if len(dt) != 3 or len(rows) != 3:
+        raise UsageError(f"{len(dt)} resolutions with {len(rows)} results; allowed: three, with one result each")
     if len({len(row) for row in rows}) != 1:
         raise UsageError(
             f"results of {[len(row) for row in rows]} numbers; allowed: the same number in every resolution"
@@ -390,21 +370,3 @@ def _order_of_three(steps: Sequence[float], fine: float, coarse: float) -> float
             break
         low, high = (middle, high) if excess(middle) < 0.0 else (low, middle)
     return high
-
-
-def _shown_order(shown: ObservedOrder | None, steps: Sequence[float]) -> float:
-    """Return the order of a fit that covers these steps, or raise NotAsymptotic."""
-    if shown is None:
-        raise NotAsymptotic("no extrapolation: two resolutions show no order; give three, or the fit of an order")
-    if shown.points < 3 or not shown.residual <= MOST_SCATTER:
-        raise NotAsymptotic(
-            f"no extrapolation: the fit of the order has {shown.points} points that scatter by {shown.residual:.2g};"
-            f" allowed: at least 3, by at most {MOST_SCATTER:g}"
-        )
-    # the actual step, interval/ceil(interval/dt), usually differs slightly from dt
-    if not (shown.steps[-1] <= 1.001 * steps[0] and steps[-1] <= 1.001 * shown.steps[0]):
-        raise NotAsymptotic(
-            f"no extrapolation: dt = {steps[0]:.3g} .. {steps[-1]:.3g} s, but the fit of the order covers"
-            f" {shown.steps[-1]:.3g} .. {shown.steps[0]:.3g} s; allowed: steps within this range"
-        )
-    return shown.order

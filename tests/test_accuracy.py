@@ -108,39 +108,6 @@ def test_a_pure_power_is_extrapolated_to_its_limit_for_any_steps(
     assert found.uncertainty < 1e-12 / (1.2**order - 1.0)
 
 
-def test_two_resolutions_do_with_a_fit_that_shows_the_order() -> None:
-    fit = observed_order([8e-8, 4e-8, 2e-8, 1e-8], [64.1, 16.0, 4.0, 1.0])
-    found = richardson([2e-8, 1e-8], [5.0, 2.0], order=2, shown=fit)
-    assert found.value == pytest.approx((1.0,), abs=1e-14)
-    assert found.uncertainty == pytest.approx(1.0, rel=1e-14)  # the correction: nothing else is known
-    assert found.order == fit.order
-
-
-REFINEMENT = [8e-8, 4e-8, 2e-8, 1e-8]
-
-
-@pytest.mark.parametrize(
-    ("errors", "dt", "says"),
-    [
-        (None, [2e-8, 1e-8], "two resolutions show no order; give three, or the fit of an order"),
-        ([64.0, 16.0, 4.0, 3.9], [2e-8, 1e-8], "4 points that scatter by"),
-        ([64.0, 16.0], [2e-8, 1e-8], "has 2 points"),
-        ([8.0, 4.0, 2.0, 1.0], [2e-8, 1e-8], r"observed order 1.000 .*; allowed: 2 \+- 0.1"),
-        (
-            [64.0, 16.0, 4.0, 1.0],
-            [1e-8, 5e-9],
-            "the fit of the order covers 1e-08 .. 8e-08 s; allowed: steps within this range",
-        ),
-        ([1.0, 4.0, 16.0, 64.0], [2e-8, 1e-8], "observed order -2.000"),
-    ],
-)
-def test_a_fit_that_does_not_show_the_order_does_not_do(errors: list[float] | None, dt: list[float], says: str) -> None:
-    fit = None if errors is None else observed_order(REFINEMENT[: len(errors)], errors)
-    with pytest.raises(NotAsymptotic, match=says) as caught:
-        richardson(dt, [5.0, 2.0], order=2, shown=fit)
-    assert "\n" not in str(caught.value)
-
-
 @pytest.mark.parametrize(
     ("values", "says"),
     [
@@ -161,7 +128,8 @@ def test_results_without_a_clean_order_are_refused_with_the_reason(values: list[
 
 def test_differences_below_the_floor_are_round_off() -> None:
     dt, values = [4.0, 2.0, 1.0], [1.0 + 16e-12, 1.0 + 4e-12, 1.0 + 1e-12]
-    assert richardson(dt, values, order=2, window=0.2).value[0] == pytest.approx(1.0, abs=1e-15)
+    # the rounding of values near 1 in their differences: 2.2e-16 of 3e-12 and 12e-12
+    assert richardson(dt, values, order=2).value[0] == pytest.approx(1.0, abs=1e-15)
     with pytest.raises(NotAsymptotic, match="more than the floor, 1e-11"):
         richardson(dt, values, order=2, floor=1e-11)
 
@@ -175,11 +143,12 @@ def test_what_is_nan_everywhere_stays_nan() -> None:
 @pytest.mark.parametrize(
     ("dt", "values", "says"),
     [
-        ([1.0], [1.0], "1 resolutions with 1 results; allowed: two or three"),
-        ([1.0, 2.0], [1.0], "2 resolutions with 1 results"),
-        ([1.0, 1.0], [1.0, 2.0], "allowed: distinct numbers > 0"),
-        ([1.0, -2.0], [1.0, 2.0], "allowed: distinct numbers > 0"),
-        ([1.0, 2.0], [[1.0], [1.0, 2.0]], "allowed: the same number in every resolution"),
+        ([1.0], [1.0], "1 resolutions with 1 results; allowed: three"),
+        ([1.0, 2.0, 4.0], [1.0], "3 resolutions with 1 results"),
+        ([1.0, 2.0], [1.0, 2.0], "2 resolutions with 2 results; allowed: three"),
+        ([1.0, 1.0, 2.0], [1.0, 2.0, 3.0], "allowed: distinct numbers > 0"),
+        ([1.0, -2.0, 4.0], [1.0, 2.0, 3.0], "allowed: distinct numbers > 0"),
+        ([1.0, 2.0, 4.0], [[1.0], [1.0, 2.0], [1.0]], "allowed: the same number in every resolution"),
     ],
 )
 def test_resolutions_that_do_not_fit_together_are_wrong_use(dt: list[float], values: list[float], says: str) -> None:
@@ -202,8 +171,6 @@ def test_extrapolation_is_refused_where_it_is_worse_than_the_plain_result(decele
     for rows in ([v[-1].tolist() for v in velocity], [v.ravel().tolist() for v in velocity]):
         with pytest.raises(NotAsymptotic, match=r"no extrapolation: .* dt = 2e-07 .. 7.5e-07 s"):
             richardson(steps, rows, order=2)
-    with pytest.raises(NotAsymptotic, match="two resolutions show no order"):
-        richardson(steps[1:], [v[-1].tolist() for v in velocity[1:]], order=2)
 
 
 def test_extrapolation_of_a_clean_order_gains_digits_and_its_bar_holds(decelerating: Truth) -> None:
@@ -332,7 +299,10 @@ def test_a_value_of_zero_has_an_absolute_bar_only() -> None:
 
 @pytest.mark.parametrize(
     ("spacing", "values", "says"),
-    [([1.0, 2.0], [1.0, 2.0], "2 spacings"), ([1.0, 2.0, 2.0], [1.0, 2.0, 3.0], "distinct numbers")],
+    [
+        ([1.0, 2.0], [1.0, 2.0], "2 resolutions with 2 results; allowed: three"),
+        ([1.0, 2.0, 2.0], [1.0, 2.0, 3.0], "distinct numbers"),
+    ],
 )
 def test_a_grid_convergence_index_takes_three_and_three(spacing: list[float], values: list[float], says: str) -> None:
     with pytest.raises(UsageError, match=says):

@@ -19,7 +19,7 @@ import numpy as np
 from dem_bridge.compiled import kernel
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.cell import pair_force
-from dem_bridge.lmp.table import STYLES, ContactTable, Style, finds_all_cells
+from dem_bridge.lmp.table import ContactTable, Style, finds_all_cells
 from dem_bridge.physics.contact import Floats
 from dem_bridge.physics.law import ContactLaw
 
@@ -79,7 +79,6 @@ def _read_off(x, y, second, at):  # type: ignore[no-untyped-def]
 class Interpolation:
     """LAMMPS' internal table of one pair of types, with read-only arrays."""
 
-    style: Style
     inner_squared: float
     """Square of the smallest distance, m^2; LAMMPS stops at closer pairs."""
     cut_squared: float
@@ -125,12 +124,8 @@ def interpolated(table: ContactTable, *, style: Style, points: int) -> Interpola
     Raises
     ------
     UsageError
-        If the style is unknown or there are fewer than 2 points.
+        If the table was made for another number of points.
     """
-    if style not in STYLES:
-        raise UsageError(f"table style {style!r}; allowed: {', '.join(STYLES)}")
-    if points < 2:
-        raise UsageError(f"table points = {points}; allowed: >= 2")
     r, f = table.distance, table.force
     if not finds_all_cells(float(r[0]), float(r[-1]), points):
         raise UsageError(
@@ -154,7 +149,6 @@ def interpolated(table: ContactTable, *, style: Style, points: int) -> Interpola
     for array in (internal, second):
         array.setflags(write=False)
     return Interpolation(
-        style=style,
         inner_squared=inner_squared,
         cut_squared=cut * cut,
         spacing=spacing,

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import resource
-import select
 import shutil
 import signal
 import subprocess
@@ -38,6 +37,8 @@ _SILENT_STAGES = {"load": "loading the lammps module", "run": "running the deck"
 _PROBE = 60.0
 #: a disk with less free space than this counts as full, bytes
 _FULL = 1_000_000
+#: interval between two checks of the child's state, s, and number of checks between two calls of the caller's function
+_POLL, _CHECKS_PER_WATCH = 0.002, 100
 _OWN_FOLDER = "set TMPDIR to a folder with more room"
 
 
@@ -340,18 +341,16 @@ def _sweep(pid: int) -> None:
 
 def _wait(child: subprocess.Popen[bytes], began: float, time_limit: float, watch: Callable[[], None] | None) -> _Ended:
     """Wait for the child and return its end, or raise TimeoutExpired."""
-    end = began + time_limit
-    with _ending(child) as ended_within:
-        while True:
-            left = end - time.perf_counter()
-            if ended_within(left if watch is None else min(left, 0.2)):
-                break
-            if time.perf_counter() >= end:
-                raise subprocess.TimeoutExpired(child.args, time_limit)
-            if watch is not None:
-                watch()
+    end, checks = began + time_limit, 0
     # wait4 returns the resources that the child and its children used
-    _, status, usage = os.wait4(child.pid, 0)
+    while not (ended := os.wait4(child.pid, os.WNOHANG))[0]:
+        if time.perf_counter() >= end:
+            raise subprocess.TimeoutExpired(child.args, time_limit)
+        checks += 1
+        if watch is not None and checks % _CHECKS_PER_WATCH == 0:
+            watch()
+        time.sleep(_POLL)
+    _, status, usage = ended
     child.returncode = os.waitstatus_to_exitcode(status)
     return _Ended(
         code=child.returncode,
@@ -360,36 +359,6 @@ def _wait(child: subprocess.Popen[bytes], began: float, time_limit: float, watch
         # a child inherits its parent's peak at the fork, so that only a larger value is its own
         memory=1024 * usage.ru_maxrss if usage.ru_maxrss > resource.getrusage(resource.RUSAGE_SELF).ru_maxrss else 0,
     )
-
-
-@contextmanager
-def _ending(child: subprocess.Popen[bytes]) -> Iterator[Callable[[float], bool]]:
-    """Yield a function that waits some seconds for the child's end and returns at once when it ends.
-
-    It does not reap the child.
-    """
-    try:
-        handle = os.pidfd_open(child.pid)
-    except OSError:  # an old kernel, or one that forbids it: poll instead
-        handle = -1
-
-    def within(seconds: float) -> bool:
-        if handle >= 0:
-            poll = select.poll()
-            poll.register(handle, select.POLLIN)
-            return bool(poll.poll(max(0.0, 1e3 * min(seconds, 1e6))))
-        end = time.perf_counter() + seconds
-        while os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
-            if time.perf_counter() >= end:
-                return False
-            time.sleep(0.005)
-        return True
-
-    try:
-        yield within
-    finally:
-        if handle >= 0:
-            os.close(handle)
 
 
 def _answer(path: Path) -> dict[str, Any]:

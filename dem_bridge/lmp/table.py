@@ -23,7 +23,6 @@ from dem_bridge.version import FORM_DATE, __version__
 
 #: LAMMPS' interpolation between the points of its internal table
 Style = Literal["linear", "spline"]
-STYLES: tuple[Style, ...] = ("linear", "spline")
 #: lines of a file; they cause an error of 3e-11 at n = 2.5 and 1.5e-9 at n = 5, for any number of points
 LINES = 250
 #: points of LAMMPS' internal table, if memory allows; the relative error of the force is 8e-9 at n = 2.5
@@ -98,14 +97,8 @@ def contact_table(
         If a parameter or the law is invalid: a force that is not finite or pulls, force or energy that do not vanish at
         touch, or an energy whose derivative is not the force.
     """
-    if not keyword or keyword.split() != [keyword] or keyword.startswith("#"):
-        raise UsageError(f"table keyword {keyword!r}; allowed: one word that does not begin with #")
     if not 0.0 < reach < diameter < math.inf:
         raise UsageError(f"table reach = {reach!r} m at diameter {diameter!r} m; allowed: 0 < reach < diameter")
-    if points < 2:
-        raise UsageError(f"table points = {points}; allowed: >= 2")
-    if lines < 8:
-        raise UsageError(f"table lines = {lines}; allowed: >= 8")
     distance = np.unique(diameter - clustered(reach, law.kinks, lines - 1))
     if len(distance) < 8:
         raise UsageError(
