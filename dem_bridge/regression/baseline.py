@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.base import Sampling
 from dem_bridge.errors import UsageError
 from dem_bridge.trajectory import Cost, Floats, Trajectory, Uncertainty
 from dem_bridge.verification.verdict import plain
@@ -27,25 +27,9 @@ from dem_bridge.verification.verdict import plain
 SCHEMA = "dem-bridge/baseline/1"
 #: quantities of a run in a baseline
 QUANTITIES = ("velocity", "peak_force", "crossing_time")
-#: allowed forms of an entry: an object with these keys, a list of one form, a form or null (tuple), or a type
-_BIRTH = ("date", "package", "scene_hash", "source", "deck_hash", "lammps", "versions", "machine", "solved_with")
-_CONTACT = {"peak_force": float, "crossing_time": (float,), "peak_force_bar": (float,), "crossing_time_bar": (float,)}
-_ACCURACY = {"error": (float,), "bar": (float,), "tolerance": (float,), "outcome": str, "by": str}
-_FORM = {
-    "schema": str,
-    "scene": str,
-    "backend": str,
-    "birth": dict.fromkeys(_BIRTH, object),
-    "settings": {"dt": (float,), "samples": float, "tolerance": float},
-    "same_within": {name: {"value": float, "reason": str} for name in QUANTITIES},
-    "accuracy": object,
-    "velocity_bar": (float,),
-    "counts": {"times": float, "bodies": float, "contacts": float},
-    "digests": {name: {"in_order": str, "sorted": str} for name in QUANTITIES},
-    "time": [float],
-    "bodies": [{"body": float, "velocity": [float]}],
-    "contacts": [{"contact": float, **_CONTACT}],
-}
+#: the data: form of a file and of its entries of accuracy; an entry is an object with these keys, a list of one form, a
+#: number, a number or null, text, or any of them
+_FORM = json.loads(Path(__file__).with_name("baseline_form.json").read_text(encoding="utf-8"))
 _UNKNOWN = Cost(wall=math.nan, cpu=math.nan, steps=0, force_evaluations=0)
 
 
@@ -102,16 +86,9 @@ class Baseline:
     """Differences, by quantity, up to which a run is SAME."""
     accuracy: Mapping[str, Accuracy]
     """Errors at the time the baseline was written, by quantity; empty without a reference."""
-    time: Floats
-    """Sample times, ``(n_t,)``, s."""
-    velocity: Floats
-    """Velocities, ``(n_t, n_body)``, m/s."""
-    peak_force: Floats
-    """Peak forces, ``(n_contact,)``, N."""
-    crossing_time: Floats
-    """Crossing times, ``(n_contact,)``, s; nan for a contact that has none."""
-    uncertainty: Mapping[str, Any]
-    """Uncertainties of the run by quantity, in the units of the quantities, as in a Trajectory."""
+    run: Trajectory
+    """Samples of the velocity, peak forces and crossing times with their uncertainties; other quantities are unknown in
+    a baseline that was read."""
     edited: tuple[str, ...] = ()
     """Quantities whose numbers were changed after the file was written."""
 
@@ -121,53 +98,34 @@ class Baseline:
         return f"{self.scene}.{self.backend}.json"
 
     @property
-    def resolution(self) -> Resolution:
-        """Return the settings with which the run is repeated."""
-        return Resolution(dt=self.dt)
-
-    @property
     def sampling(self) -> Sampling:
         """Return the sampling with which the run is repeated."""
-        return Sampling(count=len(self.time) - 1)
-
-    def as_trajectory(self) -> Trajectory:
-        """Return the baseline as a trajectory; displacements and contact forces are unknown (nan)."""
-        unknown = math.nan * self.velocity
-        return Trajectory(
-            time=self.time,
-            displacement=unknown,
-            velocity=self.velocity,
-            contact_force=np.full((len(self.time), len(self.peak_force)), math.nan),
-            peak_force=self.peak_force,
-            crossing_time=self.crossing_time,
-            uncertainty=Uncertainty(displacement=math.inf, **self.uncertainty),
-            cost=_UNKNOWN,
-            provenance=dict(self.provenance),
-        )
+        return Sampling(count=len(self.run.time) - 1)
 
     def text(self) -> str:
         """Return the baseline as JSON with a line for each body and contact."""
+        run, uncertainty = self.run, self.run.uncertainty
         head = {
             "schema": SCHEMA,
             "scene": self.scene,
             "backend": self.backend,
             "birth": dict(self.provenance),
-            "settings": {"dt": self.dt, "samples": len(self.time) - 1, "tolerance": self.tolerance},
+            "settings": {"dt": self.dt, "samples": len(run.time) - 1, "tolerance": self.tolerance},
             "same_within": {name: vars(tolerance) for name, tolerance in self.same_within.items()},
             "accuracy": {name: accuracy.as_file() for name, accuracy in self.accuracy.items()},
-            "velocity_bar": plain(float(self.uncertainty["velocity"])),
-            "counts": {"times": len(self.time), "bodies": self.velocity.shape[1], "contacts": len(self.peak_force)},
-            "digests": {name: _digests(getattr(self, name)) for name in QUANTITIES},
+            "velocity_bar": plain(float(uncertainty["velocity"])),
+            "counts": {"times": len(run.time), "bodies": run.velocity.shape[1], "contacts": len(run.peak_force)},
+            "digests": {name: _digests(getattr(run, name)) for name in QUANTITIES},
         }
-        bodies = [{"body": i, "velocity": column.tolist()} for i, column in enumerate(self.velocity.T)]
-        uncertainty = (np.asarray(self.uncertainty[name]) for name in QUANTITIES[1:])
-        columns = (column.tolist() for column in (self.peak_force, self.crossing_time, *uncertainty))
+        bodies = [{"body": i, "velocity": column.tolist()} for i, column in enumerate(run.velocity.T)]
+        columns = {name: getattr(run, name).tolist() for name in QUANTITIES[1:]}
+        columns |= {f"{name}_bar": uncertainty[name].tolist() for name in QUANTITIES[1:]}
         contacts = [
-            {"contact": k} | dict(zip(_CONTACT, map(plain, row), strict=True))
-            for k, row in enumerate(zip(*columns, strict=True))
+            {"contact": k} | dict(zip(columns, map(plain, row), strict=True))
+            for k, row in enumerate(zip(*columns.values(), strict=True))
         ]
         parts = [f" {json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in head.items()]
-        parts.append(f' "time": {json.dumps(self.time.tolist())}')
+        parts.append(f' "time": {json.dumps(run.time.tolist())}')
         for key, rows in (("bodies", bodies), ("contacts", contacts)):
             lines = ",\n".join(f"  {json.dumps(row, allow_nan=False)}" for row in rows)
             parts.append(f' "{key}": [\n{lines}\n ]' if rows else f' "{key}": []')
@@ -206,23 +164,19 @@ def baseline_of_text(text: str) -> Baseline:
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         schema = document.get("schema") if isinstance(document, dict) else None
         raise _InvalidBaseline(f"schema = {schema!r}; allowed: {SCHEMA!r}")
-    _check("", document, _FORM)
-    _check("accuracy", document["accuracy"], dict.fromkeys(document["accuracy"], _ACCURACY))
+    _check("", document, _FORM["file"])
+    _check("accuracy", document["accuracy"], dict.fromkeys(document["accuracy"], _FORM["entry of accuracy"]))
     return _parse(document)
 
 
 def _check(where: str, value: Any, form: Any) -> None:
     """Raise an error that names the entry unless ``value`` has a form, as in ``_FORM``; numbers must be finite."""
-    if isinstance(form, tuple):
-        if value is not None:
-            _check(where, value, form[0])
-    elif isinstance(form, dict):
+    if isinstance(form, dict):
         if not isinstance(value, dict):
             raise _InvalidBaseline(f"{where} = {value!r}; allowed: an object with {', '.join(form)}")
         prefix = f"{where}." if where else ""
-        for key in value:
-            if key not in form:
-                raise _InvalidBaseline(f"{prefix}{key} is unknown; allowed: {', '.join(form)}")
+        if unknown := [key for key in value if key not in form]:
+            raise _InvalidBaseline(f"{prefix}{unknown[0]} is unknown; allowed: {', '.join(form)}")
         for key, inner in form.items():
             if key not in value:
                 raise _InvalidBaseline(f"{prefix}{key} is missing")
@@ -232,11 +186,17 @@ def _check(where: str, value: Any, form: Any) -> None:
             raise _InvalidBaseline(f"{where} = {value!r}; allowed: a list")
         for k, entry in enumerate(value):
             _check(f"{where}[{k}]", entry, form[0])
-    elif form is float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise _InvalidBaseline(f"{where} = {value!r}; allowed: a finite number")
-    elif not isinstance(value, form):
-        raise _InvalidBaseline(f"{where} = {value!r}; allowed: text")
+    else:
+        number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        fits = {
+            "text": isinstance(value, str),
+            "number": number,
+            "number or null": number or value is None,
+            "any": True,
+        }
+        if not fits[form]:
+            allowed = "text" if form == "text" else "a finite number"
+            raise _InvalidBaseline(f"{where} = {value!r}; allowed: {allowed}")
 
 
 def _parse(document: Mapping[str, Any]) -> Baseline:
@@ -258,11 +218,20 @@ def _parse(document: Mapping[str, Any]) -> Baseline:
         """Return a column of the contacts; null is "no crossing" for a crossing time and "unknown" elsewhere."""
         return np.array([_number(row[name], null) for row in document["contacts"]])
 
-    values = {
-        "velocity": np.array([row["velocity"] for row in document["bodies"]], dtype=np.float64).T,
-        "peak_force": column("peak_force", math.nan),
-        "crossing_time": column("crossing_time", math.nan),
-    }
+    velocity = np.array([row["velocity"] for row in document["bodies"]], dtype=np.float64).T
+    uncertainty: dict[str, Any] = {name: column(f"{name}_bar", math.inf) for name in QUANTITIES[1:]}
+    uncertainty |= {"velocity": _number(document["velocity_bar"], math.inf), "displacement": math.inf}
+    run = Trajectory(
+        time=time,
+        displacement=math.nan * velocity,
+        velocity=velocity,
+        contact_force=np.full((len(time), len(document["contacts"])), math.nan),
+        peak_force=column("peak_force", math.nan),
+        crossing_time=column("crossing_time", math.nan),
+        uncertainty=Uncertainty(**uncertainty),
+        cost=_UNKNOWN,
+        provenance=document["birth"],
+    )
     return Baseline(
         scene=document["scene"],
         backend=document["backend"],
@@ -271,14 +240,8 @@ def _parse(document: Mapping[str, Any]) -> Baseline:
         tolerance=float(settings["tolerance"]),
         same_within={name: RoundoffTolerance(**document["same_within"][name]) for name in QUANTITIES},
         accuracy={name: Accuracy.of_file(entry) for name, entry in document["accuracy"].items()},
-        time=time,
-        **values,
-        uncertainty={
-            "velocity": _number(document["velocity_bar"], math.inf),
-            "peak_force": column("peak_force_bar", math.inf),
-            "crossing_time": column("crossing_time_bar", math.inf),
-        },
-        edited=tuple(name for name in QUANTITIES if _is_edited(name, values[name], document["digests"][name])),
+        run=run,
+        edited=tuple(name for name in QUANTITIES if _is_edited(name, getattr(run, name), document["digests"][name])),
     )
 
 

@@ -116,7 +116,7 @@ def compare(baseline: Baseline, run: Trajectory, *, reference: Trajectory | None
     """
     notes = _notes(baseline, run)
     base: dict[str, Any] = {"scene": baseline.scene, "backend": baseline.backend, "tolerance": baseline.tolerance}
-    earlier = baseline.as_trajectory()
+    earlier = baseline.run
     if run.velocity.shape == earlier.velocity.shape:
         # the settings are equal, so the uncertainties are those of the baseline, and the run need not estimate them
         run = replace(run, uncertainty=earlier.uncertainty)
@@ -132,10 +132,12 @@ def compare(baseline: Baseline, run: Trajectory, *, reference: Trajectory | None
     # the reference is of the new scene, so a baseline of another scene has no error against it
     before = {} if other_scene else assess(earlier, reference, baseline.tolerance)
     differences = {name: _relative_difference(name, getattr(earlier, name), getattr(run, name)) for name in QUANTITIES}
+    largest = {name: float(np.max(values, initial=0.0)) for name, values in differences.items()}
+    same_within = {name: tolerance.value for name, tolerance in baseline.same_within.items()}
     departures = [
         departure
         for name in QUANTITIES
-        if (departure := _departure(name, earlier, run, differences[name], baseline.same_within[name].value))
+        if (departure := _departure(name, earlier, run, differences[name], same_within[name]))
     ]
     departures.sort(key=lambda departure: (not math.isfinite(departure.time), departure.time))
     same = all(np.array_equal(getattr(earlier, name), getattr(run, name), equal_nan=True) for name in QUANTITIES)
@@ -147,11 +149,9 @@ def compare(baseline: Baseline, run: Trajectory, *, reference: Trajectory | None
     elif same:
         text = "bit for bit"
     else:
-        name = max(QUANTITIES, key=lambda name: _share(float(np.max(differences[name], initial=0.0)), baseline, name))
-        text = (
-            f"{name} differs by at most {np.max(differences[name]):.2g},"
-            f" tolerance (same_within) {baseline.same_within[name].value:.2g}"
-        )
+        # every difference is within its tolerance, so one with the tolerance 0 is 0
+        name = max(QUANTITIES, key=lambda name: largest[name] / (same_within[name] or 1.0))
+        text = f"{name} differs by at most {largest[name]:.2g}, tolerance (same_within) {same_within[name]:.2g}"
     if reference is None and change is Change.SAME:
         before = after = dict(baseline.accuracy)
     words = accuracy_words(before, after)
@@ -159,8 +159,8 @@ def compare(baseline: Baseline, run: Trajectory, *, reference: Trajectory | None
         change=change,
         sentence=f"{text}; {words}." if words else f"{text}.",
         departures=tuple(departures),
-        differences={name: float(np.max(values, initial=0.0)) for name, values in differences.items()},
-        same_within={name: tolerance.value for name, tolerance in baseline.same_within.items()},
+        differences=largest,
+        same_within=same_within,
         bitwise=same,
         before=before,
         after=after,
@@ -175,9 +175,7 @@ def assess(run: Trajectory, reference: Trajectory | None, tolerance: float) -> d
     ``tolerance`` is that of the velocity. The tolerance of peak forces and crossing times is at least the uncertainty
     of the run.
     """
-    if reference is None or run.velocity.shape != reference.velocity.shape:
-        return {}
-    if not np.array_equal(run.time, reference.time):
+    if reference is None or run.velocity.shape != reference.velocity.shape or np.any(run.time != reference.time):
         return {}
     accuracies = {}
     for name in QUANTITIES:
@@ -274,12 +272,6 @@ def _departure(
         same_within=tolerance,
         count=int(np.count_nonzero(beyond)),
     )
-
-
-def _share(value: float, baseline: Baseline, name: str) -> float:
-    """Return a difference as a multiple of its tolerance."""
-    tolerance = baseline.same_within[name].value
-    return value / tolerance if tolerance > 0.0 else (math.inf if value > 0.0 else 0.0)
 
 
 def _notes(baseline: Baseline, run: Trajectory) -> list[str]:

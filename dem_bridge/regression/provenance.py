@@ -8,7 +8,6 @@ every mass and stiffness perturbed by one unit in the last place.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -18,7 +17,8 @@ from dem_bridge.backends.base import ENGINE_BACKENDS, backend
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.twin import solve_plan
-from dem_bridge.regression.baseline import QUANTITIES, Accuracy, Baseline, RoundoffTolerance
+from dem_bridge.regression.baseline import QUANTITIES, Baseline, RoundoffTolerance
+from dem_bridge.regression.compare import assess
 from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory, own_scale
@@ -30,9 +30,9 @@ _BUILDS = 2.0
 
 
 def baseline_of(
-    case: Case, run: Trajectory, *, tolerance: float, accuracy: Mapping[str, Accuracy], source: str
+    case: Case, run: Trajectory, reference: Trajectory | None, *, tolerance: float, source: str
 ) -> Baseline:
-    """Return the baseline of a run, with the differences that round-off alone explains."""
+    """Return the baseline of a run, with its errors and the differences that round-off alone explains."""
     origin = run.provenance
     lammps = origin.get("lammps")
     provenance = {
@@ -53,12 +53,8 @@ def baseline_of(
         dt=case.resolution.dt,
         tolerance=tolerance,
         same_within=_roundoff_tolerance(case, run),
-        accuracy=accuracy,
-        time=run.time,
-        velocity=run.velocity,
-        peak_force=run.peak_force,
-        crossing_time=run.crossing_time,
-        uncertainty={name: run.uncertainty[name] for name in QUANTITIES},
+        accuracy=assess(run, reference, tolerance),
+        run=run,
     )
 
 

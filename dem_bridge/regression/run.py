@@ -82,13 +82,7 @@ class Task:
 
     def baseline_of(self, run: Trajectory, reference: Trajectory | None = None) -> Baseline:
         """Return the baseline that a run becomes."""
-        return baseline_of(
-            self.case,
-            run,
-            tolerance=self.tolerance,
-            accuracy=assess(run, reference, self.tolerance),
-            source=self.source,
-        )
+        return baseline_of(self.case, run, reference, tolerance=self.tolerance, source=self.source)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,8 +165,7 @@ class Selection:
             if baseline.backend not in BACKENDS:
                 missing = f"the backend {baseline.backend} no longer exists"
             if missing or scene is None:
-                remedy = f"restore it, or name its file, or remove {self.folder / baseline.file_name}"
-                sentence = f"{missing}; {remedy}."
+                sentence = f"{missing}; restore it, or name its file, or remove {self.folder / baseline.file_name}."
                 gone.append(
                     Comparison(scene=baseline.scene, backend=baseline.backend, change=Change.GONE, sentence=sentence)
                 )
@@ -245,22 +238,20 @@ def regress_scenes(
 
     With ``update``, ``texts`` of the result has the baselines to write for all that is NEW or CHANGED.
     """
-    names, update = list(BACKENDS), selection.update
-    _check_backends(selection.backends, names)
-    tasks, gone = selection.tasks()
-    if not tasks and not gone:
+    _check_backends(selection.backends, list(BACKENDS))
+    tasks, comparisons = selection.tasks()
+    if not tasks and not comparisons:
         chosen = " of these scenes and backends" if selection.scenes or selection.backends else ""
         raise UsageError(
             f"{selection.folder}: the folder has no baselines{chosen}; write some: name scenes and add --update"
         )
     # an uncertainty costs runs; a run that is only compared has the uncertainty of its baseline
     cases = [
-        task.run_by(engine, uncertainty=update or task.baseline is None or task.case.backend == REFERENCE)
+        task.run_by(engine, uncertainty=selection.update or task.baseline is None or task.case.backend == REFERENCE)
         for task in tasks
     ]
-    references = [task.reference for task in tasks]
-    results = run_cases([*cases, *references], jobs=jobs, progress=progress, everything=True)
-    comparisons: list[Comparison] = [*gone]
+    cases += [task.reference for task in tasks]
+    results = run_cases(cases, jobs=jobs, progress=progress, everything=True)
     texts: dict[str, str] = {}
     for task, result, answer in zip(tasks, results[: len(tasks)], results[len(tasks) :], strict=True):
         run = result.trajectory
@@ -270,17 +261,17 @@ def regress_scenes(
         is_reference = task.case.backend == REFERENCE
         reference = None if is_reference else answer.trajectory
         comparison = task.compare(run, reference)
-        changed = comparison.change is Change.CHANGED or (update and comparison.change is Change.NEW)
+        changed = comparison.change is Change.CHANGED or (selection.update and comparison.change is Change.NEW)
         if changed and is_reference and assign_roles(task.case.scene).solver != SECOND:
             [second] = run_cases([replace(task.reference, backend=SECOND)], jobs=1, everything=True)
             reference = second.trajectory
             comparison = task.compare(run, reference)
         comparisons.append(comparison)
-        if update and changed:
+        if selection.update and changed:
             baseline = task.baseline_of(run, reference)
             texts[baseline.file_name] = baseline.text()
-    order = {name: k for k, name in enumerate(names)}
-    comparisons.sort(key=lambda comparison: (comparison.scene, order.get(comparison.backend, len(names))))
+    # in the order of the backends; one that no longer exists is last
+    comparisons.sort(key=lambda entry: (entry.scene, [*BACKENDS, entry.backend].index(entry.backend)))
     title = f"{len(comparisons)} comparisons with baselines"
     return Regression(
         comparisons=tuple(comparisons), title=title, texts=texts, required_backends=tuple(selection.backends)

@@ -20,6 +20,7 @@ from dem_bridge.regression.baseline import (
     baseline_of_text,
     read_baseline,
 )
+from dem_bridge.trajectory import Cost, Trajectory, Uncertainty
 
 PROVENANCE = {
     "date": "2026-11-21",
@@ -37,6 +38,24 @@ PROVENANCE = {
 def small(**changes: Any) -> Baseline:
     """Three bodies, five times, two contacts of which the second is never at its deepest."""
     rng = np.random.default_rng(7)
+    velocity = rng.standard_normal((5, 3))
+    uncertainty = {
+        "velocity": 1e-5,
+        "peak_force": np.array([1e-3, math.inf]),
+        "crossing_time": np.array([1e-9, 0.0]),
+    }
+    run: dict[str, Any] = {
+        "time": np.linspace(0.0, 3e-3, 5),
+        "displacement": math.nan * velocity,
+        "velocity": velocity,
+        "contact_force": np.full((5, 2), math.nan),
+        "peak_force": np.array([31.4, 15.9]),
+        "crossing_time": np.array([1.25e-3, math.nan]),
+        "cost": Cost(wall=math.nan, cpu=math.nan, steps=0, force_evaluations=0),
+        "provenance": PROVENANCE,
+    }
+    run |= {name: changes.pop(name) for name in run if name in changes}
+    estimate = Uncertainty(**({"displacement": math.inf} | changes.pop("uncertainty", uncertainty)))
     parts: dict[str, Any] = {
         "scene": "pair",
         "backend": "verlet",
@@ -47,15 +66,7 @@ def small(**changes: Any) -> Baseline:
         "accuracy": {
             "velocity": Accuracy(error=1e-4, uncertainty=1e-12, tolerance=1e-3, outcome="PASS", by="reference")
         },
-        "time": np.linspace(0.0, 3e-3, 5),
-        "velocity": rng.standard_normal((5, 3)),
-        "peak_force": np.array([31.4, 15.9]),
-        "crossing_time": np.array([1.25e-3, math.nan]),
-        "uncertainty": {
-            "velocity": 1e-5,
-            "peak_force": np.array([1e-3, math.inf]),
-            "crossing_time": np.array([1e-9, 0.0]),
-        },
+        "run": Trajectory(uncertainty=estimate, **run),
     }
     return Baseline(**(parts | changes))
 
@@ -64,8 +75,8 @@ def test_what_is_written_is_read_to_the_last_digit() -> None:
     made = small()
     found = baseline_of_text(made.text())
     for name in ("time", *QUANTITIES):
-        np.testing.assert_array_equal(getattr(found, name), getattr(made, name))
-    np.testing.assert_array_equal(found.uncertainty["peak_force"], made.uncertainty["peak_force"])
+        np.testing.assert_array_equal(getattr(found.run, name), getattr(made.run, name))
+    np.testing.assert_array_equal(found.run.uncertainty["peak_force"], made.run.uncertainty["peak_force"])
     assert found.text() == made.text()
     assert found.edited == ()
 

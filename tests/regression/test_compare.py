@@ -17,7 +17,7 @@ from tests.regression.test_baseline import small
 
 def as_run(baseline: Baseline, **changes: Any) -> Trajectory:
     """The run that a baseline is of, with the provenance of a run."""
-    run = replace(baseline.as_trajectory(), **changes)
+    run = replace(baseline.run, **changes)
     told = {"scene_hash": baseline.provenance["scene_hash"], "versions": baseline.provenance["versions"]}
     return replace(run, provenance={**told, "machine": baseline.provenance["machine"], "backend": "reference"})
 
@@ -34,17 +34,17 @@ def test_the_same_is_the_same_bit_for_bit() -> None:
 
 @pytest.mark.parametrize(("row", "body"), [(1, 0), (2, 2), (4, 1)])
 def test_a_changed_velocity_is_found_at_its_time_and_body(row: int, body: int) -> None:
-    velocity = small().velocity.copy()
+    velocity = small().run.velocity.copy()
     velocity[row, body] += 1e-9
     velocity[4, 2] += 1e-6  # later and more: not the first
     [found] = compare(small(), as_run(small(), velocity=velocity)).departures
     assert found.quantity == "velocity"
-    assert (found.time, found.body) == (small().time[row], body if row < 4 else 2)
-    assert found.largest_difference == pytest.approx(1e-6 / np.max(np.abs(small().velocity)), rel=1e-3)
+    assert (found.time, found.body) == (small().run.time[row], body if row < 4 else 2)
+    assert found.largest_difference == pytest.approx(1e-6 / np.max(np.abs(small().run.velocity)), rel=1e-3)
 
 
 def test_what_differs_by_less_than_same_within_is_the_same_but_not_bit_for_bit() -> None:
-    velocity = small().velocity * (1.0 + 4e-13)
+    velocity = small().run.velocity * (1.0 + 4e-13)
     found = compare(small(), as_run(small(), velocity=velocity))
     assert (found.change, found.bitwise) == (Change.SAME, False)
     assert 0.0 < found.differences["velocity"] < 1e-12
@@ -59,7 +59,7 @@ def test_a_crossing_that_is_lost_and_one_that_is_new_are_changes() -> None:
 
 
 def test_the_first_in_time_comes_first() -> None:
-    velocity, force = small().velocity.copy(), small().peak_force.copy()
+    velocity, force = small().run.velocity.copy(), small().run.peak_force.copy()
     velocity[3, 1] *= 1.0 + 1e-6  # at 2.25 ms
     force[0] *= 1.0 + 1e-6  # that contact is at its deepest at 1.25 ms
     found = compare(small(), as_run(small(), velocity=velocity, peak_force=force))
@@ -68,14 +68,14 @@ def test_the_first_in_time_comes_first() -> None:
 
 
 def test_a_value_that_is_not_a_number_has_changed() -> None:
-    velocity = small().velocity.copy()
+    velocity = small().run.velocity.copy()
     velocity[2, 1] = math.nan
     [found] = compare(small(), as_run(small(), velocity=velocity)).departures
-    assert (found.time, found.body) == (small().time[2], 1)
+    assert (found.time, found.body) == (small().run.time[2], 1)
 
 
 def test_a_huge_value_is_not_its_own_excuse() -> None:
-    velocity = small().velocity.copy()
+    velocity = small().run.velocity.copy()
     velocity[1, 1] += 1e20
     velocity[3, 0] += 1e-6
     assert compare(small(), as_run(small(), velocity=velocity)).departures[0].count == 2
@@ -86,11 +86,11 @@ def test_a_huge_value_is_not_its_own_excuse() -> None:
     [(0.0, 1e-4, "still right"), (0.0, 1.0, "now wrong"), (1.0, 1e-4, "now right"), (1.0, 2.0, "still wrong")],
 )
 def test_changed_and_right_are_two_answers(was: float, is_: float, words: str) -> None:
-    truth = as_run(replace(small(), uncertainty={**small().uncertainty, "peak_force": 0.0}))
+    truth = as_run(small(uncertainty={**small().run.uncertainty, "peak_force": 0.0}))
     size = float(np.max(np.abs(truth.velocity)))
-    known = {**small().uncertainty, "peak_force": 0.0}
-    before = replace(small(), velocity=small().velocity + was * size, uncertainty=known)
-    found = compare(before, as_run(small(), velocity=small().velocity + is_ * size), reference=truth)
+    known = {**small().run.uncertainty, "peak_force": 0.0}
+    before = small(velocity=small().run.velocity + was * size, uncertainty=known)
+    found = compare(before, as_run(small(), velocity=small().run.velocity + is_ * size), reference=truth)
     assert found.change is Change.CHANGED
     assert words in found.sentence
     assert found.after["velocity"].error == pytest.approx(is_, rel=1e-6)
@@ -98,17 +98,17 @@ def test_changed_and_right_are_two_answers(was: float, is_: float, words: str) -
 
 
 def test_peaks_and_crossings_may_err_by_the_bars_of_the_baseline_and_velocities_may_not() -> None:
-    truth = as_run(replace(small(), uncertainty={"velocity": 0.0, "peak_force": 0.0, "crossing_time": 0.0}))
-    wide = replace(small(), uncertainty={"velocity": 10.0, "peak_force": 10.0, "crossing_time": 0.0})
+    truth = as_run(small(uncertainty={"velocity": 0.0, "peak_force": 0.0, "crossing_time": 0.0}))
+    wide = small(uncertainty={"velocity": 10.0, "peak_force": 10.0, "crossing_time": 0.0})
     for name, outcome in (("peak_force", "PASS"), ("velocity", "FAIL")):
-        off = {name: getattr(small(), name) * 1.1}
+        off = {name: getattr(small().run, name) * 1.1}
         assert compare(wide, as_run(small(), **off), reference=truth).after[name].outcome == outcome
 
 
 def test_an_unknown_uncertainty_of_a_baseline_leaves_its_accuracy_undecided() -> None:
-    truth = as_run(replace(small(), uncertainty={"velocity": 0.0, "peak_force": 0.0, "crossing_time": 0.0}))
-    unknown = replace(small(), uncertainty={"velocity": 0.0, "peak_force": math.inf, "crossing_time": 0.0})
-    after = compare(unknown, as_run(small(), peak_force=small().peak_force * 1.1), reference=truth).after
+    truth = as_run(small(uncertainty={"velocity": 0.0, "peak_force": 0.0, "crossing_time": 0.0}))
+    unknown = small(uncertainty={"velocity": 0.0, "peak_force": math.inf, "crossing_time": 0.0})
+    after = compare(unknown, as_run(small(), peak_force=small().run.peak_force * 1.1), reference=truth).after
     assert (after["peak_force"].outcome, after["velocity"].outcome) == ("UNDECIDED", "PASS")
 
 
@@ -116,5 +116,5 @@ def test_another_scene_or_shape_has_changed_whatever_its_values() -> None:
     run = as_run(small())
     moved = replace(run, provenance={**run.provenance, "scene_hash": "6" * 64})
     assert compare(small(), moved).change is Change.CHANGED
-    longer = replace(small(), time=2.0 * small().time)
+    longer = small(time=2.0 * small().run.time)
     assert compare(longer, run).change is Change.CHANGED
