@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
+from dem_bridge.exports.trajectories import DATA
 
 Floats = NDArray[np.float64]
 
@@ -222,20 +223,9 @@ def _ase_columns(atoms: Any) -> Iterator[tuple[str, Floats]]:
 
 
 #: units in CSV headings with their SI values, by the SI unit of the quantity
-_UNITS = {
-    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},
-    "m": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9},
-    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "m_per_s": 1.0, "mm_per_s": 1e-3},
-    "N": {"N": 1.0, "kN": 1e3, "mN": 1e-3},
-}
+_UNITS = DATA["csv_units"]
 #: names in CSV headings: the name of the column here and the SI unit of its quantity
-_NAMES = {
-    **dict.fromkeys(("time", "t"), ("time", "s")),
-    **dict.fromkeys(("x", "position"), ("x", "m")),
-    **dict.fromkeys(("displacement", "u"), ("displacement", "m")),
-    **dict.fromkeys(("velocity", "v", "vx"), ("velocity", "m/s")),
-    **{name: (name, "N") for name in ("force_left", "force_right", "contact_force")},
-}
+_NAMES = DATA["csv_names"]
 _HEADING = re.compile(
     rf"(?P<name>{'|'.join(sorted(_NAMES, key=len, reverse=True))})(?:[_ ]?(?P<nth>\d+))?"
     r"(?:_(?P<plain>[A-Za-zµ_]+)|\s*[(\[](?P<unit>[^)\]]+)[)\]])"

@@ -9,6 +9,8 @@ uncertainties, cost and provenance.
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -25,39 +27,13 @@ Layout = Literal["long", "wide"]
 
 #: spacing in m of bodies without a geometry; extended XYZ files then say spacing=nominal
 NOMINAL_SPACING = 0.01
+#: the data: formats by file ending, templates, and names and units in headings of CSV files
+DATA = json.loads(Path(__file__).with_name("trajectories.json").read_text(encoding="utf-8"))
 #: format of each file ending
-SUFFIXES: Mapping[str, str] = MappingProxyType(
-    {
-        ".nc": "nc",
-        ".extxyz": "extxyz",
-        ".xyz": "extxyz",
-        ".lammpstrj": "lammpstrj",
-        ".dump": "lammpstrj",
-        ".csv": "csv",
-        ".traj": "traj",
-    }
-)
-
-
+SUFFIXES: Mapping[str, str] = MappingProxyType(DATA["formats"])
 #: start of a file, head of a frame, and line of a body (index from 0 and from 1, radius, mass, x, velocity, net force,
 #: displacement, forces of the left and the right contact); ``!r`` writes all digits
-_TEMPLATES: Mapping[str, tuple[str, str, str]] = {
-    "extxyz": (
-        "",
-        '{n}\nLattice="{length!r} 0.0 0.0 0.0 {width!r} 0.0 0.0 0.0 {width!r}" Origin="{low!r} -{half!r} -{half!r}"'
-        ' pbc="F F F" Properties=species:S:1:pos:R:3:velo:R:3:forces:R:3:radius:R:1:mass:R:1:id:I:1:displacement:R:1'
-        ":force_left:R:1:force_right:R:1 units=si scene={name} scene_hash=sha256-{hash} backend={backend}"
-        " spacing={spacing} written_by=dem_bridge-{version} Time={time!r} sample={sample}",
-        "X {4!r} 0.0 0.0 {5!r} 0.0 0.0 {6!r} 0.0 0.0 {2!r} {3!r} {0} {7!r} {8!r} {9!r}",
-    ),
-    "lammpstrj": (
-        "ITEM: UNITS\nsi",
-        "ITEM: TIME\n{time!r}\nITEM: TIMESTEP\n{sample}\nITEM: NUMBER OF ATOMS\n{n}\nITEM: BOX BOUNDS ff ff ff\n"
-        "{low!r} {high!r}\n-{half!r} {half!r}\n-{half!r} {half!r}\n"
-        "ITEM: ATOMS id type x y z vx vy vz fx fy fz radius mass d_displacement d_force_left d_force_right",
-        "{1} 1 {4!r} 0 0 {5!r} 0 0 {6!r} 0 0 {2!r} {3!r} {7!r} {8!r} {9!r}",
-    ),
-}
+_TEMPLATES: Mapping[str, tuple[str, str, str]] = DATA["templates"]
 
 
 def format_of(path: Path, name: str | None = None) -> str:
@@ -117,12 +93,11 @@ def text_of(run: Trajectory, scene: Scene, format: str, *, spacing: float | None
 
     Raises UsageError if the run is not one of the scene, or the format has no such ``layout``.
     """
-    shape = (scene.n_body, scene.n_contact)
-    run_shape = (run.velocity.shape[1], len(run.peak_force))
-    if run_shape != shape:
+    n_body, n_contact = run.velocity.shape[1], len(run.peak_force)
+    if (n_body, n_contact) != (scene.n_body, scene.n_contact):
         raise UsageError(
-            f"the run has {run_shape[0]} bodies and {run_shape[1]} contacts, the scene {scene.name} has {shape[0]} and"
-            f" {shape[1]}; give the scene of this run"
+            f"the run has {n_body} bodies and {n_contact} contacts, the scene {scene.name} has {scene.n_body} and"
+            f" {scene.n_contact}; give the scene of this run"
         )
     of_run = run.provenance.get("scene_hash", scene.content_hash)
     if of_run != scene.content_hash:
@@ -141,21 +116,13 @@ def text_of(run: Trajectory, scene: Scene, format: str, *, spacing: float | None
     flight, reach = run.displacement[np.isfinite(run.displacement)], 2.0 * float(np.max(radii))
     low = float(positions[0]) + float(np.min(flight, initial=0.0)) - reach
     high = float(positions[-1]) + float(np.max(flight, initial=0.0)) + reach
-    values: dict[str, Any] = {
-        "n": scene.n_body,
-        "low": low,
-        "high": high,
-        "length": high - low,
-        "half": reach,
-        "width": 2.0 * reach,
-    }
-    values |= {"name": scene.name, "hash": scene.content_hash, "backend": _word(run), "version": __version__}
-    values["spacing"] = "physical" if physical else "nominal"
+    box = {"low": low, "high": high, "length": high - low, "reach": reach, "width": 2.0 * reach}
+    about = {"scene": scene, "backend": _word(run), "spacing": "physical" if physical else "nominal"}
     start, head, body = _TEMPLATES[format]
     rows = np.stack([x, run.velocity, left - right, run.displacement, left, right], axis=2)
     lines = [start] if start else []
     for sample, time in enumerate(run.time.tolist()):
-        lines.append(head.format(**values, time=time, sample=sample))
+        lines.append(head.format(**box, **about, version=__version__, time=time, sample=sample))
         sizes = zip(range(scene.n_body), range(1, scene.n_body + 1), radii.tolist(), scene.mass, strict=True)
         lines += [body.format(*size, *row) for size, row in zip(sizes, rows[sample].tolist(), strict=True)]
     return "\n".join(lines) + "\n"
@@ -168,9 +135,10 @@ def _csv(run: Trajectory, x: Floats, left: Floats, right: Floats, layout: str) -
     n_t, n_body = run.velocity.shape
     columns: dict[str, Any]
     if layout == "long":
-        columns = {"time_s": np.repeat(run.time, n_body), "body": np.tile(np.arange(n_body), n_t), "x_m": x.ravel()}
-        columns |= {"displacement_m": run.displacement.ravel(), "velocity_m_per_s": run.velocity.ravel()}
-        columns |= {"force_left_N": left.ravel(), "force_right_N": right.ravel()}
+        columns = {"time_s": np.repeat(run.time, n_body), "body": np.tile(np.arange(n_body), n_t)}
+        sampled = {"x_m": x, "displacement_m": run.displacement, "velocity_m_per_s": run.velocity}
+        sampled |= {"force_left_N": left, "force_right_N": right}
+        columns |= {name: values.ravel() for name, values in sampled.items()}
     else:
         columns = {"time_s": run.time}
         for name, unit in (("displacement", "m"), ("velocity", "m_per_s"), ("contact_force", "N")):
@@ -180,4 +148,4 @@ def _csv(run: Trajectory, x: Floats, left: Floats, right: Floats, layout: str) -
 
 def _word(run: Trajectory) -> str:
     """Return the name of the backend as one word."""
-    return "".join(sign if sign.isalnum() or sign in "-._" else "_" for sign in str(run.provenance.get("backend", "-")))
+    return re.sub(r"[^\w.-]", "_", str(run.provenance.get("backend", "-")))
