@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -151,43 +151,35 @@ class Cylinders:
         return angle, angle - stiffer, stiffness_slope(angle, law=self.law)
 
 
-def _cylinders(scene: Scene, settings: dict[str, float | None], law: AxisRatio | None) -> Cylinders:
+def _cylinders(scene: Scene, law: AxisRatio | None, settings: Mapping[str, float | None]) -> Cylinders:
     """Return the cylinders of a table: properties set by the caller, others from the scene's first crossed pair."""
+    names = ("radius", "youngs_modulus", "poissons_ratio")
     properties: dict[str, float] = {}
     if (geometry := scene.geometry) is not None:
         law = law or geometry.law
         crossed = (left for left, right in pairwise(geometry.bodies) if left.shape == right.shape != "sphere")
         if body := next(crossed, None):
             elastic = (body.material.youngs_modulus, body.material.poissons_ratio)
-            properties = dict(zip(settings, (body.radius, *elastic), strict=True))
+            properties = dict(zip(names, (body.radius, *elastic), strict=True))
     properties |= {key: value for key, value in settings.items() if value is not None}
-    if missing := [key for key in settings if key not in properties]:
+    if missing := [key for key in names if key not in properties]:
         raise UsageError(
             f"{scene.name} has no two crossed cylinders, and {', '.join(missing)} not given; allowed: a scene with"
-            f" crossed cylinders, or values for all of {', '.join(settings)}"
+            f" crossed cylinders, or values for all of {', '.join(names)}"
         )
     return Cylinders(law=law or "exact", **properties)
 
 
-def angles(
-    scene: Scene,
-    *,
-    law: AxisRatio | None = None,
-    radius: float | None = None,
-    youngs_modulus: float | None = None,
-    poissons_ratio: float | None = None,
-    within: float = WITHIN,
-) -> Table:
+def angles(scene: Scene, *, law: AxisRatio | None = None, within: float = WITHIN, **cylinders: float | None) -> Table:
     """Return the table of the angles at which a chain's contacts have their stiffness (see :func:`angles_for`).
 
-    ``law`` None is the law of the scene's geometry, or "exact" without one. A property of the cylinders that is None
-    is that of the scene's first crossed pair.
+    ``law`` None is the law of the scene's geometry, or "exact" without one. ``cylinders`` are properties of
+    :class:`Cylinders`; one that is missing or None is that of the scene's first crossed pair.
     """
     if not 0.0 < within < 1.0:
         raise UsageError(f"within = {within!r}; allowed: a number above 0 and below 1")
-    settings = {"radius": radius, "youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
-    pair = _cylinders(scene, settings, law)
-    scene_cylinders = all(value is None for value in settings.values())
+    pair = _cylinders(scene, law, cylinders)
+    scene_cylinders = all(value is None for value in cylinders.values())
     geometry, exponent = scene.geometry, scene.contacts.exponent
     rows: list[tuple[float | None, ...]] = []
     reasons: dict[str, list[int]] = {}
@@ -230,17 +222,12 @@ def angles(
     )
 
 
-def stiffness_curve(
-    scene: Scene,
-    *,
-    angles: Sequence[float] | None = None,
-    radius: float | None = None,
-    youngs_modulus: float | None = None,
-    poissons_ratio: float | None = None,
-) -> Table:
-    """Return the table of the stiffness of two crossed cylinders against their angle (degrees), by both laws."""
-    settings = {"radius": radius, "youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
-    pair, angle_grid = _cylinders(scene, settings, "exact"), CURVE if angles is None else tuple(angles)
+def stiffness_curve(scene: Scene, *, angles: Sequence[float] | None = None, **cylinders: float | None) -> Table:
+    """Return the table of the stiffness of two crossed cylinders against their angle (degrees), by both laws.
+
+    ``cylinders`` are as in :func:`angles`.
+    """
+    pair, angle_grid = _cylinders(scene, "exact", cylinders), CURVE if angles is None else tuple(angles)
     if len(angle_grid) == 0:
         raise UsageError("angles = []; allowed: one or more angles above 0 and up to 90 degrees")
     values: dict[str, Any] = {"angle": angle_grid}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
@@ -12,31 +11,24 @@ from dem_bridge.exports.front import observables
 from dem_bridge.exports.parameters import bodies, contacts, pair_coeffs
 from dem_bridge.exports.table import Table
 
-#: functions by table name: f(scene, run, **settings) for tables with results of a run, f(scene, **settings) for others
-TABLES: Mapping[str, Callable[..., Table]] = MappingProxyType(
+_DECK = ("geometry", "types", "surrogate_radius")
+_CYLINDERS = ("radius", "youngs_modulus", "poissons_ratio")
+#: by table name the function, True if it needs a run (None if it shows none), and the settings; the function is
+#: f(scene, run, **settings) for tables with results of a run, and f(scene, **settings) for others
+TABLES: Mapping[str, tuple[Callable[..., Table], bool | None, tuple[str, ...]]] = MappingProxyType(
     {
-        "contacts": contacts,
-        "pair-coeffs": pair_coeffs,
-        "bodies": bodies,
-        "observables": observables,
-        "stiffness-curve": stiffness_curve,
-        "angles": angles,
+        "contacts": (contacts, False, _DECK),
+        "pair-coeffs": (pair_coeffs, None, _DECK),
+        "bodies": (bodies, None, _DECK),
+        "observables": (observables, True, ()),
+        "stiffness-curve": (stiffness_curve, None, ("angles", *_CYLINDERS)),
+        "angles": (angles, None, ("law", *_CYLINDERS, "within")),
     }
 )
-#: settings of a deck that tables about decks accept
-DECK_SETTINGS = ("geometry", "types", "surrogate_radius")
 
 
 def table_named(name: str) -> tuple[Callable[..., Table], bool | None, tuple[str, ...]]:
-    """Return the function of a table, True if the table needs a run (None if it shows none), and its settings.
-
-    Raises UsageError with the allowed names if the name is unknown.
-    """
+    """Return the entry of :data:`TABLES`; raise UsageError with the allowed names if the name is unknown."""
     if name not in TABLES:
         raise UsageError(f"table = {name!r} is unknown; allowed: {', '.join(TABLES)}")
-    parameters = inspect.signature(TABLES[name]).parameters
-    settings = [key for key, parameter in parameters.items() if parameter.kind is parameter.KEYWORD_ONLY]
-    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
-        settings += DECK_SETTINGS
-    run = parameters.get("run")
-    return TABLES[name], None if run is None else run.default is run.empty, tuple(settings)
+    return TABLES[name]
