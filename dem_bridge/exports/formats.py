@@ -13,6 +13,7 @@ import re
 from collections.abc import Callable, Mapping
 from decimal import Decimal
 from pathlib import Path
+from string import Template
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -225,22 +226,15 @@ def as_tex(table: Table) -> str:
         [("--" if text is None else _escaped(text)) if column.words else text or "{--}" for text in column.cells]
         for column in columns
     ]
-    body = [" & ".join(row) + r" \\" for row in zip(*cells, strict=True)]
-    lines = [
-        f"% {table.title}, written by dem_bridge {__version__}",
-        r"% needs \usepackage{booktabs} and \usepackage{siunitx}",
-        *(f"% {note}" for note in table.notes),
-        r"\begin{tabular}{",
-        *(f"  {_column_type(column)}" for column in columns),
-        "}",
-        r"\toprule",
-        " & ".join(column.tex if column.words else f"{{{column.tex}}}" for column in columns) + r" \\",
-        r"\midrule",
-        *body,
-        r"\bottomrule",
-        r"\end{tabular}",
-    ]
-    return "\n".join(lines) + "\n"
+    template = Path(__file__).with_name("table.tex.template").read_text(encoding="utf-8")
+    return Template(template).substitute(
+        title=table.title,
+        version=__version__,
+        notes="".join(f"% {note}\n" for note in table.notes),
+        types="\n".join(f"  {_column_type(column)}" for column in columns),
+        headings=" & ".join(column.tex if column.words else f"{{{column.tex}}}" for column in columns),
+        rows="".join(" & ".join(row) + " \\\\\n" for row in zip(*cells, strict=True)),
+    )
 
 
 def _column_type(column: _Rounded) -> str:
