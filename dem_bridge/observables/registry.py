@@ -5,7 +5,7 @@ their uncertainty, and the scale that relative differences are taken to. Checks,
 hierarchy, the paper's tables, exports and the report read :data:`OBSERVABLES`; :func:`register` adds another one.
 
 Windows in time or along the chain, and norms over what is inside, belong to the question that is asked and not to the
-observable: they are arguments in :mod:`.errors`.
+observable: they are arguments in :mod:`dem_bridge.observables.errors`.
 """
 
 from __future__ import annotations

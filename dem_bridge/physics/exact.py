@@ -5,15 +5,17 @@ parameters outside its validity. Two bodies with ``F = beta overlap^(n-1)`` are 
 well, whose duration is a quotient of Gamma functions (Deresiewicz 1968, *Acta Mech.* 6, 110; for the residence time
 Machado, Rosas & Lindenberg 2013, *Granul. Matter* 15, 735 = the paper's eq. 3.3).
 
-| solution | system | valid for |
-|---|---|---|
-| :func:`two_body_collision` | two free bodies, elastic | n > 1, any masses |
-| :func:`wall_rebound` | a body on a rigid wall | n > 1 |
-| :func:`equal_mass_transfer` | two equal bodies | n > 1 |
-| :func:`dashpot_collision` | two bodies or a wall, spring and dashpot, net force clipped at zero or not | n = 2 |
-| :func:`solitary_wave` | a uniform chain that just touches | 2.00001 <= n <= 50 |
-| :func:`dispersion` | small oscillations of a precompressed chain | n > 1, no contact opens |
-| :func:`scaling` | any chain without gaps, under another speed, stiffness or mass | n > 1 |
+===========================  ==============================================================  =======================
+solution                     system                                                          valid for
+===========================  ==============================================================  =======================
+:func:`two_body_collision`   two free bodies, elastic                                        n > 1, any masses
+:func:`wall_rebound`         a body on a rigid wall                                          n > 1
+:func:`equal_mass_transfer`  two equal bodies                                                n > 1
+:func:`dashpot_collision`    two bodies or a wall, spring and dashpot, clipped or not        n = 2
+:func:`solitary_wave`        a uniform chain that just touches                               2.00001 <= n <= 50
+:func:`dispersion`           small oscillations of a precompressed chain                     n > 1, no contact opens
+:func:`scaling`              any chain without gaps, under another speed, stiffness or mass  n > 1
+===========================  ==============================================================  =======================
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ class WaveShape:
     """Kinetic energy, averaged over the passage from grain to grain."""
     potential: float
     residual: float
-    """Largest |r - tent * r^(n-1)| on the grid divided by the largest r."""
+    """Largest ``|r - tent * r^(n-1)|`` on the grid divided by the largest r."""
     uncertainty: float
     """Newton's last correction divided by the largest r: the error of the profile."""
 

@@ -4,14 +4,16 @@ Each function returns one ratio, whether it is within its limit, and one sentenc
 from :mod:`dem_bridge.physics.hertz`, forces and times from a run. A limit that no author states is a keyword argument,
 and its docstring gives the reason for its default; the ratio does not depend on it.
 
-| assumption | ratio | holds |
-|---|---|---|
-| :func:`ellipse_on_body` | semi-major axis / half-height | up to 1 |
-| :func:`half_space` | semi-axis / radius | up to 0.1 |
-| :func:`no_crushing` | peak pressure / compressive strength | up to 1 |
-| :func:`no_cracking` | tension at the ellipse's edge / tensile strength | up to 1 |
-| :func:`quasi_static` | contact time / time of sound across the body | from 10 |
-| :func:`weightless` | static / dynamic force | up to 0.1 |
+=======================  ================================================  =========
+assumption               ratio                                             holds
+=======================  ================================================  =========
+:func:`ellipse_on_body`  semi-major axis / half-height                     up to 1
+:func:`half_space`       semi-axis / radius                                up to 0.1
+:func:`no_crushing`      peak pressure / compressive strength              up to 1
+:func:`no_cracking`      tension at the ellipse's edge / tensile strength  up to 1
+:func:`quasi_static`     contact time / time of sound across the body      from 10
+:func:`weightless`       static / dynamic force                            up to 0.1
+=======================  ================================================  =========
 """
 
 from __future__ import annotations
