@@ -11,7 +11,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from html import escape
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -19,17 +19,6 @@ import numpy as np
 from dem_bridge.notebook_sketch import sketch
 
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-_RULE = "1px solid rgba(128,128,128,.4)"
-_CELL = "text-align:left;vertical-align:top;padding:.15em .9em .15em 0;background:none;border:0"
-#: background of each outcome; white text on it is readable also in grey and with colour blindness
-_BACKGROUNDS = {
-    "PASS": "#00664d",
-    "FAIL": "#a53a00",
-    "BROKEN": "#a53a00",
-    "UNDECIDED": "#6f5200",
-    "NOT_RUN": "#555555",
-    "MODEL_DIFFERENCE": "#0b5089",
-}
 #: largest number of bodies that are listed one by one, and of rows of a table
 _LISTED, _ROWS = 3, 200
 _HASH = 12
@@ -99,7 +88,7 @@ def scene_html(scene: Any) -> str:
         walls=(scene.wall_left is not None, scene.wall_right is not None),
         unit=unit,
     )
-    return _card(f"Scene {scene.name}", scene.description, drawing, _facts(facts))
+    return _card(f"Scene {scene.name}", subtitle=scene.description, sketch=drawing, facts=facts)
 
 
 def _run_facts(run: Any) -> dict[str, str]:
@@ -152,12 +141,9 @@ def trajectory_html(run: Any, scales: Mapping[str, Any], units: Mapping[str, str
 
     ``scales`` has the scale of each uncertainty, a number or an array over contacts, and ``units`` the unit.
     """
-    provenance, facts = run.provenance, _run_facts(run)
+    provenance = "\n".join(f"{key}: {_plain(value)}" for key, value in run.provenance.items())
     rows = tuple(_uncertainty_rows(run, scales, units))
-    uncertainties = _table(("uncertainty of", "absolute", "relative", "relative to"), rows)
-    text = "\n".join(f"{key}: {_plain(value)}" for key, value in provenance.items())
-    pre = f'<pre style="max-height:16em;overflow:auto;white-space:pre-wrap;background:none">{escape(text)}</pre>'
-    return _card("Trajectory", "", _facts(facts), uncertainties, _folded("provenance", pre))
+    return _card("Trajectory", facts=_run_facts(run), uncertainties=rows, provenance=provenance)
 
 
 def plan_html(plan: Any) -> str:
@@ -177,77 +163,28 @@ def plan_html(plan: Any) -> str:
     if plan.units:
         parts = [f"{value:.2g} of {name.replace('_', ' ')}" for name, value in plan.units.items() if name != "dt"]
         facts["time step"] = ", ".join([quantity(plan.units["dt"], "s"), *parts])
-    reasons = "".join(f"<li>{escape(reason)}</li>" for reason in plan.reasons)
-    return _card("Plan", "", _facts(facts), _folded("reasons", f"<ul>{reasons}</ul>"))
+    return _card("Plan", facts=facts, reasons=plan.reasons)
 
 
 def study_html(study: Any) -> str:
     """Return the HTML of a Study: its answer, the number of verdicts by outcome, and its tables."""
-    answer = "".join(f"<li>{escape(sentence)}</li>" for sentence in study.answer)
     counts = Counter(verdict.outcome.value for verdict in study.verdicts)
-    outcomes = " ".join(f"{badge(word)}\u00a0{counts[word]}" for word in _BACKGROUNDS if counts[word])
-    verdicts = f"<p>{outcomes}; exit code {study.exit_code}</p>" if counts else ""
-    tables = []
-    for table in study.tables:
-        rows = [[_cell(cell) for cell in row] for row in table.rows[:_ROWS]]
-        rest = f"<p>{len(table.rows) - _ROWS} more rows</p>" if len(table.rows) > _ROWS else ""
-        content = f"<p>{escape(table.caption)}</p>{_table(table.columns, rows, html_cells=True)}{rest}"
-        tables.append(_folded(table.title, content))
-    notes = _folded("notes", "".join(f"<p>{escape(note)}</p>" for note in study.notes)) if study.notes else ""
     state = "interrupted: only the results up to the interruption are shown" if study.interrupted else ""
-    return _card(study.title, state, f"<ol>{answer}</ol>", verdicts, *tables, notes)
+    return _card(study.title, subtitle=state, study=study, counts=counts, most_rows=_ROWS)
 
 
-def _cell(value: str | float) -> str:
-    """Return a cell of a table as HTML; outcomes are badges."""
-    if isinstance(value, str):
-        return badge(value) if value in _BACKGROUNDS else escape(value)
-    return f"{value:.4g}"
+@cache
+def template() -> Any:
+    """Return the template of all cards."""
+    from jinja2 import Environment, PackageLoader  # only notebooks need it
+
+    environment = Environment(loader=PackageLoader("dem_bridge", "."), autoescape=True, trim_blocks=True)
+    return environment.get_template("notebook.html.j2")
 
 
-def badge(word: str) -> str:
-    """Return an outcome on its background."""
-    background = _BACKGROUNDS.get(word, "#555555")
-    style = f"background:{background};color:#fff;padding:0 .45em;border-radius:.2em;font-weight:600"
-    return f'<span style="{style};white-space:nowrap">{escape(word.replace("_", " "))}</span>'
-
-
-def _card(title: str, subtitle: str, *parts: str) -> str:
-    """Return a frame with a title, a subtitle and parts, which are HTML."""
-    head = f'<div style="font-weight:600">{escape(title)}</div>'
-    if subtitle:
-        head += f'<div style="opacity:.75">{escape(subtitle)}</div>'
-    style = f"border:{_RULE};border-radius:.4em;padding:.6em .9em;max-width:72em;overflow-x:auto;line-height:1.45"
-    return f'<div style="{style}">{head}{"".join(parts)}</div>'
-
-
-def _facts(facts: Mapping[str, str]) -> str:
-    """Return a table of names and values."""
-    return _rows([(escape(name), escape(value)) for name, value in facts.items()], (f"{_CELL};opacity:.75", _CELL))
-
-
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, html_cells: bool = False) -> str:
-    """Return a table; cells are text, or HTML with ``html_cells``."""
-    style = f"{_CELL};border-bottom:{_RULE}"
-    top = "".join(f'<th style="{style};font-weight:600">{escape(head)}</th>' for head in heads)
-    cells = [row if html_cells else [escape(cell) for cell in row] for row in rows]
-    return _rows(cells, (style,) * len(heads), f'<thead><tr style="background:none">{top}</tr></thead>')
-
-
-def _rows(rows: Iterable[Sequence[str]], styles: Sequence[str], head: str = "") -> str:
-    """Return a table of cells that are HTML, with the style of each column."""
-    body = ""
-    for row in rows:
-        cells = "".join(f'<td style="{style}">{cell}</td>' for style, cell in zip(styles, row, strict=True))
-        body += f'<tr style="background:none">{cells}</tr>'
-    body = f"{head}<tbody>{body}</tbody>" if head else body
-    return f'<table style="border-collapse:collapse;border:0;margin:.4em 0">{body}</table>'
-
-
-def _folded(name: str, content: str) -> str:
-    """Return a section that can be unfolded; ``content`` is HTML."""
-    summary = f'<summary style="cursor:pointer">{escape(name)}</summary>'
-    return f'<details style="margin:.3em 0">{summary}{content}</details>'
+def _card(title: str, **parts: Any) -> str:
+    """Return a frame with a title and the parts that the template knows."""
+    return str(template().render(title=title, **parts)).strip()
 
 
 def _plain(value: object) -> str:

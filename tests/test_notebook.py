@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import dem_bridge as db
 from dem_bridge.errors import UsageError
-from dem_bridge.notebook import badge, quantity
+from dem_bridge.notebook import quantity, template
 from dem_bridge.notebook_sketch import sketch
 from dem_bridge.physics.law import law_of
 from dem_bridge.studies.study import Study, Table
@@ -178,7 +178,7 @@ def test_a_verification_shows_each_outcome_by_word_and_ground() -> None:
 
 def test_every_outcome_has_a_ground_that_white_is_read_on() -> None:
     for outcome in Outcome:
-        html = badge(outcome.value)
+        html = str(template().module.badge(outcome.value))
         red, green, blue = (int(html.split("background:#")[1][at : at + 2], 16) / 255 for at in (0, 2, 4))
         linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (red, green, blue)]
         light = float(np.dot(linear, (0.2126, 0.7152, 0.0722)))
