@@ -15,7 +15,7 @@ author = "The dem_bridge developers"
 copyright = author
 version = release = dem_bridge.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc", "sphinx_click", "mathml", "site_checks"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc", "sphinx_click", "accessible", "mathml", "site_checks"]
 exclude_patterns = ["_build"]
 default_role = "code"
 
@@ -36,4 +36,4 @@ html_static_path = ["_static", str(files("ziamath") / "fonts" / "STIXTwoMath-Reg
 html_css_files = ["site.css"]
 html_show_copyright = False
 html_copy_source = False
-pygments_style = "friendly"
+pygments_style, pygments_dark_style = "a11y-high-contrast-light", "a11y-high-contrast-dark"

@@ -19,7 +19,7 @@ pytest.importorskip("sphinx", reason="the extra docs is not installed")
 SETTINGS = f"""
 import sys
 sys.path.insert(0, {str(ROOT / "docs" / "_ext")!r})
-extensions = ["myst_parser", "sphinx.ext.autodoc", "mathml", "site_checks"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "accessible", "mathml", "site_checks"]
 myst_enable_extensions = ["dollarmath"]
 html_math_renderer = "mathml"
 html_theme = "basic"
@@ -30,6 +30,10 @@ INDEX = """# Site
 $$\\frac{1}{2} m v^2$$
 
 [a link](https://doi.org/10.1098/rsta.2017.0136)
+
+```text
+code
+```
 
 ```{eval-rst}
 .. autofunction:: small.one
@@ -54,6 +58,7 @@ def test_a_site_without_faults_is_built_with_mathml(tmp_path: Path) -> None:
     page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
     assert "<mfrac>" in page
     assert 'id="small.one"' in page
+    assert page.count('<pre tabindex="0">') == 1  # the keyboard can scroll it
 
 
 @pytest.mark.parametrize(
@@ -63,7 +68,7 @@ def test_a_site_without_faults_is_built_with_mathml(tmp_path: Path) -> None:
         ("lost.md", "# Lost\n", "lost.md: WARNING: document isn't included in any toctree"),
         ("index.md", INDEX.replace(r"\frac", r"\fraction"), "a command of this equation is unknown: \\fraction"),
         ("index.md", INDEX + "\n![map](https://example.org/map.png)\n", "index.html loads a file from the network"),
-        ("index.md", INDEX + "\n[glossary](glossary.md)\n", "index.md:11: WARNING: 'myst' cross-reference target not"),
+        ("index.md", INDEX + "\n[glossary](glossary.md)\n", "WARNING: 'myst' cross-reference target not found"),
     ],
     ids=["public name", "toctree", "equation", "network", "link"],
 )
@@ -78,5 +83,5 @@ def test_ci_builds_the_site_and_warnings_are_errors() -> None:
     [line] = [line for line in (ROOT / "Makefile").read_text(encoding="utf-8").splitlines() if "-m sphinx" in line]
     assert " -W " in line
     settings = (ROOT / "docs" / "conf.py").read_text(encoding="utf-8")
-    assert '"mathml", "site_checks"]' in settings
+    assert '"accessible", "mathml", "site_checks"]' in settings
     assert 'public_package = "dem_bridge"' in settings
