@@ -183,9 +183,7 @@ def test_the_example_of_a_backend_runs_within_its_bars(
     run, truth = solved(scene, "leapfrog", dt=1e-7), solved(scene, "reference")
     error = np.max(np.abs(run.velocity - truth.velocity))
     assert 0.0 < error <= run.uncertainty["velocity"] + truth.uncertainty["velocity"]
-    counted = {
-        name: int(count) for name, count in re.findall(r'"([\w-]+)": (\d+)', _diff("planning/predict.py").added())
-    }
+    counted = {name: int(count) for name, count in re.findall(r"([\w-]+) = (\d+)", _diff("planning/laws.toml").added())}
     assert counted["leapfrog"] == _evaluations(solved(scene, "leapfrog", dt=1e-7, uncertainty=False))
 
 

@@ -69,13 +69,7 @@ def prescan_hertz(scene: Scene, *, max_steps: int = 200_000_000) -> Prescan:
         _run,
         inverse_mass,
         np.append(np.array(scene.velocity), 0.0),
-        c.left,
-        c.right,
-        c.stiffness,
-        c.exponent,
-        c.gap,
-        c.damping,
-        c.damping_power,
+        (c.left, c.right, c.stiffness, c.exponent, c.gap, c.damping, c.damping_power),
         scene.drag,
         scene.free_acceleration,
         driven_of(scene),
@@ -115,36 +109,32 @@ def _pace(scene: Scene) -> float:
 
 
 @kernel()
-def _elastic(stiffness, overlap, exponent):  # type: ignore[no-untyped-def]
-    if exponent == 2.5:
-        return stiffness * overlap * np.sqrt(overlap)
-    return stiffness * overlap ** (exponent - 1.0)
+def _press(k, overlap, v, a, inverse_mass, contacts):  # type: ignore[no-untyped-def]
+    """Add what a closed contact does to its bodies to their accelerations ``a``, and return its elastic force, N."""
+    left, right, stiffness, exponent, _, damping, damping_power = contacts
+    if exponent[k] == 2.5:
+        elastic = stiffness[k] * overlap * np.sqrt(overlap)
+    else:
+        elastic = stiffness[k] * overlap ** (exponent[k] - 1.0)
+    force = elastic
+    if damping[k] > 0.0:
+        force += damping[k] * overlap ** damping_power[k] * (v[left[k]] - v[right[k]])
+    a[left[k]] -= max(force, 0.0) * inverse_mass[left[k]]
+    a[right[k]] += max(force, 0.0) * inverse_mass[right[k]]
+    return elastic
 
 
 @kernel()
 def _run(  # type: ignore[no-untyped-def]
-    inverse_mass,
-    velocity,
-    left,
-    right,
-    stiffness,
-    exponent,
-    gap,
-    damping,
-    damping_power,
-    drag,
-    free,
-    driven,
-    pace,
-    duration,
-    fraction,
-    max_steps,
+    inverse_mass, velocity, contacts, drag, free, driven, pace, duration, fraction, max_steps
 ):
     """Integrate the scene coarsely, and return the largest values of what a Prescan has.
 
-    Index n_body is the wall: no inverse mass, no velocity. ``free (n_body,)``: acceleration without contact; ``pace``,
-    rad/s: the rate of the drive, which limits the step.
+    Index n_body is the wall: no inverse mass, no velocity. ``contacts``: the arrays of a scene's contacts from ``left``
+    to ``damping_power``. ``free (n_body,)``: acceleration without contact; ``pace``, rad/s: the rate of the
+    drive, which limits the step.
     """
+    left, right, stiffness, exponent, gap, damping, damping_power = contacts
     n_body, n_contact = inverse_mass.shape[0] - 1, left.shape[0]
     v = velocity.copy()
     x = np.zeros(n_body + 1)
@@ -159,11 +149,7 @@ def _run(  # type: ignore[no-untyped-def]
     a[0] += driving_force(0.0, driven) * inverse_mass[0]
     for k in range(n_contact):
         if overlap[k] > 0.0:
-            f = elastic[k] = _elastic(stiffness[k], overlap[k], exponent[k])
-            if damping[k] > 0.0:
-                f += damping[k] * overlap[k] ** damping_power[k] * (v[left[k]] - v[right[k]])
-            a[left[k]] -= max(f, 0.0) * inverse_mass[left[k]]
-            a[right[k]] += max(f, 0.0) * inverse_mass[right[k]]
+            elastic[k] = _press(k, overlap[k], v, a, inverse_mass, contacts)
     while time < duration and steps < max_steps:
         # frequency each contact would reach if its two bodies were alone from here on
         squared, rate = 0.0, 0.0
@@ -201,11 +187,7 @@ def _run(  # type: ignore[no-untyped-def]
             overlap[k] += dt * (v[left[k]] - v[right[k]])
             if overlap[k] > 0.0:
                 peak[k] = max(peak[k], overlap[k])
-                f = elastic[k] = _elastic(stiffness[k], overlap[k], exponent[k])
-                if damping[k] > 0.0:
-                    f += damping[k] * overlap[k] ** damping_power[k] * (v[left[k]] - v[right[k]])
-                a[left[k]] -= max(f, 0.0) * inverse_mass[left[k]]
-                a[right[k]] += max(f, 0.0) * inverse_mass[right[k]]
+                elastic[k] = _press(k, overlap[k], v, a, inverse_mass, contacts)
         for i in range(n_body):
             v[i] = (v[i] + 0.5 * dt * a[i]) * slower
             top_acceleration = max(top_acceleration, abs(a[i]))

@@ -18,7 +18,7 @@ from dem_bridge.backends.curves import CELLS, curve_force, curves_of
 from dem_bridge.backends.driven import driven_of, driving_force
 from dem_bridge.backends.fused import PADDING, advance
 from dem_bridge.backends.scales import resting_acceleration
-from dem_bridge.backends.steps import Dense, answer, check_finite, read_off, touching_in_flight
+from dem_bridge.backends.steps import Dense, check_finite, read_off, touching_in_flight
 from dem_bridge.compiled import interruptible, kernel
 from dem_bridge.dense import Schedule, Turns, at_turns
 from dem_bridge.lmp.cell import pair_force
@@ -92,44 +92,23 @@ def solve(
     if len(tables.law) == 0 and FUSED.covers(scene):
         dense, farthest, largest, turns = _march(method, scene, plan, radius, full)
         check_finite(code, scene, plan, dense.velocity)
-        peak_force, crossing = at_turns(
-            turns, largest, exponent=scene.contacts.exponent, resolution=touching_in_flight(farthest)
-        )
-        keep = slice(None, None, plan.subdivisions if full else 1)
-        run = answer(
-            code,
-            scene,
-            plan,
-            settings,
-            displacement=dense.displacement[keep, :-1],
-            velocity=dense.velocity[keep, :-1],
-            contact_force=dense.force[keep],
-            peak_force=peak_force,
-            crossing_time=crossing,
-            **costs,
-        )
-        return run, dense
+        peaks = at_turns(turns, largest, exponent=scene.contacts.exponent, resolution=touching_in_flight(farthest))
+        return read_off(code, scene, plan, dense, settings, peaks=peaks, **costs), dense
     c = scene.contacts
     arrays = interruptible(
         integrate,
         np.array(scene.mass),
         np.array(scene.velocity),
-        c.left,
-        c.right,
+        (c.left, c.right, c.stiffness, c.exponent, c.gap, c.damping, c.damping_power),
         len(scene.stiffness),
-        c.stiffness,
-        c.exponent,
-        c.gap,
-        c.damping,
-        c.damping_power,
         scene.drag,
         scene.gravity,
         scene.load,
         driven_of(scene),
-        *method,
+        method,
         plan.step,
         plan.dense_steps,
-        *_frame(scene, radius),
+        _frame(scene, radius),
         tables,
         curves_of(scene, cells),
     )
@@ -225,39 +204,21 @@ def _frame(
 
 @kernel()
 def integrate(  # type: ignore[no-untyped-def]
-    mass,
-    velocity,
-    left,
-    right,
-    links,
-    stiffness,
-    exponent,
-    gap,
-    damping,
-    damping_power,
-    drag,
-    gravity,
-    load,
-    driven,
-    drifts,
-    kicks,
-    dt,
-    dense_steps,
-    reach,
-    start,
-    wall,
-    tables,
-    curves,
+    mass, velocity, contacts, links, drag, gravity, load, driven, method, dt, dense_steps, frame, tables, curves
 ):
-    """Integrate a scene by kicks and drifts, ``drifts`` and ``kicks`` being those of a :class:`Method`.
+    """Integrate a scene by the kicks and drifts of a :class:`Method`.
 
     The results are velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap
-    and force ``(n_dense, n_contact)`` at ``dense_steps``. The first ``links`` contacts are those of the chain; ``load
-    (n_body,)`` is the constant force on each body beside its weight, N; ``driven`` the drive of body 0.
+    and force ``(n_dense, n_contact)`` at ``dense_steps``. ``contacts``: the arrays of a scene's contacts from ``left``
+    to ``damping_power``, of which the first ``links`` are those of the chain; ``frame``: the result of :func:`_frame`;
+    ``load (n_body,)``: the constant force on each body beside its weight, N; ``driven``: the drive of body 0.
 
     With n = 5/2 the force is ``beta s sqrt(s)``: only exact powers of two appear when v0 -> 32 v0 and
     dt -> dt/2, so such runs repeat bit for bit.
     """
+    left, right, stiffness, exponent, gap, damping, damping_power = contacts
+    drifts, kicks = method
+    reach, start, wall = frame
     n_body, n_contact, n_dense = mass.shape[0], left.shape[0], dense_steps.shape[0]
     tabled, curved = tables.law.shape[0] > 0, curves.law.shape[0] > 0
     hertz, damped = np.all(exponent == 2.5), np.any(damping > 0.0)

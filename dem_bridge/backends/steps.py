@@ -136,43 +136,23 @@ def read_off(
     *,
     watch: Stopwatch,
     evaluations: int,
+    peaks: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
 ) -> Trajectory:
-    """Return the trajectory of a run of ``code``, which began with ``watch``.
+    """Return the trajectory of a run of ``code``, which began with ``watch``; ``dense`` may be the samples alone.
 
-    Raises RunBroken where velocities are not finite.
+    ``peaks``: peak forces and crossing times; None: read off the dense samples. Raises RunBroken where velocities are
+    not finite.
     """
     check_finite(code, scene, plan, dense.velocity)
-    peak_force, crossing = peaks_and_crossings(scene, plan, dense)
-    keep = slice(None, None, plan.subdivisions)
-    return answer(
-        code,
-        scene,
-        plan,
-        settings,
-        watch=watch,
-        evaluations=evaluations,
+    peak_force, crossing = peaks or peaks_and_crossings(scene, plan, dense)
+    keep = slice(None, None, (len(dense.velocity) - 1) // plan.samples)
+    return Trajectory(
+        time=Sampling(count=plan.samples).times(scene.duration),
         displacement=dense.displacement[keep, :-1],
         velocity=dense.velocity[keep, :-1],
         contact_force=dense.force[keep],
         peak_force=peak_force,
         crossing_time=crossing,
-    )
-
-
-def answer(
-    code: Named,
-    scene: Scene,
-    plan: Schedule,
-    settings: Mapping[str, Any],
-    *,
-    watch: Stopwatch,
-    evaluations: int,
-    **arrays: Any,
-) -> Trajectory:
-    """Return the trajectory of a run from its ``arrays``, see :func:`read_off`."""
-    return Trajectory(
-        time=Sampling(count=plan.samples).times(scene.duration),
-        **arrays,
         cost=Cost.since(watch, steps=plan.steps, force_evaluations=evaluations),
         provenance=run_provenance(code, scene, settings),
     )

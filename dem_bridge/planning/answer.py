@@ -64,7 +64,7 @@ def answer(options: Options, chosen: Option, left_out: Mapping[str, str], measur
     """
     candidate, trial = chosen.candidate, chosen.trial
     resolution, units = dict(candidate.answer), {}
-    steps, evaluations = (trial.steps, trial.evaluations) if trial else (None, None)
+    steps, evaluations = (trial.cost.steps, trial.cost.force_evaluations) if trial else (None, None)
     if candidate.knob == "dt":
         plan = options.outlook.schedule(chosen.setting)
         coarser = options.interval / (plan.per_sample - 1) if plan.per_sample > 1 else 2.0 * options.interval

@@ -18,10 +18,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from dem_bridge.backends.base import Resolution, Sampling, backend
-from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.errors import NotAsymptotic, RunBroken, UsageError
 from dem_bridge.observables.errors import relative_error, relative_uncertainty
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import FREE, Cost, Trajectory
 
 #: a setting is coarse enough where none this many times coarser serves, or can be expected to, by knob: costs go with
 #: 1/dt, but hardly with rtol, in which errors are erratic besides
@@ -86,31 +86,21 @@ class Trial:
     setting: float
     """The step that was taken, s, or rtol."""
     error: float
-    cpu: float
-    steps: int
-    evaluations: int
+    cost: Cost = FREE
+    """Cost of the run; nothing where it failed."""
 
 
+@dataclass(kw_only=True)
 class Judge:
-    """Makes runs of a scene and says what they err by; ``truth``: None where errors come from finer runs."""
+    """Makes runs of a scene and measures their errors."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        sampling: Sampling,
-        observable: str,
-        truth: Trajectory | None,
-        *,
-        progress: Callable[[str], None] = lambda label: None,
-    ) -> None:
-        self.scene, self.sampling, self.observable, self.truth, self.progress = (
-            scene,
-            sampling,
-            observable,
-            truth,
-            progress,
-        )
-        self._runs: dict[tuple[str, float], Trajectory] = {}
+    scene: Scene
+    sampling: Sampling
+    observable: str
+    reference: Trajectory | None
+    """None: errors come from finer runs."""
+    progress: Callable[[str], None]
+    _runs: dict[tuple[str, float], Trajectory] = field(default_factory=dict)
 
     def snapped(self, candidate: Candidate, setting: float) -> float:
         """Return the setting that a run takes: steps fall on the samples."""
@@ -130,24 +120,27 @@ class Judge:
         self.progress(f"{candidate.runs} at {candidate.knob} = {setting:.3g}" if candidate.knob else candidate.runs)
         settings = {**candidate.settings, **({candidate.knob: setting} if candidate.knob else {})}
         run = backend(candidate.runs).run(self.scene, Resolution(**settings), self.sampling)
-        if self.truth is None:
+        if self.reference is None:
             self._runs[key] = run
         return run
 
-    def trial(self, candidate: Candidate, setting: float) -> Trial:
-        """Return the trial of a setting, rounded to three digits; its error is inf where the run fails."""
+    def trial(
+        self, candidate: Candidate, setting: float, make: Callable[[Candidate, float], Trajectory] | None = None
+    ) -> Trial:
+        """Return the trial of a setting, rounded to three digits; its error is inf where the run fails.
+
+        ``make``: makes the run in place of :meth:`run`.
+        """
         setting = self.snapped(candidate, float(f"{setting:.2e}"))
         try:
-            run = self.run(candidate, setting)
-            error = self._error(candidate, setting, run)
-        except RunBroken:
-            return Trial(setting=setting, error=math.inf, cpu=math.nan, steps=0, evaluations=0)
-        cost = run.cost
-        return Trial(setting=setting, error=error, cpu=cost.cpu, steps=cost.steps, evaluations=cost.force_evaluations)
+            run = (make or self.run)(candidate, setting)
+            return Trial(setting=setting, error=self._error(candidate, setting, run), cost=run.cost)
+        except (NotAsymptotic, RunBroken):
+            return Trial(setting=setting, error=math.inf)
 
     def _error(self, candidate: Candidate, setting: float, run: Trajectory) -> float:
-        if self.truth is not None:
-            return measured_error(self.observable, self.scene, run, self.truth)
+        if self.reference is not None:
+            return measured_error(self.observable, self.scene, run, self.reference)
         kind = "damped" if candidate.knob == "dt" and candidate.order == 1.0 else candidate.knob
         requested = setting / FINER[kind]
         there = [item for name, item in self._runs if name == candidate.name and item <= 1.05 * requested]
@@ -213,6 +206,9 @@ def settle(
     created: list[Trial] = []
     close, aim = CLOSE[knob], AIM[knob]
 
+    def coarsest() -> Trial | None:
+        return max((item for item in created if item.error <= target), key=lambda item: item.setting, default=None)
+
     def known(setting: float) -> bool:
         return any(math.isclose(item.setting, setting, rel_tol=1e-9) for item in created)
 
@@ -222,7 +218,7 @@ def settle(
         if known(result.setting):
             break  # no step between the two that are known
         created.append(result)
-        best = max((item for item in created if item.error <= target), key=lambda item: item.setting, default=None)
+        best = coarsest()
         above = min((o.setting for o in created if best is None or o.setting > best.setting), default=math.inf)
         slope = _slope(created, target, order)
         if best is not None:
@@ -242,11 +238,11 @@ def settle(
                 break
             ratio = (aim * target / lowest.error) ** (1.0 / slope) if lowest.error < math.inf else 0.25
             setting = max(least, lowest.setting * min(0.9, max(0.05, ratio)))
-    best = max((item for item in created if item.error <= target), key=lambda item: item.setting, default=None)
+    best = coarsest()
     if erratic and best is not None:
         coarser = {trial(min(factor * best.setting, most)) for factor in COARSER}
         created += [item for item in coarser if not known(item.setting)]
-        best = max((item for item in created if item.error <= target), key=lambda item: item.setting)
+        best = coarsest()
     return Settled(best=best, trials=tuple(created))
 
 

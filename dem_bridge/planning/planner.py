@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 
 from dem_bridge.accuracy import checked_accuracy
@@ -19,7 +20,7 @@ from dem_bridge.backends.reference import SERIES
 from dem_bridge.backends.roundoff import roundoff_floor
 from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
 from dem_bridge.backends.steps import radius_of
-from dem_bridge.errors import NotAsymptotic, RunBroken, UsageError
+from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.planning.answer import Plan, answer, beyond
 from dem_bridge.planning.check import (
     LEAST_RTOL,
@@ -80,14 +81,8 @@ def plan_for(
     """
     if budget is not None and not 0.0 < budget < math.inf:
         raise UsageError(f"budget = {budget!r}; allowed: a number > 0 (s of CPU)")
-    planner = Planner(
-        scene,
-        checked_accuracy(accuracy),
-        name=name,
-        observable=observable,
-        sampling=sampling or Sampling(count=scene.samples),
-        progress=progress,
-    )
+    sampling = sampling or Sampling(count=scene.samples)
+    planner = Planner(Options(scene, checked_accuracy(accuracy), name, observable, sampling), progress)
     chosen = planner.options.foreseen() if predict_only else planner.checked()
     if budget is not None and chosen.cost > budget:
         raise UsageError(beyond(planner.options, budget, chosen))
@@ -97,26 +92,22 @@ def plan_for(
 class Planner:
     """The search for the cheapest settings: predictions, trial runs and the options that were left out."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        accuracy: float,
-        *,
-        name: str | None,
-        observable: str,
-        sampling: Sampling,
-        progress: Progress | None,
-    ) -> None:
-        self.options = Options(scene, accuracy, name, observable, sampling)
-        self.outlook, self.left_out = self.options.outlook, dict(self.options.left_out)
-        self.scene, self.accuracy, self.observable, self.sampling = scene, accuracy, observable, sampling
+    def __init__(self, options: Options, progress: Progress | None) -> None:
+        self.options, self.outlook, self.left_out = options, options.outlook, dict(options.left_out)
+        self.scene, self.accuracy, self.observable = options.scene, options.accuracy, options.observable
+        self.sampling = options.outlook.sampling
         self.progress, self.start, self.expected_cpu = progress, time.process_time(), 0.0
         self.measured_against = ""
 
     def checked(self) -> Option:
         """Return the cheapest option whose error, measured by runs, is within the accuracy."""
-        reference = self._cheap_reference()
-        self.judge = Judge(self.scene, self.sampling, self.observable, reference, progress=self._say)
+        self.judge = Judge(
+            scene=self.scene,
+            sampling=self.sampling,
+            observable=self.observable,
+            reference=self._cheap_reference(),
+            progress=self._say,
+        )
         best: Option | None = None
         floors: dict[str, str] = {}
         for option in self.options.predicted:
@@ -198,7 +189,7 @@ class Planner:
         self._check_prospects(option)
         candidate = option.candidate
         settled = settle(
-            lambda setting: self.judge.trial(candidate, setting),
+            partial(self.judge.trial, candidate),
             option.setting,
             self.accuracy,
             order=candidate.order,
@@ -214,7 +205,7 @@ class Planner:
             option,
             setting=best.setting,
             error=best.error,
-            cost=self.judge.cpu(candidate, best.setting, best.cpu)
+            cost=self.judge.cpu(candidate, best.setting, best.cost.cpu)
             if runs_itself
             else self.outlook.cost(candidate.name, best.setting),
             trial=best,
@@ -226,31 +217,16 @@ class Planner:
 
         On random chains whose order is clean it never costs less at 1e-4; at 1e-6 it does in a fifth, at 1e-7 in half.
         """
-        candidate, reference = plain.candidate, self.judge.truth
+        candidate = plain.candidate
         possible = candidate.name in ENGINE_BACKENDS and candidate.kind == 2 and self.observable in SAMPLED
-        if not possible or reference is None or self.accuracy > EXTRAPOLATED_BELOW:
+        if not possible or self.judge.reference is None or self.accuracy > EXTRAPOLATED_BELOW:
             return None
 
-        def trial(setting: float) -> Trial:
-            setting = self.judge.snapped(candidate, float(f"{setting:.2e}"))
+        def make(candidate: Candidate, setting: float) -> Trajectory:
             self._say(f"{candidate.runs} extrapolated from dt = {setting:.3g}")
-            try:
-                run = extrapolate(
-                    Case(
-                        scene=self.scene,
-                        backend=candidate.runs,
-                        resolution=Resolution(**candidate.settings, dt=setting),
-                        sampling=self.sampling,
-                        uncertainty=False,
-                    )
-                )
-                error = measured_error(self.observable, self.scene, run, reference)
-            except (NotAsymptotic, RunBroken):
-                return Trial(setting=setting, error=math.inf, cpu=math.nan, steps=0, evaluations=0)
-            cost = run.cost
-            return Trial(
-                setting=setting, error=error, cpu=cost.cpu, steps=cost.steps, evaluations=cost.force_evaluations
-            )
+            how = Resolution(**candidate.settings, dt=setting)
+            case = Case(scene=self.scene, backend=candidate.runs, resolution=how, sampling=self.sampling)
+            return extrapolate(replace(case, uncertainty=False))
 
         def cost(setting: float) -> float:
             coarse, main, fine = (self.outlook.cost(candidate.name, part * setting) for part in (2.0, 1.0, 0.5))
@@ -267,7 +243,8 @@ class Planner:
         )
         if EXTRAPOLATED_ROUNDING * roundoff > self.accuracy:
             return None
-        settled = settle(trial, first, self.accuracy, order=4.0, least=least, most=most)
+        tried = partial(self.judge.trial, candidate, make=make)
+        settled = settle(tried, first, self.accuracy, order=4.0, least=least, most=most)
         best = settled.best
         if best is None or cost(best.setting) > EXTRAPOLATED_GAIN * plain.cost:
             return None
@@ -304,7 +281,7 @@ class Planner:
 
     def _try_without_setting(self, option: Option) -> Option:
         """Return an option that has no setting, with its error. Raises UsageError where that is above the accuracy."""
-        candidate, reference = option.candidate, self.judge.truth
+        candidate, reference = option.candidate, self.judge.reference
         name = candidate.name
         if name in THEORIES:
             if reference is None:
@@ -318,14 +295,12 @@ class Planner:
                 run = reference
             else:
                 run = solve(Case(scene=self.scene, backend=name, resolution=Resolution(), sampling=self.sampling))
-            error, evidence = (
-                measured_uncertainty(self.observable, self.scene, run),
-                "its uncertainty is taken as its error",
-            )
+            error = measured_uncertainty(self.observable, self.scene, run)
+            evidence = "its uncertainty is taken as its error"
         if not error <= self.accuracy:
             raise UsageError(f"its error is {error:.2g}" if name in THEORIES else f"its uncertainty is {error:.2g}")
         cost = self.judge.cpu(candidate, 0.0, run.cost.cpu)
-        trial = Trial(setting=0.0, error=error, cpu=cost, steps=run.cost.steps, evaluations=run.cost.force_evaluations)
+        trial = Trial(setting=0.0, error=error, cost=run.cost)
         return replace(option, error=error, cost=cost, trial=trial, evidence=evidence)
 
     def _completed(self, candidate: Candidate, setting: float) -> Candidate:

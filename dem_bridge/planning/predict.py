@@ -3,15 +3,17 @@
 The prescan (:mod:`dem_bridge.backends.prescan`) gives omega, the highest frequency of a contact, and the phase: the
 integral over time of the frequency of the stiffest contact of each moment. The error of a method of order p with a
 fixed step is predicted as ``C phase^b (omega dt)^p``, because each local error is proportional to (omega dt)^p and a
-longer run adds up more of them. C and b are fits to 186 random scenes (tests/helpers/random_plans.py; the benchmark of
-the planner uses other scenes). A prediction is an order of magnitude, which runs then check.
+longer run adds up more of them. C and b (``laws.toml``) are fits to 186 random scenes (tests/helpers/random_plans.py;
+the benchmark of the planner uses other scenes). A prediction is an order of magnitude, which runs then check.
 """
 
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 
 from dem_bridge.backends.base import Resolution, Sampling
@@ -41,72 +43,12 @@ class ErrorLaw:
     have condition numbers of 1e4 and more. Where all collisions are single, errors can be a hundred times smaller."""
 
 
-#: by the order of the method; the knob is omega dt. Where contacts open and close, order 4 is reduced to about 2.5
-OF_STEP: Mapping[int, ErrorLaw] = MappingProxyType(
-    {
-        1: ErrorLaw(order=1.0, factor=1.3e-2, growth=0.20, spread=40.0),
-        2: ErrorLaw(order=2.0, factor=1.0e-2, growth=0.75, spread=10.0),
-        4: ErrorLaw(order=2.5, factor=2.5e-4, growth=0.55, spread=30.0),
-    }
-)
-#: for scipy; the knob is rtol
-OF_RTOL = ErrorLaw(order=0.83, factor=2.0e-2, growth=0.68, spread=40.0)
-#: error of each observable over the velocity error, for orders 1 and 2: ``factor * phase**growth``
-OBSERVED: Mapping[str, tuple[float, float]] = MappingProxyType(
-    {
-        "velocity": (1.0, 0.0),
-        "displacement": (0.45, -0.13),
-        "contact_force": (2.5, -0.17),
-        "peak_force": (5.0, -0.69),
-        "crossing_time": (3.7, -0.81),
-        "arrival_at_end": (6.6, -1.27),
-        "residence_time": (2.0, -0.61),
-    }
-)
-#: observables whose errors follow from those of another one; all that are not named err as velocities
-OBSERVED_AS: Mapping[str, str] = MappingProxyType(
-    {
-        "arrival": "crossing_time",
-        "first_peak_force": "peak_force",
-        "front_speed": "residence_time",
-        "wave_speed": "residence_time",
-    }
-)
-#: in-house codes with fixed steps, by the kernel that solves the scene
-FAST, PLAIN = "in-house, fast kernel", "in-house, plain kernel"
-#: CPU time of fixed-step runs, s: per run; per dense sample, and per body in it; per evaluation of the forces, and per
-#: body in it. Measured on random scenes; nine of ten are within a factor of 2
-COST: Mapping[str, tuple[float, float, float, float, float]] = MappingProxyType(
-    {
-        FAST: (4.0e-4, 5.0e-8, 6.0e-9, 2.8e-8, 2.2e-10),
-        PLAIN: (5.0e-4, 2.0e-8, 2.5e-8, 1.0e-8, 1.0e-8),
-        "lammps-granular": (8.8e-3, 7.2e-6, 3.1e-7, 6.1e-7, 2.5e-8),
-        "lammps-table": (1.5e-2, 5.5e-6, 8.3e-7, 4.0e-7, 2.8e-8),
-        "ase": (5e-2, 0.0, 1e-6, 2e-5, 5e-7),
-    }
-)
+_FITS = tomllib.loads(Path(__file__).with_name("laws.toml").read_text(encoding="utf-8"))
+#: by the order of the method
+OF_STEP: Mapping[int, ErrorLaw] = MappingProxyType({int(p): ErrorLaw(**fit) for p, fit in _FITS["of_step"].items()})
+OF_RTOL = ErrorLaw(**_FITS["of_rtol"])
 #: evaluations of the forces in a step, where there is more than one
-EVALUATIONS: Mapping[str, int] = MappingProxyType({"blanes-moan": 6})
-#: CPU time of runs without a fixed step, s: per run, and ``factor * bodies**a * prescan_steps**b * (rtol / 1e-6)**c``
-ADAPTIVE: Mapping[str, tuple[float, float, float, float, float]] = MappingProxyType(
-    {
-        "reference": (5e-4, 3e-5, 1.63, 0.12, 0.0),
-        "scipy": (7e-3, 6.7e-4, 1.19, 0.33, -0.06),
-        "bca": (3e-4, 0.0, 0.0, 0.0, 0.0),
-        "adiabatic": (1.3e-3, 0.0, 0.0, 0.0, 0.0),
-    }
-)
-#: uncertainty of the reference: in 95 % of random scenes it is below ``factor * phase**growth``
-REFERENCE_UNCERTAINTY = (3e-15, 1.33)
-#: error that 95 % of random single-pulse chains stay below (masses and stiffnesses at random within one and a half
-#: decades); the median is a fifth of it, and steadily graded chains err less. For other observables theories are far
-#: off
-THEORY_ERROR: Mapping[str, Mapping[str, float]] = MappingProxyType(
-    {
-        "bca": {"arrival_at_end": 0.07, "crossing_time": 0.2, "arrival": 0.2},
-        "adiabatic": {"arrival_at_end": 0.2, "crossing_time": 0.26, "arrival": 0.26},
-    }
-)
+EVALUATIONS: Mapping[str, int] = MappingProxyType(_FITS["evaluations"])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +77,8 @@ class Outlook:
 
     def _scale(self, law: ErrorLaw, observable: str) -> float:
         """Return the predicted error at a knob of 1."""
-        factor, growth = OBSERVED.get(OBSERVED_AS.get(observable, observable), OBSERVED["velocity"])
+        observed = _FITS["observed"]
+        factor, growth = observed.get(_FITS["observed_as"].get(observable, observable), observed["velocity"])
         return float(factor * law.factor * self.phase ** (law.growth + growth))
 
     def error(self, law: ErrorLaw, setting: float, observable: str) -> float:
@@ -156,25 +99,25 @@ class Outlook:
     def cost(self, name: str, setting: float = math.nan) -> float:
         """Predict the CPU time of a run without its uncertainty, s."""
         bodies = self.scene.n_body
-        if name in ADAPTIVE:
-            once, factor, a, b, c = ADAPTIVE[name]
+        if name in _FITS["adaptive"]:
+            once, factor, a, b, c = _FITS["adaptive"][name]
             coarse = self.prescan.steps * (0.1 if self.scene.damped else 1.0)
             finer = (setting / 1e-6) ** c if c != 0.0 else 1.0
             return float(once + factor * bodies**a * coarse**b * finer)
-        kernel = FAST if FUSED.covers(self.scene) else PLAIN
-        once, row, row_body, evaluation, evaluation_body = COST.get(name, COST[kernel])
+        kernel = f"in-house, {'fast' if FUSED.covers(self.scene) else 'plain'} kernel"
+        once, row, row_body, evaluation, evaluation_body = _FITS["cost"].get(name, _FITS["cost"][kernel])
         interval = self.scene.duration / self.sampling.count
         steps = self.sampling.count * max(1.0, interval / setting)
         rows = min(steps, self.sampling.count * max(1.0, interval * self.prescan.frequency / PHASE_PER_DENSE_SAMPLE))
         evaluations = steps * EVALUATIONS.get(name, 1)
-        return once + rows * (row + row_body * bodies) + evaluations * (evaluation + evaluation_body * bodies)
+        return float(once + rows * (row + row_body * bodies) + evaluations * (evaluation + evaluation_body * bodies))
 
     def known_error(self, name: str, observable: str) -> float:
         """Return the relative error of a backend that has no setting; inf where none is known."""
-        factor, growth = REFERENCE_UNCERTAINTY
         if name == "reference":
-            return float(factor * self.phase**growth) + EPS
-        return THEORY_ERROR[name].get(observable, math.inf)
+            bound = _FITS["reference_uncertainty"]
+            return float(bound["factor"] * self.phase ** bound["growth"]) + EPS
+        return float(_FITS["theory_error"][name].get(observable, math.inf))
 
     def units(self, dt: float) -> dict[str, float]:
         """Return ``dt`` (s) as a fraction of the usual time scales of DEM, as far as the scene has them."""

@@ -6,23 +6,19 @@ quarter, whatever its order is there.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 
-from dem_bridge.backends.base import Resolution
 from dem_bridge.backends.blanes_moan import ORDER, PHASE, SRKN_6B, BlanesMoan
 from dem_bridge.backends.curves import CELLS
 from dem_bridge.backends.splitting import solve
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.dense import MOST_STEPS, Schedule
+from dem_bridge.dense import MOST_STEPS
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene
 from dem_bridge.stopwatch import Stopwatch
-from dem_bridge.trajectory import Trajectory
 from dem_bridge.uncertainty.family import TwinFamily
-from dem_bridge.uncertainty.readings import complete_family, read_dense
+from dem_bridge.uncertainty.readings import complete_family, read_dense, runs_at_other_steps
 
 #: ratios of the steps of the other runs to that of the family
 RATIOS = (1.0 / 2.0, 1.0 / 3.0)
@@ -41,23 +37,14 @@ def blanes_moan_family(case: Case, cache: RunCache | None = None) -> TwinFamily 
 
 def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
     watch = Stopwatch()
-    scene, code = case.scene, BlanesMoan()
-    prescan = prescan_scene(scene)
+    scene, prescan = case.scene, prescan_scene(case.scene)
     plan = fixed_step_plan(scene, case.resolution, case.sampling, prescan, PHASE)
     if plan.steps > MOST_STEPS / 3:
         return None
-    main, dense = solve(code, SRKN_6B, scene, plan)
+    run = partial(solve, BlanesMoan(), SRKN_6B, scene)
+    main, dense = run(plan)
     cache.keep(case, main)
-    plans, others = {}, dict[float, Trajectory]()
-    for ratio in RATIOS:
-        other = replace(case, resolution=Resolution(dt=ratio * plan.step))
-        steps = fixed_step_plan(scene, other.resolution, case.sampling, prescan)
-        ratio = steps.step / plan.step
-        plans[ratio] = steps
-        others[ratio] = cache.load_or_solve(other, partial(_run_at, scene, steps))
-    halved = None
-    if scene.law is not None:
-        halved, _ = solve(code, SRKN_6B, scene, plan, cells=CELLS // 2, full=False)
+    plans, others = runs_at_other_steps(case, plan, RATIOS, prescan, cache, lambda steps: run(steps, full=False)[0])
     family = TwinFamily(
         scene=scene,
         plan=plan,
@@ -65,14 +52,9 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
         main=main,
         others=others,
         positional=main,
-        halved=halved,
+        halved=run(plan, cells=CELLS // 2, full=False)[0] if scene.law is not None else None,
         readings=read_dense(scene, plan, dense, main),
         thinning=THINNING,
         scatter=SCATTER,
     )
-    return complete_family(family, watch, plans, lambda steps: solve(code, SRKN_6B, scene, steps))
-
-
-def _run_at(scene: Scene, steps: Schedule) -> Trajectory:
-    """Return the run at other steps, without its dense samples."""
-    return solve(BlanesMoan(), SRKN_6B, scene, steps, full=False)[0]
+    return complete_family(family, watch, plans, run)

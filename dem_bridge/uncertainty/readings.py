@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 
-from dem_bridge.backends.steps import Dense, peaks_and_crossings
+from dem_bridge.backends.base import Resolution
+from dem_bridge.backends.prescan import Prescan
+from dem_bridge.backends.steps import Dense, fixed_step_plan, peaks_and_crossings
 from dem_bridge.dense import Schedule, secondary_peak_force
+from dem_bridge.runs.cache import RunCache
+from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.trajectory import Cost, Trajectory
@@ -23,6 +28,24 @@ def read_dense(scene: Scene, plan: Schedule, dense: Dense, run: Trajectory) -> D
         unresolved=unresolved_contacts(scene, plan, dense, run),
         turns=open_turns(scene, plan, dense),
     )
+
+
+def runs_at_other_steps(
+    case: Case,
+    plan: Schedule,
+    ratios: Iterable[float],
+    prescan: Prescan,
+    cache: RunCache,
+    solve: Callable[[Schedule], Trajectory],
+) -> tuple[dict[float, Schedule], dict[float, Trajectory]]:
+    """Return the steps and the runs of a case at about ``ratios`` times the step of ``plan``, by their actual ratio."""
+    plans, runs = {}, {}
+    for ratio in ratios:
+        other = replace(case, resolution=Resolution(dt=ratio * plan.step))
+        steps = fixed_step_plan(case.scene, other.resolution, case.sampling, prescan)
+        plans[steps.step / plan.step] = steps
+        runs[steps.step / plan.step] = cache.load_or_solve(other, partial(solve, steps))
+    return plans, runs
 
 
 def complete_family(

@@ -21,7 +21,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.uncertainty.family import TwinFamily
-from dem_bridge.uncertainty.readings import complete_family, read_dense
+from dem_bridge.uncertainty.readings import complete_family, read_dense, runs_at_other_steps
 
 #: ratios of the steps of the other runs to that of the family
 RATIOS = (2.0, 1.0 / 3.0)
@@ -82,13 +82,7 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
     at_radius = replace(case, resolution=replace(resolution, surrogate_radius=radius, geometry="surrogate"))
 
     main = cache.load_or_solve(plain, partial(solve_plan, scene, plan))
-    plans, others = {}, {}
-    for ratio in ratios:
-        other = replace(plain, resolution=Resolution(dt=ratio * plan.step))
-        steps = fixed_step_plan(scene, other.resolution, sampling, prescan)
-        ratio = steps.step / plan.step
-        plans[ratio] = steps
-        others[ratio] = cache.load_or_solve(other, partial(solve_plan, scene, steps))
+    plans, others = runs_at_other_steps(plain, plan, ratios, prescan, cache, partial(solve_plan, scene))
     positional, dense = solve_dense(scene, plan, radius, tables)
     cache.keep(at_radius, positional)
     family = TwinFamily(

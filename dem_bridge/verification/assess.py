@@ -55,22 +55,8 @@ class SceneStudy:
         return next((result.trajectory for result in self.results if result.case.backend == backend), None)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Trajectories:
-    """Trajectories by their roles, None for those that failed or that the scene has not."""
-
-    reference: Trajectory | None
-    second_reference: Trajectory | None
-    theory: Trajectory | None
-    twin: Trajectory | None
-    engine: Trajectory | None
-    tabled_twin: Trajectory | None
-    positional_twin: Trajectory | None
-
-    @classmethod
-    def of(cls, runs: Runs[Result]) -> _Trajectories:
-        results = {name: getattr(runs, name) for name in cls.__dataclass_fields__}
-        return cls(**{name: result and result.trajectory for name, result in results.items()})
+#: trajectories by their roles, None for those that failed or that the scene has not
+_Trajectories = Runs[Trajectory | None]
 
 
 def assess_scene(scene: Scene, runs: Runs[Result], accuracy: float) -> SceneStudy:
@@ -84,7 +70,7 @@ def assess_scene(scene: Scene, runs: Runs[Result], accuracy: float) -> SceneStud
     accuracy : float
         Tolerance of velocity errors, relative to the largest velocity.
     """
-    roles = _Trajectories.of(runs)
+    roles = runs.map(lambda result: result.trajectory)
     refinement: dict[str, Refinement] = {}
     if roles.reference is not None:
         for main, levels in ((runs.twin, runs.twin_refinements), (runs.engine, runs.engine_refinements)):

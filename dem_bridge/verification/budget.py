@@ -71,8 +71,6 @@ def budgets(
     budgets, same = [], tabled or twin
     for quantity in QUANTITIES:
         error, step = difference(quantity, engine, reference), difference(quantity, twin, reference)
-        rounding = difference(quantity, positional, same).value
-        sampling = twin.uncertainty.sampling[quantity]
         budgets.append(
             Budget(
                 quantity=quantity,
@@ -80,12 +78,12 @@ def budgets(
                 parts={
                     "time step": step.value,
                     "table": difference(quantity, same, twin).value,
-                    "round-off": rounding,
-                    "sampling": sampling,
+                    "round-off": difference(quantity, positional, same).value,
+                    "sampling": twin.uncertainty.sampling[quantity],
                     "reference": error.reference_uncertainty,
                 },
                 unexplained=difference(quantity, engine, positional).value,
-                allowed=_allowed(quantity, rounding, twin, positional),
+                allowed=allowance(quantity, twin, positional, tabled),
                 scale_name=error.scale_name,
             )
         )
@@ -97,11 +95,8 @@ def allowance(quantity: str, twin: Trajectory, positional: Trajectory, tabled: T
 
     Both round in the same way, but not each operation in the same order; the errors of step and sampling are the same.
     """
-    return _allowed(quantity, difference(quantity, positional, tabled or twin).value, twin, positional)
-
-
-def _allowed(quantity: str, rounding: float, twin: Trajectory, positional: Trajectory) -> float:
     # two realisations of the round-off, each as large as the known one
+    rounding = difference(quantity, positional, tabled or twin).value
     allowed = 2.0 * rounding + REALISATIONS * twin.uncertainty.parts["last_digit"]
     if quantity == "displacement":
         # a body that drifts adds the same increment at every step, which may fall on either side of a tie each time

@@ -69,20 +69,10 @@ def absent(scene: Scene, name: str, result: Result) -> Verdict:
 
 def implementation(scene: Scene, engine: Trajectory, twin: Trajectory) -> Verdict:
     """Judge LAMMPS against the twin: only the round-off of absolute positions, predicted by twins, may differ."""
-    expected = engine.uncertainty.parts
-    tolerance = expected["round_off"]
     # the time-step error is the same in both and cancels
-    compared = replace(
-        difference("velocity", engine, twin), uncertainty=tolerance, reference_uncertainty=expected["last_digit"]
-    )
-    return numerical_verdict(
-        compared,
-        scene=scene.name,
-        backend=engine_for(scene),
-        reference=TWIN,
-        tolerance=tolerance,
-        meaning="implementation and round-off",
-        first_divergence=first_divergence(engine, twin, tolerance),
+    allowed = engine.uncertainty.parts["round_off"]
+    return _against_twin(
+        scene, "velocity", engine, twin, allowed, reference=TWIN, meaning="implementation and round-off"
     )
 
 
@@ -121,16 +111,22 @@ def table(scene: Scene, engine: Trajectory) -> list[Verdict]:
 
 def explained(scene: Scene, quantity: str, engine: Trajectory, positional: Trajectory, *, allowed: float) -> Verdict:
     """Judge the part of an error that its budget leaves unexplained: LAMMPS minus the positional twin."""
+    return _against_twin(scene, quantity, engine, positional, allowed, reference=POSITIONAL, meaning="implementation")
+
+
+def _against_twin(
+    scene: Scene, quantity: str, engine: Trajectory, twin: Trajectory, allowed: float, *, reference: str, meaning: str
+) -> Verdict:
+    """Judge LAMMPS against a twin, from which it may differ by ``allowed``, relative."""
     digit = engine.uncertainty.parts["last_digit"]
-    compared = replace(difference(quantity, engine, positional), uncertainty=allowed, reference_uncertainty=digit)
     return numerical_verdict(
-        compared,
+        replace(difference(quantity, engine, twin), uncertainty=allowed, reference_uncertainty=digit),
         scene=scene.name,
         backend=engine_for(scene),
-        reference=POSITIONAL,
+        reference=reference,
         tolerance=allowed,
-        meaning="implementation",
-        first_divergence=first_divergence(engine, positional, allowed) if quantity == "velocity" else None,
+        meaning=meaning,
+        first_divergence=first_divergence(engine, twin, allowed) if quantity == "velocity" else None,
     )
 
 
@@ -154,30 +150,15 @@ def two_methods(scene: Scene, second: Trajectory | None, reference: Trajectory, 
             f"velocity of {name} differs from {REFERENCE} by {compared.value:.2e} of {compared.scale_name};"
             f" the sum of their uncertainties is {allowed:.1e}."
         )
-    return replace(
-        _of_difference(scene, name, compared, outcome, sentence, INDEPENDENT),
-        uncertainty=compared.uncertainty,
-        tolerance=allowed,
-    )
-
-
-def _of_difference(
-    scene: Scene, backend: str, compared: Difference, outcome: Outcome, sentence: str, meaning: str
-) -> Verdict:
-    """Return a verdict on a difference from the reference, without own uncertainty and tolerance."""
-    return Verdict(
+    return Verdict.of(
+        compared,
         scene=scene.name,
-        quantity=compared.quantity,
-        backend=backend,
+        backend=name,
         reference=REFERENCE,
         outcome=outcome,
         sentence=sentence,
-        difference=compared.value,
-        scale=compared.scale,
-        unit=compared.unit,
-        scale_name=compared.scale_name,
-        reference_uncertainty=compared.reference_uncertainty,
-        meaning=meaning,
+        tolerance=allowed,
+        meaning=INDEPENDENT,
     )
 
 
@@ -255,27 +236,25 @@ def order(scene: Scene, name: str, refinement: tuple[list[float], list[float]], 
                 f"velocity errors fall as dt^{fit.order:.3f}: little is damped, and the second-order part of the"
                 " error, which all scenes have, is not small compared with the first-order part"
             )
+    unjudged = Verdict(
+        scene=scene.name,
+        quantity="order",
+        backend=name,
+        reference=f"exact {expected}",
+        outcome=Outcome.NOT_RUN,
+        sentence=f"order of {name} on {scene.name}: {why}.",
+        meaning="convergence in the time step",
+    )
     if why:
-        return Verdict(
-            scene=scene.name,
-            quantity="order",
-            backend=name,
-            reference=f"exact {expected}",
-            outcome=Outcome.NOT_RUN,
-            sentence=f"order of {name} on {scene.name}: {why}.",
-            meaning="convergence in the time step",
-        )
+        return unjudged
     reason = (
         f"velocity-Verlet has order 2, tolerance +- {allowed}"
         if expected == 2
         else f"velocity-dependent forces are evaluated at the half step, which makes the order 1,"
         f" tolerance +- {allowed}"
     )
-    return Verdict(
-        scene=scene.name,
-        quantity="order",
-        backend=name,
-        reference=f"exact {expected}",
+    return replace(
+        unjudged,
         outcome=outcome,
         sentence=(
             f"velocity errors of {name} fall as dt^{fit.order:.3f} over dt = {steps[0]:.3g} .. {steps[-1]:.3g} s"
@@ -286,7 +265,6 @@ def order(scene: Scene, name: str, refinement: tuple[list[float], list[float]], 
         scale_name="1",
         reference_uncertainty=uncertainty,
         tolerance=allowed,
-        meaning="convergence in the time step",
     )
 
 
@@ -349,7 +327,16 @@ def model(scene: Scene, theory: Trajectory, reference: Trajectory) -> list[Verdi
     # where only one of the two reaches the end there is no arrival to compare
     differences = [part for part in differences if part.quantity != "arrival_at_end" or math.isfinite(part.value)]
     return [
-        _of_difference(scene, THEORY, part, Outcome.MODEL_DIFFERENCE, _model_sentence(part), "model")
+        Verdict.of(
+            part,
+            scene=scene.name,
+            backend=THEORY,
+            reference=REFERENCE,
+            outcome=Outcome.MODEL_DIFFERENCE,
+            sentence=_model_sentence(part),
+            uncertainty=math.nan,
+            meaning="model",
+        )
         for part in differences
     ]
 

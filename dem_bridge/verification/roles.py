@@ -53,9 +53,6 @@ class Roles:
     """The backend that solves for the reference: "reference", or "scipy" where the Taylor series do not fit."""
     second_reference: str | None
     """A backend of another method than the solver's; None: no other backend solves the scene to that accuracy."""
-    twin: str = TWIN
-    reference: str = REFERENCE
-    theory: str = THEORY
 
     @property
     def takes_tables(self) -> bool:
@@ -156,26 +153,20 @@ def list_cases(scene: Scene, main: Resolution, *, engine: Engine | None = None, 
             uncertainty=uncertainty,
         )
 
+    second = None
+    if roles.second_reference == SCIPY:
+        second = case(SCIPY, Resolution(), full)
+    elif roles.second_reference == BLANES_MOAN:
+        step = default_step(scene, sampling, prescan_scene(scene), PHASE) / FINER
+        second = case(BLANES_MOAN, Resolution(dt=step))
     return Runs(
-        reference=case(roles.reference, Resolution()),
-        second_reference=_second_reference(roles, case, scene, sampling, full),
-        theory=case(roles.theory, Resolution()),
-        twin=case(roles.twin, main),
+        reference=case(REFERENCE, Resolution()),
+        second_reference=second,
+        theory=case(THEORY, Resolution()),
+        twin=case(TWIN, main),
         engine=case(roles.engine, main),
-        tabled_twin=case(roles.twin, tabled, False) if roles.takes_tables else None,
-        positional_twin=case(roles.twin, positional, False),
-        twin_refinements=tuple(case(roles.twin, level, False) for level in levels),
+        tabled_twin=case(TWIN, tabled, False) if roles.takes_tables else None,
+        positional_twin=case(TWIN, positional, False),
+        twin_refinements=tuple(case(TWIN, level, False) for level in levels),
         engine_refinements=tuple(case(roles.engine, level, False) for level in levels),
     )
-
-
-def _second_reference(
-    roles: Roles, case: Callable[..., Case], scene: Scene, sampling: Sampling, full: bool
-) -> Case | None:
-    """Return the case of the second reference, None where the scene has none."""
-    if roles.second_reference is None:
-        return None
-    if roles.second_reference == SCIPY:
-        return case(SCIPY, Resolution(), full)
-    step = default_step(scene, sampling, prescan_scene(scene), PHASE) / FINER
-    return case(BLANES_MOAN, Resolution(dt=step))

@@ -58,6 +58,12 @@ class Verdict:
     meaning: str = ""
     """What the difference consists of: round-off, time step, model, ..."""
 
+    @classmethod
+    def of(cls, compared: Difference, **fields: Any) -> Verdict:
+        """Return the verdict on a difference, which gives value, scale and uncertainties where ``fields`` do not."""
+        shared = ("quantity", "scale", "unit", "scale_name", "uncertainty", "reference_uncertainty")
+        return cls(difference=compared.value, **{name: getattr(compared, name) for name in shared} | fields)
+
     def as_json(self) -> dict[str, Any]:
         """JSON-able, see :func:`plain`."""
         return {key: plain(value) for key, value in asdict(self).items()}
@@ -123,9 +129,9 @@ def numerical_verdict(
     if not tolerance < 1.0:
         relation = "nothing follows from it, because the tolerance is an uncertainty of 100 % or more:"
     when = f" at t = {1e3 * compared.time:.4g} ms" if math.isfinite(compared.time) else ""
-    return Verdict(
+    return Verdict.of(
+        compared,
         scene=scene,
-        quantity=compared.quantity,
         backend=backend,
         reference=reference,
         outcome=outcome,
@@ -133,12 +139,6 @@ def numerical_verdict(
             f"{compared.quantity} of {backend} differs from {reference} by {compared.value:.2e} of"
             f" {compared.scale_name} ({compared.place}{when}), +- {uncertainty:.1e}; {relation} {tolerance:.1e}."
         ),
-        difference=compared.value,
-        scale=compared.scale,
-        unit=compared.unit,
-        scale_name=compared.scale_name,
-        uncertainty=compared.uncertainty,
-        reference_uncertainty=compared.reference_uncertainty,
         tolerance=tolerance,
         first_divergence=first_divergence,
         meaning=meaning,

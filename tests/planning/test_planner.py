@@ -115,7 +115,7 @@ def _law(order: float, factor: float, wobble: float = 0.0) -> Any:
 
     def trial(setting: float) -> Trial:
         off = 1.0 + wobble * math.sin(37.0 * math.log(setting))
-        return Trial(setting=setting, error=factor * setting**order * off, cpu=1.0, steps=1, evaluations=1)
+        return Trial(setting=setting, error=factor * setting**order * off)
 
     return trial
 
@@ -146,7 +146,7 @@ def test_a_search_copes_with_errors_that_are_not_clean(order: float, wobble: flo
 
 def test_a_search_gives_up_at_a_floor_and_at_the_finest_setting() -> None:
     def floored(setting: float) -> Trial:
-        return Trial(setting=setting, error=1e-5 + setting**2, cpu=1.0, steps=1, evaluations=1)
+        return Trial(setting=setting, error=1e-5 + setting**2)
 
     found = settle(floored, 1.0, 1e-6, order=2.0, least=1e-30, most=1.0)
     assert found.best is None
