@@ -69,13 +69,11 @@ def run_case(
         return Result(case=case, trajectory=solve(case, cache, chosen if by else None))
     except (UnsupportedScene, BackendUnavailable, RunBroken) as error:
         return Result(case=case, failure=error)
-    except UsageError as error:
-        if not everything:
-            raise
-        return Result(case=case, failure=error)
     except Exception as error:
         if not everything:
             raise
+        if isinstance(error, UsageError):
+            return Result(case=case, failure=error)
         # as text: not every exception can travel from another process
         return Result(case=case, failure=Crashed(f"{type(error).__name__}: {error}", log=traceback.format_exc()))
 

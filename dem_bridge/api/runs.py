@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -139,19 +140,7 @@ def solve(
         backend = _cheapest(scene, accuracy, sampling)
     lammps = Engine.named(engine, lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
     solver = _backend(backend, lammps)
-    resolution = Resolution(
-        dt=dt,
-        rtol=rtol,
-        atol=atol,
-        surrogate_radius=surrogate_radius,
-        geometry=geometry,
-        types=types,
-        table_style=table_style,
-        table_lines=table_lines,
-        table_points=table_points,
-        tables=tables,
-        time_limit=time_limit,
-    )
+    resolution = _resolution(locals())
     _check_settings(dt, accuracy, order, uncertainty)
     if reason := unsupported_reason(solver, scene):
         raise UnsupportedScene(f"{solver.name} cannot do {scene.name}: {reason}")
@@ -311,15 +300,7 @@ def write_deck(
     _check_settings(dt, accuracy)
     writer, sampling = _backend(f"lammps-{style}"), _sampling(scene, samples)
     assert isinstance(writer, LammpsGranular)
-    resolution = Resolution(
-        dt=dt,
-        surrogate_radius=surrogate_radius,
-        geometry=geometry,
-        types=types,
-        table_style=table_style,
-        table_lines=table_lines,
-        table_points=table_points,
-    )
+    resolution = _resolution(locals())
     if accuracy is not None:
         resolution = _resolution_for(scene, writer, accuracy, resolution, sampling)
     deck = writer.deck(scene, resolution, sampling)
@@ -369,15 +350,19 @@ def _resolution_for(
     cache: RunCache | None = None,
 ) -> Resolution:
     """Return the resolution with the step for an accuracy; as it is for backends without a fixed step."""
-    from dem_bridge.uncertainty.step_choice import (
-        step_for_accuracy,  # loads the compiler, which not every backend needs
-    )
-
     if solver.order is None:
         return resolution
+    # it loads the compiler, which not every backend needs
+    from dem_bridge.uncertainty.step_choice import step_for_accuracy
+
     resolution = replace(resolution, tables=resolution.tables or solver.name == "lammps-table")
     by = "verlet" if solver.name in (*ENGINE_BACKENDS, "ase") else solver.name
     return step_for_accuracy(scene, accuracy, resolution, sampling, by=by, cache=cache)
+
+
+def _resolution(arguments: Mapping[str, Any]) -> Resolution:
+    """Return the resolution whose settings are among the arguments of a function."""
+    return Resolution(**{item.name: arguments[item.name] for item in fields(Resolution) if item.name in arguments})
 
 
 def _sampling(scene: Scene, samples: int | None) -> Sampling:

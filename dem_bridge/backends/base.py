@@ -17,7 +17,7 @@ import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +34,18 @@ if TYPE_CHECKING:
 
 #: backends that are recommended before others where one does not support a scene
 GENERAL = ("scipy", "verlet")
-#: the least that adaptive integrators take (100 eps) to what decides no step any more
-RTOL_RANGE = (2.3e-14, 1.0)
 MOST_SAMPLES = 10_000_000
+#: smallest and largest value of numeric settings, and whether they are whole numbers; rtol goes from the least that
+#: adaptive integrators take (100 eps) to what decides no step any more
+LIMITS = {
+    "dt": (1e-40, 1e40, False),
+    "rtol": (2.3e-14, 1.0, False),
+    "atol": (1e-40, 1e40, False),
+    "surrogate_radius": (1e-40, 1e40, False),
+    "time_limit": (1e-3, 1e9, False),
+    "table_lines": (8, 1_000_000, True),
+    "table_points": (2, 100_000_000, True),
+}
 #: settings that are one of a few words
 CHOICES = {
     "geometry": ("surrogate", "physical"),
@@ -79,29 +88,21 @@ class Resolution:
     """Wall time, s, after which an engine in a child process is stopped."""
 
     def __post_init__(self) -> None:
-        limits = {
-            "dt": (1e-40, 1e40),
-            "rtol": RTOL_RANGE,
-            "atol": (1e-40, 1e40),
-            "surrogate_radius": (1e-40, 1e40),
-            "time_limit": (1e-3, 1e9),
-        }
-        for key, (low, high) in limits.items():
-            value = getattr(self, key)
-            if value is None:
-                continue
-            real = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-            if not real or not low <= value <= high:
-                raise UsageError(f"{key} = {value!r}; allowed: a number from {low:g} to {high:g}")
+        for key, (low, high, whole) in LIMITS.items():
+            if (value := getattr(self, key)) is not None:
+                _check_number(key, value, low, high, whole=whole)
         for key, choices in CHOICES.items():
             value = getattr(self, key)
             if value not in choices or type(value) is not type(choices[0]):
                 raise UsageError(f"{key} = {value!r}; allowed: {' or '.join(map(repr, choices))}")
-        for key, (least, most) in {"table_lines": (8, 1_000_000), "table_points": (2, 100_000_000)}.items():
-            value = getattr(self, key)
-            whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-            if value is not None and not (whole and least <= value <= most):
-                raise UsageError(f"{key} = {value!r}; allowed: a whole number from {least} to {most}")
+
+
+def _check_number(key: str, value: object, low: float, high: float, *, whole: bool) -> None:
+    """Raise UsageError unless a value is a number within the limits."""
+    kinds = int | np.integer if whole else int | float | np.integer | np.floating
+    if isinstance(value, bool) or not isinstance(value, kinds) or not low <= value <= high:
+        limits = f"a whole number from {low} to {high}" if whole else f"a number from {low:g} to {high:g}"
+        raise UsageError(f"{key} = {value!r}; allowed: {limits}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,9 +112,7 @@ class Sampling:
     count: int
 
     def __post_init__(self) -> None:
-        whole = isinstance(self.count, int | np.integer) and not isinstance(self.count, bool)
-        if not whole or not 1 <= self.count <= MOST_SAMPLES:
-            raise UsageError(f"samples = {self.count!r}; allowed: a whole number from 1 to {MOST_SAMPLES}")
+        _check_number("samples", self.count, 1, MOST_SAMPLES, whole=True)
         object.__setattr__(self, "count", int(self.count))
 
     def times(self, duration: float) -> NDArray[np.float64]:
@@ -132,30 +131,13 @@ class Availability:
 class Named(Protocol):
     """Name and equations of a code, as the provenance of a run has them."""
 
-    @property
-    def name(self) -> str:
-        """Name in the catalogue."""
-        ...
-
-    @property
-    def equations(self) -> str:
-        """Name of the equations that the code solves."""
-        ...
-
-
-@dataclass(frozen=True, kw_only=True)
-class Identity:
-    """Name and equations of a code that more than one module speaks of."""
-
     name: str
     equations: str
 
 
-class Backend(Protocol):
+class Backend(Named, Protocol):
     """See the module's docstring."""
 
-    name: str
-    equations: str
     order: int | None
     supports: Support
 
@@ -192,18 +174,14 @@ def backend(name: str, engine: Engine | None = None) -> Backend:
     """
     if not isinstance(name, str) or name not in BACKENDS:
         raise UsageError(f"backend = {name!r}; allowed: {', '.join(BACKENDS)}")
-    entry = BACKENDS[name]
-    create = getattr(importlib.import_module(entry.module), entry.attribute)
     if name in ENGINE_BACKENDS:
-        lammps: Backend = create(engine)
-        return lammps
+        return cast(Backend, _class(name)(engine))
     if engine is not None:
         raise UsageError(
             f"lmp, lmp_args, python and ranks say which LAMMPS; backend = {name!r} runs none;"
             f" allowed with: {', '.join(ENGINE_BACKENDS)}"
         )
-    result: Backend = create()
-    return result
+    return cast(Backend, _class(name)())
 
 
 def unsupported_reason(chosen: Backend, scene: Scene) -> str | None:
@@ -237,9 +215,12 @@ def unsupported_reason(chosen: Backend, scene: Scene) -> str | None:
 
 def supports_of(name: str) -> Support:
     """Return the declaration of the backend of that name in the catalogue, without creating the backend."""
-    entry = BACKENDS[name]
-    declared: Support = getattr(importlib.import_module(entry.module), entry.attribute).supports
-    return declared
+    return cast(Support, _class(name).supports)
+
+
+def _class(name: str) -> Any:
+    """Return the class of the backend of that name."""
+    return getattr(importlib.import_module(BACKENDS[name].module), BACKENDS[name].attribute)
 
 
 def run_provenance(backend: Named, scene: Scene, settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -51,20 +51,19 @@ FINISHED, STEP_TOO_SMALL, TOO_MANY_STEPS = 0, 1, 2
 
 
 @kernel()
-def integrate(  # type: ignore[no-untyped-def]
-    mass, velocity, left, right, stiffness, exponent, gap, free, times, rtol, atol, most_steps, share, wary
-):
+def integrate(mass, velocity, contacts, free, times, rtol, atol, most_steps, share, wary):  # type: ignore[no-untyped-def]
     """Integrate a chain, and return what a trajectory has, with the numbers of steps and how it ended.
 
     The results are displacement, velocity ``(n_t, n_body)`` and force ``(n_t, n_contact)`` at ``times`` (s; the first
     0, the last the end), largest force and first crossing ``(n_contact,)``, accepted and failed steps, how and when it
     ended.
 
-    ``atol (2 n_body,)``: absolute tolerance of displacements (m), then of velocities (m/s). The index ``n_body`` in
-    ``left`` and ``right`` stands for a wall. No step is longer than ``share`` of the whole time (MATLAB: a tenth), and
-    if ``wary`` (MATLAB: not) none passes over a contact that is foreseen: none of its stages might fall into it.
+    ``contacts``: bodies on the left and right of each contact (``n_body``: a wall), stiffness, exponent and gap. ``atol
+    (2 n_body,)``: absolute tolerance of displacements (m), then of velocities (m/s). No step is longer than ``share``
+    of the whole time (MATLAB: a tenth), and if ``wary`` (MATLAB: not) none passes over a contact that is foreseen: none
+    of its stages might fall into it.
     """
-    n, n_contact, n_t, end = mass.shape[0], left.shape[0], times.shape[0], times[-1]
+    n, n_contact, n_t, end = mass.shape[0], contacts[0].shape[0], times.shape[0], times[-1]
     out = np.zeros((n_t, 2 * n))
     out_force = np.zeros((n_t, n_contact))
     peak, crossing = np.zeros(n_contact), np.full(n_contact, np.nan)
@@ -73,9 +72,9 @@ def integrate(  # type: ignore[no-untyped-def]
     y, stage, new, doubt = np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n)
     extension = np.zeros((4, 2 * n))
     y[n:] = velocity
-    _slope(y, f[0], mass, left, right, stiffness, exponent, gap, free)
+    _slope(y, f[0], mass, contacts, free)
     out[0] = y
-    _forces(y, out_force[0], peak, left, right, stiffness, exponent, gap)
+    _forces(y, out_force[0], peak, contacts)
     t, row, accepted, failed, ended = 0.0, 1, 0, 0, FINISHED
     longest = share * end
     rate = 0.0
@@ -91,7 +90,7 @@ def integrate(  # type: ignore[no-untyped-def]
         smallest = 16.0 * np.spacing(t)
         size = min(longest, max(smallest, size))
         if wary:
-            size = min(size, max(smallest, _clear(y, f[0], mass, left, right, stiffness, exponent, gap, atol)))
+            size = min(size, max(smallest, _clear(y, f[0], mass, contacts, atol)))
         h = size
         if 1.1 * size >= end - t:  # stretched, so that no sliver is left
             h = size = end - t
@@ -107,7 +106,7 @@ def integrate(  # type: ignore[no-untyped-def]
                 if k == 5:
                     h = end - t if done else (t + h) - t  # the step that t really makes
                     new[:] = stage
-                _slope(stage, f[k + 1], mass, left, right, stiffness, exponent, gap, free)
+                _slope(stage, f[k + 1], mass, contacts, free)
             error = 0.0
             for i in range(2 * n):
                 doubt[i] = 0.0
@@ -137,7 +136,7 @@ def integrate(  # type: ignore[no-untyped-def]
                 extension[j, i] = 0.0
                 for k in range(7):
                     extension[j, i] += h * EXTENSION[k, j] * f[k, i]
-        _look(y, new, extension, doubt, t, h, peak, crossing, left, right, stiffness, exponent, gap)
+        _look(y, new, extension, doubt, t, h, peak, crossing, contacts)
         while row < n_t and times[row] <= after:
             if times[row] == after:
                 out[row] = new
@@ -145,7 +144,7 @@ def integrate(  # type: ignore[no-untyped-def]
                 s = (times[row] - t) / h
                 for i in range(2 * n):
                     out[row, i] = y[i] + _above(extension[:, i], s)
-            _forces(out[row], out_force[row], peak, left, right, stiffness, exponent, gap)
+            _forces(out[row], out_force[row], peak, contacts)
             row += 1
         if first_try:
             shrink = 1.25 * (error / rtol) ** 0.2
@@ -157,8 +156,9 @@ def integrate(  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _slope(y, out, mass, left, right, stiffness, exponent, gap, free):  # type: ignore[no-untyped-def]
+def _slope(y, out, mass, contacts, free):  # type: ignore[no-untyped-def]
     """Velocities and accelerations of the state ``y``, into ``out``."""
+    left, right, stiffness, exponent, gap = contacts
     n = mass.shape[0]
     for i in range(n):
         out[i] = y[n + i]
@@ -176,8 +176,9 @@ def _slope(y, out, mass, left, right, stiffness, exponent, gap, free):  # type: 
 
 
 @kernel()
-def _clear(y, slope, mass, left, right, stiffness, exponent, gap, atol):  # type: ignore[no-untyped-def]
+def _clear(y, slope, mass, contacts, atol):  # type: ignore[no-untyped-def]
     """Time that passes over no contact: to the next touch, as bodies go on by now, and ``WARY`` of that contact."""
+    left, right, stiffness, exponent, gap = contacts
     n, clear = mass.shape[0], np.inf
     for k in range(left.shape[0]):
         a, b = left[k], right[k]
@@ -221,8 +222,9 @@ def _between(y, first, n, left, right):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _forces(y, out, peak, left, right, stiffness, exponent, gap):  # type: ignore[no-untyped-def]
+def _forces(y, out, peak, contacts):  # type: ignore[no-untyped-def]
     """Write the forces in the state ``y`` into ``out``, and raise ``peak`` to them."""
+    left, right, stiffness, exponent, gap = contacts
     n = y.shape[0] // 2
     for k in range(left.shape[0]):
         overlap = _between(y, 0, n, left[k], right[k]) - gap[k]
@@ -231,15 +233,14 @@ def _forces(y, out, peak, left, right, stiffness, exponent, gap):  # type: ignor
 
 
 @kernel()
-def _look(  # type: ignore[no-untyped-def]
-    y, new, extension, doubt, t, h, peak, crossing, left, right, stiffness, exponent, gap
-):
+def _look(y, new, extension, doubt, t, h, peak, crossing, contacts):  # type: ignore[no-untyped-def]
     """Find each maximal compression within the step from ``y`` to ``new``.
 
     It is a fall of the closing rate through zero while the contact is closed: ``peak`` rises to its force, ``crossing``
     keeps the first. A compression within ``SEEN`` times the error of the step, or round-off, does not count: ahead of a
     front the stages leave motions of alternating sign and almost no size, which would otherwise be collisions.
     """
+    left, right, stiffness, exponent, gap = contacts
     n = y.shape[0] // 2
     overlap, rate = np.zeros(5), np.zeros(5)
     for k in range(left.shape[0]):

@@ -125,7 +125,8 @@ def advance(  # type: ignore[no-untyped-def]
             for k in range(first, min(count, last)):
                 if was_closing[k] > 0.0 and v[k] - v[k + 1] <= 0.0 and max(was_overlap[k], s[k]) > 0.0:
                     if turns == len(where):
-                        where, sides = _doubled(where, sides)
+                        # room for as many again
+                        where, sides = np.concatenate((where, where)), np.concatenate((sides, sides))
                     where[turns, 0], where[turns, 1] = row, k
                     sides[turns, 0], sides[turns, 1], sides[turns, 2] = was_overlap[k], was_closing[k], was_ending[k]
                     sides[turns, 3], sides[turns, 4], sides[turns, 5] = was_force[k], s[k], v[k] - v[k + 1]
@@ -146,14 +147,3 @@ def advance(  # type: ignore[no-untyped-def]
                 if full:
                     out_overlap[at, column] = s[k]
     return out_v, out_x, out_force, out_a, out_overlap, top, np.max(farthest), where[:turns], sides[:turns]
-
-
-@kernel()
-def _doubled(where, sides):  # type: ignore[no-untyped-def]
-    more_where, more_sides = np.zeros((2 * len(where), 2), dtype=np.int64), np.zeros((2 * len(where), 8))
-    for turn in range(len(where)):
-        for column in range(2):
-            more_where[turn, column] = where[turn, column]
-        for column in range(8):
-            more_sides[turn, column] = sides[turn, column]
-    return more_where, more_sides

@@ -21,7 +21,7 @@ from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
 from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.support import Support
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.trajectory import VOCABULARY, Cost, Trajectory
 
 #: those of MATLAB: RelTol, and AbsTol in m and m/s
 DEFAULT_RTOL, DEFAULT_ATOL = 1e-3, 1e-6
@@ -76,15 +76,11 @@ class Ode45(AlwaysAvailable):
     ) -> Trajectory:
         watch = Stopwatch()
         c, times = scene.contacts, sampling.times(scene.duration)
-        x, v, force, peak, crossing, accepted, failed, ended, at = interruptible(
+        *arrays, accepted, failed, ended, at = interruptible(
             integrate,
             np.array(scene.mass),
             np.array(scene.velocity),
-            c.left,
-            c.right,
-            c.stiffness,
-            c.exponent,
-            c.gap,
+            (c.left, c.right, c.stiffness, c.exponent, c.gap),
             scene.free_acceleration,
             times,
             rtol,
@@ -102,15 +98,12 @@ class Ode45(AlwaysAvailable):
                 f"ode45 on {scene.name}: {accepted} steps reached t = {at:.6g} s of {scene.duration:g} s;"
                 " give a larger rtol or atol"
             )
-        if not np.all(np.isfinite(v)):
+        motion = dict(zip(VOCABULARY, arrays, strict=True))
+        if not np.all(np.isfinite(motion["velocity"])):
             raise RunBroken(f"ode45 on {scene.name}: velocities are not finite; give a smaller rtol")
         return Trajectory(
             time=times,
-            displacement=x,
-            velocity=v,
-            contact_force=force,
-            peak_force=peak,
-            crossing_time=crossing,
+            **motion,
             cost=Cost.since(watch, steps=accepted, force_evaluations=6 * (accepted + failed) + 1),
             provenance=run_provenance(self, scene, {}) | {"failed_steps": failed},
         )

@@ -12,7 +12,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.support import Support
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.trajectory import VOCABULARY, Cost, Trajectory
 
 #: local tolerance, near the smallest that DOP853 takes (100 eps)
 DEFAULT_RTOL = 3e-14
@@ -54,11 +54,7 @@ class ScipyDop853(AlwaysAvailable):
         integration.run()
         return Trajectory(
             time=integration.times,
-            displacement=integration.displacement,
-            velocity=integration.velocity,
-            contact_force=integration.contact_force,
-            peak_force=integration.peak_force,
-            crossing_time=integration.crossing_time,
+            **{name: getattr(integration, name) for name in VOCABULARY},
             cost=Cost.since(watch, steps=integration.steps, force_evaluations=integration.evaluations),
             provenance=run_provenance(self, scene, {"rtol": rtol, "samples": sampling.count})
             | {"restarts": integration.restarts},

@@ -27,6 +27,9 @@ from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.support import Support
 from dem_bridge.trajectory import Trajectory
 
+#: radius of the bodies, m, or that of each along their line, walls included
+Radius = float | NDArray[np.float64]
+
 
 class Method(NamedTuple):
     """A splitting method: parts of the step by which bodies are kicked before, between and after they drift.
@@ -72,7 +75,7 @@ def solve(
     scene: Scene,
     plan: Schedule,
     *,
-    radius: float | NDArray[np.float64] = 0.0,
+    radius: Radius = 0.0,
     tables: Tables = EXACT,
     cells: int = CELLS,
     full: bool = True,
@@ -117,7 +120,7 @@ def solve(
 
 
 def _march(
-    method: Method, scene: Scene, plan: Schedule, radius: float | NDArray[np.float64], full: bool
+    method: Method, scene: Scene, plan: Schedule, radius: Radius, full: bool
 ) -> tuple[Dense, float, NDArray[np.float64], Turns]:
     """Run the fast kernel, and return its results in the order of the scene.
 
@@ -178,9 +181,7 @@ def _along(scene: Scene) -> NDArray[np.int64]:
     return np.argsort(np.where(c.left == scene.n_body, -1, every), kind="stable")
 
 
-def _frame(
-    scene: Scene, radius: float | NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _frame(scene: Scene, radius: Radius) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Distance at touch of each contact, start positions of the bodies and position of the wall of each contact, m."""
     c, links = scene.contacts, len(scene.stiffness)
     first, gap = int(scene.wall_left is not None), c.gap[_along(scene)]

@@ -96,6 +96,17 @@ class Dense(NamedTuple):
     """m: the largest coordinate that the run subtracts from another for its overlaps; 0: none beyond displacements."""
 
 
+def approach_of(scene: Scene, plan: Schedule, dense: Dense, every: int = 1) -> dict[str, NDArray[Any]]:
+    """Return time, overlap, closing rate and closing acceleration of the contacts at one in ``every`` dense samples."""
+    c, v, a = scene.contacts, dense.velocity[::every], dense.acceleration[::every]
+    return {
+        "time": plan.dense_steps[::every] * plan.step,
+        "overlap": dense.overlap[::every],
+        "rate": v[:, c.left] - v[:, c.right],
+        "acceleration": a[:, c.left] - a[:, c.right],
+    }
+
+
 def touching_in_flight(farthest: float) -> float:
     """Return the overlap, m, that is no collision: bodies that fly in touch overlap by the last digit of their way."""
     return 4.0 * math.ulp(farthest)
@@ -105,16 +116,8 @@ def peaks_and_crossings(
     scene: Scene, plan: Schedule, dense: Dense, every: int = 1
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return peak forces and crossing times from one in ``every`` dense samples."""
-    c, rows = scene.contacts, slice(None, None, every)
-    seen: dict[str, NDArray[Any]]
-    v, a = dense.velocity[rows], dense.acceleration[rows]
-    seen = {
-        "time": plan.dense_steps[rows] * plan.step,
-        "overlap": dense.overlap[rows],
-        "rate": v[:, c.left] - v[:, c.right],
-        "acceleration": a[:, c.left] - a[:, c.right],
-        "force": dense.force[rows],
-    }
+    c = scene.contacts
+    seen = {**approach_of(scene, plan, dense, every), "force": dense.force[::every]}
     peak_force, crossing = extremes(
         **seen,
         exponent=c.exponent,

@@ -123,19 +123,19 @@ def _step(order, near, bodies, contacts, closed, overlap, speed, touch, accuracy
 
 @kernel()
 def integrate(  # type: ignore[no-untyped-def]
-    mass, velocity, c_left, c_right, of_left, of_right, stiffness, exponent, gap, free, times, touch, speed,
-    resting, order, accuracy, most_steps,
+    mass, velocity, all_contacts, of_left, of_right, free, times, touch, speed, resting, order, accuracy, most_steps
 ):  # fmt: skip
     """Integrate a chain through ``times`` (s; the first is 0) by Taylor series.
 
     Returns displacement and velocity ``(n_t, n_body)``, force ``(n_t, n_contact)``, largest overlap, crossing time
     ``(n_contact,)``, steps, openings and closings.
 
-    ``c_left``, ``c_right``: bodies of each contact; ``of_left``, ``of_right``: contacts of each body (-1: none);
-    ``free``: acceleration of each body without contact; ``touch``: overlap of each contact below which its force is
-    nothing; ``resting``: its closing acceleration below which it is at rest; steps reach ``most_steps`` where it gives
-    up.
+    ``all_contacts``: left and right body, stiffness, exponent and gap of each contact; ``of_left``, ``of_right``:
+    contacts of each body (-1: none); ``free``: acceleration of each body without contact; ``touch``: overlap of each
+    contact below which its force is nothing; ``resting``: its closing acceleration below which it is at rest; steps
+    reach ``most_steps`` where it gives up.
     """
+    c_left, c_right, stiffness, exponent, gap = all_contacts
     n, k, rows, end = mass.shape[0], c_left.shape[0], times.shape[0], times[-1]
     x_all, v_all, t_all = np.zeros(n + 1), np.zeros(n + 1), np.zeros(n + 1)
     v_all[:n] = velocity
@@ -182,15 +182,8 @@ def integrate(  # type: ignore[no-untyped-def]
             former = contact[:old].copy()
             bodies, contacts = 0, 0
             for q in range(shut_count):
-                j = shut_list[q]
-                seen[j] = True
-                contact[contacts] = j
+                bodies = _join(shut_list[q], c_left, c_right, seen, contact, contacts, where, body, bodies)
                 contacts += 1
-                for i in (c_left[j], c_right[j]):
-                    if where[i] < 0:
-                        where[i] = bodies
-                        body[bodies] = i
-                        bodies += 1
             driven = bodies
             for q in range(driven):
                 i = body[q]
@@ -198,14 +191,8 @@ def integrate(  # type: ignore[no-untyped-def]
                     continue
                 for j in (of_left[i], of_right[i]):
                     if j >= 0 and not seen[j]:
-                        seen[j] = True
-                        contact[contacts] = j
+                        bodies = _join(j, c_left, c_right, seen, contact, contacts, where, body, bodies)
                         contacts += 1
-                        for other in (c_left[j], c_right[j]):
-                            if where[other] < 0:
-                                where[other] = bodies
-                                body[bodies] = other
-                                bodies += 1
             for q in range(bodies):
                 i = body[q]
                 _coast(i, now, x_all, v_all, t_all, weight_all)
@@ -366,6 +353,19 @@ def integrate(  # type: ignore[no-untyped-def]
                 shut_count = _open(j, shut, shut_list, shut_at, shut_count)
                 dirty = True
     return out_x, out_v, out_f, deepest, crossing, steps, opened, shuttings
+
+
+@kernel()
+def _join(j, left, right, seen, contact, contacts, where, body, bodies):  # type: ignore[no-untyped-def]
+    """Add contact ``j`` and its bodies to those that have series; return the new number of bodies."""
+    seen[j] = True
+    contact[contacts] = j
+    for i in (left[j], right[j]):
+        if where[i] < 0:
+            where[i] = bodies
+            body[bodies] = i
+            bodies += 1
+    return bodies
 
 
 @kernel()

@@ -8,28 +8,29 @@ errors; laws that are functions it has as :mod:`.curves`.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.backends import splitting
-from dem_bridge.backends.base import Identity
 from dem_bridge.backends.curves import CELLS
-from dem_bridge.backends.splitting import EXACT, Method, Tables
+from dem_bridge.backends.splitting import EXACT, Method, Radius, Tables
 from dem_bridge.backends.steps import Dense
 from dem_bridge.dense import Schedule
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
-TWIN = Identity(name="verlet", equations="hertz")
+
+class TWIN:
+    """Name and equations of the twin."""
+
+    name = "verlet"
+    equations = "hertz"
+
+
 #: half a kick, a drift, half a kick
 VERLET = Method(drifts=np.array([1.0]), kicks=np.array([0.5, 0.5]))
 
 
 def solve_plan(
-    scene: Scene,
-    plan: Schedule,
-    radius: float | NDArray[np.float64] = 0.0,
-    tables: Tables = EXACT,
-    cells: int = CELLS,
+    scene: Scene, plan: Schedule, radius: Radius = 0.0, tables: Tables = EXACT, cells: int = CELLS
 ) -> Trajectory:
     """Return one twin run on the given steps; ``cells``: of laws that are functions.
 
@@ -40,12 +41,6 @@ def solve_plan(
     return splitting.solve(TWIN, VERLET, scene, plan, radius=radius, tables=tables, cells=cells, full=False)[0]
 
 
-def solve_dense(
-    scene: Scene,
-    plan: Schedule,
-    radius: float | NDArray[np.float64],
-    tables: Tables = EXACT,
-    cells: int = CELLS,
-) -> tuple[Trajectory, Dense]:
+def solve_dense(scene: Scene, plan: Schedule, radius: Radius, tables: Tables = EXACT) -> tuple[Trajectory, Dense]:
     """Return one twin run and its dense samples, see :func:`solve_plan`."""
-    return splitting.solve(TWIN, VERLET, scene, plan, radius=radius, tables=tables, cells=cells)
+    return splitting.solve(TWIN, VERLET, scene, plan, radius=radius, tables=tables)

@@ -98,15 +98,12 @@ def run_key(
     return _key("run without uncertainty", [scene], engine, (*NOT_IN_RUNS, "uncertainty"), parts)
 
 
-def study_key(
-    question: str, scenes: Sequence[Scene], *, engine: Engine | None = None, **settings: object
-) -> str | None:
+def study_key(question: str, scenes: Sequence[Scene], **settings: object) -> str | None:
     """Return the key of the arrays that a study computed for ``scenes``, None if they cannot be stored.
 
-    ``settings``: everything else that determines them, JSON-able. ``engine``: which LAMMPS ran. The code of the studies
-    is part of the key.
+    ``settings``: everything else that determines them, JSON-able. The code of the studies is part of the key.
     """
-    return _key(question, scenes, engine, NOT_IN_STUDIES, settings)
+    return _key(question, scenes, None, NOT_IN_STUDIES, settings)
 
 
 def _key(

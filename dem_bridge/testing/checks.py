@@ -28,7 +28,7 @@ from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.support import Support
 from dem_bridge.testing.examples import DURATION, OTHER, example, plain_scene
-from dem_bridge.trajectory import PER_CONTACT, QUANTITIES, SAMPLED, Floats, Trajectory
+from dem_bridge.trajectory import PER_CONTACT, QUANTITIES, SAMPLED, VOCABULARY, Floats, Trajectory
 from dem_bridge.uncertainty.estimate import solve
 
 #: largest difference from other codes and closed forms, relative to the largest value: a default step errs by 1e-4 and
@@ -44,7 +44,6 @@ ROUND_OFF = 1e-13
 HERTZ = "hertz"
 #: codes that scenes are solved by for comparison, the first that is not the backend under test
 REFERENCES = ("scipy", "verlet")
-_ARRAYS = ("time", "displacement", "velocity", "contact_force", "peak_force", "crossing_time")
 
 
 @dataclass(frozen=True)
@@ -204,16 +203,9 @@ class _Subject:
 
     def shapes(self) -> None:
         run, scene = self.first_run(), self.base
-        times, bodies, contacts = scene.samples + 1, scene.n_body, scene.n_contact
-        for name, shape in {
-            "time": (times,),
-            "displacement": (times, bodies),
-            "velocity": (times, bodies),
-            "contact_force": (times, contacts),
-            "peak_force": (contacts,),
-            "crossing_time": (contacts,),
-        }.items():
-            values = np.asarray(getattr(run, name))
+        sizes = {"time": scene.samples + 1, "body": scene.n_body, "contact": scene.n_contact}
+        for name, axes in {"time": ("time",), **{name: axes for name, (_, _, axes) in VOCABULARY.items()}}.items():
+            values, shape = np.asarray(getattr(run, name)), tuple(sizes[axis] for axis in axes)
             _require(values.shape == shape, f"{name} has the shape {values.shape}; required: {shape}")
             _require(values.dtype == np.float64, f"{name} has the type {values.dtype}; required: float64")
         for name in SAMPLED:
@@ -261,7 +253,7 @@ class _Subject:
 
     def determinism(self) -> None:
         first, second = self.first_run(), self.run(self.base)
-        for name in _ARRAYS:
+        for name in ("time", *VOCABULARY):
             same = getattr(first, name).tobytes() == getattr(second, name).tobytes()
             _require(same, f"{name} differs between two runs of one scene")
 

@@ -56,22 +56,18 @@ def solve(case: Case, cache: RunCache | None = None, code: Backend | None = None
         return _run(case, cache, code)
     if case.backend in ENGINE_BACKENDS:
         # the twins need nothing of the engine, which runs in a process of its own
-        pending = started(_family, case, cache)
+        wait_for_family = started(_family, case, cache)
         run = _run(case, cache, code)
-        return replace(run, uncertainty=estimate_uncertainty(case, run, cache, pending()))
-    if case.backend in OWN_STEPS or case.backend == TWIN:
-        # the run is one of its family
-        family = _family(case, cache)
-        run = _run(case, cache, code)
-        return replace(run, uncertainty=estimate_uncertainty(case, run, cache, family))
-    with progress.share(0.0, 1.0 / (1 + len(looser_cases(case)))):
-        run = _run(case, cache, code)
+        wait_for_family()
+    else:
+        if case.backend in OWN_STEPS or case.backend == TWIN:
+            _family(case, cache)  # the run is one of its family, which the cache keeps
+        with progress.share(0.0, 1.0 / (1 + len(looser_cases(case)))):
+            run = _run(case, cache, code)
     return replace(run, uncertainty=estimate_uncertainty(case, run, cache))
 
 
-def estimate_uncertainty(
-    case: Case, run: Trajectory, cache: RunCache | None = None, family: TwinFamily | None = None
-) -> Uncertainty:
+def estimate_uncertainty(case: Case, run: Trajectory, cache: RunCache | None = None) -> Uncertainty:
     """Return the uncertainty of the run of a case.
 
     Parameters
@@ -80,21 +76,18 @@ def estimate_uncertainty(
     run : Trajectory
         Used for adaptive codes; the uncertainty of a code with a fixed step follows from its settings alone.
     cache : RunCache, optional
-        Where further runs are looked for and kept.
-    family : TwinFamily, optional
-        The family of the case, where it has been made already.
+        Where further runs and families are looked for and kept.
     """
     cache = cache or RunCache()
     if case.backend in (*TWINS, *OWN_STEPS):
-        family = family or _family(case, cache)
+        family = _family(case, cache)
         if family is None:
             return UNKNOWN
         from dem_bridge.uncertainty.fixed_step import fixed_step_uncertainty
 
         # LAMMPS' contact forces are running sums of its net forces
-        return fixed_step_uncertainty(
-            family, case.scene.summed_outer_force if case.backend in ENGINE_BACKENDS else None
-        )
+        summed = case.scene.summed_outer_force if case.backend in ENGINE_BACKENDS else None
+        return fixed_step_uncertainty(family, summed)
     if case.backend not in REPLICAS:
         return run.uncertainty
     from dem_bridge.backends.scipy_dop853 import ScipyDop853
@@ -162,7 +155,5 @@ def _family(case: Case, cache: RunCache) -> TwinFamily | None:
     return twin_family(case.scene, twin_resolution(case), case.sampling, cache)
 
 
-def _run(case: Case, cache: RunCache, code: Backend | None = None) -> Trajectory:
-    if code is not None:
-        return case.solve(code)
-    return cache.load_or_solve(case, case.solve)
+def _run(case: Case, cache: RunCache, code: Backend | None) -> Trajectory:
+    return cache.load_or_solve(case, case.solve) if code is None else case.solve(code)

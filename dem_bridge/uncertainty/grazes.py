@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.backends.steps import Dense
+from dem_bridge.backends.steps import Dense, approach_of
 from dem_bridge.dense import PHASE_PER_DENSE_SAMPLE, Approaches, Schedule, approaches
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
@@ -82,13 +82,7 @@ def _difference_of_turns(turns: Approaches, other: Approaches) -> NDArray[np.flo
 
 def open_turns(scene: Scene, plan: Schedule, dense: Dense) -> Approaches:
     """Return where open contacts turn back in a run on the steps of ``plan``."""
-    c, v, a = scene.contacts, dense.velocity, dense.acceleration
-    return approaches(
-        time=plan.dense_steps * plan.step,
-        overlap=dense.overlap,
-        rate=v[:, c.left] - v[:, c.right],
-        acceleration=a[:, c.left] - a[:, c.right],
-    )
+    return approaches(**approach_of(scene, plan, dense))
 
 
 def unresolved_contacts(scene: Scene, plan: Schedule, dense: Dense, run: Trajectory) -> NDArray[np.bool_]:
