@@ -183,7 +183,9 @@ def test_the_example_of_a_backend_runs_within_its_bars(
     run, truth = solved(scene, "leapfrog", dt=1e-7), solved(scene, "reference")
     error = np.max(np.abs(run.velocity - truth.velocity))
     assert 0.0 < error <= run.uncertainty["velocity"] + truth.uncertainty["velocity"]
-    counted = {name: int(count) for name, count in re.findall(r"([\w-]+) = (\d+)", _diff("planning/laws.toml").added())}
+    counted = {
+        name: int(count) for name, count in re.findall(r'"([\w-]+)": (\d+)', _diff("planning/laws.json").added())
+    }
     assert counted["leapfrog"] == _evaluations(solved(scene, "leapfrog", dt=1e-7, uncertainty=False))
 
 

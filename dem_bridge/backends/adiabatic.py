@@ -35,7 +35,6 @@ class AdiabaticWaves(AlwaysAvailable):
 
     name = "adiabatic"
     equations = "adiabatic solitary wave"
-    order: int | None = None
     supports = Support(
         {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS},
         exponents=Exponents(least=LEAST_EXPONENT, most=MOST_EXPONENT),

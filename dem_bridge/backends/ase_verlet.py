@@ -20,7 +20,6 @@ from dem_bridge import features, progress
 from dem_bridge.backends.base import Availability, Resolution, Sampling
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.steps import Dense, fixed_step_plan, read_off
-from dem_bridge.dense import Schedule
 from dem_bridge.errors import BackendUnavailable
 from dem_bridge.scene import Scene
 from dem_bridge.stopwatch import Stopwatch
@@ -62,9 +61,6 @@ class AseVerlet:
             raise BackendUnavailable(f"{self.name} cannot run: {missing}")
         prescan = prescan_hertz(scene)
         plan = fixed_step_plan(scene, resolution, sampling, prescan)
-        return self._solve(scene, plan)
-
-    def _solve(self, scene: Scene, plan: Schedule) -> Trajectory:
         from ase import Atoms
         from ase.md.verlet import VelocityVerlet
 

@@ -14,6 +14,7 @@ Adding one: docs/inherit.md.
 from __future__ import annotations
 
 import importlib
+import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -151,7 +152,10 @@ class Backend(Named, Protocol):
 
 
 class AlwaysAvailable:
-    """A backend of this package that needs nothing else."""
+    """A backend of this package that needs nothing else, of Hertz's equations without a fixed step by default."""
+
+    equations = "hertz"
+    order: int | None = None
 
     def availability(self) -> Availability:
         """Return that the backend can run."""
@@ -232,22 +236,14 @@ def run_provenance(backend: Named, scene: Scene, settings: Mapping[str, Any]) ->
         "scene_hash": scene.content_hash,
         "settings": dict(settings),
         "versions": dict(_versions()),
-        "machine": _machine(),
+        "machine": f"{platform.system()} {platform.machine()}",
     }
 
 
 @cache
 def _versions() -> dict[str, str]:
     # read once: it is longer than a short run
-    import platform
     from importlib.metadata import version
 
     packages = {name: version(name) for name in ("dem-bridge", "numpy", "scipy", "numba")}
     return packages | {"python": platform.python_version()}
-
-
-@cache
-def _machine() -> str:
-    import platform
-
-    return f"{platform.system()} {platform.machine()}"

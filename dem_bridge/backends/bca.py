@@ -47,7 +47,6 @@ class BinaryCollisions(AlwaysAvailable):
 
     name = "bca"
     equations = "binary collisions"
-    order: int | None = None
     supports = SINGLE_PULSE
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:

@@ -38,7 +38,6 @@ class BlanesMoan(AlwaysAvailable):
     """The symplectic Runge-Kutta-Nystroem method SRKN_6^b in overlap variables, compiled."""
 
     name = "blanes-moan"
-    equations = "hertz"
     order: int | None = ORDER
     supports = Support(
         {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}

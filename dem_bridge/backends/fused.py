@@ -72,36 +72,26 @@ def advance(  # type: ignore[no-untyped-def]
                 twice = stage == 0 and (begun or turn > 0)
                 kick, drift = kicks[stage], dt * drifts[stage]
                 pushed = f[0]
-                if positional:
-                    behind = place[0]
-                    for i in range(count):
-                        ahead = f[i + 1]
-                        gained = kick * rate[i + 1] * ((weight[i + 1] + pushed) - ahead)
-                        u = v[i + 1] + gained
-                        if twice:
-                            u += gained
-                        v[i + 1] = u
-                        there = place[i + 1] + drift * u
-                        place[i + 1] = there
-                        depth = reach[i] - (there - behind)
-                        closed = depth if depth > 0.0 else 0.0
-                        f[i] = stiffness[i] * closed * np.sqrt(closed)
-                        pushed, behind = ahead, there
-                else:
-                    behind = v[0]
-                    for i in range(count):
-                        ahead = f[i + 1]
-                        gained = kick * rate[i + 1] * ((weight[i + 1] + pushed) - ahead)
-                        u = v[i + 1] + gained
-                        if twice:
-                            u += gained
-                        v[i + 1] = u
+                behind = place[0] if positional else v[0]
+                for i in range(count):
+                    ahead = f[i + 1]
+                    gained = kick * rate[i + 1] * ((weight[i + 1] + pushed) - ahead)
+                    u = v[i + 1] + gained
+                    if twice:
+                        u += gained
+                    v[i + 1] = u
+                    if positional:
+                        here = place[i + 1] + drift * u
+                        place[i + 1] = here
+                        depth = reach[i] - (here - behind)
+                    else:
+                        here = u
                         x[i + 1] += drift * u
                         depth = s[i] + drift * (behind - u)
                         s[i] = depth
-                        closed = depth if depth > 0.0 else 0.0
-                        f[i] = stiffness[i] * closed * np.sqrt(closed)
-                        pushed, behind = ahead, u
+                    closed = depth if depth > 0.0 else 0.0
+                    f[i] = stiffness[i] * closed * np.sqrt(closed)
+                    pushed, behind = ahead, here
             begun = True
             while most > front and not (v[most] or x[most] or place[most] - start[most] or f[most - 1]):
                 most -= 1

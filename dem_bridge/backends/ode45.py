@@ -44,8 +44,6 @@ class Ode45(AlwaysAvailable):
     """
 
     name = "ode45"
-    equations = "hertz"
-    order: int | None = None
     supports = Support(
         {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
         | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}

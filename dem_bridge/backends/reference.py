@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,8 +49,6 @@ class Reference(AlwaysAvailable):
     """Taylor series with desingularised contacts."""
 
     name = "reference"
-    equations = "hertz"
-    order: int | None = None
     #: scipy answers where the series do not fit
     supports = ScipyDop853.supports
 
@@ -122,25 +121,13 @@ def _unfelt(scene: Scene, speed: float, depth: NDArray[np.float64]) -> NDArray[n
 def _perturbed(scene: Scene, directions: np.random.Generator) -> Scene:
     """Return the scene with each number moved by one unit in its last place, up or down."""
 
-    def moved(value: float) -> float:
+    def moved(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(map(moved, value))
+        if isinstance(value, Wall):
+            return replace(value, stiffness=moved(value.stiffness), gap=moved(value.gap))
         # what is exactly 0 stays: a body at rest is at rest
-        return math.nextafter(value, float(directions.choice((-math.inf, math.inf)))) if value != 0.0 else 0.0
+        return math.nextafter(value, float(directions.choice((-math.inf, math.inf)))) if value else value
 
-    def all_moved(values: tuple[float, ...] | float) -> tuple[float, ...]:
-        assert isinstance(values, tuple)
-        return tuple(moved(value) for value in values)
-
-    def moved_wall(wall: Wall | None) -> Wall | None:
-        return None if wall is None else replace(wall, stiffness=moved(wall.stiffness), gap=moved(wall.gap))
-
-    return replace(
-        scene,
-        mass=all_moved(scene.mass),
-        velocity=all_moved(scene.velocity),
-        stiffness=all_moved(scene.stiffness),
-        gap=all_moved(scene.gap),
-        gravity=moved(scene.gravity),
-        precompression=moved(scene.precompression),
-        wall_left=moved_wall(scene.wall_left),
-        wall_right=moved_wall(scene.wall_right),
-    )
+    names = ("mass", "velocity", "stiffness", "gap", "gravity", "precompression", "wall_left", "wall_right")
+    return replace(scene, **{name: moved(getattr(scene, name)) for name in names})

@@ -24,8 +24,6 @@ class ScipyDop853(AlwaysAvailable):
     """DOP853 in overlap variables with located contact events."""
 
     name = "scipy"
-    equations = "hertz"
-    order: int | None = None
     supports = Support(
         {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
         | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}

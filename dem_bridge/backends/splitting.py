@@ -137,11 +137,8 @@ def _march(
     def along(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.concatenate([np.zeros(first), values[line], np.zeros(n + 2 + PADDING - last)])
 
-    reach, start, positional = (
-        np.zeros(n + 2 + PADDING),
-        np.zeros(n + 2 + PADDING),
-        bool(np.any(np.asarray(radius) > 0.0)),
-    )
+    reach, start = np.zeros(n + 2 + PADDING), np.zeros(n + 2 + PADDING)
+    positional = bool(np.any(np.asarray(radius) > 0.0))
     if positional:
         distance, places, wall = _frame(scene, radius)
         reach, start = along(distance), bodies(places)
@@ -274,33 +271,23 @@ def integrate(  # type: ignore[no-untyped-def]
                             overlap[k] = reach[k] - (position[right[k]] - wall[k])
                         else:
                             overlap[k] = reach[k] - (wall[k] - position[left[k]])
-                if tabled:
-                    for k in range(n_contact):
-                        row_of = tables.law[k]
-                        closed = max(overlap[k], 0.0)
-                        if closed == 0.0:
-                            force[k] = 0.0
-                        elif row_of < 0 and curved:
-                            force[k] = curve_force(k, closed, curves)
-                        elif row_of < 0:
-                            force[k] = stiffness[k] * closed ** (exponent[k] - 1.0)
-                        else:
-                            r = tables.diameter - closed
-                            frame = tables.frame[row_of]
-                            # beyond the table LAMMPS stops; a coarse twin beside it goes on with its innermost force
-                            squared = max(r * r, frame[0])
-                            value, second = tables.value[row_of], tables.second[row_of]
-                            force[k] = r * pair_force(squared, frame[0], frame[1], frame[2], frame[3], value, second)
-                elif curved:
-                    for k in range(n_contact):
-                        force[k] = curve_force(k, overlap[k], curves) if overlap[k] > 0.0 else 0.0
-                elif hertz:
-                    for k in range(n_contact):
-                        closed = max(overlap[k], 0.0)
+                for k in range(n_contact):
+                    closed = max(overlap[k], 0.0)
+                    row_of = tables.law[k] if tabled else -1
+                    if closed == 0.0:
+                        force[k] = 0.0
+                    elif row_of >= 0:
+                        r = tables.diameter - closed
+                        cells = tables.frame[row_of]
+                        # beyond the table LAMMPS stops; a coarse twin beside it goes on with its innermost force
+                        squared = max(r * r, cells[0])
+                        value, second = tables.value[row_of], tables.second[row_of]
+                        force[k] = r * pair_force(squared, cells[0], cells[1], cells[2], cells[3], value, second)
+                    elif curved:
+                        force[k] = curve_force(k, closed, curves)
+                    elif hertz and not tabled:
                         force[k] = stiffness[k] * closed * np.sqrt(closed)
-                else:
-                    for k in range(n_contact):
-                        closed = max(overlap[k], 0.0)
+                    else:
                         force[k] = stiffness[k] * closed ** (exponent[k] - 1.0)
                 if damped:
                     # v is that of the half step here

@@ -23,7 +23,6 @@ class Verlet(AlwaysAvailable):
     """Velocity-Verlet in overlap variables, compiled."""
 
     name = TWIN.name
-    equations = TWIN.equations
     order: int | None = 2
     supports = Support(
         {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}

@@ -12,6 +12,7 @@ from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Backend, Samplin
 from dem_bridge.backends.reference import SERIES
 from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
 from dem_bridge.backends.steps import order_on
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.registry import observable_named
 from dem_bridge.planning.check import LEAST_RTOL, Candidate, Trial
@@ -50,7 +51,7 @@ class Options:
         self.interval = scene.duration / sampling.count
         self.left_out: dict[str, str] = {}
         candidates = list(self._candidates())
-        self.outlook = Outlook.of(scene, sampling)
+        self.outlook = Outlook(scene=scene, prescan=prescan_scene(scene), sampling=sampling)
         self.predicted = sorted(map(self._predicted, candidates), key=lambda option: option.cost)
 
     def _candidates(self) -> Iterator[Candidate]:

@@ -3,14 +3,14 @@
 The prescan (:mod:`dem_bridge.backends.prescan`) gives omega, the highest frequency of a contact, and the phase: the
 integral over time of the frequency of the stiffest contact of each moment. The error of a method of order p with a
 fixed step is predicted as ``C phase^b (omega dt)^p``, because each local error is proportional to (omega dt)^p and a
-longer run adds up more of them. C and b (``laws.toml``) are fits to 186 random scenes (tests/helpers/random_plans.py;
+longer run adds up more of them. C and b (``laws.json``) are fits to 186 random scenes (tests/helpers/random_plans.py;
 the benchmark of the planner uses other scenes). A prediction is an order of magnitude, which runs then check.
 """
 
 from __future__ import annotations
 
+import json
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +20,6 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.splitting import FUSED
 from dem_bridge.backends.steps import fixed_step_plan
-from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.dense import PHASE_PER_DENSE_SAMPLE, Schedule
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
@@ -43,7 +42,7 @@ class ErrorLaw:
     have condition numbers of 1e4 and more. Where all collisions are single, errors can be a hundred times smaller."""
 
 
-_FITS = tomllib.loads(Path(__file__).with_name("laws.toml").read_text(encoding="utf-8"))
+_FITS = json.loads(Path(__file__).with_name("laws.json").read_text(encoding="utf-8"))
 #: by the order of the method
 OF_STEP: Mapping[int, ErrorLaw] = MappingProxyType({int(p): ErrorLaw(**fit) for p, fit in _FITS["of_step"].items()})
 OF_RTOL = ErrorLaw(**_FITS["of_rtol"])
@@ -58,11 +57,6 @@ class Outlook:
     scene: Scene
     prescan: Prescan
     sampling: Sampling
-
-    @classmethod
-    def of(cls, scene: Scene, sampling: Sampling) -> Outlook:
-        """Run the prescan of a scene. Raises RunBroken where that would take too long."""
-        return cls(scene=scene, prescan=prescan_scene(scene), sampling=sampling)
 
     @property
     def phase(self) -> float:

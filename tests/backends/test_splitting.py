@@ -116,7 +116,7 @@ FAULTS = {
     "the kick of another stage": ("kick, drift = kicks[stage]", "kick, drift = kicks[stage - 1]"),
     "a drift of a whole step": ("dt * drifts[stage]", "dt"),
     "weight forgotten": ("weight[i + 1] + pushed", "pushed"),
-    "a force one body on": ("pushed, behind = ahead, u", "behind = u"),
+    "a force one body on": ("pushed, behind = ahead, here", "behind = here"),
     "tension allowed": ("closed = depth if depth > 0.0 else 0.0", "closed = depth if depth > 0.0 else -1e-3 * depth"),
     "turns of open contacts alone": ("max(was_overlap[k], s[k]) > 0.0", "s[k] > was_overlap[k]"),
 }

@@ -52,7 +52,7 @@ TWIN_FAULTS: dict[str, Fault[Changes]] = {
     ),
     "one kick with the force of the step before": Fault(
         plant=[
-            ("                if tabled:\n", "                old = net.copy()\n                if tabled:\n"),
+            ("                    closed = ", "                    old = net.copy()\n                    closed = "),
             ("kicks[stage + 1] * push[i] * net[i]", "kicks[stage + 1] * push[i] * old[i]"),
         ],
         shows=IMPLEMENTATION | TWIN_ERROR,

@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dem_bridge as db
-from dem_bridge.backends.base import Sampling, backend
+from dem_bridge.backends.base import backend
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.errors import relative_error
 from dem_bridge.observables.registry import OBSERVABLES
@@ -22,7 +23,7 @@ from dem_bridge.planning import check as plan_check
 from dem_bridge.planning import planner
 from dem_bridge.planning.answer import Plan
 from dem_bridge.planning.check import Trial, settle
-from dem_bridge.planning.predict import OF_STEP, Outlook, tidy
+from dem_bridge.planning.predict import OF_STEP, tidy
 from dem_bridge.scene import Damping, Scene, Wall
 from tests.conftest import Solve
 from tests.helpers.driven_chains import PRESSED
@@ -64,7 +65,7 @@ def test_a_step_is_told_in_the_units_that_dem_users_think_in() -> None:
     shear = 72e9 / (2.0 * 1.17)
     rayleigh = math.pi * 9e-3 * math.sqrt(2200.0 / shear) / (0.1631 * 0.17 + 0.8766)
     assert found.units["rayleigh_time"] == pytest.approx(dt / rayleigh, rel=1e-12)
-    frequency = Outlook.of(scene, Sampling(count=scene.samples)).prescan.frequency
+    frequency = prescan_scene(scene).frequency
     assert found.units["2/omega"] == pytest.approx(dt * frequency / 2.0, rel=1e-12)
     pair = db.plan(PAIR, 1e-3, predict_only=True, backend="verlet").units
     exact = two_body_collision(masses=(8.1e-3, 1e-2), velocities=(0.8, 0.0), stiffness=4e9, exponent=2.5)
