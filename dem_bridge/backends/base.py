@@ -16,6 +16,7 @@ from __future__ import annotations
 import importlib
 import platform
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, Protocol, cast
@@ -235,15 +236,21 @@ def run_provenance(backend: Named, scene: Scene, settings: Mapping[str, Any]) ->
         "scene": scene.name,
         "scene_hash": scene.content_hash,
         "settings": dict(settings),
-        "versions": dict(_versions()),
+        "versions": versions_of("dem-bridge", "numpy", "scipy", "numba"),
         "machine": f"{platform.system()} {platform.machine()}",
     }
 
 
-@cache
-def _versions() -> dict[str, str]:
-    # read once: it is longer than a short run
-    from importlib.metadata import version
+def versions_of(*packages: str) -> dict[str, str | None]:
+    """Return the version of each package, None for one that is not installed, and that of Python."""
+    return {name: _version(name) for name in packages} | {"python": platform.python_version()}
 
-    packages = {name: version(name) for name in ("dem-bridge", "numpy", "scipy", "numba")}
-    return packages | {"python": platform.python_version()}
+
+@cache
+def _version(package: str) -> str | None:
+    # read once: it is longer than a short run
+    from importlib import metadata
+
+    with suppress(metadata.PackageNotFoundError):
+        return metadata.version(package)
+    return None

@@ -55,6 +55,7 @@ class LammpsGranular:
     supports = GRANULAR_STYLE
     #: what the engine must have
     styles: tuple[str, ...] = ("pair granular",)
+    tabled = False
 
     def __init__(self, engine: Engine | None = None) -> None:
         self.engine = engine or Engine.chosen()
@@ -138,7 +139,7 @@ class LammpsGranular:
             )
         plan = fixed_step_plan(scene, resolution, sampling, prescan)
         physical = resolution.geometry == "physical" and resolution.surrogate_radius is None
-        tables = self._tables(scene, resolution, prescan)
+        tables = tables_for(scene, resolution, prescan) if self.tabled else None
         deck = deck_of(
             scene,
             radius=radius,
@@ -149,9 +150,6 @@ class LammpsGranular:
             floor=roundoff_floor(scene, plan, radius) if physical else None,
         )
         return Written(deck=deck, tables=tables)
-
-    def _tables(self, scene: Scene, resolution: Resolution, prescan: Prescan) -> TableSet | None:
-        return None
 
 
 class LammpsTable(LammpsGranular):
@@ -166,6 +164,4 @@ class LammpsTable(LammpsGranular):
     name = "lammps-table"
     supports = TABLE_STYLE
     styles = ("pair table",)
-
-    def _tables(self, scene: Scene, resolution: Resolution, prescan: Prescan) -> TableSet | None:
-        return tables_for(scene, resolution, prescan)
+    tabled = True

@@ -32,14 +32,13 @@ from contextlib import suppress
 from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import cache
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
+from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, versions_of
 from dem_bridge.errors import UsageError
 from dem_bridge.files import check_folder, write_whole
 from dem_bridge.lmp.engine import Engine
@@ -124,7 +123,7 @@ def _key(
         "parts": parts,
         "engine": of_engine,
         "code": code_hash(without),
-        "versions": _versions("dem-bridge", "numpy", "scipy", "numba", "llvmlite", "ase"),
+        "versions": versions_of("dem-bridge", "numpy", "scipy", "numba", "llvmlite", "ase"),
         "machine": _machine(),
         "variables": {name: os.environ.get(name) for name in _VARIABLES},
     }
@@ -339,17 +338,6 @@ def _started() -> float:
     """Return when this process began, s since the epoch: the end of that tick, before any import of this package."""
     ticks = int(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19])
     return time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + (ticks + 1) / os.sysconf("SC_CLK_TCK")
-
-
-@cache
-def _versions(*packages: str) -> dict[str, str | None]:
-    versions: dict[str, str | None] = {"python": platform.python_version()}
-    for name in packages:
-        try:
-            versions[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            versions[name] = None
-    return versions
 
 
 @cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import inspect
 import math
 import os
 from collections.abc import Callable, Iterator
@@ -126,22 +127,9 @@ def backend_checks(chosen: Backend) -> list[Check]:
 
 def _generate(chosen: Backend) -> Iterator[Check]:
     subject = _Subject(chosen)
-    for test in (
-        subject.declaration,
-        subject.availability,
-        subject.shapes,
-        subject.time_axis,
-        subject.start_values,
-        subject.provenance,
-        subject.uncertainty,
-        subject.cost,
-        subject.sampling,
-        subject.determinism,
-        subject.scene_unchanged,
-        subject.working_directory,
-        subject.coarse_resolution,
-    ):
-        yield Check(test.__name__.replace("_", " "), test)
+    for name, test in vars(_Subject).items():
+        if callable(test) and len(inspect.signature(test).parameters) == 1:
+            yield Check(name.replace("_", " "), partial(test, subject))
     exponent = subject.base.contacts.exponent.tolist()[0] if subject.base.n_contact else 2.5
     for bodies, test_of in ((1, subject.free_flight), (2, subject.two_bodies)):
         plain = plain_scene(bodies, exponent)
@@ -160,7 +148,10 @@ def _generate(chosen: Backend) -> Iterator[Check]:
 
 
 class _Subject:
-    """The backend under test, a base scene that it supports, and the run of it, which is made once."""
+    """The backend under test, a base scene that it supports, and the run of it, which is made once.
+
+    Each method without parameters is a check of every backend, in the order of their definition.
+    """
 
     def __init__(self, chosen: Backend) -> None:
         self.backend = chosen

@@ -21,6 +21,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dem_bridge.backends import base
 from dem_bridge.backends.base import CHOICES, ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
@@ -256,7 +257,7 @@ def test_the_key_of_a_run_without_uncertainty_is_another_and_ignores_the_code_of
 @pytest.mark.parametrize("package", ["dem-bridge", "numpy", "scipy", "numba", "ase"])
 def test_another_version_is_another_key(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
     before, real = _key(), metadata.version
-    monkeypatch.setattr(module, "_versions", module._versions.__wrapped__)  # not those remembered
+    monkeypatch.setattr(base, "_version", base._version.__wrapped__)  # not those remembered
     assert _key() == before
     monkeypatch.setattr(metadata, "version", lambda name: "99.0" if name == package else real(name))
     assert _key() != before
