@@ -10,13 +10,13 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.exports.trajectories import DATA
@@ -25,6 +25,8 @@ Floats = NDArray[np.float64]
 
 #: extra columns of files written by dem_bridge; m, N, N
 EXTRA_COLUMNS = ("displacement", "force_left", "force_right")
+#: number of values that are examined for the number of their digits
+_DIGIT_SAMPLES = 2000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -309,27 +311,29 @@ def _long(time: Floats, body: Floats, columns: dict[str, Floats]) -> Sheet:
     collector, times = _FrameCollector(), []
     for begin, end in zip(starts, [*starts[1:], len(time)], strict=True):
         part = slice(int(begin), int(end))
-        rows = {"position" if name == "x" else name: values[part] for name, values in columns.items()}
+        rows = {name: values[part] for name, values in columns.items()}
         collector.add(body[part].astype(np.int64), rows, f"time {time[begin]:g} s")
         times.append(time[begin])
-    arrays = {"x" if name == "position" else name: np.array(rows) for name, rows in collector.rows.items()}
-    return Sheet(time=np.array(times), columns=arrays)
+    return Sheet(time=np.array(times), columns={name: np.array(rows) for name, rows in collector.rows.items()})
 
 
-def rounding_error(values: Iterable[float]) -> float | None:
+def rounding_error(values: ArrayLike, unit: float = 1.0) -> float | None:
     """Return the rounding error of numbers that were written with few digits; None if they have all digits.
 
     The function finds the smallest number of significant digits that reproduces every number, and returns half a unit
-    of the last of these digits of the largest number.
+    of the last of these digits of the largest number, times ``unit``. Of many numbers it examines a random choice.
 
     >>> [rounding_error(numbers) for numbers in ([0.018, 0.03600012], [0.1 / 3.0, 2.0 / 3.0], [1.25e-13, 3.25e4])]
     [5e-09, None, 50.0]
     """
-    finite = [value for value in values if math.isfinite(value) and value != 0.0]
+    flat = np.ravel(values)
+    if len(flat) > _DIGIT_SAMPLES:
+        flat = np.random.default_rng(0).choice(flat, _DIGIT_SAMPLES)
+    finite = flat[np.isfinite(flat) & (flat != 0.0)].tolist()
     if not finite:
         return None
     largest = math.floor(math.log10(max(map(abs, finite))))
     for digits in range(1, 16):
         if all(float(f"{value:.{digits - 1}e}") == value for value in finite):
-            return float(f"5e{largest - digits}")
+            return float(f"5e{largest - digits}") * unit
     return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dem_bridge.exports.parameters import origin
-from dem_bridge.exports.table import Column, Table, counts, with_uncertainty
+from dem_bridge.exports.table import Column, Table, column, with_uncertainty
 from dem_bridge.observables.errors import Reading, read
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.scene import Scene
@@ -21,7 +21,7 @@ def observables(scene: Scene, run: Trajectory) -> Table:
     Observables with one value for each body have a column, and those with one for each contact of the chain, at the
     body on its far side. Observables of the whole chain, and the largest magnitudes of sampled ones, stand in notes.
     """
-    columns: list[Column] = [counts("body", "body", range(scene.n_body))]
+    columns: list[Column] = [column("body", "body", range(scene.n_body), kind="count")]
     definitions, numbers = [], []
     for name, observable in OBSERVABLES.items():
         reading = read(observable, scene, run)

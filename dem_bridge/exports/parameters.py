@@ -10,7 +10,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution
 from dem_bridge.backends.bca import SINGLE_PULSE
@@ -76,16 +75,6 @@ class _DeckContacts:
         """Return the atom type of each body and wall."""
         return body_types(self.laws.where, self.resolution.types)
 
-    @cached_property
-    def place(self) -> NDArray[np.int64]:
-        """Return for each contact of the scene the index along the line of its left atom."""
-        return np.argsort(line_order(self.scene))
-
-    @property
-    def first(self) -> int:
-        """Return the index of body 0 along the line."""
-        return int(self.scene.wall_left is not None)
-
     def coefficients(self, law: int) -> tuple[str, float, float]:
         """Return the model, stiffness and damping that follow ``pair_coeff I J`` for ``pair_style granular``."""
         model, stiffness, damping = self.laws.coefficients(law, self.radius).split()[:3]
@@ -146,7 +135,8 @@ def _geometry(scene: Scene, notes: list[str]) -> dict[str, Any]:
 
 def _deck_columns(deck: _DeckContacts, notes: list[str]) -> dict[str, Any]:
     """Return the contacts' coefficients and atom types in the deck."""
-    values: dict[str, Any] = {"type_left": deck.types[deck.place], "type_right": deck.types[deck.place + 1]}
+    place = np.argsort(line_order(deck.scene))  # index along the line of the left atom of each contact of the scene
+    values: dict[str, Any] = {"type_left": deck.types[place], "type_right": deck.types[place + 1]}
     values["surrogate_radius"] = [deck.radius] * deck.scene.n_contact
     if reason := GRANULAR_STYLE.unsupported_reason(deck.scene):
         notes.append(f"LAMMPS model and k_n are empty because pair_style granular cannot express the scene: {reason}")
@@ -155,7 +145,7 @@ def _deck_columns(deck: _DeckContacts, notes: list[str]) -> dict[str, Any]:
         "LAMMPS k_n is the value in pair_coeff: stiffness / sqrt(R/2) for hertz, where R is the surrogate radius,"
         " and the stiffness for hooke"
     )
-    coefficients = [deck.coefficients(law) for law in deck.laws.where[deck.place].tolist()]
+    coefficients = [deck.coefficients(law) for law in deck.laws.where[place].tolist()]
     values |= zip(("lammps_model", "lammps_k_n"), zip(*coefficients, strict=True), strict=False)
     return values
 
@@ -228,7 +218,8 @@ def bodies(scene: Scene, **deck_settings: Any) -> Table:
             "the equations of motion use the mass of the scene; density times volume differs for a body whose mass was"
             " set in the scene file"
         )
-    atoms = slice(deck.first, deck.first + scene.n_body)
+    first = int(scene.wall_left is not None)
+    atoms = slice(first, first + scene.n_body)
     values: dict[str, Any] = {"body": range(scene.n_body), "mass": scene.mass, "velocity": scene.velocity}
     values |= {"atom_id": range(1 + atoms.start, 1 + atoms.stop), "atom_type": deck.types[atoms]}
     values |= {"mass_by_density": mass_of_shape, "material": [body.material.name for body in shapes]}

@@ -29,8 +29,6 @@ START_WITHIN = 1e-4
 ACROSS = 1e-6
 #: a file is complete if its last time is before the scene's duration by at most this part of the duration
 ENDS_WITHIN = 1e-6
-#: number of values that are examined for the number of their digits
-_DIGIT_SAMPLES = 2000
 _U, _A, _EV = 1.66053906660e-27, 1e-10, 1.602176634e-19  # kg, m, J (CODATA 2018)
 _KCAL = 4184.0 / 6.02214076e23  # J
 
@@ -145,9 +143,9 @@ def _samples_of_frames(
     else:
         displacement = (along[:, bodies] - along[0, bodies]) * si.length
         assumed.append("displacements are relative to the first frame")
-    digits = {"position": _rounding_error(along, si.length)}
+    digits = {"position": rounding_error(along, si.length)}
     if velocity is not None:
-        digits["velocity"] = _rounding_error(velocity)
+        digits["velocity"] = rounding_error(velocity)
     contact = None
     if "force_left" in columns and "force_right" in columns:
         left, right = (columns[name][:, bodies] * si.force for name in ("force_left", "force_right"))
@@ -175,15 +173,6 @@ def _units(in_file: str | None, argument: str | None, default: str) -> tuple[str
     if style not in UNITS:
         raise UsageError(f"the file has units {style!r}, whose SI values are unknown; allowed: {', '.join(UNITS)}")
     return style, [] if in_file else [f"units are {style}, because the file does not state them"]
-
-
-def _rounding_error(values: Floats, unit: float = 1.0) -> float | None:
-    """Return the rounding error of values with few digits, in SI units; None if they have all digits."""
-    flat = values.ravel()
-    if len(flat) > _DIGIT_SAMPLES:  # a random choice examines all bodies
-        flat = np.random.default_rng(0).choice(flat, _DIGIT_SAMPLES)
-    error = rounding_error(flat.tolist())
-    return None if error is None else error * unit
 
 
 def _bodies(frames: Frames, scene: Scene) -> tuple[slice, bool]:
@@ -291,9 +280,9 @@ def _samples_of_sheet(sheet: Sheet, scene: Scene) -> _Samples:
     contact = columns.get("contact_force")
     if contact is None and "force_left" in columns and "force_right" in columns:
         contact = _from_sides(columns["force_left"], columns["force_right"], scene)
-    digits = {"position": _rounding_error(columns.get("x", displacement))}
+    digits = {"position": rounding_error(columns.get("x", displacement))}
     if "velocity" in columns:
-        digits["velocity"] = _rounding_error(columns["velocity"])
+        digits["velocity"] = rounding_error(columns["velocity"])
     return _Samples(sheet.time, displacement, columns.get("velocity"), contact, digits, assumed)
 
 

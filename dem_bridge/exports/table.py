@@ -8,13 +8,10 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
-
-import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 
@@ -27,6 +24,7 @@ COLUMNS = json.loads(Path(__file__).with_name("columns.json").read_text(encoding
 #: what a JSON document says of a column
 _COLUMN_KEYS = ("name", "heading", "unit", "kind", "uncertainty_of")
 Cell = float | int | str | None
+Kind = Literal["number", "count", "text"]
 
 
 @dataclass(frozen=True)
@@ -59,14 +57,14 @@ def unit_of(text: str) -> Unit:
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """Hold one quantity for all rows; :func:`numbers`, :func:`counts` and :func:`texts` return instances."""
+    """Hold one quantity for all rows; :func:`column` returns an instance."""
 
     quantity: str
     """Name of the quantity in snake_case, without its unit."""
     heading: str
     """Heading in plain words, without the unit."""
     values: tuple[Cell, ...]
-    kind: Literal["number", "count", "text"]
+    kind: Kind
     unit: str = ""
     """Of :data:`UNITS`, or as it stands."""
     digits: int = 5
@@ -83,44 +81,35 @@ class Column:
         return f"{self.quantity}_{suffix}" if suffix else self.quantity
 
 
-def numbers(
-    quantity: str, heading: str, unit: str, values: Iterable[float | None] | NDArray[np.float64], *, digits: int = 5
-) -> Column:
-    """Return a column of numbers; a value that is None or not finite is unknown.
+#: cell of a value that is not None, by kind of column
+_CELLS: Mapping[str, Callable[[Any], Cell]] = {
+    "number": lambda value: float(value) if math.isfinite(value) else None,
+    "count": int,
+    "text": lambda value: value or None,
+}
 
-    >>> numbers("peak_force", "peak force", "N", [1.0, float("nan")]).values
+
+def column(
+    quantity: str, heading: str, values: Iterable[Any], *, unit: str = "", kind: Kind = "number", digits: int = 5
+) -> Column:
+    """Return a column; None, a number that is not finite and an empty text are unknown.
+
+    >>> column("peak_force", "peak force", [1.0, float("nan")], unit="N").values
     (1.0, None)
     """
-    cells = tuple(None if value is None or not math.isfinite(value) else float(value) for value in values)
-    return Column(quantity=quantity, heading=heading, unit=unit, values=cells, kind="number", digits=digits)
+    cells = tuple(None if value is None else _CELLS[kind](value) for value in values)
+    return Column(quantity=quantity, heading=heading, unit=unit, values=cells, kind=kind, digits=digits)
 
 
 def with_uncertainty(
-    quantity: str,
-    heading: str,
-    unit: str,
-    values: Iterable[float | None] | NDArray[np.float64],
-    uncertainties: Iterable[float | None] | NDArray[np.float64],
+    quantity: str, heading: str, unit: str, values: Iterable[Any], uncertainties: Iterable[Any]
 ) -> tuple[Column, Column]:
     """Return a column of numbers and the column of their uncertainties; unknown uncertainties are empty cells."""
-    column = numbers(quantity, heading, unit, values)
-    uncertainty = numbers(f"{quantity}_uncertainty", f"{heading}, uncertainty", unit, uncertainties, digits=2)
+    numbers = column(quantity, heading, values, unit=unit)
     # an unknown value has no uncertainty
-    cells = tuple(
-        None if value is None else cell for value, cell in zip(column.values, uncertainty.values, strict=True)
-    )
-    return replace(column, uncertainties=cells), replace(uncertainty, values=cells, uncertainty_of=column.name)
-
-
-def counts(quantity: str, heading: str, values: Iterable[int | None]) -> Column:
-    """Return a column of whole numbers."""
-    cells = tuple(None if value is None else int(value) for value in values)
-    return Column(quantity=quantity, heading=heading, values=cells, kind="count")
-
-
-def texts(quantity: str, heading: str, values: Iterable[str | None]) -> Column:
-    """Return a column of words; an empty text is unknown."""
-    return Column(quantity=quantity, heading=heading, values=tuple(value or None for value in values), kind="text")
+    known = [None if cell is None else part for cell, part in zip(numbers.values, uncertainties, strict=True)]
+    uncertainty = column(f"{quantity}_uncertainty", f"{heading}, uncertainty", known, unit=unit, digits=2)
+    return replace(numbers, uncertainties=uncertainty.values), replace(uncertainty, uncertainty_of=numbers.name)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,12 +204,10 @@ def tabulate(
         if entry.get("optional") and quantity not in cells:
             continue
         entry = {"unit": "", "kind": "number", "digits": 5} | entry | dict((details or {}).get(quantity, {}))
-        names = (quantity, f"{quantity}_uncertainty")
-        column, uncertainty = (cells.get(name, []) + [None] * (rows - len(cells.get(name, []))) for name in names)
+        heading, unit, names = entry["heading"], entry["unit"], (quantity, f"{quantity}_uncertainty")
+        parts = [cells.get(name, []) + [None] * (rows - len(cells.get(name, []))) for name in names]
         if entry.get("uncertain"):
-            columns += with_uncertainty(quantity, entry["heading"], entry["unit"], column, uncertainty)
-        elif entry["kind"] == "number":
-            columns.append(numbers(quantity, entry["heading"], entry["unit"], column, digits=entry["digits"]))
+            columns += with_uncertainty(quantity, heading, unit, *parts)
         else:
-            columns.append((counts if entry["kind"] == "count" else texts)(quantity, entry["heading"], column))
+            columns.append(column(quantity, heading, parts[0], unit=unit, kind=entry["kind"], digits=entry["digits"]))
     return Table(id=id, columns=tuple(columns), **fields)

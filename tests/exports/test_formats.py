@@ -21,7 +21,8 @@ from pydantic import BaseModel, ConfigDict
 
 from dem_bridge.errors import UsageError
 from dem_bridge.exports.formats import FORMATS, SUFFIXES, as_csv, as_json, as_markdown, as_parquet, as_tex, format_for
-from dem_bridge.exports.table import UNITS, Cell, Table, counts, numbers, texts, with_uncertainty
+from dem_bridge.exports.table import UNITS, Cell, Table, with_uncertainty
+from tests.helpers.columns import counts, numbers, texts
 from tests.helpers.foreign_readers import NUMBER, read_markdown, read_tex
 from tests.helpers.strategies import examples
 

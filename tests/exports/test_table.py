@@ -7,7 +7,8 @@ import math
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.exports.table import UNITS, Table, counts, numbers, texts, with_uncertainty
+from dem_bridge.exports.table import UNITS, Table, with_uncertainty
+from tests.helpers.columns import counts, numbers, texts
 
 
 def _table() -> Table:
