@@ -1,7 +1,7 @@
 """Each module imports only from layers below, without a circle; heavy libraries stand where they belong.
 
 The table is that of docs/architecture.md. Imports inside functions count as imports; those for type checkers alone
-count too, except in the package's own ``__init__``, which names its facade for them.
+count too. The package's own ``__init__`` imports by name when asked; ``__init__.pyi`` names its facade.
 """
 
 from __future__ import annotations

@@ -39,26 +39,18 @@ class _Group(click.Group):
         try:
             return super().invoke(ctx)
         except UnsupportedScene as error:
-            _print_error(f"NOT_RUN: {error}")
-            ctx.exit(2)
+            text, code = f"NOT_RUN: {error}", 2
         except DemBridgeError as error:
-            _print_error(str(error))
-            ctx.exit(error.exit_code)
+            text, code = str(error), error.exit_code
         except click.UsageError as error:
             command = error.ctx.command_path if error.ctx else "dem-bridge"
-            _print_error(f"{error.format_message()} See: {command} --help")
-            ctx.exit(2)
+            text, code = f"{error.format_message()} See: {command} --help", 2
         except (OSError, ArithmeticError, MemoryError) as error:
-            _print_error(f"{type(error).__name__}: {error}; the run was stopped")
-            ctx.exit(3)
+            text, code = f"{type(error).__name__}: {error}; the run was stopped", 3
         except KeyboardInterrupt:
-            _print_error("interrupted; the run was stopped")
-            ctx.exit(130)
-
-
-def _print_error(text: str) -> None:
-    """Print a message on stderr as one line."""
-    click.echo(f"dem-bridge: {' '.join(text.split())}", err=True)
+            text, code = "interrupted; the run was stopped", 130
+        click.echo(f"dem-bridge: {' '.join(text.split())}", err=True)
+        ctx.exit(code)
 
 
 @click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})

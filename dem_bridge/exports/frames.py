@@ -234,22 +234,19 @@ _HEADING = re.compile(
 )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Sheet:
-    """Hold the contents of a CSV file in SI units."""
-
-    time: Floats
-    """Times, ``(n_t,)``, s."""
-    columns: Mapping[str, Floats]
-    """``x``, ``displacement``, ``velocity``, ``force_left``, ``contact_force``, ...; ``(n_t, n)`` each."""
-
-
-def read_csv(path: Path) -> Sheet:
+def read_csv(path: Path) -> tuple[Floats, dict[str, Floats]]:
     """Read a CSV file in the long or the wide layout, with a unit in every heading.
 
     The long layout has a row per time and body (``time_s,body,displacement_m,velocity_m_per_s``), the wide layout a
     row per time (``time_s,displacement_0_m,...,velocity_0_m_per_s,...``). A heading is ``velocity_m_per_s`` or
     ``velocity (mm/s)``.
+
+    Returns
+    -------
+    time : ndarray
+        Times, ``(n_t,)``, s.
+    columns : dict
+        ``x``, ``displacement``, ``velocity``, ``force_left``, ``contact_force``, ... in SI units, ``(n_t, n)`` each.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -283,7 +280,7 @@ def read_csv(path: Path) -> Sheet:
                 f"the columns of {name} have the indices {indices}; allowed: 0, 1, 2, ..., or a column body"
             )
         columns[name] = np.stack([quantities[name, nth] for nth in indices], axis=1)
-    return Sheet(time=time, columns=columns)
+    return time, columns
 
 
 def _heading(heading: str) -> tuple[str, int | None, float]:
@@ -305,7 +302,7 @@ def _heading(heading: str) -> tuple[str, int | None, float]:
     return name, None if match["nth"] is None else int(match["nth"]), _UNITS[si_unit][unit]
 
 
-def _long(time: Floats, body: Floats, columns: dict[str, Floats]) -> Sheet:
+def _long(time: Floats, body: Floats, columns: dict[str, Floats]) -> tuple[Floats, dict[str, Floats]]:
     """Return the contents of a CSV file in the long layout."""
     starts = np.flatnonzero(np.diff(time, prepend=-math.inf) != 0.0)
     collector, times = _FrameCollector(), []
@@ -314,7 +311,7 @@ def _long(time: Floats, body: Floats, columns: dict[str, Floats]) -> Sheet:
         rows = {name: values[part] for name, values in columns.items()}
         collector.add(body[part].astype(np.int64), rows, f"time {time[begin]:g} s")
         times.append(time[begin])
-    return Sheet(time=np.array(times), columns={name: np.array(rows) for name, rows in collector.rows.items()})
+    return np.array(times), {name: np.array(rows) for name, rows in collector.rows.items()}
 
 
 def rounding_error(values: ArrayLike, unit: float = 1.0) -> float | None:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.exports.frames import Frames, Sheet, read_ase, read_csv, read_dump, rounding_error
+from dem_bridge.exports.frames import Frames, read_ase, read_csv, read_dump, rounding_error
 from dem_bridge.observables.interpolate import KNOWN_FORCES
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Cost, Floats, Trajectory
@@ -107,7 +107,7 @@ def _samples(path: Path, scene: Scene, format: str, units: str | None, dt: float
     if format == "csv":
         if units not in (None, "si") or dt is not None:
             raise UsageError("units and dt do not apply to CSV, whose headings have units; leave them out")
-        return _samples_of_sheet(read_csv(path), scene)
+        return _samples_of_table(*read_csv(path), scene)
     frames = read_dump(path) if format == "lammpstrj" else read_ase(path, format)
     return _samples_of_frames(frames, scene, units, dt, "ase" if format == "traj" else "si")
 
@@ -258,13 +258,12 @@ def _from_net(net: Floats, time: Floats, scene: Scene, with_walls: bool) -> Floa
     return np.hstack([chain, *walls])
 
 
-def _samples_of_sheet(sheet: Sheet, scene: Scene) -> _Samples:
+def _samples_of_table(time: Floats, columns: dict[str, Floats], scene: Scene) -> _Samples:
     """Return the samples of a CSV file."""
-    columns, assumed = sheet.columns, []
-    widths = {name: values.shape[1] for name, values in columns.items()}
-    for name, width in widths.items():
+    assumed = []
+    for name, values in columns.items():
         kind, count = ("contacts", scene.n_contact) if name == "contact_force" else ("bodies", scene.n_body)
-        if width != count:
+        if (width := values.shape[1]) != count:
             raise UsageError(
                 f"the columns of {name} are of {width} {kind}, the scene {scene.name} has {count}; all are needed"
             )
@@ -283,7 +282,7 @@ def _samples_of_sheet(sheet: Sheet, scene: Scene) -> _Samples:
     digits = {"position": rounding_error(columns.get("x", displacement))}
     if "velocity" in columns:
         digits["velocity"] = rounding_error(columns["velocity"])
-    return _Samples(sheet.time, displacement, columns.get("velocity"), contact, digits, assumed)
+    return _Samples(time, displacement, columns.get("velocity"), contact, digits, assumed)
 
 
 def _check_times(time: Floats) -> None:

@@ -103,8 +103,8 @@ def scene_of_csv(
     for quantity, default in (("exponent", 2.5), ("gap", 0.0)):
         columns[quantity] = sheet.numbers(quantity, links) if quantity in sheet.headings and links else default
     for side, row in walls.items():
-        more = {quantity: sheet.number(row, quantity) for quantity in ("exponent", "gap") if quantity in sheet.headings}
-        columns[side] = Wall(stiffness=sheet.number(row, "stiffness"), **more)
+        quantities = [quantity for quantity in ("stiffness", "exponent", "gap") if quantity in sheet.headings]
+        columns[side] = Wall(**{quantity: sheet.number(row, quantity) for quantity in quantities})
     for law in _LAWS:
         if law in sheet.headings:
             coefficients = tuple(sheet.numbers(law, order))
@@ -166,12 +166,8 @@ def _sheet(text: str, file: str, quantities: Mapping[str, str], needed: Sequence
         if len(cells) != len(names):
             raise _fault(f"the row has {len(cells)} cells", f"{len(names)}, one per column", file, number)
     cells_of = [dict(zip(names, cells, strict=True)) for _, cells in below]
-    return _Sheet(
-        file,
-        headings,
-        tuple(number for number, _ in below),
-        tuple({quantity: cells[name] for quantity, name in headings.items()} for cells in cells_of),
-    )
+    by_quantity = tuple({quantity: cells[name] for quantity, name in headings.items()} for cells in cells_of)
+    return _Sheet(file, headings, tuple(number for number, _ in below), by_quantity)
 
 
 def _fault(problem: str, allowed: str, file: str, line: int | None = None, column: str | None = None) -> SceneError:

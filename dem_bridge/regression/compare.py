@@ -236,9 +236,8 @@ def _relative_difference(name: str, before: Floats, after: Floats) -> Floats:
         scale = np.asarray(min(float(np.max(np.abs(values), initial=0.0)) for values in (before, after)))
     else:
         scale = np.minimum(own_scale(before), own_scale(after))
-    distance = np.abs(before - after)
-    distance = np.where(np.isnan(distance), math.inf, distance)
-    distance = np.where(np.isnan(before) & np.isnan(after), 0.0, distance)
+    unknown = np.isnan(before) & np.isnan(after)
+    distance = np.where(unknown, 0.0, np.nan_to_num(np.abs(before - after), nan=math.inf, posinf=math.inf))
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where(distance == 0.0, 0.0, distance / scale))
 
