@@ -16,7 +16,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.observables.errors import read, reduced, relative_to
 from dem_bridge.observables.registry import observable_named
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import VOCABULARY, Trajectory
+from dem_bridge.trajectory import VOCABULARY, Floats, Trajectory
 
 #: arrays with an entry for each sample
 SAMPLED = tuple(name for name, (_, _, axis) in VOCABULARY.items() if "time" in axis)
@@ -215,7 +215,7 @@ def at_common_times(run: Trajectory, reference: Trajectory) -> tuple[Trajectory,
     return _rows(run, here, reference.time[there]), _rows(reference, there, reference.time[there]), tuple(notes)
 
 
-def _rows(run: Trajectory, rows: NDArray[np.intp], time: NDArray[np.float64]) -> Trajectory:
+def _rows(run: Trajectory, rows: NDArray[np.intp], time: Floats) -> Trajectory:
     """Return the samples ``rows`` of a run, at the times ``time``."""
     return replace(run, time=time, **{name: getattr(run, name)[rows] for name in SAMPLED})
 

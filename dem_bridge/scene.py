@@ -14,10 +14,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.checked import LARGEST, SMALLEST, Numbers, check_fields, checked_numbers
-from dem_bridge.contacts import Contacts
+from dem_bridge.contacts import Contacts, Floats
 from dem_bridge.drive import KEYS, Drive
 from dem_bridge.errors import SceneError
 from dem_bridge.features import FEATURES, Feature
@@ -324,7 +323,7 @@ class Scene:
         return len(self.stiffness) + (self.wall_left is not None) + (self.wall_right is not None)
 
     @property
-    def load(self) -> NDArray[np.float64]:
+    def load(self) -> Floats:
         """Constant outer force on each body in addition to its weight, N, ``(n_body,)``; it presses free ends."""
         load = np.zeros(self.n_body)
         forces = self._static_forces
@@ -333,7 +332,7 @@ class Scene:
         return load
 
     @property
-    def steady_force(self) -> NDArray[np.float64]:
+    def steady_force(self) -> Floats:
         """Weight and load of each body, N, ``(n_body,)``."""
         return np.asarray(np.array(self.mass) * self.gravity + self.load)
 
@@ -343,7 +342,7 @@ class Scene:
         return float(np.sum(np.abs(self.steady_force))) + (0.0 if self.drive is None else self.drive.peak)
 
     @property
-    def free_acceleration(self) -> NDArray[np.float64]:
+    def free_acceleration(self) -> Floats:
         """Acceleration of each body without contacts, drag and drive, m/s^2, ``(n_body,)``: gravity and load."""
         return np.asarray(self.gravity + self.load / np.array(self.mass))
 
@@ -406,7 +405,7 @@ class Scene:
             reach=np.array(self._reach),
         )
 
-    def _joined(self, name: str) -> NDArray[np.float64]:
+    def _joined(self, name: str) -> Floats:
         """Return a number of the contacts of the chain, then of the walls."""
         walls = [getattr(wall, name) for wall in (self.wall_left, self.wall_right) if wall is not None]
         return np.array([*getattr(self, name), *walls], dtype=np.float64)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.compiled import kernel
-from dem_bridge.contacts import Contacts
+from dem_bridge.contacts import Contacts, Floats
 from dem_bridge.scene import Scene
 
 #: cells of a law; half as many tell what that costs
@@ -25,11 +25,11 @@ class Curves(NamedTuple):
 
     law: NDArray[np.int64]
     """Row below for each contact; empty: all are powers."""
-    start: NDArray[np.float64]
+    start: Floats
     """``(n_law, n_piece)``, m: overlap at which a piece begins, inf for one that is not there."""
-    per_root: NDArray[np.float64]
+    per_root: Floats
     """``(n_law, n_piece)``: cells per square root of the overlap beyond the start, m^(-1/2)."""
-    coefficient: NDArray[np.float64]
+    coefficient: Floats
     """``(n_law, n_piece, n_cell, 4)``, N, highest power first."""
 
 

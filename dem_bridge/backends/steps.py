@@ -19,7 +19,7 @@ from dem_bridge.dense import Schedule, damped_peaks, extremes, schedule
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.stopwatch import Stopwatch
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.trajectory import Cost, Floats, Trajectory
 
 #: default step: the next of the 1-2-5 series below this fraction of 1/omega of the stiffest contact
 DEFAULT_PHASE = 2.5e-3
@@ -72,7 +72,7 @@ def radius_of(scene: Scene, resolution: Resolution, prescan: Prescan) -> float:
     return 0.5 * scene.spacing
 
 
-def check_finite(code: Named, scene: Scene, plan: Schedule, velocity: NDArray[np.float64]) -> None:
+def check_finite(code: Named, scene: Scene, plan: Schedule, velocity: Floats) -> None:
     """Raise RunBroken if velocities are not finite."""
     if not np.all(np.isfinite(velocity)):
         raise RunBroken(
@@ -87,11 +87,11 @@ class Dense(NamedTuple):
     n_contact)``.
     """
 
-    velocity: NDArray[np.float64]
-    displacement: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
-    overlap: NDArray[np.float64]
-    force: NDArray[np.float64]
+    velocity: Floats
+    displacement: Floats
+    acceleration: Floats
+    overlap: Floats
+    force: Floats
     farthest: float = 0.0
     """m: the largest coordinate that the run subtracts from another for its overlaps; 0: none beyond displacements."""
 
@@ -112,9 +112,7 @@ def touching_in_flight(farthest: float) -> float:
     return 4.0 * math.ulp(farthest)
 
 
-def peaks_and_crossings(
-    scene: Scene, plan: Schedule, dense: Dense, every: int = 1
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def peaks_and_crossings(scene: Scene, plan: Schedule, dense: Dense, every: int = 1) -> tuple[Floats, Floats]:
     """Return peak forces and crossing times from one in ``every`` dense samples."""
     c = scene.contacts
     seen = {**approach_of(scene, plan, dense, every), "force": dense.force[::every]}

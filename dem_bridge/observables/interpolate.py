@@ -126,9 +126,9 @@ def _basis(nodes: int, derivative: int) -> Floats:
 
 def contact_motion(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats]:
     """Return overlaps (m; < 0: a gap) and closing velocities (m/s) at samples, ``(n_t, n_contact)`` both."""
-    c, at_rest = scene.contacts, np.zeros((len(trajectory.time), 1))
-    x = np.concatenate([trajectory.displacement, at_rest], axis=1)  # a wall is one more body at rest
-    v = np.concatenate([trajectory.velocity, at_rest], axis=1)
+    c = scene.contacts
+    # a wall is one more body at rest
+    x, v = (np.pad(motion, ((0, 0), (0, 1))) for motion in (trajectory.displacement, trajectory.velocity))
     return x[:, c.left] - x[:, c.right] - c.gap, v[:, c.left] - v[:, c.right]
 
 
@@ -137,8 +137,7 @@ def state_at(scene: Scene, trajectory: Trajectory, when: Floats) -> tuple[Floats
     at = when[:, None]
     x = hermite(trajectory, trajectory.displacement, trajectory.velocity, at)
     v = hermite(trajectory, trajectory.velocity, acceleration(scene, trajectory), at)
-    c = scene.contacts
-    x = np.concatenate([x, np.zeros((len(when), 1))], axis=1)  # a wall is one more body at rest
+    c, x = scene.contacts, np.pad(x, ((0, 0), (0, 1)))  # a wall is one more body at rest
     return np.maximum(x[:, c.left] - x[:, c.right] - c.gap, 0.0), v
 
 

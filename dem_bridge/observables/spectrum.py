@@ -73,9 +73,7 @@ def frequency_spectrum(
     True
     """
     h = spacing(trajectory)
-    low, high = inner_contacts(scene)
-    bodies = np.arange(low if first is None else first, (high if last is None else last) + 1)
-    _check_bodies(scene, bodies)
+    bodies = _bodies(scene, first, last)
     arrival = trajectory.crossing_time[bodies - 1]
     if np.any(np.isnan(arrival)):
         raise UsageError(
@@ -105,9 +103,7 @@ def wavenumber_spectrum(
     ('0.128 to 0.134 cycles per body', True)
     """
     spacing(trajectory)
-    low, high = inner_contacts(scene)
-    bodies = np.arange(low if first is None else first, (high if last is None else last) + 1)
-    _check_bodies(scene, bodies)
+    bodies = _bodies(scene, first, last)
     arrival = trajectory.crossing_time[bodies - 1]
     available = np.isfinite(arrival)
     if np.count_nonzero(available) < 2:
@@ -153,10 +149,14 @@ def _passage(scene: Scene, trajectory: Trajectory) -> int:
     return int(np.searchsorted(trajectory.time, trajectory.crossing_time[scene.n_body - 2], side="right"))
 
 
-def _check_bodies(scene: Scene, bodies: NDArray[np.int64]) -> None:
+def _bodies(scene: Scene, first: int | None, last: int | None) -> NDArray[np.int64]:
+    """Return the bodies from ``first`` to ``last``, or those between the ends; UsageError if these are too few."""
+    low, high = inner_contacts(scene)
+    bodies = np.arange(low if first is None else first, (high if last is None else last) + 1)
     if len(bodies) < 2 or bodies[0] < 1 or bodies[-1] > scene.n_body - 1:
         result = f"{bodies[0]}..{bodies[-1]}" if len(bodies) else "none"
         raise UsageError(f"bodies {result}; allowed: two or more of 1..{scene.n_body - 1}, first and last included")
+    return bodies
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dem_bridge.trajectory import QUANTITIES, SAMPLED, Trajectory
+from dem_bridge.trajectory import QUANTITIES, SAMPLED, Floats, Trajectory
 
 
 def absolute_differences(run: Trajectory, other: Trajectory) -> dict[str, Any]:
@@ -27,7 +26,7 @@ def absolute_differences(run: Trajectory, other: Trajectory) -> dict[str, Any]:
     return differences
 
 
-def at_least_the_median(values: NDArray[np.float64], scale: NDArray[np.float64]) -> NDArray[np.float64]:
+def at_least_the_median(values: Floats, scale: Floats) -> Floats:
     """Return differences per contact, none smaller, relative to its ``scale``, than the median of all.
 
     Where the error changes its sign along the chain, two resolutions can agree by chance.

@@ -6,13 +6,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.accuracy import Extrapolation, richardson
 from dem_bridge.backends.base import Backend, backend
 from dem_bridge.errors import NotAsymptotic, UsageError
 from dem_bridge.runs.case import Case
-from dem_bridge.trajectory import QUANTITIES, SAMPLED, UNKNOWN, Trajectory
+from dem_bridge.trajectory import QUANTITIES, SAMPLED, UNKNOWN, Floats, Trajectory
 from dem_bridge.uncertainty.estimate import solve
 from dem_bridge.uncertainty.replicas import summed_cost
 
@@ -60,7 +59,7 @@ def extrapolate(case: Case, code: Backend | None = None) -> Trajectory:
         # weights of 4/3 and -1/3 magnify round-off
         return replace(result, uncertainty=result.uncertainty + 5.0 / 3.0 * floor)
 
-    values: dict[str, NDArray[np.float64]] = {}
+    values: dict[str, Floats] = {}
     uncertainty: dict[str, Any] = dict(fine.uncertainty)
     kept: list[str] = []
     for quantity in QUANTITIES:

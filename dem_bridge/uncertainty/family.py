@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 from dem_bridge.dense import Approaches, Schedule
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import FREE, Cost, Trajectory
+from dem_bridge.trajectory import FREE, Cost, Floats, Trajectory
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DenseReadings:
     """Numbers read off the dense samples of a run, between those that its trajectory keeps."""
 
-    thinned: tuple[NDArray[np.float64], NDArray[np.float64]]
+    thinned: tuple[Floats, Floats]
     """Peak forces (N) and crossing times (s) from every second dense sample."""
-    secondary_peak_force: NDArray[np.float64]
+    secondary_peak_force: Floats
     """Largest force of each contact outside the collision that has its largest, N."""
     unresolved: NDArray[np.bool_]
     """Contacts whose first compression is briefer than the step."""

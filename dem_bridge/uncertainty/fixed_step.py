@@ -33,10 +33,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.dense import CROSSING_ERROR, PEAK_ERROR, Schedule
-from dem_bridge.trajectory import QUANTITIES, SAMPLED, Uncertainty, own_scale
+from dem_bridge.trajectory import QUANTITIES, SAMPLED, Floats, Uncertainty, own_scale
 from dem_bridge.uncertainty.differences import absolute_differences, at_least_the_median
 from dem_bridge.uncertainty.family import TwinFamily
 from dem_bridge.uncertainty.grazes import may_graze, widen_for_grazes
@@ -179,7 +178,7 @@ def reading_part(family: TwinFamily) -> tuple[Part, Part]:
     return part, lost
 
 
-def secondary_peak_part(family: TwinFamily, velocity: float) -> NDArray[np.float64]:
+def secondary_peak_part(family: TwinFamily, velocity: float) -> Floats:
     """Return how far another collision may exceed the largest, N, if velocities are uncertain by ``velocity`` (m/s)."""
     unknown = min(1.0, _relative(velocity, family.speed))
     return np.maximum(0.0, family.readings.secondary_peak_force * (1.0 + unknown) - family.main.peak_force)

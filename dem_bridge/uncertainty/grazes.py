@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dem_bridge.backends.steps import Dense, approach_of
 from dem_bridge.dense import PHASE_PER_DENSE_SAMPLE, Approaches, Schedule, approaches
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Floats, Trajectory
 
 
 def may_graze(turns: Approaches, displacement: float) -> bool:
@@ -69,7 +69,7 @@ def widen_for_grazes(
     return widened
 
 
-def _difference_of_turns(turns: Approaches, other: Approaches) -> NDArray[np.float64]:
+def _difference_of_turns(turns: Approaches, other: Approaches) -> Floats:
     """Return how much nearer or farther each of the ``turns`` is in another run, m; nan where it has none."""
     differences = np.full(len(turns.contact), math.nan)
     for k in np.unique(turns.contact):

@@ -12,14 +12,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.differences import SAMPLED
 from dem_bridge.errors import DemBridgeError
 from dem_bridge.observables.registry import Reader, observable_named
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import ClaimValue
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Floats, Trajectory
 from dem_bridge.verification.verdict import Outcome
 
 #: theories, whose numbers have no uncertainty
@@ -108,7 +107,7 @@ def _moves(measure: Measure, scene: Scene, run: Trajectory, part: str, value: fl
     return results
 
 
-def _signs(chance: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def _signs(chance: np.random.Generator, shape: tuple[int, ...]) -> Floats:
     return np.asarray(chance.choice((-1.0, 1.0), size=shape))
 
 
