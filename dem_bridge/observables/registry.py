@@ -18,15 +18,7 @@ from types import MappingProxyType
 import numpy as np
 
 from dem_bridge.errors import UsageError
-from dem_bridge.observables import front
-from dem_bridge.observables.conserved import (
-    energy,
-    energy_parts,
-    energy_uncertainty,
-    momentum,
-    momentum_uncertainty,
-    work,
-)
+from dem_bridge.observables import conserved, front
 from dem_bridge.observables.forces import contact_force_uncertainty, first_peak_force
 from dem_bridge.observables.front import peak_velocity_of_front
 from dem_bridge.scene import Scene
@@ -215,8 +207,8 @@ OBSERVABLES_IN_ORDER = (
         definition="Total momentum of the bodies at each sample.",
         unit="kg m/s",
         axis=("time",),
-        value=momentum,
-        uncertainty=momentum_uncertainty,
+        value=conserved.momentum,
+        uncertainty=conserved.momentum_uncertainty,
         scale=Scale(
             name="total mass times largest velocity",
             of=lambda scene, run, values: np.asarray(sum(scene.mass) * np.max(np.abs(run.velocity), initial=0.0)),
@@ -227,12 +219,12 @@ OBSERVABLES_IN_ORDER = (
         definition="Energy of motion, contacts and height at each sample.",
         unit="J",
         axis=("time",),
-        value=energy,
-        uncertainty=energy_uncertainty,
+        value=conserved.energy,
+        uncertainty=conserved.energy_uncertainty,
         scale=Scale(
             name="most energy in motion, contacts and height",
             of=lambda scene, run, values: np.asarray(
-                np.max(sum(map(np.abs, energy_parts(scene, run))), initial=0.0),
+                np.max(sum(map(np.abs, conserved.energy_parts(scene, run))), initial=0.0),
             ),
         ),
     ),
@@ -241,13 +233,13 @@ OBSERVABLES_IN_ORDER = (
         definition="Energy at each sample less the work that the drive has done.",
         unit="J",
         axis=("time",),
-        value=lambda scene, run: energy(scene, run) - work(scene, run)[0],
-        uncertainty=lambda scene, run: energy_uncertainty(scene, run) + work(scene, run)[1],
+        value=lambda scene, run: conserved.energy(scene, run) - conserved.work(scene, run)[0],
+        uncertainty=lambda scene, run: conserved.energy_uncertainty(scene, run) + conserved.work(scene, run)[1],
         # what a precompressed chain stores is no measure of a small wave
         scale=Scale(
             name="most energy in motion and work done",
             of=lambda scene, run, values: np.asarray(
-                np.max(energy_parts(scene, run)[0] + np.abs(work(scene, run)[0]), initial=0.0)
+                np.max(conserved.energy_parts(scene, run)[0] + np.abs(conserved.work(scene, run)[0]), initial=0.0)
             ),
         ),
     ),

@@ -16,24 +16,15 @@ from dem_bridge.checked import LARGEST, SMALLEST, checked_numbers
 from dem_bridge.errors import SceneError
 from dem_bridge.geometry import ANGLE, Body, Material, crossings
 from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene_file import forms
 from dem_bridge.scene_file.bodies import chain, flat
-from dem_bridge.scene_file.forms import (
-    BodyTable,
-    Decorate,
-    Disorder,
-    Pattern,
-    PatternScene,
-    PatternStriker,
-    PatternWall,
-    in_common,
-)
 from dem_bridge.scene_file.physical import HERTZ, check_alone, normal_numbers, scattered, sphere_of, start_velocity
 
 Materials = Mapping[str, Material]
 Bodies = tuple[Body, ...]
 
 
-def from_pattern(file: PatternScene) -> Scene:
+def from_pattern(file: forms.PatternScene) -> Scene:
     """Return the Scene of the striker and the bodies of the pattern."""
     pattern, table = file.chain.pattern, file.chain.striker
     materials = dict(_materials(file))
@@ -48,7 +39,7 @@ def from_pattern(file: PatternScene) -> Scene:
         angles=_angles(pattern, first, row),
         law=pattern.law,
         gap=gap if table is None else (table.gap, *gap),
-        **in_common(file) | dict(_flat_walls(file, (*first, *row), materials)),
+        **forms.in_common(file) | dict(_flat_walls(file, (*first, *row), materials)),
     )
     if table is None:
         return scene
@@ -60,7 +51,7 @@ def from_pattern(file: PatternScene) -> Scene:
 # bodies
 
 
-def _materials(file: PatternScene) -> Iterator[tuple[str, Material]]:
+def _materials(file: forms.PatternScene) -> Iterator[tuple[str, Material]]:
     """Yield the materials by name."""
     for name, table in file.materials.items():
         try:
@@ -80,7 +71,7 @@ def _material(name: str | None, materials: Materials, where: str) -> Material:
     return materials[name]
 
 
-def _body(table: BodyTable, materials: Materials, where: str) -> Body:
+def _body(table: forms.BodyTable, materials: Materials, where: str) -> Body:
     """Return the body of a table."""
     material = _material(table.material, materials, f"{where}.material")
     try:
@@ -89,12 +80,12 @@ def _body(table: BodyTable, materials: Materials, where: str) -> Body:
         raise error.at("scene", f"{where}.{error.key.removeprefix('body.')}") from None
 
 
-def _cell(tables: Sequence[BodyTable], materials: Materials, where: str) -> Bodies:
+def _cell(tables: Sequence[forms.BodyTable], materials: Materials, where: str) -> Bodies:
     """Return the bodies of a unit cell."""
     return tuple(_body(table, materials, f"{where}[{nth}]") for nth, table in enumerate(tables))
 
 
-def _row(pattern: Pattern, materials: Materials) -> Bodies:
+def _row(pattern: forms.Pattern, materials: Materials) -> Bodies:
     """Return all bodies behind the striker, modified in the order that the module states."""
     cells = [_cell(pattern.cell, materials, "pattern.cell")] * pattern.repeat
     if pattern.step is not None:
@@ -121,7 +112,7 @@ def _tapered(cells: Sequence[Bodies], taper: float) -> Iterator[Bodies]:
         )
 
 
-def _decorated(row: Bodies, table: Decorate, between: Body) -> Bodies:
+def _decorated(row: Bodies, table: forms.Decorate, between: Body) -> Bodies:
     """Return the row with ``between`` inserted behind each ``every``-th body except the last."""
     if table.every >= len(row):
         allowed = f"less than {len(row)}, the number of bodies, since a decoration is placed between two of them"
@@ -132,7 +123,7 @@ def _decorated(row: Bodies, table: Decorate, between: Body) -> Bodies:
     return tuple(out)
 
 
-def _of_random_size(row: Bodies, table: Disorder) -> Bodies:
+def _of_random_size(row: Bodies, table: forms.Disorder) -> Bodies:
     """Return the row with random radii, rounded to 9 digits.
 
     The radii use a random sequence of their own, so that no angle depends on them.
@@ -155,7 +146,7 @@ def _of_random_size(row: Bodies, table: Disorder) -> Bodies:
 # angles, striker, walls
 
 
-def _angles(pattern: Pattern, first: Bodies, row: Bodies) -> tuple[float, ...] | None:
+def _angles(pattern: forms.Pattern, first: Bodies, row: Bodies) -> tuple[float, ...] | None:
     """Return an angle for each contact of two cylinders; a striker's contact has the angle of the chain's first one."""
     of_chain, with_striker = len(crossings(row)), len(crossings((*first, *row[:1])))
     present = [key for key in ("angle", "angles") if getattr(pattern, key) is not None]
@@ -180,7 +171,7 @@ def _angles(pattern: Pattern, first: Bodies, row: Bodies) -> tuple[float, ...] |
     return (*of_striker, *angles)
 
 
-def _striker(table: PatternStriker, first: Body, materials: Materials) -> Body:
+def _striker(table: forms.PatternStriker, first: Body, materials: Materials) -> Body:
     """Return the striker's body."""
     if table.exponent not in (None, HERTZ):
         allowed = f"{HERTZ}, since the contacts of a pattern are Hertz contacts"
@@ -194,10 +185,10 @@ def _striker(table: PatternStriker, first: Body, materials: Materials) -> Body:
     return first
 
 
-def _flat_walls(file: PatternScene, bodies: Bodies, materials: Materials) -> Iterator[tuple[str, Wall]]:
+def _flat_walls(file: forms.PatternScene, bodies: Bodies, materials: Materials) -> Iterator[tuple[str, Wall]]:
     """Yield the walls that are defined by their material."""
     for side, body in (("wall_left", bodies[0]), ("wall_right", bodies[-1])):
-        table: PatternWall | None = getattr(file.chain, side)
+        table: forms.PatternWall | None = getattr(file.chain, side)
         if table is None:
             continue
         present = table.model_fields_set & {"stiffness", "material"}

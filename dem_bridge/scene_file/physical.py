@@ -22,16 +22,7 @@ from dem_bridge.checked import LARGEST, SMALLEST, checked_number, checked_number
 from dem_bridge.errors import SceneError
 from dem_bridge.geometry import ANGLE, Body, Geometry, Material
 from dem_bridge.scene import Scene
-from dem_bridge.scene_file.forms import (
-    CylinderContacts,
-    CylinderScene,
-    PhysicalChain,
-    PhysicalScene,
-    SphereContacts,
-    SphereScene,
-    Striker,
-    in_common,
-)
+from dem_bridge.scene_file import forms
 
 #: exponent n of a Hertz contact
 HERTZ = 2.5
@@ -81,7 +72,7 @@ def scattered(angles: Sequence[float], *, scatter: float, seed: int) -> tuple[fl
     return tuple(map(perturbed, angles, normal_numbers(seed)))
 
 
-def from_cylinders(file: CylinderScene) -> Scene:
+def from_cylinders(file: forms.CylinderScene) -> Scene:
     """Return the Scene of cylinders across the chain; ``mass_gradient`` changes only their heights and masses."""
     cylinders, contacts, material = file.chain.cylinders, file.chain.contacts, _material(file)
     growth = [1.0 + cylinders.mass_gradient * i for i in range(1, cylinders.count + 1)]
@@ -100,7 +91,7 @@ def from_cylinders(file: CylinderScene) -> Scene:
     return _scene(file, contacts, bodies, stiffness, 2.0 * cylinders.radius, crossing)
 
 
-def from_spheres(file: SphereScene) -> Scene:
+def from_spheres(file: forms.SphereScene) -> Scene:
     """Return the Scene of spheres, each radius ``ratio`` times the previous one; it has a spacing if all are equal."""
     spheres, material = file.chain.spheres, _material(file)
     radii = list(accumulate(repeat(spheres.ratio, spheres.count - 1), mul, initial=spheres.radius))
@@ -118,7 +109,7 @@ def _touching(first: Body, second: Body) -> float:
 
 
 def _crossed(
-    contacts: CylinderContacts, links: int, *, radius: float, material: Material
+    contacts: forms.CylinderContacts, links: int, *, radius: float, material: Material
 ) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
     """Return angles (None if the stiffness determines them) and stiffnesses of equal cylinders, ``(links,)`` both."""
     from dem_bridge.physics.hertz import angle_of_stiffness, crossed_cylinders
@@ -155,7 +146,7 @@ def _crossed(
     return angles, tuple(map(stiffness_at, angles))
 
 
-def _check_way(contacts: CylinderContacts) -> None:
+def _check_way(contacts: forms.CylinderContacts) -> None:
     """Raise SceneError unless the angles are specified completely in one of the three ways."""
     allowed = "angle, or angles, or first_angle with last_angle and grading"
     present = [key for way in WAYS for key in way if getattr(contacts, key) is not None]
@@ -183,8 +174,8 @@ def _in_power(stiffness: float, n: float, matching_overlap: float | None) -> flo
 
 
 def _scene(
-    file: CylinderScene | SphereScene,
-    contacts: SphereContacts,
+    file: forms.CylinderScene | forms.SphereScene,
+    contacts: forms.SphereContacts,
     bodies: tuple[Body, ...],
     stiffness: tuple[float, ...],
     spacing: float | None,
@@ -217,7 +208,7 @@ def _scene(
             crossing = {**crossing, key: (None if body.shape == "sphere" else crossing[key][0], *crossing[key])}
         bodies = (body, *bodies)
     numbers: dict[str, Any] = {**columns, "velocity": velocity, "spacing": spacing}
-    return Scene(**numbers, geometry=Geometry(bodies=bodies, **crossing), **in_common(file))
+    return Scene(**numbers, geometry=Geometry(bodies=bodies, **crossing), **forms.in_common(file))
 
 
 def checked_velocity(velocity: Numbers, count: int, per: str) -> tuple[float, ...]:
@@ -228,7 +219,7 @@ def checked_velocity(velocity: Numbers, count: int, per: str) -> tuple[float, ..
     return checked_numbers("velocity", velocity, allowed, count=count, per=per)
 
 
-def start_velocity(chain: PhysicalChain, count: int) -> tuple[float, ...]:
+def start_velocity(chain: forms.PhysicalChain, count: int) -> tuple[float, ...]:
     """Return the start velocities, m/s: the striker's and ``count`` zeros, or ``chain.velocity`` without a striker."""
     if chain.striker is None:
         return checked_velocity(chain.velocity or 0.0, count, "body of the chain")
@@ -238,7 +229,7 @@ def start_velocity(chain: PhysicalChain, count: int) -> tuple[float, ...]:
     return (chain.striker.velocity, *[0.0] * count)
 
 
-def check_alone(striker: Striker) -> None:
+def check_alone(striker: forms.Striker) -> None:
     """Raise SceneError if a striker that is like another body has further properties."""
     for key in ("radius", "mass", "stiffness", "exponent", "material"):
         if getattr(striker, key, None) is not None:
@@ -246,7 +237,7 @@ def check_alone(striker: Striker) -> None:
             raise SceneError(f"striker.{key}", problem="cannot be combined with like", allowed=allowed)
 
 
-def sphere_of(striker: Striker, material: Material) -> Body:
+def sphere_of(striker: forms.Striker, material: Material) -> Body:
     """Return the striker's body, a sphere of its radius or, without a radius, of its mass."""
     if striker.radius is None:
         for key in ("mass", "stiffness"):
@@ -260,6 +251,6 @@ def sphere_of(striker: Striker, material: Material) -> Body:
     return Body(shape="sphere", radius=radius, material=material)
 
 
-def _material(file: PhysicalScene) -> Material:
+def _material(file: forms.PhysicalScene) -> Material:
     """Return the material of the file."""
     return Material(**file.material.model_dump())

@@ -20,15 +20,7 @@ from dem_bridge.observables.registry import OBSERVABLES as REGISTERED
 from dem_bridge.observables.registry import Reader
 from dem_bridge.scene import Damping, Scene
 from dem_bridge.scene_file.physical import rounded
-from dem_bridge.studies.model_hierarchy.model_terms import (
-    DASHPOT,
-    VISCOELASTIC,
-    angles_soften,
-    hertz_stiffness,
-    on_base,
-    quartz_sphere,
-    weighing,
-)
+from dem_bridge.studies.model_hierarchy import model_terms
 from dem_bridge.studies.paper.texts import PAPER, TERMS
 from dem_bridge.studies.study import Table
 from dem_bridge.trajectory import Trajectory
@@ -75,17 +67,17 @@ def _printed_end(scene: Scene) -> Scene:
 #: term -> what it changes in the paper's chain
 CHANGES: Mapping[str, Callable[[Scene], Scene]] = {
     AS_IS: lambda s: s,
-    "exact-stiffness": lambda s: replace(s, stiffness=(s.stiffness[0], *hertz_stiffness(s)[1:])),
-    "striker-mass": lambda s: replace(s, mass=(quartz_sphere(s), *s.mass[1:])),
-    "striker-stiffness": lambda s: replace(s, stiffness=(hertz_stiffness(s)[0], *s.stiffness[1:])),
+    "exact-stiffness": lambda s: replace(s, stiffness=(s.stiffness[0], *model_terms.hertz_stiffness(s)[1:])),
+    "striker-mass": lambda s: replace(s, mass=(model_terms.quartz_sphere(s), *s.mass[1:])),
+    "striker-stiffness": lambda s: replace(s, stiffness=(model_terms.hertz_stiffness(s)[0], *s.stiffness[1:])),
     "printed-90-degrees": _printed_end,
     "speed-1-percent": lambda s: replace(s, velocity=(1.01 * s.velocity[0], *s.velocity[1:])),
-    "gravity": weighing,
-    "base": on_base,
-    "dashpot": lambda s: replace(s, damping=Damping(law="dashpot", coefficient=DASHPOT)),
-    "kuwabara-kono": lambda s: replace(s, damping=Damping(law="kuwabara-kono", coefficient=VISCOELASTIC)),
+    "gravity": model_terms.weighing,
+    "base": model_terms.on_base,
+    "dashpot": lambda s: replace(s, damping=Damping(law="dashpot", coefficient=model_terms.DASHPOT)),
+    "kuwabara-kono": lambda s: replace(s, damping=Damping(law="kuwabara-kono", coefficient=model_terms.VISCOELASTIC)),
     "drag": lambda s: replace(s, drag=10.0),
-    **{id: partial(angles_soften, anchor=anchor) for id, anchor in ANCHORS.items()},
+    **{id: partial(model_terms.angles_soften, anchor=anchor) for id, anchor in ANCHORS.items()},
 }
 VARIANTS = tuple(Variant(id=id, change=change) for id, change in CHANGES.items())
 
