@@ -125,14 +125,12 @@ def study_bands(
     texts = {"scene": scene.name, "outcome": Outcome.BROKEN}
     broken = [TEXTS.verdict("broken", **texts, backend=r.case.backend, failure=r.failure) for r in results if r.failure]
     rows = [row for result in matches for row in _rows(cell, result, tolerance, excused=bool(excuses[result.backend]))]
-    return Study(
-        id="bands",
-        title=TEXTS("title", scene=scene.name),
+    return TEXTS.study(
+        {"scene": scene.name},
         answer=(*_answer(scene, cell, matches, rows, tolerance), *_undecided(rows, excuses)),
         tables=(TEXTS.table("edges", rows, tolerance=tolerance), TEXTS.table("codes", matches)),
         figures=(_figure(cell, matches),) if matches else (),
         verdicts=(*_verdicts(scene, rows, tolerance), *broken),
-        notes=TEXTS.notes(),
     )
 
 

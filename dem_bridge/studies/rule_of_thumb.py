@@ -110,13 +110,11 @@ def study_rule_of_thumb(
     cases = [cases_of(item, engine=engine, with_engine=item is main) for item in scenes]
     groups = run_groups(cases, jobs=jobs, progress=progress, store=store)
     errors = [errors_of(item, results) for item, results in zip(scenes, groups, strict=True)]
-    return Study(
-        id="rule-of-thumb",
-        title=TEXTS("title"),
+    return TEXTS.study(
+        {"part": _smallest_part(errors), "rtol": REFERENCE_RTOL},
         answer=tuple(_answer(errors)),
         tables=(table(errors), _engine_table(errors)),
         figures=(_figure(errors),) if any(error.errors() for error in errors) else (),
-        notes=TEXTS.notes(part=_smallest_part(errors), rtol=REFERENCE_RTOL),
     )
 
 

@@ -170,9 +170,8 @@ def study_scatter(
     (mean, deviation), times, force = chains.arrival_shift, chains.residence_spread, chains.force_spread
     spreads = (("residence time of a body", times), ("peak force of a contact", force))
     arrival = {"spread": spread, "mean": 100.0 * mean, "deviation": 100.0 * deviation}
-    return Study(
-        id="scatter",
-        title=TEXTS("title", scene=scene.name),
+    return TEXTS.study(
+        {"scene": scene.name},
         answer=(
             TEXTS("arrival", scene=scene.name, count=chains.count, **arrival),
             *(

@@ -9,7 +9,7 @@ import csv
 import io
 import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from importlib import import_module
 from pathlib import Path
@@ -180,28 +180,6 @@ class FigureData:
                     for x, y, bar in zip(line.x.tolist(), line.y.tolist(), bars, strict=True)
                 ]
         return _csv(("panel", "series", "x", "y", "value", "bar"), rows)
-
-
-def verdict_table(verdicts: Sequence[Verdict]) -> Table:
-    """List verdicts with their numbers, which are relative to the scale of each."""
-    return Table(
-        id="verdicts",
-        title="Verdicts",
-        caption="Difference, uncertainty (of the reference) and tolerance are relative.",
-        columns=("scene", "quantity", "compared", "difference", "uncertainty", "tolerance", "outcome"),
-        rows=tuple(
-            (
-                verdict.scene,
-                verdict.quantity.replace("_", " "),
-                f"{verdict.backend} - {verdict.reference}" if verdict.reference else verdict.backend,
-                verdict.difference,
-                verdict.reference_uncertainty,
-                verdict.tolerance,
-                verdict.outcome.value,
-            )
-            for verdict in verdicts
-        ),
-    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

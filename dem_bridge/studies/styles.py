@@ -69,9 +69,13 @@ class Base:
         key = deck.radii.tobytes()
         if key not in self._floors:
             radius = deck.surrogate_radius if deck.encoded_radii is None else deck.encoded_radii
-            runs = [solve_plan(self.scene, deck.schedule, factor * radius) for factor in RADIUS_FACTORS]
-            self._floors[key] = {name: max(difference(name, run, self.twin).value for run in runs) for name in COLUMNS}
+            runs = [self.change(solve_plan(self.scene, deck.schedule, factor * radius)) for factor in RADIUS_FACTORS]
+            self._floors[key] = {name: max(change[name] for change in runs) for name in COLUMNS}
         return self._floors[key]
+
+    def change(self, run: Trajectory) -> dict[str, float]:
+        """Return the largest relative differences of a run from the twin, by quantity."""
+        return {name: difference(name, run, self.twin).value for name in COLUMNS}
 
     def of(self, backend: LammpsGranular | None = None, **settings: Any) -> Deck:
         """Return the deck with other settings, or of another backend."""
@@ -82,8 +86,7 @@ class Base:
         """Return the relative change that tables of this style make, by the twin that has them."""
         tables = tables_for(self.scene, replace(self.resolution, table_style=style), self.prescan)
         kernel = in_kernel(self.scene, tables, self.deck.surrogate_radius)
-        run = solve_plan(self.scene, self.deck.schedule, tables=kernel)
-        return {name: difference(name, run, self.twin).value for name in COLUMNS}
+        return self.change(solve_plan(self.scene, self.deck.schedule, tables=kernel))
 
     def restart_error(self) -> dict[str, float]:
         """Return the permissible relative change by a restart: zero, unless forces depend on velocities.
@@ -94,8 +97,7 @@ class Base:
             return {}
         coarse = Sampling(count=self.deck.schedule.samples)
         twice = Resolution(dt=2.0 * self.deck.schedule.step)
-        other = solve_plan(self.scene, fixed_step_plan(self.scene, twice, coarse, self.prescan))
-        return {name: difference(name, other, self.twin).value for name in COLUMNS}
+        return self.change(solve_plan(self.scene, fixed_step_plan(self.scene, twice, coarse, self.prescan)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +106,10 @@ class Way:
 
     name: str
     deck: Callable[[Base], Deck] = lambda base: base.deck
-    engine: Callable[[Engine], Engine] = lambda engine: engine
+    arguments: tuple[str, ...] = ()
+    """Of LAMMPS, beside those of the engine."""
+    ranks: int | None = None
+    """None: those of the engine."""
     style: str = "pair granular"
     """Of ``engine.STYLES``, without which there is no such way."""
     package: str = ""
@@ -112,17 +117,6 @@ class Way:
     """What the pair style's name ends with, where it has such a variant."""
     changes: Callable[[Base], Mapping[str, float]] = lambda base: {}
     """What may differ apart from round-off, relative, by quantity."""
-
-
-def _suffixed(name: str, suffix: str, package: str, *arguments: str, **more: Any) -> Way:
-    def engine(engine: Engine) -> Engine:
-        return replace(engine, lmp_args=(*engine.lmp_args, *arguments))
-
-    return Way(name=f"{name}, {suffix}", engine=engine, package=package, suffix=suffix, **more)
-
-
-def _history(base: Base) -> Deck:
-    return hertz_history(base.deck, base.scene, base.prescan.peak_overlap)
 
 
 def _table(style: str) -> Way:
@@ -134,20 +128,24 @@ def _table(style: str) -> Way:
     )
 
 
-_OMP = ("omp", "OPENMP", "-sf", "omp", "-pk", "omp", "2")
-_HISTORY: dict[str, Any] = {"deck": _history, "style": "pair gran/hertz/history"}
+_OMP: dict[str, Any] = {"package": "OPENMP", "suffix": "omp", "arguments": ("-sf", "omp", "-pk", "omp", "2")}
+_KOKKOS: dict[str, Any] = {"package": "KOKKOS", "suffix": "kk", "arguments": ("-k", "on", "-sf", "kk")}
+_HISTORY: dict[str, Any] = {
+    "deck": lambda base: hertz_history(base.deck, base.scene, base.prescan.peak_overlap),
+    "style": "pair gran/hertz/history",
+}
 WAYS = (
     Way(name="granular"),
     Way(name="granular, types per body", deck=lambda base: base.of(types="per-body")),
     Way(name="granular, newton off", deck=lambda base: newton_off(base.deck)),
     Way(name="granular, restart halfway", deck=lambda base: with_restart(base.deck), changes=Base.restart_error),
     Way(name="granular, fix wall/gran", deck=lambda base: flat_walls(base.deck, base.scene), style="fix wall/gran"),
-    Way(name="granular, 2 ranks", engine=lambda engine: replace(engine, ranks=2)),
-    _suffixed("granular", "opt", "OPT", "-sf", "opt"),
-    _suffixed("granular", *_OMP),
-    _suffixed("granular", "kk", "KOKKOS", "-k", "on", "-sf", "kk"),
+    Way(name="granular, 2 ranks", ranks=2),
+    Way(name="granular, opt", package="OPT", suffix="opt", arguments=("-sf", "opt")),
+    Way(name="granular, omp", **_OMP),
+    Way(name="granular, kk", **_KOKKOS),
     Way(name="gran/hertz/history", **_HISTORY),
-    _suffixed("gran/hertz/history", *_OMP, **_HISTORY),
+    Way(name="gran/hertz/history, omp", **_OMP, **_HISTORY),
     _table("linear"),
     _table("spline"),
 )
@@ -189,9 +187,7 @@ class Row:
         """The differences that exceed their tolerance, and where; '' if none does."""
         parts = []
         for name, item in self.differences.items():
-            place = f"body {item.body} at t = {1e3 * item.time:.4g} ms"
-            if not math.isfinite(item.time):
-                place = f"contact {item.body}"
+            place = item.place + (f" at t = {1e3 * item.time:.4g} ms" if math.isfinite(item.time) else "")
             if not item.value <= self.tolerances[name]:
                 parts.append(TEXTS("beyond", item=item, tolerance=self.tolerances[name], place=place))
         return "; ".join(parts)
@@ -275,10 +271,9 @@ def rows_of(base: Base, ways: Sequence[Way], *, progress: Progress | None = None
             # the dump is not read while it grows unless the progress is shown
             with listening(within) if progress is not None else nullcontext():
                 run, row = _row(way, base)
-        except (UnsupportedScene, BackendUnavailable) as error:
-            run, row = None, Row(way=way.name, outcome=Outcome.NOT_RUN, reason=str(error))
-        except RunBroken as error:
-            run, row = None, Row(way=way.name, outcome=Outcome.BROKEN, reason=str(error))
+        except (UnsupportedScene, BackendUnavailable, RunBroken) as error:
+            outcome = Outcome.BROKEN if isinstance(error, RunBroken) else Outcome.NOT_RUN
+            run, row = None, Row(way=way.name, outcome=outcome, reason=str(error))
         if done == 0:
             first = run
         if run is not None and first is not None:
@@ -297,9 +292,8 @@ def study_of(base: Base, rows: Sequence[Row]) -> Study:
     if ran:
         share, name, way = max((share, name, row.way) for row in ran for name, share in row.shares.items())
         answer.append(TEXTS("worst", share=share, name=name.replace("_", " "), way=way))
-    return Study(
-        id="styles",
-        title=TEXTS("title", scene=scene),
+    return TEXTS.study(
+        {"scene": scene},
         answer=tuple(answer),
         tables=(TEXTS.table("styles", rows), TEXTS.table("tolerances", ran)),
         figures=(_figure(scene, ran),) if ran else (),
@@ -320,7 +314,8 @@ def _figure(scene: str, rows: Sequence[Row]) -> FigureData:
 
 
 def _row(way: Way, base: Base) -> tuple[Trajectory, Row]:
-    engine = way.engine(base.backend.engine)
+    engine = base.backend.engine
+    engine = replace(engine, lmp_args=(*engine.lmp_args, *way.arguments), ranks=way.ranks or engine.ranks)
     result = require(engine, way.style)
     if way.package and way.package not in result.packages:
         raise BackendUnavailable(TEXTS("package", version=result.version, package=way.package))
@@ -356,11 +351,9 @@ def tolerances_of(base: Base, deck: Deck, changes: Mapping[str, float]) -> dict[
     # forces are running sums of net forces, and small ones are measured against a thousandth of the largest
     largest = float(np.max(base.twin.peak_force, initial=0.0))
     sums = 4.0 * largest + base.scene.summed_outer_force
-    more = {
-        # equal increments round alike
-        "displacement": 0.5 * plan.steps * eps,
-        "peak_force": eps * sums / (SMALLEST_SCALE * largest) if largest > 0.0 else 0.0,
-    }
+    # equal increments of displacements round alike
+    more = {"displacement": 0.5 * plan.steps * eps}
+    more["peak_force"] = eps * sums / (SMALLEST_SCALE * largest) if largest > 0.0 else 0.0
     return {
         name: REALISATIONS * (floor[name] + digit) + more.get(name, 0.0) + changes.get(name, 0.0) for name in COLUMNS
     }

@@ -10,9 +10,10 @@ from functools import cached_property
 from importlib import resources
 from numbers import Real
 from string import Formatter
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from dem_bridge.studies.study import FigureData, Map, Panel, Series, Table
+from dem_bridge.studies.study import FigureData, Map, Panel, Series, Study, Table
 from dem_bridge.verification.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -67,6 +68,12 @@ class Texts:
         """Return the notes that do not depend on the outcome."""
         return tuple(fill(note, **values) for note in self.data["notes"])
 
+    def study(self, texts: Mapping[str, Any] = MappingProxyType({}), **parts: Any) -> Study:
+        """Return the study of this name; ``texts`` fill its title and, unless others are given, its notes."""
+        if "notes" not in parts:
+            parts["notes"] = self.notes(**texts)
+        return Study(id=self.name, title=self("title", **texts), **parts)
+
     def table(self, id: str, rows: Iterable[Any], *, columns: Sequence[str] | None = None, **values: Any) -> Table:
         """Return a table with a row for each item of ``rows``.
 
@@ -106,6 +113,15 @@ class Texts:
         """Return the texts of a table, a panel, a figure or a verdict, filled with values."""
         entry = self.data[kind][id]
         return {key: fill(text, **values) if isinstance(text, str) else text for key, text in entry.items()}
+
+
+def verdict_table(verdicts: Iterable[Verdict]) -> Table:
+    """List verdicts with their numbers, which are relative to the scale of each."""
+    rows = []
+    for verdict in verdicts:
+        compared = f"{verdict.backend} - {verdict.reference}" if verdict.reference else verdict.backend
+        rows.append(vars(verdict) | {"quantity": verdict.quantity.replace("_", " "), "compared": compared})
+    return Texts("verify").table("verdicts", rows)
 
 
 def _cell(item: Any, path: str, heading: str) -> str | float:

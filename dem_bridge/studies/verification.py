@@ -14,8 +14,8 @@ from importlib.metadata import version
 from typing import Any
 
 from dem_bridge.lmp.coefficients import MODELS
-from dem_bridge.studies.study import Claim, Study, Table, verdict_table
-from dem_bridge.studies.texts import Texts
+from dem_bridge.studies.study import Claim, Study, Table
+from dem_bridge.studies.texts import Texts, verdict_table
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, assign_roles

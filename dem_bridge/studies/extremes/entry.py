@@ -119,9 +119,9 @@ def plain(value: float) -> str:
     return f"{value:g}".replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
 
 
-def contact_time(*, mass: float = MASS, stiffness: float = BETA, speed: float = SPEED, exponent: float = 2.5) -> float:
+def contact_time(*, stiffness: float = BETA, speed: float = SPEED, exponent: float = 2.5) -> float:
     """Return the contact time of two such bodies that meet at ``speed``, s; it is the unit of durations."""
-    masses = (mass, mass)
+    masses = (MASS, MASS)
     hit = two_body_collision(masses=masses, velocities=(speed, 0.0), stiffness=stiffness, exponent=exponent)
     return hit.contact_time
 

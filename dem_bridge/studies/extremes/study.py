@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -114,14 +115,11 @@ def study_extremes(
     if not entries:
         raise UsageError(f"match = {match!r}; allowed: a part of one of: {', '.join(catalogue())}")
     rows = rows_of(entries, engine=engine, jobs=jobs, progress=progress, store=store)
-    return Study(
-        id="extremes",
-        title=TEXTS("title"),
+    return TEXTS.study(
         answer=answer(rows),
         tables=tables(rows),
         figures=figures(rows),
         verdicts=tuple(row.verdict for row in rows),
-        notes=TEXTS.notes(),
     )
 
 
@@ -130,17 +128,15 @@ def rows_of(
     backends: Sequence[str] = tuple(BACKENDS),
     *,
     engine: Engine | None = None,
-    jobs: int | None = None,
-    progress: Progress | None = None,
-    store: Store | None = None,
+    **campaign: Any,
 ) -> list[Row]:
-    """Run each backend on each entry and judge it."""
+    """Run each backend on each entry and judge it; ``campaign``: arguments of ``run_cases``."""
     plans = []
     for entry in entries:
         dt = _step(entry)
         plans += [_plan(entry, name, dt, engine) for name in backends]
     cases = [case for plan in plans for case in plan.cases]
-    result = run_cases(cases, jobs=jobs, progress=progress, store=store, everything=True)
+    result = run_cases(cases, **campaign, everything=True)
     results = {id(case): result for case, result in zip(cases, result, strict=True)}
     return [_judged(plan, results, engine) for plan in plans]
 

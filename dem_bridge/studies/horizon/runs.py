@@ -84,11 +84,11 @@ class Growth:
         return "exponential" if self.exponential else "power of time"
 
 
-def growth_of(time: Floats, distance: Floats, share: float, *, most: float = KNOWN) -> Growth:
+def growth_of(time: Floats, distance: Floats, share: float) -> Growth:
     """Fit the growth of perturbations: ``distance (n_perturbation, n_t)``, over the largest speed.
 
-    Between the perturbation itself and ``most``, where it is no longer small; each perturbation has its own factor and
-    rate.
+    The fit is between the perturbation itself and 1 % of the largest speed, where it is no longer small; each
+    perturbation has its own factor and rate.
 
     >>> time = np.linspace(0.0, 1.0, 201)
     >>> two = [factor * 1e-10 * np.exp(15.0 * time) for factor in (1.0, 3.0)]
@@ -103,9 +103,9 @@ def growth_of(time: Floats, distance: Floats, share: float, *, most: float = KNO
 
     positive = (time > 0.0) & np.all(distance > 0.0, axis=0)
     middle = np.exp(np.mean(np.log(np.where(positive, distance, 1.0)), axis=0))
-    inside = positive & (middle >= share) & (middle < most)
+    inside = positive & (middle >= share) & (middle < KNOWN)
     if np.sum(inside) < 8:
-        inside = positive & (middle < most)
+        inside = positive & (middle < KNOWN)
     factor, nan = float(np.max(distance, initial=0.0)) / share, math.nan
     if np.sum(inside) < 3:
         return Growth(exponential=False, rate=nan, bar=nan, factor=factor, window=(nan, nan), misfit=(nan, nan))
@@ -151,9 +151,9 @@ def reference_bar(own_value: Floats, others: Sequence[Floats], scale: float) -> 
     return np.asarray(REFERENCE.samples * np.max([apart(own_value, other, scale) for other in others], axis=0) + LEAST)
 
 
-def horizon_of(time: Floats, bar: Floats, available: float = KNOWN) -> float:
-    """First time (s) at which a bar is above ``known``; inf: at none."""
-    beyond = np.flatnonzero(~(bar <= available))
+def horizon_of(time: Floats, bar: Floats) -> float:
+    """Return the first time (s) at which a bar is above 1 %; inf: at none."""
+    beyond = np.flatnonzero(~(bar <= KNOWN))
     return float(time[beyond[0]]) if len(beyond) else math.inf
 
 

@@ -162,9 +162,8 @@ def study_horizon(
     )
     created = verdicts(result)
     not_run = () if lmp.failure is None else (TEXTS("engine", failure=lmp.failure),)
-    return Study(
-        id="horizon",
-        title=TEXTS("title", scene=scene.name),
+    return TEXTS.study(
+        {"scene": scene.name},
         answer=tuple(answer(result, created)),
         tables=tables(result, created),
         figures=figures(result),

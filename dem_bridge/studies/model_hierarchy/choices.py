@@ -15,15 +15,15 @@ from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.studies.model_hierarchy.model_terms import TEXTS, angles_soften, crossed, hertzian
-from dem_bridge.studies.model_hierarchy.models import Bench, Least, Tried
+from dem_bridge.studies.model_hierarchy.models import Bench, Least, ModelHierarchy, Tried
 from dem_bridge.studies.model_hierarchy.passage import Effect, Effects, Readings, effects
 from dem_bridge.studies.scatter import scattered
 from dem_bridge.verification.verdict import Outcome
 
 #: what is only suspected: drag (1/s), the overlap (m) at which softer contacts have Hertz' force
 DRAG, ANCHOR = 10.0, 5e-6
-#: steps of velocity-Verlet over the default one, the coarsest first, and that of LAMMPS
-STEPS, OF_ENGINE = (100.0, 40.0, 10.0, 1.0), 10.0
+#: backends of the coarsest numerics, which are in the file from the coarsest to the finest
+COARSE = ("bca", "adiabatic", "verlet")
 #: name of a run, short and in full, its backend and its settings
 Choice = tuple[str, str, str, Resolution]
 
@@ -65,10 +65,7 @@ def choices(bench: Bench, observables: Sequence[str], engine: Engine | None) -> 
     # all that theories do not know is left out; stiffness and the striker's mass are those of the fullest model
     kept = ("stiffness-law", "striker-stiffness", "striker-mass")
     barest = hierarchy.model(frozenset(term.id for term in hierarchy.model_terms if term.id not in kept))
-    step = default_step(full, Sampling(count=hierarchy.samples), prescan_scene(full))
-    runs = [*_without_engine(step), *_of_engine(full, step)]
-    runs.append(("ode45", "ode45 at MATLAB's default tolerances", "ode45", Resolution()))
-    cases = []
+    runs, cases = _choices(hierarchy, full), []
     for *_, name, resolution in runs:
         case = hierarchy.case(full if supports_of(name).covers(full) else barest, name, resolution)
         cases.append(replace(case, engine=engine if name in ENGINE_BACKENDS else None, uncertainty=False))
@@ -78,22 +75,15 @@ def choices(bench: Bench, observables: Sequence[str], engine: Engine | None) -> 
         yield _numerical(bench, name, what, truth, result, observables)
 
 
-def _without_engine(step: float) -> Iterator[Choice]:
-    """Yield the numerical choices without LAMMPS, from the coarsest to the finest."""
-    rough = Resolution()
-    yield "binary collisions", "binary collisions in place of the equations of motion", "bca", rough
-    yield "the adiabatic wave", "the adiabatic wave in place of the equations of motion", "adiabatic", rough
-    for factor in STEPS:
-        yield "velocity-Verlet", "velocity-Verlet", "verlet", Resolution(dt=factor * step)
-
-
-def _of_engine(scene: Scene, step: float) -> Iterator[Choice]:
-    coarse = Resolution(dt=OF_ENGINE * step)
-    yield "LAMMPS granular", "LAMMPS, pair_style granular", "lammps-granular", coarse
-    if scene.spacing is not None:
-        what = "LAMMPS, pair_style granular, bodies of their physical radius"
-        yield "the same, physical radius", what, "lammps-granular", replace(coarse, geometry="physical")
-    yield "LAMMPS table", "LAMMPS, pair_style table", "lammps-table", coarse
+def _choices(hierarchy: ModelHierarchy, scene: Scene) -> list[Choice]:
+    """Return the numerical choices of the file that the scene has; steps are multiples of its default step."""
+    step = default_step(scene, Sampling(count=hierarchy.samples), prescan_scene(scene))
+    results = []
+    for item in TEXTS.data["choices"]:
+        settings = {"dt": item["steps"] * step if "steps" in item else None, **item.get("settings", {})}
+        if "geometry" not in settings or scene.spacing is not None:
+            results.append((item["name"], item["what"], item["backend"], Resolution(**settings)))
+    return results
 
 
 def _numerical(
@@ -113,8 +103,7 @@ def cheapest(bench: Bench, below: Least, observables: Sequence[str]) -> Tried | 
     """Return the coarsest numerics that keep the accuracy together with all that the least model leaves out."""
     hierarchy = bench.hierarchy
     [full] = bench.of([hierarchy.model()])
-    step = default_step(below.scene, Sampling(count=hierarchy.samples), prescan_scene(below.scene))
-    runs = list(_without_engine(step))
+    runs = [choice for choice in _choices(hierarchy, below.scene) if choice[2] in COARSE]
     results = bench.run([hierarchy.case(below.scene, backend, resolution) for *_, backend, resolution in runs])
     tried = (
         _numerical(bench, name, what, full, result, observables)

@@ -110,9 +110,8 @@ def study_model_hierarchy(
     panels = {"(a) left out": alone, "(b) suspected, and numerical choices": (*suspected, *numerical)}
     drawn = [_panel(title, hierarchy, items) for title, items in panels.items() if items]
     texts = {"scene": scene.name, "accuracy": accuracy, "least": LEAST_SHOWN}
-    return Study(
-        id="model-hierarchy",
-        title=TEXTS("title", **texts),
+    return TEXTS.study(
+        texts,
         answer=tuple(answer),
         tables=tuple(_table(hierarchy, id, items) for id, items in tables.items() if items),
         figures=(TEXTS.figure("effects", drawn, **texts),) if drawn else (),

@@ -53,17 +53,12 @@ class Limit:
 
 
 def largest_step(
-    is_good: Callable[[float], bool],
-    start: float,
-    *,
-    ratio: float = RATIO,
-    guard: float = GUARD,
-    finest: float = FINEST,
+    is_good: Callable[[float], bool], start: float, *, ratio: float = RATIO, guard: float = GUARD
 ) -> Limit:
     """Search the largest step (s) below which all are good, downwards from ``start``.
 
-    Steps are tried ``ratio`` apart until all over a factor ``guard`` are good, then the limit is bisected to
-    ``finest``. Where ``start`` and all below are good, it is looked for upwards. RunBroken after 400 steps.
+    Steps are tried ``ratio`` apart until all over a factor ``guard`` are good, then the limit is bisected to 0.5 %.
+    Where ``start`` and all below are good, it is looked for upwards. RunBroken after 400 steps.
 
     >>> found = largest_step(lambda dt: dt < 1.0 or 1.2 < dt < 1.4, 3.0)
     >>> 0.995 < found.good < 1.0 <= found.bad < 1.005, 1.2 < found.window < 1.4
@@ -91,7 +86,7 @@ def largest_step(
     bad = min(step for step, good in tried.items() if not good)
     good = max(step for step in tried if step < bad)
     window = max((step for step, fine in tried.items() if fine and step > bad), default=math.nan)
-    while bad / good > finest:
+    while bad / good > FINEST:
         middle = math.sqrt(bad * good)
         if ask(middle):
             good = middle

@@ -97,9 +97,8 @@ def study_stability(
         results.interrupted = True
     columns = ["family", "varied", "value", "omega_dt", "rayleigh", *TEXTS.data["tables"]["limits"]["columns"].values()]
     frame = DataFrame(results.points, columns=list(dict.fromkeys(columns)))
-    return Study(
-        id="stability",
-        title=TEXTS("title", scene=scene.name),
+    return TEXTS.study(
+        {"scene": scene.name},
         answer=tuple(answer(chosen, frame, results, float(gain))) or ("Nothing was finished.",),
         tables=tables(scene, frame, results),
         figures=tuple(figures(scene, chosen, frame, results, float(gain))),

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from textwrap import shorten
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.backends.tabled import prescan_scene
@@ -21,18 +21,11 @@ from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import Study, Table, check_setting
+from dem_bridge.studies.work_precision import runs
 from dem_bridge.studies.work_precision.curves import STYLES, WHOLE, curves
 from dem_bridge.studies.work_precision.figures import ID, figures
 from dem_bridge.studies.work_precision.files import as_csv, as_netcdf
-from dem_bridge.studies.work_precision.runs import (
-    REFERENCE,
-    TEXTS,
-    Measured,
-    Point,
-    measured,
-    readings_of,
-    uncertainties_of,
-)
+from dem_bridge.studies.work_precision.runs import REFERENCE, TEXTS, Measured, Point
 
 Setting = TypeVar("Setting")
 TARGETS = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8)
@@ -97,11 +90,13 @@ def study_work_precision(
     if truth.trajectory is None:
         raise RunBroken(f"{scene.name}: without a run of the reference nothing has an error ({truth.failure})")
     requested, notes = curves(scene, sampling, prescan_scene(scene), engine, backends)
-    reference = readings_of(scene, truth.trajectory)
+    reference = runs.readings_of(scene, truth.trajectory)
     points: list[Point] = []
     interrupted = False
     try:
-        for point in measured(requested, scene, sampling, reference, limit=limit, repeats=repeats, progress=progress):
+        for point in runs.measured(
+            requested, scene, sampling, reference, limit=limit, repeats=repeats, progress=progress
+        ):
             points.append(point)
     except KeyboardInterrupt:
         interrupted = True
@@ -112,14 +107,13 @@ def study_work_precision(
         sampling=sampling,
         limit=limit,
         points=tuple(points),
-        uncertainty=uncertainties_of(reference),
+        uncertainty=runs.uncertainties_of(reference),
         provenance={key: truth.trajectory.provenance[key] for key in ("scene_hash", "versions", "machine")},
     )
     counts = {"lost": sum(not point.ran for point in points), "count": len(points)}
     bar = result.uncertainty["velocity", "max"]
-    return Study(
-        id=ID,
-        title=TEXTS("title", scene=scene.name),
+    return TEXTS.study(
+        {"scene": scene.name},
         answer=tuple(_answer(result)),
         tables=(_cheapest_table(result), _floors_table(result), _runs_table(result)),
         figures=tuple(figures(result)),
