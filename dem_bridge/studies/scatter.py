@@ -169,15 +169,12 @@ def study_scatter(
     chains = chains_of(scene, run_cases(cases, jobs=jobs, progress=progress, store=store), spread=spread, seed=seed)
     (mean, deviation), times, force = chains.arrival_shift, chains.residence_spread, chains.force_spread
     spreads = (("residence time of a body", times), ("peak force of a contact", force))
-    arrival = {"spread": spread, "mean": 100.0 * mean, "deviation": 100.0 * deviation}
+    arrival = {"spread": spread, "mean": mean, "deviation": deviation}
     return TEXTS.study(
         {"scene": scene.name},
         answer=(
             TEXTS("arrival", scene=scene.name, count=chains.count, **arrival),
-            *(
-                TEXTS("along", name=name, median=100.0 * np.nanmedian(values), largest=100.0 * np.nanmax(values))
-                for name, values in spreads
-            ),
+            *(TEXTS("along", name=name, median=np.nanmedian(v), largest=np.nanmax(v)) for name, v in spreads),
         ),
         tables=(table([chains]), _along(chains)),
         figures=(figure(chains),),

@@ -119,8 +119,9 @@ def plan_scene(
     except (RunBroken, UnsupportedScene) as error:
         return ScenePlan(scene=scene, accuracy=accuracy, error=error)
     except UsageError as error:
-        left = (_default_run(scene, engine),)
-        return ScenePlan(scene=scene, accuracy=accuracy, error=error, others=left)
+        names: dict[str, Any] = {"backend": engine_for(scene), "engine": engine, "uncertainty": False}
+        default = Case(scene=scene, resolution=Resolution(), sampling=Sampling(count=scene.samples), **names)
+        return ScenePlan(scene=scene, accuracy=accuracy, error=error, others=(default,))
 
 
 def main_resolution(scene: Scene, accuracy: float, cache: RunCache | None = None) -> Resolution:
@@ -138,12 +139,6 @@ def main_resolution(scene: Scene, accuracy: float, cache: RunCache | None = None
             return step_for_accuracy(scene, accuracy, Resolution(), sampling, cache=cache).dt
 
     return Resolution(dt=recall(store, "main step", [], choose, scenes=[scene], accuracy=accuracy, tables=tables))
-
-
-def _default_run(scene: Scene, engine: Engine | None) -> Case:
-    """Return the case of LAMMPS at the default step, without uncertainty."""
-    name, sampling = engine_for(scene), Sampling(count=scene.samples)
-    return Case(scene=scene, backend=name, resolution=Resolution(), sampling=sampling, engine=engine, uncertainty=False)
 
 
 def study_without_runs(scene: Scene, error: RunBroken | UnsupportedScene | UsageError) -> SceneStudy:

@@ -19,9 +19,11 @@ from dem_bridge.backends.prescan import Prescan
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
+from dem_bridge.studies.texts import Texts
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.uncertainty.extrapolate import extrapolate
 
+TEXTS = Texts("work-precision")
 #: steps are the sample interval over these powers of two, from the first that is below 1/omega of the stiffest contact
 HALVINGS = 13
 #: ... fewer for those that take long
@@ -37,7 +39,6 @@ LINES = (16, 50, 160)
 WHOLE = ("table_points", "table_lines")
 #: atol of ode45 (m and m/s) beside an rtol; both fall together
 ATOL_PER_RTOL = 1e-3
-RTOL = {"scipy": (1e-4, 1e-8, 1e-12), "ode45": (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)}
 #: how the seconds of a run go with its knob, for predictions: adaptive steps as the tolerance to this power
 ADAPTIVE = 1.0 / 6.0
 #: s of a run of which nothing else is known
@@ -52,7 +53,7 @@ class Curve:
     backend: str
     knob: str = ""
     """Field of a Resolution; '' where nothing can be turned."""
-    values: tuple[float, ...] = (float("nan"),)
+    values: Sequence[float] = (float("nan"),)
     """Of the knob, from cheap to expensive."""
     fixed: Mapping[str, Any] = field(default_factory=dict)
     """More fields of the Resolution."""
@@ -120,7 +121,7 @@ def steps(scene: Scene, sampling: Sampling, prescan: Prescan) -> tuple[float, ..
 def _of(chosen: Backend, dt: tuple[float, ...], scene: Scene) -> list[Curve]:
     name = chosen.name
     if chosen.order is None:
-        return _adaptive(name)
+        return [Curve(**item) for item in TEXTS.data["adaptive"].get(name, [{"name": name, "backend": name}])]
     finest = FINEST.get(name, HALVINGS if chosen.order <= 2 else FINEST_OF_HIGH_ORDER)
     by_step = Curve(name=name, backend=name, knob="dt", values=dt[:finest])
     sparse = replace(by_step, values=by_step.values[::2])
@@ -150,18 +151,4 @@ def _tables(name: str, dt: float) -> list[Curve]:
             for style in STYLES
         ),
         replace(points, name=f"{name} (lines)", knob="table_lines", values=LINES, fixed={"dt": dt}, variant="lines"),
-    ]
-
-
-def _adaptive(name: str) -> list[Curve]:
-    if name not in RTOL:
-        return [Curve(name=name, backend=name)]
-    by_rtol = Curve(name=name, backend=name, knob="rtol", values=RTOL[name])
-    if name != "ode45":
-        return [by_rtol]
-    atol = tuple(ATOL_PER_RTOL * rtol for rtol in RTOL[name])
-    return [
-        replace(by_rtol, name=f"{name} (rtol alone)"),
-        replace(by_rtol, name=f"{name} (atol alone)", knob="atol", values=atol, variant="atol alone"),
-        replace(by_rtol, name=f"{name} (both)", variant="both"),
     ]

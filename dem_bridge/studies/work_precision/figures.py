@@ -10,8 +10,8 @@ import numpy as np
 
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.studies.study import FigureData, Panel, Series
-from dem_bridge.studies.work_precision.curves import STYLES
-from dem_bridge.studies.work_precision.runs import REFERENCE, TEXTS, Measured, Point
+from dem_bridge.studies.work_precision.curves import STYLES, TEXTS
+from dem_bridge.studies.work_precision.runs import REFERENCE, Measured, Point
 
 ID = "work-precision"
 #: observables with a diagram of their own; the others follow from them, and are in the tables and files

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.studies.work_precision.runs import NORMS, TEXTS, Measured
+from dem_bridge.studies.work_precision.curves import TEXTS
+from dem_bridge.studies.work_precision.runs import NORMS, Measured
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -24,11 +24,9 @@ from dem_bridge.errors import BackendUnavailable, NotAsymptotic, RunBroken, Unsu
 from dem_bridge.observables.errors import REDUCTIONS, Reading, read, reduced, relative_to
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.scene import Scene
-from dem_bridge.studies.texts import Texts
-from dem_bridge.studies.work_precision.curves import Curve
+from dem_bridge.studies.work_precision.curves import TEXTS, Curve
 from dem_bridge.trajectory import Trajectory
 
-TEXTS = Texts("work-precision")
 REFERENCE = "reference"
 #: every norm is stored, and any of them may be plotted (DiffEqDevTools.jl, issues 125 and 128)
 NORMS = tuple(REDUCTIONS)

@@ -22,10 +22,10 @@ from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import Study, Table, check_setting
 from dem_bridge.studies.work_precision import runs
-from dem_bridge.studies.work_precision.curves import STYLES, WHOLE, curves
+from dem_bridge.studies.work_precision.curves import STYLES, TEXTS, WHOLE, curves
 from dem_bridge.studies.work_precision.figures import ID, figures
 from dem_bridge.studies.work_precision.files import as_csv, as_netcdf
-from dem_bridge.studies.work_precision.runs import REFERENCE, TEXTS, Measured, Point
+from dem_bridge.studies.work_precision.runs import REFERENCE, Measured, Point
 
 Setting = TypeVar("Setting")
 TARGETS = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8)
@@ -94,9 +94,8 @@ def study_work_precision(
     points: list[Point] = []
     interrupted = False
     try:
-        for point in runs.measured(
-            requested, scene, sampling, reference, limit=limit, repeats=repeats, progress=progress
-        ):
+        bounds: dict[str, Any] = {"limit": limit, "repeats": repeats, "progress": progress}
+        for point in runs.measured(requested, scene, sampling, reference, **bounds):
             points.append(point)
     except KeyboardInterrupt:
         interrupted = True
