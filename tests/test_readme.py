@@ -106,3 +106,8 @@ def test_every_make_target_in_the_readme_exists() -> None:
     targets = re.findall(r"^make ([\w-]+)|`make ([\w-]+)`", readme, re.MULTILINE)
     assert len(targets) == 4
     assert [target for target in map("".join, targets) if f"\n{target}:" not in makefile] == []
+
+
+def test_the_readme_is_short() -> None:
+    # one screen and a half of 60 lines; everything else is in docs
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 90
