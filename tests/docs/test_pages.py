@@ -40,8 +40,10 @@ def test_every_theory_page_has_equations_and_names_sources_and_code() -> None:
         assert "\nIn the code: `dem_bridge/" in text, page.stem
         # definitions of the project itself, apart from those that name the paper
         assert "\n## Sources\n" in text or page.stem == "observables", page.stem
-        for path in re.findall(r"`(dem_bridge/[\w/.]+)`", text):
+        for path, modules in re.findall(r"`(dem_bridge/[\w/.]+)`(?: \(([^)]*)\))?", text):
             assert (DOCS.parent / path).exists(), f"{page.stem}: {path}"
+            for module in re.findall(r"`(\w+)`", modules):
+                assert (DOCS.parent / path / f"{module}.py").exists(), f"{page.stem}: {path}{module}"
 
 
 def test_the_guide_to_publications_prints_what_it_shows(
