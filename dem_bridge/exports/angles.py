@@ -8,7 +8,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.exports.parameters import EQUATION, origin
@@ -16,8 +15,7 @@ from dem_bridge.exports.table import Table, tabulate
 from dem_bridge.geometry import Body
 from dem_bridge.physics.hertz import AxisRatio, angle_of_stiffness, crossed_cylinders, stiffness_slope
 from dem_bridge.scene import Scene
-
-Floats = NDArray[np.float64]
+from dem_bridge.trajectory import Floats
 
 #: default relative tolerance of the stiffness; the tolerance of an angle follows from it
 WITHIN = 0.01

@@ -20,8 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.exports.trajectories import DATA
-
-Floats = NDArray[np.float64]
+from dem_bridge.trajectory import Floats
 
 #: extra columns of files written by dem_bridge; m, N, N
 EXTRA_COLUMNS = ("displacement", "force_left", "force_right")

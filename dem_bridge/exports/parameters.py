@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -43,42 +42,31 @@ def origin(scene: Scene, run: Trajectory | None = None) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _DeckContacts:
-    """Hold the contacts of a scene's deck; arrays run along the line of atoms, walls included."""
+class _Deck:
+    """Hold the coefficients and atom types of a scene's deck; types run along the line of atoms, walls included."""
 
-    scene: Scene
-    resolution: Resolution
-
-    @cached_property
-    def prescan(self) -> Prescan:
-        """Return the short coarse run from which the surrogate radius follows."""
-        return prescan_scene(self.scene)
-
-    @cached_property
-    def radius(self) -> float:
-        """Return the surrogate radius of the deck, m."""
-        largest = float(np.max(self.prescan.peak_overlap, initial=0.0))
-        radius = radius_of(self.scene, self.resolution, self.prescan)
-        if radius < largest:
-            raise UsageError(
-                f"surrogate_radius = {radius:g} m; allowed: more than the largest overlap, {largest:.3g} m"
-            )
-        return radius
-
-    @cached_property
-    def laws(self) -> Laws:
-        """Return the distinct contact laws of the scene."""
-        return laws(self.scene)
-
-    @cached_property
-    def types(self) -> Types:
-        """Return the atom type of each body and wall."""
-        return body_types(self.laws.where, self.resolution.types)
+    prescan: Prescan
+    """Short coarse run from which the surrogate radius follows."""
+    radius: float
+    """Surrogate radius, m."""
+    laws: Laws
+    types: Types
 
     def coefficients(self, law: int) -> tuple[str, float, float]:
         """Return the model, stiffness and damping that follow ``pair_coeff I J`` for ``pair_style granular``."""
         model, stiffness, damping = self.laws.coefficients(law, self.radius).split()[:3]
         return model, float(stiffness), float(damping)
+
+
+def _deck_of(scene: Scene, settings: Mapping[str, Any]) -> _Deck:
+    """Return the deck of a scene; raise UsageError if its radius is below the largest overlap."""
+    resolution, prescan, distinct = Resolution(**settings), prescan_scene(scene), laws(scene)
+    largest = float(np.max(prescan.peak_overlap, initial=0.0))
+    radius = radius_of(scene, resolution, prescan)
+    if radius < largest:
+        raise UsageError(f"surrogate_radius = {radius:g} m; allowed: more than the largest overlap, {largest:.3g} m")
+    types = body_types(distinct.where, resolution.types)
+    return _Deck(prescan=prescan, radius=radius, laws=distinct, types=types)
 
 
 def _unit_of(models: Sequence[str | None]) -> str:
@@ -100,10 +88,10 @@ def contacts(scene: Scene, run: Trajectory | None = None, **deck_settings: Any) 
     ``deck_settings`` are the fields ``types``, ``geometry`` and ``surrogate_radius`` of
     :class:`~dem_bridge.backends.base.Resolution`.
     """
-    deck, c = _DeckContacts(scene=scene, resolution=Resolution(**deck_settings)), scene.contacts
+    deck, c = _deck_of(scene, deck_settings), scene.contacts
     notes: list[str] = []
     values: dict[str, Any] = {"contact": range(scene.n_contact), "where": _kinds(scene), **_geometry(scene, notes)}
-    values |= {"stiffness": c.stiffness, "exponent": c.exponent, "gap": c.gap, **_deck_columns(deck, notes)}
+    values |= {"stiffness": c.stiffness, "exponent": c.exponent, "gap": c.gap, **_deck_columns(scene, deck, notes)}
     values |= _predictions(scene, deck.prescan, notes) | _results(scene, run, notes)
     details = {"lammps_k_n": {"unit": _unit_of(values.get("lammps_model", [None] * scene.n_contact))}}
     if scene.damping is not None:
@@ -133,12 +121,12 @@ def _geometry(scene: Scene, notes: list[str]) -> dict[str, Any]:
     return {"angle": geometry.angle, **values}
 
 
-def _deck_columns(deck: _DeckContacts, notes: list[str]) -> dict[str, Any]:
+def _deck_columns(scene: Scene, deck: _Deck, notes: list[str]) -> dict[str, Any]:
     """Return the contacts' coefficients and atom types in the deck."""
-    place = np.argsort(line_order(deck.scene))  # index along the line of the left atom of each contact of the scene
+    place = np.argsort(line_order(scene))  # index along the line of the left atom of each contact of the scene
     values: dict[str, Any] = {"type_left": deck.types[place], "type_right": deck.types[place + 1]}
-    values["surrogate_radius"] = [deck.radius] * deck.scene.n_contact
-    if reason := GRANULAR_STYLE.unsupported_reason(deck.scene):
+    values["surrogate_radius"] = [deck.radius] * scene.n_contact
+    if reason := GRANULAR_STYLE.unsupported_reason(scene):
         notes.append(f"LAMMPS model and k_n are empty because pair_style granular cannot express the scene: {reason}")
         return values
     notes.append(
@@ -206,7 +194,7 @@ def bodies(scene: Scene, **deck_settings: Any) -> Table:
 
     ``deck_settings`` are those of :func:`contacts`.
     """
-    deck = _DeckContacts(scene=scene, resolution=Resolution(**deck_settings))
+    types = body_types(laws(scene).where, Resolution(**deck_settings).types)
     shapes = scene.geometry.bodies if scene.geometry is not None else ()
     mass_of_shape = [body.mass for body in shapes]
     notes = [] if shapes else [NO_GEOMETRY]
@@ -221,7 +209,7 @@ def bodies(scene: Scene, **deck_settings: Any) -> Table:
     first = int(scene.wall_left is not None)
     atoms = slice(first, first + scene.n_body)
     values: dict[str, Any] = {"body": range(scene.n_body), "mass": scene.mass, "velocity": scene.velocity}
-    values |= {"atom_id": range(1 + atoms.start, 1 + atoms.stop), "atom_type": deck.types[atoms]}
+    values |= {"atom_id": range(1 + atoms.start, 1 + atoms.stop), "atom_type": types[atoms]}
     values |= {"mass_by_density": mass_of_shape, "material": [body.material.name for body in shapes]}
     values |= {key: [getattr(body, key) for body in shapes] for key in ("shape", "radius", "height")}
     for key in ("youngs_modulus", "poissons_ratio", "density"):
@@ -242,7 +230,7 @@ def pair_coeffs(scene: Scene, **deck_settings: Any) -> Table:
             f"{scene.name} has no pair coefficients for pair_style granular: {reason}; for its force tables use"
             " `dem-bridge deck --style table`"
         )
-    deck = _DeckContacts(scene=scene, resolution=Resolution(**deck_settings))
+    deck = _deck_of(scene, deck_settings)
     order, c = line_order(scene), scene.contacts
     rows = []
     for low, high, place, count in pairs(deck.types):
@@ -261,13 +249,13 @@ def pair_coeffs(scene: Scene, **deck_settings: Any) -> Table:
             f"for spheres of radius R = {deck.radius!r} m; k_n = stiffness / sqrt(R/2) for hertz, stiffness for hooke",
         ),
         provenance=origin(scene),
-        include="\n".join(_include(deck, rows)) + "\n",
+        include="\n".join(_include(scene, deck, rows)) + "\n",
     )
 
 
-def _include(deck: _DeckContacts, rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def _include(scene: Scene, deck: _Deck, rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return the lines of a file that LAMMPS reads by ``include``."""
-    scene, kinds = deck.scene, _kinds(deck.scene)
+    kinds = _kinds(scene)
     lines = [
         f"# pair coefficients of {scene.name}, written by dem_bridge {__version__}"
         f" DATE: {FORM_DATE} UNITS: si SCENE: sha256:{scene.content_hash}",
