@@ -68,12 +68,8 @@ def _summary(scene: Scene) -> Iterable[tuple[str, str]]:
     for side in ("wall_left", "wall_right"):
         if (wall := getattr(scene, side)) is not None:
             yield side.replace("_", " "), f"stiffness {wall.stiffness:.6g}, gap {wall.gap:.6g} m, n = {wall.exponent:g}"
-    for part, value, unit in (
-        ("gravity", scene.gravity, "m/s^2"),
-        ("precompression", scene.precompression, "N"),
-        ("drag", scene.drag, "1/s"),
-    ):
-        if value:
+    for part, unit in {"gravity": "m/s^2", "precompression": "N", "drag": "1/s"}.items():
+        if value := getattr(scene, part):
             yield part, f"{value:.6g} {unit}"
     if scene.damping is not None:
         yield "damping", scene.damping.law

@@ -92,7 +92,13 @@ def read(path: Path, scene: Scene, format: str, *, units: str | None = None, dt:
             f"{path}: there is no such file; allowed: a LAMMPS dump, extended XYZ, an ASE trajectory or CSV"
         )
     try:
-        samples = _samples(path, scene, format, units, dt)
+        if format == "csv":
+            if units not in (None, "si") or dt is not None:
+                raise UsageError("units and dt do not apply to CSV, whose headings have units; leave them out")
+            samples = _samples_of_table(*read_csv(path), scene)
+        else:
+            frames = read_dump(path) if format == "lammpstrj" else read_ase(path, format)
+            samples = _samples_of_frames(frames, scene, units, dt, "ase" if format == "traj" else "si")
         _check_times(samples.time)
         _check_start(samples, scene)
     except UsageError as error:
@@ -100,16 +106,6 @@ def read(path: Path, scene: Scene, format: str, *, units: str | None = None, dt:
     if samples.time[-1] < scene.duration * (1.0 - ENDS_WITHIN):
         samples.assumed.append(f"the file ends at {samples.time[-1]:.6g} s, the scene at {scene.duration:.6g} s")
     return _trajectory(path, samples, scene, format)
-
-
-def _samples(path: Path, scene: Scene, format: str, units: str | None, dt: float | None) -> _Samples:
-    """Return the samples of a file; messages of errors do not name the file."""
-    if format == "csv":
-        if units not in (None, "si") or dt is not None:
-            raise UsageError("units and dt do not apply to CSV, whose headings have units; leave them out")
-        return _samples_of_table(*read_csv(path), scene)
-    frames = read_dump(path) if format == "lammpstrj" else read_ase(path, format)
-    return _samples_of_frames(frames, scene, units, dt, "ase" if format == "traj" else "si")
 
 
 def _samples_of_frames(
