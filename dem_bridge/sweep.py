@@ -7,14 +7,12 @@ one is a search and does not use it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from dem_bridge.campaign import Progress, Result, run_cases
+from dem_bridge.campaign import Result
 from dem_bridge.observables.errors import Reading, read, reduced, relative_to
 from dem_bridge.observables.registry import Observable, observable_named
-from dem_bridge.runs.case import Case
-from dem_bridge.runs.store import Store
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,57 +24,6 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def sweep(
-    cases: Sequence[Case],
-    observables: Sequence[str | Observable],
-    reference: Callable[[Case], Case] | None = None,
-    *,
-    places: bool = False,
-    jobs: int | None = 1,
-    progress: Progress | None = None,
-    store: Store | None = None,
-) -> pd.DataFrame:
-    """Run cases and return their values of some observables as one long table.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        Runs to be made.
-    observables : sequence of str or Observable
-        Registered observables by name, or others.
-    reference : callable, optional
-        Function that returns the case with which a case is compared. None: errors are nan.
-    places : bool
-        Whether observables of bodies and of contacts have a row for each of them.
-    jobs, progress, store
-        As in :func:`dem_bridge.campaign.run_cases`.
-
-    Returns
-    -------
-    pandas.DataFrame
-        See :func:`table_of`.
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> from dem_bridge.backends.base import Resolution, Sampling
-    >>> from dem_bridge.scene_file import load_scene
-    >>> scene = load_scene("accelerating-40")
-    >>> exact = Case(
-    ...     scene=scene, backend="reference", resolution=Resolution(), sampling=Sampling(count=9), uncertainty=False
-    ... )
-    >>> steps = [Resolution(dt=dt) for dt in (2e-7, 1e-7)]
-    >>> cases = [replace(exact, backend="verlet", resolution=step) for step in steps]
-    >>> coarse, fine = sweep(cases, ["velocity"], lambda case: exact).error
-    >>> f"{coarse / fine:.1f}"
-    '4.0'
-    """
-    compared = [] if reference is None else [reference(case) for case in cases]
-    results = run_cases([*cases, *compared], jobs=jobs, progress=progress, store=store)
-    count = len(cases)
-    return table_of(results[:count], results[count:] or [None] * count, observables, places=places)
-
-
 def table_of(
     results: Sequence[Result],
     references: Sequence[Result | None],
@@ -84,7 +31,18 @@ def table_of(
     *,
     places: bool = False,
 ) -> pd.DataFrame:
-    """Return the table of results that exist already, each compared with the result of its reference.
+    """Return the table of results, each compared with the result of its reference.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        Results of the cases.
+    references : sequence of Result or None
+        Result that each of them is compared with. None: errors are nan.
+    observables : sequence of str or Observable
+        Registered observables by name, or others.
+    places : bool
+        Whether observables of bodies and of contacts have a row for each of them.
 
     Returns
     -------
@@ -93,6 +51,24 @@ def table_of(
         ``value`` and ``reference_value`` are in the unit of the observable (of all places the largest magnitude),
         ``error``, ``uncertainty`` and ``reference_uncertainty`` relative (of all places the largest, else with its
         sign), ``dt``, ``wall`` and ``cpu`` in s. Numbers are nan where there is no run; ``failure`` says why.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from dem_bridge.backends.base import Resolution, Sampling
+    >>> from dem_bridge.campaign import run_cases
+    >>> from dem_bridge.runs.case import Case
+    >>> from dem_bridge.scene_file import load_scene
+    >>> scene = load_scene("accelerating-40")
+    >>> exact = Case(
+    ...     scene=scene, backend="reference", resolution=Resolution(), sampling=Sampling(count=9), uncertainty=False
+    ... )
+    >>> steps = [Resolution(dt=dt) for dt in (2e-7, 1e-7)]
+    >>> cases = [replace(exact, backend="verlet", resolution=step) for step in steps]
+    >>> reference, *results = run_cases([exact, *cases])
+    >>> coarse, fine = table_of(results, [reference] * 2, ["velocity"]).error
+    >>> f"{coarse / fine:.1f}"
+    '4.0'
     """
     import pandas as pd
 
