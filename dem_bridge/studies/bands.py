@@ -31,13 +31,6 @@ from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.verdict import Outcome, Verdict, judge
 
 TEXTS = Texts("bands")
-#: code -> what it is compared with, and what the two then differ by
-COMPARED = {
-    "scipy": ("", ""),
-    "verlet": ("scipy", "time step"),
-    "lammps-granular": ("verlet", "implementation and round-off"),
-}
-_DRAWN = {"scipy": "reference", "verlet": "ode45", "lammps-granular": "lammps-granular"}
 #: relative, of an edge
 TOLERANCE = 0.01
 #: samples in a period of the highest edge; a third of it is the least that :func:`measured_bands` takes
@@ -63,6 +56,8 @@ class Measured:
     """The code that it is compared with."""
     isolated: str
     """What the two differ by."""
+    style: str
+    """Of its lines."""
     bands: Bands
     oscillation: float
     """Largest change of an overlap over the static one."""
@@ -185,12 +180,11 @@ def _measured(scene: Scene, cell: Cell, name: str, run: Trajectory, runs: dict[s
     links = len(scene.stiffness)
     static = -scene.contacts.gap[:links]
     change = -np.diff(run.displacement, axis=1)
-    compared, isolated = COMPARED[name]
-    other = runs.get(compared)
+    code = TEXTS.data["codes"][name]
+    other = runs.get(code["other"])
     return Measured(
         backend=name,
-        other=compared,
-        isolated=isolated,
+        **code,
         bands=measured_bands(scene, run, lowest=lowest, highest=BEYOND * top),
         oscillation=float(np.max(np.abs(change) / static)),
         apart=math.nan if other is None else difference("velocity", run, other).value,
@@ -281,7 +275,7 @@ def _figure(cell: Cell, matches: Sequence[Measured]) -> FigureData:
         Series(label="band edges", style="guide", x=np.full(2, edge / (2e3 * math.pi)), y=ends) for edge in cell.edges
     ]
     for result, level in zip(matches, levels, strict=True):
-        drawn: dict[str, Any] = {"label": result.backend, "style": _DRAWN[result.backend]}
+        drawn: dict[str, Any] = {"label": result.backend, "style": result.style}
         frequency = 1e-3 * result.bands.frequency
         dispersion.append(Series(**drawn, x=result.bands.phase / math.pi, y=frequency))
         transmission.append(Series(**drawn, x=frequency, y=level))

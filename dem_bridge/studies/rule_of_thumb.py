@@ -180,12 +180,7 @@ def errors_of(scene: Scene, results: Sequence[Result]) -> SceneErrors:
 def table(errors: Sequence[SceneErrors]) -> Table:
     """List the errors, a row for each scene."""
     reasons = any(error.reason for error in errors)
-    columns = [
-        *("scene", "T_R (µs)", "collision (µs)", "2/omega (µs)"),
-        *(f"velocity at {100 * share:g} % (%)" for share in SHARES),
-        *(f"{quantity} at {100 * SHOWN:g} %" for quantity in ("momentum", "kinetic energy")),
-        *(["missing because"] if reasons else []),
-    ]
+    columns = [*TEXTS.data["tables"]["rule-of-thumb"]["columns"], *(["missing because"] if reasons else [])]
     rows = [
         (
             error.scene.name,

@@ -90,35 +90,31 @@ def observable_table(studies: Sequence[SceneStudy]) -> Table:
 
 def _provenance(studies: Sequence[SceneStudy], accuracy: float, wall: float) -> dict[str, Any]:
     """Return versions, hashes, settings and costs, without names of machines or people."""
-    lammps: dict[str, Any] = {}
-    runs = []
-    for study in studies:
-        for result in study.results:
-            run = result.trajectory
-            if run is None:
-                continue
-            lammps = dict(run.provenance.get("lammps", lammps))
-            runs.append(
-                {
-                    "scene": study.scene.name,
-                    "scene_hash": study.scene.content_hash,
-                    "backend": result.case.backend,
-                    "settings": run.provenance["settings"],
-                    "deck_hash": run.provenance.get("deck_hash"),
-                    "wall": round(run.cost.wall, 3),
-                    "cpu": round(run.cost.cpu, 3),
-                    "steps": run.cost.steps,
-                    "force_evaluations": run.cost.force_evaluations,
-                    "stored": run.provenance.get("stored"),
-                }
-            )
+    results = [(study.scene, item.case, item.trajectory) for study in studies for item in study.results]
+    runs = [
+        {
+            "scene": scene.name,
+            "scene_hash": scene.content_hash,
+            "backend": case.backend,
+            "settings": run.provenance["settings"],
+            "deck_hash": run.provenance.get("deck_hash"),
+            "wall": round(run.cost.wall, 3),
+            "cpu": round(run.cost.cpu, 3),
+            "steps": run.cost.steps,
+            "force_evaluations": run.cost.force_evaluations,
+            "stored": run.provenance.get("stored"),
+        }
+        for scene, case, run in results
+        if run is not None
+    ]
+    engines = [run.provenance["lammps"] for *_, run in results if run is not None and "lammps" in run.provenance]
     packages = ("lammps", "mpich", "numpy", "scipy", "numba", "matplotlib")
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "accuracy": accuracy,
         "versions": {"dem_bridge": __version__, "python": platform.python_version()}
         | {name: version(name) for name in packages},
-        "lammps": lammps,
+        "lammps": dict(engines[-1]) if engines else {},
         "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
         "wall": round(wall, 2),
         "runs": runs,

@@ -24,14 +24,6 @@ from dem_bridge.studies.model_hierarchy.passage import JUDGED, Effects, largest
 from dem_bridge.studies.study import Panel, Series, Study, Table, check_setting
 from dem_bridge.verification.verdict import Outcome
 
-#: whether something may be left out
-MAY = {
-    Outcome.PASS: "yes",
-    Outcome.FAIL: "no",
-    Outcome.UNDECIDED: "undecided",
-    Outcome.NOT_RUN: "not run",
-    Outcome.BROKEN: "run broke",
-}
 #: below the accuracy, what a figure still shows
 LEAST_SHOWN = 1e-3
 
@@ -138,7 +130,7 @@ def _table(hierarchy: ModelHierarchy, id: str, items: Sequence[Tried]) -> Table:
         bar = max((effect.uncertainty for effect in effects.values() if effect.exists), default=math.nan)
         return (*(100.0 * effects[name].value for name in names), 100.0 * bar)
 
-    rows = [(item.what, *cells(item.effects), MAY[item.outcome]) for item in items]
+    rows = [(item.what, *cells(item.effects), TEXTS.data["may"][item.outcome]) for item in items]
     last = ("largest uncertainty (%)", f"within {100.0 * hierarchy.accuracy:g} %?")
     return TEXTS.table(id, rows, columns=("what", *_columns(names), *last))
 
@@ -151,7 +143,7 @@ def question_table(requested: Iterable[tuple[ModelHierarchy, Sequence[LeftOut]]]
             item.term.what,
             hierarchy.scene.name,
             *(100.0 * item.effects[name].value for name in names),
-            MAY[item.outcome],
+            TEXTS.data["may"][item.outcome],
         )
         for hierarchy, alone in requested
         for item in alone

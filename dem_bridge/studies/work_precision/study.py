@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from textwrap import shorten
-from typing import Any, TypeVar
+from typing import Any
 
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.backends.tabled import prescan_scene
@@ -27,7 +27,6 @@ from dem_bridge.studies.work_precision.figures import ID, figures
 from dem_bridge.studies.work_precision.files import as_csv, as_netcdf
 from dem_bridge.studies.work_precision.runs import REFERENCE, Measured, Point
 
-Setting = TypeVar("Setting")
 TARGETS = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8)
 #: errors that grow by more than this factor under refinement have passed their floor
 TURNING = 1.5
@@ -140,12 +139,16 @@ def _turned(point: Point) -> str:
     return f"{knob} = {digits}{' s' if knob == 'dt' else ''}" if knob else ""
 
 
-def _least(
-    measured: Measured, points: Sequence[Point], target: float, cost: str = "cpu_min", observable: str = "velocity"
+def least(
+    measured: Measured, points: Iterable[Point], target: float, cost: str = "cpu_min", observable: str = "velocity"
 ) -> Point | None:
-    """Return the point of least cost with errors of at most ``target``."""
-    bound = partial(measured.bound, observable=observable)
-    return cheapest(points, target, cost=lambda point: float(getattr(point, cost)), error=bound)
+    """Return the point of least cost with an error of at most ``target``; None where there is none."""
+
+    def cost_of(point: Point) -> float:
+        return float(getattr(point, cost))
+
+    enough = [point for point in points if measured.bound(point, observable) <= target]
+    return min((point for point in enough if math.isfinite(cost_of(point))), key=cost_of, default=None)
 
 
 def _groups(measured: Measured) -> dict[str, list[Point]]:
@@ -156,7 +159,7 @@ def _answer(measured: Measured) -> Iterator[str]:
     for target in TARGETS[1:]:
         parts = []
         for name, points in _groups(measured).items():
-            best = _least(measured, points, target)
+            best = least(measured, points, target)
             parts.append(f"{name}: {'none' if best is None else f'{setting(best)} ({_ms(best.cpu_min)})'}")
         yield TEXTS("cheapest", target=target, parts="; ".join(parts))
     ends = [_floor(measured, name) for name in measured.curves]
@@ -209,7 +212,7 @@ def _on_richardson(measured: Measured) -> Iterator[str]:
         details: dict[float, str] = {}
         for target in TARGETS[1:]:  # a setting that meets several says the most at the last
             plain, better, slow, fewer = (
-                _least(measured, measured.of(curve), target, cost)
+                least(measured, measured.of(curve), target, cost)
                 for cost in ("cpu_min", "force_evaluations")
                 for curve in (name, extrapolated)
             )
@@ -245,7 +248,7 @@ def _cheapest_table(measured: Measured) -> Table:
         for target in TARGETS:
             cells: list[str | float] = [observable, target]
             for points in _groups(measured).values():
-                best = _least(measured, points, target, observable=observable)
+                best = least(measured, points, target, observable=observable)
                 cells += ["-", math.nan] if best is None else [setting(best), 1e3 * best.cpu_min]
             rows.append(cells)
     heads = (head for name in GROUPS for head in (name, f"{name}: CPU (ms)"))
@@ -281,19 +284,3 @@ def _runs_table(measured: Measured) -> Table:
     ]
     heads = ("curve", "setting", "CPU, least (ms)", "wall, median (ms)", "force evaluations", *measured.observables)
     return TEXTS.table("runs", rows, columns=(*heads, "reason"))
-
-
-def cheapest(
-    settings: Iterable[Setting],
-    target: float,
-    *,
-    cost: Callable[[Setting], float],
-    error: Callable[[Setting], float],
-) -> Setting | None:
-    """Return the cheapest setting with an error of at most ``target``; None where there is none.
-
-    >>> cheapest([(1.0, 0.1), (3.0, 0.001), (2.0, 0.01)], 0.02, cost=lambda s: s[0], error=lambda s: s[1])
-    (2.0, 0.01)
-    """
-    enough = [setting for setting in settings if error(setting) <= target and math.isfinite(cost(setting))]
-    return min(enough, key=cost, default=None)

@@ -7,8 +7,12 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dem_bridge.backends.base import Sampling
+from dem_bridge.scene import Scene
+from dem_bridge.studies.work_precision.curves import Curve
 from dem_bridge.studies.work_precision.figures import front
-from dem_bridge.studies.work_precision.study import cheapest
+from dem_bridge.studies.work_precision.runs import Measured, Point
+from dem_bridge.studies.work_precision.study import least
 
 # few values, so that costs and errors are often equal
 points = st.lists(
@@ -34,10 +38,14 @@ def test_nothing_on_the_front_is_beaten_and_all_else_is(found: list[tuple[float,
 
 @given(points, st.sampled_from([0.05, 0.1, 0.25, 1.0]))
 def test_the_cheapest_is_good_enough_and_nothing_cheaper_is(found: list[tuple[float, float]], target: float) -> None:
-    best = cheapest(found, target, cost=lambda one: one[0], error=lambda one: one[1])
+    curve, key = Curve(name="verlet", backend="verlet"), ("velocity", "max")
+    settings = [Point(curve=curve, value=0.0, cpu_min=cost, errors={key: error}) for cost, error in found]
+    scene = Scene(name="two", duration=1e-4, mass=(0.01, 0.01), stiffness=(4e9,), velocity=(1.0, 0.0))
+    measured = Measured(scene=scene, sampling=Sampling(count=1), limit=1.0, points=(), uncertainty={key: 0.0})
+    best = least(measured, settings, target)
     enough = [one for one in found if one[1] <= target and math.isfinite(one[0])]
     if best is None:
         assert not enough
     else:
-        assert best in enough
-        assert best[0] == min(one[0] for one in enough)
+        assert (best.cpu_min, best.errors[key]) in enough
+        assert best.cpu_min == min(one[0] for one in enough)
