@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -55,7 +56,8 @@ class LammpsGranular:
     supports = GRANULAR_STYLE
     #: what the engine must have
     styles: tuple[str, ...] = ("pair granular",)
-    tabled = False
+    #: makes the tables of a deck; None: it has none
+    tables_of: Callable[[Scene, Resolution, Prescan], TableSet] | None = None
 
     def __init__(self, engine: Engine | None = None) -> None:
         self.engine = engine or Engine.chosen()
@@ -139,7 +141,7 @@ class LammpsGranular:
             )
         plan = fixed_step_plan(scene, resolution, sampling, prescan)
         physical = resolution.geometry == "physical" and resolution.surrogate_radius is None
-        tables = tables_for(scene, resolution, prescan) if self.tabled else None
+        tables = self.tables_of(scene, resolution, prescan) if self.tables_of is not None else None
         deck = deck_of(
             scene,
             radius=radius,
@@ -164,4 +166,4 @@ class LammpsTable(LammpsGranular):
     name = "lammps-table"
     supports = TABLE_STYLE
     styles = ("pair table",)
-    tabled = True
+    tables_of = staticmethod(tables_for)

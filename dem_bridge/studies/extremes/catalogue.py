@@ -135,17 +135,21 @@ def presses() -> Iterator[Entry]:
         yield entry(scene, asks, expected=theories_refuse("the scene has precompression"))
 
 
-class ShortTable(LammpsTable):
-    """Tables that end where the deepest overlap is foreseen, a line short of it."""
+def _short_tables(scene: Scene, resolution: Resolution, prescan: Prescan) -> TableSet:
+    """Return tables that end where the deepest overlap is foreseen, a line short of it."""
+    result = tables_for(scene, resolution, prescan)
+    deepest = float(np.max(prescan.peak_overlap))
+    cut = {}
+    for law, table in result.tables.items():
+        kept = table.distance > table.distance[-1] - deepest
+        cut[law] = replace(table, distance=table.distance[kept], energy=table.energy[kept], force=table.force[kept])
+    return replace(result, tables=cut)
 
-    def _tables(self, scene: Scene, resolution: Resolution, prescan: Prescan) -> TableSet | None:
-        result = tables_for(scene, resolution, prescan)
-        deepest = float(np.max(prescan.peak_overlap))
-        cut = {}
-        for law, table in result.tables.items():
-            kept = table.distance > table.distance[-1] - deepest
-            cut[law] = replace(table, distance=table.distance[kept], energy=table.energy[kept], force=table.force[kept])
-        return replace(result, tables=cut)
+
+class ShortTable(LammpsTable):
+    """Run LAMMPS with tables that are too short."""
+
+    tables_of = staticmethod(_short_tables)
 
 
 def short_table() -> Iterator[Entry]:
