@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Progress, Result, run_cases
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.geometry import Geometry
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
@@ -88,7 +87,11 @@ def scattered(scene: Scene, *, spread: float, seed: int) -> Scene:
     Errors are normal deviates with a standard deviation of ``spread`` degrees. Angles are reflected at 90 degrees and
     at 0. Raises UnsupportedScene where the scene has no angles.
     """
-    geometry = _turned(scene)
+    geometry = scene.geometry
+    if geometry is None or all(angle is None for angle in geometry.angle):
+        raise UnsupportedScene(
+            f"{scene.name} has no contact angles that could scatter; allowed: a scene in physical form with cylinders"
+        )
     known_values = [k for k, angle in enumerate(geometry.angle) if angle is not None]
     turned = turned_by_chance(tuple(filter(None, geometry.angle)), scatter=spread, seed=seed)
     angles, stiffness = list(geometry.angle), list(scene.stiffness)
@@ -214,12 +217,3 @@ def _along(chains: ScatteredChains) -> Table:
     force = chains.force_spread[: chains.scene.n_body - 1].tolist()
     spreads = zip((math.nan, *chains.residence_spread.tolist()), force, strict=True)
     return TEXTS.table("along-the-chain", [(float(k), 100.0 * time, 100.0 * f) for k, (time, f) in enumerate(spreads)])
-
-
-def _turned(scene: Scene) -> Geometry:
-    geometry = scene.geometry
-    if geometry is None or all(angle is None for angle in geometry.angle):
-        raise UnsupportedScene(
-            f"{scene.name} has no contact angles that could scatter; allowed: a scene in physical form with cylinders"
-        )
-    return geometry

@@ -22,12 +22,12 @@ from dem_bridge.runs.recall import recall, recall_prescan
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import check_setting
-from dem_bridge.studies.verification import Verification, verification_of
+from dem_bridge.studies.verification import TEXTS, Verification, verification_of
 from dem_bridge.uncertainty.step_choice import step_for_accuracy
 from dem_bridge.verification import checks
 from dem_bridge.verification.assess import SceneStudy, assess_scene
 from dem_bridge.verification.roles import REFERENCE, Runs, assign_roles, engine_for, list_cases
-from dem_bridge.verification.verdict import Outcome, Verdict
+from dem_bridge.verification.verdict import Outcome
 
 #: wanted accuracy of velocities where none is named; the paper's chains reach it at dt = 1e-8 s
 DEFAULT_ACCURACY = 5e-6
@@ -144,14 +144,8 @@ def main_resolution(scene: Scene, accuracy: float, cache: RunCache | None = None
 def study_without_runs(scene: Scene, error: RunBroken | UnsupportedScene | UsageError) -> SceneStudy:
     """Return the study of a scene for which not even the runs could be chosen: one verdict with the reason."""
     outcomes = {RunBroken: Outcome.BROKEN, UnsupportedScene: Outcome.NOT_RUN, UsageError: Outcome.UNDECIDED}
-    verdict = Verdict(
-        scene=scene.name,
-        quantity="velocity",
-        backend=engine_for(scene),
-        reference=REFERENCE,
-        outcome=outcomes[type(error)],
-        sentence=f"{error}.",
-    )
+    names = {"scene": scene.name, "backend": engine_for(scene), "reference": REFERENCE}
+    verdict = TEXTS.verdict("without_runs", **names, outcome=outcomes[type(error)], error=error)
     return SceneStudy(scene=scene, verdicts=(verdict,))
 
 

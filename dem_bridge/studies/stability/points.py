@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.base import Resolution, Sampling, backend
 from dem_bridge.backends.prescan import surrogate_radius
 from dem_bridge.backends.reference import Reference
 from dem_bridge.backends.tabled import prescan_scene
@@ -170,7 +170,12 @@ def engine_on(scene: Scene, engine: Engine | None) -> Stepper | None:
     if not GRANULAR_STYLE.covers(scene):
         return None
     deepest = float(np.max(prescan_scene(scene).peak_overlap, initial=0.0))
-    return step_limits.lammps(GRANULAR, engine, radius=ROOM * surrogate_radius(deepest))
+    chosen, radius = backend(GRANULAR, engine), ROOM * surrogate_radius(deepest)
+
+    def run(scene: Scene, dt: float) -> Trajectory:
+        return chosen.run(scene, Resolution(dt=dt, surrogate_radius=radius), Sampling(count=scene.samples))
+
+    return run
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,11 +18,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dem_bridge.backends.base import Resolution, Sampling, backend
 from dem_bridge.backends.twin import solve_plan
 from dem_bridge.dense import Schedule
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.conserved import energy_parts, momentum
 from dem_bridge.observables.interpolate import state_at
 from dem_bridge.scene import Scene
@@ -101,17 +99,6 @@ def twin(scene: Scene, dt: float) -> Trajectory:
     return solve_plan(scene, Schedule(step=dt, per_sample=per_sample, subdivisions=1, samples=scene.samples))
 
 
-def lammps(name: str, engine: Engine | None, *, radius: float) -> Stepper:
-    """Return the backend of that name as a stepper; ``radius`` (m) of its bodies, far above all overlaps."""
-    chosen = backend(name, engine)
-
-    def run(scene: Scene, dt: float) -> Trajectory:
-        resolution = Resolution(dt=dt, surrogate_radius=radius)
-        return chosen.run(scene, resolution, Sampling(count=scene.samples))
-
-    return run
-
-
 def struck(scene: Scene) -> bool:
     """Return whether only body 0 moves and nothing else acts, so that a gap before it only delays all later motion."""
     still = scene.velocity[0] > 0.0 and not any(scene.velocity[1:]) and scene.wall_left is None
@@ -177,20 +164,19 @@ def stable_step(
     scale: float,
     allowed: float,
     phases: tuple[float, ...] | None = None,
-    ratio: float = RATIO,
-    guard: float = GUARD,
+    **search: float,
 ) -> tuple[Limit, float]:
     """Search the largest stable step below which all are stable, and the phase that decides just above it.
 
     ``start`` (s): where to begin; ``scale`` (J): the energy in motion; ``allowed``: gain over that; ``phases``: of the
-    first touch (None: :data:`PHASES` where the scene is struck).
+    first touch (None: :data:`PHASES` where the scene is struck); ``search``: settings of :func:`largest_step`.
     """
     available = (PHASES if struck(scene) else (0.0,)) if phases is None else phases
 
     def deciding(dt: float) -> float | None:
         return next((p for p in available if gain_of(stepper, scene, dt, p, scale) > allowed), None)
 
-    result = largest_step(lambda dt: deciding(dt) is None, start, ratio=ratio, guard=guard)
+    result = largest_step(lambda dt: deciding(dt) is None, start, **search)
     phase = deciding(result.bad)
     assert phase is not None  # it was bad
     return result, phase
