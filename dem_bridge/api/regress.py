@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from dem_bridge.campaign import Progress
     from dem_bridge.regression.run import Regression
 
-_VERSION = re.compile(r"\d{4}(\.\d+){1,5}")
-
 
 def regress(
     scenes: Scene | str | Path | Sequence[Scene | str | Path] | None = None,
@@ -154,7 +152,7 @@ def is_version(text: str) -> bool:
     >>> is_version("2024.8.29.3.0"), is_version("lmp_serial")
     (True, False)
     """
-    return _VERSION.fullmatch(text) is not None
+    return re.fullmatch(r"\d{4}(\.\d+){1,5}", text) is not None
 
 
 def environment_of(version: str) -> Path:

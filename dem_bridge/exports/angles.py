@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.errors import UsageError
-from dem_bridge.exports.parameters import EQUATION, origin
+from dem_bridge.exports.parameters import NOTES, origin
 from dem_bridge.exports.table import Table, tabulate
 from dem_bridge.geometry import Body
 from dem_bridge.physics.hertz import AxisRatio, angle_of_stiffness, crossed_cylinders, stiffness_slope
@@ -236,7 +236,7 @@ def stiffness_curve(scene: Scene, *, angles: Sequence[float] | None = None, **cy
     except (TypeError, ValueError) as error:
         raise UsageError(str(error)) from None
     values["paper_over_exact"] = values["stiffness_paper"] / values["stiffness_exact"]
-    title, notes = f"Stiffness against angle for the cylinders of {scene.name}", (str(pair), EQUATION)
+    title, notes = f"Stiffness against angle for the cylinders of {scene.name}", (str(pair), NOTES["equation"])
     return tabulate("stiffness-curve", values, title=title, notes=notes, provenance=origin(scene))
 
 

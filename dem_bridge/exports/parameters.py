@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,12 +27,8 @@ from dem_bridge.scene import DAMPING_LAWS, Scene
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.version import FORM_DATE, __version__
 
-NO_GEOMETRY = (
-    "the scene has no geometry, so shapes, sizes, angles, stiffnesses by angle, contact ellipses and pressures are"
-    " unknown; a scene file in physical form has a geometry"
-)
-
-EQUATION = "eq. 3.1: Chaunsali, Kim & Yang (2018), with their approximate axis ratio of the contact ellipse"
+#: sentences on definitions, and on the reasons for unknown values
+NOTES = json.loads(Path(__file__).with_name("notes.json").read_text(encoding="utf-8"))
 
 
 def origin(scene: Scene, run: Trajectory | None = None) -> dict[str, Any]:
@@ -103,7 +101,7 @@ def contacts(scene: Scene, run: Trajectory | None = None, **deck_settings: Any) 
 def _geometry(scene: Scene, notes: list[str]) -> dict[str, Any]:
     """Return the contact angles and the stiffness by both laws at these angles."""
     if (geometry := scene.geometry) is None:
-        notes.append(NO_GEOMETRY)
+        notes.append(NOTES["no_geometry"])
         return {}
     exact = np.array([geometry.contact(k).stiffness for k in range(len(geometry.angle))])
     paper = np.array(
@@ -113,10 +111,10 @@ def _geometry(scene: Scene, notes: list[str]) -> dict[str, Any]:
         ]
     )
     if np.isnan(paper).any():
-        notes.append("a contact with a sphere has no angle, and eq. 3.1 applies to two crossed cylinders only")
+        notes.append(NOTES["spheres"])
     if scene.n_contact > len(scene.stiffness):
-        notes.append("walls have a stiffness and an exponent n, but no shape and no material")
-    notes.append(EQUATION)
+        notes.append(NOTES["walls"])
+    notes.append(NOTES["equation"])
     values = {"stiffness_paper": paper, "stiffness_exact": exact, "paper_over_exact": paper / exact}
     return {"angle": geometry.angle, **values}
 
@@ -127,12 +125,9 @@ def _deck_columns(scene: Scene, deck: _Deck, notes: list[str]) -> dict[str, Any]
     values: dict[str, Any] = {"type_left": deck.types[place], "type_right": deck.types[place + 1]}
     values["surrogate_radius"] = [deck.radius] * scene.n_contact
     if reason := GRANULAR_STYLE.unsupported_reason(scene):
-        notes.append(f"LAMMPS model and k_n are empty because pair_style granular cannot express the scene: {reason}")
+        notes.append(NOTES["not_granular"].format(reason=reason))
         return values
-    notes.append(
-        "LAMMPS k_n is the value in pair_coeff: stiffness / sqrt(R/2) for hertz, where R is the surrogate radius,"
-        " and the stiffness for hooke"
-    )
+    notes.append(NOTES["k_n"])
     coefficients = [deck.coefficients(law) for law in deck.laws.where[place].tolist()]
     values |= zip(("lammps_model", "lammps_k_n"), zip(*coefficients, strict=True), strict=False)
     return values
@@ -143,12 +138,9 @@ def _predictions(scene: Scene, prescan: Prescan, notes: list[str]) -> dict[str, 
     c, overlap = scene.contacts, prescan.peak_overlap
     force = c.force(overlap, np.arange(len(overlap)))
     values: dict[str, Any] = {"peak_overlap_prescan": overlap, "peak_force_prescan": force}
-    notes.append(
-        "the prescan is a short coarse run before the real one; its overlaps and elastic forces are accurate to a few"
-        " per cent"
-    )
+    notes.append(NOTES["prescan"])
     if reason := SINGLE_PULSE.unsupported_reason(scene):
-        notes.append(f"BCA columns are empty: {reason}")
+        notes.append(NOTES["no_bca"].format(reason=reason))
         return values
     hits, speed = [], scene.velocity[0]
     for masses, stiffness, exponent in zip(
@@ -163,13 +155,13 @@ def _predictions(scene: Scene, prescan: Prescan, notes: list[str]) -> dict[str, 
 def _results(scene: Scene, run: Trajectory | None, notes: list[str]) -> dict[str, Any]:
     """Return a run's peak forces, with overlaps, ellipses and pressures by Hertz' exact law."""
     if run is None:
-        notes.append("without a run, peak forces, peak overlaps, contact ellipses and pressures are unknown")
+        notes.append(NOTES["no_run"])
         return {}
     force, uncertainty = run.peak_force, np.asarray(run.uncertainty["peak_force"])
     values: dict[str, Any] = {"peak_force": force, "peak_force_uncertainty": uncertainty}
-    notes.append(f"results by {run.provenance['backend']}; the peak force is the largest of the whole run")
+    notes.append(NOTES["run"].format(backend=run.provenance["backend"]))
     if scene.law is not None or scene.damped:
-        notes.append("peak overlaps are empty: they follow from peak forces only for elastic power laws")
+        notes.append(NOTES["no_overlaps"])
     else:
         # the root is steeper below the value than above it, so the lower side has the larger uncertainty
         lower = np.where(np.isfinite(uncertainty), np.maximum(force - uncertainty, 0.0), math.nan)
@@ -179,13 +171,13 @@ def _results(scene: Scene, run: Trajectory | None, notes: list[str]) -> dict[str
     if scene.geometry is not None:
         hertzian = (scene.contacts.exponent == 2.5) & (scene.law is None)
         if not np.all(hertzian):
-            notes.append("only contacts by Hertz' law, n = 2.5, have contact ellipses and pressures")
+            notes.append(NOTES["not_hertzian"])
         ellipses = np.full((3, scene.n_contact), np.nan)
         for k in np.flatnonzero((hertzian & (force > 0.0))[: len(scene.stiffness)]).tolist():
             contact = scene.geometry.contact(k)
             ellipses[:, k] = *contact.semi_axes(float(force[k])), contact.peak_pressure(float(force[k]))
         values |= zip(("semi_major", "semi_minor", "peak_pressure"), ellipses, strict=True)
-        notes.append("contact ellipses and pressures follow from the peak force by Hertz' exact law")
+        notes.append(NOTES["ellipses"])
     return values
 
 
@@ -197,15 +189,9 @@ def bodies(scene: Scene, **deck_settings: Any) -> Table:
     types = body_types(laws(scene).where, Resolution(**deck_settings).types)
     shapes = scene.geometry.bodies if scene.geometry is not None else ()
     mass_of_shape = [body.mass for body in shapes]
-    notes = [] if shapes else [NO_GEOMETRY]
-    if any(
-        not math.isclose(by_density, mass, rel_tol=1e-9)
-        for by_density, mass in zip(mass_of_shape, scene.mass, strict=False)
-    ):
-        notes.append(
-            "the equations of motion use the mass of the scene; density times volume differs for a body whose mass was"
-            " set in the scene file"
-        )
+    notes = [] if shapes else [NOTES["no_geometry"]]
+    if shapes and not np.allclose(mass_of_shape, scene.mass, rtol=1e-9, atol=0.0):
+        notes.append(NOTES["own_mass"])
     first = int(scene.wall_left is not None)
     atoms = slice(first, first + scene.n_body)
     values: dict[str, Any] = {"body": range(scene.n_body), "mass": scene.mass, "velocity": scene.velocity}
@@ -245,9 +231,7 @@ def pair_coeffs(scene: Scene, **deck_settings: Any) -> Table:
         values,
         details={"lammps_k_n": {"unit": _unit_of(values["lammps_model"])}},
         title=f"Pair coefficients of {scene.name} for pair_style granular",
-        notes=(
-            f"for spheres of radius R = {deck.radius!r} m; k_n = stiffness / sqrt(R/2) for hertz, stiffness for hooke",
-        ),
+        notes=(NOTES["radius"].format(radius=deck.radius),),
         provenance=origin(scene),
         include="\n".join(_include(scene, deck, rows)) + "\n",
     )

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.exports.frames import Frames, read_ase, read_csv, read_dump, rounding_error
+from dem_bridge.exports.trajectories import DATA
 from dem_bridge.observables.interpolate import KNOWN_FORCES
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Cost, Floats, Trajectory
@@ -29,8 +30,6 @@ START_WITHIN = 1e-4
 ACROSS = 1e-6
 #: a file is complete if its last time is before the scene's duration by at most this part of the duration
 ENDS_WITHIN = 1e-6
-_U, _A, _EV = 1.66053906660e-27, 1e-10, 1.602176634e-19  # kg, m, J (CODATA 2018)
-_KCAL = 4184.0 / 6.02214076e23  # J
 
 
 @dataclass(frozen=True)
@@ -44,16 +43,8 @@ class Units:
     mass: float
 
 
-#: the unit styles of LAMMPS (manual, command units), and "ase": Å, eV, u and the unit of time that follows
-UNITS = {
-    "si": Units(1.0, 1.0, 1.0, 1.0, 1.0),
-    "cgs": Units(1e-2, 1.0, 1e-2, 1e-5, 1e-3),
-    "micro": Units(1e-6, 1e-6, 1.0, 1e-9, 1e-15),
-    "nano": Units(1e-9, 1e-9, 1.0, 1e-12, 1e-21),
-    "metal": Units(_A, 1e-12, 1e2, _EV / _A, _U),
-    "real": Units(_A, 1e-15, 1e5, _KCAL / _A, _U),
-    "ase": Units(_A, _A * math.sqrt(_U / _EV), math.sqrt(_EV / _U), _EV / _A, _U),
-}
+#: the unit styles of LAMMPS (manual, command units), and "ase": Å, eV, u and the unit of time that follows; CODATA 2018
+UNITS = {style: Units(**values) for style, values in DATA["unit_styles"].items()}
 
 
 @dataclass

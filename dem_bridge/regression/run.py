@@ -172,8 +172,8 @@ class Selection:
                 continue
             changed = self if self.update else Selection()
             step = baseline.dt if baseline.dt is None or changed.dt is None else changed.dt
-            case = _case(scene, baseline.backend, step, baseline.sampling)
-            tolerance = changed.accuracy or baseline.tolerance
+            resolution, tolerance = Resolution(dt=step), changed.accuracy or baseline.tolerance
+            case = Case(scene=scene, backend=baseline.backend, resolution=resolution, sampling=baseline.sampling)
             tasks.append(Task(case=case, tolerance=tolerance, source=source, baseline=baseline))
         for name in {baseline.scene: None for baseline in selected} | dict.fromkeys(requested):
             of_scene = [baseline for baseline in existing if baseline.scene == name]
@@ -194,7 +194,8 @@ class Selection:
             fixed = backend(name).order is not None
             if fixed and step is None:
                 step = step_for_accuracy(scene, tolerance, Resolution(), sampling).dt
-            case = _case(scene, name, step if fixed else None, sampling)
+            resolution = Resolution(dt=step if fixed else None)
+            case = Case(scene=scene, backend=name, resolution=resolution, sampling=sampling)
             tasks.append(Task(case=case, tolerance=tolerance, source=source))
         return tasks
 
@@ -217,11 +218,6 @@ class Selection:
             allowed = "the scene of the baseline"
             raise SceneError("", problem=str(error), allowed=allowed, where=baseline.file_name) from error
         return (scene, source) if shipped or scene.name == baseline.scene else (None, source)
-
-
-def _case(scene: Scene, name: str, dt: float | None, sampling: Sampling) -> Case:
-    """Return the run of a scene with a time step."""
-    return Case(scene=scene, backend=name, resolution=Resolution(dt=dt), sampling=sampling)
 
 
 def _check_backends(names: Sequence[str], allowed: Sequence[str]) -> None:
