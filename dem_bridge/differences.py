@@ -147,11 +147,6 @@ class Comparison:
     samples: int
     notes: tuple[str, ...]
 
-    @property
-    def beyond(self) -> bool:
-        """Return True if velocities differ by more than the tolerance."""
-        return self.divergence is not None
-
 
 def compare_runs(run: Trajectory, reference: Trajectory, tolerance: float = 0.0) -> Comparison:
     """Compare all quantities that two runs have, at their common sample times.
