@@ -107,8 +107,8 @@ def with_uncertainty(
     """Return a column of numbers and the column of their uncertainties; unknown uncertainties are empty cells."""
     numbers = column(quantity, heading, values, unit=unit)
     # an unknown value has no uncertainty
-    known = [None if cell is None else part for cell, part in zip(numbers.values, uncertainties, strict=True)]
-    uncertainty = column(f"{quantity}_uncertainty", f"{heading}, uncertainty", known, unit=unit, digits=2)
+    cells = [None if cell is None else part for cell, part in zip(numbers.values, uncertainties, strict=True)]
+    uncertainty = column(f"{quantity}_uncertainty", f"{heading}, uncertainty", cells, unit=unit, digits=2)
     return replace(numbers, uncertainties=uncertainty.values), replace(uncertainty, uncertainty_of=numbers.name)
 
 

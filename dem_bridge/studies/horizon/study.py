@@ -125,11 +125,11 @@ def study_horizon(
             " allowed: a larger dt or a shorter duration"
         )
     rounded = [solve_plan(digit, plan).velocity for digit in digits[:TWIN_DIGITS]]
-    own, positional, by_step = own_value.velocity, [twins.positional.velocity], runs.step_bar(twins, scale)
+    twin_velocity, positional, by_step = own_value.velocity, [twins.positional.velocity], runs.step_bar(twins, scale)
     bars = {
         REFERENCE: runs.reference_bar(truth.velocity, [item.velocity for item in last], scale),
-        TWIN: by_step + runs.round_off_bar(own, rounded, plan, scale),
-        judged: by_step + runs.round_off_bar(own, positional, plan, scale),
+        TWIN: by_step + runs.round_off_bar(twin_velocity, rounded, plan, scale),
+        judged: by_step + runs.round_off_bar(twin_velocity, positional, plan, scale),
     }
     solved = {REFERENCE: truth, TWIN: own_value} | ({judged: lmp.trajectory} if lmp.trajectory is not None else {})
     closed = np.sum((dense.overlap[1:] > 0.0) & (dense.overlap[:-1] <= 0.0), axis=1)
