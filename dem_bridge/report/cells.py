@@ -25,6 +25,15 @@ CLAIMED = {
     Outcome.NOT_RUN: "not run",
     Outcome.BROKEN: "run broke",
 }
+#: marks of the outcomes of claims, which keep their meaning without colour
+MARKS = {
+    Outcome.PASS: "✓",
+    Outcome.FAIL: "✗",
+    Outcome.UNDECIDED: "?",
+    Outcome.MODEL_DIFFERENCE: "≈",
+    Outcome.NOT_RUN: "–",
+    Outcome.BROKEN: "!",
+}
 
 
 def numeric(table: Table, column: int) -> bool:

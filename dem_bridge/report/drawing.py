@@ -2,7 +2,7 @@
 
 The styles of lines and markers are those of :mod:`.strokes`. Maps have the colours of cividis, which colour-blind
 readers can distinguish and whose lightness increases evenly, so that maps can be printed in grey. Every figure has the
-width of a page, so that text of 10 points has this size on the page.
+width of a printed sheet, so that text has its size on paper: 8 points or more.
 """
 
 from __future__ import annotations
@@ -14,45 +14,69 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes as Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
-from dem_bridge.report.strokes import style_of, style_on_map
+from dem_bridge.report.strokes import BARS, style_of, style_on_map
 from dem_bridge.studies.study import FigureData, Map, Panel, Series
 
 #: colour map with even lightness; also for values of both signs, because two-sided colour maps are ambiguous in grey
 COLOURS = "cividis"
-#: width of a figure, inches; the width of a page at 100 pixels per inch
-WIDTH = 11.0
-_HEIGHT = {"map": 3.7, "series": 3.0}
-#: letters of a title per inch
+#: width of a figure, inches: that of a sheet of A4 between margins of 12 mm; width of a figure in a notebook
+WIDTH, NOTEBOOK_WIDTH = 7.3, 6.6
+_HEIGHT = {"map": 2.5, "series": 2.1}
+#: part of the width of a figure that the panels have that stand left of a last one
+_LEFT = 0.42
+#: sizes of text on a sheet, points; none is below 8
+SHEET: Any = {
+    "font.size": 8.5,
+    "axes.labelsize": 8.5,
+    "axes.titlesize": 9.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.5,
+}
+#: sizes of the title and the notes of a panel on a sheet and in a notebook, points
+_ON_SHEET, _IN_NOTEBOOK = (9.0, 8.0), (11.0, 9.0)
+#: letters of a title per inch, at 11 points
 _LETTERS = 8.4
 _THINNED = "circles and crosses: not all points are marked"
 #: largest number of markers of a series without a line, and along a line
 _MARKS, _MARKS_ON_LINE = 24, 9
+#: least uncertainty that is drawn, relative to the largest value: a third of the width of a line on a panel
+_LEAST_BAR = 2e-3
 
 
+@rc_context(SHEET)
 def draw_figure(data: FigureData) -> Figure:
     """Draw a figure: panels in rows of ``data.columns``, titles and notes above each panel, one legend above all.
 
     Panels that share a scale have the same colour scale (maps) or y axis (lines). The colour scale of maps covers 19 of
-    20 columns; an arrow of the colour bar marks values beyond it, such as those of a last body that flies off.
+    20 columns; an arrow of the colour bar marks values beyond it, such as those of a last body that flies off. With
+    ``data.last_beside`` the last panel is as high as all others, and stands right of them.
     """
-    panels, columns = data.panels, max(1, min(data.columns, len(data.panels)))
-    rows = [list(range(k, min(k + columns, len(panels)))) for k in range(0, len(panels), columns)]
+    panels = data.panels
+    stacked = len(panels) - data.last_beside
+    columns = max(1, min(data.columns, stacked))
+    rows = [list(range(k, min(k + columns, stacked))) for k in range(0, stacked, columns)]
     heights = [max(_height(panels[k]) for k in row) for row in rows]
-    page = WIDTH if columns > 1 else 0.6 * WIDTH
-    layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08)
+    wide = columns > 1 or data.last_beside or any(panel.rows for panel in panels)
+    page = WIDTH if wide else 0.62 * WIDTH
+    layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06)
     rows_of_names = -(-len(_names(panels)) // _names_in_row(_names(panels), page))
-    figure = Figure(figsize=(page, sum(heights) + 0.5 + 0.2 * max(0, rows_of_names - 2)), layout=layout)
+    figure = Figure(figsize=(page, sum(heights) + 0.35 + 0.17 * max(0, rows_of_names - 1)), layout=layout)
     if not rows:
         return figure
-    grid = figure.add_gridspec(len(rows), columns, height_ratios=heights)
-    axes = [figure.add_subplot(grid[divmod(k, columns)]) for k in range(len(panels))]
+    ratios = [_LEFT / columns] * columns + [1.0 - _LEFT] if data.last_beside else [1.0] * columns
+    grid = figure.add_gridspec(len(rows), len(ratios), height_ratios=heights, width_ratios=ratios)
+    axes = [figure.add_subplot(grid[divmod(k, columns)]) for k in range(stacked)]
+    if data.last_beside:
+        axes.append(figure.add_subplot(grid[:, -1]))
+    widths = [page * ratios[k % columns] / sum(ratios) for k in range(stacked)] + [page * ratios[-1]]
     groups = _groups(panels)
     limits: dict[int, tuple[float, float, str]] = {}
     for group in groups:
@@ -62,14 +86,14 @@ def draw_figure(data: FigureData) -> Figure:
     for k, (ax, panel) in enumerate(zip(axes, panels, strict=True)):
         if panel.map is not None:
             images[k] = _draw_map(ax, panel.map, limits[k][:2])
-        _draw_lines(ax, panel, page / columns)
-    rowed = [ax for ax, panel in zip(axes, panels, strict=True) if panel.rows]
+        _draw_lines(ax, panel, widths[k], _ON_SHEET)
+    rowed = [ax for ax, panel in zip(axes, panels, strict=True) if panel.rows and not panel.bars]
     for ax in rowed:  # the same x axis for all
         ax.set_xlim(min(other.get_xlim()[0] for other in rowed), max(other.get_xlim()[1] for other in rowed))
     for group in groups:
         lines = [k for k in group if panels[k].map is None and not panels[k].rows]
         scale_together([axes[k] for k in lines], [panels[k] for k in lines])
-    for row in rows:
+    for row in [list(range(stacked))] if data.last_beside else rows:
         mapped = [k for k in row if k in images]
         for label_and_limits, alike in groupby(mapped, key=lambda k: (panels[k].map.label, limits[k])):  # type: ignore[union-attr]
             indices = list(alike)
@@ -88,7 +112,7 @@ def draw_panel(ax: Axes, panel: Panel) -> Axes:
         image = _draw_map(ax, panel.map, (low, high))
         _colour_bar(figure, image, [ax], panel.map.label, extend)
     inches = ax.get_position().width * figure.get_figwidth()
-    _draw_lines(ax, panel, inches)
+    _draw_lines(ax, panel, inches, _IN_NOTEBOOK)
     if panel.map is None:
         scale_together([ax], [panel])
     if panel.series:
@@ -111,14 +135,14 @@ def draw_panel(ax: Axes, panel: Panel) -> Axes:
     return ax
 
 
-def new_axes(height: float = _HEIGHT["map"]) -> Axes:
+def new_axes(height: float = 3.7) -> Axes:
     """Return axes in a new figure as wide as one of the report.
 
     The figure is one of pyplot, so that notebooks show it; without a display, pyplot uses a backend that saves files.
     """
     from matplotlib import pyplot  # here, because reports do not need pyplot
 
-    return pyplot.figure(figsize=(0.6 * WIDTH, height), layout="constrained").add_subplot()
+    return pyplot.figure(figsize=(NOTEBOOK_WIDTH, height), layout="constrained").add_subplot()
 
 
 def fix_layout(figure: Figure) -> Figure:
@@ -170,7 +194,9 @@ def scale_together(axes: Sequence[Axes], panels: Sequence[Panel]) -> None:
     lines = [y for curves in series for y in curves]
     if not lines:
         return
-    if panels[0].log:
+    if panels[0].log or panels[0].log_y:
+        if not any((y > 0.0).any() for y in lines):
+            return
         low = min(float(y[y > 0.0].min()) for y in lines if (y > 0.0).any())
         high = max(float(y.max()) for y in lines)
         margin = max((high / low) ** 0.06, 1.02)
@@ -228,11 +254,13 @@ def _draw_map(ax: Axes, data: Map, limits: tuple[float, float]) -> Any:
 def _colour_bar(figure: Figure, image: Any, axes: Sequence[Axes], label: str, extend: str) -> None:
     """Draw the colour bar of maps beside their axes."""
     bar = figure.colorbar(image, ax=list(axes), label=label, extend=extend, pad=0.02, aspect=28)
+    if bar.solids is not None:
+        bar.solids.set_rasterized(True)
     bar.ax.locator_params(nbins=6)
 
 
-def _draw_series(ax: Axes, line: Series, *, on_map: bool) -> None:
-    """Draw a series with its markers and uncertainties."""
+def _draw_series(ax: Axes, line: Series, *, on_map: bool, least: float) -> None:
+    """Draw a series with its markers, and uncertainties above ``least`` of its largest value."""
     style = style_of(line.style)
     n = len(line.x)
     if on_map:
@@ -252,42 +280,64 @@ def _draw_series(ax: Axes, line: Series, *, on_map: bool) -> None:
     ax.plot(line.x, line.y, label=line.label, **style)
     if line.bar is not None and np.isfinite(line.bar).any():
         bar = np.where(np.isfinite(line.bar), line.bar, 0.0)
-        ax.errorbar(line.x, line.y, yerr=bar, fmt="none", ecolor=style["color"], elinewidth=1.0)
+        # bars that are narrower than a line would not be seen; the others are pale and behind everything
+        if np.nanmax(bar) > least * np.nanmax(np.abs(line.y), initial=0.0):
+            pale = {"ecolor": style["color"], "elinewidth": 3.0, "alpha": 0.3, "zorder": 1}
+            ax.errorbar(line.x, line.y, yerr=bar, fmt="none", **pale)
 
 
-def _draw_lines(ax: Axes, panel: Panel, inches: float) -> None:
-    """Draw everything but the map, on axes of a width in inches."""
-    for line in panel.series:
-        _draw_series(ax, line, on_map=panel.map is not None)
-    _label(ax, panel, inches)
+def _draw_bars(ax: Axes, panel: Panel) -> None:
+    """Draw a horizontal bar of each series in each row; bars of a row differ in colour and hatching."""
+    height = 0.8 / max(1, len(panel.series))
+    for nth, line in enumerate(panel.series):
+        place = line.y + (nth - 0.5 * (len(panel.series) - 1)) * height
+        ax.barh(place, line.x, height, label=line.label, edgecolor="black", linewidth=0.5, **BARS[nth % len(BARS)])
+    ax.axvline(0.0, color="black", linewidth=0.8)
 
 
-def _label(ax: Axes, panel: Panel, inches: float) -> None:
+def _draw_lines(ax: Axes, panel: Panel, inches: float, sizes: tuple[float, float]) -> None:
+    """Draw everything but the map, on axes of a width in inches, with sizes of the title and of notes in points."""
+    if panel.bars:
+        _draw_bars(ax, panel)
+    for line in panel.series if not panel.bars else ():
+        _draw_series(ax, line, on_map=panel.map is not None, least=_LEAST_BAR if sizes == _ON_SHEET else 0.0)
+    _label(ax, panel, inches, sizes)
+
+
+def _label(ax: Axes, panel: Panel, inches: float, sizes: tuple[float, float]) -> None:
     """Set titles, notes, labels and ticks."""
-    width = int(_LETTERS * inches)
+    large, small = sizes
+    width = int(_LETTERS * (inches - 0.3) * 11.0 / large)
     head = textwrap.fill(panel.title, width)
-    notes = "\n".join(textwrap.fill(note, int(1.35 * width)) for note in panel.notes)
-    ax.set_title(
-        head, loc="left", fontsize=11, fontweight="bold", pad=6 + 12.5 * (notes.count("\n") + 1 if notes else 0)
-    )
+    notes = "\n".join(textwrap.fill(note, int(1.1 * width * large / small)) for note in panel.notes)
+    lines = notes.count("\n") + 1 if notes else 0
+    ax.set_title(head, loc="left", fontsize=large, fontweight="bold", pad=0.5 * large + 1.39 * small * lines)
     if notes:
         ax.annotate(
-            notes, (0.0, 1.0), xytext=(0.0, 4.0), xycoords="axes fraction", textcoords="offset points", fontsize=9
+            notes, (0.0, 1.0), xytext=(0.0, 4.0), xycoords="axes fraction", textcoords="offset points", fontsize=small
         )
     ax.set(xlabel=panel.x_label, ylabel=panel.y_label)
     xs = [line.x for line in panel.series] + ([panel.map.x] if panel.map is not None else [])
     if panel.rows:
-        ax.set(xscale="log", ylim=(len(panel.rows) - 0.5, -0.5))
+        ax.set(ylim=(len(panel.rows) - 0.5, -0.5))
         ax.set_yticks(range(len(panel.rows)), [textwrap.shorten(name, 44, placeholder=" ...") for name in panel.rows])
-        ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        if not panel.bars:
+            ax.set_xscale("log")
+            decades = _decades(xs) or 0.0
+            if decades > 4.0:  # from below round-off to one
+                positive = np.concatenate([x[x > 0.0] for x in xs])
+                ax.set_xlim(min(1e-14, 0.3 * positive.min()), max(2.0, 3.0 * positive.max()))
+            ax.xaxis.set_major_locator(LogLocator(numticks=9 if decades > 4.0 else None))
+            ax.xaxis.set_major_formatter(
+                FuncFormatter(power_of_ten if decades > 4.0 else lambda value, _: f"{value:g}")
+            )
     elif panel.log and all(_decades(values) is not None for values in (xs, [line.y for line in panel.series])):
         ax.set(xscale="log", yscale="log")
         for axis, values in ((ax.xaxis, xs), (ax.yaxis, [line.y for line in panel.series])):
             decades = _decades(values) or 0.0
-            subs = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if decades < 1.3 else (1.0, 2.0, 5.0) if decades < 2.3 else (1.0,)
+            subs = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if decades < 0.7 else (1.0, 2.0, 5.0) if decades < 2.0 else (1.0,)
             axis.set_major_locator(LogLocator(subs=subs))
-            wide = LogFormatterMathtext() if decades >= 3.0 else FuncFormatter(lambda value, _: f"{value:g}")
-            axis.set_major_formatter(wide)
+            axis.set_major_formatter(FuncFormatter(power_of_ten if decades >= 3.0 else lambda value, _: f"{value:g}"))
             axis.set_minor_formatter(NullFormatter())
     else:
         whole = bool(xs) and all(np.array_equal(x, np.round(x)) for x in xs)
@@ -296,8 +346,22 @@ def _label(ax: Axes, panel: Panel, inches: float) -> None:
         )
         if whole and len({x for line in xs for x in line.tolist()}) == 1:  # matplotlib would show thousandths of a body
             ax.set_xlim(float(xs[0][0]) - 1.0, float(xs[0][0]) + 1.0)
+        if panel.log_y and _decades([line.y for line in panel.series]) is not None:
+            ax.set_yscale("log")
+            ax.yaxis.set_major_locator(LogLocator(numticks=6))
+            ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
+            ax.yaxis.set_minor_formatter(NullFormatter())
     if panel.map is None:
         ax.grid(alpha=0.25, which="both")
+
+
+def power_of_ten(value: float, _: float | None = None) -> str:
+    """Return a power of ten as text without a superscript, which would be too small on paper.
+
+    >>> power_of_ten(1e-14), power_of_ten(0.01), power_of_ten(1000.0), power_of_ten(1e6)
+    ('1e-14', '0.01', '1000', '1e6')
+    """
+    return f"{value:g}" if 1e-3 < value < 1e5 else f"{value:.0e}".replace("e+0", "e").replace("e-0", "e-")
 
 
 def _decades(values: Sequence[NDArray[np.float64]]) -> float | None:
@@ -308,12 +372,14 @@ def _decades(values: Sequence[NDArray[np.float64]]) -> float | None:
 
 def _legend(figure: Figure, axes: Iterable[Axes]) -> None:
     """Draw a legend above all panels with each label once."""
-    entries: dict[str, Line2D] = {}
+    entries: dict[str, Any] = {}
     thinned = False
     for ax in axes:
         thinned |= _thinned(ax)
-        for line in ax.get_lines():
-            entries.setdefault(str(line.get_label()), line)
+        handles: list[Any] = [*ax.get_lines(), *ax.containers]
+        for line in handles:
+            if not str(line.get_label()).startswith("_"):
+                entries.setdefault(str(line.get_label()), line)
     if not entries:
         return
     figure.legend(
@@ -324,7 +390,7 @@ def _legend(figure: Figure, axes: Iterable[Axes]) -> None:
         frameon=False,
         handlelength=3.4,
         title=_THINNED if thinned else None,
-        title_fontsize=9,
+        title_fontsize=8,
     )
 
 
@@ -342,15 +408,15 @@ def _names(panels: Sequence[Panel]) -> set[str]:
 def _names_in_row(names: Collection[str], width: float) -> int:
     """Return the number of labels in a row of a legend of a width in inches."""
     widest = max(map(len, names), default=0)
-    return max(1, min(len(names), int(10.0 * width) // (widest + 7)))
+    return max(1, min(len(names), int(11.5 * width) // (widest + 7)))
 
 
 def _height(panel: Panel) -> float:
     """Return the height of a panel, inches."""
     if panel.rows:
-        return 1.0 + 0.3 * len(panel.rows) + 0.17 * len(panel.notes)
+        return 0.7 + (0.24 + 0.06 * panel.bars) * len(panel.rows) + 0.15 * len(panel.notes)
     height = _HEIGHT["map" if panel.map is not None else "series"]
-    return (1.5 if panel.tall else 1.0) * height + 0.17 * len(panel.notes)
+    return (1.5 if panel.tall else 1.0) * height + 0.15 * len(panel.notes)
 
 
 def _groups(panels: Sequence[Panel]) -> list[list[int]]:

@@ -8,15 +8,16 @@ from types import MappingProxyType
 from typing import cast
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.backends.steps import order_on
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.report.drawing import draw_figure
+from dem_bridge.report.drawing import SHEET, WIDTH, draw_figure, power_of_ten
 from dem_bridge.report.strokes import BLACK, BLUE, GREEN, STYLES, VERMILION
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import FigureData, Map, Panel, Series
@@ -182,12 +183,13 @@ def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
     return _draw(panels, columns=len(shown))
 
 
+@rc_context(SHEET)
 def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
     """Draw the velocity errors of LAMMPS and its twin against the time step, and the difference between the two."""
     shown = [study for study in studies if any(max(errors) > 0.0 for _, errors in study.refinement.values())]
     if not shown:
         return None
-    figure, axes = _panels(1, len(shown), width=5.0, height=3.6)
+    figure, axes = _panels(1, len(shown), width=0.5 * WIDTH, height=2.8)
     for ax, study in zip(axes, shown, strict=True):
         for name, style in (
             (study.engine, {**STYLES[study.engine], "label": "LAMMPS - reference"}),
@@ -206,6 +208,9 @@ def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
             step = run.provenance["settings"]["dt"]
             ax.loglog([step], [between[0].difference], color=BLUE, marker="D", linestyle="none", label="LAMMPS - twin")
         ax.set(title=study.scene.name, xlabel="time step (s)")
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.set_major_formatter(FuncFormatter(power_of_ten))
+            axis.set_minor_formatter(NullFormatter())
         ax.grid(alpha=0.25)
     axes[0].set_ylabel("velocity difference / largest velocity")
     # one legend for all panels, unless their slopes differ
@@ -214,6 +219,7 @@ def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
     return figure
 
 
+@rc_context(SHEET)
 def error_budget(studies: Sequence[SceneStudy]) -> Figure | None:
     """Draw the error budget of LAMMPS on one scene for each quantity, with the same axis for all."""
     [study] = studies
@@ -221,13 +227,17 @@ def error_budget(studies: Sequence[SceneStudy]) -> Figure | None:
     values = [value for row in rows for value in row.values() if 0.0 < value < np.inf]
     if not values:
         return None
-    figure, axes = _panels(1, len(rows), width=3.1, height=2.9)
+    figure, axes = _panels(-(-len(rows) // 2), min(2, len(rows)), width=0.5 * WIDTH, height=2.0)
+    for ax in axes[len(rows) :]:
+        ax.remove()
+    axes = axes[: len(rows)]
     low, high = 0.3 * max(min(values), 1e-18), 300.0 * max(values)
     for ax, budget in zip(axes, study.budgets, strict=True):
         budget_on(ax, budget, (low, high))
         ax.set_title(budget.quantity.replace("_", " "))
-    axes[0].invert_yaxis()  # shared by all
-    figure.supxlabel(f"{study.scene.name}: difference / scale of the quantity", fontsize=10)
+    for ax in axes[::2]:
+        ax.invert_yaxis()  # shared by a row
+    figure.supxlabel(f"{study.scene.name}: difference / scale of the quantity", fontsize=8.5)
     return figure
 
 
@@ -250,11 +260,12 @@ def budget_on(ax: Axes, budget: Budget, limits: tuple[float, float] | None = Non
             textcoords="offset points",
             va="center",
             fontsize=8,
-            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
+            bbox={"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.6},
         )
     ax.axvline(budget.allowed, color=VERMILION, linestyle=":", linewidth=1.2)
     ax.set(xscale="log", xlim=(low, high))
     ax.xaxis.set_major_locator(LogLocator(numticks=5))
+    ax.xaxis.set_major_formatter(FuncFormatter(power_of_ten))
     ax.grid(axis="x", alpha=0.25)
 
 

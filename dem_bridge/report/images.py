@@ -1,6 +1,7 @@
-"""Make the images of a page, which the store keeps under the keys of the runs that they show or under their numbers.
+"""Make the pictures of a page, which the store keeps under the keys of the runs that they show or under their numbers.
 
-matplotlib takes half a second of CPU to import, and is imported when an image is drawn.
+Pictures are SVG: lines and text are vectors, so that they stay sharp on paper and text is text; only maps are images in
+them. matplotlib takes half a second of CPU to import, and is imported when a picture is drawn.
 """
 
 from __future__ import annotations
@@ -8,7 +9,9 @@ from __future__ import annotations
 import base64
 import hashlib
 import io
+import re
 from collections.abc import Callable, Sequence
+from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING, TypeVar
 
@@ -21,30 +24,32 @@ from dem_bridge.verification.assess import SceneStudy
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Png = TypeVar("Png", bytes, bytes | None)
-#: resolution of images, dots per inch
-_DPI = 120
+Svg = TypeVar("Svg", str, str | None)
+#: resolution of the maps in a picture, dots per inch
+_DPI = 150
+#: colours of a picture that a dark page replaces, and the names of these colours in style.css
+_THEMED = {"#000000": "ink", "#ffffff": "paper", "#0072b2": "blue", "#7f7f7f": "grey", "#c8c8c8": "pale"}
 
 
-def image_of_data(data: FigureData, store: Store | None = None) -> bytes:
-    """Return the image of a figure, as PNG."""
+def picture_of_data(data: FigureData, store: Store | None = None) -> str:
+    """Return the picture of a figure, as SVG."""
 
-    def draw() -> bytes:
+    def draw() -> str:
         from dem_bridge.report.drawing import draw_figure
 
-        return png_of(draw_figure(data))
+        return svg_of(draw_figure(data))
 
     return _recall(store, "figure", [], draw, content=hashlib.sha256(data.content()).hexdigest())
 
 
-def image_of_runs(name: str, studies: Sequence[SceneStudy], store: Store | None = None) -> bytes | None:
-    """Return the image that a function of :mod:`.figures` draws of the runs of scenes; None where it draws none."""
+def picture_of_runs(name: str, studies: Sequence[SceneStudy], store: Store | None = None) -> str | None:
+    """Return the picture that a function of :mod:`.figures` draws of the runs of scenes; None where it draws none."""
 
-    def draw() -> bytes | None:
+    def draw() -> str | None:
         from dem_bridge.report import figures
 
         figure: Figure | None = getattr(figures, name)(studies)
-        return None if figure is None else png_of(figure)
+        return None if figure is None else svg_of(figure)
 
     keys = [result.key for study in studies for result in study.results]
     judged = [
@@ -62,22 +67,91 @@ def _recall(
     store: Store | None,
     name: str,
     keys: Sequence[str | None],
-    draw: Callable[[], Png],
+    draw: Callable[[], Svg],
     scenes: Sequence[Scene] = (),
     **shown: object,
-) -> Png:
-    """Return an image from the store, or draw it if the runs, the code of the report or a library are new."""
+) -> Svg:
+    """Return a picture from the store, or draw it if the runs, the code of the report or a library are new."""
     drawing = {"code": code_hash(), "matplotlib": version("matplotlib"), "pillow": version("pillow")}
-    return recall(store, f"image {name}", keys, draw, scenes=scenes, drawing=drawing, shown=shown)
+    return recall(store, f"picture {name}", keys, draw, scenes=scenes, drawing=drawing, shown=shown)
 
 
-def png_of(figure: Figure) -> bytes:
-    """Return a figure as a small PNG image; equal figures have equal bytes."""
+def svg_of(figure: Figure) -> str:
+    """Return a figure as SVG with text as text; equal figures have equal texts."""
+    from matplotlib import rc_context
+
     from dem_bridge.report.drawing import fix_layout
 
-    png = io.BytesIO()
-    fix_layout(figure).savefig(png, format="png", dpi=_DPI)
-    return compress_png(png.getvalue())
+    text = io.StringIO()
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "dem_bridge"}):
+        metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        fix_layout(figure).savefig(text, format="svg", dpi=_DPI, transparent=True, metadata=metadata)
+    svg = text.getvalue()
+    return _shortened(svg[svg.index("<svg") :])
+
+
+def alternative_text(data: FigureData) -> str:
+    """Return what a figure shows in words: its title, and for each panel the axes and the names of its lines.
+
+    >>> from dem_bridge.studies.study import Panel
+    >>> panel = Panel(title="(a) slow", x_label="cylinder", y_label="time (ms)")
+    >>> alternative_text(FigureData(id="figure-2", title="Figure 2", caption="", panels=(panel,)))
+    'Figure 2. (a) slow: time (ms) against cylinder.'
+    """
+    parts = []
+    for panel in data.panels:
+        axes = f"{panel.map.label} over " if panel.map is not None else ""
+        axes += f"{panel.y_label or ', '.join(filter(None, panel.rows)) or 'rows as before'} against {panel.x_label}"
+        lines = ", ".join(dict.fromkeys(line.label for line in panel.series))
+        parts.append(f"{panel.title}: {axes}{f'; {lines}' if lines else ''}.")
+    return " ".join([f"{data.title}.", *parts])
+
+
+def inline(svg: str, name: str, alt: str) -> str:
+    """Return a picture as an element of a page: an image with an alternative text, in the colours of the page.
+
+    Ids within the picture begin with ``name``, so that two pictures of a page share none.
+
+    >>> inline('<svg viewBox="0 0 1 1"><g id="a" fill="#000000"/></svg>', "b", 'x < "y"')
+    '<svg role="img" aria-label="x &lt; &quot;y&quot;" viewBox="0 0 1 1"><g id="b-a" fill="var(--ink)"/></svg>'
+    """
+    body = re.sub(r'\bid="', f'id="{name}-', svg.strip())
+    body = re.sub(r'(href="|url\()#', rf"\1#{name}-", body)
+    body = re.sub(r"#[0-9a-f]{6}\b", lambda found: _themed(found[0]), body)
+    # CSS gives the picture its width: that of the figure on paper, more on a screen
+    body = re.sub(r'width="([\d.]+)pt" height="[\d.]+pt"', r'style="--w: \1"', body, count=1)
+    return body.replace("<svg", f'<svg role="img" aria-label="{escape(alt)}"', 1)
+
+
+def _themed(colour: str) -> str:
+    """Return a colour as the page has it."""
+    return f"var(--{_THEMED[colour]})" if colour in _THEMED else colour
+
+
+def _shortened(svg: str) -> str:
+    """Return an SVG of matplotlib without what a page does not need: comments, names of fonts, ids of groups."""
+    svg = re.sub(r"<!--.*?-->\n?|<metadata>.*?</metadata>\n?", "", svg, flags=re.DOTALL)
+    svg = re.sub(r'<g id="[^"]*">', "<g>", svg)
+    svg = re.sub(r" ?font-family: [^;\"]*;?", "", svg)  # the page has a font
+    svg = re.sub(r"data:image/png;base64,([^\"]*)", lambda found: data_uri(_compressed(found[1])), svg)
+    svg = re.sub(r"<g([^>]*)>\s*((?:<use [^>]*/>\s*)+)</g>", _of_group, svg)
+    svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"\s*\n\s*| (?=[LCQMz])", "", path[0]), svg)
+    svg = re.sub(r"\n\s*", "\n", svg)
+    return re.sub(r"(\d\.\d)\d+", r"\1", svg)  # a tenth of a point
+
+
+def _of_group(found: re.Match[str]) -> str:
+    """Return a group of markers with the style of all of them in one place, if it is the same."""
+    styles = set(re.findall(r' style="[^"]*"', found[2]))
+    if len(styles) != 1:
+        return found[0]
+    style = styles.pop()
+    return f"<g{found[1]}{style}>\n{found[2].replace(style, '')}</g>"
+
+
+def _compressed(base: str) -> bytes:
+    """Return an image of an SVG with a palette."""
+    return compress_png(base64.b64decode(base))
 
 
 def data_uri(png: bytes) -> str:
@@ -86,7 +160,7 @@ def data_uri(png: bytes) -> str:
 
 
 def compress_png(png: bytes) -> bytes:
-    """Return the image with a palette of 256 colours, in about a third of the bytes.
+    """Return the image with a palette of 256 colours, in about a third of the bytes; transparent parts are white.
 
     The palette covers all colours, so that thin lines keep theirs, and is then refined by k-means, without which a map
     has a dozen visible steps. The file has no date and no software, so that equal images have equal bytes.
@@ -94,7 +168,8 @@ def compress_png(png: bytes) -> bytes:
     from PIL import Image
 
     small = io.BytesIO()
-    colours = Image.open(io.BytesIO(png)).convert("RGB")
+    image = Image.open(io.BytesIO(png)).convert("RGBA")
+    colours = Image.alpha_composite(Image.new("RGBA", image.size, "white"), image).convert("RGB")
     indexed = colours.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE, kmeans=2)
     indexed.save(small, format="png", optimize=True)
     return small.getvalue()

@@ -1,4 +1,4 @@
-"""Write a study as files: one self-contained HTML page, tables as CSV, figures as PNG and CSV, and everything as JSON.
+"""Write a study as files: one self-contained HTML page, tables as CSV, figures as SVG and CSV, and everything as JSON.
 
 All files are written, or none.
 """
@@ -16,11 +16,12 @@ from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.files import write_whole
 from dem_bridge.report.cells import SEVERITY
 from dem_bridge.report.figure_csv import csv_texts
-from dem_bridge.report.images import image_of_data, image_of_runs
+from dem_bridge.report.images import picture_of_data, picture_of_runs
 from dem_bridge.report.pages import fill
 from dem_bridge.runs.recall import recall
 from dem_bridge.runs.store import Store
 from dem_bridge.studies.independence import ANSWERS_THROUGH, matrix
+from dem_bridge.studies.scope import scope
 from dem_bridge.studies.study import Study
 from dem_bridge.studies.verification import Verification
 from dem_bridge.verification.roles import BLANES_MOAN, POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN
@@ -36,7 +37,7 @@ NAMES = {
     THEORY: "BCA",
 }
 #: tables that the page of a verification shows in another form
-_SHOWN_OTHERWISE = ("claims", "budget", "verdicts")
+_SHOWN_OTHERWISE = ("claims", "verdicts")
 
 
 def write_study(study: Study, folder: Path, store: Store | None = None) -> tuple[str, ...]:
@@ -49,12 +50,12 @@ def write_study(study: Study, folder: Path, store: Store | None = None) -> tuple
 def study_files(study: Study, store: Store | None = None) -> dict[str, str | bytes]:
     """Return the files of a study by name.
 
-    These are ``index.html``, the JSON, ``tables/ID.csv``, ``figures/ID.png``, ``figures/ID.csv`` and the study's own
-    ``files``. Images are kept in ``store``.
+    These are ``index.html``, the JSON, ``tables/ID.csv``, ``figures/ID.svg``, ``figures/ID.csv`` and the study's own
+    ``files``. Pictures are kept in ``store``.
     """
     figures: dict[str, dict[str, str | bytes]] = {
         figure.id: {
-            f"figures/{figure.id}.png": image_of_data(figure, store),
+            f"figures/{figure.id}.svg": picture_of_data(figure, store),
             **{f"figures/{name}": text for name, text in csv_texts(figure).items()},
         }
         for figure in study.figures
@@ -73,7 +74,7 @@ def study_files(study: Study, store: Store | None = None) -> dict[str, str | byt
 
 
 def _page(study: Study, figures: Mapping[str, Mapping[str, str | bytes]], store: Store | None) -> str:
-    """Return the page as text. ``figures``: the files of each figure, the picture first."""
+    """Return the page as text. ``figures``: the files of each figure, its picture first."""
     template, more = "study.html.j2", {}
     if isinstance(study, Verification):
         template, more = "verification.html.j2", _of_verification(study, store)
@@ -81,7 +82,7 @@ def _page(study: Study, figures: Mapping[str, Mapping[str, str | bytes]], store:
         template,
         study=study,
         files=figures,
-        image_of=partial(image_of_runs, store=store),
+        picture_of=partial(picture_of_runs, store=store),
         failures=[verdict for verdict in study.verdicts if verdict.outcome in SEVERITY[:3]],
         **more,
     )
@@ -98,9 +99,11 @@ def _of_verification(study: Verification, store: Store | None) -> dict[str, Any]
     ]
     return {
         "paper": bool(study.claims),
+        "scope": scope(study),
         "tables": [table for table in study.tables if table.id not in _SHOWN_OTHERWISE],
         "counts": [(outcome, counts[outcome]) for outcome in Outcome if counts[outcome]],
         "order_of_claims": (Outcome.PASS, *SEVERITY[:-1]),
+        "failing": [claim for claim in study.claims if claim.outcome in SEVERITY[:2]],
         "with_figures": with_figures,
         "with_theory": lambda pair: any(chain.run(THEORY) is not None for chain in pair),
         "names": NAMES,

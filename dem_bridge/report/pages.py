@@ -6,9 +6,10 @@ from functools import cache
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from dem_bridge.report import cells
-from dem_bridge.report.images import data_uri
+from dem_bridge.report.images import alternative_text, inline
 
 
 @cache
@@ -24,9 +25,11 @@ def _environment() -> Environment:
     )
     environment.filters |= {
         "by_backend": cells.by_backend,
+        "alternative_text": alternative_text,
         "claimed": lambda outcome: cells.CLAIMED[outcome],
-        "data_uri": data_uri,
         "digits": lambda value: cells.digits_of(value.value, value.uncertainty),
+        "inline": lambda svg, name, alt: Markup(inline(svg, name, alt)),
+        "mark": lambda outcome: cells.MARKS[outcome],
         "number": cells.number,
         "numeric": cells.numeric,
         "sortable": cells.sortable,

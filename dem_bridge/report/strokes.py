@@ -42,7 +42,11 @@ STYLES: Mapping[str, Mapping[str, Any]] = {name: _arguments(entry) for name, ent
 _FURTHER = {name: _arguments(entry) for name, entry in _DATA["further"].items()}
 #: lines over a map: thin, so that they do not hide the front, and black or white with an edge of the other, so that
 #: they are visible on every colour of the map
-_ON_MAP = {"bca": ("black", "--"), "adiabatic": ("white", "-.")}
+#: (almost black and almost white, because exact ones are exchanged on a dark page)
+_DARK, _LIGHT = "#010101", "#fefefe"
+_ON_MAP = {"bca": (_DARK, "--"), "adiabatic": (_LIGHT, "-.")}
+#: bars of a row: fill and hatching
+BARS: tuple[Mapping[str, Any], ...] = ({"color": BLUE}, {"color": _INK["orange"], "hatch": "////"})
 
 
 def style_of(name: str) -> dict[str, Any]:
@@ -77,6 +81,6 @@ def style_of(name: str) -> dict[str, Any]:
 
 def style_on_map(name: str) -> dict[str, Any]:
     """Return the matplotlib arguments of a line over a map."""
-    ink, dash = _ON_MAP.get(name, ("white", "-"))
-    edge = withStroke(linewidth=2.4, foreground="black" if ink == "white" else "white")
-    return {"color": ink, "linestyle": dash, "linewidth": 1.1, "path_effects": [edge]}
+    ink, dash = _ON_MAP.get(name, (_LIGHT, "-"))
+    edge = withStroke(linewidth=1.7, foreground=_DARK if ink == _LIGHT else _LIGHT)
+    return {"color": ink, "linestyle": dash, "linewidth": 0.8, "path_effects": [edge]}

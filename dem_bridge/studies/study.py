@@ -133,10 +133,14 @@ class Panel:
     map: Map | None = None
     log: bool = False
     """Both axes logarithmic."""
+    log_y: bool = False
+    """The y axis alone logarithmic."""
     notes: tuple[str, ...] = ()
     """Short lines to stand in the panel."""
     rows: tuple[str, ...] = ()
-    """Names of the places 0, 1, ... on the y axis, the first on top; the x axis is then logarithmic."""
+    """Names of the places 0, 1, ... on the y axis, the first on top; without ``bars`` the x axis is logarithmic."""
+    bars: bool = False
+    """Whether each series has a horizontal bar in each of its rows, from zero to its x."""
     tall: bool = False
     """Half as high again as others."""
     shares_scale_with: tuple[int, ...] = ()
@@ -153,6 +157,8 @@ class FigureData:
     panels: tuple[Panel, ...]
     columns: int = 2
     """Panels side by side."""
+    last_beside: bool = False
+    """Whether the last panel stands right of all others and is as high as they are together."""
 
     def content(self) -> bytes:
         """All that the picture is made of: figures with the same content look the same."""

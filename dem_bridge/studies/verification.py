@@ -36,6 +36,8 @@ class Verification(Study):
     """Wanted accuracy of velocities, relative to the largest."""
     wall: float
     """s, for all of it."""
+    abstract: tuple[str, ...] = ()
+    """Question, method, result, what fails and what is not verified, if the whole paper was verified."""
     claims: tuple[Claim, ...] = ()
     """Statements of the paper, if the whole paper was verified."""
     not_verified: tuple[str, ...] = ()

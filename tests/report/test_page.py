@@ -88,10 +88,10 @@ def test_the_page_is_one_file_that_loads_nothing(found: Verification, tmp_path: 
 
 
 def _loads_nothing(text: str) -> None:
-    sources = re.findall(r'src="([^"]{0,30})', text)
-    assert sources
-    assert all(source.startswith("data:image/png;base64,") for source in sources)
-    assert not re.search(r"<link|@import|url\(|<script[^>]", text)
+    assert text.count("<svg ")
+    sources = re.findall(r'(?:src|xlink:href)="([^"]{0,30})', text)
+    assert all(source.startswith(("data:image/png;base64,", "#")) for source in sources), sources
+    assert not re.search(r"<link|@import|url\((?!#)|<script[^>]|<img", text)
 
 
 def test_text_with_markup_is_escaped(found: Verification, tmp_path: Path) -> None:
@@ -204,17 +204,75 @@ def _text(folder: Path) -> str:
     return (folder / "index.html").read_text(encoding="utf-8")
 
 
-def test_page_one_of_a_paper_has_answer_what_is_not_verified_and_the_whole_budget(whole: Path) -> None:
+def test_a_paper_opens_with_its_abstract_and_one_figure_and_details_stand_in_the_appendix(whole: Path) -> None:
     text, paper = _text(whole), fake_paper()
-    order = ["the answer", "what is not verified", "the whole budget", "claims of the paper", "figures", "tables"]
-    order += ["verdicts", "error budget of lammps", "figures of runs", "modules that backends share", "provenance"]
+    order = ["abstract", "claims of the paper", "figures", "what is not verified", "scope", "appendix"]
     headings = [unescape(re.sub("<.*?>", "", one)).lower() for one in re.findall(r"<h2[^>]*>(.*?)</h2>", text)]
-    assert [one.split(",")[0] for one in headings] == order
-    first = text.split('id="claims"')[0]
-    for sentence in (*paper.answer, *paper.not_verified):
-        assert first.count(_escaped(sentence)) == 1, sentence
-    for cell in (row[0] for row in paper.tables[1].rows):
-        assert _escaped(str(cell)) in first
+    assert headings == order
+    first, main = text.split('id="claims"')[0], text.split('id="appendix"')[0]
+    for sentence in paper.abstract:
+        assert first.count(f"<dd>{_escaped(sentence)}</dd>") == 1, sentence
+    assert first.count("<svg ") == 1
+    assert main.count("<svg ") == len(paper.figures)
+    for sentence in paper.not_verified:
+        assert main.count(_escaped(sentence)) == 1, sentence
+    # whatever is long is folded, behind the main part
+    assert "<details" not in main
+    parts = re.findall(r'<details class="part" id="([^"]+)">', text.split('id="appendix"')[1])
+    assert {"claims-in-full", "verdicts", "budgets", "provenance", "shared"} < set(parts)
+    assert {f"table-{table.id}" for table in paper.tables if table.id not in ("claims", "verdicts")} <= set(parts)
+
+
+def test_the_strip_of_claims_keeps_its_meaning_without_colour(whole: Path) -> None:
+    text, paper = _text(whole), fake_paper()
+    [strip] = re.findall(r'<ol class="strip">(.*?)</ol>', text, re.DOTALL)
+    cells = re.findall(r'<a class="cell (\w+)" href="#claim-([^"]+)".*?</span>(.)</a>', strip)
+    assert [(outcome, id) for outcome, id, _ in cells] == [(claim.outcome.value, claim.id) for claim in paper.claims]
+    marks = {outcome: mark for outcome, _, mark in cells}
+    assert len(set(marks.values())) == len(marks) == 5
+
+
+def test_every_picture_is_a_vector_with_an_alternative_text_and_letters_of_8_points(whole: Path) -> None:
+    pictures = re.findall(r"<svg .*?</svg>", _text(whole), re.DOTALL)
+    assert len(pictures) >= len(fake_paper().figures)
+    for picture in pictures:
+        check_picture(picture)
+
+
+def check_picture(picture: str) -> None:
+    """Assert that a picture has an alternative text, that its text is text, and that no letter is below 8 points."""
+    [alt] = re.findall(r'^<svg role="img" aria-label="([^"]+)"', picture)
+    assert len(alt) > 20
+    sizes = [float(size) for size in re.findall(r"font-size: ([\d.]+)px", picture)]
+    assert picture.count("<text") == len(sizes) > 5
+    assert min(sizes) >= 8.0
+    # user units are points, because a sheet has room for the whole width
+    assert float(re.findall(r'viewBox="0 0 ([\d.]+)', picture)[0]) <= 72.0 * 186.0 / 25.4
+
+
+@pytest.mark.parametrize(
+    ("fault", "planted"),
+    [
+        ("font-size: 8px", "font-size: 7px"),
+        ('aria-label="', 'aria-label="" data-alt="'),
+        ('viewBox="0 0 ', 'viewBox="0 0 1'),
+    ],
+)
+def test_a_picture_with_small_letters_no_words_or_too_wide_is_caught(whole: Path, fault: str, planted: str) -> None:
+    picture = re.findall(r"<svg .*?</svg>", _text(whole), re.DOTALL)[0]
+    check_picture(picture)
+    with pytest.raises((AssertionError, ValueError)):
+        check_picture(picture.replace(fault, planted))
+
+
+def test_a_request_to_the_network_is_caught(whole: Path) -> None:
+    for planted in (
+        '<img src="https://x.y/z.png">',
+        '<link href="a.css">',
+        "<style>a{background:url(http://x.y)}</style>",
+    ):
+        with pytest.raises(AssertionError):
+            _loads_nothing(_text(whole) + planted)
 
 
 def _escaped(text: str) -> str:
@@ -224,7 +282,7 @@ def _escaped(text: str) -> str:
 def test_runs_that_do_not_pass_stand_on_page_one_of_a_paper(found: Verification, tmp_path: Path, whole: Path) -> None:
     assert "These verdicts do not pass" not in _text(whole)
     broken = fake_paper(_verification(PAIR, broken=True))
-    first = _written(broken, tmp_path).read_text(encoding="utf-8").split('id="not-verified"')[0]
+    first = _written(broken, tmp_path).read_text(encoding="utf-8").split('id="claims"')[0]
     assert re.search('<span class="outcome BROKEN">BROKEN</span> three: [^<]*ERROR: Lost atoms', first)
 
 
@@ -256,9 +314,9 @@ def test_what_is_drawn_and_tabled_lies_beside_the_page_in_full_precision(whole: 
     assert {str(path.relative_to(whole)) for path in whole.rglob("*.csv")} == set(wanted)
     for name, content in wanted.items():
         assert (whole / name).read_text(encoding="utf-8") == content
-        assert text.count(f'href="{name}"') == 1
+        assert text.count(f'href="{name}"') == 1, name
     for figure in paper.figures:
-        assert (whole / f"figures/{figure.id}.png").read_bytes().startswith(b"\x89PNG")
+        assert (whole / f"figures/{figure.id}.svg").read_text(encoding="utf-8").startswith("<svg")
 
 
 def test_claims_stand_in_the_json_without_nan(whole: Path) -> None:
@@ -274,7 +332,7 @@ def test_the_page_of_a_paper_loads_nothing_escapes_markup_and_stays_small(whole:
     text = _text(whole)
     _loads_nothing(text)
     assert "<b>cannot" not in text
-    assert len(text) < 4e6
+    assert len(text) < 1.5e6
     ids = re.findall(r' id="([^"]+)"', text)
     assert len(set(ids)) == len(ids)
     assert set(re.findall(r'href="#([^"]+)"', text)) <= set(ids)

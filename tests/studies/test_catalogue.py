@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import functools
 import importlib
 import inspect
@@ -27,6 +26,7 @@ from dem_bridge.cli.studies import documentation, parameters_of
 from dem_bridge.cli.studies import study as group
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.report.images import alternative_text, inline
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file.text import scene_toml
 from dem_bridge.studies import catalogue
@@ -238,7 +238,8 @@ def test_every_study_runs_by_name_and_by_command_and_is_written(
     assert {"index.html", *(f"tables/{one.id}.csv" for one in result.tables)} <= set(files)
     page = files["index.html"].decode("utf-8")
     for figure in result.figures:
-        assert base64.b64encode(files[f"figures/{figure.id}.png"]).decode("ascii") in page
+        picture = files[f"figures/{figure.id}.svg"].decode("utf-8")
+        assert inline(picture, f"{figure.id}-picture", alternative_text(figure)) in page
         assert any(re.fullmatch(rf"figures/{figure.id}(-\w+)?\.csv", file) for file in files)
     for sentence in result.answer:
         assert escape(sentence).replace("&#x27;", "&#39;") in page
@@ -308,16 +309,16 @@ def test_what_cannot_be_asked_is_said_in_one_line(words: Any, settings: Any, sai
 def test_a_study_is_written_as_page_json_tables_and_figures(tmp_path: Path) -> None:
     found = db.study("of-scene", "decelerating-40", folder=tmp_path, strength=2.0)
     assert found.exit_code == 1
-    names = {"index.html", "small.json", "tables/numbers.csv", "figures/picture.csv", "figures/picture.png"}
+    names = {"index.html", "small.json", "tables/numbers.csv", "figures/picture.csv", "figures/picture.svg"}
     assert {file.relative_to(tmp_path).as_posix() for file in tmp_path.rglob("*.*")} == names
     record = json.loads((tmp_path / "small.json").read_text())
     assert record["tables"]["numbers"] == [{"who": "[a]", "x": None}]
     page = (tmp_path / "index.html").read_text()
     assert "It &lt;is&gt; so." in page
-    assert 'src="data:image/png;base64,' in page
+    assert '<svg role="img" aria-label="Picture.' in page
     assert "Interrupted" not in page
     assert "FAIL</span> s: So it is." in page
-    assert (tmp_path / "figures/picture.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "figures/picture.svg").read_bytes().startswith(b"<svg")
 
 
 @pytest.mark.usefixtures("made_up")

@@ -254,7 +254,7 @@ def test_a_study_is_asked_by_name_and_written(tmp_path: Path) -> None:
     )
     assert {row["extreme"] for row in told["tables"]["outcomes"]} == {"at-rest"}
     assert len(told["tables"]["findings"]) == len(BACKENDS)
-    assert (tmp_path / "figures/error-over-bars.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "figures/error-over-bars.svg").read_bytes().startswith(b"<svg")
 
 
 def test_what_is_slow_or_unknown_is_left_out() -> None:

@@ -279,5 +279,5 @@ def test_the_command_prints_the_matrix_and_ends_with_0(tmp_path: Path) -> None:
     assert "\x1b" not in done.output
     assert re.search(r"granular, newton off .* yes .*PASS", done.output)
     assert re.search(r"NOT_RUN: granular, kk: |granular, kk .*PASS", done.output)
-    for name in ("index.html", "styles.json", "tables/styles.csv", "figures/styles-differences.png"):
+    for name in ("index.html", "styles.json", "tables/styles.csv", "figures/styles-differences.svg"):
         assert (tmp_path / name).is_file()

@@ -6,12 +6,14 @@ Maps are thinned to what a picture shows and rounded; lines are in full precisio
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 
 from dem_bridge.errors import UsageError
 from dem_bridge.studies.paper import panels as panel
 from dem_bridge.studies.paper.panels import GUIDE, MAP_DIGITS, MAP_ROWS, ChainRuns, Ratios
 from dem_bridge.studies.paper.texts import PAPER
-from dem_bridge.studies.study import FigureData
+from dem_bridge.studies.study import FigureData, Panel
 
 DECELERATING, ACCELERATING = map(PAPER, ("decelerating", "accelerating"))
 GRADIENTS = (
@@ -25,27 +27,36 @@ _SHORT, _LONG = 1.3, 1.1
 _THINNED = PAPER("thinned", rows=MAP_ROWS, digits=MAP_DIGITS)
 
 
-def figure_2(decelerating: ChainRuns, accelerating: ChainRuns) -> FigureData:
-    """Return figure 2: velocity over cylinder and time with the fronts by theory (b and d are measurements)."""
+def figure_2(decelerating: ChainRuns, accelerating: ChainRuns, scale: Panel | None = None) -> FigureData:
+    """Return figure 2: velocity over cylinder and time with the fronts by theory (b and d are measurements).
+
+    With ``scale`` this panel stands beside the maps, which are then above one another.
+    """
     chains = _titled("a", "c", (decelerating, accelerating))
     end = panel.window((decelerating, accelerating), _SHORT)
     panels = [panel.velocity_map(title, chain, end, shares=(0, 1)) for title, chain in chains]
-    return PAPER.figure("figure-2", panels, thinned=_THINNED)
+    if scale is None:
+        return PAPER.figure("figure-2", panels, thinned=_THINNED)
+    return replace(PAPER.figure("figure-2", [*panels, scale], thinned=_THINNED), columns=1, last_beside=True)
 
 
 def figure_3(decelerating: ChainRuns, accelerating: ChainRuns) -> FigureData:
-    """Return figure 3: residence time (a, b) and wave speed (c, d), with the power-law fit of the speed."""
+    """Return figure 3: residence time (a, b) and wave speed (c, d), with the power-law fit of the speed.
+
+    Below them are the deviations of the residence times from the reference.
+    """
     chains = (decelerating, accelerating)
     times = [panel.residence_times(title, chain, shares=(0, 1)) for title, chain in _titled("a", "b", chains)]
     speeds = [panel.wave_speeds(title, chain, shares=(2, 3)) for title, chain in _titled("c", "d", chains)]
-    return PAPER.figure("figure-3", [*times, *speeds])
+    away = [
+        panel.deviations(title, chain, "residence_time", shares=(4, 5))
+        for title, chain in _titled("a, deviation", "b, deviation", chains)
+    ]
+    return PAPER.figure("figure-3", [*times, *speeds, *away])
 
 
 def figure_4(decelerating_200: ChainRuns, accelerating_200: ChainRuns) -> FigureData:
-    """Return figure 4: velocity maps (a, d), frequency along the chain (b, e) and wavenumber in time (c, f).
-
-    The inset of (a), and its counterpart for (d), are included.
-    """
+    """Return figure 4, first part: velocity maps (a, d), with the inset of (a) and its counterpart for (d)."""
     chains = (decelerating_200, accelerating_200)
     end = panel.window(chains, _LONG)
     panels = [
@@ -53,26 +64,35 @@ def figure_4(decelerating_200: ChainRuns, accelerating_200: ChainRuns) -> Figure
             panel.velocity_map(title, chain, end, shares=(0, 1), theories=())
             for title, chain in _titled("a", "d", chains)
         ),
-        *panel.frequencies(_titled("b", "e", chains), place=2),
-        *panel.wavenumbers(_titled("c", "f", chains), place=4),
         *(
-            panel.velocity_in_the_middle(title, chain, shares=(6, 7))
+            panel.velocity_in_the_middle(title, chain, shares=(2, 3))
             for title, chain in _titled("a, inset", "d, inset", chains)
         ),
     ]
     return PAPER.figure("figure-4", panels, thinned=_THINNED)
 
 
+def figure_4_spectra(decelerating_200: ChainRuns, accelerating_200: ChainRuns) -> FigureData:
+    """Return figure 4, second part: frequency along the chain (b, e) and wavenumber in time (c, f)."""
+    chains = (decelerating_200, accelerating_200)
+    panels = [
+        *panel.frequencies(_titled("b", "e", chains), place=0),
+        *panel.wavenumbers(_titled("c", "f", chains), place=2),
+    ]
+    return PAPER.figure("figure-4-spectra", panels, thinned=_THINNED)
+
+
 def figure_5(decelerating_200: ChainRuns, accelerating_200: ChainRuns) -> FigureData:
     """Return figure 5: peak force along the chain (a, b) and against stiffness (c, d).
 
-    The insets, which show the force over time in the middle, are included.
+    The insets, which show the force over time in the middle, and the deviations from the reference are included.
     """
     chains = (decelerating_200, accelerating_200)
     drawn = (
         ("a", "b", panel.peak_forces, (0, 1)),
         ("c", "d", panel.force_against_stiffness, (2, 3)),
         ("a, inset", "b, inset", panel.force_in_the_middle, (4, 5)),
+        ("a, deviation", "b, deviation", partial(panel.deviations, name="peak_force"), (6, 7)),
     )
     panels = [
         draw(title, chain, shares=shares)
@@ -108,6 +128,8 @@ def figure_6(maps: Sequence[ChainRuns], decelerating: Ratios, accelerating: Rati
         ),
         panel.speed_ratios(f"(c) {DECELERATING}", decelerating),
         panel.speed_ratios(f"(f) {ACCELERATING}", accelerating),
+        panel.ratio_deviations(f"(c, deviation) {DECELERATING}", decelerating, shares=(6, 7)),
+        panel.ratio_deviations(f"(f, deviation) {ACCELERATING}", accelerating, shares=(6, 7)),
     ]
     return PAPER.figure("figure-6", panels, thinned=_THINNED)
 
@@ -118,4 +140,4 @@ def _titled(first: str, second: str, chains: tuple[ChainRuns, ChainRuns]) -> lis
     return list(zip(titles, chains, strict=True))
 
 
-__all__ = ["ChainRuns", "Ratios", "figure_2", "figure_3", "figure_4", "figure_5", "figure_6"]
+__all__ = ["ChainRuns", "Ratios", "figure_2", "figure_3", "figure_4", "figure_4_spectra", "figure_5", "figure_6"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ MAP_ROWS, MAP_DIGITS = 300, 5
 GUIDE = 1.08
 #: of a column's largest power: less is dark
 _DARK = 0.02
+_AWAY = "deviation from reference (%)"
 _POWER = "power / largest of its column (1)"
 
 
@@ -84,6 +85,7 @@ def velocity_map(
 ) -> Panel:
     """Return velocity over cylinder and time until ``end`` (s), without the striker, and the fronts by theories."""
     name, run = chain.shown
+    fronts = (name, *theories) if theories else ()
     rows = int(np.searchsorted(run.time, end, side="right"))
     thin = slice(None, rows, _step(rows))
     bodies = np.arange(1.0, chain.scene.n_body)
@@ -100,12 +102,12 @@ def velocity_map(
         ),
         series=tuple(
             Series(
-                label=f"front by {LABELS[theory]}",
+                label=f"front by {LABELS.get(theory, theory)}",
                 style=theory,
                 x=bodies,
                 y=1e3 * OBSERVABLES["arrival"].value(chain.scene, result)[1:],
             )
-            for theory, result in chain.named(*theories)
+            for theory, result in chain.named(*fronts)
         ),
         notes=(f"velocity by {LABELS.get(name, name)}",),
         shares_scale_with=shares,
@@ -223,6 +225,29 @@ def speed_ratios(title: str, ratios: Ratios) -> Panel:
             if any(name in ratio for _, ratio in ratios)
         ),
     )
+
+
+def deviations(title: str, chain: ChainRuns, name: str, *, shares: tuple[int, ...]) -> Panel:
+    """Return the size of the relative deviation from the reference along the chain, in per cent, by all other runs."""
+    lines = list(_along(chain, name))
+    truth = next(line for line in lines if line.style == "reference")
+    series = [_deviation(line, line.y / truth.y) for line in lines if line is not truth]
+    label = "contact" if OBSERVABLES[name].axis == ("contact",) else "cylinder"
+    return replace(_panel(title, label, _AWAY, series, shares), log_y=True)
+
+
+def ratio_deviations(title: str, ratios: Ratios, *, shares: tuple[int, ...]) -> Panel:
+    """Return the size of the relative deviation of V_out/V_in from the reference, in per cent, by each backend."""
+    panel = speed_ratios(title, ratios)
+    truth = next((line for line in panel.series if line.style == "reference"), None)
+    series = [_deviation(line, line.y / truth.y) for line in panel.series if truth is not None and line is not truth]
+    return replace(panel, y_label=_AWAY, series=tuple(series), log_y=True, shares_scale_with=shares)
+
+
+def _deviation(line: Series, ratio: Floats) -> Series:
+    """Return the size of a deviation in per cent; where it is zero nothing is drawn."""
+    size = 100.0 * np.abs(ratio - 1.0)
+    return replace(line, y=np.where(size > 0.0, size, np.nan), bar=None)
 
 
 def _panel(

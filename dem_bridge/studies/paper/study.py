@@ -25,7 +25,7 @@ from dem_bridge.studies import rule_of_thumb, scatter
 from dem_bridge.studies.model_hierarchy.models import Bench, LeftOut, ModelHierarchy, left_out, model_hierarchy_of
 from dem_bridge.studies.model_hierarchy.passage import JUDGED
 from dem_bridge.studies.model_hierarchy.study import question_table
-from dem_bridge.studies.paper import figures
+from dem_bridge.studies.paper import figures, overview
 from dem_bridge.studies.paper.claims_force import forces, ratios
 from dem_bridge.studies.paper.claims_numbers import NEGLIGIBLE, numbers
 from dem_bridge.studies.paper.claims_spectrum import spectra
@@ -58,7 +58,7 @@ from dem_bridge.studies.paper.texts import PAPER
 from dem_bridge.studies.paper.theories import split_table, theories_table
 from dem_bridge.studies.paper.validity import contacts_table, scenes_table
 from dem_bridge.studies.scatter import ScatteredChains
-from dem_bridge.studies.study import Claim, FigureData, Table
+from dem_bridge.studies.study import Claim, FigureData, Panel, Table
 from dem_bridge.studies.verification import Verification, verification_of
 from dem_bridge.studies.verify import DEFAULT_ACCURACY, ScenePlan, check_jobs, plan_scene
 from dem_bridge.verification.assess import SceneStudy
@@ -169,6 +169,7 @@ def with_paper(verification: Verification, paper: Mapping[str, Any]) -> Verifica
         verification,
         id="paper",
         title="Chaunsali, Kim & Yang (2018), claim by claim",
+        abstract=paper["abstract"],
         answer=paper["answer"],
         not_verified=(*NOT_VERIFIED, *verification.not_verified),
         claims=paper["claims"],
@@ -193,7 +194,10 @@ def read_paper(
     names = [study.scene.name for study in studies]
     effects = list(_effects(runs))
     contacts = [contacts_table(runs, name) for name in MAIN]
+    scale = overview.scale_of_differences(studies, effects, runs, accuracy)
+    more_figures = (overview.tornado(effects), overview.validity_figure(runs))
     return {
+        "abstract": overview.abstract(claims, effects, studies, runs, accuracy),
         "answer": answer(claims, effects, studies),
         "claims": claims,
         "tables": (
@@ -210,7 +214,10 @@ def read_paper(
             scatter.table(scattered),
             *more,
         ),
-        "figures": tuple(_figures(runs, scattered)),
+        "figures": (
+            *_figures(runs, scattered, scale),
+            *(figure for figure in more_figures if figure is not None),
+        ),
     }
 
 
@@ -261,17 +268,18 @@ def coverage_table(runs: Runs, names: Sequence[str], accuracy: float = DEFAULT_A
     )
 
 
-def _figures(runs: Runs, scattered: Sequence[ScatteredChains]) -> Iterator[FigureData]:
+def _figures(runs: Runs, scattered: Sequence[ScatteredChains], scale: Panel | None = None) -> Iterator[FigureData]:
     """Yield the paper's figures whose scenes have run, and those of chains with scattered angles."""
 
     def runs_of(name: str) -> figures.ChainRuns:
         return figures.ChainRuns(runs.scenes[name], runs.by_backend(name))
 
     if all(runs.has(name) for name in MAIN):
-        yield figures.figure_2(runs_of(DECELERATING), runs_of(ACCELERATING))
+        yield figures.figure_2(runs_of(DECELERATING), runs_of(ACCELERATING), scale)
         yield figures.figure_3(runs_of(DECELERATING), runs_of(ACCELERATING))
     if all(runs.has(name) for name in LONG):
         yield figures.figure_4(*map(runs_of, LONG))
+        yield figures.figure_4_spectra(*map(runs_of, LONG))
         yield figures.figure_5(*map(runs_of, LONG))
     maps = [f"{name}-{way}" for name in MAIN for way in ("lighter", "heavier")]
     if all(runs.has(name) for name in maps):

@@ -88,14 +88,17 @@ def _theory(claims: Sequence[Claim]) -> str:
 
 
 def _where_not(claims: Sequence[Claim]) -> str:
+    groups = names_of_failures(claims)
+    return fill(ANSWER["where_not"], groups=groups) if groups else str(ANSWER["all_hold"])
+
+
+def names_of_failures(claims: Sequence[Claim]) -> str:
+    """Return the claims that do not hold in words, by groups; empty without any."""
     failed = [claim.id for claim in claims if claim.outcome is Outcome.FAIL]
-    if not failed:
-        return str(ANSWER["all_hold"])
     slips = [SLIPS[id] for id in failed if id in SLIPS]
     physics = [PHYSICAL.get(id, id.replace("-", " ")) for id in failed if id not in SLIPS]
     groups = (("printed numbers and formulas", slips), ("statements of physics", physics))
-    words = [f"{len(names)} {kind} ({'; '.join(names)})" for kind, names in groups if names]
-    return fill(ANSWER["where_not"], groups=" and ".join(words))
+    return " and ".join(f"{len(names)} {kind} ({'; '.join(names)})" for kind, names in groups if names)
 
 
 def _largest(effects: Sequence[Effect]) -> str:

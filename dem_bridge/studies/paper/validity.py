@@ -82,7 +82,7 @@ class ContactValidity:
 def contact_validity(scene: Scene, run: Trajectory, k: int) -> ContactValidity:
     """Return the state of contact k of a scene with a geometry, at its peak force in the run."""
     geometry = scene.geometry
-    assert geometry is not None  # see _known
+    assert geometry is not None  # see contacts_of
     items, other, angle = geometry.bodies[k], geometry.bodies[k + 1], geometry.angle[k]
     contact = geometry.contact(k)
     material, force = other.material, float(run.peak_force[k])
@@ -117,7 +117,8 @@ def contact_validity(scene: Scene, run: Trajectory, k: int) -> ContactValidity:
     )
 
 
-def _known(runs: Runs, names: Iterable[str]) -> Iterable[tuple[Scene, list[ContactValidity]]]:
+def contacts_of(runs: Runs, names: Iterable[str]) -> Iterable[tuple[Scene, list[ContactValidity]]]:
+    """Yield the scenes whose bodies are of fused quartz and their contacts that carried a force."""
     for name in names:
         truth = runs.truth(name)
         if truth is None:
@@ -136,7 +137,7 @@ def _of_quartz(geometry: Geometry | None) -> bool:
 
 def contacts_table(runs: Runs, name: str) -> Table | None:
     """Return the table of every contact of one chain; None where it has no geometry or no run."""
-    for scene, contacts in _known(runs, [name]):
+    for scene, contacts in contacts_of(runs, [name]):
         rows = [contact.row for contact in contacts]
         return replace(PAPER.table("contacts", rows, chain=scene.name), id=f"contacts-{scene.name}")
     return None
@@ -145,7 +146,7 @@ def contacts_table(runs: Runs, name: str) -> Table | None:
 def scenes_table(runs: Runs, names: Iterable[str]) -> Table:
     """Return the worst contact of each scene for each assumption, and in how many contacts it fails."""
     rows = []
-    for scene, contacts in _known(runs, names):
+    for scene, contacts in contacts_of(runs, names):
         row: list[str | float] = [scene.name]
         for place, name in enumerate(JUDGED):
             judged = [contact.judged[place] for contact in contacts]

@@ -392,7 +392,7 @@ def test_the_command_prints_and_writes_it(tmp_path: Path, monkeypatch: pytest.Mo
     assert told["answer"][0].startswith("At 2 % raw requires none of its physics; drag may be left out")
     assert list(told["tables"]) == ["physics", "down"]
     assert {one.relative_to(tmp_path / "out").as_posix() for one in (tmp_path / "out").rglob("*.*")} == {
-        "index.html", "model-hierarchy.json", "tables/physics.csv", "tables/down.csv", "figures/effects.png",
+        "index.html", "model-hierarchy.json", "tables/physics.csv", "tables/down.csv", "figures/effects.svg",
         "figures/effects.csv",
     }  # fmt: skip
     # an observable that is asked for has a column, though it is not among those of every table

@@ -15,9 +15,17 @@ import pytest
 from dem_bridge.errors import UsageError
 from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.figure_csv import csv_texts
-from dem_bridge.report.images import image_of_data
+from dem_bridge.report.images import picture_of_data
 from dem_bridge.scene import Scene
-from dem_bridge.studies.paper.figures import ChainRuns, figure_2, figure_3, figure_4, figure_5, figure_6
+from dem_bridge.studies.paper.figures import (
+    ChainRuns,
+    figure_2,
+    figure_3,
+    figure_4,
+    figure_4_spectra,
+    figure_5,
+    figure_6,
+)
 from dem_bridge.studies.paper.panels import MAP_ROWS, window
 from dem_bridge.studies.study import FigureData, Panel, Series
 from dem_bridge.trajectory import Trajectory
@@ -134,7 +142,7 @@ def test_bars_are_those_of_both_crossings_and_none_where_nothing_is_known(
     run = chains[0].reference
     bars = np.linspace(1e-9, 2e-9, 40)
     barred = replace(run, uncertainty=replace(run.uncertainty, crossing_time=bars))
-    times, _, speeds, _ = figure_3(ChainRuns(chains[0].scene, {"reference": barred}), chains[1]).panels
+    times, _, speeds, *_ = figure_3(ChainRuns(chains[0].scene, {"reference": barred}), chains[1]).panels
     line, speed = _series(times, "reference"), _series(speeds, "reference")
     assert line.bar is not None
     assert speed.bar is not None
@@ -152,8 +160,8 @@ def test_the_fit_of_the_speed_finds_the_power_that_made_it(made_up: ChainRuns) -
 
 
 def test_spectra_of_a_gaussian_pulse_are_those_of_the_formula(made_up: ChainRuns) -> None:
-    figure = figure_4(made_up, made_up)
-    panel = figure.panels[2]
+    figure = figure_4_spectra(made_up, made_up)
+    panel = figure.panels[0]
     found, width = panel.map, 12e-6
     assert found is not None
     assert (panel.x_label, panel.y_label) == ("cylinder", "frequency (kHz)")
@@ -168,7 +176,7 @@ def test_spectra_of_a_gaussian_pulse_are_those_of_the_formula(made_up: ChainRuns
 
 def test_the_wavenumber_of_a_pulse_that_slows_down_rises(made_up: ChainRuns) -> None:
     """Of the same length in time, it gets shorter in space as its speed V falls: k = 0.018 / (2 pi^1.5 V s)."""
-    panel = figure_4(made_up, made_up).panels[4]
+    panel = figure_4_spectra(made_up, made_up).panels[2]
     found, line = panel.map, _series(panel, "reference")
     assert found is not None
     assert (panel.x_label, panel.y_label) == ("time (ms)", "wavenumber (1/cylinder)")
@@ -181,7 +189,7 @@ def test_the_wavenumber_of_a_pulse_that_slows_down_rises(made_up: ChainRuns) -> 
 
 
 def test_each_column_of_a_spectrum_has_one_as_its_largest(made_up: ChainRuns) -> None:
-    for panel in figure_4(made_up, made_up).panels[2:6]:
+    for panel in figure_4_spectra(made_up, made_up).panels:
         assert panel.map is not None
         assert np.all(panel.map.values.max(axis=0) == 1.0)
 
@@ -198,7 +206,7 @@ def test_the_exponent_is_the_one_that_made_the_forces(made_up: ChainRuns) -> Non
 
 
 def test_insets_are_of_the_middle_while_the_impulse_is_there(made_up: ChainRuns) -> None:
-    velocity, force = figure_4(made_up, made_up).panels[6], figure_5(made_up, made_up).panels[4]
+    velocity, force = figure_4(made_up, made_up).panels[2], figure_5(made_up, made_up).panels[4]
     arrival = 1e3 * made_up.reference.crossing_time[29]
     line = _series(velocity, "reference")
     assert velocity.notes == ("cylinder 30",)
@@ -212,10 +220,15 @@ def test_ratios_are_handed_on_and_what_is_missing_is_a_gap(chains: tuple[ChainRu
     slow, fast = chains
     ratios = [(-0.01, {"reference": 0.5, "bca": 0.6}), (0.01, {"reference": 0.3})]
     figure = figure_6((slow, slow, fast, fast), ratios, [(0.0, {"adiabatic": 2.0})])
-    down, up = figure.panels[4:]
+    down, up = figure.panels[4:6]
     assert [one.style for one in down.series] == ["reference", "bca"]
     np.testing.assert_array_equal([one.y for one in down.series], [[0.5, 0.3], [0.6, np.nan]])
     assert [(one.style, one.x.tolist(), one.y.tolist()) for one in up.series] == [("adiabatic", [0.0], [2.0])]
+    # 20 % above the reference, which itself has no deviation
+    [away] = figure.panels[6].series
+    assert away.style == "bca"
+    np.testing.assert_allclose(away.y, [20.0, np.nan])
+    assert figure.panels[7].series == ()
     with pytest.raises(UsageError, match="2 maps; figure 6 has 4"):
         figure_6((slow, fast), ratios, ratios)
 
@@ -227,17 +240,17 @@ def _sixth(slow: ChainRuns, fast: ChainRuns) -> FigureData:
     return figure_6((slow, slow, fast, fast), [(0.0, {"reference": 0.3})], [(0.0, {"reference": 3.0})])
 
 
-EACH = pytest.mark.parametrize("figure", [figure_2, figure_3, figure_4, figure_5, _sixth])
+EACH = pytest.mark.parametrize("figure", [figure_2, figure_3, figure_4, figure_4_spectra, figure_5, _sixth])
 
 
 @EACH
 def test_every_axis_has_its_unit_and_pairs_share_their_scale(figure: Figures, made_up: ChainRuns) -> None:
     found = figure(made_up, made_up)
-    counted = ("cylinder", "contact k, between cylinders k and k+1")
+    counted = ("cylinder", "contact", "contact k, between cylinders k and k+1")
     for place, panel in enumerate(found.panels):
         labels = [panel.x_label, panel.y_label, *([panel.map.label] if panel.map else [])]
         assert all(label in counted or re.search(r"\(\S+\)$", label) for label in labels)
-        assert re.match(r"\([a-f](, inset)?\) ", panel.title)
+        assert re.match(r"\([a-f](, inset|, deviation)?\) ", panel.title)
         for other in panel.shares_scale_with:
             assert place in (*found.panels[other].shares_scale_with, other)
             assert found.panels[other].y_label == panel.y_label
@@ -288,17 +301,18 @@ def test_maps_end_with_the_run_where_the_front_gets_nowhere(made_up: ChainRuns) 
     found = figure_2(lost, made_up).panels[0]
     assert found.map is not None
     assert found.map.y[-1] == pytest.approx(1e3 * made_up.scene.duration, rel=0.01)
-    assert image_of_data(figure_2(lost, lost)).startswith(b"\x89PNG")
+    assert picture_of_data(figure_2(lost, lost)).startswith("<svg")
 
 
 def test_quiet_maps_stay_quiet(made_up: ChainRuns) -> None:
     rest = replace(made_up.reference, velocity=np.zeros_like(made_up.reference.velocity))
-    found = figure_2(*[ChainRuns(made_up.scene, {"reference": rest})] * 2).panels[0].map
+    quiet, moving = (ChainRuns(made_up.scene, {"reference": run}) for run in (rest, made_up.reference))
+    found = figure_2(quiet, moving).panels[0].map
     assert found is not None
     assert not found.values.any()
     # what rounds to nothing has no sign
     recoil = replace(made_up.reference, velocity=np.where(made_up.reference.velocity > 1e-7, 0.5, -1e-9))
-    found = figure_2(*[ChainRuns(made_up.scene, {"reference": recoil})] * 2).panels[0].map
+    found = figure_2(ChainRuns(made_up.scene, {"reference": recoil}), moving).panels[0].map
     assert found is not None
     assert set(found.values.ravel().tolist()) == {0.0, 0.5}
     assert not np.signbit(found.values).any()

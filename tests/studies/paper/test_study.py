@@ -137,9 +137,10 @@ def test_a_paper_has_its_tables_and_its_figures_in_order(paper: Verification) ->
         f"contacts-{MAIN[1]}", "scatter", "verdicts", "observables",
     ]  # fmt: skip
     assert [one.id for one in paper.figures] == [
-        "figure-2", "figure-3", "figure-4", "figure-5", *(f"scatter-{name}" for name in MAIN),
+        "figure-2", "figure-3", "figure-4", "figure-4-spectra", "figure-5", *(f"scatter-{name}" for name in MAIN),
+        "tornado", "validity",
     ]  # fmt: skip
-    assert len(paper.answer) == 5
+    assert len(paper.answer) == len(paper.abstract) == 5
     assert len({one.id for one in paper.claims}) == len(paper.claims) >= 15
 
 
@@ -231,7 +232,7 @@ def test_a_second_report_judges_and_draws_nothing(small: None, tmp_path: Path, m
     words = ("verify", "paper", "--accuracy", "1e-4", "-j", "1", "-o")
     assert CliRunner().invoke(main, [*words, str(tmp_path / "first")]).exit_code == 0
     for module, name in (
-        (campaign, "run_case"), (study, "read_paper"), (verify, "assess_scene"), (images, "png_of"),
+        (campaign, "run_case"), (study, "read_paper"), (verify, "assess_scene"), (images, "svg_of"),
     ):  # fmt: skip
         monkeypatch.setattr(module, name, Mock(side_effect=AssertionError(f"{name} is called again")))
     done = CliRunner().invoke(main, [*words, str(tmp_path / "second")])
@@ -240,7 +241,7 @@ def test_a_second_report_judges_and_draws_nothing(small: None, tmp_path: Path, m
     for part in ("verdicts", "claims", "budgets"):
         assert second[part] == first[part]
     pages = [(tmp_path / name / "index.html").read_text() for name in ("first", "second")]
-    shown = [re.findall(r'src="(data:[^"]+)"', page) for page in pages]
+    shown = [re.findall(r"<svg .*?</svg>", page, re.DOTALL) for page in pages]
     assert shown[1] == shown[0]
     assert len(shown[0]) >= 2
     for name in ("tables", "figures"):

@@ -125,7 +125,7 @@ def test_the_page_names_all_files_and_the_table_has_every_setting(written: tuple
     found, folder, _ = written
     page = (folder / "index.html").read_text()
     names = {file.relative_to(folder).as_posix() for file in folder.rglob("*.*")}
-    pictures = {f"figures/work-precision-{name.replace('_', '-')}.png" for name in DRAWN}
+    pictures = {f"figures/work-precision-{name.replace('_', '-')}.svg" for name in DRAWN}
     tables = {f"tables/{name}.csv" for name in ("cheapest", "floors", "runs")}
     assert {"work-precision-all.csv", "work-precision.nc"} | tables | pictures <= names
     assert all(f'"{name}"' in page for name in names - {"index.html", "work-precision.json"})

@@ -1,0 +1,196 @@
+"""Page one of the report: the abstract in five sentences, and every difference on one scale.
+
+All numbers follow from verdicts, claims, effects and the validity of contacts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from dem_bridge.differences import difference
+from dem_bridge.studies.paper.claims import by
+from dem_bridge.studies.paper.effects import PARAMETER, PHYSICS, SUPPOSED, Effect
+from dem_bridge.studies.paper.runs import MAIN, OTHER_ACCURACY, Runs
+from dem_bridge.studies.paper.summary import names_of_failures
+from dem_bridge.studies.paper.texts import PAPER
+from dem_bridge.studies.paper.validity import ContactValidity, contacts_of
+from dem_bridge.studies.study import Claim, FigureData, Panel, Series
+from dem_bridge.studies.texts import Texts
+from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.verification.roles import REFERENCE, SCIPY
+from dem_bridge.verification.verdict import Outcome
+
+TEXTS = Texts("overview")
+#: rows of the scale -> part of the error budget of velocities; code whose velocities differ; term of the effects
+_PARTS = {"round-off": "round-off", "reference": "reference", "time-step": "time step"}
+_CODES = (SCIPY, "ode45")
+_TERMS = ("exact-stiffness", "striker-mass", "gravity", "bca")
+#: observables of the tornado chart; the assumption of a contact whose ratio should be large
+_SHOWN = ("arrival at the last cylinder", "force at the middle")
+_SOUND = 3
+#: outcomes of comparisons that can pass or fail
+_JUDGED = (Outcome.PASS, Outcome.FAIL, Outcome.UNDECIDED, Outcome.BROKEN)
+
+
+def abstract(
+    claims: Sequence[Claim], effects: Sequence[Effect], studies: Sequence[SceneStudy], runs: Runs, accuracy: float
+) -> tuple[str, ...]:
+    """Return the abstract: question, method, result, what fails, and what is not verified, a sentence each."""
+    verdicts = Counter(verdict.outcome for study in studies for verdict in study.verdicts)
+    outcomes = Counter(claim.outcome for claim in claims)
+    return (
+        TEXTS("question", count=len(claims)),
+        TEXTS(
+            "method",
+            scenes=len(studies),
+            verdicts=verdicts.total(),
+            main=accuracy,
+            others=max(accuracy, OTHER_ACCURACY),
+        ),
+        TEXTS(
+            "result",
+            judged=sum(verdicts[outcome] for outcome in _JUDGED),
+            passed=verdicts[Outcome.PASS],
+            errors=_errors(studies),
+            hold=outcomes[Outcome.PASS],
+            count=len(claims),
+            central=_central(claims),
+        ),
+        _failing(claims, effects),
+        TEXTS("not_verified", validity=_validity(runs)),
+    )
+
+
+def _errors(studies: Sequence[SceneStudy]) -> str:
+    budgets = [study.budgets[0] for study in studies if study.scene.name in MAIN and study.budgets]
+    if not budgets:
+        return ""
+    worst = max(budgets, key=lambda budget: budget.found)
+    return TEXTS("errors", error=worst.found, step=worst.parts["time step"])
+
+
+def _central(claims: Sequence[Claim]) -> str:
+    by_id = {claim.id: claim for claim in claims}
+    central = [by_id.get(id) for id in ("decelerates", "accelerates", "arrival-by-bca")]
+    if any(claim is None or claim.outcome is not Outcome.PASS for claim in central):
+        return ""
+    slow, fast, arrival = (claim.values for claim in central if claim is not None)
+    ends = [value.value for value in arrival if value.backend in (REFERENCE, "bca")]
+    away = [abs(theory / reference - 1.0) for reference, theory in zip(ends[::2], ends[1::2], strict=True)]
+    return TEXTS("central", low=by(slow).value, high=by(fast).value, away=max(away, default=math.nan))
+
+
+def _failing(claims: Sequence[Claim], effects: Sequence[Effect]) -> str:
+    terms = [effect for effect in effects if effect.kind in (PARAMETER, PHYSICS) and math.isfinite(effect.largest)]
+    law = max((effect.largest for effect in effects if effect.id == "exact-stiffness"), default=math.nan)
+    largest = ""
+    if terms and math.isfinite(law):
+        worst = max(terms, key=lambda effect: effect.largest)
+        largest = TEXTS("largest", what=worst.what, effect=worst.largest, law=law)
+    failed = sum(claim.outcome is Outcome.FAIL for claim in claims)
+    if not failed:
+        return TEXTS("nothing_fails", largest=largest)
+    return TEXTS("fails", failed=failed, names=f": {names_of_failures(claims)}", largest=largest)
+
+
+def _validity(runs: Runs) -> str:
+    chains = [contacts for _, contacts in contacts_of(runs, MAIN)]
+    if not chains:
+        return ""
+    short = max(chains, key=lambda contacts: sum(not contact.judged[_SOUND].holds for contact in contacts))
+    return TEXTS(
+        "validity",
+        short=sum(not contact.judged[_SOUND].holds for contact in short),
+        contacts=len(short),
+        tension=max(contact.judged[2].ratio for contacts in chains for contact in contacts),
+    )
+
+
+def scale_of_differences(
+    studies: Sequence[SceneStudy], effects: Sequence[Effect], runs: Runs, accuracy: float
+) -> Panel:
+    """Return the panel in which every difference stands on one logarithmic scale, the smallest on top."""
+    values = {name: dict(_differences(name, studies, effects, runs)) for name in MAIN}
+    present = [id for id in TEXTS.data["rows"] if any(id in of_chain for of_chain in values.values())]
+    rows = [TEXTS.data["rows"][id] for id in present]
+    series = []
+    for mark, (name, of_chain) in zip(("mark-2", "mark-3"), values.items(), strict=True):
+        at = [place for place, id in enumerate(present) if of_chain.get(id, 0.0) > 0.0]
+        x = np.array([of_chain[present[place]] for place in at])
+        label = PAPER(name.removesuffix("-40"))
+        series.append(Series(label=label, style=mark, x=x, y=np.array(at, dtype=float)))
+    ends = np.array([-0.5, len(rows) - 0.5])
+    series.append(Series(label=TEXTS("tolerance"), style="guide", x=np.full(2, accuracy), y=ends))
+    return TEXTS.panel("scale", series, rows=tuple(rows))
+
+
+def _differences(
+    name: str, studies: Sequence[SceneStudy], effects: Sequence[Effect], runs: Runs
+) -> Iterator[tuple[str, float]]:
+    """Yield the rows of the scale that are known for one chain, with their values."""
+    for study in studies:
+        if study.scene.name == name and study.budgets:
+            for id, part in _PARTS.items():
+                yield id, study.budgets[0].parts[part]
+    truth = runs.truth(name)
+    for code in _CODES:
+        if truth is not None and (run := runs.run(name, code)) is not None:
+            yield code, difference("velocity", run, truth).value
+    for effect in effects:
+        if effect.scene == name and effect.id in _TERMS and math.isfinite(effect.largest):
+            yield effect.id, effect.largest
+
+
+def tornado(effects: Sequence[Effect]) -> FigureData | None:
+    """Return the chart of what each term of the model and each parameter changes; None without any."""
+    terms = [effect for effect in effects if effect.kind in (PARAMETER, PHYSICS, SUPPOSED)]
+    sizes: dict[str, float] = {}
+    for effect in terms:
+        sizes[effect.id] = max(sizes.get(effect.id, 0.0), *(abs(effect.changes[name]) for name in _SHOWN))
+    rows = sorted(sizes, key=lambda id: -sizes[id])
+    if not rows:
+        return None
+    names = tuple(TEXTS.data["terms"].get(id, id) for id in rows)
+
+    def bars(observable: str) -> Iterator[Series]:
+        for name in MAIN:
+            of_chain = {effect.id: effect.changes[observable] for effect in terms if effect.scene == name}
+            at = [place for place, id in enumerate(rows) if math.isfinite(of_chain.get(id, math.nan))]
+            x = np.array([100.0 * of_chain[rows[place]] for place in at])
+            label = PAPER(name.removesuffix("-40"))
+            yield Series(label=label, style="bar", x=x, y=np.array(at, dtype=float))
+
+    panels = [
+        TEXTS.panel("tornado", bars(name), rows=names if not nth else ("",) * len(names), observable=name)
+        for nth, name in enumerate(_SHOWN)
+    ]
+    return TEXTS.figure("tornado", panels)
+
+
+def validity_figure(runs: Runs) -> FigureData | None:
+    """Return the five ratios of each contact to their limits against the contact angle; None without cylinders."""
+    panels = []
+    for letter, (scene, contacts) in zip(("(a)", "(b)"), contacts_of(runs, MAIN), strict=False):
+        angled = sorted((c for c in contacts if math.isfinite(c.angle)), key=lambda contact: contact.angle)
+        x = np.array([contact.angle for contact in angled])
+        series = [
+            Series(label=label, style=f"nth/{nth}/{nth}", x=x, y=np.array([_over_limit(c, nth) for c in angled]))
+            for nth, label in enumerate(TEXTS.data["validity"].values())
+        ]
+        series.append(Series(label="limit", style="guide", x=x[[0, -1]], y=np.ones(2)))
+        chain = PAPER(scene.name.removesuffix("-40"))
+        panels.append(TEXTS.panel("validity", series, letter=letter, chain=chain, shares_scale_with=(0, 1)))
+    return TEXTS.figure("validity", panels) if len(panels) == len(MAIN) else None
+
+
+def _over_limit(contact: ContactValidity, nth: int) -> float:
+    """Return how far a contact is beyond the limit of an assumption: above 1 it is violated."""
+    judged = contact.judged[nth]
+    return judged.limit / judged.ratio if nth == _SOUND else judged.ratio / judged.limit
+
+
+__all__ = ["abstract", "scale_of_differences", "tornado", "validity_figure"]
