@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes as Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from dem_bridge.studies.study import FigureData, Map, Panel, Series
 COLOURS = "cividis"
 #: width of a figure, inches: that of a sheet of A4 between margins of 12 mm; width of a figure in a notebook
 WIDTH, NOTEBOOK_WIDTH = 7.3, 6.6
-_HEIGHT = {"map": 2.5, "series": 2.1}
+_HEIGHT = {"map": 2.25, "series": 1.95}
 #: part of the width of a figure that the panels have that stand left of a last one
 _LEFT = 0.42
 #: sizes of text on a sheet, points; none is below 8
@@ -63,7 +63,7 @@ def draw_figure(data: FigureData) -> Figure:
     stacked = len(panels) - data.last_beside
     columns = max(1, min(data.columns, stacked))
     rows = [list(range(k, min(k + columns, stacked))) for k in range(0, stacked, columns)]
-    heights = [max(_height(panels[k]) for k in row) for row in rows]
+    heights = [(0.85 if data.last_beside else 1.0) * max(_height(panels[k]) for k in row) for row in rows]
     wide = columns > 1 or data.last_beside or any(panel.rows for panel in panels)
     page = WIDTH if wide else 0.62 * WIDTH
     layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06)
@@ -71,12 +71,15 @@ def draw_figure(data: FigureData) -> Figure:
     figure = Figure(figsize=(page, sum(heights) + 0.35 + 0.17 * max(0, rows_of_names - 1)), layout=layout)
     if not rows:
         return figure
-    ratios = [_LEFT / columns] * columns + [1.0 - _LEFT] if data.last_beside else [1.0] * columns
-    grid = figure.add_gridspec(len(rows), len(ratios), height_ratios=heights, width_ratios=ratios)
-    axes = [figure.add_subplot(grid[divmod(k, columns)]) for k in range(stacked)]
+    left: FigureBase = figure
+    right: FigureBase = figure
     if data.last_beside:
-        axes.append(figure.add_subplot(grid[:, -1]))
-    widths = [page * ratios[k % columns] / sum(ratios) for k in range(stacked)] + [page * ratios[-1]]
+        left, right = figure.subfigures(1, 2, width_ratios=[_LEFT, 1.0 - _LEFT])
+    grid = left.add_gridspec(len(rows), columns, height_ratios=heights)
+    axes = [left.add_subplot(grid[divmod(k, columns)]) for k in range(stacked)]
+    axes += [right.add_subplot() for _ in range(stacked, len(panels))]
+    part = _LEFT if data.last_beside else 1.0
+    widths = [page * part / columns] * stacked + [page * (1.0 - part)]
     groups = _groups(panels)
     limits: dict[int, tuple[float, float, str]] = {}
     for group in groups:
@@ -98,7 +101,7 @@ def draw_figure(data: FigureData) -> Figure:
         for label_and_limits, alike in groupby(mapped, key=lambda k: (panels[k].map.label, limits[k])):  # type: ignore[union-attr]
             indices = list(alike)
             label, (_, _, extend) = label_and_limits
-            _colour_bar(figure, images[indices[0]], [axes[k] for k in indices], label, extend)
+            _colour_bar(left, images[indices[0]], [axes[k] for k in indices], label, extend)
     _legend(figure, axes)
     return figure
 
@@ -251,7 +254,7 @@ def _draw_map(ax: Axes, data: Map, limits: tuple[float, float]) -> Any:
     return image
 
 
-def _colour_bar(figure: Figure, image: Any, axes: Sequence[Axes], label: str, extend: str) -> None:
+def _colour_bar(figure: FigureBase, image: Any, axes: Sequence[Axes], label: str, extend: str) -> None:
     """Draw the colour bar of maps beside their axes."""
     bar = figure.colorbar(image, ax=list(axes), label=label, extend=extend, pad=0.02, aspect=28)
     if bar.solids is not None:

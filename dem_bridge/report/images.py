@@ -137,7 +137,8 @@ def _shortened(svg: str) -> str:
     svg = re.sub(r"<g([^>]*)>\s*((?:<use [^>]*/>\s*)+)</g>", _of_group, svg)
     svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"\s*\n\s*| (?=[LCQMz])", "", path[0]), svg)
     svg = re.sub(r"\n\s*", "\n", svg)
-    return re.sub(r"(\d\.\d)\d+", r"\1", svg)  # a tenth of a point
+    # a tenth of a point, and not in texts
+    return re.sub(r"<[^>]*>", lambda tag: re.sub(r"(\d\.\d)\d+", r"\1", tag[0]), svg)
 
 
 def _of_group(found: re.Match[str]) -> str:

@@ -226,7 +226,7 @@ def test_a_paper_opens_with_its_abstract_and_one_figure_and_details_stand_in_the
 def test_the_strip_of_claims_keeps_its_meaning_without_colour(whole: Path) -> None:
     text, paper = _text(whole), fake_paper()
     [strip] = re.findall(r'<ol class="strip">(.*?)</ol>', text, re.DOTALL)
-    cells = re.findall(r'<a class="cell (\w+)" href="#claim-([^"]+)".*?</span>(.)</a>', strip)
+    cells = re.findall(r'<a class="cell (\w+)" href="#claim-([^"]+)".*?</span>(.)<span class="spoken">', strip)
     assert [(outcome, id) for outcome, id, _ in cells] == [(claim.outcome.value, claim.id) for claim in paper.claims]
     marks = {outcome: mark for outcome, _, mark in cells}
     assert len(set(marks.values())) == len(marks) == 5

@@ -11,6 +11,7 @@ from functools import partial
 
 from dem_bridge.errors import UsageError
 from dem_bridge.studies.paper import panels as panel
+from dem_bridge.studies.paper.measures import THEORIES
 from dem_bridge.studies.paper.panels import GUIDE, MAP_DIGITS, MAP_ROWS, ChainRuns, Ratios
 from dem_bridge.studies.paper.texts import PAPER
 from dem_bridge.studies.study import FigureData, Panel
@@ -34,7 +35,8 @@ def figure_2(decelerating: ChainRuns, accelerating: ChainRuns, scale: Panel | No
     """
     chains = _titled("a", "c", (decelerating, accelerating))
     end = panel.window((decelerating, accelerating), _SHORT)
-    panels = [panel.velocity_map(title, chain, end, shares=(0, 1)) for title, chain in chains]
+    theories = THEORIES if scale is None else ("bca",)
+    panels = [panel.velocity_map(title, chain, end, shares=(0, 1), theories=theories) for title, chain in chains]
     if scale is None:
         return PAPER.figure("figure-2", panels, thinned=_THINNED)
     return replace(PAPER.figure("figure-2", [*panels, scale], thinned=_THINNED), columns=1, last_beside=True)

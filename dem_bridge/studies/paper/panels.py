@@ -85,7 +85,8 @@ def velocity_map(
 ) -> Panel:
     """Return velocity over cylinder and time until ``end`` (s), without the striker, and the fronts by theories."""
     name, run = chain.shown
-    fronts = (name, *theories) if theories else ()
+    # on a small map the front is its bright band, which a line would hide
+    fronts = (name, *theories) if len(theories) > 1 else theories
     rows = int(np.searchsorted(run.time, end, side="right"))
     thin = slice(None, rows, _step(rows))
     bodies = np.arange(1.0, chain.scene.n_body)
