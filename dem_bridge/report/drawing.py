@@ -29,6 +29,8 @@ COLOURS = "cividis"
 #: width of a figure, inches: that of a sheet of A4 between margins of 12 mm; width of a figure in a notebook
 WIDTH, NOTEBOOK_WIDTH = 7.3, 6.6
 _HEIGHT = {"map": 2.25, "series": 1.95}
+#: height of a small multiple, inches
+_SMALL = 1.05
 #: part of the width of a figure that the panels have that stand left of a last one
 _LEFT = 0.42
 #: sizes of text on a sheet, points; none is below 8
@@ -60,6 +62,8 @@ def draw_figure(data: FigureData) -> Figure:
     ``data.last_beside`` the last panel is as high as all others, and stands right of them.
     """
     panels = data.panels
+    if data.small:
+        return _draw_small(data)
     stacked = len(panels) - data.last_beside
     columns = max(1, min(data.columns, stacked))
     rows = [list(range(k, min(k + columns, stacked))) for k in range(0, stacked, columns)]
@@ -74,7 +78,7 @@ def draw_figure(data: FigureData) -> Figure:
     left: FigureBase = figure
     right: FigureBase = figure
     if data.last_beside:
-        left, right = figure.subfigures(1, 2, width_ratios=[_LEFT, 1.0 - _LEFT])
+        left, right = figure.subfigures(1, 2, width_ratios=[_LEFT, 1.0 - _LEFT], squeeze=False)[0]
     grid = left.add_gridspec(len(rows), columns, height_ratios=heights)
     axes = [left.add_subplot(grid[divmod(k, columns)]) for k in range(stacked)]
     axes += [right.add_subplot() for _ in range(stacked, len(panels))]
@@ -103,6 +107,23 @@ def draw_figure(data: FigureData) -> Figure:
             label, (_, _, extend) = label_and_limits
             _colour_bar(left, images[indices[0]], [axes[k] for k in indices], label, extend)
     _legend(figure, axes)
+    return figure
+
+
+def _draw_small(data: FigureData) -> Figure:
+    """Draw small multiples: many panels without axes, each with its own scale."""
+    rows = -(-len(data.panels) // data.columns)
+    layout = ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.04)
+    figure = Figure(figsize=(WIDTH, _SMALL * rows), layout=layout)
+    letters = int(_LETTERS * 11.0 / SHEET["font.size"] * (WIDTH / data.columns - 0.08))
+    for nth, panel in enumerate(data.panels, start=1):
+        ax = figure.add_subplot(rows, data.columns, nth)
+        if panel.map is not None:
+            _draw_map(ax, panel.map, colour_limits([panel.map])[:2])
+        for line in panel.series:
+            ax.plot(line.x, line.y, **style_of(line.style))
+        ax.set_title("\n".join(textwrap.wrap(panel.title, letters)), loc="left", fontsize=8.0, pad=2.0)
+        ax.set(xticks=[], yticks=[])
     return figure
 
 

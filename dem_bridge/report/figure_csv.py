@@ -14,7 +14,8 @@ def csv_texts(data: FigureData) -> dict[str, str]:
     """Return CSV files by name: all lines in ``<id>.csv`` in the long layout, each map as a matrix in a file.
 
     The file of a map is ``<id>-<letter>.csv``; its first row has x and its first column y. A map of 200 by 200 values
-    has 0.25 MB as a matrix and 1.5 MB in the long layout.
+    has 0.25 MB as a matrix and 1.5 MB in the long layout. Small multiples have no files, because they only give an
+    overview of runs.
 
     >>> import numpy as np
     >>> data = Map(label="velocity (m/s)", x=np.array([1.0, 2.0]), y=np.array([0.5]), values=np.array([[0.1, 0.25]]))
@@ -24,7 +25,9 @@ def csv_texts(data: FigureData) -> dict[str, str]:
     velocity (m/s): time (ms) by cylinder,1.0,2.0
     0.5,0.1,0.25
     """
-    texts = {}
+    texts: dict[str, str] = {}
+    if data.small:
+        return texts
     if any(panel.series for panel in data.panels):
         only_lines = tuple(replace(panel, map=None) for panel in data.panels)
         texts[f"{data.id}.csv"] = replace(data, panels=only_lines).as_csv()

@@ -157,6 +157,8 @@ class FigureData:
     panels: tuple[Panel, ...]
     columns: int = 2
     """Panels side by side."""
+    small: bool = False
+    """Whether panels are small multiples: without axes, each with a scale of its own."""
     last_beside: bool = False
     """Whether the last panel stands right of all others and is as high as they are together."""
 

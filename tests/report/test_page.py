@@ -360,3 +360,26 @@ def test_fewer_bytes_take_no_colour_from_a_picture() -> None:
     before, after = (np.asarray(Image.open(io.BytesIO(one)).convert("RGB"), float) for one in (full.getvalue(), small))
     assert np.max(np.abs(before - after)) <= 12.0
     assert len(small) < 0.5 * len(full.getvalue())
+
+
+def _contrast(one: str, other: str) -> float:
+    """Return the ratio of contrast of two colours by WCAG 2."""
+
+    def luminance(colour: str) -> float:
+        parts = (int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5))
+        linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    high, low = sorted((luminance(one), luminance(other)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_text_is_legible_on_a_light_and_on_a_dark_page(whole: Path) -> None:
+    themes = [dict(re.findall(r"--([\w-]+): (#\w{6})", part)) for part in _text(whole).split("@media screen")[:2]]
+    pairs = [(ink, "paper") for ink in ("ink", "faint", "pass", "fail", "doubt", "model")]
+    pairs += [("pass", "pass-wash"), ("model", "model-wash"), ("on-fail", "fail"), ("ink", "wash"), ("faint", "wash")]
+    for theme in themes:
+        assert all(_contrast(theme[ink], theme[ground]) >= 4.5 for ink, ground in pairs), theme
+        # lines of pictures need 3
+        assert all(_contrast(theme[ink], theme["paper"]) >= 3.0 for ink in ("blue", "grey"))
+    assert _contrast(themes[0]["ink"], themes[1]["paper"]) < 4.5  # the ink of one page is not that of the other

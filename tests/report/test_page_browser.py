@@ -1,8 +1,13 @@
-"""The page in a browser: nothing is cut, tables sort, and on paper there are no folds. Needs Chromium."""
+"""The page in a browser: nothing is cut, tables sort, on paper the appendix is unfolded, axe finds nothing.
+
+These tests need Chromium; that of accessibility needs axe-core, too: ``npm install --no-save axe-core@4.14.1``, or the
+path of ``axe.min.js`` in the variable AXE_CORE.
+"""
 
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -24,6 +29,10 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("page")
     write_study(fake_paper(), folder)
     return folder / "index.html"
+
+
+ROOT = Path(__file__).parents[2]
+AXE = Path(os.environ.get("AXE_CORE", ROOT / "node_modules/axe-core/axe.min.js"))
 
 
 def _browse(*words: str) -> str:
@@ -58,7 +67,7 @@ return cut;
 """
 
 
-@pytest.mark.parametrize("width", [1280, 800])
+@pytest.mark.parametrize("width", [1280, 800, 500])
 def test_nothing_is_cut_nor_wider_than_the_window(page: Path, tmp_path: Path, width: int) -> None:
     assert _asked(page, tmp_path, _CUT, f"--window-size={width},900") == []
 
@@ -70,7 +79,7 @@ def test_headings_sort_by_click_and_by_key_numbers_by_value_and_outcomes_by_seve
 const rows = (table) => table.tBodies.length > 1 ? [...table.tBodies].map((one) => one.rows[0]) : table.tBodies[0].rows;
 const column = (table, at) => [...rows(table)].map((row) => row.cells[at].textContent);
 const button = (table, at) => table.tHead.rows[0].cells[at].querySelector("[role=button]");
-const claims = document.querySelector("table.claims"), budget = document.querySelector("table.sorts");
+const claims = document.querySelector("table.claims"), budget = document.querySelector("#table-budget table");
 button(claims, 3).click();
 const severity = column(claims, 3), together = [...claims.tBodies].every((one) => one.rows.length === 2);
 const press = (key) => button(budget, 3).dispatchEvent(new KeyboardEvent("keydown", { key }));
@@ -95,18 +104,79 @@ def test_a_link_into_a_fold_opens_it(page: Path, tmp_path: Path) -> None:
     assert _asked(page, tmp_path, script, hash="#table-scatter") == [True, False]
 
 
+def _printed(page: Path, folder: Path) -> Path:
+    """Print a page, and return the PDF."""
+    pdf = folder / "page.pdf"
+    _browse(f"--user-data-dir={folder / 'profile'}", "--no-pdf-header-footer", f"--print-to-pdf={pdf}", page.as_uri())
+    return pdf
+
+
+def _words(pdf: Path, *options: str) -> str:
+    return subprocess.run(["pdftotext", *options, pdf, "-"], capture_output=True, text=True, check=True).stdout
+
+
 @pytest.mark.skipif(shutil.which("pdftotext") is None, reason="no pdftotext")
-def test_on_paper_folds_are_open_headings_repeat_and_columns_stay_on_the_sheet(page: Path, tmp_path: Path) -> None:
-    pdf = tmp_path / "page.pdf"
-    _browse(f"--user-data-dir={tmp_path / 'profile'}", "--no-pdf-header-footer", f"--print-to-pdf={pdf}", page.as_uri())
-    text = subprocess.run(["pdftotext", "-layout", pdf, "-"], capture_output=True, text=True, check=True).stdout
+def test_on_paper_the_appendix_is_unfolded_headings_repeat_and_no_sheet_is_shrunk(page: Path, tmp_path: Path) -> None:
+    pdf = _printed(page, tmp_path)
+    text = _words(pdf, "-layout")
     for words in ("200 seeded chains", "largest residence time (s)", "Settings and costs of all runs"):
         assert words in text
     sheets = text.split("\f")
     assert sum("arrival (ms)" in sheet for sheet in sheets) >= 3  # 200 rows, about 65 a sheet
-    boxes = subprocess.run(["pdftotext", "-bbox", pdf, "-"], capture_output=True, text=True, check=True).stdout
+    # the abstract and its figure stand on the first sheet, and the appendix begins on one of its own, behind 12 at most
+    assert "Question" in sheets[0]
+    assert "time (ms)" in sheets[0]
+    first = next(nth for nth, sheet in enumerate(sheets) if sheet.strip().startswith("Appendix"))
+    assert 2 <= first <= 12
+    boxes = _words(pdf, "-bbox")
     wide = float(re.findall(r'<page width="([\d.]+)"', boxes)[0])
     assert wide == pytest.approx(595.3, abs=1.0)  # A4 portrait
-    # what is too wide makes Chromium shrink all sheets: then the title, 15 pt, would be lower than its letters
+    assert _height_of_title(boxes) > 16.0  # 14 pt: lower if Chromium shrinks all sheets because something is too wide
+
+
+def _height_of_title(boxes: str) -> float:
+    """Return the height of the letters of the title, points."""
     low, high = re.findall(r'yMin="([\d.]+)" xMax="[\d.]+" yMax="([\d.]+)">Chaunsali', boxes)[0]
-    assert float(high) - float(low) > 15.0
+    return float(high) - float(low)
+
+
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="no pdftotext")
+def test_something_too_wide_for_a_sheet_is_caught(page: Path, tmp_path: Path) -> None:
+    wide = tmp_path / "wide.html"
+    text = page.read_text(encoding="utf-8")
+    wide.write_text(text.replace("</main>", '<p style="width: 1000px">too wide</p></main>'), encoding="utf-8")
+    assert _height_of_title(_words(_printed(wide, tmp_path), "-bbox")) < 16.0
+
+
+#: the rules of axe that are violated, once all is unfolded
+_VIOLATED = """
+for (const one of document.querySelectorAll("details")) one.open = true;
+axe.run().then((found) => { told.textContent = JSON.stringify(found.violations.map((one) => one.id)); });
+return ["axe has not answered"];
+"""
+
+
+def _violations(page: Path, folder: Path, dark: bool = False) -> Any:
+    text = page.read_text(encoding="utf-8")
+    axe = AXE.read_text(encoding="utf-8").replace("</script", "<\\/script")
+    with_axe = folder / "axe.html"
+    with_axe.write_text(text.replace("</body>", f"<script>{axe}</script></body>"), encoding="utf-8")
+    colours = f"--blink-settings=preferredColorScheme={0 if dark else 1}"
+    return _asked(with_axe, folder, _VIOLATED, colours, "--virtual-time-budget=60000")
+
+
+needs_axe = pytest.mark.skipif(not AXE.is_file(), reason="no axe-core: npm install --no-save axe-core@4.14.1")
+
+
+@needs_axe
+@pytest.mark.parametrize("dark", [False, True])
+def test_axe_finds_nothing(page: Path, tmp_path: Path, dark: bool) -> None:
+    assert _violations(page, tmp_path, dark) == []
+
+
+@needs_axe
+def test_axe_finds_a_picture_without_words_and_a_page_without_a_language(page: Path, tmp_path: Path) -> None:
+    bad = tmp_path / "bad.html"
+    text = page.read_text(encoding="utf-8").replace('<html lang="en">', "<html>").replace("aria-label=", "data-label=")
+    bad.write_text(text, encoding="utf-8")
+    assert {"html-has-lang", "svg-img-alt"} <= set(_violations(bad, tmp_path))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from dem_bridge.studies.paper.runs import MAIN, OTHER_ACCURACY, Runs
 from dem_bridge.studies.paper.summary import names_of_failures
 from dem_bridge.studies.paper.texts import PAPER
 from dem_bridge.studies.paper.validity import ContactValidity, contacts_of
-from dem_bridge.studies.study import Claim, FigureData, Panel, Series
+from dem_bridge.studies.study import Claim, FigureData, Map, Panel, Series
 from dem_bridge.studies.texts import Texts
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import REFERENCE, SCIPY
@@ -32,6 +33,8 @@ _TERMS = ("exact-stiffness", "striker-mass", "gravity", "bca")
 #: observables of the tornado chart; the assumption of a contact whose ratio should be large
 _SHOWN = ("arrival at the last cylinder", "force at the middle")
 _SOUND = 3
+#: scenes of fewer bodies have lines; end of a map in units of the last crossing; rows and columns of a small map
+_FEW, _PASSED, _CELLS = 5, 1.05, 80
 #: outcomes of comparisons that can pass or fail
 _JUDGED = (Outcome.PASS, Outcome.FAIL, Outcome.UNDECIDED, Outcome.BROKEN)
 
@@ -187,10 +190,35 @@ def validity_figure(runs: Runs) -> FigureData | None:
     return TEXTS.figure("validity", panels) if len(panels) == len(MAIN) else None
 
 
+def all_scenes(runs: Runs, names: Sequence[str]) -> FigureData | None:
+    """Return the velocities of every scene as small multiples; None without any."""
+    panels = []
+    for name in names:
+        run, scene = runs.truth(name), runs.scenes.get(name)
+        if run is None or scene is None:
+            continue
+        title = f"{name} ({scene.n_body})"
+        if scene.n_body < _FEW:
+            lines = tuple(
+                Series(label=f"body {k}", style=f"line/{k}/{k}", x=1e3 * run.time, y=run.velocity[:, k])
+                for k in range(scene.n_body)
+            )
+            panels.append(TEXTS.panel("scene", lines, title=title))
+            continue
+        end = min(_PASSED * float(np.nanmax(run.crossing_time, initial=0.0)) or scene.duration, scene.duration)
+        rows = max(2, int(np.searchsorted(run.time, end, side="right")))
+        thin = (slice(None, rows, max(1, rows // _CELLS)), slice(1, None, max(1, scene.n_body // _CELLS)))
+        values = run.velocity[thin]
+        x = np.arange(float(scene.n_body))[thin[1]]
+        velocities = Map(label="velocity (m/s)", x=x, y=1e3 * run.time[thin[0]], values=values)
+        panels.append(TEXTS.panel("scene", map=velocities, title=title))
+    return replace(TEXTS.figure("scenes", panels), small=True, columns=6) if panels else None
+
+
 def _over_limit(contact: ContactValidity, nth: int) -> float:
     """Return how far a contact is beyond the limit of an assumption: above 1 it is violated."""
     judged = contact.judged[nth]
     return judged.limit / judged.ratio if nth == _SOUND else judged.ratio / judged.limit
 
 
-__all__ = ["abstract", "scale_of_differences", "tornado", "validity_figure"]
+__all__ = ["abstract", "all_scenes", "scale_of_differences", "tornado", "validity_figure"]

@@ -195,7 +195,14 @@ def read_paper(
     effects = list(_effects(runs))
     contacts = [contacts_table(runs, name) for name in MAIN]
     scale = overview.scale_of_differences(studies, effects, runs, accuracy)
-    more_figures = (overview.tornado(effects), overview.validity_figure(runs))
+    first, *others = (*_figures(runs, scattered, scale), None)
+    drawn = (
+        first,
+        overview.all_scenes(runs, names),
+        *others,
+        overview.tornado(effects),
+        overview.validity_figure(runs),
+    )
     return {
         "abstract": overview.abstract(claims, effects, studies, runs, accuracy),
         "answer": answer(claims, effects, studies),
@@ -214,10 +221,7 @@ def read_paper(
             scatter.table(scattered),
             *more,
         ),
-        "figures": (
-            *_figures(runs, scattered, scale),
-            *(figure for figure in more_figures if figure is not None),
-        ),
+        "figures": tuple(figure for figure in drawn if figure is not None),
     }
 
 

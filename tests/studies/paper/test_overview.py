@@ -1,0 +1,150 @@
+"""Page one says what verdicts, claims and effects say, and its figures show their numbers."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dem_bridge as db
+from dem_bridge.differences import difference
+from dem_bridge.report.drawing import draw_figure
+from dem_bridge.studies.paper.overview import abstract, all_scenes, scale_of_differences, tornado, validity_figure
+from dem_bridge.studies.paper.runs import MAIN, Runs
+from dem_bridge.studies.paper.validity import contacts_of
+from dem_bridge.studies.study import Claim, FigureData
+from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.verification.budget import Budget
+from dem_bridge.verification.roles import REFERENCE
+from dem_bridge.verification.verdict import Outcome
+from tests.helpers.legibility import assert_legible
+from tests.studies.paper.conftest import truth_of
+from tests.studies.paper.test_summary import EFFECTS, STUDIES, _study, _verdict, claims
+
+__all__ = ["claims"]
+
+
+def _budget(found: float) -> Budget:
+    parts = {"time step": 0.9 * found, "table": 0.0, "round-off": 2e-11, "sampling": 0.0, "reference": 1e-12}
+    return Budget(
+        quantity="velocity", found=found, parts=parts, unexplained=1e-13, allowed=1e-12, scale_name="largest |velocity|"
+    )
+
+
+BUDGETED = [replace(study, budgets=(_budget(1e-6 * nth),)) for nth, study in enumerate(STUDIES, start=1)]
+
+
+def _abstract(claims: tuple[Claim, ...], studies: list[SceneStudy], runs: Runs) -> tuple[str, ...]:
+    return abstract(claims, EFFECTS, studies, runs, 5e-6)
+
+
+def check_abstract(
+    sentences: tuple[str, ...], claims: tuple[Claim, ...], studies: list[SceneStudy], runs: Runs
+) -> None:
+    """Assert that an abstract has five sentences whose numbers are those of the claims and verdicts."""
+    assert len(sentences) == 5
+    for sentence in sentences:
+        # one full stop, at the end; those of "eq. 3.1" and of numbers are none
+        assert re.search(r"[.?]$", sentence)
+        assert not re.search(r"(?<!eq)\. [A-Z]", sentence)
+        assert "nan" not in sentence
+    question, method, result, fails, not_verified = sentences
+    verdicts = Counter(verdict.outcome for study in studies for verdict in study.verdicts)
+    outcomes = Counter(claim.outcome for claim in claims)
+    assert f"{len(claims)} statements" in question
+    assert method.startswith(f"{len(studies)} scenes")
+    assert f"{verdicts.total()} comparisons" in method
+    assert "5e-06 of the peak velocity" in method
+    judged = verdicts.total() - verdicts[Outcome.MODEL_DIFFERENCE] - verdicts[Outcome.NOT_RUN]
+    assert f"Of {judged} comparisons that can pass or fail {verdicts[Outcome.PASS]} pass" in result
+    assert f"{outcomes[Outcome.PASS]} of the {len(claims)} statements hold" in result
+    assert fails.startswith(f"{outcomes[Outcome.FAIL]} statements do not hold")
+    short = [sum(not contact.judged[3].holds for contact in contacts) for _, contacts in contacts_of(runs, MAIN)]
+    assert f"in {max(short)} of 40 contacts" in not_verified
+
+
+def test_the_abstract_has_five_sentences_with_the_numbers_of_the_verdicts(
+    claims: tuple[Claim, ...], runs: Runs
+) -> None:
+    sentences = _abstract(claims, BUDGETED, runs)
+    check_abstract(sentences, claims, BUDGETED, runs)
+    assert "differ from the reference by at most 2.0e-06" in sentences[2]  # of the two main chains the larger
+    assert "slows down to 0.39" in sentences[2]
+    assert "is 13 % (a lighter striker), and the stiffness law changes results by up to 4 %" in sentences[3]
+
+
+def test_an_abstract_of_other_numbers_is_caught(claims: tuple[Claim, ...], runs: Runs) -> None:
+    wrong = _verdict("stacked-40", "lammps-granular", REFERENCE, 1e-2, quantity="crossing_time", outcome=Outcome.FAIL)
+    studies = [*BUDGETED[:2], _study("stacked-40", 1e-6, 1e-12, 1e-12, wrong)]
+    check_abstract(_abstract(claims, studies, runs), claims, studies, runs)
+    with pytest.raises(AssertionError):
+        check_abstract(_abstract(claims, BUDGETED, runs), claims, studies, runs)
+    held = tuple(replace(claim, outcome=Outcome.PASS) for claim in claims)
+    with pytest.raises(AssertionError):
+        check_abstract(_abstract(held, BUDGETED, runs), claims, BUDGETED, runs)
+
+
+def test_what_is_missing_is_left_out_of_the_abstract() -> None:
+    sentences = abstract((), [], [], Runs.of([]), 5e-6)
+    assert len(sentences) == 5
+    assert not any("nan" in sentence or "{" in sentence for sentence in sentences)
+
+
+def test_every_difference_stands_on_one_scale_with_its_value(runs: Runs) -> None:
+    panel = scale_of_differences(BUDGETED, EFFECTS, runs, 5e-6)
+    slow, fast, tolerance = panel.series
+    at = {panel.rows[int(y)]: x for x, y in zip(slow.x, slow.y, strict=True)}
+    run = runs.run(MAIN[0], "ode45")
+    assert run is not None
+    assert at["ode45, default tolerances"] == difference("velocity", run, truth_of(runs, MAIN[0])).value
+    assert at["time step of LAMMPS"] == pytest.approx(0.9e-6)
+    assert at["striker's mass"] == pytest.approx(0.13)
+    assert at["binary collisions (BCA)"] == 0.8
+    assert "striker's mass" not in {panel.rows[int(y)] for y in fast.y}  # the effects are those of one chain
+    assert set(tolerance.x) == {5e-6}
+
+
+def test_the_tornado_has_the_largest_term_on_top_with_its_sign() -> None:
+    figure = tornado(EFFECTS)
+    assert figure is not None
+    arrival, force = figure.panels
+    assert arrival.rows == ("dashpot, 1 N s/m (supposed)", "striker's mass (parameter)", "exact Hertz law (model)")
+    assert [line.x.tolist() for line in arrival.series] == [[99.0, 0.0, 3.0], []]
+    assert force.series[0].x.tolist() == [0.0, -13.0, 0.0]
+    assert tornado([]) is None
+    bars = [bar.get_width() for bar in draw_figure(figure).axes[0].patches]  # type: ignore[attr-defined]
+    assert bars == [99.0, 0.0, 3.0]
+
+
+def test_ratios_are_above_one_exactly_where_an_assumption_is_violated(runs: Runs) -> None:
+    figure = validity_figure(runs)
+    assert figure is not None
+    for panel, (_, contacts) in zip(figure.panels, contacts_of(runs, MAIN), strict=True):
+        angled = [contact for contact in contacts if math.isfinite(contact.angle)]
+        for nth, line in enumerate(panel.series[:5]):
+            assert (line.y > 1.0).sum() == sum(not contact.judged[nth].holds for contact in angled)
+        assert np.all(np.diff(panel.series[0].x) >= 0.0)
+    assert validity_figure(Runs.of([])) is None
+
+
+def test_all_scenes_are_small_multiples_and_lines_for_few_bodies(runs: Runs) -> None:
+    pair = db.load_scene("decelerating-40")
+    figure = all_scenes(runs, [pair.name, "tapered-forward", "no-such-scene"])
+    assert figure is not None
+    assert [panel.title for panel in figure.panels] == [
+        "decelerating-40 (41)",
+        f"tapered-forward ({runs.scenes['tapered-forward'].n_body})",
+    ]
+    assert all(panel.map is not None and max(panel.map.values.shape) <= 160 for panel in figure.panels)
+    assert all_scenes(runs, []) is None
+
+
+@pytest.mark.parametrize("draw", [tornado, validity_figure])
+def test_no_text_of_these_figures_covers_another(draw: object, runs: Runs) -> None:
+    figure = tornado(EFFECTS) if draw is tornado else validity_figure(runs)
+    assert isinstance(figure, FigureData)
+    assert assert_legible(draw_figure(figure)) > 10
