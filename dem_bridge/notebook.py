@@ -57,11 +57,27 @@ def spread(values: Iterable[float], unit: str) -> str:
     return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
 
 
+def _unit_of_stiffness(scene: Any) -> str:
+    """Return the unit of the stiffness of all contacts of a Scene."""
+    n = set(scene.contacts.exponent.tolist())
+    return f"N/m^{next(iter(n)) - 1.0:g}" if len(n) == 1 else "N/m^(n-1)"
+
+
+def scene_sketch(scene: Any) -> str:
+    """Return the HTML of a sketch of a Scene."""
+    return sketch(
+        _outlines(scene),
+        scene.contacts.stiffness[: scene.n_body - 1].tolist(),
+        moving=[v != 0.0 for v in scene.velocity],
+        walls=(scene.wall_left is not None, scene.wall_right is not None),
+        unit=_unit_of_stiffness(scene),
+    )
+
+
 def scene_html(scene: Any) -> str:
     """Return the HTML of a Scene: a sketch of the chain and its properties."""
     c, walls = scene.contacts, [side for side in ("left", "right") if getattr(scene, f"wall_{side}") is not None]
-    n = set(c.exponent.tolist())
-    unit = f"N/m^{next(iter(n)) - 1.0:g}" if len(n) == 1 else "N/m^(n-1)"
+    n, unit = set(c.exponent.tolist()), _unit_of_stiffness(scene)
     near = " (approximates the contact laws)" if scene.law is not None else ""
     facts = {
         "bodies": f"{scene.n_body}, mass {spread(scene.mass, 'kg')}",
@@ -81,13 +97,7 @@ def scene_html(scene: Any) -> str:
         radii = spread((body.radius for body in scene.geometry.bodies), "m")
         kinds = ", ".join(f"{count} {shape}{'s' if count > 1 else ''}" for shape, count in shapes.items())
         facts["bodies"] += f": {kinds}, radius {radii}"
-    drawing = sketch(
-        _outlines(scene),
-        c.stiffness[: scene.n_body - 1].tolist(),
-        moving=[v != 0.0 for v in scene.velocity],
-        walls=(scene.wall_left is not None, scene.wall_right is not None),
-        unit=unit,
-    )
+    drawing = scene_sketch(scene)
     return _card(f"Scene {scene.name}", subtitle=scene.description, sketch=drawing, facts=facts)
 
 

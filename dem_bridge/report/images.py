@@ -43,12 +43,12 @@ def picture_of_data(data: FigureData, store: Store | None = None) -> str:
 
 
 def picture_of_runs(name: str, studies: Sequence[SceneStudy], store: Store | None = None) -> str | None:
-    """Return the picture that a function of :mod:`.figures` draws of the runs of scenes; None where it draws none."""
+    """Return the picture that a function of :mod:`.figures` or :mod:`.motion` draws of runs; None if it draws none."""
 
     def draw() -> str | None:
-        from dem_bridge.report import figures
+        from dem_bridge.report import figures, motion
 
-        figure: Figure | None = getattr(figures, name)(studies)
+        figure: Figure | None = getattr(motion if name == "motion" else figures, name)(studies)
         return None if figure is None else svg_of(figure)
 
     keys = [result.key for study in studies for result in study.results]

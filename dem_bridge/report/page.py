@@ -12,8 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.files import write_whole
+from dem_bridge.notebook import scene_sketch
 from dem_bridge.report.cells import SEVERITY
 from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.images import picture_of_data, picture_of_runs
@@ -100,6 +103,7 @@ def _of_verification(study: Verification, store: Store | None) -> dict[str, Any]
     return {
         "paper": bool(study.claims),
         "scope": scope(study),
+        "sketch": lambda chain: Markup(scene_sketch(chain.scene)),
         "tables": [table for table in study.tables if table.id not in _SHOWN_OTHERWISE],
         "counts": [(outcome, counts[outcome]) for outcome in Outcome if counts[outcome]],
         "order_of_claims": (Outcome.PASS, *SEVERITY[:-1]),

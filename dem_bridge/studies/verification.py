@@ -14,6 +14,7 @@ from importlib.metadata import version
 from typing import Any
 
 from dem_bridge.lmp.coefficients import MODELS
+from dem_bridge.studies.closed_form import closed_form_table
 from dem_bridge.studies.study import Claim, Study, Table
 from dem_bridge.studies.texts import Texts, verdict_table
 from dem_bridge.trajectory import Trajectory
@@ -67,11 +68,12 @@ def verification_of(
 ) -> Verification:
     """Return the verification of some scenes."""
     verdicts = tuple(verdict for study in studies for verdict in study.verdicts)
+    closed = closed_form_table(studies)
     return Verification(
         id="verify",
         title=TEXTS("title", scenes=", ".join(study.scene.name for study in studies)),
         answer=tuple(map(_answer, studies)),
-        tables=(verdict_table(verdicts), observable_table(studies)),
+        tables=(*([] if closed is None else [closed]), verdict_table(verdicts), observable_table(studies)),
         verdicts=verdicts,
         notes=tuple(notes),
         provenance=_provenance(studies, accuracy, wall),
