@@ -17,6 +17,7 @@ from markupsafe import Markup
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.files import write_whole
 from dem_bridge.notebook import scene_sketch
+from dem_bridge.report import crate
 from dem_bridge.report.cells import SEVERITY
 from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.images import picture_of_data, picture_of_runs
@@ -54,7 +55,7 @@ def study_files(study: Study, store: Store | None = None) -> dict[str, str | byt
     """Return the files of a study by name.
 
     These are ``index.html``, the JSON, ``tables/ID.csv``, ``figures/ID.svg``, ``figures/ID.csv`` and the study's own
-    ``files``. Pictures are kept in ``store``.
+    ``files``; for the paper also the RO-Crate. Pictures are kept in ``store``.
     """
     figures: dict[str, dict[str, str | bytes]] = {
         figure.id: {
@@ -73,6 +74,8 @@ def study_files(study: Study, store: Store | None = None) -> dict[str, str | byt
         if twice := set(part) & set(files):
             raise ValueError(f"study {study.id}: two parts have the file name {min(twice)}; allowed: distinct names")
         files |= part
+    if isinstance(study, Verification) and study.claims:
+        files[crate.NAME] = crate.crate(study, files)
     return files
 
 
