@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Svg = TypeVar("Svg", str, str | None)
 #: resolution of the maps in a picture, dots per inch
-_DPI = 150
+_DPI = 110
 #: colours of a picture that a dark page replaces, and the names of these colours in style.css
 _THEMED = {"#000000": "ink", "#ffffff": "paper", "#0072b2": "blue", "#7f7f7f": "grey", "#c8c8c8": "pale"}
 
@@ -83,7 +83,7 @@ def svg_of(figure: Figure) -> str:
     from dem_bridge.report.drawing import fix_layout
 
     text = io.StringIO()
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "dem_bridge"}):
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "dem_bridge", "path.simplify_threshold": 0.3}):
         metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
         fix_layout(figure).savefig(text, format="svg", dpi=_DPI, transparent=True, metadata=metadata)
     svg = text.getvalue()
@@ -132,6 +132,7 @@ def _shortened(svg: str) -> str:
     """Return an SVG of matplotlib without what a page does not need: comments, names of fonts, ids of groups."""
     svg = re.sub(r"<!--.*?-->\n?|<metadata>.*?</metadata>\n?", "", svg, flags=re.DOTALL)
     svg = re.sub(r'<g id="[^"]*">', "<g>", svg)
+    svg = re.sub(r' transform="rotate\(-?0 [^"]*"', "", svg)
     svg = re.sub(r" ?font-family: [^;\"]*;?", "", svg)  # the page has a font
     svg = re.sub(r"data:image/png;base64,([^\"]*)", lambda found: data_uri(_compressed(found[1])), svg)
     svg = re.sub(r"<g([^>]*)>\s*((?:<use [^>]*/>\s*)+)</g>", _of_group, svg)
