@@ -132,6 +132,7 @@ def test_on_paper_the_appendix_is_unfolded_headings_repeat_and_no_sheet_is_shrun
     wide = float(re.findall(r'<page width="([\d.]+)"', boxes)[0])
     assert wide == pytest.approx(595.3, abs=1.0)  # A4 portrait
     assert _height_of_title(boxes) > 16.0  # 14 pt: lower if Chromium shrinks all sheets because something is too wide
+    assert _smallest(boxes) >= 8.0
 
 
 def _height_of_title(boxes: str) -> float:
@@ -140,12 +141,21 @@ def _height_of_title(boxes: str) -> float:
     return float(high) - float(low)
 
 
+def _smallest(boxes: str) -> float:
+    """Return the size of the smallest words of three letters or more, points; the title has 14."""
+    words = re.findall(r'yMin="([\d.]+)" xMax="[\d.]+" yMax="([\d.]+)">[A-Za-z]{3,}<', boxes)
+    return round(14.0 * min(float(high) - float(low) for low, high in words) / _height_of_title(boxes), 2)
+
+
 @pytest.mark.skipif(shutil.which("pdftotext") is None, reason="no pdftotext")
-def test_something_too_wide_for_a_sheet_is_caught(page: Path, tmp_path: Path) -> None:
+def test_something_too_wide_for_a_sheet_or_too_small_to_read_is_caught(page: Path, tmp_path: Path) -> None:
     wide = tmp_path / "wide.html"
     text = page.read_text(encoding="utf-8")
-    wide.write_text(text.replace("</main>", '<p style="width: 1000px">too wide</p></main>'), encoding="utf-8")
-    assert _height_of_title(_words(_printed(wide, tmp_path), "-bbox")) < 16.0
+    faults = '<p style="width: 1000px">too wide</p><p style="font-size: 7pt">too small</p>'
+    wide.write_text(text.replace("</main>", f"{faults}</main>"), encoding="utf-8")
+    boxes = _words(_printed(wide, tmp_path), "-bbox")
+    assert _height_of_title(boxes) < 16.0
+    assert _smallest(boxes) == pytest.approx(7.0, abs=0.05)
 
 
 #: the rules of axe that are violated, once all is unfolded
