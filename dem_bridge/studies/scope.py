@@ -8,8 +8,10 @@ reality.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dem_bridge.studies.texts import Texts
 from dem_bridge.studies.verification import Verification
@@ -31,12 +33,9 @@ def scope(verification: Verification) -> tuple[tuple[str, str], ...]:
     features = sorted({feature.label for scene in scenes for feature in scene.features})
     values = {
         "scenes": len(scenes),
-        "few": min(scene.n_body for scene in scenes),
-        "many": max(scene.n_body for scene in scenes),
-        "soft": float(stiffness.min()),
-        "stiff": float(stiffness.max()),
-        "low": float(exponents.min()),
-        "high": float(exponents.max()),
+        "bodies": _range([scene.n_body for scene in scenes]),
+        "stiffness": _range(stiffness),
+        "exponents": _range(exponents),
         "speed": max(float(np.max(np.abs(scene.velocity))) for scene in scenes),
         "features": ", ".join(features) or "none",
         "accuracy": verification.accuracy,
@@ -46,3 +45,9 @@ def scope(verification: Verification) -> tuple[tuple[str, str], ...]:
         "unexplained": sum(budget.is_finding for budget in budgets),
     }
     return tuple((TEXTS.data["headings"][part], TEXTS(part, **values)) for part in PARTS)
+
+
+def _range(values: Sequence[float] | NDArray[np.float64]) -> str:
+    """Return the least and the largest of some values as text, or the value if all are the same."""
+    ends = [f"{value:.3g}" for value in (np.min(values), np.max(values))]
+    return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
