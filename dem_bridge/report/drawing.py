@@ -46,6 +46,8 @@ SHEET: Any = {
 _ON_SHEET, _IN_NOTEBOOK = (9.0, 8.0), (11.0, 9.0)
 #: letters of a title per inch, at 11 points
 _LETTERS = 8.4
+#: letters of a label of a y axis in a line: a panel is 2 inches high
+_LETTERS_OF_Y = 30
 _THINNED = "circles and crosses: not all points are marked"
 #: largest number of markers of a series without a line, and along a line
 _MARKS, _MARKS_ON_LINE = 24, 9
@@ -340,7 +342,7 @@ def _label(ax: Axes, panel: Panel, inches: float, sizes: tuple[float, float]) ->
         ax.annotate(
             notes, (0.0, 1.0), xytext=(0.0, 4.0), xycoords="axes fraction", textcoords="offset points", fontsize=small
         )
-    ax.set(xlabel=panel.x_label, ylabel=panel.y_label)
+    ax.set(xlabel=panel.x_label, ylabel=textwrap.fill(panel.y_label, _LETTERS_OF_Y))
     xs = [line.x for line in panel.series] + ([panel.map.x] if panel.map is not None else [])
     if panel.rows:
         ax.set(ylim=(len(panel.rows) - 0.5, -0.5))
@@ -348,8 +350,8 @@ def _label(ax: Axes, panel: Panel, inches: float, sizes: tuple[float, float]) ->
         if not panel.bars:
             ax.set_xscale("log")
             decades = _decades(xs) or 0.0
-            if decades > 4.0:  # from below round-off to one
-                positive = np.concatenate([x[x > 0.0] for x in xs])
+            positive = np.concatenate([x[x > 0.0] for x in xs])
+            if decades > 4.0 and positive.min() < 1e-9:  # a scale of errors, from below round-off to one
                 ax.set_xlim(min(1e-14, 0.3 * positive.min()), max(2.0, 3.0 * positive.max()))
             ax.xaxis.set_major_locator(LogLocator(numticks=9 if decades > 4.0 else None))
             ax.xaxis.set_major_formatter(

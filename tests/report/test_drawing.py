@@ -126,6 +126,23 @@ def test_zero_is_on_every_linear_axis() -> None:
         assert bottom <= 0.0 <= top
 
 
+def test_a_long_label_of_a_y_axis_is_on_the_page() -> None:
+    label = "energy change / largest energy in motion of all bodies (1e-08)"
+    panel = replace(_panel("a", series=(_line("reference", X),)), y_label=label)
+    figure = draw_figure(_figure(panel))
+    assert _axes(figure)[0].get_ylabel().replace("\n", " ") == label
+    assert_legible(figure)
+
+
+@pytest.mark.parametrize(("least", "start"), [(1e-12, 1e-14), (1e-5, None)])
+def test_a_scale_of_errors_begins_below_round_off_and_another_at_its_values(least: float, start: float | None) -> None:
+    values = Series(label="error", style="mark-2", x=np.array([least, 1.0]), y=np.array([0.0, 1.0]))
+    figure = draw_figure(_figure(replace(_panel("a", series=(values,)), rows=("first", "second"))))
+    low, high = _axes(figure)[0].get_xlim()
+    assert low == pytest.approx(start) if start is not None else low > 1e-7
+    assert high >= 1.0
+
+
 def test_a_first_point_far_above_is_named_and_squeezes_nothing() -> None:
     near, far = (np.concatenate([[first], np.full(39, 10.0)]) for first in (15.0, 300.0))
     axes = _axes(
