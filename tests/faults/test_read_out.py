@@ -71,7 +71,8 @@ def changed(function: Callable[..., Any], changes: Sequence[Substitution], **nam
 
 
 DENSE, READ_OFF, EXTREMES = lammps_output.dense_of, steps.read_off, steps.peaks_and_crossings
-KEEP = "keep = slice(None, None, plan.subdivisions)"
+KEEP = "keep = slice(None, None, (len(dense.velocity) - 1) // plan.samples)"
+SEEN = "**approach_of(scene, plan, dense, every), "
 READINGS: dict[str, Fault[Substitution]] = {
     "samples off by one": Fault(
         plant=(
@@ -83,7 +84,7 @@ READINGS: dict[str, Fault[Substitution]] = {
         begins=0.0,
     ),
     "times off by one": Fault(
-        plant=(EXTREMES, "plan.dense_steps[rows] * plan.step", "(plan.dense_steps[rows] + 1) * plan.step"),
+        plant=(EXTREMES, SEEN, f'{SEEN}"time": (plan.dense_steps[::every] + 1) * plan.step, '),
         shows=shown("crossing_time"),
     ),
     # overlaps, and so the energy in contacts, are those of displacements
