@@ -69,6 +69,12 @@ def test_a_crate_with_a_missing_entity_or_another_file_is_caught(folder: Path) -
             check_crate(json.loads(planted), folder)
 
 
+def test_the_committed_report_is_small_and_its_crate_describes_every_file() -> None:
+    folder = ROOT / "reports/paper"
+    check_crate(json.loads((folder / NAME).read_text(encoding="utf-8")), folder)
+    assert (folder / "index.html").stat().st_size < 1_500_000
+
+
 def test_other_reports_have_no_crate() -> None:
     assert NAME not in study_files(NOTHING)
 
