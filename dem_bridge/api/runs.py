@@ -185,7 +185,8 @@ def plan(
 ) -> Plan:
     """Find the cheapest settings for an accuracy, with the reason for each number.
 
-    A model predicts the settings from a coarse run, and runs at two and more resolutions check and correct them.
+    A model predicts the settings from a coarse run, and runs at two and more resolutions check and correct them. A step
+    or a tolerance is accepted only if the finer ones, down to a quarter of it, have the accuracy too.
 
     Parameters
     ----------
@@ -333,12 +334,13 @@ def available() -> dict[str, Availability]:
 
 
 def _cheapest(scene: Scene, accuracy: object, sampling: Sampling) -> str:
-    """Return the cheapest backend for an accuracy."""
+    """Return the cheapest backend for an accuracy, of those whose uncertainty can be brought within it."""
     from dem_bridge.planning.planner import plan_for
 
     if accuracy is None:
         raise UsageError(f"backend = None; allowed: {', '.join(BACKENDS)}, or an accuracy from which one follows")
-    return plan_for(scene, checked_accuracy(accuracy), sampling=sampling).backend
+    left_out = {"ode45": "no tolerances of it are chosen from its uncertainty"}
+    return plan_for(scene, checked_accuracy(accuracy), sampling=sampling, left_out=left_out).backend
 
 
 def _resolution_for(

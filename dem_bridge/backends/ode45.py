@@ -66,7 +66,9 @@ class Ode45(AlwaysAvailable):
         a graze between two flights would be missed by both runs.
         """
         rtol, atol = _tolerances(resolution)
-        absolute = np.maximum(TIGHTER * np.minimum(atol, rtol * _scales(scene)), 1e-300)  # at rest there is no scale
+        absolute = np.maximum(
+            TIGHTER * np.minimum(atol, rtol * state_scales(scene)), 1e-300
+        )  # at rest there is no scale
         return [self._solve(scene, sampling, max(TIGHTER * rtol, LEAST), absolute, REPLICA_SHARE, True)]
 
     def _solve(
@@ -113,7 +115,7 @@ def _tolerances(resolution: Resolution) -> tuple[float, float]:
     return rtol, resolution.atol if resolution.atol is not None else DEFAULT_ATOL
 
 
-def _scales(scene: Scene) -> NDArray[np.float64]:
+def state_scales(scene: Scene) -> NDArray[np.float64]:
     """Return a small value of each entry of the state, ``(2 n_body,)``.
 
     For displacements it is the shallowest overlap (m) of a body's contacts that the energy of the scene allows, for

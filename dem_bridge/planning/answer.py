@@ -9,8 +9,12 @@ from types import MappingProxyType
 from typing import Any
 
 from dem_bridge.notebook import plan_html
+from dem_bridge.planning.check import Candidate, Settled, observed_order
 from dem_bridge.planning.options import Option, Options
 from dem_bridge.planning.predict import tidy
+
+#: settings whose errors a reason lists
+LISTED = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +76,7 @@ def answer(options: Options, chosen: Option, left_out: Mapping[str, str], measur
         units = {"dt": plan.step, **options.outlook.units(plan.step)}
         steps = plan.steps if steps is None else steps
     elif candidate.knob == "rtol":
-        resolution["rtol"] = chosen.setting
+        resolution |= candidate.settings_at(chosen.setting)
     if options.outlook.sampling.count != options.scene.samples:
         resolution["samples"] = options.outlook.sampling.count
     own_value = candidate.runs == candidate.name
@@ -125,6 +129,25 @@ def _reasons(options: Options, chosen: Option, left_out: Mapping[str, str], meas
         )
     for reason in dict.fromkeys(left_out.values()):
         yield f"{', '.join(name for name, why in left_out.items() if why == reason)}: {reason}"
+
+
+def evidence_of(candidate: Candidate, settled: Settled) -> str:
+    """Describe the runs that were made and the order that they show."""
+    runs = f"runs of {candidate.runs} err by {errors_by_setting(settled)}"
+    if candidate.knob == "rtol":
+        return f"{runs} (rtol)"
+    order = observed_order(settled.trials)
+    return f"{runs} (s)" + ("" if math.isnan(order) else f"; the fitted order is {order:.2f}")
+
+
+def errors_by_setting(settled: Settled) -> str:
+    """List the errors of the best and the next coarser settings, and the largest error of the finer ones."""
+    trials = sorted({trial.setting: trial for trial in settled.trials}.values(), key=lambda trial: -trial.setting)
+    best = next((index for index, trial in enumerate(trials) if trial is settled.best), len(trials) - 1)
+    coarser, finer = trials[max(0, best + 1 - LISTED) : best + 1], trials[best + 1 :]
+    text = ", ".join(f"{trial.error:.2g} at {trial.setting:.3g}" for trial in coarser)
+    largest = max((trial.error for trial in finer), default=0.0)
+    return f"{text} and at most {largest:.2g} at {len(finer)} finer settings" if finer else text
 
 
 def _modelled(options: Options, chosen: Option) -> float:

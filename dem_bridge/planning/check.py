@@ -15,6 +15,7 @@ import math
 import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 from dem_bridge.backends.base import Resolution, Sampling, backend
@@ -28,8 +29,20 @@ from dem_bridge.trajectory import FREE, Cost, Trajectory
 CLOSE = {"dt": 1.12, "rtol": 10.0}
 #: part of the target that is aimed at
 AIM = {"dt": 0.92, "rtol": 0.3}
-#: where errors scatter from step to step, settings so many times coarser than the coarsest that serves are tried, too
-COARSER = (1.25, 1.55, 1.95, 2.4)
+#: errors need not fall with the setting: one is accepted if those that are finer, down to this part of it, serve too
+FINEST = 0.25
+#: part of the target that errors of accepted settings and of finer ones stay below, because errors between the settings
+#: that are tried may be larger: by order of the method, 0 for tolerances. Errors of orders 1 and 2 are almost smooth in
+#: the step, those of order 4 scatter with the phases of the steps at contacts, and those of ode45 change at random with
+#: its tolerances. On 38 random scenes at three accuracies a margin of 0.8 for all was not enough in 5 of 336 plans
+MARGIN: Mapping[int, float] = MappingProxyType({1: 0.8, 2: 0.8, 4: 0.6, 0: 0.25})
+#: the settings tried are this far apart where errors are near the target (40 from a setting to a quarter of it), and so
+#: many of these distances at most where errors are far below it: ``SKIPPED`` for each factor of e
+NEIGHBOUR, SKIPPED, MOST_SKIPPED = FINEST ** (1.0 / 39.0), 2.0, 8
+#: errors at settings up to so many times coarser count for that distance
+RECENT = 1.6
+#: settings that are tried for this, at most
+MOST_CONFIRMING = 400
 #: the least rtol that scipy is asked for
 LEAST_RTOL = 3e-14
 #: runs until a search gives up
@@ -77,6 +90,13 @@ class Candidate:
     """More settings of those runs."""
     answer: Mapping[str, Any] = field(default_factory=dict)
     """More settings of the backend itself."""
+    atol: float = 0.0
+    """Absolute tolerance at rtol = 1, of a backend that takes both (SI); 0: the backend takes rtol alone."""
+
+    def settings_at(self, setting: float) -> dict[str, float]:
+        """Return the settings that follow from that of the knob."""
+        settings = {self.knob: setting} if self.knob else {}
+        return {**settings, "atol": float(f"{self.atol * setting:.12g}")} if self.atol else settings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +127,7 @@ class Judge:
         if candidate.knob == "":
             return 0.0
         if candidate.knob != "dt":
-            return max(LEAST_RTOL, float(f"{setting:.1e}"))
+            return max(LEAST_RTOL, setting)
         interval = self.scene.duration / self.sampling.count
         return interval / max(1, math.ceil(interval / setting * (1.0 - 1e-12)))
 
@@ -118,33 +138,38 @@ class Judge:
         if key in self._runs:
             return self._runs[key]
         self.progress(f"{candidate.runs} at {candidate.knob} = {setting:.3g}" if candidate.knob else candidate.runs)
-        settings = {**candidate.settings, **({candidate.knob: setting} if candidate.knob else {})}
+        settings = {**candidate.settings, **candidate.settings_at(setting)}
         run = backend(candidate.runs).run(self.scene, Resolution(**settings), self.sampling)
         if self.reference is None:
             self._runs[key] = run
         return run
 
     def trial(
-        self, candidate: Candidate, setting: float, make: Callable[[Candidate, float], Trajectory] | None = None
+        self,
+        candidate: Candidate,
+        setting: float,
+        make: Callable[[Candidate, float], Trajectory] | None = None,
+        spare: float = 1.0,
     ) -> Trial:
-        """Return the trial of a setting, rounded to three digits; its error is inf where the run fails.
+        """Return the trial of a setting; its error is inf where the run fails.
 
-        ``make``: makes the run in place of :meth:`run`.
+        ``make`` makes the run in place of :meth:`run`. A new run by which errors are measured is finer by ``spare``
+        than this setting needs, and serves finer ones.
         """
-        setting = self.snapped(candidate, float(f"{setting:.2e}"))
+        setting = self.snapped(candidate, setting)
         try:
             run = (make or self.run)(candidate, setting)
-            return Trial(setting=setting, error=self._error(candidate, setting, run), cost=run.cost)
+            return Trial(setting=setting, error=self._error(candidate, setting, run, spare), cost=run.cost)
         except (NotAsymptotic, RunBroken):
             return Trial(setting=setting, error=math.inf)
 
-    def _error(self, candidate: Candidate, setting: float, run: Trajectory) -> float:
+    def _error(self, candidate: Candidate, setting: float, run: Trajectory, spare: float) -> float:
         if self.reference is not None:
             return measured_error(self.observable, self.scene, run, self.reference)
         kind = "damped" if candidate.knob == "dt" and candidate.order == 1.0 else candidate.knob
         requested = setting / FINER[kind]
         there = [item for name, item in self._runs if name == candidate.name and item <= 1.05 * requested]
-        finer = max(there, default=self.snapped(candidate, requested))
+        finer = max(there, default=self.snapped(candidate, requested / spare))
         if not finer < setting:
             return math.inf  # there is no finer one to see its error by
         apart = measured_error(self.observable, self.scene, run, self.run(candidate, finer))
@@ -164,7 +189,7 @@ class Judge:
 
 @dataclass(frozen=True, kw_only=True)
 class Settled:
-    """The coarsest setting that serves, or, where ``best`` is None, the least error that was found."""
+    """The coarsest setting from which on all that were tried serve; ``best`` is None where there is none."""
 
     best: Trial | None
     trials: tuple[Trial, ...]
@@ -194,31 +219,26 @@ def settle(
     least: float,
     most: float,
     knob: str = "dt",
-    erratic: bool = False,
 ) -> Settled:
     """Return the coarsest setting from ``least`` to ``most`` whose error is within ``target``, up to ``CLOSE[knob]``.
 
     ``trial`` makes and judges the run of a setting; the search begins at ``first`` and follows the order that the
     runs show, within a bracket as soon as there is one. At least two settings are tried. Errors need not fall with the
-    setting everywhere: the coarsest of all trials within the target is returned, and where errors are ``erratic`` some
-    coarser settings are tried in addition.
+    setting everywhere: the setting that is returned, and all finer ones that were tried, have errors within the target.
     """
     created: list[Trial] = []
     close, aim = CLOSE[knob], AIM[knob]
-
-    def coarsest() -> Trial | None:
-        return max((item for item in created if item.error <= target), key=lambda item: item.setting, default=None)
 
     def known(setting: float) -> bool:
         return any(math.isclose(item.setting, setting, rel_tol=1e-9) for item in created)
 
     setting = min(max(first, least), most)
     for _ in range(MOST_TRIALS):
-        result = trial(setting)
+        result = trial(rounded(setting))
         if known(result.setting):
             break  # no step between the two that are known
         created.append(result)
-        best = coarsest()
+        best = accepted(created, target)
         above = min((o.setting for o in created if best is None or o.setting > best.setting), default=math.inf)
         slope = _slope(created, target, order)
         if best is not None:
@@ -238,12 +258,65 @@ def settle(
                 break
             ratio = (aim * target / lowest.error) ** (1.0 / slope) if lowest.error < math.inf else 0.25
             setting = max(least, lowest.setting * min(0.9, max(0.05, ratio)))
-    best = coarsest()
-    if erratic and best is not None:
-        coarser = {trial(min(factor * best.setting, most)) for factor in COARSER}
-        created += [item for item in coarser if not known(item.setting)]
-        best = coarsest()
-    return Settled(best=best, trials=tuple(created))
+    return Settled(best=accepted(created, target), trials=tuple(created))
+
+
+def accepted(trials: Sequence[Trial], target: float) -> Trial | None:
+    """Return the coarsest trial that serves with all finer ones; None: the finest one does not serve."""
+    best = None
+    for item in sorted(trials, key=lambda item: item.setting):
+        if not item.error <= target:
+            break
+        best = item
+    return best
+
+
+def rounded(setting: float) -> float:
+    """Return a setting with three digits."""
+    return float(f"{setting:.2e}")
+
+
+def confirm(
+    trial: Callable[[float], Trial],
+    settled: Settled,
+    target: float,
+    *,
+    order: float,
+    least: float,
+    every: bool = False,
+) -> Settled:
+    """Return the coarsest setting, from the best of ``settled`` on, with which the finer ones serve down to a quarter.
+
+    The settings are tried from the coarsest to the finest, as close as :data:`NEIGHBOUR` says where errors are near
+    the target, or with ``every`` everywhere. Where one errs by more than the target, the coarsest setting that can be
+    accepted is finer than that. None is finer than ``least``.
+    """
+    assert settled.best is not None
+    result, best, end = settled.best, None, least
+    skips = range(2, 1 if every else MOST_SKIPPED + 1)
+    tried: list[Trial] = []
+    while len(tried) < MOST_CONFIRMING:
+        tried.append(result)
+        if not result.error <= target:
+            best, end = None, least
+        elif best is None:
+            best, end = result, max(FINEST * result.setting, least)
+        if result.setting <= end * (1.0 + 1e-9):
+            break
+        recent = [item for item in tried if item.setting <= RECENT * result.setting]
+        envelope = max(item.error * (result.setting / item.setting) ** order for item in recent)
+        clear = sum(envelope * math.exp(count / SKIPPED) < target for count in skips)
+        if best is None:
+            finer = rounded(result.setting * NEIGHBOUR)
+        else:
+            # powers to the last digit: errors of ode45 change with every digit of its tolerances
+            index = math.floor(math.log(result.setting / best.setting, NEIGHBOUR) + 1e-6) + 1 + clear
+            finer = best.setting * NEIGHBOUR**index
+        result = trial(max(finer, end))
+    else:
+        best = None
+    others = [item for item in settled.trials if item.setting not in {item.setting for item in tried}]
+    return Settled(best=best, trials=(*others, *tried))
 
 
 def _slope(created: list[Trial], target: float, order: float) -> float:

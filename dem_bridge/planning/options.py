@@ -5,17 +5,20 @@ Nothing is run here but the prescan of the scene.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Backend, Sampling, backend, unsupported_reason
+from dem_bridge.backends.ode45 import DEFAULT_RTOL, state_scales
 from dem_bridge.backends.reference import SERIES
 from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
 from dem_bridge.backends.steps import order_on
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.registry import observable_named
-from dem_bridge.planning.check import LEAST_RTOL, Candidate, Trial
+from dem_bridge.planning.check import LEAST_RTOL, Candidate, Settled, Trial
 from dem_bridge.planning.predict import OF_RTOL, OF_STEP, ErrorLaw, Outlook
 from dem_bridge.scene import Scene
 
@@ -36,20 +39,35 @@ class Option:
     error: float
     cost: float
     """CPU, s."""
-    trial: Trial | None = None
-    """The run whose error is within the accuracy; None: nothing was run."""
+    settled: Settled | None = None
+    """The runs that were made, of which the best has the error; None: nothing was run."""
+    confirmed: bool = False
+    """Whether the finer settings, too, have errors within the accuracy."""
     evidence: str = ""
     """How the error was measured, for the reasons of a plan."""
+
+    @property
+    def trial(self) -> Trial | None:
+        """The run whose error is within the accuracy; None: nothing was run."""
+        return None if self.settled is None else self.settled.best
 
 
 class Options:
     """All candidates for one accuracy, the cheapest by prediction first, and the backends that are left out."""
 
-    def __init__(self, scene: Scene, accuracy: float, name: str | None, observable: str, sampling: Sampling) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        accuracy: float,
+        name: str | None,
+        observable: str,
+        sampling: Sampling,
+        left_out: Mapping[str, str],
+    ) -> None:
         self.unit = observable_named(observable).unit
         self.scene, self.accuracy, self.name, self.observable = scene, accuracy, name, observable
         self.interval = scene.duration / sampling.count
-        self.left_out: dict[str, str] = {}
+        self.left_out = dict(left_out)
         candidates = list(self._candidates())
         self.outlook = Outlook(scene=scene, prescan=prescan_scene(scene), sampling=sampling)
         self.predicted = sorted(map(self._predicted, candidates), key=lambda option: option.cost)
@@ -66,10 +84,8 @@ class Options:
 
     def _left_out_reason(self, name: str) -> str | None:
         """Return the reason why a backend that could solve the scene is no candidate; None: it is one."""
-        if name == "ode45":
-            return (
-                "its tolerances do not predict its error; choose rtol by a convergence study, or take another backend"
-            )
+        if name in self.left_out:
+            return self.left_out[name]
         if self.name is not None:
             return None
         if name in (*ENGINE_BACKENDS, "ase"):
@@ -86,8 +102,9 @@ class Options:
             order = order_on(self.scene) if chosen.order == 2 else chosen.order
             runs = "verlet" if name in (*ENGINE_BACKENDS, "ase") else name
             return Candidate(name=name, runs=runs, knob="dt", order=OF_STEP[order].order, kind=order)
-        if name == "scipy":
-            return Candidate(name=name, runs=name, knob="rtol", order=OF_RTOL.order)
+        if name in OF_RTOL:
+            atol = float(f"{np.min(state_scales(self.scene)):.0e}") if name == "ode45" else 0.0
+            return Candidate(name=name, runs=name, knob="rtol", order=OF_RTOL[name].order, atol=atol)
         return Candidate(name=name, runs=name, knob="", order=0.0)
 
     def _predicted(self, candidate: Candidate) -> Option:
@@ -95,7 +112,7 @@ class Options:
         if knob == "":
             error = self.outlook.known_error(name, self.observable)
             return Option(candidate=candidate, law=None, setting=0.0, error=error, cost=self.outlook.cost(name))
-        law = OF_STEP[candidate.kind] if knob == "dt" else OF_RTOL
+        law = OF_STEP[candidate.kind] if knob == "dt" else OF_RTOL[name]
         return self._at(candidate, law, self.outlook.setting(law, self.accuracy, self.observable))
 
     def _at(self, candidate: Candidate, law: ErrorLaw, setting: float) -> Option:
@@ -115,7 +132,9 @@ class Options:
 
     def most(self, candidate: Candidate) -> float:
         """Return the coarsest setting."""
-        return self.interval if candidate.knob == "dt" else LARGEST_RTOL
+        if candidate.knob == "dt":
+            return self.interval
+        return LARGEST_RTOL if candidate.name == "scipy" else DEFAULT_RTOL
 
     def foreseen(self) -> Option:
         """Return the cheapest option by prediction alone, with a margin that suffices in nine of ten scenes."""

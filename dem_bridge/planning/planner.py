@@ -2,14 +2,14 @@
 
 :mod:`dem_bridge.uncertainty.step_choice` finds the step whose *uncertainty* is within an accuracy; the planner finds
 settings whose *error* is. An uncertainty is about three times the error, so that it holds. The answer is valid for the
-settings that were run.
+settings that were run and, because errors do not fall with every smaller step, only if finer ones serve, too.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
@@ -21,16 +21,18 @@ from dem_bridge.backends.roundoff import roundoff_floor
 from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
 from dem_bridge.backends.steps import radius_of
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.planning.answer import Plan, answer, beyond
+from dem_bridge.planning.answer import Plan, answer, beyond, errors_by_setting, evidence_of
 from dem_bridge.planning.check import (
+    FINEST,
     LEAST_RTOL,
+    MARGIN,
     Candidate,
     Judge,
     Settled,
     Trial,
+    confirm,
     measured_error,
     measured_uncertainty,
-    observed_order,
     settle,
 )
 from dem_bridge.planning.options import MOST_STEPS, THEORIES, Option, Options
@@ -71,18 +73,22 @@ def plan_for(
     name: str | None = None,
     observable: str = "velocity",
     sampling: Sampling | None = None,
+    left_out: Mapping[str, str] = MappingProxyType({}),
     budget: float | None = None,
     predict_only: bool = False,
     progress: Progress | None = None,
 ) -> Plan:
     """Plan the settings for an accuracy, see :func:`dem_bridge.plan`.
 
-    ``name`` is that of a backend; None: the cheapest one is chosen.
+    ``name`` is that of a backend; None: the cheapest one is chosen. ``left_out``: backends that are no candidates, with
+    the reasons.
     """
     if budget is not None and not 0.0 < budget < math.inf:
         raise UsageError(f"budget = {budget!r}; allowed: a number > 0 (s of CPU)")
-    sampling = sampling or Sampling(count=scene.samples)
-    planner = Planner(Options(scene, checked_accuracy(accuracy), name, observable, sampling), progress)
+    options = Options(
+        scene, checked_accuracy(accuracy), name, observable, sampling or Sampling(count=scene.samples), left_out
+    )
+    planner = Planner(options, progress)
     chosen = planner.options.foreseen() if predict_only else planner.checked()
     if budget is not None and chosen.cost > budget:
         raise UsageError(beyond(planner.options, budget, chosen))
@@ -108,32 +114,27 @@ class Planner:
             reference=self._cheap_reference(),
             progress=self._say,
         )
-        best: Option | None = None
         floors: dict[str, str] = {}
-        for option in self.options.predicted:
-            name = option.candidate.name
-            if best is not None and option.cost > WORTH_TRYING * best.cost:
-                self.left_out[name] = f"predicted to cost {option.cost:.2g} s of CPU"
-                continue
+        remaining = list(self.options.predicted)
+        while remaining:
+            # the cheapest option is confirmed first: the many runs that this takes are often spared for the others
+            option = min(remaining, key=lambda o: o.cost / (1.0 if o.settled else WORTH_TRYING))
+            remaining.remove(option)
+            if option.confirmed:
+                for other in remaining:
+                    how = "measured" if other.settled else "predicted to"
+                    self.left_out[other.candidate.name] = f"{how} cost {other.cost:.2g} s of CPU"
+                self.left_out |= floors
+                return option
             try:
-                tried = self._try(option)
+                remaining.append(self._try(option))
             except (UsageError, RunBroken) as error:
-                floors[name] = str(error)
-                continue
-            if best is None or tried.cost < best.cost:
-                if best is not None:
-                    self.left_out[best.candidate.name] = f"measured cost {best.cost:.2g} s of CPU"
-                best = tried
-            else:
-                self.left_out[name] = f"measured cost {tried.cost:.2g} s of CPU"
-        self.left_out |= floors
-        if best is None:
-            raise UsageError(
-                f"accuracy = {self.accuracy:g} of {self.observable} on {self.scene.name} cannot be reached: "
-                + "; ".join(f"{name}: {floor}" for name, floor in floors.items())
-                + "; ask for less"
-            )
-        return best
+                floors[option.candidate.name] = str(error)
+        raise UsageError(
+            f"accuracy = {self.accuracy:g} of {self.observable} on {self.scene.name} cannot be reached: "
+            + "; ".join(f"{name}: {floor}" for name, floor in floors.items())
+            + "; ask for less"
+        )
 
     def _cheap_reference(self) -> Trajectory | None:
         """Solve for a reference; None where it would cost too much or would be too uncertain for the accuracy."""
@@ -144,7 +145,8 @@ class Planner:
             name, settings = "reference", [math.nan]
         else:
             # the finest tolerance, or one that suffices
-            enough = outlook.setting(OF_RTOL, 0.1 * REFERENCE_SHARE * self.accuracy / OF_RTOL.spread, self.observable)
+            law = OF_RTOL["scipy"]
+            enough = outlook.setting(law, 0.1 * REFERENCE_SHARE * self.accuracy / law.spread, self.observable)
             name, settings = "scipy", [LEAST_RTOL, min(max(enough, LEAST_RTOL), LARGEST_RTOL)]
         costs = [WITH_UNCERTAINTY[name] * outlook.cost(name, setting) for setting in settings]
         self.expected_cpu = min(costs) + 5.0 * sum(tried_costs)
@@ -169,12 +171,15 @@ class Planner:
         return None
 
     def _try(self, option: Option) -> Option:
-        """Return an option with measured error and cost. Raises UsageError, with the floor, where no setting serves."""
+        """Return an option with measured error and cost, after a second call a confirmed one.
+
+        Raises UsageError, with the floor, where no setting serves.
+        """
         candidate = option.candidate
         if candidate.knob == "":
             return self._try_without_setting(option)
-        candidate = self._completed(candidate, option.setting)
-        option = replace(option, candidate=candidate)
+        if option.settled is None:
+            option = replace(option, candidate=self._completed(candidate, option.setting))
         try:
             single = self._settled(option)
         except UsageError:
@@ -182,22 +187,35 @@ class Planner:
             if extrapolated := self._extrapolated(replace(option, cost=math.inf)):
                 return extrapolated
             raise
-        return self._extrapolated(single) or single
+        return (self._extrapolated(single) if single.confirmed else None) or single
 
     def _settled(self, option: Option) -> Option:
-        """Return an option at its coarsest setting that serves. Raises UsageError, with the floor, where none does."""
-        self._check_prospects(option)
-        candidate = option.candidate
-        settled = settle(
-            partial(self.judge.trial, candidate),
-            option.setting,
-            self.accuracy,
-            order=candidate.order,
-            least=self.options.least(candidate),
-            most=self.options.most(candidate),
-            knob=candidate.knob,
-            erratic=candidate.kind in (1, 4),
-        )
+        """Return an option at its coarsest setting that serves, confirmed by finer ones if there was one already.
+
+        Raises UsageError, with the floor, where none does.
+        """
+        candidate, order, least = option.candidate, option.candidate.order, self.options.least(option.candidate)
+        target = MARGIN[candidate.kind] * self.accuracy
+        if option.settled is None:
+            self._check_prospects(option)
+            settled = settle(
+                partial(self.judge.trial, candidate),
+                option.setting,
+                target,
+                order=order,
+                least=least,
+                most=self.options.most(candidate),
+                knob=candidate.knob,
+            )
+        else:
+            settled = confirm(
+                partial(self.judge.trial, candidate, spare=1.0 / FINEST),
+                option.settled,
+                target,
+                order=order,
+                least=max(least, self._least_by_roundoff(candidate, option.setting)),
+                every=candidate.knob == "rtol",
+            )
         if settled.best is None:
             raise UsageError(self._floor(candidate, settled))
         best, runs_itself = settled.best, candidate.runs == candidate.name
@@ -208,9 +226,23 @@ class Planner:
             cost=self.judge.cpu(candidate, best.setting, best.cost.cpu)
             if runs_itself
             else self.outlook.cost(candidate.name, best.setting),
-            trial=best,
-            evidence=_evidence(candidate, settled),
+            settled=settled,
+            confirmed=option.settled is not None,
+            evidence=evidence_of(candidate, settled),
         )
+
+    def _least_by_roundoff(self, candidate: Candidate, setting: float, times: float = 1.0) -> float:
+        """Return the finest setting, down to a quarter of this one, whose round-off leaves room for the error.
+
+        ``times``: by this factor the round-off of the finest run counts.
+        """
+        if candidate.name not in ENGINE_BACKENDS or self.accuracy >= ROUND_OFF_BELOW:
+            return 0.0
+        for part in (FINEST, 0.5):
+            plan = self.outlook.schedule(part * setting)
+            if times * roundoff_floor(self.scene, plan, candidate.settings["surrogate_radius"]) <= 0.3 * self.accuracy:
+                return part * setting
+        return setting
 
     def _extrapolated(self, plain: Option) -> Option | None:
         """Return the extrapolation of three LAMMPS runs; None where it does not cost less than a single run.
@@ -236,6 +268,7 @@ class Planner:
         least, most = 1.75 * plain.setting, 0.5 * self.options.interval
         if least >= most or cost(most) > plain.cost:
             return None
+        target = MARGIN[4] * self.accuracy
         # the order is 4 in place of 2
         first = min(2.0 * plain.setting * (1e-4 / self.accuracy) ** 0.25, most)
         roundoff = roundoff_floor(
@@ -243,8 +276,12 @@ class Planner:
         )
         if EXTRAPOLATED_ROUNDING * roundoff > self.accuracy:
             return None
-        tried = partial(self.judge.trial, candidate, make=make)
-        settled = settle(tried, first, self.accuracy, order=4.0, least=least, most=most)
+        trial = partial(self.judge.trial, candidate, make=make)
+        settled = settle(trial, first, target, order=4.0, least=least, most=most)
+        if settled.best is None or cost(settled.best.setting) > EXTRAPOLATED_GAIN * plain.cost:
+            return None
+        least = 2.0 * self._least_by_roundoff(candidate, 0.5 * settled.best.setting, EXTRAPOLATED_ROUNDING)
+        settled = confirm(trial, settled, target, order=4.0, least=least)
         best = settled.best
         if best is None or cost(best.setting) > EXTRAPOLATED_GAIN * plain.cost:
             return None
@@ -254,8 +291,9 @@ class Planner:
             setting=best.setting,
             error=best.error,
             cost=cost(best.setting),
-            trial=best,
-            evidence=f"twins extrapolated from steps of 2 dt, dt and dt/2 err by {_errors_by_setting(settled)} s;"
+            settled=settled,
+            confirmed=True,
+            evidence=f"extrapolations from steps of 2 dt, dt and dt/2 err by {errors_by_setting(settled)} (s);"
             f" three runs cost {cost(best.setting):.2g} s of CPU"
             + (f", a single run {plain.cost:.2g} s" if plain.cost < math.inf else ", and no single run serves"),
         )
@@ -301,7 +339,8 @@ class Planner:
             raise UsageError(f"its error is {error:.2g}" if name in THEORIES else f"its uncertainty is {error:.2g}")
         cost = self.judge.cpu(candidate, 0.0, run.cost.cpu)
         trial = Trial(setting=0.0, error=error, cost=run.cost)
-        return replace(option, error=error, cost=cost, trial=trial, evidence=evidence)
+        settled = Settled(best=trial, trials=(trial,))
+        return replace(option, error=error, cost=cost, settled=settled, confirmed=True, evidence=evidence)
 
     def _completed(self, candidate: Candidate, setting: float) -> Candidate:
         """Return a candidate with all settings of its runs: for LAMMPS the surrogate radius and the tables."""
@@ -340,18 +379,3 @@ class Planner:
         if self.progress is not None:
             spent = time.process_time() - self.start
             self.progress(min(0.95, spent / max(self.expected_cpu, 1e-9)), 1, label)
-
-
-def _evidence(candidate: Candidate, settled: Settled) -> str:
-    """Describe the runs that were made and the order that they show."""
-    if candidate.knob == "rtol":
-        return f"runs of {candidate.runs} err by {_errors_by_setting(settled)} (rtol)"
-    order = observed_order(settled.trials)
-    fitted = "" if math.isnan(order) else f"; the fitted order is {order:.2f}"
-    return f"runs of {candidate.runs} err by {_errors_by_setting(settled)} s{fitted}"
-
-
-def _errors_by_setting(settled: Settled) -> str:
-    """List the error at each setting, the coarsest first."""
-    trials = sorted({trial.setting: trial for trial in settled.trials}.values(), key=lambda trial: -trial.setting)
-    return ", ".join(f"{trial.error:.2g} at {trial.setting:.3g}" for trial in trials)

@@ -45,7 +45,8 @@ class ErrorLaw:
 _FITS = json.loads(Path(__file__).with_name("laws.json").read_text(encoding="utf-8"))
 #: by the order of the method
 OF_STEP: Mapping[int, ErrorLaw] = MappingProxyType({int(p): ErrorLaw(**fit) for p, fit in _FITS["of_step"].items()})
-OF_RTOL = ErrorLaw(**_FITS["of_rtol"])
+#: by the backend
+OF_RTOL: Mapping[str, ErrorLaw] = MappingProxyType({name: ErrorLaw(**fit) for name, fit in _FITS["of_rtol"].items()})
 #: evaluations of the forces in a step, where there is more than one
 EVALUATIONS: Mapping[str, int] = MappingProxyType(_FITS["evaluations"])
 
@@ -78,7 +79,7 @@ class Outlook:
     def error(self, law: ErrorLaw, setting: float, observable: str) -> float:
         """Predict the relative error at a setting: dt (s), where round-off of all steps is added, or rtol."""
         scale = self._scale(law, observable)
-        if law is OF_RTOL:
+        if law in OF_RTOL.values():
             return float(scale * setting**law.order)
         digits = EPS * math.sqrt(self.scene.duration / setting)
         return float(scale * (self.prescan.frequency * setting) ** law.order) + digits
@@ -86,7 +87,7 @@ class Outlook:
     def setting(self, law: ErrorLaw, error: float, observable: str) -> float:
         """Return the setting with this predicted error; inf where no bodies touch."""
         knob: float = (error / self._scale(law, observable)) ** (1.0 / law.order)
-        if law is OF_RTOL:
+        if law in OF_RTOL.values():
             return knob
         return knob / self.prescan.frequency if self.prescan.frequency > 0.0 else math.inf
 

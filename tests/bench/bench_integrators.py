@@ -36,8 +36,9 @@ from dem_bridge.scene import Scene
 SOURCE = Path(__file__).with_name("verlet.c")
 FLAGS = {"C": ("-O3", "-march=native"), "C, no errno": ("-O3", "-march=native", "-fno-math-errno")}
 METHODS = {"verlet": VERLET, "blanes-moan": SRKN_6B}
-#: each step is smaller than the one before by RUNG; a method has an accuracy from the first of KEPT steps that keep it
-RUNG, KEPT = 1.1, 3
+#: a method has an accuracy from the first of 40 steps, evenly spaced in their logarithm down to a quarter, that have it
+FINEST = 0.25
+RUNG = FINEST ** (-1.0 / 39.0)
 Floats = NDArray[np.float64]
 #: seconds of CPU and the sampled velocities, m/s
 Answer = tuple[float, Floats]
@@ -176,13 +177,13 @@ def _both(times: Floats) -> str:
 
 def cheapest(code: Callable[[int], Answer], truth: Floats, accuracy: float, start: int) -> int:
     """Return the least steps per sample from which on errors are at most ``accuracy`` times the largest velocity."""
-    good: list[int] = []
-    per_sample, size = start, float(np.max(np.abs(truth)))
-    while len(good) < KEPT:
+    first, per_sample, size = start, start, float(np.max(np.abs(truth)))
+    while FINEST * per_sample < first:
         error = float(np.max(np.abs(code(per_sample)[1] - truth))) / size
-        good = [*good, per_sample] if error <= accuracy else []
         per_sample = max(per_sample + 1, round(RUNG * per_sample))
-    return good[0]
+        if not error <= accuracy:
+            first = per_sample
+    return first
 
 
 def to_accuracy(libraries: Mapping[str, ctypes.CDLL], scene: Scene, extent: Extent) -> Table:
