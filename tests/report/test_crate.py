@@ -42,14 +42,15 @@ def check_crate(crate: dict[str, Any], folder: Path) -> None:
     root, [action] = entities["./"], [e for e in entities.values() if e["@type"] == "CreateAction"]
     assert {"name", "description", "datePublished", "license"} <= set(root)
     assert root["mentions"] == [{"@id": action["@id"]}]
+    missing = _references(crate["@graph"]) - set(entities) - {"https://w3id.org/ro/crate/1.1"}
+    assert not missing, f"missing entities: {missing}"
     assert entities[action["instrument"]["@id"]]["@type"] == "SoftwareApplication"
-    assert _references(crate["@graph"]) - set(entities) <= {"https://w3id.org/ro/crate/1.1"}
     present = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} - {NAME}
     assert {part["@id"] for part in root["hasPart"]} == present
     for name in present:
         content = (folder / name).read_bytes()
         assert entities[name]["contentSize"] == str(len(content))
-        assert entities[name]["sha256"] == hashlib.sha256(content).hexdigest()
+        assert entities[name]["sha256"] == hashlib.sha256(content).hexdigest(), "another checksum"
 
 
 def test_the_crate_of_a_paper_describes_every_file(folder: Path) -> None:
@@ -60,13 +61,14 @@ def test_the_crate_of_a_paper_describes_every_file(folder: Path) -> None:
 
 def test_a_crate_with_a_missing_entity_or_another_file_is_caught(folder: Path) -> None:
     text = (folder / NAME).read_text(encoding="utf-8")
-    for planted in (
-        text.replace('"@id": "#dem_bridge",\n   "@type"', '"@id": "#other",\n   "@type"'),
-        text.replace('"sha256": "', '"sha256": "0'),
+    program, checksum = '"@id": "#dem_bridge",\n   "@type"', '"sha256": "'
+    for right, planted, said in (
+        (program, program.replace("dem_bridge", "other"), "missing entities"),
+        (checksum, f"{checksum}0", "another checksum"),
     ):
-        assert planted != text
-        with pytest.raises((AssertionError, KeyError)):
-            check_crate(json.loads(planted), folder)
+        assert right in text
+        with pytest.raises(AssertionError, match=said):
+            check_crate(json.loads(text.replace(right, planted)), folder)
 
 
 def test_the_committed_report_is_small_and_its_crate_describes_every_file() -> None:

@@ -57,12 +57,12 @@ def check_abstract(
     outcomes = Counter(claim.outcome for claim in claims)
     assert f"{len(claims)} statements" in question
     assert method.startswith(f"{len(studies)} scenes")
-    assert f"{verdicts.total()} comparisons" in method
+    assert f"{verdicts.total()} comparisons" in method, "other verdicts"
     assert "5e-06 of the peak velocity" in method
     judged = verdicts.total() - verdicts[Outcome.MODEL_DIFFERENCE] - verdicts[Outcome.NOT_RUN]
     assert f"Of {judged} comparisons that can pass or fail {verdicts[Outcome.PASS]} pass" in result
-    assert f"{outcomes[Outcome.PASS]} of the {len(claims)} statements hold" in result
-    assert fails.startswith(f"{outcomes[Outcome.FAIL]} statements do not hold")
+    assert f"{outcomes[Outcome.PASS]} of the {len(claims)} statements hold" in result, "other claims"
+    assert fails.startswith(f"{outcomes[Outcome.FAIL]} statements do not hold"), "other claims"
     short = [sum(not contact.judged[3].holds for contact in contacts) for _, contacts in contacts_of(runs, MAIN)]
     assert f"in {max(short)} of 40 contacts" in not_verified
 
@@ -81,10 +81,10 @@ def test_an_abstract_of_other_numbers_is_caught(claims: tuple[Claim, ...], runs:
     wrong = _verdict("stacked-40", "lammps-granular", REFERENCE, 1e-2, quantity="crossing_time", outcome=Outcome.FAIL)
     studies = [*BUDGETED[:2], _study("stacked-40", 1e-6, 1e-12, 1e-12, wrong)]
     check_abstract(_abstract(claims, studies, runs), claims, studies, runs)
-    with pytest.raises(AssertionError):
+    with pytest.raises(AssertionError, match="other verdicts"):
         check_abstract(_abstract(claims, BUDGETED, runs), claims, studies, runs)
     held = tuple(replace(claim, outcome=Outcome.PASS) for claim in claims)
-    with pytest.raises(AssertionError):
+    with pytest.raises(AssertionError, match="other claims"):
         check_abstract(_abstract(held, BUDGETED, runs), claims, BUDGETED, runs)
 
 
