@@ -23,10 +23,10 @@ NOT_DRAWN = ("table_points", "table_lines", "atol")
 def figures(measured: Measured) -> Iterator[FigureData]:
     """Yield error against cost for each observable that is drawn, and the cost of tables."""
     for observable in (OBSERVABLES[name] for name in DRAWN if name in measured.observables):
-        first = _panel(measured, observable.name, "cpu_min", "(a) against CPU time", "CPU time of a run (s)")
-        second = _panel(
-            measured, observable.name, "force_evaluations", "(b) against force evaluations", "force evaluations"
+        first = _panel(
+            measured, observable.name, "force_evaluations", "(a) against force evaluations", "force evaluations"
         )
+        second = _panel(measured, observable.name, "cpu_min", "(b) against CPU time", "CPU time of a run (s)")
         panels = (replace(first, shares_scale_with=(1,)), second)
         scale = observable.scale_name.replace("_", " ")
         figure = TEXTS.figure("errors", panels, observable=observable, scale=scale)

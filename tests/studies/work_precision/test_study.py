@@ -245,7 +245,7 @@ def test_what_is_below_the_bar_is_drawn_at_it_and_marked() -> None:
     def point(value: float, error: float) -> Point:
         errors = dict.fromkeys(bars, error)
         times = Timing(wall=(1.0,), cpu=(1.0 / value,)).numbers()
-        return Point(curve=curve, value=value, **times, force_evaluations=10.0, errors=errors)
+        return Point(curve=curve, value=value, **times, force_evaluations=1.0 / value, errors=errors)
 
     found = Measured(
         scene=SCENE,
