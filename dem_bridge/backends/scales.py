@@ -51,9 +51,10 @@ def resting_acceleration(scene: Scene) -> NDArray[np.float64]:
     """Return the closing acceleration (m/s^2) of each contact, ``(n_contact,)``, below which it counts as at rest.
 
     Ahead of a front the forces on a body of a precompressed chain cancel but for round-off, and the closing rate
-    passes zero all the time: maximal compressions are only those that a force ends. 0 without precompression.
+    passes zero all the time: maximal compressions are only those that a force ends. The same holds for a stack whose
+    initial overlaps carry its weight. 0 without precompression and weight.
     """
     c, mobility = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
-    held = scene.precompression > 0.0
-    force = c.stiffness * (-c.gap) ** (c.exponent - 1.0) if held else np.zeros(scene.n_contact)
+    held = scene.precompression > 0.0 or scene.gravity != 0.0
+    force = c.stiffness * np.maximum(-c.gap, 0.0) ** (c.exponent - 1.0) if held else np.zeros(scene.n_contact)
     return np.asarray(RESTING * force * (mobility[c.left] + mobility[c.right]))
