@@ -138,8 +138,6 @@ class Slope:
     slope: float
     stderr: float
     """Standard error of the slope, as if the residuals were scatter."""
-    interval: tuple[float, float]
-    """95 % of Student's t with that standard error."""
     spread: tuple[float, float]
     """Least and largest slope over ``windows``."""
     uncertainty: float
@@ -164,8 +162,8 @@ def force_exponent(scene: Scene, trajectory: Trajectory, *, window: tuple[int, i
     >>> import dem_bridge as db
     >>> scene = db.load_scene("accelerating-40")
     >>> fit = force_exponent(scene, db.solve(scene, backend="reference", uncertainty=False))
-    >>> f"{fit.slope:.3f} +- {fit.stderr:.3f}, spread {fit.spread[0]:.3f} to {fit.spread[1]:.3f}", fit.first, fit.last
-    ('0.435 +- 0.001, spread 0.419 to 0.439', 4, 37)
+    >>> f"{fit.slope:.3f}, over windows {fit.spread[0]:.3f} to {fit.spread[1]:.3f}", fit.first, fit.last
+    ('0.435, over windows 0.419 to 0.439', 4, 37)
     """
     first, last = inner_contacts(scene) if window is None else window
     links = scene.n_body - 1
@@ -202,10 +200,7 @@ def log_velocity_slope(scene: Scene, trajectory: Trajectory, first: int, last: i
 
 def straight_line(x: Floats, y: Floats, uncertainty: Floats, first: int) -> Slope:
     """Return the slope of y against x; point j is that of contact or body ``first + j``."""
-    from scipy.stats import t as student
-
     slope, stderr, weight = _least_squares(x, y)
-    reach = float(student.ppf(0.975, len(x) - 2)) * stderr
     windows = [(0, len(x))]
     for part in PARTS:
         size = round(part * len(x))
@@ -216,7 +211,6 @@ def straight_line(x: Floats, y: Floats, uncertainty: Floats, first: int) -> Slop
     return Slope(
         slope=slope,
         stderr=stderr,
-        interval=(slope - reach, slope + reach),
         spread=(float(np.min(slopes)), float(np.max(slopes))),
         uncertainty=float(
             np.abs(weight[weight != 0.0]) @ uncertainty[weight != 0.0]

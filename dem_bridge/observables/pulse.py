@@ -3,8 +3,10 @@
 The leading pulse is evaluated when each contact k of the chain is at its first maximal compression (its
 ``crossing_time``). It begins at the first body that moves and ends at the first contact behind k where the force has a
 minimum: zero, or smaller than in the contact behind it. Before two pulses have separated there may be no such contact
-between them, and both count. States between samples are those of :mod:`.interpolate`. Chains must be struck at rest;
-gravity and precompression, whose forces and energies are not those of a pulse, are rejected.
+between them, and both count; in a strongly tapered chain, whose pulse has a long tail, the tail counts too. The front,
+a window of fixed length, has neither weakness (:func:`front_window`). States between samples are those of
+:mod:`.interpolate`. Chains must be struck at rest; gravity and precompression, whose forces and energies are not those
+of a pulse, are rejected.
 """
 
 from __future__ import annotations
@@ -17,12 +19,16 @@ from numpy.typing import NDArray
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.fits import inner_bodies
 from dem_bridge.observables.front import front_speed, peak_velocity_of_front, residence_time_uncertainty
-from dem_bridge.observables.interpolate import hermite, require_forces, root_between, state_at
+from dem_bridge.observables.interpolate import acceleration, hermite, require_forces, root_between, state_at
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Floats, Trajectory
 
 #: smallest maximum of a body's velocity that counts as a further pulse, relative to the first
 SECONDARY = 0.05
+#: contacts on each side of the one with the peak that belong to the window of a front
+REACH = 2
+#: times at which the velocity of a body is evaluated for the shape of its pulses
+FINE = 30_001
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,6 +37,8 @@ class PulseWidth:
 
     width: Floats
     """Bodies; nan where one side of the pulse is beyond an end of the chain."""
+    by_duration: Floats
+    """Bodies: the time above half force over the time that the front takes per contact there; nan at both ends."""
     rise: Floats
     """s: when the force of the contact reaches half its first peak."""
     fall: Floats
@@ -80,7 +88,11 @@ def pulse_width_by_force(scene: Scene, trajectory: Trajectory) -> PulseWidth:
         return np.where(available & came, result, np.nan)
 
     rise, fall = edge(before, before >= 0, 1), edge(after, after < len(time), -1)
-    return PulseWidth(width=_place(rise, crossing) - _place(fall, crossing), rise=rise, fall=fall)
+    by_duration = np.full(links, np.nan)
+    by_duration[1:-1] = (fall - rise)[1:-1] / (0.5 * (crossing[2:] - crossing[:-2]))
+    return PulseWidth(
+        width=_place(rise, crossing) - _place(fall, crossing), by_duration=by_duration, rise=rise, fall=fall
+    )
 
 
 def _place(passing: Floats, when: Floats) -> Floats:
@@ -98,6 +110,46 @@ def _place(passing: Floats, when: Floats) -> Floats:
             place = CubicSpline(passing[run], run, extrapolate=False)(when)
             result = np.where(np.isnan(place), result, place)
     return result
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrontWindow:
+    """Hold the energy of the front in a window of fixed length, ``(n_contact of the chain,)``.
+
+    :func:`front_window` returns it. Values are nan where the window is longer than the chain on one side.
+    """
+
+    kinetic: Floats
+    """J."""
+    energy: Floats
+    """J: kinetic, and stored in the contacts of the window."""
+
+
+def front_window(scene: Scene, trajectory: Trajectory, *, reach: int = REACH) -> FrontWindow:
+    """Return the energy within ``reach`` contacts of each contact as it has its peak.
+
+    The window of contact k has the contacts k - ``reach`` to k + ``reach`` and the bodies that they join. Its length
+    does not depend on the pulse, so that a long tail stays behind it. A solitary wave of Hertz' law spans about five
+    contacts (Nesterenko 2001, section 1.3). Raises UsageError as :func:`leading_pulse` does.
+
+    >>> import dem_bridge as db
+    >>> scene = db.load_scene("accelerating-40")
+    >>> window = front_window(scene, db.solve(scene, backend="reference", samples=1500, uncertainty=False))
+    >>> f"{window.energy[36] / window.energy[10]:.3f} of the energy from contact 10 to 36"
+    '0.988 of the energy from contact 10 to 36'
+    """
+    _struck_at_rest(scene, trajectory, "the energy of a front")
+    links = scene.n_body - 1
+    overlap, v = state_at(scene, trajectory, trajectory.crossing_time[:links])
+    kinetic = 0.5 * np.array(scene.mass) * v**2
+    stored = scene.contacts.energy(np.nan_to_num(overlap), np.arange(scene.n_contact))
+    moving, energy = np.full(links, np.nan), np.full(links, np.nan)
+    for k in np.flatnonzero(np.isfinite(trajectory.crossing_time[:links])):
+        first, last = k - reach, k + reach
+        if first >= 0 and last < links:
+            moving[k] = np.sum(kinetic[k, first : last + 2])
+            energy[k] = moving[k] + np.sum(stored[k, first : last + 1])
+    return FrontWindow(kinetic=moving, energy=energy)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -279,6 +331,47 @@ def secondary_fronts(
     rows, _ = find_peaks(v, height=share * first, prominence=share * first)
     rows = rows[(time[rows] > handed) & (time[rows] <= (time[-1] if until is None else until))]
     return SecondaryFronts(body=body, first=first, velocity=v[rows], lag=time[rows] - start)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PulseShapes:
+    """Hold the velocity pulses of a body in order of time, ``(n_pulse,)``; :func:`pulse_shapes` returns it."""
+
+    velocity: Floats
+    """m/s: peak velocity of each pulse; the leading one is the first."""
+    duration: Floats
+    """s: time above half the peak velocity; nan where the velocity does not fall below it on both sides."""
+
+
+def pulse_shapes(scene: Scene, trajectory: Trajectory, body: int, *, share: float = SECONDARY) -> PulseShapes:
+    """Return height and duration of the pulses at a body, which count as in :func:`secondary_fronts`.
+
+    Between samples velocities are those of :mod:`.interpolate`, at :data:`FINE` times of the run. A wave of one shape
+    has durations that go as its velocity to the power -1/5 (n = 5/2), whatever its height. Raises UsageError for runs
+    without contact forces.
+
+    >>> import dem_bridge as db
+    >>> scene = db.load_scene("decelerating-40")
+    >>> shapes = pulse_shapes(scene, db.solve(scene, backend="reference", uncertainty=False), 20)
+    >>> [f"{1e6 * duration:.1f} us" for duration in shapes.duration[:2]]
+    ['19.0 us', '21.5 us']
+    """
+    from scipy.signal import find_peaks, peak_widths
+
+    require_forces(trajectory, "the shape of pulses")
+    first = float(peak_velocity_of_front(scene, trajectory).velocity[body])
+    fine = np.linspace(0.0, trajectory.time[-1], FINE)
+    column = trajectory.velocity[:, [body]], acceleration(scene, trajectory)[:, [body]]
+    v = hermite(trajectory, *column, fine[:, None])[:, 0]
+    rows, _ = find_peaks(v, height=share * first, prominence=share * first)
+    # heights are measured from rest, not from the dips beside a pulse
+    from_rest = v[rows], np.zeros(len(rows), np.int64), np.full(len(rows), FINE - 1)
+    widths, _, left, right = peak_widths(v, rows, rel_height=0.5, prominence_data=from_rest)
+    whole = (left > 0.0) & (right < FINE - 1)
+    # the vertex of the parabola through the largest value and its neighbours
+    before, top, after = v[rows - 1], v[rows], v[rows + 1]
+    height = top + (after - before) ** 2 / (8.0 * (2.0 * top - before - after))
+    return PulseShapes(velocity=height, duration=np.where(whole, widths * fine[1], np.nan))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -165,6 +165,9 @@ class Cascade:
 
     ratio: float
     """Of the geometric mean of centroids over the last tenth of the way to that over the first."""
+    early: float
+    late: float
+    """Geometric means of the centroid over the first and the last tenth of the way; their quotient is ``ratio``."""
     stderr: float
     """Of the ratio, from the scatter of the centroids about both means' own lines."""
     spread: tuple[float, float]
@@ -206,6 +209,8 @@ def cascade(spectrum: Spectrum, *, against: Floats | None = None) -> Cascade:
     other = np.log(x if against is None else np.asarray(against, dtype=float))
     return Cascade(
         ratio=ratios[0],
+        early=float(np.exp(results[0][1][0])),
+        late=float(np.exp(results[0][1][1])),
         stderr=ratios[0] * error,
         spread=(min(ratios), max(ratios)),
         start=float(np.mean(x[ends[0]])),

@@ -14,7 +14,9 @@ import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.observables.pulse import (
+    front_window,
     leading_pulse,
+    pulse_shapes,
     pulse_width_by_force,
     reflected,
     secondary_fronts,
@@ -200,6 +202,37 @@ def test_further_pulses_are_counted_with_lag_and_amplitude() -> None:
     assert secondary_fronts(scene, run, 1, share=0.02).count == 3
     assert secondary_fronts(scene, run, 1, share=0.3).count == 1
     assert secondary_fronts(scene, run, 1, until=0.5).count == 1
+
+
+def test_a_window_of_five_contacts_has_the_energy_of_a_solitary_wave() -> None:
+    scene, run, wave = travelling_wave()
+    window = front_window(scene, run)
+    # five contacts have all of the wave but 1e-6; seven have it to round-off of its superexponential tails
+    assert window.energy[INNER] == pytest.approx(wave.energy, rel=2e-6)
+    assert front_window(scene, run, reach=4).energy[INNER] == pytest.approx(wave.energy, rel=1e-9)
+    assert np.all(np.isnan(window.energy[[0, 1, -2, -1]]))
+    # the energy is kinetic to 5/9 on average, and the part at the peak of a contact is the same for all contacts
+    assert np.ptp(window.kinetic[INNER]) < 1e-8 * wave.energy
+    assert np.all(window.kinetic[INNER] < window.energy[INNER])
+
+
+def test_a_window_leaves_out_what_lags_behind() -> None:
+    scene, run, wave = travelling_wave()
+    tail = np.array(run.velocity)
+    tail[:, 0] += 3.0 * wave.peak_velocity  # a body far behind
+    window = front_window(scene, replace(run, velocity=tail))
+    assert window.energy[INNER] == pytest.approx(front_window(scene, run).energy[INNER], rel=1e-12)
+
+
+def test_shapes_of_pulses_are_those_of_the_wave(solved: Solve) -> None:
+    scene, run, wave = travelling_wave()
+    shapes = pulse_shapes(scene, run, 20)
+    assert shapes.velocity == pytest.approx([wave.peak_velocity], rel=1e-7)
+    # a wave of the same shape, 32 times as high, lasts half as long
+    fast, quick, high = travelling_wave(peak_velocity=32.0 * wave.peak_velocity)
+    scaled = pulse_shapes(fast, quick, 20)
+    assert scaled.velocity == pytest.approx([high.peak_velocity], rel=1e-7)
+    assert scaled.duration == pytest.approx(0.5 * shapes.duration, rel=1e-6)
 
 
 def test_ripples_on_a_pulse_are_no_pulses_of_their_own() -> None:

@@ -135,6 +135,7 @@ def test_a_cascade_that_is_put_in_comes_out(power: float, sign: float) -> None:
     position = np.arange(20.0, 190.0)
     spectrum = _spectrum(position, 1e3 * (position / 20.0) ** (sign * power))
     found = cascade(spectrum)
+    assert found.late / found.early == pytest.approx(found.ratio, rel=1e-12)
     assert found.slope.slope == pytest.approx(sign * power, rel=1e-10)
     ends = position <= 20.0 + 16.9, position >= 189.0 - 16.9
     mean = [np.mean(np.log(position[one])) for one in ends]
