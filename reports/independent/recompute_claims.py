@@ -43,6 +43,8 @@ STRIKER_MASS, STRIKER_STIFFNESS, SPEED = 8.1e-3, 3.98e9, 0.8
 CYLINDER_MASS = DENSITY * np.pi * RADIUS**2 * HEIGHT
 ANGLES = (2.0, 90.0)
 GRAVITY = 9.81
+#: density of crystalline quartz, kg/m^3 (CRC Handbook of Chemistry and Physics: 2648 to 2651)
+CRYSTALLINE = 2650.0
 #: tensile strength of fused quartz, Pa: a design value of dealers' tables (4.8e7 to 5.0e7)
 TENSILE = 4.8e7
 #: smallest number of sound crossings in a contact time for which a body counts as one mass (no author states one)
@@ -345,15 +347,22 @@ def pulses(run: Run, body: int, *, share: float = 0.05) -> list[Pulse]:
     rows, _ = find_peaks(v, height=share * first, prominence=share * first)
     result = []
     for row in rows:
-        below = v < 0.5 * v[row]
-        left, right = np.flatnonzero(below[:row])[-1:], row + np.flatnonzero(below[row:])[:1]
-        duration = np.nan
-        if len(left) and len(right):
-            start = np.interp(0.5 * v[row], v[left[0] : left[0] + 2], run.time[left[0] : left[0] + 2])
-            end = np.interp(-0.5 * v[row], -v[right[0] - 1 : right[0] + 1], run.time[right[0] - 1 : right[0] + 1])
-            duration = end - start
-        result.append(Pulse(float(v[row]), float(run.time[row]), float(duration)))
+        curve = between_samples(run, body, row - 1)
+        time = float(curve.derivative().roots(extrapolate=False)[0])
+        half = 0.5 * float(curve(time))
+        below = v < half
+        sides = []
+        for edge in (np.flatnonzero(below[:row])[-1], row + np.flatnonzero(below[row:])[0] - 1):
+            side = between_samples(run, body, edge, less=half)
+            sides.append(float(side.roots(extrapolate=False)[0]))
+        result.append(Pulse(2.0 * half, time, sides[1] - sides[0]))
     return result
+
+
+def between_samples(run: Run, body: int, row: int, *, less: float = 0.0) -> CubicHermiteSpline:
+    """Return a body's velocity less a value as a function of time from a sample to the next but one."""
+    pick = slice(row, row + 3)
+    return CubicHermiteSpline(run.time[pick], run.v[pick, body] - less, run.a[pick, body])
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -451,7 +460,7 @@ def exponents(run: Run) -> dict[str, float]:
 
 
 def passage(run: Run) -> dict[str, float]:
-    """Return the four observables of the first passage of a chain of 40 on which effects are measured.
+    """Return the three observables of the first passage of a chain of 40 on which the effect of weight is measured.
 
     Forces are those at the first maximal compression of a contact, so that no reflection counts.
     """
@@ -460,25 +469,22 @@ def passage(run: Run) -> dict[str, float]:
         "arrival at the last cylinder": float(times[39]),
         "speed at the middle": float(1.0 / (times[20] - times[19])),
         "force at the middle": float(force[20]),
-        "largest force": float(np.max(force[:40])),
     }
 
 
 def chains_of_40() -> dict[str, Chain]:
     """Return the paper's two chains of 40, and each with one change, by name."""
-    result = {}
     slow, fast = paper_chain(rising=False), paper_chain(rising=True)
-    mismatch = slow.stiffness[0] / slow.stiffness[1]
-    for name, chain in (("decelerating-40", slow), ("accelerating-40", fast)):
-        mass = np.r_[chain.mass[1], chain.mass[1:]]
-        stiffness = np.r_[chain.stiffness[1], chain.stiffness[1:]]
-        result[name] = chain
-        result[f"{name}.matched-stiffness"] = struck(chain.mass, stiffness)
-        result[f"{name}.matched-mass"] = struck(mass, chain.stiffness)
-        result[f"{name}.matched"] = struck(mass, stiffness)
-    soft = np.r_[mismatch * fast.stiffness[1], fast.stiffness[1:]]
-    result["accelerating-40.mismatched-stiffness"] = struck(fast.mass, soft)
-    return result
+    mass, stiffness = np.r_[slow.mass[1], slow.mass[1:]], np.r_[slow.stiffness[1], slow.stiffness[1:]]
+    soft = np.r_[fast.stiffness[1] * slow.stiffness[0] / slow.stiffness[1], fast.stiffness[1:]]
+    return {
+        "decelerating-40": slow,
+        "accelerating-40": fast,
+        "decelerating-40.matched-stiffness": struck(slow.mass, stiffness),
+        "decelerating-40.matched-mass": struck(mass, slow.stiffness),
+        "decelerating-40.matched": struck(mass, stiffness),
+        "accelerating-40.mismatched-stiffness": struck(fast.mass, soft),
+    }
 
 
 @dataclass(frozen=True)
@@ -497,21 +503,19 @@ def of_tapers(factor: float) -> Iterator[Number]:
     energy = "m v^2/2 of sphere 36 over that of sphere 10, each at its peak velocity in the front"
     window = "kinetic energy of six bodies at the peak of their middle contact, at contact 36 over contact 10"
     breadth = "time above half force over the front's time per contact, at contact 20"
-    for taper, step, duration in ((0, 1e-7, 1.2e-3), (2, 1e-7, 1.0e-3), (5, 5e-8, 6e-4), (10, 1e-8, 3e-4)):
-        run = integrate([tapered_chain(1.0 - 0.01 * taper)], duration, factor * step, round(4 / factor))[0]
-        yield Number(
-            "tapered",
-            f"kinetic energy of one sphere kept, {taper} %",
-            front_energy(run, 36) / front_energy(run, 10),
-            energy,
-        )
-        yield Number(
-            "tapered",
-            f"kinetic energy in a window kept, {taper} %",
-            window_energy(run, 36, stored=False) / window_energy(run, 10, stored=False),
-            window,
-        )
-        yield Number("tapered-width", f"width, {taper} %", passage_width(run, 20), breadth)
+    chains = {
+        "uniform spheres": (1.0, 1e-7, 1.2e-3),
+        "tapered-forward": (0.98, 1e-7, 1.0e-3),
+        "tapered-forward.5-percent": (0.95, 5e-8, 6e-4),
+        "tapered-forward.10-percent": (0.9, 1e-8, 3e-4),
+    }
+    for name, (ratio, step, duration) in chains.items():
+        run = integrate([tapered_chain(ratio)], duration, factor * step, round(4 / factor))[0]
+        of_body = front_energy(run, 36) / front_energy(run, 10)
+        of_window = window_energy(run, 36, stored=False) / window_energy(run, 10, stored=False)
+        yield Number("tapered", f"kinetic energy of one body kept, {name}", of_body, energy)
+        yield Number("tapered", f"kinetic energy in a window kept, {name}", of_window, window)
+        yield Number("tapered-width", f"width at half force, {name}", passage_width(run, 20), breadth)
 
 
 def of_collisions(name: str, run: Run) -> Iterator[Number]:
@@ -531,7 +535,7 @@ def of_collisions(name: str, run: Run) -> Iterator[Number]:
     )
     end, printed = times[39], float(np.sum(theory[1:40]))
     yield Number(
-        "arrival-by-bca",
+        "arrival-as-printed",
         f"as printed, {name}",
         printed / end - 1.0,
         "eq. 3.7 from j = 1 over the arrival counted from the impact, less 1, at cylinder 40",
@@ -540,32 +544,21 @@ def of_collisions(name: str, run: Run) -> Iterator[Number]:
         "arrival-by-bca", f"with T_0, {name}", (theory[0] + printed) / end - 1.0, "the same with the sum from j = 0"
     )
     yield Number(
-        "arrival-by-bca",
+        "arrival-as-printed",
         f"from the first crossing, {name}",
         printed / (end - times[0]) - 1.0,
         "eq. 3.7 from j = 1 over the arrival counted from the first crossing, less 1",
     )
-    ratios = {(first, last): residence[first] / residence[last] for first in range(1, 7) for last in range(35, 40)}
-    yield Number(
-        "speed-ratio-sensitivity",
-        f"V_out/V_in from 3 to 38, {name}",
-        ratios[3, 38],
-        "V = 2 r over the residence time; cylinder 38 over cylinder 3",
-    )
-    for place, pick in (("least", min), ("largest", max)):
-        yield Number(
-            "speed-ratio-sensitivity",
-            f"V_out/V_in {place}, {name}",
-            pick(ratios.values()),
-            "over inputs 1 to 6 and outputs 35 to 39",
-        )
-        inside = [value for (first, last), value in ratios.items() if first >= 2 and last <= 38]
-        yield Number(
-            "speed-ratio-sensitivity",
-            f"V_out/V_in {place} without the ends, {name}",
-            pick(inside),
-            "over inputs 2 to 6 and outputs 35 to 38",
-        )
+    speed = "V = 2 r over the residence time; cylinder 38 over cylinder 3"
+    claim = "decelerates" if name.startswith("decelerating") else "accelerates"
+    yield Number(claim, f"V_out/V_in, {name}", residence[3] / residence[38], speed)
+    for (low, high), (early, late) in (((2, 6), (35, 38)), ((1, 6), (35, 39))):
+        ratios = [residence[a] / residence[b] for a in range(low, high + 1) for b in range(early, late + 1)]
+        where = f"inputs {low} to {high}, outputs {early} to {late}, {name}"
+        for place, value in (("least", min(ratios)), ("largest", max(ratios))):
+            yield Number(
+                "speed-ratio-sensitivity", f"{place} V_out/V_in, {where}", value, "over all pairs of cylinders"
+            )
 
 
 def of_validity(name: str, run: Run) -> Iterator[Number]:
@@ -601,10 +594,15 @@ def of_validity(name: str, run: Run) -> Iterator[Number]:
 
 def of_trailing(runs: dict[str, Run]) -> Iterator[Number]:
     """Yield the numbers of pulses behind the front of chains of 40."""
+    claims = {
+        "decelerating-40": "many-fronts",
+        "accelerating-40": "one-front",
+        "accelerating-40.mismatched-stiffness": "small-mismatch",
+    }
     for name, run in runs.items():
         for body in (10, 20, 30):
             yield Number(
-                "mismatch",
+                claims.get(name, "mismatch"),
                 f"further pulses at cylinder {body}, {name}",
                 len(pulses(run, body)) - 1,
                 "later maxima of at least 5 % of the first and as much above their dips",
@@ -614,21 +612,15 @@ def of_trailing(runs: dict[str, Run]) -> Iterator[Number]:
         share, lasts = second.velocity / first.velocity, second.duration / first.duration
         yield Number(
             "similar-pulses",
-            f"amplitude of the second pulse at cylinder {body}",
+            f"amplitude of the second pulse at cylinder {body}, decelerating-40",
             share,
-            "peak velocity over that of the front, decelerating-40",
+            "peak velocity over that of the front",
         )
         yield Number(
             "similar-pulses",
-            f"duration of the second pulse at cylinder {body}",
-            lasts,
-            "time above half its peak velocity over the same of the front",
-        )
-        yield Number(
-            "similar-pulses",
-            f"scaled duration of the second pulse at cylinder {body}",
+            f"scaled duration of the second pulse at cylinder {body}, decelerating-40",
             lasts * share**0.2,
-            "the same times (amplitude)^(1/5): 1 for a wave of the same shape",
+            "time above half its peak velocity over that of the front, times (amplitude)^(1/5): 1 for the same shape",
         )
 
 
@@ -648,60 +640,43 @@ def of_gravity(runs: dict[str, Run], factor: float) -> Iterator[Number]:
             )
 
 
+def of_long_chains(factor: float) -> Iterator[Number]:
+    """Yield the numbers of the chains of 200 cylinders."""
+    names = {"decelerating-200": False, "accelerating-200": True}
+    chains = [paper_chain(rising=rising, count=200, like_first=True) for rising in names.values()]
+    fit = "slope of ln F_max against ln beta, contacts 20 to 189; least and largest over windows"
+    energy, window = (
+        "m v^2/2 of cylinder 180 over that of cylinder 50",
+        "kinetic and elastic energy, contact 180 over 50",
+    )
+    for name, run in zip(names, integrate(chains, 2.8e-3, factor * 2e-7, round(4 / factor)), strict=True):
+        for key, value in exponents(run).items():
+            label = f"{key} force exponent, {name}".removeprefix("whole ")
+            yield Number(f"force-exponent-{name.split('-')[0]}", label, value, fit)
+        of_body = front_energy(run, 180) / front_energy(run, 50)
+        yield Number("kinetic-energy-kept", f"kinetic energy of one body kept, {name}", of_body, energy)
+        kept = window_energy(run, 180) / window_energy(run, 50)
+        yield Number("no-scattering", f"energy in a window kept, {name}", kept, window)
+
+
 def numbers(factor: float = 1.0) -> list[Number]:
     """Return all numbers, at steps of ``factor`` times the usual ones."""
     chains = chains_of_40()
     runs = dict(zip(chains, integrate(list(chains.values()), 1.5e-3, factor * 1e-7, round(4 / factor)), strict=True))
     result = list(of_tapers(factor))
+    window = "kinetic and elastic energy of six bodies and five contacts, contact 36 over contact 10"
     for name in ("decelerating-40", "accelerating-40"):
+        kept = window_energy(runs[name], 36) / window_energy(runs[name], 10)
+        result.append(Number("no-scattering", f"energy in a window kept, {name}", kept, window))
         result += [*of_collisions(name, runs[name]), *of_validity(name, runs[name])]
-    result += [*of_trailing(runs), *of_gravity(runs, factor)]
-    for ratio in (1.0, CYLINDER_MASS / STRIKER_MASS):
-        for key, value in handed_over(ratio).items():
-            result.append(
-                Number(
-                    "residence-definition",
-                    f"{key}, masses 1 : {ratio:.3g}",
-                    value,
-                    "one collision of two bodies by DOP853; T is that of eq. 3.3",
-                )
-            )
-    names = ("decelerating-200", "accelerating-200")
-    long = [paper_chain(rising=rising, count=200, like_first=True) for rising in (False, True)]
-    for name, run in zip(names, integrate(long, 2.8e-3, factor * 2e-7, round(4 / factor)), strict=True):
-        for key, value in exponents(run).items():
-            result.append(
-                Number(
-                    f"force-exponent-{name.split('-')[0]}",
-                    f"exponent, {key}, {name.split('-')[0]}",
-                    value,
-                    "slope of ln F_max against ln beta, contacts 20 to 189; least and largest over windows",
-                )
-            )
-        result.append(
-            Number(
-                "kinetic-energy-kept",
-                f"kinetic energy of one cylinder kept, {name}",
-                front_energy(run, 180) / front_energy(run, 50),
-                "m v^2/2 of cylinder 180 over that of cylinder 50",
-            )
-        )
-        result.append(
-            Number(
-                "kinetic-energy-kept",
-                f"kinetic energy in a window kept, {name}",
-                window_energy(run, 180, stored=False) / window_energy(run, 50, stored=False),
-                "kinetic energy of six bodies at contact 180 over contact 50",
-            )
-        )
-        result.append(
-            Number(
-                "no-scattering",
-                f"energy in a window kept, {name}",
-                window_energy(run, 180) / window_energy(run, 50),
-                "the same with the energy stored in five contacts",
-            )
-        )
+    result += [*of_trailing(runs), *of_gravity(runs, factor), *of_long_chains(factor)]
+    collision = "one collision of two bodies by DOP853; T is that of eq. 3.3"
+    for key, value in handed_over(1.0).items():
+        result.append(Number("residence-definition", f"{key}, masses 1 : 1", value, collision))
+    volume = 4.0 / 3.0 * np.pi * RADIUS**3
+    result.append(
+        Number("striker-mass", "4/3 pi r^3 rho, crystalline quartz", volume * CRYSTALLINE, "rho = 2650 kg/m^3")
+    )
     return result
 
 

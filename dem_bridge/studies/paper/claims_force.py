@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.observables.errors import reduced
-from dem_bridge.observables.fits import force_exponent, log_velocity_slope
+from dem_bridge.observables.fits import Slope, force_exponent, log_velocity_slope
 from dem_bridge.observables.front import local_speed_constant
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.physics.exact import solitary_wave, two_body_collision
-from dem_bridge.studies.paper.claims import DECIDE, Limits, by, claim, decided, exact, heard, printed, together
-from dem_bridge.studies.paper.claims_wave import SPEED_RATIO, WELL
+from dem_bridge.studies.paper.claims import (
+    DECIDE,
+    by,
+    claim,
+    decided,
+    exact,
+    heard,
+    printed,
+    sentence_numbers,
+    together,
+)
+from dem_bridge.studies.paper.claims_pulses import WELL
+from dem_bridge.studies.paper.claims_wave import SPEED_RATIO
 from dem_bridge.studies.paper.measures import THEORIES, Measure
 from dem_bridge.studies.paper.runs import ACCELERATING, COARSE, DECELERATING, GRADIENTS, JUDGES, LONG, Runs
 from dem_bridge.studies.paper.texts import CLAIMS
 from dem_bridge.studies.study import Claim, ClaimValue
-from dem_bridge.studies.texts import fill
 from dem_bridge.verification.roles import REFERENCE, engine_for
 from dem_bridge.verification.verdict import Outcome
 
@@ -30,11 +41,22 @@ TAPERED = {"tapered-forward": (0.01, np.inf), "tapered-backward": (-np.inf, -0.0
 UNIFORM = "homogeneous-cylinders"
 #: from this cylinder on the wave is the solitary wave, to this relative accuracy
 SETTLED, EXACT = 40, 1e-9
-EXPONENT = Measure(
-    name="force exponent",
-    of=lambda scene, run: force_exponent(scene, run).slope,
-    uncertainty=lambda scene, run: force_exponent(scene, run).uncertainty,
-)
+
+
+def _exponent_measure(name: str, of: Callable[[Slope], float]) -> Measure:
+    """Return the exponent of a fit; every window moves with the run's uncertainties as the whole one does."""
+    return Measure(
+        name=name,
+        of=lambda scene, run: of(force_exponent(scene, run)),
+        uncertainty=lambda scene, run: force_exponent(scene, run).uncertainty,
+    )
+
+
+EXPONENTS = {
+    "whole": _exponent_measure("force exponent", lambda fit: fit.slope),
+    "least": _exponent_measure("least force exponent", lambda fit: fit.spread[0]),
+    "largest": _exponent_measure("largest force exponent", lambda fit: fit.spread[1]),
+}
 SLOPE = Measure(
     name="d ln(peak velocity) per sphere",
     of=lambda scene, run: log_velocity_slope(scene, run, 15, 35).slope,
@@ -56,16 +78,18 @@ def forces(runs: Runs) -> Iterator[Claim]:
 
 
 def _exponent(runs: Runs, name: str) -> Claim:
+    """Judge the whole range of exponents over windows, because the residuals are a curve and no scatter."""
     id = f"force-exponent-{name.split('-')[0]}"
-    truth, text = runs.truth(name), ""
-    if truth is not None:
-        fit = force_exponent(runs.scenes[name], truth)
-        ends = dict(zip(("low", "high", "least", "largest"), (*fit.interval, *fit.spread), strict=True))
-        text = fill(CLAIMS[id]["fit"], first=fit.first, last=fit.last, **ends)
     number = printed(**CLAIMS[id]["printed"])
     low, high = ((1.0 + change) * number.value for change in (-REMARKABLE, REMARKABLE))
-    limits = Limits(id=id, measure=EXPONENT, chains=(name,), low=low, high=high)
-    return limits.judge(runs, number, fit=text, tolerance=REMARKABLE)
+    values = {key: heard(runs, name, measure) for key, measure in EXPONENTS.items()}
+    numbers: dict[str, Any] = {**sentence_numbers(values["whole"]), "tolerance": REMARKABLE}
+    numbers |= {key: by(value).value for key, value in values.items()}
+    if (truth := runs.truth(name)) is not None:
+        fit = force_exponent(runs.scenes[name], truth)
+        numbers |= {"first": fit.first, "last": fit.last}
+    outcome = together(*(decided(value, low, high) for value in values.values()))
+    return claim(id, outcome, number, *values.values(), **numbers)
 
 
 def _compression(runs: Runs) -> Claim:

@@ -12,18 +12,15 @@ import numpy as np
 from dem_bridge.observables.pulse import pulse_width_by_force
 from dem_bridge.observables.spectrum import cascade, frequency_spectrum, wavenumber_spectrum
 from dem_bridge.scene import Scene
-from dem_bridge.studies.paper.claims import Limits, by, claim, decided, heard, together
-from dem_bridge.studies.paper.claims_wave import KEPT, further_pulses, kept
+from dem_bridge.studies.paper.claims import Limits, by, claim, decided, heard
+from dem_bridge.studies.paper.claims_pulses import KEPT, KINETIC, SINGLE, tapered
 from dem_bridge.studies.paper.measures import Measure
-from dem_bridge.studies.paper.runs import LONG, STEEPER, Runs
-from dem_bridge.studies.paper.texts import percent
+from dem_bridge.studies.paper.runs import LONG, Runs
 from dem_bridge.studies.study import Claim
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.verdict import Outcome
 
 #: ratio of the centroid at the end to that at the start from which on the shift counts as a cascade
 CASCADES = 1.2
-TAPERED = ("tapered-forward", "tapered-backward")
 
 
 def spectra(runs: Runs) -> Iterator[Claim]:
@@ -34,7 +31,7 @@ def spectra(runs: Runs) -> Iterator[Claim]:
     yield WAVENUMBERS.judge(runs)
     yield WIDTH.judge(runs, change=1.0 - KEPT)
     yield KINETIC.judge(runs)
-    yield _tapered(runs)
+    yield from tapered(runs)
 
 
 def _width_of_spectrum(scene: Scene, run: Trajectory) -> float:
@@ -54,7 +51,6 @@ CENTROID = Measure(
     of=lambda scene, run: cascade(frequency_spectrum(scene, run)).ratio,
     made_of=("velocity",),
 )
-SINGLE = Limits(id="single-front-200", measure=further_pulses(50), chains=LONG, high=0.0)
 FREQUENCIES = Limits(id="frequencies-cascade", measure=CENTROID, chains=LONG[:1], high=1.0 / CASCADES)
 WAVENUMBERS = Limits(
     id="wavenumbers-do-not",
@@ -74,7 +70,6 @@ WIDTH = Limits(
     low=KEPT,
     high=1.0 / KEPT,
 )
-KINETIC = Limits(id="kinetic-energy-kept", measure=kept("kinetic"), chains=LONG, low=KEPT, high=1.0 / KEPT)
 
 
 def _frequencies_fall(runs: Runs) -> Claim:
@@ -92,16 +87,3 @@ def _frequencies_rise(runs: Runs) -> Claim:
     return claim(
         "frequencies-spread", outcome, width, centroid, width=factors[0], centroid=factors[1], cascades=CASCADES
     )
-
-
-def _tapered(runs: Runs) -> Claim:
-    """Judge the statement on tapered chains, which names no taper, on the shipped scenes and on steeper tapers."""
-    tapers = [f"{100.0 * (1.0 - ratio):.3g}" for ratio in STEEPER]
-    steeper = {f"{TAPERED[0]}.{taper}-percent": f"{taper} %" for taper in tapers}
-    values = {name: heard(runs, name, kept("kinetic")) for name in (*TAPERED, *steeper) if runs.has(name)}
-    shipped = ", ".join(percent(by(values[name]).value, 3) for name in TAPERED if name in values)
-    each = [{"value": by(values[name]).value, "taper": taper} for name, taper in steeper.items() if name in values]
-    keeps = together(*(decided(value, low=KEPT, high=1.0 / KEPT) for value in values.values()))
-    turned = {Outcome.PASS: Outcome.FAIL, Outcome.FAIL: Outcome.PASS}
-    outcome = turned.get(keeps, keeps)
-    return claim("tapered", outcome, *values.values(), each=each, shipped=shipped, change=1.0 - KEPT)

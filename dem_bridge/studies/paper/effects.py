@@ -18,6 +18,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.bca import BinaryCollisions
 from dem_bridge.observables.registry import OBSERVABLES as REGISTERED
 from dem_bridge.observables.registry import Reader
+from dem_bridge.physics.statics import static_overlap
 from dem_bridge.scene import Damping, Scene
 from dem_bridge.scene_file.physical import rounded
 from dem_bridge.studies.model_hierarchy import model_terms
@@ -64,6 +65,22 @@ def _printed_end(scene: Scene) -> Scene:
     return replace(scene, stiffness=(scene.stiffness[0], *(rounded(b) for b in graded)))
 
 
+def _stacked(scene: Scene) -> Scene:
+    """Return the chain on a base under its weight, in equilibrium but for the striker.
+
+    The striker is dropped: it touches the first cylinder without overlap, and the stack does not carry it.
+    """
+    based = model_terms.on_base(scene)
+    assert based.wall_right is not None
+    carried = model_terms.GRAVITY * np.cumsum(scene.mass[1:])
+    laws = zip(carried, based.contacts.stiffness[1:], based.contacts.exponent[1:], strict=True)
+    overlaps = [rounded(static_overlap(float(force), float(beta), float(n))) for force, beta, n in laws]
+    wall = replace(based.wall_right, gap=-overlaps[-1])
+    return replace(
+        based, gravity=model_terms.GRAVITY, gap=(0.0, *(-overlap for overlap in overlaps[:-1])), wall_right=wall
+    )
+
+
 #: term -> what it changes in the paper's chain
 CHANGES: Mapping[str, Callable[[Scene], Scene]] = {
     AS_IS: lambda s: s,
@@ -72,7 +89,7 @@ CHANGES: Mapping[str, Callable[[Scene], Scene]] = {
     "striker-stiffness": lambda s: replace(s, stiffness=(model_terms.hertz_stiffness(s)[0], *s.stiffness[1:])),
     "printed-90-degrees": _printed_end,
     "speed-1-percent": lambda s: replace(s, velocity=(1.01 * s.velocity[0], *s.velocity[1:])),
-    "gravity": model_terms.weighing,
+    "gravity": _stacked,
     "base": model_terms.on_base,
     "dashpot": lambda s: replace(s, damping=Damping(law="dashpot", coefficient=model_terms.DASHPOT)),
     "kuwabara-kono": lambda s: replace(s, damping=Damping(law="kuwabara-kono", coefficient=model_terms.VISCOELASTIC)),

@@ -12,7 +12,7 @@ from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.fits import force_exponent, speed_power_law
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.observables.spectrum import Spectrum, frequency_spectrum, wavenumber_spectrum
+from dem_bridge.observables.spectrum import Cascade, Spectrum, cascade, frequency_spectrum, wavenumber_spectrum
 from dem_bridge.scene import Scene
 from dem_bridge.studies.paper.measures import THEORIES
 from dem_bridge.studies.study import Map, Panel, Series
@@ -145,7 +145,8 @@ def frequencies(chains: Sequence[tuple[str, ChainRuns]], *, place: int) -> list[
         spectrum = Map(label=_POWER, x=result.position, y=1e-3 * result.frequency[thin], values=p[thin])
         centroid = 1e-3 * result.centroid
         line = Series(label="centroid", style=chain.shown[0], x=spectrum.x, y=centroid)
-        note, shares = _from_to("kHz", centroid, result.position), tuple(range(place, place + len(chains)))
+        note = _from_to("kHz", cascade(frequency_spectrum(chain.scene, chain.shown[1])), scale=1e-3)
+        shares = tuple(range(place, place + len(chains)))
         panels.append(_panel(title, "cylinder", "frequency (kHz)", [line], shares, note, spectrum))
     return panels
 
@@ -162,7 +163,8 @@ def wavenumbers(chains: Sequence[tuple[str, ChainRuns]], *, place: int) -> list[
         power = _normalised(_means(_two_sided(item), size))[:-1]
         spectrum = Map(label=_POWER, x=_means(1e3 * item.time, size), y=item.frequency[:-1], values=power)
         line = Series(label="centroid", style=chain.shown[0], x=spectrum.x, y=_means(item.centroid, size))
-        note, shares = _from_to("1/cylinder", item.centroid, item.position), tuple(range(place, place + len(chains)))
+        note = _from_to("1/cylinder", cascade(wavenumber_spectrum(chain.scene, chain.shown[1])))
+        shares = tuple(range(place, place + len(chains)))
         panels.append(_panel(title, "time (ms)", "wavenumber (1/cylinder)", [line], shares, note, spectrum))
     return panels
 
@@ -328,10 +330,10 @@ def _normalised(density: Floats) -> Floats:
     return np.asarray(np.round(density / np.max(density, axis=0), MAP_DIGITS))
 
 
-def _from_to(unit: str, centroid: Floats, position: Floats) -> str:
-    """Return the centroid at 10 and at 90 % of the chain as text: where the pulse has formed and before it leaves."""
-    first, last = (float(np.interp(share * position[-1], position, centroid)) for share in (0.1, 0.9))
-    return f"centroid: {first:.3g} {unit} at 10 % of the way, {last:.3g} at 90 %"
+def _from_to(unit: str, ends: Cascade, *, scale: float = 1.0) -> str:
+    """Return the means of the centroid over the first and the last tenth of the way, whose ratio the claims judge."""
+    early, late = scale * ends.early, scale * ends.late
+    return f"centroid: {early:.3g} {unit} over the first tenth of the way, {late:.3g} over the last"
 
 
 def _while_there(chain: ChainRuns, run: Trajectory) -> slice:

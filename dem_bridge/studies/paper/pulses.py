@@ -8,7 +8,14 @@ import numpy as np
 
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.fits import force_exponent, speed_power_law
-from dem_bridge.observables.pulse import leading_pulse, pulse_width_by_force, reflected, secondary_fronts, speed_ratio
+from dem_bridge.observables.pulse import (
+    front_window,
+    leading_pulse,
+    pulse_width_by_force,
+    reflected,
+    secondary_fronts,
+    speed_ratio,
+)
 from dem_bridge.observables.spectrum import Spectrum, cascade, frequency_spectrum, wavenumber_spectrum
 from dem_bridge.scene import Scene
 from dem_bridge.studies.paper.runs import Runs
@@ -57,9 +64,10 @@ def _pulse(scene: Scene, run: Trajectory) -> Numbers:
 
     def of_pulse() -> Numbers:
         width, pulse, behind = pulse_width_by_force(scene, run), leading_pulse(scene, run), reflected(scene, run)
+        front = front_window(scene, run)
         return (
             *(float(width.width[k]) for k in (early, late)),
-            *(1e3 * float(pulse.kinetic[k]) for k in (early, late)),
+            *(1e3 * float(front.kinetic[k]) for k in (early, late)),
             float(pulse.energy_share[late]),
             float(pulse.momentum_share[late]),
             1e3 * float(behind.backward_momentum[late]),
@@ -75,21 +83,19 @@ def _pulse(scene: Scene, run: Trajectory) -> Numbers:
 def _fits(scene: Scene, run: Trajectory) -> Numbers:
     def speed() -> Numbers:
         fit = speed_power_law(scene, run)
-        errors = np.sqrt(np.diag(fit.covariance))
-        correlation = fit.covariance[0, 1] / float(np.prod(errors)) if np.all(errors > 0.0) else float("nan")
-        return (fit.b1, float(errors[0]), fit.b2, float(errors[1]), float(correlation), 100.0 * fit.residual)
+        return (fit.b1, fit.b2, 100.0 * fit.residual)
 
     def force() -> Numbers:
         fit = force_exponent(scene, run)
-        return (fit.slope, fit.stderr, *fit.spread)
+        return (fit.slope, *fit.spread)
 
     def moved(of: Callable[[Scene, Trajectory], Spectrum]) -> Numbers:
         result = cascade(of(scene, run))
         return (result.ratio, *result.spread)
 
     return (
-        *_or_nothing(speed, 6),
-        *_or_nothing(force, 4),
+        *_or_nothing(speed, 3),
+        *_or_nothing(force, 3),
         *_or_nothing(lambda: moved(frequency_spectrum), 3),
         *_or_nothing(lambda: moved(wavenumber_spectrum), 3),
     )

@@ -148,15 +148,27 @@ MATCHED: Mapping[str, Callable[[Scene], Scene]] = {
 }
 
 
+#: the accelerating chain with the decelerating one's ratio of beta_0 to beta_1 (section 4a, small mismatch)
+MISMATCHED = "mismatched-stiffness"
+
+
 def matched() -> list[Case]:
-    """Return cases of the decelerating chain with a stiffer first contact, a heavier striker, and both."""
-    scene = load_scene(DECELERATING)
+    """Return cases of both chains with other first contacts and strikers, which test the cause of further fronts.
+
+    The decelerating chain has a stiffer first contact, a heavier striker, and both; the accelerating one has a softer
+    first contact.
+    """
+    scene, other = map(load_scene, MAIN)
     scenes = [replace(change(scene), name=f"{scene.name}.{key}") for key, change in MATCHED.items()]
+    soft = rounded(other.stiffness[1] * scene.stiffness[0] / scene.stiffness[1])
+    scenes.append(replace(other, name=f"{other.name}.{MISMATCHED}", stiffness=(soft, *other.stiffness[1:])))
     return quick(scenes, samples=scene.samples)
 
 
 #: ratio of each sphere's radius to the one before, and samples: pulses get as short as the last spheres are small
 STEEPER = {0.95: 4000, 0.9: 8000}
+#: tapered chain -> by how much radii fall from sphere to sphere
+TAPERS = {"tapered-forward": "2 %", "tapered-forward.5-percent": "5 %", "tapered-forward.10-percent": "10 %"}
 
 
 def steeper_taper(scene: Scene, ratio: float) -> Scene:

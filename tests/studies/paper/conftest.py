@@ -21,7 +21,16 @@ from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies import scatter
-from dem_bridge.studies.paper.runs import LONG, MAIN, Runs, matched, quick, variants, with_mass_gradient
+from dem_bridge.studies.paper.runs import (
+    LONG,
+    MAIN,
+    Runs,
+    matched,
+    quick,
+    steeper_tapers,
+    variants,
+    with_mass_gradient,
+)
 from dem_bridge.studies.scatter import ScatteredChains
 from dem_bridge.trajectory import Trajectory, Uncertainty
 
@@ -66,7 +75,7 @@ def _cases() -> Iterator[Case]:
         yield from (_case(scene, name) for name in THEORIES)
     for scene in map(db.load_scene, OTHERS):
         yield from (_case(scene, name) for name in ("reference", *THEORIES))
-    yield from (*cheap_variants(), *matched(), *few_gradients())
+    yield from (*cheap_variants(), *matched(), *few_gradients(), *steeper_tapers())
 
 
 def _as_found(result: Result) -> Result:

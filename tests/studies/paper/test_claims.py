@@ -5,16 +5,21 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from dem_bridge.observables.pulse import front_window, leading_pulse
 from dem_bridge.studies.paper import claims_numbers
 from dem_bridge.studies.paper.claims import by, claim, decided, printed, together
 from dem_bridge.studies.paper.claims_force import forces, ratios
 from dem_bridge.studies.paper.claims_numbers import numbers
+from dem_bridge.studies.paper.claims_pulses import BODY_KEPT
 from dem_bridge.studies.paper.claims_spectrum import spectra
 from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, GRADIENTS, LONG, MAIN, Runs
@@ -32,25 +37,32 @@ PASS, FAIL, UNDECIDED, MODEL, NOT_RUN = (
 
 #: in the paper's order
 EXPECTED = {
-    "striker-mass": FAIL,
+    "striker-mass": PASS,
     "stiffness-2-degrees": PASS,
     "stiffness-90-degrees": FAIL,
     "axis-ratio": MODEL,
     "striker-stiffness": PASS,
     "point-contact": FAIL,
+    "lumped-mass": FAIL,
+    "edge-tension": FAIL,
     "weight": FAIL,
     "gravity-load": PASS,
-    "gravity-neglected": FAIL,
+    "gravity-neglected": MODEL,
     "velocity-by-bca": FAIL,
     "decelerates": PASS,
     "accelerates": PASS,
     "no-scattering": PASS,
     "amplitude": PASS,
     "arrival-by-bca": PASS,
+    "arrival-as-printed": FAIL,
     "many-fronts": PASS,
+    "similar-pulses": PASS,
     "one-front": PASS,
     "mismatch": PASS,
+    "small-mismatch": PASS,
+    "residence-definition": FAIL,
     "residence-by-bca": PASS,
+    "speed-ratio-sensitivity": UNDECIDED,
     "speed-power-law": PASS,
     "scatter": UNDECIDED,
     "slower-by-dissipation": PASS,
@@ -61,7 +73,8 @@ EXPECTED = {
     "wavenumbers-do-not": PASS,
     "width-kept": PASS,
     "kinetic-energy-kept": PASS,
-    "tapered": FAIL,
+    "tapered": PASS,
+    "tapered-width": PASS,
     "force-exponent-decelerating": PASS,
     "force-exponent-accelerating": PASS,
     "compression": FAIL,
@@ -74,7 +87,7 @@ EXPECTED = {
 #: of formulas alone
 WITHOUT_RUNS = (
     "striker-mass", "stiffness-2-degrees", "stiffness-90-degrees", "axis-ratio", "striker-stiffness", "weight",
-    "compression",
+    "residence-definition", "compression",
 )  # fmt: skip
 NUMBER = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 
@@ -133,14 +146,22 @@ def _changes(digits: int, backend: str = "reference") -> Callable[[Claim], list[
     return lambda one: [f"{100.0 * (value - 1.0):.{digits}g} %" for value in _values(one, backend)]
 
 
-def _largest_changes(one: Claim) -> list[str]:
-    values = np.array(_values(one)).reshape(2, 4) - 1.0
-    return [f"by {100.0 * row[np.argmax(np.abs(row))]:.2g} %" for row in values]
+def _weighed(one: Claim) -> list[str]:
+    names = ("arrival at the last cylinder", "speed at the middle", "force at the middle")
+    rows = np.array(_values(one)).reshape(2, 3) - 1.0
+    return [f"{name} {100.0 * value:+.2g} %" for row in rows for name, value in zip(names, row, strict=True)]
+
+
+def _on_validity(text: str) -> Callable[[Claim], list[str]]:
+    """Of both chains, how many contacts are beyond a limit, and the worst ratio."""
+    return lambda one: [text.format(*row) for row in np.array(_values(one)).reshape(2, 2)]
 
 
 def _beside(one: Claim) -> list[str]:
     """Of arrivals by BCA and ode45, each of both chains."""
-    pairs = [np.array(_values(one, name)) / np.array(_values(one)) - 1.0 for name in ("bca", "ode45")]
+    arrivals = [value for value in one.values if value.name.startswith("arrival at")]
+    of = {name: np.array([v.value for v in arrivals if v.backend == name]) for name in ("reference", "bca", "ode45")}
+    pairs = [of[name] / of["reference"] - 1.0 for name in ("bca", "ode45")]
     return [f"{100.0 * abs(a):.2g} % too {'late' if a > 0 else 'early'}" for a in pairs[0]] + [
         f"deviates by {b:.1e}" for b in pairs[1]
     ]
@@ -153,6 +174,15 @@ def _speeds(one: Claim) -> list[str]:
     ]
 
 
+def _of_windows(one: Claim) -> list[str]:
+    whole, least, largest = _values(one)
+    theories = [_values(one, name)[0] for name in ("bca", "adiabatic")]
+    return [
+        f"is {least:.4f} to {largest:.4f}, and {whole:.4f} over",
+        *(f"{way} {value:.4f}" for way, value in zip(("give", "wave"), theories, strict=True)),
+    ]
+
+
 #: what of a claim's values stands in its sentence, as it stands there
 SAID: dict[str, Callable[[Claim], list[str]]] = {
     "striker-mass": _each("weighs {:.2f} g", "formula", 1e3),
@@ -162,18 +192,39 @@ SAID: dict[str, Callable[[Claim], list[str]]] = {
     "striker-stiffness": _each("gives {:.6g} N/m^1.5", "formula"),
     "weight": _each("weigh {:.2f} N", "formula"),
     "gravity-load": _each("{:.0f} times the weight"),
-    "gravity-neglected": _largest_changes,
+    "point-contact": _on_validity("{1:.2f} in"),
+    "lumped-mass": _on_validity("in {0:.0f} of 40 contacts"),
+    "edge-tension": _on_validity("(up to {1:.1f})"),
+    "gravity-neglected": _weighed,
     "velocity-by-bca": lambda one: [*_each("{:.3f} m/s")(one), *_each("gives {:.3f} m/s", "bca")(one)],
     "decelerates": _each("is {:.4f} of the speed"),
     "accelerates": _each("is {:.4f} times the speed"),
     "no-scattering": _each("{:.3g} % in", scale=100.0),
     "amplitude": _each("{:.3f} in"),
     "arrival-by-bca": _beside,
+    "arrival-as-printed": lambda one: [
+        f"{100.0 * -printed:.2g} % too early (from the first crossing: {100.0 * crossing:+.2g} %)"
+        for printed, crossing in np.array([v.value for v in one.values if "last cyl" not in v.name]).reshape(2, 2)
+    ],
     "many-fronts": _each("{:.0f} at cylinder"),
     "one-front": _each("{:.0f} at cylinder"),
+    "similar-pulses": lambda one: [
+        f"{duration:.3f} at cylinder {body} (amplitude {height:.3f})"
+        for body, height, duration in zip((10, 20, 30), _values(one)[:3], _values(one)[3:], strict=True)
+    ],
     "mismatch": lambda one: [
-        text.format(value)
-        for text, value in zip(("both {:.0f}", "m alone {:.0f}", "beta_1 alone {:.0f}"), _values(one), strict=True)
+        f"{row[0]:.0f}, {row[1]:.0f}, {row[2]:.0f} with {way}"
+        for row, way in zip(np.array(_values(one)).reshape(3, 3), ("both", "m_0", "beta_0 = beta_1"), strict=True)
+    ],
+    "small-mismatch": lambda one: ["is " + ", ".join(f"{value:.0f}" for value in _values(one))],
+    "residence-definition": _each("when {:.2g} % of", "formula", 100.0),
+    "residence-by-bca": lambda one: [
+        f"BCA within {100.0 * abs(value.value):.2g} %"
+        for value in one.values
+        if value.backend == "bca" and value.name.startswith("largest")
+    ],
+    "speed-ratio-sensitivity": lambda one: [
+        f"{low:.3f} to {high:.3f}" for low, high in np.array(_values(one)).reshape(4, 2)
     ],
     "speed-power-law": _each("{:.2g} % in", scale=100.0),
     "scatter": _each("at a cylinder has a standard deviation of {:.2g} %", scale=100.0),
@@ -184,14 +235,11 @@ SAID: dict[str, Callable[[Claim], list[str]]] = {
     "frequencies-spread": lambda one: [f"by a factor of {_values(one)[0]:.3f}", f"by {_values(one)[1]:.3f}:"],
     "wavenumbers-do-not": _each("{:.3f}"),
     "width-kept": _each("{:.4f}"),
-    "kinetic-energy-kept": _each("{:.3g} %", scale=100.0),
-    "tapered": _each("{:.3g} %", scale=100.0),
-    "force-exponent-decelerating": lambda one: [
-        *_each("is {:.4f} (")(one), *_each("give {:.4f}", "bca")(one), *_each("wave {:.4f}", "adiabatic")(one)
-    ],
-    "force-exponent-accelerating": lambda one: [
-        *_each("is {:.4f} (")(one), *_each("give {:.4f}", "bca")(one), *_each("wave {:.4f}", "adiabatic")(one)
-    ],
+    "kinetic-energy-kept": _each("{:.4g} %", scale=100.0),
+    "tapered": lambda one: [f"{100.0 * (1.0 - value):.2g} %" for value in _values(one)],
+    "tapered-width": _each("{:.3f} contacts"),
+    "force-exponent-decelerating": lambda one: _of_windows(one),
+    "force-exponent-accelerating": lambda one: _of_windows(one),
     "compression": lambda one: [
         *_each("{:.4g} um for", "formula", 1e6)(one), *_each("gives {:.4g} um", "paper", 1e6)(one)
     ],
@@ -210,18 +258,49 @@ def test_the_sentence_carries_the_numbers_of_the_values(id: str, claims: dict[st
         assert text in claims[id].sentence, claims[id].sentence
 
 
-def test_of_all_claims_but_three_the_sentence_is_held_to_the_values(claims: dict[str, Claim]) -> None:
-    # two say how far theories are off along the whole chain: the table of theories has their numbers; one more below
-    assert set(claims) - set(SAID) == {"residence-by-bca", "mass-gradient-by-bca", "point-contact"}
+def test_of_all_claims_but_one_the_sentence_is_held_to_the_values(claims: dict[str, Claim]) -> None:
+    # it says how far theories are off along the whole chain: the table of theories has its numbers
+    assert set(claims) - set(SAID) == {"mass-gradient-by-bca"}
+
+
+def test_pages_count_the_claims_as_they_turn_out() -> None:
+    root, counts = Path(__file__).parents[3], Counter(EXPECTED.values())
+    page = " ".join((root / "docs" / "paper.md").read_text(encoding="utf-8").split())
+    assert f"It reads {len(EXPECTED)} statements" in page
+    assert f"{counts[PASS]} statements hold" in page
+    assert f"{counts[FAIL]} do not hold." in page
+    assert f"{counts[MODEL]} are approximations" in page
+    assert f"{counts[UNDECIDED]} cannot be decided" in page
+    assert f"{len(EXPECTED)} of its statements" in (root / "README.md").read_text(encoding="utf-8")
+
+
+def test_every_criterion_stands_before_the_numbers(claims: dict[str, Claim]) -> None:
+    with_criterion = [one for one in claims.values() if "(ours)" in one.sentence]
+    assert len(with_criterion) > 25
+    for one in with_criterion:
+        assert one.sentence.startswith("Criterion (ours): "), one.id
+
+
+def test_like_statements_have_like_criteria(claims: dict[str, Claim]) -> None:
+    for ids, text in (
+        (
+            ("arrival-by-bca", "arrival-as-printed", "residence-by-bca", "mass-gradient-by-bca", "velocity-by-bca"),
+            "within 5 %",
+        ),
+        (("no-scattering", "tapered"), r"(90|10) %"),
+        (("kinetic-energy-kept",), "within a tenth"),
+        (("force-exponent-decelerating", "force-exponent-accelerating"), "within 2 % in every window"),
+    ):
+        for id in ids:
+            assert re.search(text, claims[id].sentence), id
 
 
 def test_contacts_are_points_as_far_as_the_ellipse_ends_on_the_cylinder(claims: dict[str, Claim]) -> None:
     """At 561 N and 2 degrees the semi-major axis is 10.4 mm, of 9 mm of half-height (the exact Hertz law)."""
-    found = {value.name.split(", ")[1]: value.value for value in claims["point-contact"].values}
-    assert found["accelerating-40"] == pytest.approx(10.4 / 9.0, rel=5e-3)
-    assert found["decelerating-40"] < 1.0
-    for name, longest in found.items():
-        assert f"at most {longest:.2f} in {name}" in claims["point-contact"].sentence
+    found = {value.name: value.value for value in claims["point-contact"].values}
+    assert found["longest ellipse, accelerating-40"] == pytest.approx(10.4 / 9.0, rel=5e-3)
+    assert found["longest ellipse, decelerating-40"] < 1.0
+    assert found["ellipses beyond the cylinder, accelerating-40"] == 7
 
 
 def test_deviations_that_are_said_are_those_of_the_runs(runs: Runs, claims: dict[str, Claim]) -> None:
@@ -229,9 +308,7 @@ def test_deviations_that_are_said_are_those_of_the_runs(runs: Runs, claims: dict
         truth, theory = (np.diff(runs.run(name, by).crossing_time[:40]) for by in ("reference", "bca"))  # type: ignore[union-attr]
         worst = np.max(np.abs(theory / truth - 1.0)[4:37])  # cylinders 5 to 37
         assert f"{name}: BCA within {100.0 * worst:.2g} %" in claims["residence-by-bca"].sentence
-        assert (
-            f"({'its first residence time is '}{theory[0] / truth[0]:.2g} times" in claims["residence-by-bca"].sentence
-        )
+        assert f"first residence time is {theory[0] / truth[0]:.2g} times" in claims["residence-by-bca"].sentence
         away = [abs(found["bca"] / found["reference"] - 1.0) for _, found in ratios(runs, name) if found]
         assert len(away) == 5
         assert f"{name}: V_out/V_in within {100.0 * max(away):.2g} %" in claims["mass-gradient-by-bca"].sentence
@@ -240,7 +317,7 @@ def test_deviations_that_are_said_are_those_of_the_runs(runs: Runs, claims: dict
 def test_numbers_of_the_paper_that_do_not_fit_are_those_known(claims: dict[str, Claim]) -> None:
     """By hand: 4/3 pi 9^3 mm^3 of 2.2 g/cm^3; 40 cylinders of 18 mm height; d with v^2 and as printed."""
     known = {
-        "striker-mass": 4.0 / 3.0 * math.pi * 9e-3**3 * 2200.0,
+        "striker-mass": 4.0 / 3.0 * math.pi * 9e-3**3 * 2650.0,
         "weight": 9.81 * 40 * math.pi * 9e-3**2 * 18e-3 * 2200.0,
         "stiffness-2-degrees": 7.27299328384e10,
         "stiffness-90-degrees": 4.689197642511e9,
@@ -389,7 +466,8 @@ def test_forces_with_another_exponent_are_noticed(power: float, name: str, way: 
     found = planted(runs, name, peak_force=truth_of(runs, name).peak_force ** power)
     one = _one(f"force-exponent-{way}", found, name)
     assert one.outcome is FAIL
-    assert _values(one) == pytest.approx([power * _values(_one(f"force-exponent-{way}", runs, name))[0]])
+    before = np.array(_values(_one(f"force-exponent-{way}", runs, name)))
+    assert _values(one) == pytest.approx((power * before).tolist())
 
 
 def test_codes_that_differ_leave_a_claim_undecided(runs: Runs) -> None:
@@ -401,7 +479,7 @@ def test_codes_that_differ_leave_a_claim_undecided(runs: Runs) -> None:
 
 @pytest.mark.parametrize("id", ["decelerates", "velocity-by-bca", "gravity-load"])
 def test_a_wide_uncertainty_leaves_a_claim_undecided(id: str, runs: Runs) -> None:
-    scenes = (*MAIN, *(f"{name}.{id}" for name in MAIN for id in ("as-is", "gravity")))
+    scenes = (*MAIN, *(f"{name}.{id}" for name in MAIN for id in ("base", "gravity")))
     assert _one(id, runs, *scenes).outcome is EXPECTED[id] is not UNDECIDED
     wide = _everywhere(runs, lambda run: {"uncertainty": wide_uncertainty(run, 2.0)}, *MAIN)
     assert _one(id, wide, *scenes).outcome is UNDECIDED
@@ -500,10 +578,41 @@ def test_tapered_chains_that_do_not_taper_are_noticed(runs: Runs) -> None:
     assert _one("tapered-velocity", mixed, *TAPERED).outcome is FAIL
 
 
-def test_a_claim_that_fails_may_hold(runs: Runs) -> None:
-    """Velocities that fall by a fifth take a third of the kinetic energy of a tapered chain."""
-    assert _one("tapered", runs, *TAPERED).outcome is FAIL
-    assert _one("tapered", _everywhere(runs, _fading(0.8), *TAPERED), *TAPERED).outcome is PASS
+STEEP = "tapered-forward.10-percent"
+
+
+def _even(run: Trajectory) -> dict[str, Any]:
+    """Every sphere with the velocity that gives it the kinetic energy of the first at its peak."""
+    share = np.max(run.velocity, axis=0)
+    size = np.cumprod(np.full(run.velocity.shape[1], 0.9**-1.5)) / share
+    return {"velocity": run.velocity * size, "displacement": run.displacement * size}
+
+
+def test_a_tapered_chain_that_keeps_its_kinetic_energy_is_noticed(runs: Runs) -> None:
+    assert _one("tapered", runs, "tapered-forward", STEEP).outcome is PASS
+    assert _one("tapered", _everywhere(runs, _even, STEEP), "tapered-forward", STEEP).outcome is FAIL
+
+
+def test_a_tapered_chain_whose_front_is_as_narrow_as_that_of_a_uniform_one_is_noticed(runs: Runs) -> None:
+    assert _one("tapered-width", runs, "tapered-forward", STEEP).outcome is PASS
+    uniform, name = truth_of(runs, "homogeneous-cylinders"), "tapered-forward"
+    # the first 41 bodies of a uniform chain as if they were spheres: forces are those of the overlaps
+    parts = {key: getattr(uniform, key)[:, :41] for key in ("velocity", "displacement")}
+    parts |= {key: getattr(uniform, key)[:40] for key in ("crossing_time", "peak_force")}
+    narrow = planted(runs, name, time=uniform.time, contact_force=uniform.contact_force[:, :40], **parts)
+    assert _one("tapered-width", narrow, name, backends=("reference",)).outcome is not PASS
+
+
+def test_a_measure_of_a_front_is_not_misled_by_a_long_tail(runs: Runs) -> None:
+    """The pulse of a chain that tapers by 10 % has a tail that a pulse cut at the least force includes."""
+    scene, run = runs.scenes[STEEP], truth_of(runs, STEEP)
+    cut = leading_pulse(scene, run).kinetic
+    assert cut[36] / cut[10] > 0.9
+    window = front_window(scene, run)
+    # one sphere alone has 0.1415 (quadrature of another code)
+    for values in (window.kinetic, window.energy):
+        assert values[36] / values[10] == pytest.approx(0.1415, rel=0.15)
+    assert BODY_KEPT.of(scene, run) == pytest.approx(0.1415, rel=1e-3)
 
 
 def test_the_sign_of_what_damping_does_decides(runs: Runs) -> None:
@@ -522,18 +631,81 @@ def test_exponents_decide_where_all_have_one_sign(runs: Runs) -> None:
     assert "The sign depends" in both.sentence
 
 
-def test_gravity_that_does_nothing_may_be_neglected(runs: Runs) -> None:
-    scenes = [*MAIN, *(f"{name}.{id}" for name in MAIN for id in ("as-is", "gravity"))]
+def test_the_effect_of_gravity_is_that_between_two_runs_on_a_base(runs: Runs) -> None:
+    scenes = [*MAIN, *(f"{name}.{id}" for name in MAIN for id in ("base", "gravity"))]
     for name in MAIN:
-        base = truth_of(runs, f"{name}.as-is")
-        # the base has a contact of its own, at the end
-        same: dict[str, Any] = {key: np.append(getattr(base, key), 1.0) for key in ("crossing_time", "peak_force")}
-        runs = planted(runs, f"{name}.gravity", **same)
-    assert _one("gravity-neglected", runs, *scenes).outcome is PASS
+        base = truth_of(runs, f"{name}.base")
+        late: dict[str, Any] = {"crossing_time": 1.001 * base.crossing_time, "peak_force": base.peak_force}
+        runs = planted(runs, f"{name}.gravity", **late)
+    one = _one("gravity-neglected", runs, *scenes)
+    assert one.outcome is MODEL
+    assert _values(one) == pytest.approx([1.001, 1.0 / 1.001, 1.0] * 2)
+    assert one.sentence.count("arrival at the last cylinder +0.1 %") == 2
+
+
+def test_a_stack_does_not_carry_its_striker(runs: Runs) -> None:
+    for name in MAIN:
+        contacts = runs.scenes[f"{name}.gravity"].contacts
+        assert contacts.gap[0] == 0.0
+        carried = contacts.stiffness * np.maximum(-contacts.gap, 0.0) ** 1.5
+        weights = 9.81 * np.cumsum(runs.scenes[name].mass[1:])
+        np.testing.assert_allclose(carried[1:], weights, rtol=1e-10)
+        # no contact of the stack has its maximum before the front comes
+        times = truth_of(runs, f"{name}.gravity").crossing_time[:40]
+        assert np.all(np.diff(times) > 0.0)
+
+
+def test_validity_that_is_better_is_noticed(runs: Runs) -> None:
+    """A hundredth of the force makes collisions 1.36 times as long, ellipses and pressures 4.6 times smaller."""
+    weak = runs
+    for name in MAIN:
+        weak = planted(weak, name, peak_force=1e-4 * truth_of(runs, name).peak_force)
+    for id in ("point-contact", "lumped-mass", "edge-tension"):
+        assert _one(id, runs, *MAIN).outcome is FAIL
+        assert _one(id, weak, *MAIN).outcome is PASS, id
+
+
+def test_second_pulses_of_another_shape_are_noticed(runs: Runs) -> None:
+    """The front of one body twice, half as high and as long: a wave of that height lasts 1.15 times as long."""
+
+    def echo(run: Trajectory) -> dict[str, Any]:
+        rows = len(run.time) // 3
+        alone = run.velocity * (np.arange(len(run.time)) < rows)[:, None]
+        return {"velocity": alone + 0.5 * np.roll(alone, rows, axis=0)}
+
+    name = f"{DECELERATING}.matched-stiffness"
+    single = runs.results[name, "reference"]
+    assert single.trajectory is not None
+    scene = runs.scenes[name]
+    twice = replace(single.trajectory, **echo(single.trajectory))
+    found = Runs(
+        {**runs.scenes, DECELERATING: replace(scene, name=DECELERATING)},
+        {**runs.results, (DECELERATING, "reference"): replace(single, trajectory=twice)},
+    )
+    one = _one("similar-pulses", found, DECELERATING, backends=("reference",))
+    assert one.outcome is not PASS
+
+
+def test_a_single_front_in_spite_of_the_mismatch_is_noticed(runs: Runs) -> None:
+    name = f"{ACCELERATING}.mismatched-stiffness"
+    assert _one("small-mismatch", runs, name).outcome is PASS
+    alone = planted(runs, name, velocity=truth_of(runs, ACCELERATING).velocity)
+    assert _one("small-mismatch", alone, name).outcome is FAIL
+
+
+def test_eq_3_7_holds_where_the_striker_takes_no_time(runs: Runs) -> None:
+    """With a stiff first contact the sum from j = 1 misses little."""
+    for name in MAIN:
+        for backend in ("reference", "bca", "ode45"):
+            run = runs.run(name, backend)
+            assert run is not None
+            runs = planted(runs, name, backend, crossing_time=run.crossing_time - run.crossing_time[0])
+    one = _one("arrival-as-printed", runs, *MAIN, backends=("reference", "bca", "ode45"))
+    assert one.outcome is PASS
 
 
 def test_forces_no_larger_than_the_weight_are_noticed(runs: Runs) -> None:
-    scenes = [*MAIN, *(f"{name}.{id}" for name in MAIN for id in ("as-is", "gravity"))]
+    scenes = [*MAIN, *(f"{name}.{id}" for name in MAIN for id in ("base", "gravity"))]
     weak = _everywhere(runs, lambda run: {"peak_force": 0.1 * run.peak_force}, *MAIN)
     assert _one("gravity-load", weak, *scenes).outcome is FAIL
 
@@ -544,7 +716,7 @@ def test_forces_no_larger_than_the_weight_are_noticed(runs: Runs) -> None:
         ("stiffness-2-degrees", 7.26e10, FAIL),
         ("stiffness-90-degrees", 4.69e9, PASS),
         ("striker-stiffness", 3.97e9, FAIL),
-        ("striker-mass", 6.7e-3, PASS),
+        ("striker-mass", 6.7e-3, FAIL),
         ("weight", 4.0, PASS),
     ],
 )
@@ -625,7 +797,7 @@ def test_a_text_whose_number_is_missing_is_an_error() -> None:
 def test_every_claim_has_its_texts_and_none_is_left_over() -> None:
     assert set(CLAIMS) == set(EXPECTED)
     assert {key for text in CLAIMS.values() for key in text} == {
-        "where", "statement", "sentence", "each", "join", "printed", "formula", "fit",
+        "where", "statement", "sentence", "each", "join", "printed", "formula",
     }  # fmt: skip
 
 

@@ -35,7 +35,7 @@ CHANGED = {
     "striker-stiffness": {"stiffness"},
     "printed-90-degrees": {"stiffness"},
     "speed-1-percent": {"velocity"},
-    "gravity": {"gravity", "wall_right", "precompression"},
+    "gravity": {"gravity", "wall_right", "gap"},
     "base": {"wall_right"},
     "dashpot": {"damping"},
     "kuwabara-kono": {"damping"},

@@ -34,6 +34,7 @@ from dem_bridge.studies.paper.runs import (
     LONG,
     MAIN,
     MATCHED,
+    MISMATCHED,
     Runs,
     beside,
     mass_gradients,
@@ -100,7 +101,11 @@ def test_every_variant_and_every_gradient_is_run_on_both_chains() -> None:
 
 def test_matched_chains_have_the_striker_of_a_cylinder_the_stiffness_of_the_next_contact_or_both() -> None:
     scenes = {case.scene.name.split(".")[1]: case.scene for case in matched()}
-    assert list(scenes) == list(MATCHED)
+    assert list(scenes) == [*MATCHED, MISMATCHED]
+    soft = scenes.pop(MISMATCHED).stiffness
+    dec, acc = (db.load_scene(name) for name in MAIN)
+    assert soft[0] / soft[1] == pytest.approx(dec.stiffness[0] / dec.stiffness[1], rel=1e-10)
+    assert soft[1:] == acc.stiffness[1:]
     equal = {
         key: (scene.mass[0] == scene.mass[1], scene.stiffness[0] == scene.stiffness[1]) for key, scene in scenes.items()
     }

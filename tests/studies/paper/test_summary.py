@@ -127,6 +127,16 @@ def test_without_runs_the_answer_says_so() -> None:
     assert answer(holding, [], [])[3] == "All claims hold that could be decided."
 
 
+def test_the_validity_on_page_one_has_the_numbers_of_its_claims(claims: tuple[Claim, ...]) -> None:
+    [text] = [item for item in NOT_VERIFIED if "contact law" in item]
+    values = {value.name: value.value for claim in claims for value in claim.values}
+    counts = [values[f"contacts below ten crossings, {name}"] for name in MAIN]
+    assert f"in {counts[0]:.0f} and {counts[1]:.0f} of 40 contacts" in text
+    assert f"In {values['ellipses beyond the cylinder, accelerating-40']:.0f} of 39 contacts of the accel" in text
+    tension = max(values[f"largest tension over strength, {name}"] for name in MAIN)
+    assert f"up to {tension:.1f} times the tensile strength" in text
+
+
 def test_what_is_not_verified_is_said() -> None:
     assert any("experiment" in one for one in NOT_VERIFIED)
     assert all(one.endswith(".") for one in NOT_VERIFIED)
