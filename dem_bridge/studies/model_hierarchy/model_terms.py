@@ -1,6 +1,6 @@
 """Pieces of physics that a chain can have or be without, each as a change of its Scene.
 
-What a geometry tells beyond the numbers of a scene (weight, exact stiffness, the striker's true mass) can be added;
+What a geometry tells beyond the numbers of a scene (weight, exact stiffness) can be added;
 what a scene has can be left out. Both the error budget of the paper and the ladder of models are made of these.
 """
 
@@ -44,7 +44,7 @@ def geometry_of(scene: Scene) -> Geometry:
 
 
 def quartz_sphere(scene: Scene) -> float:
-    """Mass of a sphere of the cylinders' material and radius, kg: what the paper's striker should weigh."""
+    """Return the mass of a sphere of the cylinders' material and radius, kg: the paper's striker, if it were of it."""
     body = geometry_of(scene).bodies[-1]
     return rounded(Body(shape="sphere", radius=body.radius, material=body.material).mass)
 
@@ -205,9 +205,8 @@ def model_terms_of(scene: Scene, *, add: bool = True, dashpot: float = DASHPOT) 
     """Every piece of physics that this scene can be with and without, in the order in which they are applied.
 
     ``add``: also those that the scene has not, but its geometry tells. An upright chain of crossed cylinders stands on
-    a base under its weight, has exact stiffnesses and a striker of its true mass, and loses energy in its contacts,
-    where the size of the ``dashpot`` (N s/m) is supposed. Without: what the scene has and may do without.
-    A switch that changes nothing is not there.
+    a base under its weight, has exact stiffnesses, and loses energy in its contacts, where the size of the ``dashpot``
+    (N s/m) is supposed. Without: what the scene has and may do without. A switch that changes nothing is not there.
     """
     added = _from_geometry(scene, dashpot) if add and crossed(scene) else ()
     terms = {term.id: term for term in (*_own(scene), *added)}
@@ -252,10 +251,6 @@ def _from_geometry(scene: Scene, dashpot: float) -> Iterator[ModelTerm]:
         stiffness = hertz_stiffness(scene)[0]
         what = f"the striker's exact stiffness, {stiffness:.4g} N/m^1.5 ({scene.stiffness[0]:.4g} in its place)"
         yield ModelTerm("striker-stiffness", what, on=lambda s: replace(s, stiffness=(stiffness, *s.stiffness[1:])))
-    if by_sphere:
-        mass = rounded(geometry.bodies[0].mass)
-        what = f"the true mass of the striker, {1e3 * mass:.3g} g ({1e3 * scene.mass[0]:.3g} g in its place)"
-        yield ModelTerm("striker-mass", what, on=lambda s: replace(s, mass=(mass, *s.mass[1:])))
     if not scene.damped:
         dashpots = Damping(law="dashpot", coefficient=dashpot)
         what = f"dissipation in contacts, a dashpot of {dashpot:g} N s/m"

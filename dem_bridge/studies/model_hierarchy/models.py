@@ -17,6 +17,7 @@ from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Progress, Result, run_cases
 from dem_bridge.errors import UnsupportedScene, UsageError
+from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
@@ -106,6 +107,8 @@ class LeftOut(Tried):
     term: ModelTerm
     bears: Pieces
     """Pieces that had to be left out of both models."""
+    start: Effects = field(default_factory=dict)
+    """On the bodies before the first that counts; empty where all count."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -177,6 +180,7 @@ class Bench:
     until: float = math.inf
     """When the front of the fullest model is at the end, s; inf: not run yet."""
     _read: dict[str, Readings] = field(default_factory=dict)
+    _start: dict[str, Readings] = field(default_factory=dict)
 
     def run(self, cases: Sequence[Case]) -> tuple[Result, ...]:
         """Run cases."""
@@ -188,7 +192,12 @@ class Bench:
             arrivals = _trajectory(results[0]).crossing_time[: self.hierarchy.scene.n_body - 1]
             self.until = float(arrivals[-1]) if np.isfinite(arrivals[-1:]).any() else self.hierarchy.duration
         for result in results:
-            self._read[result.case.scene.content_hash] = self.read(result.case.scene, _trajectory(result))
+            scene, run = result.case.scene, _trajectory(result)
+            self._read[scene.content_hash] = self.read(scene, run)
+            start = passage.window_of(scene, self.until, start=True)
+            names = [name for name in self.hierarchy.tabulated if OBSERVABLES[name].axis in (("body",), ("contact",))]
+            if self.hierarchy.window == "passage" and len(start.bodies or ()):
+                self._start[scene.content_hash] = passage.readings_of(scene, run, start, names)
 
     def read(self, scene: Scene, run: Trajectory) -> Readings:
         """Return the observables of a run in the window."""
@@ -202,6 +211,14 @@ class Bench:
             self.take(self.run(new))
         return [self._read[scene.content_hash] for scene in scenes]
 
+    def start_of(self, scenes: Sequence[Scene]) -> Effects:
+        """Return the effects between two scenes that have run on the bodies that the striker's contact forms.
+
+        They are empty where all bodies count.
+        """
+        readings = [self._start[scene.content_hash] for scene in scenes if scene.content_hash in self._start]
+        return effects(*readings) if len(readings) == len(scenes) else {}
+
     def tried(self, name: str, what: str, changes: Effects, observables: Sequence[str]) -> Tried:
         """Return a change with its outcome."""
         outcome = passage.decided(changes, observables, self.hierarchy.accuracy)
@@ -214,11 +231,14 @@ def left_out(bench: Bench, observables: Sequence[str]) -> tuple[LeftOut, ...]:
     bench.of([case.scene for case in hierarchy.cases()])
     results = []
     for term in hierarchy.model_terms:
-        changes = effects(*bench.of([hierarchy.model(without) for without in hierarchy.alone(term)]))
+        both = [hierarchy.model(without) for without in hierarchy.alone(term)]
+        changes, start = effects(*bench.of(both)), bench.start_of(both)
         outcome, bears = passage.decided(changes, observables, hierarchy.accuracy), hierarchy.bears[term.id]
         what = f"{term.what}, of a chain without {named(bears)}" if bears else term.what
         name = term.id.replace("-", " ")
-        results.append(LeftOut(name=name, what=what, effects=changes, outcome=outcome, term=term, bears=bears))
+        results.append(
+            LeftOut(name=name, what=what, effects=changes, outcome=outcome, term=term, bears=bears, start=start)
+        )
     return tuple(sorted(results, key=lambda item: -abs(passage.largest(item.effects, observables)[1].value)))
 
 

@@ -17,10 +17,10 @@ from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies.model_hierarchy import models
-from dem_bridge.studies.model_hierarchy.choices import cheapest, choices, doubts
+from dem_bridge.studies.model_hierarchy.choices import DRAWS, cheapest, choices, doubts
 from dem_bridge.studies.model_hierarchy.model_terms import DASHPOT, TEXTS, named
 from dem_bridge.studies.model_hierarchy.models import Bench, Least, LeftOut, ModelHierarchy, Tried
-from dem_bridge.studies.model_hierarchy.passage import JUDGED, Effects, largest
+from dem_bridge.studies.model_hierarchy.passage import FIRST, JUDGED, Effects, first_counted, largest
 from dem_bridge.studies.study import Panel, Series, Study, Table, check_setting
 from dem_bridge.verification.verdict import Outcome
 
@@ -64,7 +64,7 @@ def study_model_hierarchy(
     spread : float
         Standard deviation of the random errors of the contact angles, degrees.
     draws : int
-        Number of chains with such errors.
+        Number of chains with such errors. With fewer than 6 their median has no uncertainty.
     numerics : bool
         Whether numerical choices (steps, tables, backends) are examined, too.
     engine, jobs, progress, store : as in :func:`dem_bridge.study`
@@ -105,7 +105,7 @@ def study_model_hierarchy(
     return TEXTS.study(
         texts,
         answer=tuple(answer),
-        tables=tuple(_table(hierarchy, id, items) for id, items in tables.items() if items),
+        tables=(*(_table(hierarchy, id, items) for id, items in tables.items() if items), *_start_table(alone)),
         figures=(TEXTS.figure("effects", drawn, **texts),) if drawn else (),
         verdicts=tuple(
             TEXTS.verdict("broken", scene=scene.name, **vars(item))
@@ -132,7 +132,16 @@ def _table(hierarchy: ModelHierarchy, id: str, items: Sequence[Tried]) -> Table:
 
     rows = [(item.what, *cells(item.effects), TEXTS.data["may"][item.outcome]) for item in items]
     last = ("largest uncertainty (%)", f"within {100.0 * hierarchy.accuracy:g} %?")
-    return TEXTS.table(id, rows, columns=("what", *_columns(names), *last))
+    return TEXTS.table(id, rows, columns=("what", *_columns(names), *last), draws=DRAWS)
+
+
+def _start_table(alone: Sequence[LeftOut]) -> Iterator[Table]:
+    """Yield the table of effects on the first bodies; nothing where all bodies count."""
+    items = [item for item in alone if item.start]
+    if items:
+        names = tuple(items[0].start)
+        rows = [(item.what, *(100.0 * item.start[name].value for name in names)) for item in items]
+        yield TEXTS.table("start", rows, columns=("what", *_columns(names)), first=FIRST)
 
 
 def question_table(requested: Iterable[tuple[ModelHierarchy, Sequence[LeftOut]]], accuracy: float) -> Table:
@@ -149,7 +158,7 @@ def question_table(requested: Iterable[tuple[ModelHierarchy, Sequence[LeftOut]]]
         for item in alone
     ]
     columns = ("left out", "chain", *_columns(names), "may be left out?")
-    return TEXTS.table("left-out", rows, columns=columns, accuracy=accuracy)
+    return TEXTS.table("left-out", rows, columns=columns, accuracy=accuracy, first=FIRST)
 
 
 def _panel(title: str, hierarchy: ModelHierarchy, items: Sequence[Tried]) -> Panel:
@@ -212,13 +221,16 @@ def _words_of(effects: Effects, names: Sequence[str]) -> str:
         return TEXTS("infinite", words=words)
     place = f" of {OBSERVABLES[name].axis[-1]} {effect.at}" if effect.at >= 0 else ""
     numbers = {"value": 100.0 * effect.value, "uncertainty": 100.0 * effect.uncertainty}
-    return TEXTS("effect", words=words, place=place, **numbers)
+    text = "without_uncertainty" if math.isnan(effect.uncertainty) else "effect"
+    return TEXTS(text, words=words, place=place, **numbers)
 
 
 def _notes(hierarchy: ModelHierarchy, bench: Bench, numerical: Sequence[Tried], names: Sequence[str]) -> Iterator[str]:
     yield TEXTS("judged", words=", ".join(OBSERVABLES[name].words for name in names))
     if hierarchy.window == "passage":
-        yield TEXTS("passage", until=1e3 * bench.until, duration=1e3 * hierarchy.duration)
+        first = first_counted(hierarchy.scene)
+        start = TEXTS("start", first=first) if first else ""
+        yield TEXTS("passage", until=1e3 * bench.until, duration=1e3 * hierarchy.duration, start=start)
     ids = {term.id for term in hierarchy.model_terms}
     if missing := [id for id in TEXTS.data["pieces"] if id not in ids]:
         yield TEXTS("missing", names=named(missing))

@@ -22,6 +22,7 @@ from dem_bridge.studies.model_hierarchy.passage import (
     decided,
     effect,
     effects,
+    first_counted,
     largest,
     last_counted,
     readings_of,
@@ -99,14 +100,30 @@ def test_a_base_is_not_seen_before_the_front_is_there_and_is_afterwards() -> Non
 
 def test_the_force_of_the_front_is_the_peak_where_nothing_comes_after_it() -> None:
     run, found = solved(CHAIN), readings(CHAIN)["first_peak_force"]
-    np.testing.assert_allclose(found.values, run.peak_force[: len(found.values)], rtol=1e-7)
-    apart = np.abs(found.values - run.peak_force[: len(found.values)])
+    counted = slice(first_counted(CHAIN), last_counted(CHAIN) + 1)
+    np.testing.assert_allclose(found.values, run.peak_force[counted], rtol=1e-7)
+    apart = np.abs(found.values - run.peak_force[counted])
     assert np.all(apart <= found.uncertainty)
     theory = db.solve(CHAIN, backend="bca")
     np.testing.assert_array_equal(
         readings_of(CHAIN, theory, window_of(CHAIN, 1.0), ["first_peak_force"])["first_peak_force"].values,
-        theory.peak_force[: last_counted(CHAIN) + 1],
+        theory.peak_force[counted],
     )
+
+
+def test_what_the_striker_forms_does_not_count_and_is_read_apart() -> None:
+    """A softer contact of the striker moves the first residence times, and those behind them much less."""
+    softer = replace(CHAIN, stiffness=(0.5 * CHAIN.stiffness[0], *CHAIN.stiffness[1:]))
+    assert first_counted(CHAIN) == 5
+    counted = effects(readings(CHAIN), readings(softer))["residence_time"]
+    window = window_of(CHAIN, float(solved(CHAIN).crossing_time[-1]), start=True)
+    assert (window.bodies, window.contacts) == (range(5), range(5))
+    start = effects(*(readings_of(scene, solved(scene), window, ["residence_time"]) for scene in (CHAIN, softer)))
+    assert abs(start["residence_time"].value) > 5.0 * abs(counted.value)
+    assert start["residence_time"].at < 5 <= counted.at
+    # in shorter chains all bodies count
+    few = Scene(name="few", duration=1e-4, mass=(0.01,) * 9, stiffness=(2e10,) * 8, velocity=(0.8,) + (0.0,) * 8)
+    assert first_counted(few) == 0
 
 
 def test_a_run_of_another_scene_is_not_read() -> None:

@@ -25,7 +25,7 @@ from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.studies.model_hierarchy import choices as hierarchy_choices
 from dem_bridge.studies.model_hierarchy.model_terms import ModelTerm
 from dem_bridge.studies.model_hierarchy.models import Bench, LeftOut, judged, least, left_out, model_hierarchy_of
-from dem_bridge.studies.model_hierarchy.passage import JUDGED, Effect, Readings
+from dem_bridge.studies.model_hierarchy.passage import JUDGED, Effect, Effects, Readings
 from dem_bridge.studies.model_hierarchy.study import LEAST_SHOWN
 from dem_bridge.studies.study import Study
 from dem_bridge.verification.verdict import Outcome
@@ -65,6 +65,9 @@ class Linear:
 
     def cases(self) -> list[Any]:
         return []
+
+    def start_of(self, models: Sequence[frozenset[str]]) -> Effects:
+        return {}
 
     def of(self, models: Sequence[frozenset[str]]) -> list[Readings]:
         self.asked += models
@@ -358,7 +361,11 @@ def test_an_upright_chain_is_asked_what_is_suspected_too(monkeypatch: pytest.Mon
         "angles off by 0.2 degrees (standard deviation; median of 2 chains)",
     ]
     words = " ".join(study.answer)
-    assert "short requires the exact stiffness law, the striker's true mass" in words
+    assert "short requires the exact stiffness law" in words
+    # the median of two draws has no uncertainty and decides nothing
+    assert ", without an uncertainty)" in words
+    scatter = _rows(study, "suspected")["angles off by 0.2 degrees (standard deviation; median of 2 chains)"]
+    assert scatter["within 1 %?"] == "undecided"
     assert "The largest change caused by adding a term that is only suspected: drag of 20 1/s on every body: " in words
     dragged = _rows(study, "suspected")["drag of 20 1/s on every body"]
     assert -1.0 < dragged["peak velocity (%)"] < 0.0 < dragged["arrival at end (%)"]
@@ -371,7 +378,12 @@ def test_draws_are_inside_their_bar() -> None:
     def draw(value: float) -> dict[str, Effect]:
         return dict.fromkeys(PASSAGE, Effect(value=value, uncertainty=1e-6, at=3))
 
-    found = hierarchy_choices._median([draw(-0.02), draw(0.011), draw(0.05)])["residence_time"]
+    few = hierarchy_choices._median([draw(-0.02), draw(0.011), draw(0.05)])["residence_time"]
+    # the range of three draws has the median of all inside it in three of four cases
+    assert (few.value, few.at) == (0.02, -1)
+    assert math.isnan(few.uncertainty)
+    sizes = (-0.02, 0.011, 0.05, 0.02, 0.02, 0.03)
+    found = hierarchy_choices._median([draw(size) for size in sizes])["residence_time"]
     assert (found.value, found.uncertainty, found.at) == (0.02, pytest.approx(0.03 + 1e-6), -1)
     assert hierarchy_choices._median([draw(-0.02)]) == draw(-0.02)
     assert hierarchy_choices._median([draw(math.inf), draw(math.inf)])["arrival_at_end"].value == math.inf
