@@ -64,9 +64,9 @@ class Growth:
     """Growth of a small perturbation of the input, made by :func:`growth_of`."""
 
     exponential: bool
-    """Whether exp(rate t) fits better than a power of t."""
+    """Whether the chain is closed and exp(rate t) fits better than a power of t."""
     rate: float
-    """1/s where exponential, else the power."""
+    """Lyapunov exponent, 1/s, where exponential, else the power."""
     bar: float
     """Half width of its 95 % interval, from the scatter of the perturbations."""
     factor: float
@@ -78,17 +78,20 @@ class Growth:
 
     @property
     def kind(self) -> str:
-        """Return the better fit, or "neither" if both are off by more than a factor e."""
-        if not min(self.misfit) <= 1.0:
+        """Return the law of the fit, or "neither" if it is off by more than a factor e."""
+        if not self.misfit[0 if self.exponential else 1] <= 1.0:
             return "neither"
         return "exponential" if self.exponential else "power of time"
 
 
-def growth_of(time: Floats, distance: Floats, share: float) -> Growth:
+def growth_of(time: Floats, distance: Floats, share: float, *, closed: bool = True) -> Growth:
     """Fit the growth of perturbations: ``distance (n_perturbation, n_t)``, over the largest speed.
 
     The fit is between the perturbation itself and 1 % of the largest speed, where it is no longer small; each
-    perturbation has its own factor and rate.
+    perturbation has its own factor and rate. Only the motion of a ``closed`` chain, between two walls, goes on for ever
+    and can have a Lyapunov exponent: the bodies of an open chain fly apart after finitely many collisions, and then a
+    difference grows in proportion to time at most. Growth in an open chain is a power of time, however well an
+    exponential fits for a while.
 
     >>> time = np.linspace(0.0, 1.0, 201)
     >>> two = [factor * 1e-10 * np.exp(15.0 * time) for factor in (1.0, 3.0)]
@@ -98,6 +101,8 @@ def growth_of(time: Floats, distance: Floats, share: float) -> Growth:
     >>> found = growth_of(time, np.array([1e-10 * time, 2e-10 * time]), 1e-10)
     >>> found.exponential, round(found.rate, 6)
     (False, 1.0)
+    >>> growth_of(time, np.array(two), 1e-10, closed=False).kind
+    'neither'
     """
     from scipy.stats import t as student
 
@@ -116,7 +121,7 @@ def growth_of(time: Floats, distance: Floats, share: float) -> Growth:
         slopes = y @ away / np.sum(away**2)
         rest = y - np.mean(y, axis=1, keepdims=True) - slopes[:, None] * away
         fits[exponential] = slopes, float(np.sqrt(np.mean(rest**2)))
-    better = fits[True][1] < fits[False][1]
+    better = closed and fits[True][1] < fits[False][1]
     slopes, n = fits[better][0], len(distance)
     bar = float(student.ppf(0.975, n - 1) * np.std(slopes, ddof=1) / math.sqrt(n)) if n > 1 else math.nan
     return Growth(

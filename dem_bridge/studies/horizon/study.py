@@ -1,11 +1,11 @@
 """Study of the predictability horizon: the time up to which single trajectories are known, and what holds beyond it.
 
-Small differences grow: in proportion to time where bodies pass their velocities on, exponentially where three and more
-bodies touch at once between walls. From some time on two correct codes give different velocities, and a verdict on them
-says nothing. The study measures the growth of a small perturbation of the input, and the time at which the uncertainty
-of each code's velocities (time step and round-off, from the twins) exceeds 1 %: its horizon. Beyond it conserved
-quantities and statistics are judged, and single velocities are UNDECIDED. A long run of the twin shows whether its
-energy drifts.
+Small differences grow: as a power of time in an open chain, whose bodies fly apart in the end, and exponentially, with
+a Lyapunov exponent, in a closed one between two walls, where three and more bodies touch at once for ever. From some
+time on two correct codes give different velocities, and a verdict on them says nothing. The study measures the growth
+of a small perturbation of the input, and the time at which the uncertainty of each code's velocities (time step and
+round-off, from the twins) exceeds 1 %: its horizon. Beyond it conserved quantities and statistics are judged, and
+single velocities are UNDECIDED. A long run of the twin shows whether its energy drifts.
 """
 
 from __future__ import annotations
@@ -146,6 +146,7 @@ def study_horizon(
             collisions=float(np.sum(closed[when <= horizon])) if plan.resolved else math.nan,
         )
 
+    between_walls = scene.wall_left is not None and scene.wall_right is not None
     long = runs.long_run(scene, plan.step, requested, progress=second)
     halved = runs.long_run(scene, 0.5 * plan.step, max(requested // 4, 1), progress=third) if long.complete else None
     result = runs.Found(
@@ -153,7 +154,7 @@ def study_horizon(
         plan=plan,
         perturbation=PERTURBATION,
         distance=distance,
-        growth=runs.growth_of(truth.time, distance, PERTURBATION),
+        growth=runs.growth_of(truth.time, distance, PERTURBATION, closed=between_walls),
         trusts=tuple(trust(name, run) for name, run in solved.items()),
         ensemble=tuple(ensemble),
         long=long,

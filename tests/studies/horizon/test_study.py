@@ -69,6 +69,17 @@ def test_growth_is_fitted_where_it_is_small_and_told_from_a_power() -> None:
     assert growth_of(time, np.zeros((2, len(time))), 1e-10).kind == "neither"
 
 
+def test_only_a_closed_chain_has_a_lyapunov_exponent() -> None:
+    """An exponential that fits the growth in an open chain for a while is no exponent: its bodies fly apart."""
+    time = np.linspace(0.0, 1.0, 401)
+    grown = np.array([[1e-9], [2e-9]]) * np.exp(3.0 * time)
+    closed, open_chain = growth_of(time, grown, 1e-10), growth_of(time, grown, 1e-10, closed=False)
+    assert (closed.kind, closed.rate) == ("exponential", pytest.approx(3.0))
+    assert open_chain.kind == "power of time"
+    assert open_chain.misfit == closed.misfit
+    assert open_chain.misfit[0] < open_chain.misfit[1]
+
+
 def test_a_bar_over_time_ends_as_that_of_the_whole_run() -> None:
     scene = db.load_scene("decelerating-40")
     twins = twin_family(scene, Resolution(dt=1e-7), Sampling(count=50))
@@ -195,6 +206,7 @@ def test_between_walls_single_velocities_are_undecided_and_all_else_passes(made:
     assert ("verlet", "energy drift") in judged
     assert ("lammps-granular", "kurtosis of velocities") in judged
     assert found.growth.exponential
+    assert any("the largest Lyapunov exponent is" in sentence for sentence in study.answer)
     reference, twin, lmp = found.trusts
     # a digit is worth the same time to all, and the reference has ten more
     assert twin.horizon < reference.horizon < found.scene.duration
@@ -256,6 +268,9 @@ def test_where_nothing_parts_there_is_no_horizon_and_no_statistics() -> None:
     assert [row[1] for row in study.tables[0].rows[:2]] == [math.inf, math.inf]
     assert not any("kurtosis" in str(row[1]) for row in study.tables[3].rows)
     assert any("no horizon within" in sentence for sentence in study.answer)
+    # between no walls
+    assert not any("Lyapunov exponent is" in sentence for sentence in study.answer)
+    assert "exponential" not in [row[0] for row in study.tables[1].rows]
 
 
 @pytest.mark.parametrize(
