@@ -13,7 +13,7 @@ import dem_bridge as db
 from dem_bridge.campaign import Result, run_case
 from dem_bridge.errors import BackendUnavailable, RunBroken
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene
+from dem_bridge.scene import Scene, Wall
 from dem_bridge.scene_file import load_scene
 from dem_bridge.studies.rule_of_thumb import (
     MOST_SAMPLES,
@@ -75,6 +75,19 @@ def test_errors_are_those_of_runs_at_these_steps() -> None:
     assert errors == sorted(errors)
     # momentum is exact but for round-off: a hundred steps, forty bodies, an ulp each at most
     assert max(found.errors("momentum").values()) < 100 * 40 * np.finfo(float).eps
+
+
+def test_nothing_is_said_of_momentum_where_a_wall_takes_it() -> None:
+    walled = replace(CHAIN, wall_right=Wall(stiffness=CHAIN.stiffness[-1]))
+    found = db.study("rule-of-thumb", walled, store=False)
+    assert np.isnan(_cells(found.tables[0])["momentum at 20 %"])
+    assert _cells(found.tables[0])["kinetic energy at 20 %"] > 0.0
+    words = " ".join(found.answer)
+    assert "momentum is conserved to" not in words
+    assert "The momentum of this scene is not conserved." in words
+    assert not any("momentum" in series.label for series in found.figures[0].panels[1].series)
+    free = db.study("rule-of-thumb", CHAIN, store=False)
+    assert "while the momentum is conserved to" in " ".join(free.answer)
 
 
 def test_a_scene_without_bodies_says_why_its_row_is_empty() -> None:
