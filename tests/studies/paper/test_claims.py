@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge.observables.pulse import front_window, leading_pulse
+from dem_bridge.observables.pulse import front_window, leading_pulse, pulse_shapes, secondary_fronts
 from dem_bridge.studies.paper import claims_numbers
 from dem_bridge.studies.paper.claims import by, claim, decided, printed, together
 from dem_bridge.studies.paper.claims_force import forces, ratios
 from dem_bridge.studies.paper.claims_numbers import numbers
 from dem_bridge.studies.paper.claims_pulses import BODY_KEPT
+from dem_bridge.studies.paper.claims_pulses import WIDTH as TAPERED_WIDTH
 from dem_bridge.studies.paper.claims_spectrum import spectra
 from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, GRADIENTS, LONG, MAIN, Runs
@@ -613,6 +614,10 @@ def test_a_measure_of_a_front_is_not_misled_by_a_long_tail(runs: Runs) -> None:
     for values in (window.kinetic, window.energy):
         assert values[36] / values[10] == pytest.approx(0.1415, rel=0.15)
     assert BODY_KEPT.of(scene, run) == pytest.approx(0.1415, rel=1e-3)
+    # the width at half force and the shape of the pulse leave the tail out, which is no pulse of its own
+    assert TAPERED_WIDTH.of(scene, run) == pytest.approx(2.471, abs=1e-3)
+    assert len(pulse_shapes(scene, run, 20).velocity) == 1
+    assert secondary_fronts(scene, run, 20).count == 0
 
 
 def test_the_sign_of_what_damping_does_decides(runs: Runs) -> None:
