@@ -102,9 +102,9 @@ def test_every_difference_stands_on_one_scale_with_its_value(runs: Runs) -> None
     assert run is not None
     assert at["ode45, default tolerances"] == difference("velocity", run, truth_of(runs, MAIN[0])).value
     assert at["time step of LAMMPS"] == pytest.approx(0.9e-6)
-    assert at["striker's mass"] == pytest.approx(0.13)
+    assert at["striker of fused quartz"] == pytest.approx(0.13)
     assert at["binary collisions (BCA)"] == 0.8
-    assert "striker's mass" not in {panel.rows[int(y)] for y in fast.y}  # the effects are those of one chain
+    assert "striker of fused quartz" not in {panel.rows[int(y)] for y in fast.y}  # the effects are those of one chain
     assert set(tolerance.x) == {5e-6}
 
 
@@ -112,7 +112,11 @@ def test_the_tornado_has_the_largest_term_on_top_with_its_sign() -> None:
     figure = tornado(EFFECTS)
     assert figure is not None
     arrival, force = figure.panels
-    assert arrival.rows == ("dashpot, 1 N s/m (supposed)", "striker's mass (parameter)", "exact Hertz law (model)")
+    assert arrival.rows == (
+        "dashpot, 1 N s/m (supposed)",
+        "striker of fused quartz (supposed)",
+        "exact Hertz law (model)",
+    )
     assert [line.x.tolist() for line in arrival.series] == [[99.0, 0.0, 3.0], []]
     assert force.series[0].x.tolist() == [0.0, -13.0, 0.0]
     assert tornado([]) is None
