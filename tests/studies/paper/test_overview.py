@@ -62,6 +62,9 @@ def check_abstract(
     judged = verdicts.total() - verdicts[Outcome.MODEL_DIFFERENCE] - verdicts[Outcome.NOT_RUN]
     assert f"Of {judged} comparisons that can pass or fail {verdicts[Outcome.PASS]} pass" in result
     assert f"{outcomes[Outcome.PASS]} of the {len(claims)} statements hold" in result, "other claims"
+    ends = [[runs.run(name, by) for name in MAIN] for by in ("bca", REFERENCE)]
+    away = [abs(bca.crossing_time[39] / truth.crossing_time[39] - 1.0) for bca, truth in zip(*ends, strict=True)]
+    assert f"predict within {100.0 * max(away):.2g} %" in result
     assert fails.startswith(f"{outcomes[Outcome.FAIL]} statements do not hold"), "other claims"
     short = [sum(not contact.judged[3].holds for contact in contacts) for _, contacts in contacts_of(runs, MAIN)]
     assert f"in {max(short)} of 40 contacts" in not_verified
