@@ -405,6 +405,7 @@ def test_processes_end_with_the_program_that_started_them(how: signal.Signals, t
 # verification
 
 
+@pytest.mark.slow
 @pytest.mark.lammps
 def test_a_second_verification_runs_nothing_and_says_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = replace(SCENE, name="short", duration=1.5e-4, samples=50, spacing=18e-3)

@@ -153,7 +153,7 @@ def test_every_picture_is_drawn_on_the_axes_given_and_can_be_saved(runs: dict[st
     assert_legible(figure)
 
 
-@pytest.mark.parametrize("theory", [None, "bca", "adiabatic"])
+@pytest.mark.parametrize("theory", [None, "bca", pytest.param("adiabatic", marks=pytest.mark.slow)])
 def test_nothing_hides_anything(runs: dict[str, Any], theory: str | None) -> None:
     for ax in (
         db.plot.spacetime(runs["verlet"], theory=theory, scene=SCENE),

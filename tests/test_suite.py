@@ -48,7 +48,7 @@ def compared_with_itself(tree: ast.AST) -> Iterator[int]:
 def clocks(tree: ast.AST) -> Iterator[int]:
     """Yield the lines that read a clock or wait for one."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and ast.unparse(node) in CLOCKS:
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and ast.unparse(node) in CLOCKS:
             yield node.lineno
 
 

@@ -327,6 +327,7 @@ def test_kuwabara_kono_damping_that_lammps_does_not_have_is_refused() -> None:
 # by LAMMPS alone
 
 
+@pytest.mark.slow
 def test_a_deck_of_tables_runs_by_the_lmp_program_alone(tmp_path: Path, solved: Solve) -> None:
     program = str(Path(sys.executable).with_name("dem-bridge"))
     words = [program, "deck", "accelerating-40", "--style", "table", "--dt", "1e-7", "-o", str(tmp_path / "deck")]

@@ -317,6 +317,7 @@ def test_what_the_deck_prints_does_not_reach_the_callers_output(
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 @pytest.mark.lammps
 def test_memory_is_that_of_the_engine_and_not_of_its_caller(tmp_path: Path) -> None:
     # resident pages, which a child would take over in its rusage

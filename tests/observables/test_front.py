@@ -79,7 +79,7 @@ def test_two_bodies_have_an_arrival_but_no_residence() -> None:
 
 
 def test_residence_times_of_the_papers_chains_are_those_of_the_truth(free_chain: Truth, solved: Solve) -> None:
-    found = residence_time(free_chain.scene, solved(free_chain.scene, "scipy"))[1:-1]
+    found = residence_time(free_chain.scene, solved(free_chain.scene, "reference"))[1:-1]
     # differences of times that are good to 1e-10: of arrivals up to 0.6 ms, over residences of 10 us
     assert found == pytest.approx(free_chain.data["residence"], rel=1e-10 * 60)
 

@@ -205,7 +205,7 @@ def test_a_setting_is_not_accepted_while_a_finer_one_fails() -> None:
 
 
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-4, 1e-6])
-@pytest.mark.parametrize("name", [None, "verlet", "blanes-moan", "scipy"])
+@pytest.mark.parametrize("name", [None, "verlet", "blanes-moan", pytest.param("scipy", marks=pytest.mark.slow)])
 def test_a_target_is_met_and_not_at_any_price(name: str | None, accuracy: float, solved: Solve) -> None:
     found = db.plan(FIVE, accuracy, backend=name)
     error = _error(FIVE, found, solved)
@@ -222,7 +222,9 @@ def test_a_target_is_met_and_not_at_any_price(name: str | None, accuracy: float,
         assert largest_error(FIVE, coarser, solved(FIVE, "reference")) > plan_check.MARGIN[2] * accuracy
 
 
-@pytest.mark.parametrize("scene", [FIVE, DAMPED, SOFT, DRIVEN], ids=lambda scene: scene.name)
+@pytest.mark.parametrize(
+    "scene", [FIVE, pytest.param(DAMPED, marks=pytest.mark.slow), SOFT, DRIVEN], ids=lambda scene: scene.name
+)
 def test_without_a_reference_two_resolutions_serve(
     scene: Scene, monkeypatch: pytest.MonkeyPatch, solved: Solve
 ) -> None:
@@ -409,6 +411,7 @@ def test_a_backend_that_cannot_do_the_scene_is_refused() -> None:
             db.plan(scene, 1e-3, name)
 
 
+@pytest.mark.slow
 def test_a_budget_that_is_too_small_says_what_it_buys(solved: Solve) -> None:
     scene = db.load_scene("accelerating-40")
     whole = db.plan(scene, 1e-7, "verlet")

@@ -88,6 +88,7 @@ def test_a_deck_that_is_not_the_one_that_was_run_is_no_part_of_a_bundle(found: V
         bundle_files(replace(found, studies=(replace(study, runs=runs),)), report={})
 
 
+@pytest.mark.slow
 @pytest.mark.lammps
 def test_verdicts_and_contacts_lie_there_as_csv_in_full_precision(found: Verification) -> None:
     files = bundle_files(fake_paper(found), report={})

@@ -41,6 +41,7 @@ def edges(study: Study) -> dict[str, dict[str, Any]]:
     return {str(row[0]): dict(zip(table.columns, row, strict=True)) for row in table.rows}
 
 
+@pytest.mark.slow
 @pytest.mark.lammps
 def test_three_codes_have_the_edge_of_the_infinite_chain() -> None:
     study = study_bands(BAR, jobs=1)

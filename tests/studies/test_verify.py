@@ -406,6 +406,7 @@ def test_where_no_step_decides_velocities_what_is_conserved_is_judged(monkeypatc
     assert verify_scenes([SHORT], accuracy=1e-13).exit_code == 1
 
 
+@pytest.mark.slow
 @pytest.mark.lammps
 def test_where_scipy_is_the_reference_another_method_stands_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
     softer = tuple(beta * 5e-6**0.1 for beta in SHORT.stiffness)

@@ -24,6 +24,7 @@ from tests.helpers.small_stability import small_stability
 SCENE = replace(chain("three", (1e-2,) * 3, (4e9,) * 2), samples=20)
 
 
+@pytest.mark.slow
 def test_without_an_engine_the_twin_answers_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     small_stability(monkeypatch, engine=False)
     seen: list[str] = []
