@@ -156,6 +156,7 @@ def test_lammps_repeats_its_twin_on_every_kind_of_scene(scene: Scene) -> None:
     assert run.crossing_time == pytest.approx(twin.crossing_time, abs=10.0 * allowed * scene.duration, nan_ok=True)
 
 
+@pytest.mark.slow
 @pytest.mark.lammps
 @examples(8)
 @given(scene=scenes(bodies=(1, 6), walls=True, gravity=True))

@@ -61,6 +61,7 @@ def test_a_site_without_faults_is_built_with_mathml(tmp_path: Path) -> None:
     assert page.count('<pre tabindex="0">') == 1  # the keyboard can scroll it
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [

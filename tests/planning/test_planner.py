@@ -312,6 +312,7 @@ def test_tables_are_fine_enough_for_the_target(solved: Solve) -> None:
     assert _error(SOFT, found, solved) <= 1e-5
 
 
+@pytest.mark.slow
 def test_ten_per_cent_of_an_arrival_time_take_no_time_stepping() -> None:
     scene = db.load_scene("decelerating-40")
     found = db.plan(scene, 0.1, observable="arrival_at_end")

@@ -67,6 +67,7 @@ def test_a_bundle_has_everything_a_run_was_made_of_and_found(found: Verification
     assert scene.content_hash == SMALL.content_hash
 
 
+@pytest.mark.slow
 @pytest.mark.lammps
 def test_the_decks_are_those_that_were_run(found: Verification) -> None:
     files = bundle_files(found, report={})

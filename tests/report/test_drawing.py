@@ -195,6 +195,7 @@ def test_the_front_is_behind_all_and_goes_down_where_the_next_is_paid_for() -> N
     assert {line.get_markevery() for line in lines[1:]} == {None}
 
 
+@pytest.mark.slow
 def test_a_tall_panel_keeps_its_height_under_a_legend_of_many_rows() -> None:
     def height(*, tall: bool, names: int) -> float:
         figure = draw_figure(_figure(*(_panel(at, series=COST[:names], log=True, tall=tall) for at in "ab")))

@@ -259,6 +259,7 @@ def test_two_scenes_of_one_name_are_refused() -> None:
         db.verify([SHORT, SHORT])
 
 
+@pytest.mark.slow
 @pytest.mark.lammps
 def test_lammps_is_verified_on_a_short_scene_in_two_processes(tmp_path: Path) -> None:
     reports: list[tuple[float, int, str]] = []

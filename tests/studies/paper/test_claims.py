@@ -366,6 +366,7 @@ def test_without_any_run_claims_on_printed_numbers_are_left() -> None:
         json.dumps(one.as_json(), allow_nan=False)
 
 
+@pytest.mark.slow
 def test_without_lammps_claims_are_read_from_the_reference(runs: Runs, scattered: list[ScatteredChains]) -> None:
     found = _all(without(runs, "lammps-granular", "adiabatic"), scattered)
     assert _outcomes(found) == EXPECTED

@@ -96,6 +96,7 @@ FAULTS: dict[str, tuple[Callable[[Runs], Runs], str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_planted_fault_disagrees_with_the_script(fault: str, runs: Runs, recomputed: dict[Key, float]) -> None:
     plant, name = FAULTS[fault]
