@@ -32,7 +32,7 @@ LAMMPS_SEEDS = SEEDS[::10]
     ("backend", "seeds", "fractions"),
     [
         pytest.param("verlet", SEEDS, (1 / 50,), id="verlet"),
-        pytest.param("verlet", SEEDS, (1 / 25, 1 / 100), marks=pytest.mark.slow, id="verlet, other steps"),
+        pytest.param("verlet", SEEDS, (1 / 25, 1 / 50, 1 / 100), marks=pytest.mark.slow, id="verlet, three steps"),
         pytest.param("lammps-granular", LAMMPS_SEEDS, (1 / 50,), marks=pytest.mark.lammps, id="lammps"),
         pytest.param(
             "lammps-granular", SEEDS, (1 / 50,), marks=[pytest.mark.lammps, pytest.mark.slow], id="lammps, all"
