@@ -117,7 +117,7 @@ def inline(svg: str, name: str, alt: str) -> str:
     """
     body = re.sub(r'\bid="', f'id="{name}-', svg.strip())
     body = re.sub(r'(href="|url\()#', rf"\1#{name}-", body)
-    body = re.sub(r"#[0-9a-f]{6}\b", lambda found: _themed(found[0]), body)
+    body = re.sub(r"#[0-9a-f]{6}\b", lambda match: _themed(match[0]), body)
     # CSS gives the picture its width: that of the figure on paper, more on a screen
     body = re.sub(r'width="([\d.]+)pt" height="[\d.]+pt"', r'style="--w: \1"', body, count=1)
     return body.replace("<svg", f'<svg role="img" aria-label="{escape(alt)}"', 1)
@@ -134,7 +134,7 @@ def _shortened(svg: str) -> str:
     svg = re.sub(r'<g id="[^"]*">', "<g>", svg)
     svg = re.sub(r' transform="rotate\(-?0 [^"]*"', "", svg)
     svg = re.sub(r" ?font-family: [^;\"]*;?", "", svg)  # the page has a font
-    svg = re.sub(r"data:image/png;base64,([^\"]*)", lambda found: data_uri(_compressed(found[1])), svg)
+    svg = re.sub(r"data:image/png;base64,([^\"]*)", lambda match: data_uri(_compressed(match[1])), svg)
     svg = re.sub(r"<g([^>]*)>\s*((?:<use [^>]*/>\s*)+)</g>", _of_group, svg)
     svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"\s*\n\s*| (?=[LCQMz])", "", path[0]), svg)
     svg = re.sub(r"\n\s*", "\n", svg)
@@ -142,13 +142,13 @@ def _shortened(svg: str) -> str:
     return re.sub(r"<[^>]*>", lambda tag: re.sub(r"(\d\.\d)\d+", r"\1", tag[0]), svg)
 
 
-def _of_group(found: re.Match[str]) -> str:
+def _of_group(match: re.Match[str]) -> str:
     """Return a group of markers with the style of all of them in one place, if it is the same."""
-    styles = set(re.findall(r' style="[^"]*"', found[2]))
+    styles = set(re.findall(r' style="[^"]*"', match[2]))
     if len(styles) != 1:
-        return found[0]
+        return match[0]
     style = styles.pop()
-    return f"<g{found[1]}{style}>\n{found[2].replace(style, '')}</g>"
+    return f"<g{match[1]}{style}>\n{match[2].replace(style, '')}</g>"
 
 
 def _compressed(base: str) -> bytes:

@@ -13,7 +13,7 @@ from dem_bridge.report.figures import body_noun, spacetime_panel
 from dem_bridge.scene import Scene
 from dem_bridge.studies.closed_form import closed_form
 from dem_bridge.studies.study import FigureData, Map, Panel, Series
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Floats, Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import REFERENCE, SCIPY, THEORY
 from dem_bridge.verification.verdict import Outcome
@@ -32,13 +32,11 @@ def motion(studies: Sequence[SceneStudy]) -> Figure | None:
         return None
     panels = [_velocities(study, run), _forces(study.scene, run)]
     scale = error_scale(study)
-    beside = scale is not None
-    if scale is not None:
-        panels.append(scale)
-    columns = 1 if beside else 2
-    return draw_figure(
-        FigureData(id="", title="", caption="", panels=tuple(panels), columns=columns, last_beside=beside)
-    )
+    if scale is None:
+        layout = FigureData(id="", title="", caption="", panels=tuple(panels), columns=2)
+    else:
+        layout = FigureData(id="", title="", caption="", panels=(*panels, scale), columns=1, last_beside=True)
+    return draw_figure(layout)
 
 
 def _velocities(study: SceneStudy, run: Trajectory) -> Panel:
@@ -48,15 +46,10 @@ def _velocities(study: SceneStudy, run: Trajectory) -> Panel:
         theory = study.run(THEORY)
         fronts = {} if theory is None else {THEORY: theory}
         return spacetime_panel(run, "Velocity", fronts=fronts, first=0 if scene.drive else 1, body=body_noun(scene))
-    series = [
-        Series(label=f"body {k}", style=f"line/{k}/{_FORMS[k % len(_FORMS)]}", x=1e3 * run.time, y=run.velocity[:, k])
-        for k in range(scene.n_body)
-    ]
+    series = _lines([f"body {k}" for k in range(scene.n_body)], run, run.velocity)
     exact = closed_form(scene)
     if exact is not None:
-        sign = -1.0 if scene.wall_left is not None else 1.0
-        speeds = [sign * v for v in exact.exit_velocity[: scene.n_body]]
-        series += [_level("closed form", run, speed) for speed in speeds]
+        series += [_level("closed form", run, speed) for speed in exact.exit_velocity[: scene.n_body]]
     return Panel(title="Velocity of the bodies", x_label="time (ms)", y_label="velocity (m/s)", series=tuple(series))
 
 
@@ -72,14 +65,18 @@ def _forces(scene: Scene, run: Trajectory) -> Panel:
         return Panel(title="Contact force", x_label="contact", y_label="time (ms)", map=forces)
     walls = [side for side in ("wall_left", "wall_right") if getattr(scene, side) is not None]
     names = [f"contact {k}" for k in range(count - len(walls))] + [name.replace("_", " ") for name in walls]
-    series = [
-        Series(label=name, style=f"line/{k}/{_FORMS[k % len(_FORMS)]}", x=1e3 * run.time, y=run.contact_force[:, k])
-        for k, name in enumerate(names)
-    ]
+    series = _lines(names, run, run.contact_force)
     exact = closed_form(scene)
     if exact is not None:
         series.append(_level("closed form", run, exact.peak_force))
     return Panel(title="Force of the contacts", x_label="time (ms)", y_label="force (N)", series=tuple(series))
+
+
+def _lines(names: Sequence[str], run: Trajectory, values: Floats) -> list[Series]:
+    """Return a line over time for each column of ``values``."""
+    styles = [f"line/{k}/{_FORMS[k % len(_FORMS)]}" for k in range(len(names))]
+    x, columns = 1e3 * run.time, values.T
+    return [Series(label=name, style=style, x=x, y=y) for name, style, y in zip(names, styles, columns, strict=True)]
 
 
 def _level(label: str, run: Trajectory, value: float) -> Series:
@@ -95,10 +92,10 @@ def error_scale(study: SceneStudy) -> Panel | None:
     y = np.arange(float(len(rows)))
     series = [Series(label="velocity error", style="mark-2", x=np.array(list(rows.values())), y=y)]
     tolerances = [v.tolerance for v in study.verdicts if (v.quantity, v.reference) == ("velocity", REFERENCE)]
-    known = [value for value in tolerances if value is not None and math.isfinite(value) and value > 0.0]
-    if known:
+    positive = [value for value in tolerances if value is not None and math.isfinite(value) and value > 0.0]
+    if positive:
         ends = np.array([-0.5, len(rows) - 0.5])
-        series.append(Series(label="tolerance", style="guide", x=np.full(2, max(known)), y=ends))
+        series.append(Series(label="tolerance", style="guide", x=np.full(2, max(positive)), y=ends))
     return Panel(
         title="Errors of velocity on one scale",
         x_label="error / largest velocity (1)",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,7 +24,7 @@ _ALLOWED = {"walls", "gaps"}
 def closed_form(scene: Scene) -> TwoBodyCollision | None:
     """Return the closed form of an elastic collision; None unless the scene is one and nothing else.
 
-    Velocities of a body and a wall on its left are those of the mirror image.
+    A body and a wall on its left are solved as their mirror image; exit velocities are those of the scene.
 
     Examples
     --------
@@ -40,12 +41,14 @@ def closed_form(scene: Scene) -> TwoBodyCollision | None:
     velocities = (sign * scene.velocity[0], 0.0 if with_wall else scene.velocity[1])
     if not velocities[0] > velocities[1]:
         return None
-    return two_body_collision(
+    collision = two_body_collision(
         masses=masses,
         velocities=velocities,
         stiffness=float(contacts.stiffness[0]),
         exponent=float(contacts.exponent[0]),
     )
+    first, second = collision.exit_velocity
+    return replace(collision, exit_velocity=(sign * first, sign * second))
 
 
 def closed_form_table(studies: Sequence[SceneStudy]) -> Table | None:
@@ -62,15 +65,14 @@ def _rows(study: SceneStudy) -> Iterator[tuple[str | float, ...]]:
     values = [[] if run is None else _values(study.scene, run) for run in runs]
     for nth, (name, value) in enumerate(_exact_values(study.scene, exact)):
         row: list[str | float] = [study.scene.name, name, value]
-        for found in values:
-            row += [found[nth], found[nth] - value] if found else [math.nan, math.nan]
+        for of_run in values:
+            row += [of_run[nth], of_run[nth] - value] if of_run else [math.nan, math.nan]
         yield tuple(row)
 
 
 def _exact_values(scene: Scene, exact: TwoBodyCollision) -> list[tuple[str, float]]:
     """Return the names and values of the closed form, in SI."""
-    wall_left = scene.wall_left is not None
-    speeds = [-v if wall_left else v for v in exact.exit_velocity[: scene.n_body]]
+    speeds = exact.exit_velocity[: scene.n_body]
     closing = abs(scene.velocity[0] - (scene.velocity[1] if scene.n_body == 2 else 0.0))
     touch = float(scene.contacts.gap[0]) / closing
     names = [f"velocity of body {k} at the end (m/s)" for k in range(scene.n_body)]

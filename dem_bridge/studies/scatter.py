@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Progress, Result, run_cases
@@ -26,12 +25,12 @@ from dem_bridge.scene_file.physical import scattered as turned_by_chance
 from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table, check_setting
 from dem_bridge.studies.texts import Texts
 from dem_bridge.sweep import table_of
+from dem_bridge.trajectory import Floats
 from dem_bridge.verification.roles import REFERENCE
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Floats = NDArray[np.float64]
 TEXTS = Texts("scatter")
 #: smallest angle between neighbours, degrees: at 0 the contact is a line
 LEAST_ANGLE = 0.05

@@ -16,16 +16,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.notebook import study_html
+from dem_bridge.trajectory import Floats
 from dem_bridge.verification.verdict import Outcome, Verdict, exit_code, plain
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-Floats = NDArray[np.float64]
 #: the module that writes the files of a study
 REPORT = "dem_bridge.report.page"
 

@@ -18,7 +18,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.accuracy import ObservedOrder, observed_order
 from dem_bridge.backends.steps import order_on
@@ -32,8 +31,6 @@ from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, Trajectory
 from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, engine_for
 from dem_bridge.verification.verdict import Outcome, Verdict, judge, judge_relative, numerical_verdict
-
-Floats = NDArray[np.float64]
 
 #: permissible deviation of the observed order from 2, and from 1 where forces depend on velocities
 ORDER_TOLERANCE = {2: 0.05, 1: 0.1}

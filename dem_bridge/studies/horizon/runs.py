@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.backends.twin import solve_dense
 from dem_bridge.campaign import Progress
@@ -16,12 +15,11 @@ from dem_bridge.dense import Schedule
 from dem_bridge.observables.conserved import energy_parts, work
 from dem_bridge.observables.drift import BLOCKS, Drift, drift_of, swing_of
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Floats, Trajectory
 from dem_bridge.uncertainty.family import TwinFamily
 from dem_bridge.uncertainty.fixed_step import REALISATIONS, last_digit, step_safety
 from dem_bridge.uncertainty.replicas import LEAST, REFERENCE
 
-Floats = NDArray[np.float64]
 #: velocities whose bar is this share of the largest are no longer known
 KNOWN = 0.01
 #: steps between two reports of a long run

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from dem_bridge.studies.horizon.runs import KNOWN, Floats, Found, LongRun, horizon_of
+from dem_bridge.studies.horizon.runs import KNOWN, Found, LongRun, horizon_of
 from dem_bridge.studies.horizon.verdicts import independent_from
 from dem_bridge.studies.study import FigureData, Series, Table
 from dem_bridge.studies.texts import Texts, verdict_table
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Floats, Trajectory
 from dem_bridge.verification.roles import REFERENCE, TWIN
 from dem_bridge.verification.verdict import Outcome, Verdict
 

@@ -9,9 +9,9 @@ import numpy as np
 from dem_bridge.observables.conserved import energy, energy_parts, momentum, work
 from dem_bridge.observables.drift import BLOCKS
 from dem_bridge.scene import Scene
-from dem_bridge.studies.horizon.runs import KNOWN, Floats, Found, Trust
+from dem_bridge.studies.horizon.runs import KNOWN, Found, Trust
 from dem_bridge.studies.texts import Texts
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Floats, Trajectory
 from dem_bridge.verification.roles import REFERENCE, TWIN
 from dem_bridge.verification.verdict import Outcome, Verdict, judge, judge_relative
 

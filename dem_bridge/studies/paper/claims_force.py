@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.observables.errors import reduced
 from dem_bridge.observables.fits import Slope, force_exponent, log_velocity_slope
@@ -30,10 +29,10 @@ from dem_bridge.studies.paper.measures import THEORIES, Measure
 from dem_bridge.studies.paper.runs import ACCELERATING, COARSE, DECELERATING, GRADIENTS, JUDGES, LONG, Runs
 from dem_bridge.studies.paper.texts import CLAIMS
 from dem_bridge.studies.study import Claim, ClaimValue
+from dem_bridge.trajectory import Floats
 from dem_bridge.verification.roles import REFERENCE, engine_for
 from dem_bridge.verification.verdict import Outcome
 
-Floats = NDArray[np.float64]
 #: relative deviation of an exponent up to which the agreement is remarkable
 REMARKABLE = 0.02
 #: limits of the change of ln(peak velocity) per sphere: clearly positive where masses fall, negative where they rise

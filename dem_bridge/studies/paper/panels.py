@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.errors import UsageError
@@ -16,9 +15,8 @@ from dem_bridge.observables.spectrum import Cascade, Spectrum, cascade, frequenc
 from dem_bridge.scene import Scene
 from dem_bridge.studies.paper.measures import THEORIES
 from dem_bridge.studies.study import Map, Panel, Series
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory import Floats, Trajectory
 
-Floats = NDArray[np.float64]
 #: gamma and V_out/V_in by each backend
 Ratios = Sequence[tuple[float, Mapping[str, float]]]
 
