@@ -20,6 +20,7 @@ from packaging.specifiers import SpecifierSet
 
 from dem_bridge.errors import DemBridgeError
 from dem_bridge.lmp.engine import STYLES, Engine
+from dem_bridge.lmp.known_defects import KnownDefect, defects_of
 from dem_bridge.lmp.process import probe, require, run_deck, workspace
 
 #: free space that a run needs, bytes; a run of the paper's chains writes 15 MB
@@ -41,6 +42,8 @@ class Finding:
     """What to do about the fault; '' without a fault."""
     needed: bool = True
     """True if a run with default settings needs it."""
+    defect: bool = False
+    """True for a known defect of LAMMPS, which the remedy avoids."""
 
     @property
     def fine(self) -> bool:
@@ -48,7 +51,7 @@ class Finding:
         return not self.remedy
 
     def __str__(self) -> str:
-        word = "ok" if self.fine else "MISSING" if self.needed else "absent"
+        word = "ok" if self.fine else "MISSING" if self.needed else "DEFECT" if self.defect else "absent"
         line = f"{word:8}{self.name:14}{self.state}"
         return line + (f"; {self.remedy}" if self.remedy else "")
 
@@ -120,6 +123,7 @@ def _engine(engine: Engine) -> Iterator[Finding]:
             else "",
             needed=needed,
         )
+    yield from map(_defect, defects_of(build.version))
     if engine.lmp is None:
         yield Finding(name="libmpi", state=build.libmpi or "LAMMPS was built without MPI", needed=False)
     try:
@@ -129,6 +133,12 @@ def _engine(engine: Engine) -> Iterator[Finding]:
         yield _fault("smallest run", error)
     else:
         yield Finding(name="smallest run", state=f"completed by {engine.label}")
+
+
+def _defect(defect: KnownDefect) -> Finding:
+    """Return the finding of a known defect of the release."""
+    state = f"{defect.name}: {defect.symptom} ({defect.size}; {defect.upstream})"
+    return Finding(name="known defect", state=state, remedy=f"write {defect.instead}", needed=False, defect=True)
 
 
 def ranks(engine: Engine) -> Finding:

@@ -17,6 +17,8 @@ from dem_bridge.cli import main
 from dem_bridge.doctor import Finding
 from dem_bridge.lmp import process
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.lmp.known_defects import defects_of
+from dem_bridge.lmp.process import probe
 
 NEEDED = {"python", "packages", "LAMMPS", "styles", "smallest run", "temp folder"}
 
@@ -69,14 +71,19 @@ def _lammps(engine: Engine) -> Finding:
 def test_all_is_well_where_the_other_tests_run() -> None:
     done = CliRunner().invoke(main, ["doctor", "--json"])
     assert (done.exit_code, done.stderr) == (0, "")
-    found = {one["name"]: one for one in json.loads(done.stdout)}
-    assert {name for name, one in found.items() if one["needed"]} == NEEDED
-    assert [one for one in found.values() if not one["fine"]] == []
+    findings = json.loads(done.stdout)
+    assert {one["name"] for one in findings if one["needed"]} == NEEDED
+    # the pinned release has known defects, and nothing else is wrong
+    defects = [one["state"].split(":")[0] for one in findings if not one["fine"] and one["name"] == "known defect"]
+    assert defects == [defect.name for defect in defects_of(probe(Engine()).version)]
+    assert "tsuji-prefactor" in defects
+    assert [one for one in findings if not one["fine"] and one["name"] != "known defect"] == []
+    found = {one["name"]: one for one in findings}
     assert found["ranks"]["state"].startswith("2 ranks by ")
     assert "libmpi" in found["libmpi"]["state"]
     plain = CliRunner().invoke(main, ["doctor"])
     assert plain.exit_code == 0
-    assert len(plain.stdout.splitlines()) == len(found)
+    assert len(plain.stdout.splitlines()) == len(findings)
     assert "MISSING" not in plain.stdout
 
 

@@ -98,7 +98,7 @@ class LammpsGranular:
         settings = {"dt": plan.step, "samples": plan.samples, "surrogate_radius": deck.surrogate_radius}
         run = read_off(self, scene, plan, dense, settings, watch=watch, evaluations=plan.steps + 1)
         provenance: dict[str, Any] = {
-            "lammps": engine_certificate(self.engine, report, scene),
+            "lammps": engine_certificate(self.engine, report, scene, deck),
             "engine_wall": report.wall,
             "engine_loop": report.loop,
             "engine_memory": report.memory,

@@ -20,6 +20,7 @@ from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.coefficients import line_order
 from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.lmp.known_defects import defects_of
 from dem_bridge.lmp.process import EngineReport
 from dem_bridge.scene import Scene
 
@@ -107,13 +108,16 @@ def dump_size(deck: Deck) -> int:
     return frame * len(deck.schedule.dense_steps)
 
 
-def engine_certificate(engine: Engine, report: EngineReport, scene: Scene) -> dict[str, Any]:
-    """Return the provenance of the engine: which LAMMPS ran, and how; JSON-able."""
-    note = engine.note(scene.n_body)
+def engine_certificate(engine: Engine, report: EngineReport, scene: Scene, deck: Deck) -> dict[str, Any]:
+    """Return the provenance of the engine: which LAMMPS ran, how, and the known defects that the deck met."""
+    defects = defects_of(report.version, deck.files[deck.input_file])
+    note = "; ".join(filter(None, (engine.note(scene.n_body), *map(str, defects))))
     return {
         "version": report.version,
         "packages": list(report.packages),
         "build": list(report.build),
         "run_by": engine.label,
         "ranks": report.ranks,
-    } | ({"note": note} if note else {})
+        **({"known_defects": [defect.name for defect in defects]} if defects else {}),
+        **({"note": note} if note else {}),
+    }

@@ -117,6 +117,7 @@ def verify(
     folder: Path,
     json_file: Path | None = None,
     junit_file: Path | None = None,
+    known_defects: str = "fail",
     **settings: Any,
 ) -> None:
     """Verify scenes and write a report.
@@ -141,7 +142,7 @@ def verify(
     click.echo(f"report: {folder / 'index.html'}")
     if bundle := settings.get("bundle"):
         click.echo(f"bundle: {bundle}; repeat the runs with: sh {bundle / 'replay.sh'}")
-    sys.exit(verification.exit_code)
+    sys.exit(verification.exit_code_with(known_defects))
 
 
 @with_options("plan")

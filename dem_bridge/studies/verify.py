@@ -26,6 +26,7 @@ from dem_bridge.studies.verification import TEXTS, Verification, verification_of
 from dem_bridge.uncertainty.step_choice import step_for_accuracy
 from dem_bridge.verification import checks
 from dem_bridge.verification.assess import SceneStudy, assess_scene
+from dem_bridge.verification.defects import named_failures
 from dem_bridge.verification.roles import REFERENCE, Runs, assign_roles, engine_for, list_cases
 from dem_bridge.verification.verdict import Outcome
 
@@ -93,7 +94,9 @@ class ScenePlan:
 
         keys = [result.key for result in filled]
         judged = recall(store, "assessment", keys, judge, scenes=[self.scene], accuracy=self.accuracy)
-        return SceneStudy(scene=self.scene, runs=filled, others=tuple(results[count:]), **judged)
+        study = SceneStudy(scene=self.scene, runs=filled, others=tuple(results[count:]), **judged)
+        named = named_failures(self.scene, study.engine, study.run(study.engine), study.verdicts)
+        return replace(study, verdicts=tuple(named))
 
 
 def plan_scene(

@@ -57,6 +57,8 @@ class Verdict:
     """(time in s, body) where velocities first differ by more than the tolerance."""
     meaning: str = ""
     """What the difference consists of: round-off, time step, model, ..."""
+    known_defect: str = ""
+    """Names of the known defects of the LAMMPS release that explain a failure; '' if there is none."""
 
     @classmethod
     def of(cls, compared: Difference, **fields: Any) -> Verdict:
@@ -65,8 +67,8 @@ class Verdict:
         return cls(difference=compared.value, **{name: getattr(compared, name) for name in shared} | fields)
 
     def as_json(self) -> dict[str, Any]:
-        """JSON-able, see :func:`plain`."""
-        return {key: plain(value) for key, value in asdict(self).items()}
+        """JSON-able, see :func:`plain`; ``known_defect`` is left out where it is empty."""
+        return {key: plain(value) for key, value in asdict(self).items() if key != "known_defect" or value}
 
 
 def judge(difference: float, bar: float, tolerance: float) -> Outcome:

@@ -1,0 +1,76 @@
+"""Known defects of LAMMPS releases: results that are wrong without a message, from ``known_defects.toml``."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+_FILE = Path(__file__).with_name("known_defects.toml")
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownDefect:
+    """One defect of some LAMMPS releases, and what to write in a deck instead."""
+
+    name: str
+    first: int
+    """Oldest release in which the defect was measured, such as 20250722."""
+    last: int
+    """Newest release that has the defect; 0 if no release without it was measured."""
+    deck: str
+    """Regular expression for the line of a deck that meets the defect."""
+    symptom: str
+    size: str
+    instead: str
+    """Words of a deck that avoid the defect."""
+    upstream: str
+    """Pull request or issue of LAMMPS."""
+
+    def affects(self, version: int) -> bool:
+        """Return True if a release, such as 20250722, has the defect."""
+        return self.first <= version and (self.last == 0 or version <= self.last)
+
+    def met_by(self, deck: str) -> bool:
+        """Return True if a line of the deck, without its comment, meets the defect."""
+        return any(re.search(self.deck, line) for line in _commands(deck))
+
+    def __str__(self) -> str:
+        return f"known defect {self.name}: {self.symptom} ({self.size}); write {self.instead}; see {self.upstream}"
+
+
+@cache
+def known_defects() -> tuple[KnownDefect, ...]:
+    """Return all known defects, in the order of the file."""
+    entries = tomllib.loads(_FILE.read_text(encoding="utf-8"))["defect"]
+    return tuple(KnownDefect(**entry) for entry in entries)
+
+
+def defects_of(version: int, deck: str | None = None) -> tuple[KnownDefect, ...]:
+    """Return the known defects of a release, or those of them that a deck meets.
+
+    Parameters
+    ----------
+    version : int
+        Release as LAMMPS counts, such as 20250722.
+    deck : str, optional
+        Text of a deck. None: all defects of the release.
+
+    Returns
+    -------
+    tuple of KnownDefect
+
+    Examples
+    --------
+    >>> [defect.name for defect in defects_of(20250722, "pair_coeff 1 1 hertz 1e9 0.5 tangential none damping tsuji")]
+    ['tsuji-prefactor']
+    """
+    return tuple(item for item in known_defects() if item.affects(version) and (deck is None or item.met_by(deck)))
+
+
+def _commands(deck: str) -> list[str]:
+    """Return the commands of a deck without comments, continued lines joined."""
+    joined = re.sub(r"&[ \t]*\n", " ", deck)
+    return [line.split("#", 1)[0] + " " for line in joined.splitlines()]

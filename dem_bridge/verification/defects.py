@@ -1,0 +1,45 @@
+"""Name the failures of LAMMPS that known defects of its release explain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+from dem_bridge.lmp.known_defects import known_defects
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
+from dem_bridge.verification.verdict import Outcome, Verdict
+
+
+def named_failures(scene: Scene, engine: str, run: Trajectory | None, verdicts: Iterable[Verdict]) -> Iterator[Verdict]:
+    """Yield the verdicts, each failure of LAMMPS with the known defects that the deck of its run meets.
+
+    A defect that the deck meets and that no verdict shows has a verdict that says so.
+
+    Parameters
+    ----------
+    scene : Scene
+    engine : str
+        Backend that is LAMMPS.
+    run : Trajectory or None
+        Its run; None if it failed.
+    verdicts : iterable of Verdict
+        The verdicts on the scene.
+    """
+    names = [] if run is None else run.provenance["lammps"].get("known_defects", [])
+    met = [item for item in known_defects() if item.name in names]
+    named, shown = ", ".join(item.name for item in met), False
+    for verdict in verdicts:
+        if met and verdict.backend == engine and verdict.outcome is Outcome.FAIL:
+            shown, sentence = True, f"{'; '.join(map(str, met))}: {verdict.sentence}"
+            verdict = replace(verdict, known_defect=named, sentence=sentence[0].upper() + sentence[1:])
+        yield verdict
+    if met and not shown:
+        yield Verdict(
+            scene=scene.name,
+            quantity="known defect",
+            backend=engine,
+            reference="",
+            outcome=Outcome.PASS,
+            sentence=f"No result of {engine} shows the known defect {named}, although the deck meets it.",
+        )
