@@ -173,6 +173,8 @@ STYLES = {
     "pair granular": "GRANULAR",
     "pair gran/hertz/history": "GRANULAR",
     "fix wall/gran": "GRANULAR",
+    "fix wall/gran/region": "GRANULAR",
+    "fix freeze": "GRANULAR",
     "pair table": "",
     "fix addforce": "",
     "fix langevin": "",

@@ -21,7 +21,7 @@ class KnownDefect:
     last: int
     """Newest release that has the defect; 0 if no release without it was measured."""
     deck: str
-    """Regular expression for the line of a deck that meets the defect."""
+    """Regular expression for the lines of a deck that meet the defect."""
     symptom: str
     size: str
     instead: str
@@ -34,8 +34,9 @@ class KnownDefect:
         return self.first <= version and (self.last == 0 or version <= self.last)
 
     def met_by(self, deck: str) -> bool:
-        """Return True if a line of the deck, without its comment, meets the defect."""
-        return any(re.search(self.deck, line) for line in _commands(deck))
+        """Return True if the deck, without its comments, meets the defect."""
+        commands = re.sub(r"&[ \t]*\n", " ", re.sub(r"#.*", "", deck))
+        return re.search(self.deck, commands + "\n", re.MULTILINE) is not None
 
     def __str__(self) -> str:
         return f"known defect {self.name}: {self.symptom} ({self.size}); write {self.instead}; see {self.upstream}"
@@ -68,9 +69,3 @@ def defects_of(version: int, deck: str | None = None) -> tuple[KnownDefect, ...]
     ['tsuji-prefactor']
     """
     return tuple(item for item in known_defects() if item.affects(version) and (deck is None or item.met_by(deck)))
-
-
-def _commands(deck: str) -> list[str]:
-    """Return the commands of a deck without comments, continued lines joined."""
-    joined = re.sub(r"&[ \t]*\n", " ", deck)
-    return [line.split("#", 1)[0] + " " for line in joined.splitlines()]

@@ -6,6 +6,7 @@ variant cannot express the scene. Formulas: LAMMPS manual, *pair_style gran/hert
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,6 +21,11 @@ from dem_bridge.lmp.deck import Deck
 from dem_bridge.lmp.radii import encoded_radii
 from dem_bridge.scene import Scene
 
+#: classic styles of walls -> exponent n
+CLASSIC = MappingProxyType({"hooke": 2.0, "hooke/history": 2.0, "hertz/history": 2.5})
+#: gamma_n of undamped classic walls, 1/s or 1/(m s); with 0 many releases give nan (undamped-classic-wall)
+SMALLEST_GAMMA = 1e-300
+_NO_WALL = "the scene has no wall, which this variant requires"
 #: row of an atom in the data file: id, type, diameter, density, x
 _ATOM = re.compile(r"^(\d+) (\d+) (\S+) (\S+) (\S+) 0 0$", re.MULTILINE)
 
@@ -66,13 +72,43 @@ def with_restart(deck: Deck, *, after: str = "") -> Deck:
     return replace(_changed(deck, {deck.input_file: "\n".join(text) + "\n"}), more_dumps=(dump,))
 
 
-def flat_walls(deck: Deck, scene: Scene) -> Deck:
+def frozen_walls(deck: Deck, scene: Scene) -> Deck:
+    """Return the deck with ``fix freeze`` for the bodies that are its walls, which gives them an infinite mass.
+
+    Their force in the dump, which the fix sets to zero, is the reaction again.
+    """
+    if scene.wall_left is None and scene.wall_right is None:
+        raise UnsupportedScene(_NO_WALL)
+    if scene.damping is not None and scene.damping.law != "dashpot":
+        raise UnsupportedScene("the pair coefficients of the deck have the effective mass of walls without fix freeze")
+    lines = (
+        "fix             before walls store/force",
+        "fix             frozen walls freeze",
+        "variable        reaction atom f_before[1]",
+        "fix             reaction walls addforce v_reaction 0 0",
+        "timestep ",
+    )
+    return _changed(deck, {deck.input_file: _once(r"^timestep ", "\n".join(lines), deck.files[deck.input_file])})
+
+
+def flat_walls(deck: Deck, scene: Scene, *, style: str = "granular", region: bool = False) -> Deck:
     """Return the deck with planes of ``fix wall/gran`` as walls, with K = beta / sqrt(R) because R_eff = R for a plane.
 
     The frozen bodies remain as markers that nothing touches; their force in the dump is the reaction of their plane.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+    scene : Scene
+        Its scene.
+    style : str
+        "granular", or one of :data:`CLASSIC`.
+    region : bool
+        Whether the plane is a region of ``fix wall/gran/region``.
     """
     if scene.wall_left is None and scene.wall_right is None:
-        raise UnsupportedScene("the scene has no wall, which this variant requires")
+        raise UnsupportedScene(_NO_WALL)
     data, mark = f"data.{deck.name}", deck.types + 1
     last = len(deck.line)
     walls = [("left", 1, len(scene.stiffness))] if scene.wall_left is not None else []
@@ -89,10 +125,13 @@ def flat_walls(deck: Deck, scene: Scene) -> Deck:
     for side, atom, contact in walls:
         inward = 1.0 if side == "left" else -1.0
         plane = float(deck.line[atom - 1]) + inward * deck.surrogate_radius
-        ends = f"{plane!r} NULL" if side == "left" else f"NULL {plane!r}"
+        law = _flat_law(scene, contact, deck.surrogate_radius, style)
+        where = f"xplane {f'{plane!r} NULL' if side == 'left' else f'NULL {plane!r}'}"
+        if region:
+            lines.append(f"region          plane_{side} plane {plane!r} 0 0 {inward:g} 0 0")
+            where = f"region plane_{side}"
         lines += [
-            f"fix             {side} bodies wall/gran granular {_flat_law(scene, contact, deck.surrogate_radius)}"
-            f" xplane {ends} contacts",
+            f"fix             {side} bodies wall/gran{'/region' * region} {style} {law} {where} contacts",
             f"compute         push_{side} bodies reduce sum f_{side}[2]",
             f"variable        reaction_{side} equal -c_push_{side}",
             f"group           mark_{side} id {atom}",
@@ -106,14 +145,24 @@ def flat_walls(deck: Deck, scene: Scene) -> Deck:
     return replace(_changed(deck, {deck.input_file: text, data: rows}), types=mark)
 
 
-def _flat_law(scene: Scene, contact: int, radius: float) -> str:
+def _flat_law(scene: Scene, contact: int, radius: float, style: str) -> str:
     """Return the law of a body of ``radius`` (m) on a plane: R_eff = R and m_eff = m."""
     c = scene.contacts
     body = min(int(c.left[contact]), int(c.right[contact]))
     body = body if body < scene.n_body else int(c.right[contact])
+    mass = float(scene.mass[body])
     beta, n, eta, power = (float(column[contact]) for column in (c.stiffness, c.exponent, c.damping, c.damping_power))
-    eta = eta / scene.mass[body] if power > 0.0 else eta
-    return coefficients(beta, n, eta, radius, viscoelastic=eta > 0.0 and power > 0.0, clipped=scene.damped)
+    if style == "granular":
+        eta = eta / mass if power > 0.0 else eta
+        return coefficients(beta, n, eta, radius, viscoelastic=eta > 0.0 and power > 0.0, clipped=scene.damped)
+    if n != CLASSIC[style]:
+        raise UnsupportedScene(f"a wall {style} has n = {CLASSIC[style]} only")
+    if eta > 0.0 and power != n - 2.0:
+        raise UnsupportedScene(f"a wall {style} has no dashpot whose coefficient is constant")
+    # the force of hertz/history is sqrt(R overlap) (Kn overlap + m gamma overlap'), that of hooke the bracket alone
+    root = math.sqrt(radius) if n == 2.5 else 1.0
+    gamma = eta / (mass * root) or SMALLEST_GAMMA
+    return f"{beta / root!r} NULL {gamma!r} NULL 0 0{' limit_damping' * scene.damped}"
 
 
 def hertz_history(deck: Deck, scene: Scene, peak_overlap: NDArray[np.float64]) -> Deck:

@@ -28,7 +28,7 @@ from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import require
-from dem_bridge.lmp.variants import flat_walls, hertz_history, newton_off, with_restart
+from dem_bridge.lmp.variants import CLASSIC, flat_walls, frozen_walls, hertz_history, newton_off, with_restart
 from dem_bridge.progress import listening
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import FigureData, Series, Study
@@ -128,6 +128,10 @@ def _table(style: str) -> Way:
     )
 
 
+def _planes(**settings: Any) -> Callable[[Base], Deck]:
+    return lambda base: flat_walls(base.deck, base.scene, **settings)
+
+
 _OMP: dict[str, Any] = {"package": "OPENMP", "suffix": "omp", "arguments": ("-sf", "omp", "-pk", "omp", "2")}
 _KOKKOS: dict[str, Any] = {"package": "KOKKOS", "suffix": "kk", "arguments": ("-k", "on", "-sf", "kk")}
 _HISTORY: dict[str, Any] = {
@@ -139,7 +143,13 @@ WAYS = (
     Way(name="granular, types per body", deck=lambda base: base.of(types="per-body")),
     Way(name="granular, newton off", deck=lambda base: newton_off(base.deck)),
     Way(name="granular, restart halfway", deck=lambda base: with_restart(base.deck), changes=Base.restart_error),
-    Way(name="granular, fix wall/gran", deck=lambda base: flat_walls(base.deck, base.scene), style="fix wall/gran"),
+    Way(name="granular, fix wall/gran", deck=_planes(), style="fix wall/gran"),
+    Way(name="granular, fix wall/gran/region", deck=_planes(region=True), style="fix wall/gran/region"),
+    *(
+        Way(name=f"granular, fix wall/gran {style}", deck=_planes(style=style), style="fix wall/gran")
+        for style in CLASSIC
+    ),
+    Way(name="granular, fix freeze", deck=lambda base: frozen_walls(base.deck, base.scene), style="fix freeze"),
     Way(name="granular, 2 ranks", ranks=2),
     Way(name="granular, opt", package="OPT", suffix="opt", arguments=("-sf", "opt")),
     Way(name="granular, omp", **_OMP),

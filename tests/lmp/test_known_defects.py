@@ -32,7 +32,7 @@ DECKS = {
         "pair_coeff * * hertz/material 7e10 0 0.33 tangential linear_nohistory 0 0 damping coeff_restitution",
         "pair_coeff * * hertz/material 7e10 0.5 0.33 tangential linear_nohistory 0 0 damping coeff_restitution",
     ),
-    "restart-neighbour-cutoff": ("  read_restart a.restart", "write_restart a.restart"),
+    "restart-neighbour-cutoff": ("  read_restart a.restart", "read_restart a.restart\npair_style granular"),
     "grazing-wall-energy": (
         "fix w all wall/gran hooke/history 1e6 NULL 4 NULL 0.5 0 xplane 0 NULL",
         "fix w all wall/gran hooke/history 1e6 NULL 4 NULL 0 1 xplane 0 NULL",

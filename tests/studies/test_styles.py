@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 from dem_bridge.cli import main
 from dem_bridge.errors import BackendUnavailable, UnsupportedScene
+from dem_bridge.lmp import variants
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.variants import flat_walls, newton_off, with_restart
@@ -114,6 +115,46 @@ def test_a_suffix_says_what_it_found(held: tuple[Row, ...]) -> None:
             or f"no {'OPT' if suffix == 'opt' else 'OPENMP'}" in row.reason
         )
     assert "plain" not in _row(held, "gran/hertz/history, omp").reason
+
+
+SPRINGS = replace(DASHED, name="springs", exponent=2.0, stiffness=(4e6, 5e6), duration=1e-3, damping=None,
+    wall_left=Wall(stiffness=6e6, gap=1e-6), wall_right=Wall(stiffness=7e6, gap=1e-7))  # fmt: skip
+DAMPED_SPRINGS = replace(SPRINGS, name="damped-springs", damping=Damping(law="dashpot", coefficient=5.0))
+#: scene -> styles of walls that can express it
+WALLS = {
+    HELD: ("/region", " hertz/history"),
+    DAMPED: ("/region", " hertz/history"),
+    DASHED: ("/region",),
+    SPRINGS: ("/region", " hooke", " hooke/history"),
+    DAMPED_SPRINGS: ("/region", " hooke", " hooke/history"),
+}
+
+
+@pytest.mark.parametrize("scene", WALLS, ids=lambda scene: scene.name)
+def test_one_scene_with_walls_of_every_style_has_one_answer(scene: Scene) -> None:
+    planes = [f"granular, fix wall/gran{style}" for style in WALLS[scene]]
+    ways = [*planes, *(["granular, fix freeze"] if scene is not DAMPED else [])]
+    for row in _rows(scene, BASE, *(OF[way] for way in ways)):
+        assert row.outcome is Outcome.PASS, row
+        assert row.differences["velocity"].value < 1e-11
+    others = [way for way in OF if "fix " in way and way not in (*ways, "granular, fix wall/gran")]
+    for row in _rows(scene, *(OF[way] for way in others)):
+        assert row.outcome is Outcome.NOT_RUN, row
+        assert re.search("has n = 2.* only|no dashpot|effective mass", row.reason)
+
+
+def test_an_undamped_classic_wall_of_the_pinned_release_is_nan(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(variants, "SMALLEST_GAMMA", 0.0)
+    (row,) = _rows(HELD, OF["granular, fix wall/gran hertz/history"])
+    assert row.outcome is Outcome.BROKEN
+    assert re.search("nan|not finite", row.reason)
+
+
+def test_a_plane_with_the_radius_of_a_pair_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    law = variants._flat_law
+    monkeypatch.setattr(variants, "_flat_law", lambda scene, at, radius, style: law(scene, at, 0.5 * radius, style))
+    for row in _rows(HELD, *(OF[f"granular, fix wall/gran{style}"] for style in WALLS[HELD])):
+        assert row.outcome is Outcome.FAIL, row
 
 
 @pytest.mark.parametrize("scene", [DAMPED, DASHED], ids=lambda scene: scene.name)
