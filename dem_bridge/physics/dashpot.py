@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dem_bridge.physics.valid import above, number
+from dem_bridge.physics.valid import above, not_negative, number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,18 +95,14 @@ def dashpot_collision(
     reduced = m1 / (1.0 + m1 / m2)
     frequency = math.sqrt(beta / reduced)
     ratio = c / (2.0 * math.sqrt(beta * reduced))
-    slowness = _angle_over_sine(ratio)
-    end = math.exp(-2.0 * ratio * slowness)  # speed when the net force is zero, over the speed of approach
-    push = 2.0 * slowness / frequency
+    end = linear_restitution(damping_ratio=ratio, clipped=True)  # speed when the net force is zero, over that before
+    push = 2.0 * _angle_over_sine(ratio) / frequency
+    restitution = linear_restitution(damping_ratio=ratio, clipped=clipped)
     if clipped:
-        restitution = end
         # then the bodies separate at constant speed; the remaining overlap is 2 zeta e v / omega_0
         contact = push + 2.0 * ratio / frequency
-    elif ratio < 1.0:
-        sine = math.sqrt((1.0 - ratio) * (1.0 + ratio))
-        restitution, contact = math.exp(-math.pi * ratio / sine), math.pi / (frequency * sine)
     else:
-        restitution, contact = 0.0, math.inf
+        contact = math.pi / (frequency * math.sqrt((1.0 - ratio) * (1.0 + ratio))) if ratio < 1.0 else math.inf
     impulse = reduced * (1.0 + restitution) * closing
     return DashpotCollision(
         damping_ratio=ratio,
@@ -118,6 +114,46 @@ def dashpot_collision(
         push_time=push,
         contact_time=contact,
     )
+
+
+def linear_restitution(*, damping_ratio: float, clipped: bool) -> float:
+    """Return the restitution of the impact on a linear spring with a dashpot.
+
+    Parameters
+    ----------
+    damping_ratio : float
+        zeta = b / w_0, >= 0, with ``b = c / 2m`` and ``w_0 = sqrt(k / m)``.
+    clipped : bool
+        True if the net force is clipped at zero; otherwise the contact pulls until the overlap is zero.
+
+    Returns
+    -------
+    float
+        Speed of separation over speed of approach; 0 where the bodies stick.
+
+    Raises
+    ------
+    ValueError
+        If ``damping_ratio`` is not a number >= 0.
+
+    References
+    ----------
+    Schwager & Poeschel (2007), *Granul. Matter* 9, 465, whose three branches are one function here.
+
+    Examples
+    --------
+    >>> for ratio in (0.2, 0.8, 1.0, 1.5):
+    ...     pulling, clipped = (linear_restitution(damping_ratio=ratio, clipped=clipped) for clipped in (False, True))
+    ...     print(f"{ratio} {pulling:.6f} {clipped:.6f}")
+    0.2 0.526621 0.571740
+    0.8 0.015165 0.179783
+    1.0 0.000000 0.135335
+    1.5 0.000000 0.075588
+    """
+    ratio = not_negative("damping_ratio", damping_ratio, "b / w_0")
+    if clipped:
+        return math.exp(-2.0 * ratio * _angle_over_sine(ratio))
+    return math.exp(-math.pi * ratio / math.sqrt((1.0 - ratio) * (1.0 + ratio))) if ratio < 1.0 else 0.0
 
 
 def _angle_over_sine(ratio: float) -> float:

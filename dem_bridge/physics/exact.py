@@ -1,21 +1,31 @@
 """Exact solutions that need no time stepping, with uniform signatures.
 
-Every function takes SI numbers by keyword, returns a frozen dataclass, and raises a ValueError of one line for
+Every solution takes SI numbers by keyword, returns a frozen dataclass, and raises a ValueError of one line for
 parameters outside its validity. Two bodies with ``F = beta overlap^(n-1)`` are a one-dimensional motion in a power-law
 well, whose duration is a quotient of Gamma functions (Deresiewicz 1968, *Acta Mech.* 6, 110; for the residence time
 Machado, Rosas & Lindenberg 2013, *Granul. Matter* 15, 735 = the paper's eq. 3.3).
 
-===========================  ==============================================================  =======================
-solution                     system                                                          valid for
-===========================  ==============================================================  =======================
-:func:`two_body_collision`   two free bodies, elastic                                        n > 1, any masses
-:func:`wall_rebound`         a body on a rigid wall                                          n > 1
-:func:`equal_mass_transfer`  two equal bodies                                                n > 1
-:func:`dashpot_collision`    two bodies or a wall, spring and dashpot, clipped or not        n = 2
-:func:`solitary_wave`        a uniform chain that just touches                               2.00001 <= n <= 50
-:func:`dispersion`           small oscillations of a precompressed chain                     n > 1, no contact opens
-:func:`scaling`              any chain without gaps, under another speed, stiffness or mass  n > 1
-===========================  ==============================================================  =======================
+===========================  =================================================================  =======================
+solution                     system                                                             valid for
+===========================  =================================================================  =======================
+:func:`two_body_collision`   two free bodies, elastic                                           n > 1, any masses
+:func:`wall_rebound`         a body on a rigid wall                                             n > 1
+:func:`equal_mass_transfer`  two equal bodies                                                   n > 1
+:func:`dashpot_collision`    two bodies or a wall, spring and dashpot, clipped or not           n = 2
+:func:`viscoelastic_impact`  viscoelastic spheres, clipped or not: a series with its remainder  n = 5/2, e above 0.1
+:func:`dmt_impact`           spheres with adhesion, DMT                                         n = 5/2
+:func:`jkr_impact`           spheres with adhesion, JKR                                         n = 5/2
+:func:`linear_drop`          a dropped sphere, spring and dashpot, gravity                      n = 2, under-damped
+:func:`linear_stack`         spheres between two walls, springs and dashpots, gravity           n = 2, no contact opens
+:func:`solitary_wave`        a uniform chain that just touches                                  2.00001 <= n <= 50
+:func:`dispersion`           small oscillations of a precompressed chain                        n > 1, no contact opens
+:func:`scaling`              any chain without gaps, under another speed, stiffness or mass     n > 1
+===========================  =================================================================  =======================
+
+Restitution alone is a plain number: :func:`linear_restitution`, :func:`restitution_of_alpha`,
+:func:`restitution_obtained` and its inverse :func:`restitution_to_write`, with the damping factors
+:func:`alpha_of_restitution` and :func:`alpha_of_tsuji`; :func:`bounce_heights` of a hard sphere and
+:func:`pull_off_force` are, too.
 """
 
 from __future__ import annotations
@@ -23,24 +33,52 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from dem_bridge.physics.dashpot import DashpotCollision, dashpot_collision
+from dem_bridge.physics.adhesion import AdhesiveImpact, dmt_impact, jkr_impact, pull_off_force
+from dem_bridge.physics.dashpot import DashpotCollision, dashpot_collision, linear_restitution
 from dem_bridge.physics.dispersion import Dispersion, dispersion
+from dem_bridge.physics.impact import (
+    alpha_of_restitution,
+    alpha_of_tsuji,
+    bounce_heights,
+    restitution_obtained,
+    restitution_of_alpha,
+    restitution_to_write,
+)
 from dem_bridge.physics.solitary import SolitaryWave, solitary_wave
+from dem_bridge.physics.stages import LinearDrop, LinearStack, linear_drop, linear_stack
 from dem_bridge.physics.valid import above
+from dem_bridge.physics.viscoelastic import ViscoelasticImpact, viscoelastic_impact
 
 __all__ = [
+    "AdhesiveImpact",
     "DashpotCollision",
     "Dispersion",
+    "LinearDrop",
+    "LinearStack",
     "Scaling",
     "SolitaryWave",
     "TwoBodyCollision",
+    "ViscoelasticImpact",
     "WallRebound",
+    "alpha_of_restitution",
+    "alpha_of_tsuji",
+    "bounce_heights",
     "dashpot_collision",
     "dispersion",
+    "dmt_impact",
     "equal_mass_transfer",
+    "jkr_impact",
+    "linear_drop",
+    "linear_restitution",
+    "linear_stack",
+    "pull_off_force",
+    "restitution_obtained",
+    "restitution_of_alpha",
+    "restitution_to_write",
     "scaling",
     "solitary_wave",
     "two_body_collision",
+    "viscoelastic_impact",
     "wall_rebound",
 ]
 

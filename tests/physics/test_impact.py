@@ -1,25 +1,41 @@
-"""Damping factors of a wanted restitution: against direct integration of the impact and published values."""
+"""Impacts and restitution: against direct integration, the formulas branch by branch and published values."""
 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from dem_bridge.physics.impact import alpha_of_restitution, alpha_of_tsuji
+from dem_bridge.physics.dashpot import linear_restitution
+from dem_bridge.physics.exact import two_body_collision
+from dem_bridge.physics.hertz import sphere_on_plane, sphere_on_sphere
+from dem_bridge.physics.impact import (
+    RestitutionLaw,
+    alpha_of_restitution,
+    alpha_of_tsuji,
+    bounce_heights,
+    restitution_obtained,
+    restitution_of_alpha,
+    restitution_to_write,
+)
 
 
-def _integrated(alpha: float, n: float, speed: float = 1.0) -> float:
-    """Return the restitution of d'' = -d^(n-1) - alpha d^((n-2)/2) d' from d = 0 back to d = 0, by DOP853."""
+def _integrated(alpha: float, n: float, speed: float = 1.0, clipped: bool = False) -> float:
+    """Return the restitution of d'' = -d^(n-1) - alpha d^((n-2)/2) d' by DOP853.
+
+    The contact ends at d = 0, or where the net force falls through zero if it is clipped.
+    """
 
     def rate(_: float, y: np.ndarray) -> list[float]:
         d = max(float(y[0]), 0.0)
         return [y[1], -(d ** (n - 1.0)) - alpha * d ** (0.5 * n - 1.0) * y[1]]
 
     def touch(t: float, y: np.ndarray) -> float:
-        return float(y[0]) if t > 0.0 else 1.0
+        force = -rate(t, y)[1] if clipped and y[1] < 0.0 else float(y[0])
+        return force if t > 0.0 else 1.0
 
     touch.terminal, touch.direction = True, -1.0  # type: ignore[attr-defined]
     run = solve_ivp(rate, (0.0, 50.0), [0.0, speed], method="DOP853", rtol=1e-11, atol=1e-14, events=touch)
@@ -51,3 +67,106 @@ def test_a_restitution_is_above_0_and_at_most_1(e: float) -> None:
     for function in (alpha_of_restitution, alpha_of_tsuji):
         with pytest.raises(ValueError, match=r"^restitution = .*; allowed: a"):
             function(e)
+
+
+# restitution obtained, and the tables of the field
+
+WRITTEN = (0.1, 0.3, 0.5, 0.7, 0.9)
+#: restitution that a contact gives for these, clipped
+CLIPPED = {
+    "restitution": (0.25273, 0.39714, 0.55028, 0.71820, 0.90203),
+    "tsuji": (0.25235, 0.39707, 0.55022, 0.71815, 0.90220),
+}
+
+
+def _branches(b: float, clipped: bool) -> float:
+    """Return the restitution at b/w_0 by the formulas of Schwager & Poeschel (2007), branch by branch."""
+    if b > 1.0:
+        root = math.sqrt(b * b - 1.0)
+        return math.exp(-b / root * math.log((b + root) / (b - root))) if clipped else 0.0
+    w = math.sqrt(1.0 - b * b)
+    if not clipped:
+        return math.exp(-math.pi * b / w)
+    angle = math.atan(2.0 * b * w / (w * w - b * b))
+    return math.exp(-b / w * (math.pi - angle)) if b < math.sqrt(0.5) else math.exp(b / w * angle)
+
+
+@pytest.mark.parametrize("clipped", [True, False])
+@pytest.mark.parametrize("ratio", [0.05, 0.4, 0.7, 0.71, 0.99, 1.02, 1.5, 20.0])
+def test_the_restitution_of_a_linear_spring_is_that_of_every_branch(ratio: float, clipped: bool) -> None:
+    obtained = linear_restitution(damping_ratio=ratio, clipped=clipped)
+    assert obtained == pytest.approx(_branches(ratio, clipped), rel=1e-13, abs=0.0)
+    for n in (1.7, 2.0, 2.5, 3.0):
+        alpha = ratio * math.sqrt(2.0 * n)
+        assert restitution_of_alpha(alpha, clipped=clipped, exponent=n) == pytest.approx(obtained, rel=1e-12)
+
+
+@pytest.mark.parametrize("n", [2.0, 2.5, 3.0])
+@pytest.mark.parametrize("e", [0.3, 0.9])
+def test_a_clipped_contact_has_the_restitution_of_direct_integration(e: float, n: float) -> None:
+    alpha = alpha_of_restitution(e, n)
+    # 1e-7: as above; the clip changes e by more than 1e-3
+    truth = _integrated(alpha, n, speed=0.37, clipped=True)
+    assert restitution_of_alpha(alpha, clipped=True, exponent=n) == pytest.approx(truth, abs=1e-7)
+    assert restitution_of_alpha(alpha, clipped=False, exponent=n) < truth - 1e-3  # the test can fail
+
+
+@pytest.mark.parametrize("law", ["restitution", "tsuji"])
+def test_what_is_obtained_is_the_table_and_has_an_inverse(law: RestitutionLaw) -> None:
+    for e, out in zip(WRITTEN, CLIPPED[law], strict=True):
+        assert restitution_obtained(e, clipped=True, law=law) == pytest.approx(out, abs=6e-6)
+    for e in (0.2, 0.5, 0.93, 0.999):
+        for clipped in (True, False):
+            write = restitution_to_write(e, clipped=clipped, law=law)
+            assert restitution_obtained(write, clipped=clipped, law=law) == pytest.approx(e, abs=1e-13)
+            assert clipped or law == "tsuji" or write == pytest.approx(e, abs=1e-13)
+
+
+@pytest.mark.parametrize(("law", "e"), [("restitution", 0.135), ("tsuji", 0.17), ("tsuji", 1.0)])
+def test_a_restitution_that_nothing_gives_is_refused(law: RestitutionLaw, e: float) -> None:
+    with pytest.raises(ValueError, match=rf"^restitution = {e}; allowed: 0.1.* to .*, which the clipped law '{law}'"):
+        restitution_to_write(e, clipped=True, law=law)
+    with pytest.raises(ValueError, match=r"^law = 'hooke'; allowed: 'restitution', 'tsuji'$"):
+        restitution_obtained(0.5, clipped=True, law="hooke")  # type: ignore[arg-type]
+
+
+def test_a_hard_sphere_loses_the_same_share_at_each_bounce() -> None:
+    heights = bounce_heights(height=0.3, restitution=0.8, bounces=6)
+    speed = [math.sqrt(h) for h in (0.3, *heights)]
+    assert [after / before for before, after in pairwise(speed)] == pytest.approx([0.8] * 6, rel=1e-14)
+    with pytest.raises(ValueError, match=r"^height = 0.0; allowed"):
+        bounce_heights(height=0.0, restitution=0.8, bounces=1)
+
+
+#: Chung & Ooi (2011): E GPa, nu, rho kg/m^3, R mm, closing speed m/s, whether on a wall; d_max um, F_max N, t_c us
+CHUNG_OOI = [
+    (48.0, 0.20, 2800.0, 10.0, 20.0, False, "274.11270", "10696.88898", "40.339456"),
+    (20.0, 0.25, 2500.0, 10.0, 20.0, False, "368.30403", "7108.24128", "54.201005"),
+    (70.0, 0.30, 2699.0, 100.0, 0.2, True, "49.71718", "11369.85831", "731.65664"),
+    (40.0, 0.35, 1800.0, 100.0, 0.2, True, "52.12329", "7232.68103", "767.06591"),
+    (380.0, 0.23, 4000.0, 2.5, 3.9, True, "8.08881", "615.35157", "6.104510"),
+    (100.0, 0.25, 7000.0, 2.5, 3.9, True, "17.18871", "506.76023", "12.972081"),
+]
+
+
+@pytest.mark.parametrize("row", CHUNG_OOI)
+@pytest.mark.parametrize("rigid", [True, False])
+def test_hertz_impacts_are_those_of_chung_and_ooi_to_every_digit(row: tuple[object, ...], rigid: bool) -> None:
+    young, nu, rho, radius, speed, wall = (float(cell) for cell in row[:6])  # type: ignore[arg-type]
+    sphere = {"radius": 1e-3 * radius, "young": 1e9 * young, "poisson": nu}
+    contact = sphere_on_plane(**sphere, young2=math.inf if rigid else None) if wall else sphere_on_sphere(**sphere)
+    mass = 4.0 / 3.0 * math.pi * rho * (1e-3 * radius) ** 3
+    masses = (mass, math.inf if wall else mass)
+    hit = two_body_collision(masses=masses, velocities=(speed, 0.0), stiffness=contact.stiffness, exponent=2.5)
+    # a wall of the same material halves E*: d ~ E*^(-2/5), F ~ E*^(2/5)
+    softer = 1.0 if rigid or not wall else 2.0**0.4
+    values = (1e6 * hit.peak_overlap / softer, hit.peak_force * softer, 1e6 * hit.contact_time / softer)
+    for value, printed in zip(values, row[6:], strict=True):
+        digits = len(str(printed).partition(".")[2])
+        assert f"{value:.{digits}f}" == printed
+    # second writing of the stiffness, (4/3) E* sqrt(R)
+    reduced = 1e-3 * radius / (1.0 if wall else 2.0)
+    stiffness = 4.0 / 3.0 * 1e9 * young / (1.0 - nu**2) / (1.0 if wall and rigid else 2.0) * math.sqrt(reduced)
+    assert contact.stiffness == pytest.approx(stiffness, rel=1e-14)
+    # the planted fault: a wall with the pair's modulus in place of a rigid one
+    assert rigid or not wall or f"{1e6 * hit.peak_overlap:.5f}" != row[6]

@@ -1,0 +1,96 @@
+"""Viscoelastic spheres: the series and its remainder against direct integration, quadruple precision and theory."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from dem_bridge.physics import viscoelastic
+from dem_bridge.physics.viscoelastic import ViscoelasticImpact, viscoelastic_impact
+
+
+def impact(strength: float, clipped: bool, **more: int) -> ViscoelasticImpact:
+    return viscoelastic_impact(mass=1.0, speed=1.0, stiffness=1.0, viscosity=strength, clipped=clipped, **more)
+
+
+def integrated(strength: float, clipped: bool) -> float:
+    """Return the restitution of d'' = -d^(3/2) - s d^(1/2) d' by DOP853, with d = u^2 and dt = u dtau: polynomial."""
+
+    def rate(_: float, y: np.ndarray) -> list[float]:
+        u, p = y
+        return [0.5 * p, -(u**4) - strength * u**2 * p]
+
+    def end(tau: float, y: np.ndarray) -> float:
+        # the overlap is zero, or the net force over u
+        return 1.0 if tau == 0.0 else float(y[0] ** 2 + strength * y[1] if clipped and y[1] < 0.0 else y[0])
+
+    end.terminal, end.direction = True, -1.0  # type: ignore[attr-defined]
+    run = solve_ivp(rate, (0.0, 100.0), [0.0, 1.0], method="DOP853", rtol=3e-14, atol=1e-15, max_step=0.05, events=end)
+    return -float(run.y_events[0][0][1])
+
+
+@pytest.mark.parametrize("clipped", [False, True])
+@pytest.mark.parametrize("strength", [0.002, 0.05, 0.6, 1.3, 2.0])
+def test_the_series_is_that_of_direct_integration(strength: float, clipped: bool) -> None:
+    truth = integrated(strength, clipped)
+    # DOP853 at 3e-14 over 100 steps; clipped, the force changes its sign at the end with a small slope
+    assert impact(strength, clipped).restitution == pytest.approx(truth, abs=2e-12)
+    # fewer terms are less exact, and the remainder says by how much
+    for terms in range(3, 18, 3):
+        shorter = impact(strength, clipped, terms=terms)
+        assert abs(shorter.restitution - truth) <= shorter.remainder + 2e-12
+        assert terms > 9 or shorter.remainder > 1e-11
+
+
+def test_the_remainder_holds_to_the_last_digits() -> None:
+    # solved with 26 digits by Taylor series of order 36 in the polynomial form
+    for clipped, digits in ((False, 0.94425997234333938097737), (True, 0.94439677917763032462827)):
+        hit = impact(0.05, clipped)
+        assert abs(hit.restitution - digits) <= hit.remainder < 4e-15
+
+
+def test_the_first_terms_are_those_of_ramirez_et_al() -> None:
+    first = 0.8 * 1.25**0.6 * math.gamma(0.6) * math.gamma(1.5) / math.gamma(2.1)  # the quadrature of the first order
+    assert (first, 0.6 * first**2) == pytest.approx((1.15344, 0.79826), abs=1e-5)
+    s = np.linspace(0.002, 0.05, 8)
+    rest = [(1.0 - first * x + 0.6 * first**2 * x**2 - impact(x, False).restitution) / x**3 for x in s.tolist()]
+    # the next term is -0.5229 s^3 + 0.3487 s^4 (coefficients on a circle in the complex plane)
+    assert rest == pytest.approx((0.52288 - 0.34874 * s + 0.233 * s**2).tolist(), abs=2e-5)
+    assert 1.0 - first * 0.05 + 0.6 * first**2 * 0.0025 == pytest.approx(0.94432, abs=5e-6)
+    # delayed recovery: e clipped less e pulling is (4/15) s^(5/2) e^(3/2)
+    lifted = impact(1e-3, True).restitution - impact(1e-3, False).restitution
+    assert lifted / (4.0 / 15.0 * 1e-3**2.5) == pytest.approx(impact(1e-3, False).restitution ** 1.5, rel=1e-4)
+
+
+def test_speed_mass_and_stiffness_enter_by_the_strength_alone() -> None:
+    hit = viscoelastic_impact(mass=3e-4, speed=0.7, stiffness=2e9, viscosity=4e-7, clipped=True)
+    assert hit.strength == pytest.approx(4e-7 * (2e9 / 3e-4) ** 0.4 * 0.7**0.2, rel=1e-14)
+    assert hit.restitution == impact(hit.strength, True).restitution
+    assert impact(0.0, False).restitution == pytest.approx(1.0, abs=4e-15)
+
+
+@pytest.mark.parametrize("clipped", [False, True])
+def test_a_wrong_coefficient_is_found(clipped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The planted fault: the fourteenth coefficient of about 1e-10 is missing."""
+    name = "_CLIPPED" if clipped else "_PULLING"
+    table = list(getattr(viscoelastic, name))
+    monkeypatch.setattr(viscoelastic, name, (*table[:13], 0.0, *table[14:]))
+    assert impact(2.0, clipped).restitution != pytest.approx(integrated(2.0, clipped), abs=2e-12)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"viscosity": 2.001}, r"^strength gamma .* = 2.001; allowed: at most 2$"),
+        ({"viscosity": -1.0}, r"^viscosity = -1.0; allowed: a number >= 0"),
+        ({"speed": 0.0}, r"^speed = 0.0; allowed"),
+        ({"terms": 0}, r"^terms = 0; allowed: a whole number from 1 to 26$"),
+    ],
+)
+def test_numbers_outside_the_series_are_refused_in_one_line(wrong: dict[str, float], says: str) -> None:
+    good = {"mass": 1.0, "speed": 1.0, "stiffness": 1.0, "viscosity": 0.1, "clipped": True}
+    with pytest.raises(ValueError, match=says):
+        viscoelastic_impact(**(good | wrong))  # type: ignore[arg-type]
