@@ -58,14 +58,19 @@ class Reference(AlwaysAvailable):
             answer = ScipyDop853().run(scene, resolution, sampling)
             provenance = {**answer.provenance, "backend": self.name, "answered_by": ScipyDop853.name}
             return replace(answer, provenance=provenance)
-        return self._solve(scene, sampling, ORDER)
+        return self.solve_series(scene, sampling)
 
     def replicas(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> list[Trajectory]:
         """Return runs of another order with every input moved by its last digit, up or down."""
         directions = np.random.default_rng(20180305)
-        return [self._solve(_perturbed(scene, directions), sampling, SECOND_ORDER) for _ in range(REALISATIONS)]
+        return [
+            self.solve_series(_perturbed(scene, directions), sampling, order=SECOND_ORDER) for _ in range(REALISATIONS)
+        ]
 
-    def _solve(self, scene: Scene, sampling: Sampling, order: int) -> Trajectory:
+    def solve_series(
+        self, scene: Scene, sampling: Sampling, *, order: int = ORDER, accuracy: float = ACCURACY
+    ) -> Trajectory:
+        """Return a run by Taylor series whose last coefficients contribute ``accuracy`` of speeds and overlaps."""
         watch = Stopwatch()
         c, n, times = scene.contacts, scene.n_body, sampling.times(scene.duration)
         speed, depth = natural_scales(scene)
@@ -86,7 +91,7 @@ class Reference(AlwaysAvailable):
             speed if speed > 0.0 else 1.0,
             resting_acceleration(scene),
             order,
-            ACCURACY,
+            accuracy,
             MOST_STEPS,
         )
         if steps >= MOST_STEPS or not np.all(np.isfinite(v)):

@@ -33,6 +33,7 @@ SUMMARIES = {
     " adequate model.",
     "work-precision": "Measure the error of every backend against its cost, for each of its numerical settings.",
     "rule-of-thumb": "Measure the error of velocity-Verlet at time steps of 5, 10, 20 and 40 % of the Rayleigh time.",
+    "order": "Measure the order at contact onset, errors at given tolerances, and condition numbers.",
     "stability": "Find the largest stable and the largest accurate time steps of velocity-Verlet.",
     "extremes": "Run a catalogue of extreme scenes through every backend and check each error against its uncertainty.",
     "bands": "Compare the band edges of a driven, precompressed chain with those of the infinite chain.",
@@ -41,7 +42,7 @@ SUMMARIES = {
     "styles": "Run a scene through every pair style, wall and suffix of LAMMPS and compare each with the twin.",
 }
 #: studies that are packages with a module "study"; the others are one module
-_PACKAGES = ("model-hierarchy", "work-precision", "stability", "extremes", "horizon")
+_PACKAGES = ("model-hierarchy", "work-precision", "stability", "extremes", "horizon", "order")
 
 
 def _entry(name: str, summary: str) -> Entry:

@@ -190,6 +190,7 @@ TINY: dict[str, tuple[Scene | None, dict[str, Any]]] = {
     "model-hierarchy": (CROSSED, {"draws": 1, "numerics": False, "observables": ["arrival", "peak_force"]}),
     "work-precision": (CROSSED, {"limit": 0.1, "repeats": 1, "backends": ["verlet"]}),
     "rule-of-thumb": (CROSSED, {}),
+    "order": (CROSSED, {}),
     "stability": (CROSSED, {"points": 2}),
     "extremes": (None, {"match": "at-rest", "quick": True}),
     "bands": (DRIVEN, {"tolerance": 0.05}),
@@ -214,7 +215,7 @@ def _words(settings: dict[str, Any]) -> list[str]:
 
 
 #: the studies that take 2 to 10 s of CPU on their tiny case; each is also started by a test of its own
-DEEP = ("bands", "horizon", "model-hierarchy", "rule-of-thumb", "stability", "styles", "work-precision")
+DEEP = ("bands", "horizon", "model-hierarchy", "order", "rule-of-thumb", "stability", "styles", "work-precision")
 
 
 @pytest.mark.lammps

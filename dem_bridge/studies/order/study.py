@@ -1,0 +1,247 @@
+"""Study of order: order reduction at contact onset, errors at given tolerances, and exact condition numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.blanes_moan import SRKN_6B
+from dem_bridge.backends.reference import SERIES
+from dem_bridge.campaign import Progress, run_cases
+from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.physics.touch import touch_coefficient
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
+from dem_bridge.scene import Scene
+from dem_bridge.scene_file import load_scene
+from dem_bridge.studies.order import touch
+from dem_bridge.studies.order.conditioning import PARAMETERS, ConditionNumber, conditions, verdict
+from dem_bridge.studies.order.tolerance import INTEGRATORS, TOLERANCES, Row, tolerance_rows
+from dem_bridge.studies.order.touch import TEXTS, ChainErrors, PairErrors
+from dem_bridge.studies.study import FigureData, Series, Study
+from dem_bridge.trajectory import Floats
+
+DEFAULT_SCENE = "decelerating-40"
+#: velocity errors whose cost is stated
+TARGETS = (1e-4, 1e-6, 1e-9)
+#: tolerance at which errors are stated
+STATED = 1e-9
+#: drawing styles, by keys of the texts: two bodies with circles, crosses on the step grid, and a square without a touch
+STYLES = {
+    "hertz_within": "nth/1/1",
+    "hertz_grid": "nth/1/2",
+    "linear_within": "nth/0/1",
+    "linear_grid": "nth/0/2",
+    "closed": "nth/2/4",
+    "taylor": "curve/reference",
+    "located": "curve/scipy",
+    "unlocated": "curve/scipy/both",
+    "ode45": "curve/ode45/both",
+}
+#: exponents whose touch error is measured at every place of the touch within its step
+LAWS, FINE_PHASES = (2.0, 2.5), np.linspace(0.0, 1.0, 145)
+
+
+def study_order(
+    scene: Scene | None = None,
+    *,
+    jobs: int | None = None,
+    progress: Progress | None = None,
+    store: Store | None = None,
+) -> Study:
+    """Measure the order at contact onset, errors at given tolerances, and condition numbers.
+
+    The order is measured on two bodies, whose error is known in closed form, and on the scene. Condition numbers follow
+    from the scaling laws and are checked by runs of the reference.
+
+    Parameters
+    ----------
+    scene : Scene, optional
+        Scene with power-law contacts, without damping, drag or a drive. None: decelerating-40.
+    jobs, progress, store : as in :func:`dem_bridge.study`
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    UsageError
+        For a scene that the Taylor series do not cover, or in which nothing moves.
+    RunBroken
+        If the reference has no run.
+    """
+    scene = load_scene(DEFAULT_SCENE) if scene is None else scene
+    reason = SERIES.unsupported_reason(scene)
+    if reason is not None or not any(scene.velocity):
+        raise UsageError(f"study order of {scene.name}: {reason or 'nothing moves; allowed: a scene with an impact'}")
+    say = progress or (lambda done, total, label: None)
+    sampling = Sampling(count=scene.samples)
+    case = Case(scene=scene, backend=touch.REFERENCE, resolution=Resolution(), sampling=sampling)
+    (result,) = run_cases([case], store=store)
+    if result.trajectory is None:
+        raise RunBroken(f"{scene.name}: without a run of the reference nothing has an error ({result.failure})")
+    velocity = result.trajectory.velocity
+    bar = result.trajectory.uncertainty["velocity"] / float(np.max(np.abs(velocity)))
+    say(0, 4, "two bodies")
+    pairs = {name: touch.pair_errors(name, exponent, phase) for name, exponent, phase in touch.PAIRS}
+    laws = {exponent: touch.coefficients(exponent) for exponent in LAWS}
+    say(1, 4, f"{scene.name}: orders")
+    chains = list(touch.chain_errors(scene))
+    say(2, 4, f"{scene.name}: tolerances")
+    rows = list(tolerance_rows(scene, sampling, velocity))
+    say(3, 4, f"{scene.name}: condition numbers")
+    dissimilar = touch.SIMILAR.unsupported_reason(scene)
+    numbers = () if dissimilar else conditions(scene, jobs=jobs, store=store)
+    say(4, 4, "")
+    observables = dict.fromkeys(number.observable for number in numbers)
+    verdicts = (
+        *map(touch.order_verdict, pairs.values()),
+        *(touch.coefficient_verdict(exponent, *law) for exponent, law in laws.items()),
+        *(verdict(scene, [item for item in numbers if item.observable == name]) for name in observables),
+    )
+    limits: dict[str, Any] = {"floor": touch.CHAIN_FLOOR, "coarse": touch.COARSE}
+    answer = [*_order_answer(scene, pairs, laws, chains), *_tolerance_answer(rows)]
+    if numbers:
+        answer.append(TEXTS("conditioning", **_largest(numbers)))
+    else:
+        answer.append(TEXTS("not_similar", scene=scene.name, reason=dissimilar))
+    return TEXTS.study(
+        {"scene": scene.name, "bar": bar, **limits},
+        answer=tuple(answer),
+        tables=(
+            TEXTS.table("orders", map(_pair_row, pairs.values())),
+            TEXTS.table("chain-orders", map(_chain_row, chains), **limits),
+            TEXTS.table("conditioning", numbers),
+            TEXTS.table("tolerances", ((TEXTS(row.name), row.tolerance, row.error, row.evaluations) for row in rows)),
+        ),
+        figures=(_touch_figure(pairs, laws), _chain_figure(scene, chains), _tolerance_figure(scene, rows)),
+        verdicts=verdicts,
+        provenance={"scene": scene.name, "scene_hash": scene.content_hash},
+    )
+
+
+def _pair_row(pair: PairErrors) -> tuple[str | float, ...]:
+    measured = pair.measured if pair.phase is not None else math.nan
+    numbers = (pair.predicted_order, pair.order, pair.coefficient, measured, pair.left)
+    return (TEXTS(pair.name), pair.exponent, *numbers)
+
+
+def _chain_row(chain: ChainErrors) -> tuple[str | float, ...]:
+    steps, errors = chain.clean
+    ends = (float(errors.max()), float(errors.min())) if len(errors) else (math.nan, math.nan)
+    return (chain.label, float(chain.touches), chain.order, *chain.windows, float(len(steps)), *ends)
+
+
+def _order_answer(
+    scene: Scene,
+    pairs: Mapping[str, PairErrors],
+    laws: Mapping[float, tuple[Floats, Floats]],
+    chains: Sequence[ChainErrors],
+) -> Iterator[str]:
+    named = {"within": "hertz_within", "grid": "hertz_grid", "closed": "closed", "spring": "linear_grid"}
+    chosen = {name: pairs[key] for name, key in named.items()}
+    yield TEXTS("pairs", **chosen)
+    verlet, chain, *others = chains
+    yield TEXTS("chain_order", scene=scene.name, chain=chain, verlet=verlet)
+    parts = [TEXTS("exponent", chain=item) for item in _touching(chains)]
+    yield TEXTS("exponents", parts=", ".join(parts))
+    for item in others:
+        if not item.touches:
+            yield TEXTS("pressed_order", chain=item)
+    measured, predicted = laws[2.5]
+    worst = float(np.max(np.abs(measured - predicted)) / np.max(np.abs(predicted)))
+    yield TEXTS("coefficient", count=len(predicted), worst=worst)
+    yield TEXTS("left", **chosen)
+
+
+def _tolerance_answer(rows: Sequence[Row]) -> Iterator[str]:
+    runs = {name: [row for row in rows if row.name == name] for name in INTEGRATORS}
+    for target in TARGETS:
+        parts = []
+        for name, items in runs.items():
+            enough = [row.evaluations for row in items if row.error <= target]
+            text = TEXTS("part", evaluations=min(enough), name=TEXTS(name)) if enough else ""
+            parts.append(text or TEXTS("part_none", name=TEXTS(name)))
+        yield TEXTS("cheapest", target=target, parts=", ".join(parts))
+    stated = (row for row in rows if row.tolerance == STATED)
+    parts = [TEXTS("achieved_part", error=row.error, name=TEXTS(row.name)) for row in stated]
+    yield TEXTS("achieved", tolerance=STATED, parts=", ".join(parts))
+    both = list(zip(runs["located"], runs["unlocated"], strict=True))
+    gains = np.array([located.error / unlocated.error for located, unlocated in both])
+    costs = np.array([located.evaluations / unlocated.evaluations for located, unlocated in both])
+    spans = {"low": gains.min(), "high": gains.max(), "middle": np.median(gains)}
+    yield TEXTS("located_gain", **spans, cost_low=costs.min(), cost_high=costs.max())
+
+
+def _largest(numbers: Sequence[ConditionNumber]) -> dict[str, list[float]]:
+    """Return the magnitudes of condition numbers of times, forces and velocities, one for each parameter."""
+    exact = {(number.observable, number.parameter): abs(number.exact) for number in numbers}
+    names = {"time": "arrival", "force": "first_peak_force", "velocity": "velocity"}
+    return {name: [exact[observable, item] for item in PARAMETERS] for name, observable in names.items()}
+
+
+def _touch_figure(pairs: Mapping[str, PairErrors], laws: Mapping[float, tuple[Floats, Floats]]) -> FigureData:
+    curves: list[Series] = []
+    for colour, (exponent, (measured, _)) in enumerate(laws.items()):
+        law = [touch_coefficient(*SRKN_6B, exponent=exponent, phase=phase) for phase in FINE_PHASES.tolist()]
+        values = {"exponent": exponent}
+        curves.append(
+            Series(
+                label=TEXTS("closed_form", **values),
+                style=f"line/{colour}/{3 * colour}",
+                x=FINE_PHASES,
+                y=np.array(law),
+            )
+        )
+        curves.append(Series(label=TEXTS("runs", **values), style=f"nth/{colour}/1", x=touch.PHASES, y=measured))
+    lines: list[Series] = []
+    for name, pair in pairs.items():
+        order_4 = abs(pair.errors[0]) * (pair.steps / pair.steps[0]) ** 4.0
+        term = np.abs(pair.predicted) if pair.coefficient else order_4
+        clear = np.abs(pair.errors) > touch.FLOOR
+        lines.append(Series(label=TEXTS("law"), style="guide", x=pair.steps[clear], y=term[clear]))
+        errors = np.abs(pair.errors[clear])
+        lines.append(Series(label=TEXTS(name), style=STYLES[name], x=pair.steps[clear], y=errors))
+    return TEXTS.figure("order-touch", (TEXTS.panel("coefficient", curves), TEXTS.panel("pair", lines)))
+
+
+def _chain_figure(scene: Scene, chains: Sequence[ChainErrors]) -> FigureData:
+    verlet, chain, *others = chains
+    shown = [verlet, chain, *(item for item in others if not item.touches)]
+    styles = ("curve/verlet", "curve/blanes-moan", "nth/2/4")
+    errors = [
+        Series(label=item.label, style=style, x=item.steps, y=item.errors)
+        for item, style in zip(shown, styles, strict=False)
+    ]
+    touching = _touching(chains)
+    law = np.linspace(2.0, 4.0, 41)
+    orders = np.array([item.order for item in touching])
+    points = (
+        Series(label=TEXTS("smaller"), style="guide", x=law, y=np.minimum(law, 4.0)),
+        Series(label=TEXTS("measured"), style="nth/1/1", x=np.array([item.exponent for item in touching]), y=orders),
+    )
+    return TEXTS.figure("order-chain", (TEXTS.panel("chain", errors, scene=scene.name), TEXTS.panel("order", points)))
+
+
+def _touching(chains: Sequence[ChainErrors]) -> list[ChainErrors]:
+    """Return the chains of the method of order 4 in which contacts open or close, by exponent."""
+    return sorted((item for item in chains[1:] if item.touches), key=lambda item: item.exponent)
+
+
+def _tolerance_figure(scene: Scene, rows: Sequence[Row]) -> FigureData:
+    panels = []
+    for id, cost in (("tolerance", "tolerance"), ("evaluations", "evaluations")):
+        series = []
+        for name in INTEGRATORS:
+            x, y = np.array([[getattr(row, cost), row.error] for row in rows if row.name == name]).T
+            series.append(Series(label=TEXTS(name), style=STYLES[name], x=x, y=y))
+        if id == "tolerance":
+            ends = np.array([TOLERANCES[-1], TOLERANCES[0]])
+            series.append(Series(label=TEXTS("equal"), style="guide", x=ends, y=ends))
+        panels.append(TEXTS.panel(id, series))
+    return TEXTS.figure("order-tolerance", panels, scene=scene.name)

@@ -1,0 +1,70 @@
+"""The error of a touch: Hurwitz' zeta function by its identities, and the coefficient by sums over steps."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dem_bridge.backends.blanes_moan import SRKN_6B
+from dem_bridge.backends.splitting import Method
+from dem_bridge.backends.twin import VERLET
+from dem_bridge.physics.touch import hurwitz_zeta, touch_coefficient
+
+PHASES = (0.0, 0.1, 0.5, 0.8)
+
+
+@given(power=st.floats(0.1, 4.0), start=st.floats(0.0, 2.0))
+def test_the_zeta_function_loses_one_term_per_unit(power: float, start: float) -> None:
+    # sums of a dozen terms up to 14^4 in double precision
+    assert hurwitz_zeta(power, start) == pytest.approx(start**power + hurwitz_zeta(power, start + 1.0), abs=1e-10)
+
+
+@pytest.mark.parametrize("start", [0.0, 0.3, 1.0])
+def test_for_whole_powers_it_is_a_bernoulli_polynomial(start: float) -> None:
+    a = start
+    polynomials = {1: a**2 - a + 1 / 6, 2: a**3 - 1.5 * a**2 + 0.5 * a, 3: a**4 - 2 * a**3 + a**2 - 1 / 30}
+    for power, polynomial in polynomials.items():
+        assert hurwitz_zeta(power, start) == pytest.approx(-polynomial / (power + 1), abs=1e-12)
+
+
+def _sum_error(method: Method, exponent: float, phase: float, step: float) -> float:
+    """Error of the method's sum of t^(n-1) exp(-t) from t = 0 at the phase of a step, over step^n."""
+    nodes = np.concatenate([[0.0], np.cumsum(method.drifts)])
+    t = step * (np.arange(round(50.0 / step))[:, None] + nodes - phase)
+    values = np.where(t > 0.0, np.maximum(t, 0.0) ** (exponent - 1.0) * np.exp(-np.maximum(t, 0.0)), 0.0)
+    return (step * float(np.sum(values @ method.kicks)) - math.gamma(exponent)) / float(step**exponent)
+
+
+@pytest.mark.parametrize("method", [VERLET, SRKN_6B], ids=["verlet", "blanes-moan"])
+@pytest.mark.parametrize("exponent", [2.0, 2.5, 3.5])
+def test_the_coefficient_is_that_of_sums_over_steps(method: Method, exponent: float) -> None:
+    step = 4e-3
+    expected, following = (
+        np.array([touch_coefficient(*method, exponent=n, phase=phase) for phase in PHASES])
+        for n in (exponent, exponent + 1.0)
+    )
+    sums = [_sum_error(method, exponent, phase, step) for phase in PHASES]
+    # the second term of exp(-t) has the coefficient of the next power; the third, h^2/2 zeta of order 1, and round-off
+    # (1e-15 / step^3.5 = 2e-7) are below 1e-6
+    np.testing.assert_allclose(sums, expected - step * following, rtol=0.0, atol=1e-6)
+    # planted: the next power in place of this one
+    assert np.max(np.abs(sums - following)) > 1e-4
+
+
+@pytest.mark.parametrize("exponent", [2.0, 2.5, 3.0, 3.5])
+def test_its_mean_over_all_places_of_the_touch_is_zero(exponent: float) -> None:
+    phases = (np.arange(500) + 0.5) / 500
+    values = [touch_coefficient(*SRKN_6B, exponent=exponent, phase=phase) for phase in phases.tolist()]
+    # midpoint rule with kinks at the nodes: errors of 500^-2
+    assert abs(np.mean(values)) < 4e-6 < 1e-2 * np.max(np.abs(values))
+
+
+def test_on_the_step_grid_it_vanishes_for_whole_exponents_below_the_order_alone() -> None:
+    values = {n: abs(touch_coefficient(*SRKN_6B, exponent=n, phase=0.0)) for n in (2.0, 2.5, 3.0, 3.5)}
+    assert max(values[2.0], values[3.0]) < 1e-12
+    assert values[2.5] > 3e-4
+    assert values[3.5] > 6e-5
