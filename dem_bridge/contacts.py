@@ -19,9 +19,10 @@ class Contacts:
 
     ``overlap_k = x[left_k] - x[right_k] - gap_k``; the index ``n_body`` stands for a wall, with x = v = 0. In a
     precompressed chain ``gap`` is minus the static overlap. The damping force of every law is ``damping
-    overlap^damping_power overlap'``. ``laws`` are the distinct laws that are not powers, valid for overlaps up to
-    ``reach (n_law,)`` (m), which the energy of the scene cannot exceed; contact k has ``laws[law[k]]``. Without such
-    laws ``laws`` and ``reach`` are empty and ``law`` is -1.
+    overlap^damping_power overlap'``; ``clipped`` is True if its sum with the elastic force is clipped at zero. ``laws``
+    are the distinct laws that are not powers, valid for overlaps up to ``reach (n_law,)`` (m), which the energy of the
+    scene cannot exceed; contact k has ``laws[law[k]]``. Without such laws ``laws`` and ``reach`` are empty and ``law``
+    is -1.
     """
 
     left: NDArray[np.int64]
@@ -31,14 +32,15 @@ class Contacts:
     gap: Floats
     damping: Floats
     damping_power: Floats
+    clipped: bool
     laws: tuple[ContactLaw, ...]
     law: NDArray[np.int64]
     reach: Floats
 
     def __post_init__(self) -> None:
         for item in fields(self):
-            if item.name != "laws":
-                getattr(self, item.name).flags.writeable = False
+            if isinstance(values := getattr(self, item.name), np.ndarray):
+                values.flags.writeable = False
 
     def force(self, overlap: Floats, which: NDArray[np.int64]) -> Floats:
         """Return the elastic force of the contacts ``which`` at overlaps >= 0, N.

@@ -97,18 +97,33 @@ PRECOMPRESSION = Feature(
     "The chain starts in equilibrium, compressed by a static force that walls or constant loads on the ends hold.",
     lambda scene: scene.precompression > 0.0,
 )
-DASHPOT = Feature(
-    "dashpot damping",
-    "The force c * d(overlap)/dt acts in contacts; the total contact force is clipped at zero.",
-    lambda scene: scene.damped and scene.damping.law == "dashpot",
-    dissipates=True,
+
+
+def _damped(law: str, label: str, force: str) -> Feature:
+    """Return the feature of a damping law."""
+
+    def present(scene: Any) -> bool:
+        return bool(scene.damped and scene.damping.law == law)
+
+    return Feature(label, f"The force {force} acts in contacts.", present, dissipates=True)
+
+
+_EFFECTIVE = "sqrt(effective mass * stiffness) * overlap^((n-2)/2) * d(overlap)/dt"
+DASHPOT = _damped("dashpot", "dashpot damping", "c * d(overlap)/dt")
+MASS_DASHPOT = _damped("mass-dashpot", "mass-proportional dashpot damping", "eta * effective mass * d(overlap)/dt")
+KUWABARA_KONO = _damped("kuwabara-kono", "Kuwabara-Kono damping", "gamma * stiffness * overlap^(n-2) * d(overlap)/dt")
+RESTITUTION = _damped(
+    "restitution",
+    "damping by a coefficient of restitution",
+    f"alpha * {_EFFECTIVE} with alpha from the coefficient of restitution",
 )
-KUWABARA_KONO = Feature(
-    "Kuwabara-Kono damping",
-    "The force gamma * stiffness * overlap^(n-2) * d(overlap)/dt acts in contacts; the total contact force is clipped"
-    " at zero.",
-    lambda scene: scene.damped and scene.damping.law == "kuwabara-kono",
-    dissipates=True,
+TSUJI = _damped(
+    "tsuji", "Tsuji damping", f"alpha * {_EFFECTIVE} with alpha by Marshall's polynomial of the restitution"
+)
+NOT_CLIPPED = Feature(
+    "damping forces that are not clipped",
+    "The sum of elastic and damping force may be tensile until the overlap is zero; otherwise it is clipped at zero.",
+    lambda scene: scene.damped and not scene.damping.clipped,
 )
 DRAG = Feature(
     "drag",
@@ -148,7 +163,9 @@ _GIVEN_BY = (
     ((CONTACT_FUNCTIONS,), "Scene.law"),
     ((GRAVITY,), "Scene.gravity"),
     ((PRECOMPRESSION,), "Scene.precompression"),
-    ((DASHPOT, KUWABARA_KONO), "Scene.damping Damping.law Damping.coefficient"),
+    ((DASHPOT, MASS_DASHPOT, KUWABARA_KONO, RESTITUTION, TSUJI), "Damping.law Damping.coefficient"),
+    ((DASHPOT, MASS_DASHPOT, KUWABARA_KONO, RESTITUTION, TSUJI, NOT_CLIPPED), "Scene.damping"),
+    ((NOT_CLIPPED,), "Damping.clipped"),
     ((DRAG,), "Scene.drag"),
     ((SINE_DRIVE, CHIRP_DRIVE, TABLE_DRIVE), "Scene.drive Drive.shape Drive.force"),
     ((SINE_DRIVE, CHIRP_DRIVE), "Drive.frequency Drive.phase Drive.rise"),

@@ -220,8 +220,10 @@ def _acting(scene: Any) -> Iterable[str]:
     if scene.precompression > 0.0:
         yield f"precompression {quantity(scene.precompression, 'N')}"
     if scene.damping is not None and scene.damped:
-        unit = {"dashpot": "N s/m"}.get(scene.damping.law, "s")
-        yield f"damping by the law {scene.damping.law}, coefficient {spread(scene.damping.coefficient, unit)}"
+        units = {"dashpot": "N s/m", "mass-dashpot": "1/s", "kuwabara-kono": "s"}
+        coefficient = spread(scene.damping.coefficient, units.get(scene.damping.law, ""))
+        clip = "" if scene.damping.clipped else ", not clipped"
+        yield f"damping by the law {scene.damping.law}, coefficient {coefficient}{clip}"
     if scene.drag > 0.0:
         yield f"drag {scene.drag:g} 1/s"
     if scene.drive is not None:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dem_bridge.checked import LARGEST, SMALLEST, Numbers, check_fields, checked_numbers
 from dem_bridge.contacts import Contacts, Floats
@@ -21,11 +22,16 @@ from dem_bridge.drive import KEYS, Drive
 from dem_bridge.errors import SceneError
 from dem_bridge.features import FEATURES, Feature
 from dem_bridge.geometry import Geometry
+from dem_bridge.physics.impact import alpha_of_restitution, alpha_of_tsuji
 from dem_bridge.physics.law import ContactLaw, Law, completed, reach_of, stored
 from dem_bridge.physics.statics import static_forces, static_overlap
 
 #: damping laws, and the unit of the coefficient of each
-DAMPING_LAWS = {"dashpot": "N s/m", "kuwabara-kono": "s"}
+DAMPING_LAWS = {"dashpot": "N s/m", "mass-dashpot": "1/s", "kuwabara-kono": "s", "restitution": "", "tsuji": ""}
+#: damping laws whose coefficient is a coefficient of restitution, with the factor alpha that follows from it
+BY_RESTITUTION = ("restitution", "tsuji")
+#: damping laws that do not depend on the overlap
+DASHPOTS = ("dashpot", "mass-dashpot")
 #: contact laws are checked up to this multiple of the scene's energy, because time stepping can add energy
 ENERGY_MARGIN = 1.05
 _POSITIVE, _NOT_NEGATIVE = {"above": 0.0}, {"at_least": 0.0}
@@ -69,15 +75,41 @@ class Wall:
 class Damping:
     """A damping force in contacts, in addition to the elastic one, while the overlap is > 0.
 
-    ``law`` is "dashpot", ``c overlap'``, or "kuwabara-kono", ``gamma beta overlap^(n-2) overlap'`` (n >= 2; Kuwabara &
-    Kono 1987,
-    *Jpn. J. Appl. Phys.* 26, 1230, for n = 5/2). ``coefficient`` is c (N s/m) or gamma (s), >= 0, one for all or one
-    per contact,
-    walls included. The sum of elastic and damping force is clipped at zero, so damping never makes a contact tensile.
+    ``m`` is the effective mass 1/(1/m1 + 1/m2) of the two bodies of a contact, at a wall the mass of the body.
+
+    ===============  ============================================  ==================================================
+    law              force                                         coefficient, one for all or one per contact
+    ===============  ============================================  ==================================================
+    "dashpot"        ``c overlap'``                                c >= 0, N s/m
+    "mass-dashpot"   ``eta m overlap'``                            eta >= 0, 1/s
+    "kuwabara-kono"  ``gamma beta overlap^(n-2) overlap'``         gamma >= 0, s
+    "restitution"    ``alpha sqrt(m beta) overlap^((n-2)/2)        coefficient of restitution e, 0 < e <= 1, from which
+                     overlap'``                                    alpha follows exactly
+    "tsuji"          as "restitution"                              e, 0 < e <= 1; alpha by Marshall's polynomial
+    ===============  ============================================  ==================================================
+
+    ``clipped`` is True if the sum of elastic and damping force is clipped at zero, so that damping never makes a
+    contact tensile (LAMMPS: ``limit_damping``). If it is False, a contact ends when its overlap is zero, in tension.
+    None is the default of the law: False for "restitution" and "tsuji", whose contacts have the restitution e only if
+    they are not clipped, and True for the others. Laws other than dashpots need n >= 2.
+
+    References
+    ----------
+    Kuwabara & Kono 1987, *Jpn. J. Appl. Phys.* 26, 1230. For alpha: :mod:`dem_bridge.physics.impact`.
+
+    Examples
+    --------
+    >>> Damping(law="restitution", coefficient=0.9)
+    Damping(law='restitution', coefficient=0.9, clipped=False)
     """
 
     law: str
     coefficient: tuple[float, ...] | float
+    clipped: bool | None = None
+
+    def __post_init__(self) -> None:
+        if self.clipped is None:
+            object.__setattr__(self, "clipped", self.law not in BY_RESTITUTION)
 
 
 #: fields of a Scene that are objects or None
@@ -105,7 +137,7 @@ class Scene:
     force (N) alone as array function of the overlap (m), one for all or one per contact, walls included. The force must
     not decrease with the overlap. If its slope jumps, a ContactLaw with the ``kinks`` is required (``law_of`` computes
     the energy of a force). ``stiffness`` and ``exponent`` then describe only a power law of similar strength. A law
-    cannot be combined with precompression or with the damping "kuwabara-kono", whose formulas hold for powers. Scene
+    cannot be combined with precompression or with damping other than dashpots, whose formulas hold for powers. Scene
     files cannot contain functions, so a law is available in Python only.
 
     Raises
@@ -195,16 +227,22 @@ class Scene:
             return None
         if damping.law not in DAMPING_LAWS:
             raise SceneError("damping.law", value=damping.law, allowed=" or ".join(DAMPING_LAWS))
-        allowed = f"a number >= 0 ({DAMPING_LAWS[damping.law]})"
+        law, clipped, by_restitution = damping.law, damping.clipped, damping.law in BY_RESTITUTION
+        if not isinstance(clipped, bool):
+            raise SceneError("damping.clipped", value=clipped, allowed="true or false, or None: the default of the law")
+        allowed = f"a number >= 0 ({DAMPING_LAWS[law]})"
+        bounds = _NOT_NEGATIVE
+        if by_restitution:
+            allowed, bounds = "a coefficient of restitution, above 0 and at most 1", {"above": 0.0, "at_most": 1.0}
         key, per = "damping.coefficient", "contact, walls included"
-        coefficient = checked_numbers(key, damping.coefficient, allowed, count=self.n_contact, per=per, at_least=0.0)
-        if damping.law == "kuwabara-kono":
-            for k, (gamma, n) in enumerate(zip(coefficient, self._joined("exponent").tolist(), strict=True)):
-                if gamma > 0.0 and n < 2.0:
-                    problem = f"has the law kuwabara-kono on contact {k}, whose exponent n is {n!r}"
+        coefficient = checked_numbers(key, damping.coefficient, allowed, count=self.n_contact, per=per, **bounds)
+        if law not in DASHPOTS:
+            for k, (value, n) in enumerate(zip(coefficient, self._joined("exponent").tolist(), strict=True)):
+                if n < 2.0 and value != float(by_restitution):
+                    problem = f"has the law {law} on contact {k}, whose exponent n is {n!r}"
                     allowed = "n >= 2, since the force is infinite at touch below"
                     raise SceneError("damping", problem=problem, allowed=allowed)
-        return Damping(law=damping.law, coefficient=coefficient)
+        return Damping(law=law, coefficient=coefficient, clipped=clipped)
 
     def _check_drive(self) -> None:
         """Raise SceneError unless the drive lasts as long as the scene."""
@@ -254,11 +292,10 @@ class Scene:
             problem = f"= {self.precompression!r}, but contacts have laws"
             allowed = "0, since static overlaps are computed for powers only"
             raise SceneError("precompression", problem=problem, allowed=allowed)
-        if self.damping is not None and self.damping.law != "dashpot":
+        if self.damping is not None and self.damping.law not in DASHPOTS:
             problem = f"= {self.damping.law!r}, but contacts have laws"
-            raise SceneError(
-                "damping.law", problem=problem, allowed="dashpot; kuwabara-kono is defined for powers only"
-            )
+            allowed = f"{' or '.join(DASHPOTS)}; the others are defined for powers only"
+            raise SceneError("damping.law", problem=problem, allowed=allowed)
         return tuple(laws) or None
 
     @property
@@ -349,7 +386,7 @@ class Scene:
     @property
     def damped(self) -> bool:
         """True if any contact dissipates energy."""
-        return self.damping is not None and bool(np.any(self.damping.coefficient))
+        return self.damping is not None and bool(np.any(self.contacts.damping > 0.0))
 
     @cached_property
     def features(self) -> frozenset[Feature]:
@@ -383,12 +420,7 @@ class Scene:
         beta, n, gap = (self._joined(name) for name in ("stiffness", "exponent", "gap"))
         if self._static_overlap:
             gap = -np.array(self._static_overlap)
-        damping, power = np.zeros(self.n_contact), np.zeros(self.n_contact)
-        if self.damping is not None:
-            damping = np.array(self.damping.coefficient)
-            if self.damping.law == "kuwabara-kono":
-                # an elastic contact has no damping force, for any n
-                damping, power = damping * beta, np.maximum(n - 2.0, 0.0)
+        damping, power = self._damping_factors(left, right, beta, n)
         distinct, where = self._distinct_laws
         # empty until __post_init__ has computed the reach
         checked_laws = zip(distinct, self._reach, strict=True) if self._reach else ()
@@ -400,10 +432,31 @@ class Scene:
             gap=gap,
             damping=damping,
             damping_power=power,
+            clipped=self.damping is None or bool(self.damping.clipped),
             laws=tuple(completed(law, reach=reach) for law, reach in checked_laws),
             law=np.array(where, dtype=np.int64) if distinct else np.full(self.n_contact, -1),
             reach=np.array(self._reach),
         )
+
+    def _damping_factors(
+        self, left: NDArray[np.int64], right: NDArray[np.int64], beta: Floats, n: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return the factor of each damping force and the power of the overlap in it."""
+        if self.damping is None:
+            return np.zeros(self.n_contact), np.zeros(self.n_contact)
+        law, value = self.damping.law, np.array(self.damping.coefficient)
+        if law == "dashpot":
+            return value, np.zeros(self.n_contact)
+        if law == "kuwabara-kono":
+            # an elastic contact has no damping force, for any n
+            return value * beta, np.maximum(n - 2.0, 0.0)
+        mobility = np.append(1.0 / np.array(self.mass), 0.0)
+        effective_mass = 1.0 / (mobility[left] + mobility[right])
+        if law == "mass-dashpot":
+            return value * effective_mass, np.zeros(self.n_contact)
+        pairs = zip(value.tolist(), n.tolist(), strict=True)
+        alpha = [alpha_of_tsuji(e) if law == "tsuji" else alpha_of_restitution(e, exponent) for e, exponent in pairs]
+        return np.array(alpha) * np.sqrt(effective_mass * beta), np.maximum(0.5 * n - 1.0, 0.0)
 
     def _joined(self, name: str) -> Floats:
         """Return a number of the contacts of the chain, then of the walls."""
@@ -424,7 +477,8 @@ class Scene:
         if self.precompression > 0.0:
             parts.append(("precompression", self.precompression))
         if self.damping is not None and self.damped:
-            parts.append(("damping", self.damping.law, self.damping.coefficient))
+            unclipped = () if self.damping.clipped else ("not clipped",)
+            parts.append(("damping", self.damping.law, self.damping.coefficient, *unclipped))
         if self.drag > 0.0:
             parts.append(("drag", self.drag))
         if self.drive is not None:

@@ -57,6 +57,13 @@ def test_a_plain_scene_has_no_feature() -> None:
         ({"precompression": 5.0}, {"precompression"}),
         ({"damping": Damping(law="dashpot", coefficient=(0.0, 1.0))}, {"dashpot damping"}),
         ({"damping": Damping(law="kuwabara-kono", coefficient=1e-6)}, {"Kuwabara-Kono damping"}),
+        ({"damping": Damping(law="mass-dashpot", coefficient=1.0)}, {"mass-proportional dashpot damping"}),
+        (
+            {"damping": Damping(law="restitution", coefficient=(1.0, 0.5))},
+            {"damping by a coefficient of restitution", "damping forces that are not clipped"},
+        ),
+        ({"damping": Damping(law="restitution", coefficient=1.0)}, set()),
+        ({"damping": Damping(law="tsuji", coefficient=0.5, clipped=True)}, {"Tsuji damping"}),
         ({"drag": 1.0}, {"drag"}),
         ({"drive": SINE}, {"a sine drive"}),
         ({"drive": replace(SINE, shape="chirp", last_frequency=9e3, sweep=1e-4)}, {"a chirp drive"}),

@@ -497,7 +497,7 @@ def test_laws_are_refused_beside_physics_that_is_known_for_powers_only() -> None
     message = _message(law=_linear, damping=Damping(law="kuwabara-kono", coefficient=1e-6))
     assert message == (
         "scene: damping.law = 'kuwabara-kono', but contacts have laws;"
-        " allowed: dashpot; kuwabara-kono is defined for powers only"
+        " allowed: dashpot or mass-dashpot; the others are defined for powers only"
     )
 
 

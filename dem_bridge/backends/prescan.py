@@ -69,7 +69,7 @@ def prescan_hertz(scene: Scene, *, max_steps: int = 200_000_000) -> Prescan:
         _run,
         inverse_mass,
         np.append(np.array(scene.velocity), 0.0),
-        (c.left, c.right, c.stiffness, c.exponent, c.gap, c.damping, c.damping_power),
+        (c.left, c.right, c.stiffness, c.exponent, c.gap, c.damping, c.damping_power, c.clipped),
         scene.drag,
         scene.free_acceleration,
         driven_of(scene),
@@ -111,7 +111,7 @@ def _pace(scene: Scene) -> float:
 @kernel()
 def _press(k, overlap, v, a, inverse_mass, contacts):  # type: ignore[no-untyped-def]
     """Add what a closed contact does to its bodies to their accelerations ``a``, and return its elastic force, N."""
-    left, right, stiffness, exponent, _, damping, damping_power = contacts
+    left, right, stiffness, exponent, _, damping, damping_power, clipped = contacts
     if exponent[k] == 2.5:
         elastic = stiffness[k] * overlap * np.sqrt(overlap)
     else:
@@ -119,8 +119,10 @@ def _press(k, overlap, v, a, inverse_mass, contacts):  # type: ignore[no-untyped
     force = elastic
     if damping[k] > 0.0:
         force += damping[k] * overlap ** damping_power[k] * (v[left[k]] - v[right[k]])
-    a[left[k]] -= max(force, 0.0) * inverse_mass[left[k]]
-    a[right[k]] += max(force, 0.0) * inverse_mass[right[k]]
+    if clipped:
+        force = max(force, 0.0)
+    a[left[k]] -= force * inverse_mass[left[k]]
+    a[right[k]] += force * inverse_mass[right[k]]
     return elastic
 
 
@@ -131,10 +133,10 @@ def _run(  # type: ignore[no-untyped-def]
     """Integrate the scene coarsely, and return the largest values of what a Prescan has.
 
     Index n_body is the wall: no inverse mass, no velocity. ``contacts``: the arrays of a scene's contacts from ``left``
-    to ``damping_power``. ``free (n_body,)``: acceleration without contact; ``pace``, rad/s: the rate of the
+    to ``clipped``. ``free (n_body,)``: acceleration without contact; ``pace``, rad/s: the rate of the
     drive, which limits the step.
     """
-    left, right, stiffness, exponent, gap, damping, damping_power = contacts
+    left, right, stiffness, exponent, gap, damping, damping_power, _ = contacts
     n_body, n_contact = inverse_mass.shape[0] - 1, left.shape[0]
     v = velocity.copy()
     x = np.zeros(n_body + 1)

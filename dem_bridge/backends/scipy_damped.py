@@ -6,9 +6,10 @@ pressing elastic and damping force, sum > 0    ends as the sum, or the overlap, 
 slack    overlap > 0, but the sum would pull   ends as the sum rises, or the overlap falls
 ======== ===================================== ==========================================
 
-The sum is clipped at zero, so a damped contact ends before its overlap does, and with a dashpot it begins with a jump
-from 0 to c times the closing rate. Every one of these moments is located, and the integration starts anew from there.
-The largest force need not be at maximal compression; it is searched for on the dense output and at the jumps.
+Where the sum is clipped at zero, a damped contact ends before its overlap does; where it is not, no contact is slack.
+With a dashpot a contact begins with a jump from 0 to c times the closing rate, and ends with one if it is not clipped.
+Every one of these moments is located, and the integration starts anew from there. The largest force need not be at
+maximal compression; it is searched for on the dense output and at the jumps.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ class DampedIntegration(Integration):
 
     def __init__(self, scene: Scene, sampling: Sampling, rtol: float) -> None:
         super().__init__(scene, sampling, rtol)
+        self.clipped = scene.contacts.clipped
         speed, depth = natural_scales(scene)
         damping = self.contacts["damping"] * depth ** self.contacts["damping_power"] * speed
         scale = scene.contacts.force(depth, np.arange(self.k)) + damping
@@ -53,10 +55,12 @@ class DampedIntegration(Integration):
         self.rows = np.zeros((len(PROBES), len(self.atol)))  # states at the probes of the last step
 
     def _sampled_force(self, rows: Floats, state: NDArray[Any]) -> Floats:
-        return np.where(state == PRESSING, np.maximum(self._force(rows), 0.0), 0.0)
+        force = self._force(rows)
+        return np.where(state == PRESSING, np.maximum(force, 0.0) if self.clipped else force, 0.0)
 
     def _start(self, y: Floats) -> NDArray[Any]:
-        overlap, pushes = y[: self.k], (self._force(y[None])[0] > 0.0) | (self.contacts["damping"] == 0.0)
+        overlap = y[: self.k]
+        pushes = (self._force(y[None])[0] > 0.0) | (self.contacts["damping"] == 0.0) | (not self.clipped)
         touching = (overlap == 0.0) & (self._closing(y) >= 0.0)
         return np.where(overlap > 0.0, np.where(pushes, PRESSING, SLACK), np.where(touching, PRESSING, OPEN))
 
@@ -75,7 +79,8 @@ class DampedIntegration(Integration):
         """Return how far each contact is from a change of its state, ``(n_row, n_contact)``: see the kernel."""
         margins = np.empty((len(rows), self.k))
         elastic = self._elastic(rows[:, : self.k])
-        kernels.margins(rows, state, elastic, self.contacts, self.n, self.touch, self.unnoticed, margins)
+        limits = (self.clipped, self.touch, self.unnoticed)
+        kernels.margins(rows, state, elastic, self.contacts, self.n, *limits, margins)
         return margins
 
     def _first_event(self, solver: DOP853, step: Step, state: NDArray[Any]) -> tuple[float, int] | None:

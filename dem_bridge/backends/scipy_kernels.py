@@ -22,6 +22,8 @@ OPEN, PRESSING, SLACK = range(3)
 #: why a contact needs a closer examination within a step, as bits
 ENDS, TURNS, FALLS, DIPS, BUMPS, STARTS = (1 << bit for bit in range(6))
 
+#: Marshall's polynomial of the restitution, highest power first (2009, *J. Comput. Phys.* 228, 1541, eq. 53)
+MARSHALL = (4.8218, -18.022, 27.467, -22.348, 11.087, -4.2783, 1.2728)
 #: a contact as kernels take it; ``power``: force exponent n - 1; the index n stands for a wall, which rests
 CONTACT = np.dtype(
     [
@@ -40,20 +42,34 @@ BODY = np.dtype([("mobility", "f8"), ("free", "f8")])
 def contact_table(scene: Scene) -> NDArray[Any]:
     """Return the contacts of a scene as one array of :data:`CONTACT`.
 
-    The damping force is ``damping overlap^damping_power rate``: c times the closing rate for a dashpot, and
-    ``gamma beta overlap^(n-2)`` times it for the law of Kuwabara & Kono.
+    The damping force is ``damping overlap^damping_power rate``. A force that is given by a restitution e is written by
+    the ratio of its damping to the critical one, ``-ln e / sqrt(pi^2 + (ln e)^2)``, of ``sqrt(2 n m beta)``.
     """
     contacts, table = scene.contacts, np.zeros(scene.n_contact, CONTACT)
+    n = contacts.exponent
     table["left"], table["right"] = contacts.left, contacts.right
-    table["stiffness"], table["power"] = contacts.stiffness, contacts.exponent - 1.0
-    if scene.damping is not None:
-        coefficient = np.array(scene.damping.coefficient)
-        if scene.damping.law == "dashpot":
-            table["damping"] = coefficient
-        else:
-            table["damping"] = coefficient * contacts.stiffness
-            # an undamped contact has no such force, whatever its exponent
-            table["damping_power"] = np.maximum(contacts.exponent - 2.0, 0.0)
+    table["stiffness"], table["power"] = contacts.stiffness, n - 1.0
+    if scene.damping is None:
+        return table
+    law, value = scene.damping.law, np.array(scene.damping.coefficient)
+    mass = np.append(scene.mass, np.inf)
+    smaller, larger = np.sort([mass[contacts.left], mass[contacts.right]], axis=0)
+    reduced = smaller / (1.0 + smaller / larger)
+    if law == "dashpot":
+        table["damping"] = value
+    elif law == "mass-dashpot":
+        table["damping"] = value * reduced
+    elif law == "kuwabara-kono":
+        table["damping"] = value * contacts.stiffness
+        # an undamped contact has no such force, whatever its exponent
+        table["damping_power"] = np.maximum(n - 2.0, 0.0)
+    else:
+        loss = -np.log(value)
+        ratio = loss / np.sqrt(np.pi**2 + loss**2)
+        if law == "tsuji":
+            ratio = np.polyval(MARSHALL, value) / np.sqrt(n)
+        table["damping"] = ratio * np.sqrt(2.0 * n * contacts.stiffness * reduced)
+        table["damping_power"] = np.maximum(n / 2.0 - 1.0, 0.0)
     return table
 
 
@@ -143,11 +159,11 @@ def examine(  # type: ignore[no-untyped-def]
 
 
 @kernel(nogil=False)
-def margins(rows, state, elastic, contacts, n, touch, unnoticed, out):  # type: ignore[no-untyped-def]
+def margins(rows, state, elastic, contacts, n, clipped, touch, unnoticed, out):  # type: ignore[no-untyped-def]
     """Write how far each contact is from a change of its state, for each state in ``rows``; arrays as above.
 
     Positive while it keeps its state; in units of the overlap ``touch`` (m) and the force ``unnoticed`` (N). An
-    undamped contact ends with its overlap: its force is no second condition.
+    undamped contact, or one that is not ``clipped``, ends with its overlap: its force is no second condition.
     """
     for row in range(len(rows)):
         for i in range(len(contacts)):
@@ -158,7 +174,7 @@ def margins(rows, state, elastic, contacts, n, touch, unnoticed, out):  # type: 
                 out[row, i] = -overlap
             elif state[i] == SLACK:
                 out[row, i] = min(overlap, -total)
-            elif contacts[i].damping > 0.0:
+            elif clipped and contacts[i].damping > 0.0:
                 out[row, i] = min(overlap, total)
             else:
                 out[row, i] = overlap

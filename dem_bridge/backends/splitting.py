@@ -102,7 +102,7 @@ def solve(
         integrate,
         np.array(scene.mass),
         np.array(scene.velocity),
-        (c.left, c.right, c.stiffness, c.exponent, c.gap, c.damping, c.damping_power),
+        (c.left, c.right, c.stiffness, c.exponent, c.gap, c.damping, c.damping_power, c.clipped),
         len(scene.stiffness),
         scene.drag,
         scene.gravity,
@@ -208,13 +208,13 @@ def integrate(  # type: ignore[no-untyped-def]
 
     The results are velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap
     and force ``(n_dense, n_contact)`` at ``dense_steps``. ``contacts``: the arrays of a scene's contacts from ``left``
-    to ``damping_power``, of which the first ``links`` are those of the chain; ``frame``: the result of :func:`_frame`;
+    to ``clipped``, of which the first ``links`` are those of the chain; ``frame``: the result of :func:`_frame`;
     ``load (n_body,)``: the constant force on each body beside its weight, N; ``driven``: the drive of body 0.
 
     With n = 5/2 the force is ``beta s sqrt(s)``: only exact powers of two appear when v0 -> 32 v0 and
     dt -> dt/2, so such runs repeat bit for bit.
     """
-    left, right, stiffness, exponent, gap, damping, damping_power = contacts
+    left, right, stiffness, exponent, gap, damping, damping_power, clipped = contacts
     drifts, kicks = method
     reach, start, wall = frame
     n_body, n_contact, n_dense = mass.shape[0], left.shape[0], dense_steps.shape[0]
@@ -295,7 +295,7 @@ def integrate(  # type: ignore[no-untyped-def]
                         if overlap[k] > 0.0 and damping[k] > 0.0:
                             rate = v[left[k]] - v[right[k]]
                             force[k] += damping[k] * overlap[k] ** damping_power[k] * rate
-                            if not tabled or tables.law[k] < 0:
+                            if clipped and (not tabled or tables.law[k] < 0):
                                 force[k] = max(force[k], 0.0)
                 for i in range(n_body):
                     net[i] = weight[i]

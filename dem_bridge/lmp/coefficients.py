@@ -2,8 +2,9 @@
 
 ``hertz K`` is F = K sqrt(R_eff) overlap^1.5 with R_eff = R/2, hence K = beta / sqrt(R/2); ``hooke k`` is F = k overlap,
 the law of n = 2 (LAMMPS manual, *pair_style granular*). Damping adds eta overlap' (``velocity``) or eta m_eff
-sqrt(R_eff overlap) overlap' (``viscoelastic``). With ``limit_damping`` the sum is clipped at zero. Every float is
-written with all its digits.
+sqrt(R_eff overlap) overlap' (``viscoelastic``) or eta m_eff overlap' (``mass_velocity``). For ``coeff_restitution`` and
+``tsuji`` it is alpha(e) sqrt(m_eff F/overlap) overlap' with the elastic force F, in which the radius cancels. With
+``limit_damping`` the sum is clipped at zero. Every float is written with all its digits.
 """
 
 from __future__ import annotations
@@ -18,10 +19,21 @@ from numpy.typing import NDArray
 from dem_bridge import features
 from dem_bridge.physics.law import ContactLaw, power_law
 from dem_bridge.scene import Scene
-from dem_bridge.support import Condition, Exponents, Support
+from dem_bridge.support import Condition, Exponents, Support, labels
 
 #: force ~ overlap^(n-1) -> LAMMPS' normal model
 MODELS = {2.0: "hooke", 2.5: "hertz"}
+#: damping law of a scene -> LAMMPS' damping model
+DAMPINGS = {
+    "dashpot": "velocity",
+    "mass-dashpot": "mass_velocity",
+    "kuwabara-kono": "viscoelastic",
+    "restitution": "coeff_restitution",
+    "tsuji": "tsuji",
+}
+#: damping models whose coefficient is that of the scene. The engine multiplies by the effective mass, which must be the
+#: mass of the body at a wall
+BY_EFFECTIVE_MASS = ("mass_velocity", "coeff_restitution", "tsuji")
 #: no interaction, for pairs that never meet
 NOTHING = "hertz 0 0 tangential linear_nohistory 0 0 damping velocity"
 
@@ -29,18 +41,19 @@ NOTHING = "hertz 0 0 tangential linear_nohistory 0 0 damping velocity"
 def _unknown_damping(scene: Scene) -> str | None:
     """Return the reason why LAMMPS has no such damping, or None."""
     c = scene.contacts
-    viscoelastic = (c.damping > 0.0) & (c.damping_power > 0.0) & ~np.isin(c.exponent, list(MODELS))
-    if not viscoelastic.any():
+    wrong = (c.damping > 0.0) & (c.damping_power > 0.0) & ~np.isin(c.exponent, list(MODELS))
+    if scene.damping is None or not wrong.any():
         return None
-    wrong = int(np.argmax(viscoelastic))
-    return f"contact {wrong} has Kuwabara-Kono damping and exponent n = {float(c.exponent[wrong])!r}"
+    label = labels(scene.features & {features.KUWABARA_KONO, features.RESTITUTION, features.TSUJI})
+    return f"contact {int(np.argmax(wrong))} has {label} and exponent n = {float(c.exponent[np.argmax(wrong)])!r}"
 
 
 #: scenes that ``pair_style granular`` supports
 GRANULAR_STYLE = Support(
     {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
     | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
-    | {features.DASHPOT, features.KUWABARA_KONO, features.DRAG}
+    | {features.DASHPOT, features.MASS_DASHPOT, features.KUWABARA_KONO, features.RESTITUTION, features.TSUJI}
+    | {features.NOT_CLIPPED, features.DRAG}
     | {features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE},
     exponents=Exponents(values=tuple(MODELS)),
     instead="lammps-table",
@@ -49,7 +62,7 @@ GRANULAR_STYLE = Support(
 TABLE_STYLE = Support(
     GRANULAR_STYLE.features | {features.CONTACT_FUNCTIONS},
     exponents=Exponents(least=2.0, most=5.0),
-    conditions=(Condition("n = 2 or 2.5 where contacts have Kuwabara-Kono damping", _unknown_damping),),
+    conditions=(Condition("n = 2 or 2.5 where the damping force depends on the overlap", _unknown_damping),),
 )
 
 
@@ -64,17 +77,16 @@ def line_order(scene: Scene) -> NDArray[np.int64]:
     return np.array(order, dtype=np.int64)
 
 
-def coefficients(
-    stiffness: float, exponent: float, eta: float, radius: float, *, viscoelastic: bool, clipped: bool
-) -> str:
+def coefficients(stiffness: float, exponent: float, eta: float, radius: float, *, damping: str, clipped: bool) -> str:
     """Return the arguments of ``pair_coeff I J`` for contacts of this effective ``radius`` (m)."""
-    viscoelastic = viscoelastic and exponent == 2.5
+    if (damping == "viscoelastic" and exponent != 2.5) or (eta == 0.0 and damping in ("coeff_restitution", "tsuji")):
+        damping = "velocity"
     per_root = math.sqrt(radius)
     value = stiffness / per_root if exponent == 2.5 else stiffness
-    damping = f"damping {'viscoelastic' if viscoelastic else 'velocity'}{' limit_damping' * clipped}"
     # "0", not "0.0", so that decks of undamped scenes stay as they were before there was damping
-    eta_text = repr(eta / per_root if viscoelastic else eta) if eta else "0"
-    return f"{MODELS[exponent]} {value!r} {eta_text} tangential linear_nohistory 0 0 {damping}"
+    eta_text = repr(eta / per_root if damping == "viscoelastic" else eta) if eta else "0"
+    words = f"damping {damping}{' limit_damping' * clipped}"
+    return f"{MODELS[exponent]} {value!r} {eta_text} tangential linear_nohistory 0 0 {words}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,11 +99,15 @@ class Laws:
     stiffness: NDArray[np.float64]
     """Stiffness beta, N/m^(n-1), ``(n_law,)``."""
     exponent: NDArray[np.float64]
-    damping: NDArray[np.float64]
-    """LAMMPS' eta: N s/m (velocity), or 1/(m s) (viscoelastic, per unit of m_eff R_eff^(1/2))."""
-    viscoelastic: bool
+    eta: NDArray[np.float64]
+    """LAMMPS' eta: N s/m (velocity), 1/s (mass_velocity), 1/(m s) (viscoelastic, per unit of m_eff R_eff^(1/2)), or the
+    coefficient of restitution; 0 without damping."""
+    damping: str
+    """LAMMPS' damping model."""
+    damped: bool
+    """True if any contact is damped."""
     clipped: bool
-    """True if any contact is damped, so that net forces are clipped at zero."""
+    """True if net forces are clipped at zero."""
     functions: tuple[ContactLaw, ...] | None
     """The laws that are not powers; None if all are powers."""
     where: NDArray[np.int64]
@@ -99,12 +115,12 @@ class Laws:
 
     def coefficients(self, law: int, radius: float) -> str:
         """Return the arguments of ``pair_coeff I J`` for bodies of ``radius`` (m)."""
-        beta, n, eta = (float(column[law]) for column in (self.stiffness, self.exponent, self.damping))
-        return coefficients(beta, n, eta, 0.5 * radius, viscoelastic=self.viscoelastic, clipped=self.clipped)
+        beta, n, eta = (float(column[law]) for column in (self.stiffness, self.exponent, self.eta))
+        return coefficients(beta, n, eta, 0.5 * radius, damping=self.damping, clipped=self.clipped)
 
     def left_to_granular(self, law: int) -> bool:
         """Return True if a law is damped and available in ``granular``, which alone can clip the net force."""
-        return self.functions is None and self.damping[law] > 0.0 and self.exponent[law] in MODELS
+        return self.functions is None and self.eta[law] > 0.0 and self.exponent[law] in MODELS
 
     def law(self, law: int) -> ContactLaw:
         """Return elastic force and energy as functions of the overlap."""
@@ -114,15 +130,15 @@ class Laws:
 
     def dashpot(self, law: int) -> str:
         """Return the arguments of ``pair_coeff I J`` for the damping that is added to a table, which is not clipped."""
-        return f"hertz 0 {float(self.damping[law])!r} tangential linear_nohistory 0 0 damping velocity"
+        model = "mass_velocity" if self.damping == "mass_velocity" else "velocity"
+        return f"hertz 0 {float(self.eta[law])!r} tangential linear_nohistory 0 0 damping {model}"
 
 
 def laws(scene: Scene) -> Laws:
     """Return the distinct laws of a scene, in the order of their first occurrence along the line."""
     c, order = scene.contacts, line_order(scene)
-    viscoelastic = bool(np.any((c.damping > 0.0) & (c.damping_power > 0.0)))
-    eta = c.damping.copy()
-    if viscoelastic:
+    damping, eta = damping_model(scene)
+    if damping == "viscoelastic":
         # LAMMPS multiplies by the effective mass; wall atoms have the mass of their neighbours
         mass = np.array(scene.mass)
         left, right = (
@@ -136,12 +152,25 @@ def laws(scene: Scene) -> Laws:
     return Laws(
         stiffness=chosen[:, 0],
         exponent=chosen[:, 1],
-        damping=chosen[:, 2],
-        viscoelastic=viscoelastic,
-        clipped=scene.damped,
+        eta=chosen[:, 2],
+        damping=damping,
+        damped=scene.damped,
+        clipped=scene.damped and c.clipped,
         functions=tuple(c.laws[nth] for nth in chosen[:, 3].astype(int)) if scene.law is not None else None,
         where=np.array(where, dtype=np.int64),
     )
+
+
+def damping_model(scene: Scene) -> tuple[str, NDArray[np.float64]]:
+    """Return LAMMPS' damping model, and eta of each contact; that of ``viscoelastic`` without 1/m_eff.
+
+    ``viscoelastic`` stands for a scene that has contacts of n = 5/2 with it.
+    """
+    c = scene.contacts
+    model = DAMPINGS[scene.damping.law] if scene.damping is not None and scene.damped else "velocity"
+    if model in BY_EFFECTIVE_MASS and scene.damping is not None:
+        return model, np.where(c.damping > 0.0, scene.damping.coefficient, 0.0)
+    return model if np.any((c.damping > 0.0) & (c.damping_power > 0.0)) else "velocity", c.damping.copy()
 
 
 def pairs(types: NDArray[np.int64]) -> Iterator[tuple[int, int, int, int]]:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.dense import Schedule
-from dem_bridge.lmp.coefficients import GRANULAR_STYLE, TABLE_STYLE, laws, line_order, pairs
+from dem_bridge.lmp.coefficients import BY_EFFECTIVE_MASS, GRANULAR_STYLE, TABLE_STYLE, laws, line_order, pairs
 from dem_bridge.lmp.driving import drive_file, drive_variables
 from dem_bridge.lmp.encoding import body_types
 from dem_bridge.lmp.pairing import TableSet, granular, tabled
@@ -31,6 +31,8 @@ from dem_bridge.version import FORM_DATE, __version__
 _TEMPLATE = Path(__file__).with_name("deck.template")
 #: columns of the dump; with ``type`` and three coordinates, other programs can read it
 DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "fx")
+#: mass of a wall over that of its neighbour, where the engine's force depends on the effective mass
+HEAVY = 2.0**60
 #: more groups of equal masses than this are read from a file, because each `set` visits every atom
 MOST_SETS = 300
 
@@ -95,8 +97,11 @@ class _Line:
         self.pairing = granular(self.laws, radius) if tables is None else tabled(self.laws, radius, tables, scene.name)
         self.walls = (int(scene.wall_left is not None), int(scene.wall_right is not None))
         self.place = positions(scene, radius)
-        #: mass of each atom, kg; a wall has that of its neighbour
+        #: mass of each atom, kg; a wall has that of its neighbour, or is so heavy that the effective mass is the body's
         self.mass = np.pad(np.array(scene.mass), self.walls, mode="edge")
+        if self.laws.damping in BY_EFFECTIVE_MASS:
+            heavy = np.pad(np.zeros(scene.n_body, dtype=bool), self.walls, constant_values=True)
+            self.mass[heavy] *= HEAVY
         self.velocity = np.pad(np.array(scene.velocity), self.walls)
         self.types = body_types(self.laws.where, types)
         #: length of the line that bodies ever occupy, m

@@ -104,26 +104,26 @@ def table_set(
 def tabled(laws: Laws, radius: float, table_set: TableSet, name: str) -> Pairing:
     """Return the pair commands of ``pair_style table``; with damping, ``hybrid/overlay`` with ``granular``."""
     # contacts that are left to granular have no table, so their overlap has no bound
-    reach = radius if laws.clipped else None
+    reach = radius if laws.damped else None
     none = zero_table(keyword="NONE", diameter=2.0 * radius, reach=reach)
     files = {f"{name}.none.table": none.text}
     files |= {f"{name}.{law}.table": table.text for law, table in table_set.tables.items()}
     style = f"table {table_set.style} {table_set.points}"
 
-    kind, overlay = ("table ", "hybrid/overlay ") if laws.clipped else ("", "")
+    kind, overlay = ("table ", "hybrid/overlay ") if laws.damped else ("", "")
     behind = []
     for law in range(len(laws.stiffness)):
         table = table_set.tables.get(law)
         if table is None:
             behind.append((f"granular {laws.coefficients(law, radius)}",))
             continue
-        dashpot = (f"granular {laws.dashpot(law)}",) if laws.damping[law] > 0.0 else ()
+        dashpot = (f"granular {laws.dashpot(law)}",) if laws.eta[law] > 0.0 else ()
         behind.append((f"{kind}{name}.{law}.table {table.keyword}", *dashpot))
     pulls = "; damping is added and can make a contact tensile where granular lacks its law" if laws.clipped else ""
     head = (
-        f"pair_style      {overlay}{style}{' granular' * laws.clipped}",
+        f"pair_style      {overlay}{style}{' granular' * laws.damped}",
         f"pair_coeff      * * {kind}{name}.none.table NONE",
-        *([f"pair_coeff      * * granular {NOTHING}"] if laws.clipped else []),
+        *([f"pair_coeff      * * granular {NOTHING}"] if laws.damped else []),
     )
     note = f"forces from tables, exact at their lines{pulls}"
     return Pairing(note=note, head=head, behind=tuple(behind), files=MappingProxyType(files))

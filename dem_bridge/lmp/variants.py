@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.lmp.coefficients import coefficients, line_order
+from dem_bridge.lmp.coefficients import coefficients, damping_model, line_order
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.lmp.radii import encoded_radii
 from dem_bridge.scene import Scene
@@ -147,22 +147,24 @@ def flat_walls(deck: Deck, scene: Scene, *, style: str = "granular", region: boo
 
 def _flat_law(scene: Scene, contact: int, radius: float, style: str) -> str:
     """Return the law of a body of ``radius`` (m) on a plane: R_eff = R and m_eff = m."""
-    c = scene.contacts
+    c, (damping, etas) = scene.contacts, damping_model(scene)
     body = min(int(c.left[contact]), int(c.right[contact]))
     body = body if body < scene.n_body else int(c.right[contact])
-    mass = float(scene.mass[body])
-    beta, n, eta, power = (float(column[contact]) for column in (c.stiffness, c.exponent, c.damping, c.damping_power))
+    mass, clipped = float(scene.mass[body]), scene.damped and c.clipped
+    beta, n, damped, power = (float(x[contact]) for x in (c.stiffness, c.exponent, c.damping, c.damping_power))
     if style == "granular":
-        eta = eta / mass if power > 0.0 else eta
-        return coefficients(beta, n, eta, radius, viscoelastic=eta > 0.0 and power > 0.0, clipped=scene.damped)
+        eta = float(etas[contact])
+        if damping == "viscoelastic":
+            eta, damping = (eta / mass, damping) if eta * power > 0.0 else (eta, "velocity")
+        return coefficients(beta, n, eta, radius, damping=damping, clipped=clipped)
     if n != CLASSIC[style]:
         raise UnsupportedScene(f"a wall {style} has n = {CLASSIC[style]} only")
-    if eta > 0.0 and power != n - 2.0:
-        raise UnsupportedScene(f"a wall {style} has no dashpot whose coefficient is constant")
+    if damped > 0.0 and power != n - 2.0:
+        raise UnsupportedScene(f"a wall {style} has no dashpot, only damping in proportion to overlap^{n - 2.0:g}")
     # the force of hertz/history is sqrt(R overlap) (Kn overlap + m gamma overlap'), that of hooke the bracket alone
     root = math.sqrt(radius) if n == 2.5 else 1.0
-    gamma = eta / (mass * root) or SMALLEST_GAMMA
-    return f"{beta / root!r} NULL {gamma!r} NULL 0 0{' limit_damping' * scene.damped}"
+    gamma = damped / (mass * root) or SMALLEST_GAMMA
+    return f"{beta / root!r} NULL {gamma!r} NULL 0 0{' limit_damping' * clipped}"
 
 
 def hertz_history(deck: Deck, scene: Scene, peak_overlap: NDArray[np.float64]) -> Deck:

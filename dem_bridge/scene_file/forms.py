@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from dem_bridge.drive import Drive
 from dem_bridge.errors import SceneError
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene import BY_RESTITUTION, Damping, Scene, Wall
 
 Positive = Annotated[float, Field(gt=0.0)]
 Angle = Annotated[float, Field(gt=0.0, le=90.0)]
@@ -47,8 +47,20 @@ class WallTable(RawTable):
 class DampingTable(RawTable):
     """Table [chain.damping]."""
 
-    law: Literal["dashpot", "kuwabara-kono"]
-    coefficient: Numbers
+    law: Literal["dashpot", "mass-dashpot", "kuwabara-kono", "restitution", "tsuji"]
+    coefficient: Numbers | None = None
+    e: Numbers | None = None
+    """Coefficient of restitution, in place of ``coefficient``."""
+    clipped: bool | None = None
+
+    def damping(self) -> Damping:
+        """Return the Damping."""
+        key, other = ("e", "coefficient") if self.law in BY_RESTITUTION else ("coefficient", "e")
+        if getattr(self, other) is not None:
+            raise SceneError(f"damping.{other}", problem=f"is no key of the law {self.law}", allowed=key)
+        if (value := getattr(self, key)) is None:
+            raise SceneError(f"damping.{key}", problem="is missing", allowed="a number, or a list of one per contact")
+        return Damping(law=self.law, coefficient=value, clipped=self.clipped)
 
 
 class DriveTable(RawTable):
@@ -371,7 +383,7 @@ def in_common(file: RawScene | CylinderScene | SphereScene | PatternScene) -> di
         "wall_left": wall(chain.wall_left),
         "wall_right": wall(chain.wall_right),
         "precompression": 0.0 if chain.precompression is None else chain.precompression.force,
-        "damping": None if damping is None else Damping(**damping.model_dump()),
+        "damping": None if damping is None else damping.damping(),
         "drive": None if chain.drive is None else chain.drive.drive(file.duration),
         "samples": file.sampling.count,
         **file.environment.model_dump(),

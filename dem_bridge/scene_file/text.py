@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from dem_bridge.drive import KEYS
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.scene import Scene
+from dem_bridge.scene import BY_RESTITUTION, Scene
 from dem_bridge.scene_file.forms import Environment
 
 #: numbers per line of a list
@@ -49,7 +49,11 @@ def _lines(scene: Scene) -> Iterator[str]:
     if scene.precompression > 0.0:
         yield "[chain.precompression]"
         yield from _values({"force": scene.precompression}, _UNITS)
-    yield from _section("chain.damping", damping, ("law", "coefficient"))
+    if damping is not None:
+        by_restitution = damping.law in BY_RESTITUTION
+        clip = {} if damping.clipped == (not by_restitution) else {"clipped": damping.clipped}
+        yield "[chain.damping]"
+        yield from _values({"law": damping.law, "e" if by_restitution else "coefficient": damping.coefficient, **clip})
     if drive is not None:
         yield from _section("chain.drive", drive, ("shape", "force", *KEYS[drive.shape]), {"force": "N"})
     units = Environment.units()
@@ -80,7 +84,7 @@ def _toml(value: object) -> str:
         # a JSON string of printable characters is a TOML string; names and descriptions of scenes are printable
         return json.dumps(value, ensure_ascii=False)
     if not isinstance(value, Sequence):
-        return repr(value)
+        return repr(value).lower()
     words = [repr(number) for number in value]
     if len(words) <= _ON_A_LINE:
         return f"[{', '.join(words)}]"

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
 
-from dem_bridge.lmp.coefficients import MODELS
+from dem_bridge.lmp.coefficients import MODELS, damping_model
 from dem_bridge.studies.closed_form import closed_form_table
 from dem_bridge.studies.study import Claim, Study, Table
 from dem_bridge.studies.texts import Texts, verdict_table
@@ -185,7 +185,7 @@ def _commands(study: SceneStudy, run: Trajectory) -> list[str]:
     models = MODELS.items() if not table else [(n, word) for n, word in MODELS.items() if n in c.exponent[damped]]
     granular = [" and ".join(word for n, word in models if n in c.exponent)]
     if damped.any():
-        granular.append(f"damping {'viscoelastic' if (c.damping_power[damped] > 0.0).any() else 'velocity'}")
+        granular.append(f"damping {damping_model(scene)[0]}")
     parts = {
         f"pair_style table {table['style'] if table else ''}": table,
         f"pair_style granular ({' with '.join(filter(None, granular))})": not table or damped.any(),

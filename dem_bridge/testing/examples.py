@@ -65,8 +65,8 @@ def _gaps(scene: Scene, first: float) -> dict[str, Any]:
     return {"gap": tuple(first * factor for factor in (1.0, 0.5)[: len(scene.stiffness)])}
 
 
-def _damping(law: str, coefficient: float) -> dict[str, Any]:
-    return {"damping": Damping(law=law, coefficient=coefficient)}
+def _damping(law: str, coefficient: float, *, clipped: bool = True) -> dict[str, Any]:
+    return {"damping": Damping(law=law, coefficient=coefficient, clipped=clipped)}
 
 
 _SINE = Drive(shape="sine", force=200.0, frequency=1e4, phase=30.0, rise=2e-5)
@@ -88,12 +88,20 @@ EXAMPLES: Mapping[Feature, Callable[[Scene], Mapping[str, Any]]] = MappingProxyT
         features.GRAVITY: lambda scene: {"gravity": 2e3},
         features.PRECOMPRESSION: lambda scene: {"precompression": 50.0},
         features.DASHPOT: lambda scene: _damping("dashpot", 100.0),
+        features.MASS_DASHPOT: lambda scene: _damping("mass-dashpot", 2e4),
         features.KUWABARA_KONO: lambda scene: _damping("kuwabara-kono", 1e-5),
+        features.RESTITUTION: lambda scene: _damping("restitution", 0.3),
+        features.TSUJI: lambda scene: _damping("tsuji", 0.3),
+        features.NOT_CLIPPED: lambda scene: _damping("dashpot", 100.0, clipped=False),
         features.DRAG: lambda scene: {"drag": 3e3},
         features.SINE_DRIVE: lambda scene: {"drive": _SINE},
         features.CHIRP_DRIVE: lambda scene: {"drive": _CHIRP},
         features.TABLE_DRIVE: lambda scene: {"drive": _TABLE},
     }
+)
+#: features that an example has in addition to its own
+_NEEDS: Mapping[Feature, tuple[Feature, ...]] = MappingProxyType(
+    {features.GRADED_EXPONENTS: (features.OTHER_EXPONENTS,), features.NOT_CLIPPED: (features.DASHPOT,)}
 )
 
 
@@ -117,8 +125,11 @@ def example(feature: Feature, support: Support) -> Scene | None:
     >>> example(features.DRAG, Support({features.GAPS})).features
     frozenset({<Feature: drag>})
     """
-    needs = {features.OTHER_EXPONENTS} if feature is features.GRADED_EXPONENTS else set()
-    wider = Support({*support.features, feature, *needs}, exponents=support.exponents, conditions=support.conditions)
+    wider = Support(
+        {*support.features, feature, *_NEEDS.get(feature, ())},
+        exponents=support.exponents,
+        conditions=support.conditions,
+    )
     other = next((n for n in OTHER if n in wider.exponents), None)
     hertz = 2.5 if 2.5 in support.exponents else other
     exponent = other if feature in (features.OTHER_EXPONENTS, features.GRADED_EXPONENTS) else hertz

@@ -79,7 +79,7 @@ def step_for_accuracy(
             # round-off grows with the number of steps, and the error of tables is the same at any
             raise UsageError(
                 f"accuracy = {accuracy:g} on {scene.name} cannot be reached: "
-                + _limit_of_any_step(run, radius, resolution)
+                + _limit_of_any_step(scene, run, radius, resolution)
                 + f"; the smallest uncertainty is {least:.2g}; ask for less"
             )
         # the uncertainty scales as dt^order; a step to a tenth at most, so that limits of any step show on the way
@@ -90,11 +90,11 @@ def step_for_accuracy(
     )
 
 
-def _limit_of_any_step(run: Trajectory, radius: float, resolution: Resolution) -> str:
+def _limit_of_any_step(scene: Scene, run: Trajectory, radius: float, resolution: Resolution) -> str:
     """Return the larger of round-off and tables, with a remedy."""
     parts, dt = run.uncertainty.parts, run.provenance["settings"]["dt"]
     if parts["table"] > parts["round_off"]:
-        if run.contact_force.min(initial=0.0) < 0.0:
+        if scene.contacts.clipped and run.contact_force.min(initial=0.0) < 0.0:
             return (
                 f"contacts with damping beside a table become tensile, which changes velocities by {parts['table']:.2g}"
                 " of the largest (take n = 2 or 2.5 in damped contacts, or backend='scipy')"

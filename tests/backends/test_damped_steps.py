@@ -371,7 +371,7 @@ TWIN_FAULTS: dict[str, tuple[str, str, str]] = {
 }
 
 
-def _planted(monkeypatch: pytest.MonkeyPatch, old: str, new: str) -> None:
+def plant(monkeypatch: pytest.MonkeyPatch, old: str, new: str) -> None:
     """The twin with a change in its own source, not compiled."""
     assert old in SOURCE, f"the twin's source has changed: {old!r} is not in it"
     names: dict[str, Any] = {"np": np}
@@ -389,7 +389,7 @@ def test_a_fault_in_the_twins_damping_parts_it_from_lammps(
     old: str, new: str, name: str, solved: Solve, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = solved(SCENES[name], ENGINE, dt=STEP)
-    _planted(monkeypatch, old, new)
+    plant(monkeypatch, old, new)
     assert _far(run.velocity, db.solve(SCENES[name], backend=TWIN, dt=STEP, uncertainty=False).velocity) > GATE
 
 
@@ -397,7 +397,7 @@ def test_a_fault_in_the_twins_damping_parts_it_from_lammps(
 def test_the_twin_compiled_anew_without_a_fault_repeats_lammps(solved: Solve, monkeypatch: pytest.MonkeyPatch) -> None:
     # the counterpart of the test above: what parts the two there is the fault and not the way it is planted
     run = solved(SCENES["dashpots"], ENGINE, dt=STEP)
-    _planted(monkeypatch, "", "")
+    plant(monkeypatch, "", "")
     difference = _far(run.velocity, db.solve(SCENES["dashpots"], backend=TWIN, dt=STEP, uncertainty=False).velocity)
     assert difference < GATE
     assert difference <= run.uncertainty.parts["round_off"]
@@ -409,7 +409,7 @@ def test_damping_with_the_velocity_of_the_full_step_is_of_another_order(
     # without LAMMPS it shows as well: 1.47, on its way to 2
     scene = replace(SCENES["Kuwabara-Kono"], duration=5e-5, samples=5)
     sound = _order(scene, TWIN, solved)
-    _planted(monkeypatch, *TWIN_FAULTS["the velocity of the full step"][:2])
+    plant(monkeypatch, *TWIN_FAULTS["the velocity of the full step"][:2])
     found = _order(scene, TWIN, lambda scene, backend, **how: db.solve(scene, backend=backend, **how))
     assert sound == pytest.approx(1.0, abs=0.1)
     assert found > 1.3
@@ -417,7 +417,7 @@ def test_damping_with_the_velocity_of_the_full_step_is_of_another_order(
 
 def test_a_force_that_pulls_misses_the_exact_exit_speed(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, hit = _collision(0.5, 0.0)
-    _planted(monkeypatch, *TWIN_FAULTS["a force that pulls"][:2])
+    plant(monkeypatch, *TWIN_FAULTS["a force that pulls"][:2])
     run = db.solve(scene, backend=TWIN, dt=1e-3 / OMEGA, uncertainty=False)
     # 0.065 m/s off; a sound run is within 8e-4 m/s of the clipped collision's exit velocity (_assert_is)
     assert np.max(np.abs(run.velocity[-1] - hit.exit_velocity)) > 0.03

@@ -148,10 +148,16 @@ class ReadDeck:
     def dampings(self) -> list[tuple[float, float]]:
         """Return c and p of each contact along the line, F = c overlap^p overlap'.
 
-        ``velocity``: eta and 0;
-        ``viscoelastic``: eta m_eff times the contact's radius sqrt(R_eff overlap), of every model but JKR's."""
+        ``velocity``: eta and 0; ``mass_velocity``: eta m_eff and 0;
+        ``viscoelastic``: eta m_eff times the contact's radius sqrt(R_eff overlap), of every model but JKR's;
+        ``coeff_restitution``: alpha sqrt(m_eff F / overlap) with the elastic force F."""
         return [
-            {"velocity": (model.eta, 0.0), "viscoelastic": (model.eta * mass * math.sqrt(radius), 0.5)}[model.damping]
+            {
+                "velocity": lambda eta, radius, mass, k, hertz: (eta, 0.0),
+                "mass_velocity": lambda eta, radius, mass, k, hertz: (eta * mass, 0.0),
+                "viscoelastic": lambda eta, radius, mass, k, hertz: (eta * mass * math.sqrt(radius), 0.5),
+                "coeff_restitution": _by_restitution,
+            }[model.damping](model.eta, radius, mass, model.stiffness, model.model == "hertz")
             for model, (radius, mass) in zip(self.found, self._effective, strict=True)
         ]
 
@@ -160,6 +166,13 @@ class ReadDeck:
         """Return the clearance of each contact along the line, m."""
         ends = zip(self.atoms, self.atoms[1:], strict=False)
         return [b.place[0] - a.place[0] - 0.5 * (a.diameter + b.diameter) for a, b in ends]
+
+
+def _by_restitution(e: float, radius: float, mass: float, k: float, hertz: bool) -> tuple[float, float]:
+    """Return c and p as the engine's source has them: constants sqrt(3/2) and 2 sqrt(5/6) for Hertz, 2 for Hooke."""
+    constant = math.sqrt(1.5) * 2.0 * math.sqrt(5.0 / 6.0) if hertz else 2.0
+    alpha = -constant * math.log(e) / math.sqrt(math.pi**2 + math.log(e) ** 2)
+    return alpha * math.sqrt(mass * k * (math.sqrt(radius) if hertz else 1.0)), 0.25 if hertz else 0.0
 
 
 def read_deck(folder: Path, name: str) -> ReadDeck:

@@ -86,12 +86,17 @@ def scenes(
 def damped_scenes(draw: st.DrawFn, /, **how: Any) -> Scene:
     """Draw :func:`scenes` with walls, weight, drag, and damping in some or all contacts."""
     scene = draw(scenes(walls=True, gravity=True, **how))
-    law = draw(st.sampled_from(["dashpot", "kuwabara-kono"]))
-    coefficients = st.one_of(st.just(0.0), log_uniform(1e-1, 1e3) if law == "dashpot" else log_uniform(1e-7, 1e-3))
+    sizes = {
+        "dashpot": log_uniform(1e-1, 1e3),
+        "mass-dashpot": log_uniform(1e1, 1e5),
+        "kuwabara-kono": log_uniform(1e-7, 1e-3),
+        "restitution": st.floats(0.1, 0.99),
+    }
+    law = draw(st.sampled_from([*sizes]))
+    coefficients = st.one_of(st.just(float(law == "restitution")), sizes[law])
     coefficient = tuple(draw(coefficients) for _ in range(scene.n_contact))
-    return replace(
-        scene, damping=Damping(law=law, coefficient=coefficient), drag=draw(st.sampled_from([0.0, 0.0, 1e3]))
-    )
+    damping = Damping(law=law, coefficient=coefficient, clipped=draw(st.sampled_from([None, True, False])))
+    return replace(scene, damping=damping, drag=draw(st.sampled_from([0.0, 0.0, 1e3])))
 
 
 def thirty_two_times_as_fast(scene: Scene) -> Scene:

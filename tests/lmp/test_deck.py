@@ -82,23 +82,36 @@ def _assert_says(read: ReadDeck, scene: Scene, dt: float) -> None:
     assert read.dt <= dt * (1.0 + 1e-11)
 
 
+def _damping(law: str, value: float, beta: float, n: float, mass: float) -> tuple[float, float]:
+    """Return c and p of the damping force c overlap^p overlap'."""
+    if law == "kuwabara-kono":
+        return value * beta, n - 2.0
+    if law != "restitution":
+        return value * (mass if law == "mass-dashpot" else 1.0), 0.0
+    # the damped oscillator that loses 1 - e of its speed in half a period, in overlap^(n/2)
+    ratio = -math.log(value) / math.hypot(math.pi, math.log(value))
+    return ratio * math.sqrt(2.0 * n * beta * mass), 0.5 * n - 1.0
+
+
 def _assert_takes(read: ReadDeck, scene: Scene) -> None:
     """Damping and drag are those of the scene; written from its definition, not from its arrays."""
-    wanted = [0.0] * scene.n_contact
+    wanted, powers = [0.0] * scene.n_contact, [0.0] * scene.n_contact
     if scene.damping is not None:
         assert isinstance(scene.damping.coefficient, tuple)
-        wanted = list(scene.damping.coefficient)
-        if scene.damping.law == "kuwabara-kono":
-            wanted = [gamma * beta for gamma, beta in zip(wanted, scene.contacts.stiffness.tolist(), strict=True)]
-    wanted = _along_the_line(scene, wanted)
+        c, inverse = scene.contacts, [*(1.0 / mass for mass in scene.mass), 0.0]
+        numbers = zip(scene.damping.coefficient, c.stiffness.tolist(), c.exponent.tolist(), strict=True)
+        masses = [1.0 / (inverse[i] + inverse[j]) for i, j in zip(c.left.tolist(), c.right.tolist(), strict=True)]
+        of_contact = [_damping(scene.damping.law, *each, m) for each, m in zip(numbers, masses, strict=True)]
+        wanted, powers = ([each[nth] for each in of_contact] for nth in (0, 1))
+    wanted, powers = (_along_the_line(scene, each) for each in (wanted, powers))
     # eta = gamma beta / (m_eff sqrt(R_eff)) and reading it back: a dozen operations
     assert [c for c, _ in read.dampings] == pytest.approx(wanted, rel=12.0 * EPS)
-    kuwabara_kono = scene.damping is not None and scene.damping.law == "kuwabara-kono"
-    for (_, power), n, c in zip(read.dampings, read.exponents, wanted, strict=True):
-        if c:
-            assert power == (n - 2.0 if kuwabara_kono else 0.0)
+    assert [power for c, (_, power) in zip(wanted, read.dampings, strict=True) if c] == [
+        power for c, power in zip(wanted, powers, strict=True) if c
+    ]
     # net forces are cut at zero wherever something is damped, and nothing is said of it elsewhere
-    assert {one.clipped for one in read.found} <= {any(wanted)}
+    clipped = scene.damping is not None and bool(scene.damping.clipped)
+    assert {one.clipped for one in read.found} <= {any(wanted) and clipped}
     assert all(one.tangential == (0.0, 0.0) for one in read.found)
     assert read.drag == pytest.approx(scene.drag, rel=EPS)
 

@@ -6,6 +6,7 @@ import math
 import random
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -388,6 +389,18 @@ def test_a_raw_file_may_have_precompression_damping_and_drag() -> None:
     assert single.damping == Damping(law="kuwabara-kono", coefficient=(3e-6,) * 3)
 
 
+def test_a_file_states_a_restitution_and_whether_forces_are_clipped() -> None:
+    old = 'law = "kuwabara-kono"\ncoefficient = [1e-6, 2e-6, 0]\n'
+    for law in ("restitution", "tsuji"):
+        for words, clipped in (("", False), ("clipped = true\n", True)):
+            text = _changed(PRESSED, old, f'law = "{law}"\ne = [0.5, 1, 0.9]\n{words}')
+            assert parse_scene(text).damping == Damping(law=law, coefficient=(0.5, 1.0, 0.9), clipped=clipped)
+    free = parse_scene(_changed(PRESSED, "[1e-6, 2e-6, 0]", "1e-6\nclipped = false"))
+    assert free.damping == Damping(law="kuwabara-kono", coefficient=(1e-6,) * 3, clipped=False)
+    assert free.damping is not None
+    assert free.content_hash != replace(free, damping=replace(free.damping, clipped=True)).content_hash
+
+
 def test_a_physical_file_may_have_precompression_damping_and_drag() -> None:
     text = PHYSICAL + OPTIONAL.replace("[1e-6, 2e-6, 0]", "1e-6").replace("force = 10.0", "force = 2")
     scene = parse_scene(text)
@@ -406,9 +419,30 @@ WRONG_PRESSED = {
         "precompression.force = 10.0, but",
         "gaps of 0",
     ),
-    "unknown law": ("kuwabara-kono", "tsuji", "chain.damping.law = 'tsuji'", "'dashpot' or 'kuwabara-kono'"),
+    "unknown law": ("kuwabara-kono", "hertz", "chain.damping.law = 'hertz'", "'kuwabara-kono', 'restitution' or 'ts"),
+    "coefficient beside e": ("kuwabara-kono", "tsuji", "chain.damping.coefficient is no key of the law tsuji", "e"),
+    "e beside a coefficient": (
+        "coefficient = [1e-6, 2e-6, 0]",
+        "e = 0.5",
+        "damping.e is no key of the law kuw",
+        "coeff",
+    ),
+    "no e": ('kuwabara-kono"\ncoefficient = [1e-6, 2e-6, 0]', 'tsuji"', "chain.damping.e is missing", "a number, or"),
+    "e above 1": (
+        'kuwabara-kono"\ncoefficient = [1e-6, 2e-6, 0]',
+        'restitution"\ne = 1.1',
+        "chain.damping.coefficient = 1.1",
+        "a coefficient of restitution, above 0 and at most 1",
+    ),
+    "e of 0": (
+        'kuwabara-kono"\ncoefficient = [1e-6, 2e-6, 0]',
+        'restitution"\ne = [1, 0, 1]',
+        "chain.damping.coefficient[1] = 0.0",
+        "a coefficient of restitution, above 0 and at most 1",
+    ),
+    "clip a word": ("[1e-6, 2e-6, 0]", "1e-6\nclipped = 'yes'", "chain.damping.clipped = 'yes'", "a boolean"),
     "no law": ('law = "kuwabara-kono"\n', "", "chain.damping.law is missing", "law, coefficient"),
-    "no coefficient": ("coefficient = [1e-6, 2e-6, 0]", "", "chain.damping.coefficient is missing", "coefficient"),
+    "no coefficient": ("coefficient = [1e-6, 2e-6, 0]", "", "chain.damping.coefficient is missing", "a number"),
     "negative coefficient": (
         "[1e-6, 2e-6, 0]",
         "[1e-6, -2e-6, 0]",

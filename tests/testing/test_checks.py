@@ -13,7 +13,7 @@ import pytest
 
 from dem_bridge.backends.base import BACKENDS, Availability, Resolution, Sampling, backend
 from dem_bridge.errors import RunBroken
-from dem_bridge.features import DRAG, FEATURES, GAPS, GRAVITY
+from dem_bridge.features import DRAG, FEATURES, GAPS, GRAVITY, TSUJI
 from dem_bridge.scene import Scene
 from dem_bridge.support import Condition, Exponents, Support
 from dem_bridge.testing import Check, ExactPair, backend_checks, check_backend
@@ -26,12 +26,22 @@ def _of_catalogue() -> Iterator[Any]:
         if name == "lammps-table":  # each run takes LAMMPS 0.2 s of CPU; lammps-granular has the same checks
             marks.append(pytest.mark.slow)
         for check in backend_checks(backend(name)):
+            if name.startswith("lammps") and check.name == f"solves {TSUJI.label}":
+                continue  # see below
             yield pytest.param(check, id=f"{name}-{check}".replace(" ", "-"), marks=marks)
 
 
 @pytest.mark.parametrize("check", list(_of_catalogue()))
 def test_a_backend_of_the_catalogue_passes(check: Check) -> None:
     check()
+
+
+@pytest.mark.lammps
+def test_the_check_of_tsuji_damping_finds_the_factor_that_the_engine_lacks() -> None:
+    """LAMMPS 22 Jul 2025 lacks a factor sqrt(2) (lammps#5113); a release that has it passes, and ends this test."""
+    [check] = [each for each in backend_checks(backend("lammps-granular")) if each.name == f"solves {TSUJI.label}"]
+    with pytest.raises(AssertionError, match="velocity"):
+        check()
 
 
 def test_the_backend_with_closed_forms_passes() -> None:

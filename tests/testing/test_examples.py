@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dem_bridge.backends.base import BACKENDS, supports_of
-from dem_bridge.features import DRAG, FEATURES, FIELDS, GRADED_EXPONENTS, OTHER_EXPONENTS, Feature
+from dem_bridge.features import DASHPOT, DRAG, FEATURES, FIELDS, GRADED_EXPONENTS, NOT_CLIPPED, OTHER_EXPONENTS, Feature
 from dem_bridge.support import Exponents, Support
 from dem_bridge.testing import ExactPair, example, plain_scene
 from dem_bridge.testing.checks import TOLERANCE
@@ -33,7 +33,7 @@ def test_a_feature_that_is_ignored_would_be_seen(feature: Feature, solved: Solve
 
 @every_feature
 def test_an_example_has_no_feature_beside_its_own(feature: Feature) -> None:
-    others = {OTHER_EXPONENTS} if feature is GRADED_EXPONENTS else set()
+    others = {GRADED_EXPONENTS: {OTHER_EXPONENTS}, NOT_CLIPPED: {DASHPOT}}.get(feature, set())
     scene = example(feature, Support({feature, *others}))
     assert scene is not None
     assert scene.features == {feature, *others}

@@ -2,9 +2,10 @@
 
 ``hertz K`` is K sqrt(R_eff) overlap^1.5; ``hertz/material E eta nu`` is the same with K = 4/3 / ((1-nu_i^2)/E_i +
 (1-nu_j^2)/E_j); ``hooke k`` is k overlap. 1/R_eff = 1/R_i + 1/R_j. Damping is eta overlap' (``velocity``), eta m_eff
-overlap' (``mass_velocity``) or eta m_eff sqrt(R_eff overlap) overlap' (``viscoelastic``, the default); the older
-``gran`` styles have the factor m_eff as well (LAMMPS manual, *pair_style granular* and *pair_style gran*). Tangential,
-rolling and twisting models have no effect if nothing rotates or moves across the line.
+overlap' (``mass_velocity``) or eta m_eff sqrt(R_eff overlap) overlap' (``viscoelastic``, the default), or follows from
+a coefficient of restitution in the place of eta (``coeff_restitution``, ``tsuji``); the older ``gran`` styles have the
+factor m_eff as well (LAMMPS manual, *pair_style granular* and *pair_style gran*). Tangential, rolling and twisting
+models have no effect if nothing rotates or moves across the line.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from dem_bridge.lmp.reader.script import Command, Script
 #: normal model -> number of its coefficients
 _MODELS = {"hertz": 2, "hooke": 2, "hertz/material": 3}
 _GRAN = {"gran/hertz/history": "hertz", "gran/hooke": "hooke", "gran/hooke/history": "hooke"}
-_DAMPINGS = ("velocity", "mass_velocity", "viscoelastic", "coeff_restitution")
+_DAMPINGS = ("velocity", "mass_velocity", "viscoelastic", "coeff_restitution", "tsuji")
 #: settings after the normal model; only ``damping`` and ``limit_damping`` affect motion along a line
 _SECTIONS = ("tangential", "rolling", "twisting", "damping", "limit_damping")
 _STYLES = f"granular, {', '.join(_GRAN)}"
@@ -35,6 +36,7 @@ class PairLaw:
     stiffness: float
     """Coefficient K or k."""
     eta: float
+    """Damping coefficient, or the coefficient of restitution."""
     damping: str
     clipped: bool
     """True with ``limit_damping``: the net force is clipped at zero."""
@@ -45,6 +47,11 @@ class PairLaw:
     def exponent(self) -> float:
         """Exponent n of the energy."""
         return {"hertz": 2.5, "hooke": 2.0}[self.model]
+
+    @property
+    def damped(self) -> bool:
+        """Return whether contacts with the law dissipate energy."""
+        return self.eta != (1.0 if self.damping == "coeff_restitution" else 0.0)
 
     def coefficient(self, radius: float) -> float:
         """Return the stiffness beta for the effective radius of a contact."""
@@ -141,13 +148,9 @@ class Pairs:
         if damping not in _DAMPINGS:
             raise command.error(f"has damping {damping}, which is not supported", f"damping {', '.join(_DAMPINGS)}")
         eta = numbers[1]
-        if damping == "coeff_restitution":
-            if eta != 1.0:
-                raise command.error(
-                    "has a coefficient of restitution below 1, which is not supported yet",
-                    "a coefficient of 1 (elastic contacts), or damping velocity",
-                )
-            eta = 0.0
+        if damping in ("coeff_restitution", "tsuji") and not 0.0 < eta <= 1.0:
+            problem = f"has a coefficient of restitution of {eta:g}"
+            raise command.error(problem, "a number above 0 and at most 1")
         stiffness, material = numbers[0], None
         if model == "hertz/material":
             if numbers[0] == 0.0 or not -1.0 < numbers[2] <= 0.5:

@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.errors import SceneError
+from dem_bridge.lmp.coefficients import BY_EFFECTIVE_MASS, DAMPINGS
 from dem_bridge.lmp.reader.deck import UNITS, Forces, ReadScript, read_script
 from dem_bridge.lmp.reader.pairs import PairLaw
 from dem_bridge.lmp.reader.particles import Particle
 from dem_bridge.lmp.reader.script import Command, Opened
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene import BY_RESTITUTION, Damping, Scene, Wall
 
 #: round-off of the few operations between K and beta, and between density and mass
 ROUND_OFF = 3.0 * 2.0**-52
@@ -355,38 +356,60 @@ def _damping(line: _Line, order: list[int], time: float, dashpot: float) -> Damp
 
     ``time`` and ``dashpot`` are the SI values of the units of the two coefficients.
     """
-    laws, ends, stiffness = line.laws, line.neighbours, line.stiffness
-    damped = [laws[k] for k in order if laws[k].eta > 0.0]
+    laws, stiffness = [line.laws[k] for k in order], line.stiffness
+    damped = [law for law in laws if law.damped]
     if not damped:
         return None
     for law in damped:
-        if not law.clipped:
-            allowed = "limit_damping, since the net force of a scene is clipped at zero"
-            raise law.command.error("has damping that can make a contact tensile", allowed)
-    viscous = any(law.damping == "viscoelastic" for law in damped)
-    coefficients = []
-    for k in order:
-        law, (a, b) = laws[k], ends[k]
-        if law.eta == 0.0:
+        if law.clipped != damped[0].clipped:
+            raise law.command.error("has another limit_damping than other contacts", "limit_damping in all, or in none")
+    models, clipped = {law.damping for law in damped}, damped[0].clipped
+    masses = [_effective_masses(line, *line.neighbours[k]) for k in order]
+    light_wall = any(abs(engine / scene - 1.0) > ROUND_OFF for engine, scene in masses)
+    name = next((name for name, model in DAMPINGS.items() if models == {model} and model in BY_EFFECTIVE_MASS), "")
+    if name in BY_RESTITUTION and light_wall:
+        problem = "gives contacts with a wall a damping that depends on the mass of the wall's atom"
+        raise damped[0].command.error(problem, "fix freeze for this atom")
+    if name in BY_RESTITUTION or (name and not light_wall):
+        unit, idle = (1.0, 1.0) if name in BY_RESTITUTION else (1.0 / time, 0.0)
+        values = [law.eta * unit if law.damped else idle for law in laws]
+        values = [plain(value, ROUND_OFF * value) for value in values]
+        return Damping(law=name, coefficient=tuple(values), clipped=clipped)
+    viscous, coefficients = "viscoelastic" in models, []
+    for k, law, (mass, _) in zip(order, laws, masses, strict=True):
+        if not law.damped:
             coefficients.append(0.0)
             continue
-        radius, mass = _reduced(a.radius, b.radius), _reduced(a.mass, b.mass)
-        for frozen, other in ((a, b), (b, a)):
-            if frozen.number in line.forces.frozen:
-                mass = other.mass
-        hertz = law.model == "hertz"
-        if (law.damping == "viscoelastic") != (viscous and hertz):
+        hertz, allowed = law.model == "hertz", ("velocity", "mass_velocity")
+        if law.damping not in (("viscoelastic",) if viscous and hertz else allowed):
             raise law.command.error(
                 "has other damping than other contacts, or viscoelastic with hooke",
-                "velocity or mass_velocity everywhere, or viscoelastic for hertz and velocity for hooke",
+                "velocity or mass_velocity everywhere, viscoelastic for hertz and velocity for hooke, or"
+                " coeff_restitution or tsuji everywhere",
             )
         value = law.eta * (1.0 if law.damping == "velocity" else mass)
         if viscous:
-            value *= (math.sqrt(radius) if hertz else 1.0) / stiffness[k] * time
+            a, b = line.neighbours[k]
+            value *= (math.sqrt(_reduced(a.radius, b.radius)) if hertz else 1.0) / stiffness[k] * time
         else:
             value *= dashpot
         coefficients.append(plain(value, 2.0 * ROUND_OFF * value))
-    return Damping(law="kuwabara-kono" if viscous else "dashpot", coefficient=tuple(coefficients))
+    return Damping(law="kuwabara-kono" if viscous else "dashpot", coefficient=tuple(coefficients), clipped=clipped)
+
+
+def _effective_masses(line: _Line, a: Particle, b: Particle) -> tuple[float, float]:
+    """Return the effective mass of two neighbours as the engine has it, and as a scene has it.
+
+    An atom of a wall has infinite mass in a scene, and in the engine under ``fix freeze``.
+    """
+    engine = scene = _reduced(a.mass, b.mass)
+    walls = ([line.atoms[0]] if line.left else []) + ([line.atoms[-1]] if line.right else [])
+    for atom, other in ((a, b), (b, a)):
+        if atom.number in line.forces.frozen:
+            engine = other.mass
+        if any(atom is wall for wall in walls):
+            scene = other.mass
+    return engine, scene
 
 
 def _pressed(

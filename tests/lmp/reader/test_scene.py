@@ -317,7 +317,17 @@ def test_damping_is_that_of_the_manual(coefficients: str, damping: tuple[str, fl
 def test_a_body_under_fix_freeze_has_no_mass_in_the_effective_one() -> None:
     hertz = "pair_coeff * * hertz 1e11 2 tangential linear_nohistory 0 0 damping mass_velocity limit_damping"
     found = read(coefficients=hertz, more="group wall type 2\nfix hold wall freeze").scene
-    assert found.damping == Damping(law="dashpot", coefficient=(0.01, 0.01, 0.02))
+    assert found.damping == Damping(law="mass-dashpot", coefficient=(2.0, 2.0, 2.0), clipped=True)
+    assert found.contacts.damping.tolist() == [0.01, 0.01, 0.02]
+
+
+@pytest.mark.parametrize(("word", "law"), [("coeff_restitution", "restitution"), ("tsuji", "tsuji")])
+def test_a_coefficient_of_restitution_is_that_of_the_scene(word: str, law: str) -> None:
+    pair, freeze = f"pair_coeff * * hertz 1e11 0.5 damping {word}", "group wall type 2\nfix hold wall freeze"
+    for clip, words in ((False, ""), (True, " limit_damping")):
+        scene = read(coefficients=pair + words, more=freeze).scene
+        assert scene.damping == Damping(law=law, coefficient=(0.5,) * 3, clipped=clip)
+    assert read(coefficients=pair.replace("0.5", "1"), more=freeze).scene.damped == (law == "tsuji")
 
 
 @pytest.mark.parametrize("style", ["gran/hooke", "gran/hooke/history", "gran/hertz/history"])
@@ -430,9 +440,17 @@ REFUSED = [
     ({"pair": "pair_style gran/hooke 1e9 NULL"}, "has 2 settings; allowed: Kn Kt gamma_n"),
     ({"pair": ""}, "comes before pair_style"),
     ({"coefficients": "pair_coeff * * jkr 1e9 0 0.3 10 damping velocity"}, "has the normal model jkr, which is not"),
-    ({"coefficients": "pair_coeff * * hertz 1e9 0 damping tsuji"}, "has damping tsuji, which is not supported"),
-    ({"coefficients": "pair_coeff * * hertz 1e9 0.5 damping coeff_restitution"}, "coefficient of restitution below 1"),
-    ({"coefficients": "pair_coeff * * hertz 1e9 5 damping velocity"}, "can make a contact tensile; allowed: limit"),
+    ({"coefficients": "pair_coeff * * hertz 1e9 0.5 damping mdr"}, "has damping mdr, which is not supported"),
+    ({"coefficients": "pair_coeff * * hertz 1e9 0 damping tsuji"}, "restitution of 0; allowed: a number above 0"),
+    ({"coefficients": "pair_coeff * * hertz 1e9 1.1 damping coeff_restitution"}, "coefficient of restitution of 1.1"),
+    ({"coefficients": "pair_coeff * * hertz 1e9 0.5 damping coeff_restitution"}, "atom; allowed: fix freeze for this"),
+    (
+        {
+            "coefficients": "pair_coeff * * hertz 1e9 5 damping velocity\n"
+            "pair_coeff 1 2 hertz 1e9 5 damping velocity limit_damping"
+        },
+        "has another limit_damping than other contacts; allowed: limit_damping in all",
+    ),
     ({"coefficients": "pair_coeff * * hertz 1e9 0 cutoff 0.1 damping velocity"}, "has the setting cutoff"),
     ({"coefficients": "pair_coeff * * hertz 1e9"}, "has 1 numbers for hertz; allowed: 2"),
     ({"coefficients": "pair_coeff * * hertz abc 0"}, "has 'abc' where a number is required"),

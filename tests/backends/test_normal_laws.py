@@ -1,0 +1,230 @@
+"""Damping laws, clipped and not: closed forms by scipy, LAMMPS beside its twin, and faults that each must show."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dem_bridge as db
+from dem_bridge.backends import scipy_kernels
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.contacts import Contacts
+from dem_bridge.physics.impact import alpha_of_restitution, alpha_of_tsuji
+from dem_bridge.runs.case import Case
+from dem_bridge.scene import Damping, Scene, Wall
+from tests.backends.test_damped_steps import plant
+from tests.conftest import Solve
+from tests.helpers.fault_decks import Change, run_with, substituted
+
+ENGINE, TWIN, SCIPY = "lammps-granular", "verlet", "scipy"
+PAIR = Scene(name="pair", duration=2e-4, mass=(1e-2, 3e-2), stiffness=(4e9,), velocity=(1.0, 0.0), samples=20)
+BALL = Scene(
+    name="ball", duration=2e-4, mass=(1e-2,), stiffness=(), velocity=(1.0,), wall_right=Wall(stiffness=4e9), samples=20
+)
+#: both exponents, gaps, walls and weight; re-collisions and contacts that are not damped
+CHAIN = Scene(
+    name="chain", duration=3e-4, mass=(8e-3, 1e-2, 2e-2, 5e-3), stiffness=(4e9, 2e7, 6e9), exponent=(2.5, 2.0, 2.5),
+    velocity=(0.8, 0.0, 0.0, -0.2), gap=(0.0, 1e-6, -5e-7), gravity=-300.0, samples=30,
+    wall_left=Wall(stiffness=3e9, gap=2e-6), wall_right=Wall(stiffness=1.5e7, gap=1e-5, exponent=2.0),
+)  # fmt: skip
+#: law -> a coefficient for each contact of the chain
+COEFFICIENTS = {
+    "dashpot": (40.0, 10.0, 0.0, 30.0, 20.0),
+    "mass-dashpot": (8e3, 2e3, 0.0, 6e3, 4e3),
+    "kuwabara-kono": (1e-5, 3e-6, 0.0, 2e-5, 1e-5),
+    "restitution": (0.5, 0.7, 1.0, 0.3, 0.9),
+}
+STEP = 1e-7
+
+
+def _damped(scene: Scene, law: str, coefficient: Any, clipped: bool | None = None) -> Scene:
+    return replace(scene, damping=Damping(law=law, coefficient=coefficient, clipped=clipped))
+
+
+def _linear(scene: Scene) -> Scene:
+    """Return the pair or the ball with n = 2."""
+    wall = None if scene.wall_right is None else Wall(stiffness=1e6, exponent=2.0)
+    return replace(scene, exponent=2.0, stiffness=(1e6,) * len(scene.stiffness), wall_right=wall, duration=1e-3)
+
+
+def _rebound(run: Any) -> float:
+    """Return the speed of separation; all scenes close at 1 m/s."""
+    last = run.velocity[-1]
+    return float(last[1] - last[0]) if len(last) == 2 else -float(last[0])
+
+
+def _far(first: Any, second: Any) -> float:
+    return float(np.max(np.abs(first.velocity - second.velocity)) / np.max(np.abs(second.velocity)))
+
+
+# closed forms
+
+
+@pytest.mark.parametrize("scene", [PAIR, BALL, _linear(PAIR), _linear(BALL)], ids=["pair", "wall", "pair 2", "wall 2"])
+@pytest.mark.parametrize("law", ["restitution", "tsuji"])
+@pytest.mark.parametrize("e", [0.1, 0.5, 0.9])
+def test_a_restitution_is_that_of_the_closed_form(e: float, law: str, scene: Scene) -> None:
+    n = float(scene.contacts.exponent[0])
+    alpha = alpha_of_restitution(e, n) if law == "restitution" else alpha_of_tsuji(e)
+    zeta = alpha / math.sqrt(2.0 * n)
+    theta = math.acos(zeta)
+    # of the oscillator in overlap^(n/2); it parts after half a period, or at 2 theta where no force pulls
+    free, clipped = math.exp(-math.pi / math.tan(theta)), math.exp(-2.0 * theta / math.tan(theta))
+    for value, exact in ((False, free), (True, clipped)):
+        # 200 steps at a tolerance of 3e-14; measured: 1e-13
+        run = db.solve(_damped(scene, law, e, value), backend=SCIPY, uncertainty=False)
+        assert _rebound(run) == pytest.approx(exact, abs=1e-11)
+    assert (law == "restitution") == (abs(free - e) < 1e-12)
+
+
+@pytest.mark.parametrize("law", [*COEFFICIENTS, "tsuji"])
+def test_a_mass_proportional_force_is_that_of_the_effective_mass(law: str) -> None:
+    for scene, m in ((PAIR, 1e-2 * 3e-2 / 4e-2), (BALL, 1e-2)):
+        c = _damped(scene, law, 0.5).contacts
+        alpha = alpha_of_tsuji(0.5) if law == "tsuji" else alpha_of_restitution(0.5)
+        expected = {"dashpot": 0.5, "mass-dashpot": 0.5 * m, "kuwabara-kono": 0.5 * 4e9}
+        assert c.damping[0] == pytest.approx(expected.get(law, alpha * math.sqrt(m * 4e9)), rel=1e-15)
+        assert c.damping_power[0] == {"kuwabara-kono": 0.5, "restitution": 0.25, "tsuji": 0.25}.get(law, 0.0)
+        table = scipy_kernels.contact_table(_damped(scene, law, 0.5))
+        # two writings: a dozen operations
+        assert table["damping"] == pytest.approx(c.damping, rel=3e-15)
+
+
+def test_unclipped_contacts_end_in_tension_and_clipped_ones_do_not() -> None:
+    for law, coefficient in (("dashpot", 40.0), ("mass-dashpot", 5e3), ("kuwabara-kono", 2e-5), ("tsuji", 0.5)):
+        free, clipped = (
+            db.solve(_damped(replace(PAIR, samples=200), law, coefficient, value), backend=SCIPY, uncertainty=False)
+            for value in (False, True)
+        )
+        assert np.min(free.contact_force) < -1.0 < 0.0 <= np.min(clipped.contact_force)
+        assert _rebound(free) < _rebound(clipped) - 1e-4
+
+
+# fixed steps
+
+
+@pytest.mark.parametrize("clipped", [True, False], ids=["clipped", "not"])
+@pytest.mark.parametrize("law", COEFFICIENTS)
+def test_the_twin_is_of_first_order_and_within_its_uncertainty(law: str, clipped: bool, solved: Solve) -> None:
+    scene = _damped(CHAIN, law, COEFFICIENTS[law], clipped)
+    exact = solved(scene, SCIPY, uncertainty=False)
+    main = solved(scene, TWIN, dt=STEP)
+    assert np.max(np.abs(main.velocity - exact.velocity)) <= main.uncertainty["velocity"]
+    assert np.all(np.abs(main.peak_force - exact.peak_force) <= main.uncertainty["peak_force"])
+    fine = solved(scene, TWIN, dt=STEP / 8.0, uncertainty=False)
+    # 8 by order 1, 64 by order 2; a touch within a step moves by its part of the step, so not clean
+    assert 4.0 < _far(main, exact) / _far(fine, exact) < 16.0
+
+
+@pytest.mark.lammps
+@pytest.mark.parametrize("clipped", [True, False], ids=["clipped", "not"])
+@pytest.mark.parametrize("law", COEFFICIENTS)
+def test_lammps_repeats_the_twin_that_keeps_positions(law: str, clipped: bool, solved: Solve) -> None:
+    scene = _damped(CHAIN, law, COEFFICIENTS[law], clipped)
+    run = solved(scene, ENGINE, dt=STEP, uncertainty=False)
+    radius = run.provenance["settings"]["surrogate_radius"]
+    twin = db.solve(scene, backend=TWIN, dt=STEP, surrogate_radius=radius, uncertainty=False)
+    # round-off in 3000 steps; measured: 1e-15 to 6e-13
+    assert _far(run, twin) < 1e-11
+    # the radius in the deck cancels
+    other = db.solve(scene, backend=ENGINE, dt=STEP, surrogate_radius=4.0 * radius, uncertainty=False)
+    assert _far(run, other) < 1e-9
+
+
+#: e of LAMMPS 22 Jul 2025 for .1 .3 .5 .7 .9, not clipped and clipped, converged in the step
+MEASURED = {
+    ("restitution", False): (0.1, 0.3, 0.5, 0.7, 0.9),
+    ("restitution", True): (0.25273, 0.39714, 0.55028, 0.71820, 0.90203),
+}
+
+
+@pytest.mark.lammps
+@pytest.mark.parametrize(("law", "clipped"), MEASURED)
+def test_lammps_restitution_is_the_one_that_is_asked_for(law: str, clipped: bool) -> None:
+    for e, out in zip((0.1, 0.3, 0.5, 0.7, 0.9), MEASURED[law, clipped], strict=True):
+        run = db.solve(_damped(PAIR, law, e, clipped), backend=ENGINE, dt=2e-8, uncertainty=False)
+        # of first order; 1.5e-4 at the largest damping
+        assert _rebound(run) == pytest.approx(out, abs=2e-4)
+
+
+# faults
+
+
+def _with(scene: Scene, **changes: Any) -> Scene:
+    """Return the scene with wrong arrays of contacts, which the twin takes and scipy does not."""
+    wrong = replace(scene)
+    wrong.__dict__["contacts"] = replace(scene.contacts, **changes)
+    return wrong
+
+
+def _wrong_mass(c: Contacts) -> dict[str, Any]:
+    return {"damping": c.damping * np.append([np.sqrt(0.04 / 0.03)], np.ones(c.damping.size - 1))}
+
+
+#: scene -> arrays of contacts with a fault; each belongs to the law
+ARRAY_FAULTS = {
+    "mass for effective mass": (_damped(PAIR, "restitution", 0.5), _wrong_mass),
+    "mass for effective mass in a dashpot": (
+        _damped(PAIR, "mass-dashpot", 5e3),
+        lambda c: {"damping": c.damping * 0.04 / 0.03},
+    ),
+    "sqrt 2 missing": (_damped(PAIR, "tsuji", 0.5), lambda c: {"damping": c.damping / math.sqrt(2.0)}),
+    "power of the overlap of Kuwabara-Kono": (
+        _damped(PAIR, "restitution", 0.5),
+        lambda c: {"damping_power": c.damping_power * 2.0},
+    ),
+    "clipped": (_damped(PAIR, "restitution", 0.5), lambda c: {"clipped": True}),
+    "not clipped": (_damped(PAIR, "restitution", 0.5, True), lambda c: {"clipped": False}),
+    "wall with the coefficient of the pair": (
+        _damped(CHAIN, "restitution", COEFFICIENTS["restitution"]),
+        lambda c: {"damping": np.array([*c.damping[:3], c.damping[0], c.damping[4]])},
+    ),
+}
+
+
+@pytest.mark.parametrize(("scene", "fault"), ARRAY_FAULTS.values(), ids=ARRAY_FAULTS)
+def test_a_fault_in_a_law_parts_the_twin_from_scipy(scene: Scene, fault: Any, solved: Solve) -> None:
+    exact, sound = solved(scene, SCIPY, uncertainty=False), solved(scene, TWIN, dt=STEP)
+    wrong = db.solve(_with(scene, **fault(scene.contacts)), backend=TWIN, dt=STEP, uncertainty=False)
+    assert np.max(np.abs(sound.velocity - exact.velocity)) <= sound.uncertainty["velocity"]
+    assert np.max(np.abs(wrong.velocity - exact.velocity)) > 10.0 * sound.uncertainty["velocity"]
+
+
+def test_a_clip_of_the_damping_force_alone_shows(monkeypatch: pytest.MonkeyPatch, solved: Solve) -> None:
+    scene = _damped(PAIR, "restitution", 0.5, True)
+    exact, sound = solved(scene, SCIPY, uncertainty=False), solved(scene, TWIN, dt=STEP)
+    plant(monkeypatch, "** damping_power[k] * rate", "** damping_power[k] * max(rate, 0.0)")
+    wrong = db.solve(scene, backend=TWIN, dt=STEP, uncertainty=False)
+    assert np.max(np.abs(wrong.velocity - exact.velocity)) > 10.0 * sound.uncertainty["velocity"]
+
+
+#: what a user may write wrongly in a deck of the chain with restitution
+DECK_FAULTS: dict[str, Change] = {
+    "limit_damping added": substituted(r"coeff_restitution  #", "coeff_restitution limit_damping  #", places=4),
+    "tsuji for coeff_restitution": substituted("coeff_restitution  #", "tsuji  #", places=4),
+    "wall with the coefficient of the pair": substituted(r" 0\.3 (?=tang.*# wall_left)", " 0.5 "),
+    "wall of its neighbour's mass": substituted(
+        r"^(1 \S+ \S+ )(\S+) (?=-)", lambda m: f"{m[1]}{float(m[2]) / 2.0**60!r} ", data=True
+    ),
+    "eta in place of e": substituted(r" 0\.5 (tang.*) coeff_restitution", r" 0.5 \1 velocity"),
+    "K = beta / sqrt(R) in place of R_eff = R/2": substituted(
+        r"hertz ([1-9]\S+) ", lambda m: f"hertz {float(m[1]) / math.sqrt(2.0)!r} ", places=3
+    ),
+}
+
+
+@pytest.mark.lammps
+@pytest.mark.parametrize("change", DECK_FAULTS.values(), ids=DECK_FAULTS)
+def test_a_fault_in_a_deck_parts_lammps_from_the_twin(change: Change, solved: Solve) -> None:
+    scene = _damped(CHAIN, "restitution", COEFFICIENTS["restitution"])
+    sound = solved(scene, ENGINE, dt=STEP, uncertainty=False)
+    sampling = Sampling(count=scene.samples)
+    case = Case(scene=scene, backend=ENGINE, resolution=Resolution(dt=STEP), sampling=sampling, uncertainty=False)
+    wrong = run_with(change, case)
+    assert wrong.trajectory is not None
+    # the gate of the show; sound ones are three decades below
+    assert _far(wrong.trajectory, sound) > 1e-9
