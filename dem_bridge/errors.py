@@ -5,15 +5,22 @@
     DemBridgeError
     ├── UsageError           wrong use: unknown name, keyword or setting            exit 2
     ├── SceneError           a scene or scene file that is invalid                  exit 2
+    │   └── BlockedScript    an input script that cannot be read as a scene         exit 2
     ├── UnsupportedScene     the scene is valid, but not supported by this backend  NOT_RUN
     ├── BackendUnavailable   the backend's engine is missing on this machine        NOT_RUN
     ├── NotAsymptotic        results that do not allow an extrapolation             exit 2
     └── RunBroken            a run that started and failed                          exit 3
 
-Every message is one line that says what was asked, what was found, what is allowed and what to do.
+Every message is one line that says what was asked, what was found, what is allowed and what to do; that of an input
+script has such a line for each command that cannot be read.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+
+#: largest number of commands that the error of an input script lists
+MOST_BLOCKERS = 50
 
 
 class DemBridgeError(Exception):
@@ -71,6 +78,20 @@ class SceneError(DemBridgeError, ValueError):
         return SceneError(
             key, allowed=self.allowed, value=self.value, problem=self.problem, advice=self.advice, where=where
         )
+
+
+class BlockedScript(SceneError):
+    """An input script that cannot be read; ``blockers`` are the errors of its commands, one line each."""
+
+    def __init__(self, blockers: Iterable[SceneError]) -> None:
+        self.blockers = tuple(blockers)
+        first = self.blockers[0]
+        advice = first.advice
+        super().__init__(first.key, allowed=first.allowed, problem=first.problem, advice=advice, where=first.where)
+        lines = list(map(str, self.blockers[:MOST_BLOCKERS]))
+        if (more := len(self.blockers) - MOST_BLOCKERS) > 0:
+            lines.append(f"{first.where}: {more} more commands cannot be read; allowed: what the lines above say")
+        self.args = ("\n".join(lines),)
 
 
 class UnsupportedScene(DemBridgeError):

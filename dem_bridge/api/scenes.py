@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -13,6 +14,8 @@ from dem_bridge.scene import Scene
 if TYPE_CHECKING:
     from dem_bridge.lmp.reader.scene import ReadDeck
 
+#: largest size of a file that is read, bytes
+_LARGEST_FILE = 1 << 28
 #: fields of a Scene that are columns of a table or parameters of scene_from_csv
 _IN_TABLES = ("mass", "velocity", "stiffness", "exponent", "gap", "name", "duration", "law")
 _SCENE_FIELDS = tuple(entry.name for entry in fields(Scene) if entry.init and entry.name not in _IN_TABLES)
@@ -100,9 +103,11 @@ def scene_from_deck(
 
     The reader knows ``pair_style granular`` (hertz, hertz/material, hooke), ``gran/hertz/history``, ``gran/hooke`` and
     ``gran/hooke/history``; atoms from ``read_data`` or ``create_atoms single``; ``set``, ``group`` and ``velocity
-    set``; frozen atoms at the ends, which become walls; ``fix gravity``, ``fix addforce`` at the ends (precompression
-    of a chain that starts in equilibrium) and ``fix langevin`` at zero temperature (drag); the units si, cgs, micro
-    and nano. It raises an error for any other command that may change the motion.
+    set``; frozen atoms at the ends and planes of ``fix wall/gran`` and ``fix wall/gran/region``, which become walls;
+    ``fix gravity``, ``fix addforce`` at the ends (precompression of a chain that starts in equilibrium), ``fix
+    langevin`` at zero temperature and ``fix viscous`` (drag); loops and branches by ``jump``, ``next`` and ``if``; the
+    units si, cgs, micro, nano and lj. All other commands that may change the motion are errors, which are listed
+    together.
 
     Parameters
     ----------
@@ -128,8 +133,8 @@ def scene_from_deck(
 
     Raises
     ------
-    SceneError
-        If the script cannot be read as a scene; the message states file and line.
+    BlockedScript
+        If the script cannot be read as a scene; the message has a line with file and line for each problem.
 
     Examples
     --------
@@ -160,9 +165,16 @@ def deck_read(path: Path, **settings: Any) -> ReadDeck:
     return read_deck(
         _text(path, "a LAMMPS input script"),
         file=path.name,
-        opened=lambda other: (path.parent / other).read_text(encoding="utf-8"),
+        opened=lambda other: _regular(path.parent / other).read_text(encoding="utf-8"),
         **settings,
     )
+
+
+def _regular(path: Path) -> Path:
+    """Return the path of a file of bounded size; raise OSError if it is a device, a pipe or too large."""
+    if path.exists() and not path.is_dir() and not (path.is_file() and path.stat().st_size <= _LARGEST_FILE):
+        raise OSError(errno.EFBIG, f"not a file of at most {_LARGEST_FILE >> 20} MB")
+    return path
 
 
 def _text(path: Path, allowed: str) -> str:

@@ -24,7 +24,7 @@ from dem_bridge.cli.new import new
 from dem_bridge.cli.options import check_output, print_json, with_options
 from dem_bridge.cli.regress import regress
 from dem_bridge.cli.studies import study as study_group
-from dem_bridge.errors import DemBridgeError, UnsupportedScene
+from dem_bridge.errors import BlockedScript, DemBridgeError, UnsupportedScene
 from dem_bridge.files import check_file, write_whole
 
 if TYPE_CHECKING:
@@ -32,7 +32,10 @@ if TYPE_CHECKING:
 
 
 class _Group(click.Group):
-    """Print every error of dem_bridge as one line and end with its exit code, without a traceback."""
+    """Print every error of dem_bridge as one line and end with its exit code, without a traceback.
+
+    An input script that cannot be read has a line for each of its commands that cannot.
+    """
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command and turn errors into exit codes."""
@@ -40,6 +43,11 @@ class _Group(click.Group):
             return super().invoke(ctx)
         except UnsupportedScene as error:
             text, code = f"NOT_RUN: {error}", 2
+        except BlockedScript as error:
+            text, code = str(error), error.exit_code
+            for line in text.splitlines()[:-1]:
+                click.echo(f"dem-bridge: {line}", err=True)
+            text = text.splitlines()[-1]
         except DemBridgeError as error:
             text, code = str(error), error.exit_code
         except click.UsageError as error:

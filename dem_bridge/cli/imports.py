@@ -23,7 +23,7 @@ def deck(script: Path, output: Path, force: bool, variables: tuple[tuple[str, st
 
     check_new(output, force)
     read = deck_read(script, variables=dict(variables), **settings)
-    _write_scene(read.scene, output, read.notes)
+    _write_scene(read.scene, output, read.notes, max(read.time_steps, default=0.0))
 
 
 @with_options("import csv")
@@ -40,8 +40,8 @@ def csv(bodies: Path, output: Path, force: bool, **settings: Any) -> None:
 import_group = click.Group("import", [deck, csv], help="Convert CSV tables or a LAMMPS input script to a scene file.")
 
 
-def _write_scene(scene: Scene, output: Path, notes: Iterable[str]) -> None:
-    """Write the scene file and print a summary of the scene."""
+def _write_scene(scene: Scene, output: Path, notes: Iterable[str], step: float = 0.0) -> None:
+    """Write the scene file and print a summary of the scene; ``step`` is the time step of the script, s."""
     from dem_bridge.scene_file.text import scene_toml
 
     write_whole(output.parent, {output.name: scene_toml(scene)})
@@ -50,6 +50,13 @@ def _write_scene(scene: Scene, output: Path, notes: Iterable[str]) -> None:
     for part, text in _summary(scene):
         click.echo(f"{part:14} {text}")
     click.echo(f"written: {output}")
+    if step > 0.0:
+        click.echo(
+            f"not tested: the script's time step, {step:.12g} s; a scene has no time step, and verify chooses its own"
+        )
+        click.echo(
+            f"next: dem-bridge run {output} --backend lammps-granular --dt {step:.12g}  # accuracy at the script's step"
+        )
     click.echo(f"next: dem-bridge verify {output}")
 
 

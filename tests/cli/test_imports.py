@@ -77,7 +77,11 @@ def test_a_deck_becomes_a_scene_file(folder: Path) -> None:
     assert scene == db.scene_from_deck(folder / "in.test")
     lines = done.stdout.splitlines()
     assert lines[0] == "read: the chain lies along x; body 0 is atom 1 (which moves), positive is +x"
-    assert lines[-1] == f"next: dem-bridge verify {out}"
+    assert lines[-3:] == [
+        "not tested: the script's time step, 1e-07 s; a scene has no time step, and verify chooses its own",
+        f"next: dem-bridge run {out} --backend lammps-granular --dt 1e-07  # accuracy at the script's step",
+        f"next: dem-bridge verify {out}",
+    ]
     other = _asked(
         "import", "deck", folder / "in.test", "-o", out, "--force", "--var", "dt=2e-7", "--reverse", "--samples", "5"
     )
@@ -126,3 +130,15 @@ def test_completion_offers_the_two_and_files() -> None:
     assert [one.value for one in complete.get_completions(["import"], "")] == ["csv", "deck"]
     assert [one.type for one in complete.get_completions(["import", "deck"], "in")] == ["file"]
     assert [one.value for one in complete.get_completions(["import", "csv"], "--w")] == ["--wall-left", "--wall-right"]
+
+
+def test_every_command_that_cannot_be_read_has_a_line(folder: Path) -> None:
+    text = SCRIPT.replace("fix move", "fix pour bodies pour 9 1 2\nmolecule a b\nfix move")
+    text = text.replace("damping velocity", "damping odd")
+    (folder / "in.test").write_text(text)
+    done = _asked("import", "deck", folder / "in.test", "-o", folder / "mine.toml")
+    assert (done.exit_code, done.stdout) == (2, "")
+    lines = done.stderr.splitlines()
+    assert [line.split("`")[0] for line in lines] == [f"dem-bridge: in.test, line {k}: " for k in (13, 17, 18)]
+    assert all("; allowed: " in line for line in lines)
+    assert not (folder / "mine.toml").exists()

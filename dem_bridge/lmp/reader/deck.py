@@ -1,15 +1,17 @@
 """Evaluation of a LAMMPS input script as LAMMPS does it, up to its first run: particles, pair laws, fixes, steps.
 
-Commands that do not affect the motion are skipped by name. All others are evaluated, or reported as unsupported with
-file and line. :mod:`.scene` converts the result to a Scene.
+Commands that do not affect the motion are skipped by name. All others are evaluated, or recorded as unsupported with
+file and line. :mod:`.fixes` evaluates fixes, and :mod:`.scene` converts the result to a Scene.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+from dem_bridge.errors import SceneError
+from dem_bridge.lmp.reader.fixes import Fixes, Forces
 from dem_bridge.lmp.reader.pairs import Pairs
 from dem_bridge.lmp.reader.particles import Particles
 from dem_bridge.lmp.reader.script import Command, Opened, Script
@@ -20,41 +22,23 @@ UNITS = {
     "cgs": (1e-2, 1.0, 1e-3),
     "micro": (1e-6, 1e-6, 1e-15),
     "nano": (1e-9, 1e-9, 1e-21),
+    "lj": (1.0, 1.0, 1.0),
 }
 #: default time steps, in the units of the script (manual, command timestep)
-_DEFAULT_STEP = {"si": 1e-8, "cgs": 1e-8, "micro": 2.0, "nano": 0.00045}
+_DEFAULT_STEP = {"si": 1e-8, "cgs": 1e-8, "micro": 2.0, "nano": 0.00045, "lj": 0.005}
 #: commands that do not affect the motion
 SILENT = frozenset(
     {
         *("atom_modify", "balance", "comm_modify", "comm_style", "compute", "compute_modify", "dump", "dump_modify"),
         *("echo", "info", "log", "min_modify", "min_style", "neighbor", "newton", "package", "print", "processors"),
-        *("restart", "suffix", "thermo", "thermo_modify", "thermo_style", "timer", "uncompute"),
+        *("restart", "shell", "suffix", "thermo", "thermo_modify", "thermo_style", "timer", "uncompute"),
         *("undump", "write_data", "write_dump", "write_restart"),
     }
 )
-#: fixes that do not affect the motion
-_SILENT_FIXES = frozenset({"ave/atom", "ave/chunk", "ave/time", "balance", "enforce2d", "print", "vector"})
 #: steps between rebuilds of the neighbour list that are safe with LAMMPS' default skin: up to its former defaults
 _WAITS = frozenset(map(str, range(11)))
-_FIXES = ("nve", "nve/sphere", "gravity", "addforce", "langevin", "freeze", "setforce")
-
-
-@dataclass
-class Forces:
-    """The effect of all fixes, by atom, in the units of the script."""
-
-    moves: set[int] = field(default_factory=set)
-    """Atoms that a fix integrates."""
-    frozen: set[int] = field(default_factory=set)
-    """Atoms of ``fix freeze``, which also removes their mass from m_eff."""
-    held: dict[int, set[int]] = field(default_factory=dict)
-    """Axes along which the forces of contacts and earlier fixes are set to zero."""
-    gravity: dict[int, list[float]] = field(default_factory=dict)
-    drag: dict[int, float] = field(default_factory=dict)
-    """Inverse relaxation times."""
-    load: dict[int, list[float]] = field(default_factory=dict)
-    commands: dict[str, Command] = field(default_factory=dict)
-    """Style -> its last command."""
+#: commands that may stand between two runs; those that change forces are noticed at the next run
+_LATER = ("run", "timestep", "reset_timestep", "fix", "unfix", "region", "group", "neigh_modify")
 
 
 @dataclass
@@ -79,28 +63,32 @@ class ReadScript:
     run: Command | None = None
     """The first run command."""
     last: Command | None = None
-    fixes: dict[str, Command] = field(default_factory=dict)
     acting: Forces | None = None
     """Effect of the fixes during the run."""
+    notes: list[str] = field(default_factory=list)
+    time_steps: list[float] = field(default_factory=list)
+    """Distinct time steps of the runs, in the units of the script."""
+    _changed: Command | None = None
+    """First command after a run that changes the state."""
     _dump: str | None = None
+
+    def __post_init__(self) -> None:
+        self.fixes = Fixes(self.script, self.particles, self.pairs)
 
     def take(self, command: Command) -> None:
         """Evaluate one command."""
-        self.last = command
         supported = self._supported
         if command.name in ("dump", "dump_modify"):
             self._frames(command)
+        if command.name not in (*SILENT, *supported):
+            allowed = f"{', '.join(supported)}, and commands without effect on the motion, such as thermo and dump"
+            raise command.error("is not supported and may change the motion", allowed)
+        self.last = command
         if command.name in SILENT:
             return
-        if command.name not in supported:
-            allowed = f"{', '.join(supported)}, and commands without effect on the motion: {', '.join(sorted(SILENT))}"
-            raise command.error("is not supported and may change the motion", allowed)
-        if self.run is not None and command.name not in ("run", "timestep", "reset_timestep"):
-            raise command.error(
-                f"comes after the run in line {self.run.line}, but a scene has one start",
-                "run, timestep, reset_timestep and commands without effect on the motion",
-                "to start from the state after a run, write it by write_data and read that file",
-            )
+        if self.run is not None and command.name not in _LATER:
+            self._changed = self._changed or command
+            return
         supported[command.name](command)
 
     @property
@@ -109,10 +97,10 @@ class ReadScript:
         particles = self.particles
         return {
             "units": self._units,
-            "dimension": lambda command: self._only(command, ("2",), ("3",)),
+            "dimension": self._dimension,
             "boundary": particles.set_boundary,
-            "atom_style": lambda command: self._only(command, ("sphere",), ("sphere", "0")),
-            "lattice": lambda command: self._only(command, ("none", "1.0"), ("none", "1")),
+            "atom_style": lambda command: self._only(command, ("sphere",), ("sphere", "0"), ("sphere", "1")),
+            "lattice": particles.lattice,
             "region": particles.region,
             "create_box": particles.create_box,
             "create_atoms": particles.create_atoms,
@@ -124,8 +112,8 @@ class ReadScript:
             "pair_coeff": lambda command: self.pairs.pair_coeff(command, particles.types),
             "neigh_modify": self._neigh_modify,
             "run_style": lambda command: self._only(command, ("verlet",)),
-            "fix": self._fix,
-            "unfix": self._unfix,
+            "fix": self.fixes.add,
+            "unfix": self.fixes.remove,
             "timestep": self._timestep,
             "reset_timestep": self._reset_timestep,
             "run": self._run,
@@ -138,9 +126,15 @@ class ReadScript:
             usage = " or ".join(f"{command.name} {' '.join(words)}" for words in allowed)
             raise command.error("is not supported", usage)
 
+    def _dimension(self, command: Command) -> None:
+        self._only(command, ("3",), ("2",))
+        self.particles.dimension = self.script.whole(command, command.rest[0])
+
     def _units(self, command: Command) -> None:
         self._only(command, *((name,) for name in UNITS))
         self.units = command.rest[0]
+        self.particles.reduced = self.units == "lj"
+        self._keywords()
 
     @staticmethod
     def _neigh_modify(command: Command) -> None:
@@ -162,25 +156,15 @@ class ReadScript:
             every = words[words.index("every") + 1]
             self.dump_every = int(every) if every.isdigit() else None
 
-    def _fix(self, command: Command) -> None:
-        command.fail_if(len(command.rest) < 3, "is incomplete", "fix ID GROUP STYLE ...")
-        name, group, style = command.rest[:3]
-        if style in _SILENT_FIXES:
-            return
-        if style not in _FIXES:
-            silent = ", ".join(sorted(_SILENT_FIXES))
-            allowed = f"{', '.join(_FIXES)}, and fixes without effect on the motion: {silent}"
-            raise command.error(f"has the fix style {style}, which is not supported and may change the motion", allowed)
-        self.particles.members(command, group)
-        self.fixes[name] = command
-
-    def _unfix(self, command: Command) -> None:
-        for name in command.rest:
-            self.fixes.pop(name, None)
-
     def _timestep(self, command: Command) -> None:
         self.step = self.script.number(command, command.rest[0]) if len(command.rest) == 1 else 0.0
         command.fail_if(not self.step > 0.0, "has no valid time step", "timestep DT, a number > 0")
+        self._keywords()
+
+    def _keywords(self) -> None:
+        """Set the thermo keywords that a formula may contain."""
+        step = _DEFAULT_STEP[self.units] if self.step is None else self.step
+        self.script.keywords |= {"dt": step, "step": float(self.counter), "atoms": float(len(self.particles.atoms))}
 
     def _reset_timestep(self, command: Command) -> None:
         command.fail_if(len(command.rest) != 1, "is not supported", "reset_timestep N")
@@ -193,92 +177,28 @@ class ReadScript:
             words.remove("upto")
             steps -= self.counter
         options = dict(zip(words[::2], words[1::2], strict=False))
-        if steps < 0 or len(words) % 2 or not set(options) <= {"pre", "post"}:
+        if steps < 0 or len(words) % 2 or not set(options) <= {"pre", "post", "start", "stop"}:
             raise command.error("is not supported", "run N [upto] [pre yes|no] [post yes|no]")
-        if steps:
-            acting = self.forces()
-            if self.run is not None and acting != self.acting:
-                why = "because a variable of a fix has changed"
-                problem = f"has other forces than the run in line {self.run.line}, {why}"
-                raise command.error(problem, "the same forces in all runs")
-            self.run, self.acting = self.run or command, acting
         if self.step is None:
-            self.step = _DEFAULT_STEP.get(self.units, 1.0)
+            self.step = _DEFAULT_STEP[self.units]
+        if steps:
+            if self._changed is not None:
+                raise self._changed.error(
+                    f"comes between runs in lines {self.run.line if self.run else 0} and {command.line}, but a scene"
+                    " has one start",
+                    "fix, timestep, reset_timestep and commands without effect on the motion between runs",
+                    "to start from the state after a run, write it by write_data and read that file",
+                )
+            acting = self.fixes.forces()
+            if self.run is not None and acting != self.acting:
+                problem = f"has other forces than the run in line {self.run.line}"
+                raise command.error(problem, "the same fixes, with the same numbers, in all runs")
+            self.run, self.acting = self.run or command, acting
+            self.time_steps += [] if self.step in self.time_steps else [self.step]
         self.steps += steps
         self.counter += steps
         self.duration += steps * self.step
-
-    def forces(self) -> Forces:
-        """Return the effect of the script's fixes."""
-        forces = Forces()
-        acting = {"gravity": self._gravity, "addforce": self._addforce, "langevin": self._langevin}
-        for command in self.fixes.values():
-            style, members = command.rest[2], self.particles.members(command, command.rest[1])
-            forces.commands[style] = command
-            if style in acting:
-                acting[style](command, members, forces)
-            elif style == "setforce":
-                self._setforce(command, members, forces)
-            elif len(command.rest) > 3:
-                raise command.error("has settings that are not supported", f"fix ID GROUP {style}")
-            elif style == "freeze":
-                forces.frozen |= members
-                self._hold(members, (0, 1, 2), forces)
-            elif forces.moves & members:
-                problem = "integrates atoms that another fix integrates"
-                raise command.error(problem, "one fix nve or nve/sphere for each atom")
-            else:
-                forces.moves |= members
-        return forces
-
-    def _numbers(self, command: Command, words: tuple[str, ...]) -> list[float]:
-        return [self.script.number(command, word) for word in words]
-
-    def _gravity(self, command: Command, members: set[int], forces: Forces) -> None:
-        words = command.rest[3:]
-        if len(words) != 5 or words[1] != "vector":
-            raise command.error("is not supported", "fix ID GROUP gravity MAGNITUDE vector x y z")
-        size, *direction = self._numbers(command, (words[0], *words[2:]))
-        length = sum(component * component for component in direction) ** 0.5
-        command.fail_if(not length > 0.0, "has no direction", "a vector other than 0 0 0")
-        self._add(forces.gravity, members, [size * component / length for component in direction])
-
-    def _addforce(self, command: Command, members: set[int], forces: Forces) -> None:
-        words = command.rest[3:]
-        command.fail_if(len(words) != 3, "is not supported", "fix ID GROUP addforce fx fy fz, constants")
-        self._add(forces.load, members, self._numbers(command, words))
-
-    @staticmethod
-    def _add(vectors: dict[int, list[float]], members: set[int], vector: list[float]) -> None:
-        """Add a vector to those of all members."""
-        for number in members:
-            total = vectors.get(number, [0.0, 0.0, 0.0])
-            vectors[number] = [old + component for old, component in zip(total, vector, strict=True)]
-
-    def _langevin(self, command: Command, members: set[int], forces: Forces) -> None:
-        words = command.rest[3:]
-        numbers = self._numbers(command, words[:4])
-        if len(words) != 4 or numbers[0] != 0.0 or numbers[1] != 0.0 or not numbers[2] > 0.0:
-            raise command.error("is not a pure drag", "fix ID GROUP langevin 0 0 TIME SEED, without settings")
-        for number in members:
-            forces.drag[number] = forces.drag.get(number, 0.0) + 1.0 / numbers[2]
-
-    def _setforce(self, command: Command, members: set[int], forces: Forces) -> None:
-        words = command.rest[3:]
-        command.fail_if(len(words) != 3, "is not supported", "fix ID GROUP setforce with 0 or NULL along x, y and z")
-        axes = [axis for axis, word in enumerate(words) if word != "NULL"]
-        if any(self.script.number(command, words[axis]) != 0.0 for axis in axes):
-            raise command.error("sets a force other than 0", "0 or NULL along x, y and z; use addforce for a load")
-        self._hold(members, axes, forces)
-
-    @staticmethod
-    def _hold(members: set[int], axes: Iterable[int], forces: Forces) -> None:
-        """Set the forces along ``axes`` to zero, as they are up to this fix; fixes act in their order."""
-        for number in members:
-            forces.held.setdefault(number, set()).update(axes)
-            for acting in (forces.gravity, forces.load):
-                for axis in axes if number in acting else ():
-                    acting[number][axis] = 0.0
+        self._keywords()
 
 
 def read_script(text: str, *, file: str, opened: Opened, variables: Mapping[str, str] | None = None) -> ReadScript:
@@ -297,11 +217,21 @@ def read_script(text: str, *, file: str, opened: Opened, variables: Mapping[str,
 
     Raises
     ------
-    SceneError
-        If a command is invalid or unsupported.
+    BlockedScript
+        If the script does not end. Commands that are invalid or unsupported are in ``blockers`` of the result's script.
     """
-    script = Script(opened, {name: ("index", (value,)) for name, value in (variables or {}).items()})
+    given: dict[str, tuple[str, tuple[str, ...]]]
+    given = {name: ("index", (value,)) for name, value in (variables or {}).items()}
+    script = Script(opened, given, silent=SILENT - {"dump", "dump_modify"})
     state = ReadScript(script, Particles(script), Pairs(script))
-    for command in script.commands(text, file):
-        state.take(command)
+    for command in script.commands(file, text):
+        if command.name == "quit":
+            break
+        if command.name == "clear" and state.run is not None:
+            state.notes.append(f"the script is read up to line {command.line}, where `clear` begins another simulation")
+            break
+        try:
+            state.take(command)
+        except SceneError as error:
+            script.refuse(command, error)
     return state

@@ -19,10 +19,13 @@ from dem_bridge.lmp.reader.script import Command, Script
 #: normal model -> number of its coefficients
 _MODELS = {"hertz": 2, "hooke": 2, "hertz/material": 3}
 _GRAN = {"gran/hertz/history": "hertz", "gran/hooke": "hooke", "gran/hooke/history": "hooke"}
-_DAMPINGS = ("velocity", "mass_velocity", "viscoelastic", "coeff_restitution", "tsuji")
+_DAMPINGS = ("none", "velocity", "mass_velocity", "viscoelastic", "coeff_restitution", "tsuji")
+#: dampings whose coefficient is a coefficient of restitution
+_RESTITUTIONS = ("coeff_restitution", "tsuji")
 #: settings after the normal model; only ``damping`` and ``limit_damping`` affect motion along a line
-_SECTIONS = ("tangential", "rolling", "twisting", "damping", "limit_damping")
+_SECTIONS = ("tangential", "rolling", "twisting", "heat", "damping", "limit_damping")
 _STYLES = f"granular, {', '.join(_GRAN)}"
+_WALLS = f"granular, {', '.join(style.removeprefix('gran/') for style in _GRAN)}"
 _ALLOWED = f"{', '.join(_MODELS)} with tangential, rolling, twisting, limit_damping and damping {', '.join(_DAMPINGS)}"
 
 
@@ -30,7 +33,7 @@ _ALLOWED = f"{', '.join(_MODELS)} with tangential, rolling, twisting, limit_damp
 class PairLaw:
     """The law of two types, in the units of the script."""
 
-    command: Command
+    command: Command = field(compare=False)
     model: str
     """"hertz" or "hooke"."""
     stiffness: float
@@ -103,6 +106,16 @@ class Pairs:
         if style in _GRAN:
             self._whole = self._gran(command, style, words)
 
+    def wall_law(self, command: Command, words: Sequence[str]) -> PairLaw:
+        """Return the law of ``fix wall/gran STYLE SETTINGS``; old scripts leave out the style, that of the pairs."""
+        style, *settings = words or ("",)
+        if style == "granular":
+            return self._granular(command, settings)
+        if words and style.replace(".", "0").replace("e", "0").isdigit() and self.style in _GRAN:
+            return self._gran(command, self.style, words)
+        command.fail_if(f"gran/{style}" not in _GRAN, f"has the force style {style}, which is not supported", _WALLS)
+        return self._gran(command, f"gran/{style}", settings)
+
     def _gran(self, command: Command, style: str, words: Sequence[str]) -> PairLaw:
         """Return the law of ``pair_style gran/... Kn Kt gamma_n gamma_t xmu dampflag [limit_damping]``."""
         if len(words) not in (6, 7) or (len(words) == 7 and words[6] != "limit_damping"):
@@ -143,14 +156,16 @@ class Pairs:
                 section = word
                 if word == "damping":
                     damping = (*behind[at + 1 : at + 2], "nothing")[0]
-            elif not section or word in ("cutoff", "heat", "synchronized_verlet"):
+            elif not section or word in ("cutoff", "synchronized_verlet"):
                 raise command.error(f"has the setting {word}, which is not supported", _ALLOWED)
         if damping not in _DAMPINGS:
             raise command.error(f"has damping {damping}, which is not supported", f"damping {', '.join(_DAMPINGS)}")
         eta = numbers[1]
-        if damping in ("coeff_restitution", "tsuji") and not 0.0 < eta <= 1.0:
+        if damping in _RESTITUTIONS and not 0.0 < eta <= 1.0:
             problem = f"has a coefficient of restitution of {eta:g}"
             raise command.error(problem, "a number above 0 and at most 1")
+        if damping == "none":
+            damping, eta = "velocity", 0.0
         stiffness, material = numbers[0], None
         if model == "hertz/material":
             if numbers[0] == 0.0 or not -1.0 < numbers[2] <= 0.5:
@@ -174,6 +189,8 @@ class Pairs:
 
     def _last(self, low: int, high: int) -> PairLaw | None:
         """Return the law of the last line that names both types, low <= high."""
+        if self._ranges:
+            self.script.count(self._ranges[-1][3].command, len(self._ranges) // 8)
         laws = [(line, law) for line, first, second, law in self._ranges if low in first and high in second]
         laws += [self._named[low, high]] if (low, high) in self._named else []
         return max(laws, key=lambda entry: entry[0])[1] if laws else None

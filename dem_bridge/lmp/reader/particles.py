@@ -8,13 +8,15 @@ evaluated in the same order as by LAMMPS, because later ones change the results 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from dem_bridge.lmp.reader.pairs import numbered
 from dem_bridge.lmp.reader.script import Command, Script, read
 
-_SETTABLE = ("type", "mass", "density", "diameter", "x", "y", "z", "vx", "vy", "vz")
+_SETTABLE = ("type", "mass", "density", "density/disc", "diameter", "x", "y", "z", "vx", "vy", "vz")
+#: lattices with one spacing along all axes -> atoms of a cell
+_LATTICES = {"sc": 1, "sq": 1, "bcc": 2, "fcc": 4, "diamond": 8}
 _SECTIONS = ("Atoms", "Velocities")
 
 
@@ -36,9 +38,10 @@ class Particle:
         """Radius of the sphere."""
         return 0.5 * self.diameter
 
-    def made_of(self, density: float) -> None:
-        """Set the mass to density times volume."""
-        self.mass, self.weighed = 4.0 * math.pi / 3.0 * self.radius**3 * density, False
+    def made_of(self, density: float, *, disc: bool = False) -> None:
+        """Set the mass to density times volume, or times area for a disc."""
+        size = math.pi * self.radius**2 if disc else 4.0 * math.pi / 3.0 * self.radius**3
+        self.mass, self.weighed = size * density, False
 
 
 @dataclass
@@ -47,16 +50,38 @@ class Particles:
 
     script: Script
     types: int = 0
+    dimension: int = 3
+    reduced: bool = True
+    """True in ``units lj``."""
+    spacing: float = 1.0
+    """Length of a lattice cell, the unit of positions and velocities without ``units box``."""
     boundary: tuple[str, str, str] = ("p", "p", "p")
     box: list[tuple[float, float]] = field(default_factory=list)
     atoms: dict[int, Particle] = field(default_factory=dict)
     groups: dict[str, set[int]] = field(default_factory=dict)
-    _regions: dict[str, Command] = field(default_factory=dict)
+    regions: dict[str, Command] = field(default_factory=dict)
+    _last: int = 0
+    """Largest id of an atom."""
 
     def region(self, command: Command) -> None:
         """Evaluate a ``region`` command."""
         command.fail_if(len(command.rest) < 2, "is incomplete", "region ID block xlo xhi ylo yhi zlo zhi")
-        self._regions[command.rest[0]] = command
+        self.regions[command.rest[0]] = command
+
+    def lattice(self, command: Command) -> None:
+        """Evaluate a ``lattice`` command."""
+        style, *words = (*command.rest, "")
+        numbers = [self.script.number(command, word) for word in words[:-1]]
+        if style not in ("none", *_LATTICES) or len(numbers) != 1 or not numbers[0] > 0.0:
+            raise command.error("is not supported", f"lattice {' or '.join(('none', *_LATTICES))} with one number > 0")
+        self.spacing = numbers[0]
+        if style != "none" and self.reduced:  # in units lj the number is the density
+            self.spacing = (_LATTICES[style] / numbers[0]) ** (1.0 / self.dimension)
+
+    def scaled(self, command: Command, word: str) -> float:
+        """Return a length or velocity in the units of the script."""
+        options = dict(zip(command.words, command.words[1:], strict=False))
+        return self.script.number(command, word) * (1.0 if options.get("units") == "box" else self.spacing)
 
     def set_boundary(self, command: Command) -> None:
         """Evaluate a ``boundary`` command."""
@@ -66,14 +91,14 @@ class Particles:
 
     def create_box(self, command: Command) -> None:
         """Evaluate a ``create_box`` command."""
-        if len(command.rest) != 2 or command.rest[1] not in self._regions:
+        if len(command.rest) < 2 or command.rest[1] not in self.regions:
             raise command.error("names no region that is defined before it", "create_box TYPES REGION")
-        region = self._regions[command.rest[1]]
+        region = self.regions[command.rest[1]]
         words = region.rest[2:]
         usual = not words[6:] or words[6:] in (("units", "box"), ("units", "lattice"))
         if region.rest[1] != "block" or len(words) < 6 or not usual:
             raise region.error("is not supported", "region ID block xlo xhi ylo yhi zlo zhi")
-        ends = [self.script.number(region, word) for word in words[:6]]
+        ends = [self.scaled(region, word) for word in words[:6]]
         self.types = self.script.whole(command, command.rest[0])
         self.box = [(ends[0], ends[1]), (ends[2], ends[3]), (ends[4], ends[5])]
 
@@ -83,11 +108,11 @@ class Particles:
         if len(words) < 5 or words[1] != "single" or words[5:] not in ((), ("units", "box"), ("units", "lattice")):
             raise command.error("is not supported", "create_atoms TYPE single x y z")
         command.fail_if(not self.box, "comes before the box is defined", "create_box or read_data first")
-        place = [self.script.number(command, word) for word in words[2:5]]
+        place = [self.scaled(command, word) for word in words[2:5]]
         for (low, high), coordinate, axis in zip(self.box, place, "xyz", strict=True):
             if not low <= coordinate < high:  # on the upper side LAMMPS creates no atom, without a message
                 raise command.error(f"is outside of the box along {axis}", f"from {low:g} to below {high:g}")
-        number = max(self.atoms, default=0) + 1
+        self._last = number = self._last + 1
         self.atoms[number] = Particle(number, self._kind(command, words[0]), place)
 
     def _kind(self, command: Command, word: str) -> int:
@@ -143,6 +168,7 @@ class Particles:
         atom = Particle(number, self._kind(at, at.words[1]), place, diameter)
         atom.made_of(density)
         self.atoms[number] = atom
+        self._last = max(self._last, number)
 
     def _velocity(self, at: Command) -> None:
         """Evaluate a line ``id vx vy vz wx wy wz``."""
@@ -167,8 +193,11 @@ class Particles:
         name, style, *words = command.rest
         if style in ("id", "type"):
             chosen, key = self._ranged(command, words), "number" if style == "id" else "kind"
-            members = {atom.number for atom in self.atoms.values() if getattr(atom, key) in chosen}
+            self.script.count(command, len(self.atoms) * len(words) // 4)
+            members = {atom.number for atom in self.atoms.values() if chosen(getattr(atom, key))}
             self.groups[name] = self.groups.get(name, set()) | members
+        elif style == "region" and len(words) == 1:
+            self.groups[name] = self.groups.get(name, set()) | self._inside(command, words[0])
         elif style in ("union", "subtract", "intersect") and words:
             sets = [self.members(command, word) for word in words]
             joins: dict[str, Callable[..., set[int]]]
@@ -177,34 +206,55 @@ class Particles:
         elif style in ("empty", "clear"):
             self.groups[name] = set()
         else:
-            raise command.error("is not supported", "id, type, union, subtract, intersect, empty and clear")
+            raise command.error("is not supported", "id, type, region, union, subtract, intersect, empty and clear")
 
-    def _ranged(self, command: Command, words: Iterable[str]) -> set[int]:
-        """Return the numbers of ``n``, ``n:m`` and ``n:m:step``."""
-        numbers: set[int] = set()
+    def _inside(self, command: Command, name: str) -> set[int]:
+        """Return the ids of the atoms in a region."""
+        command.fail_if(name not in self.regions, f"names the region {name}, which is not defined", "a region")
+        region = self.regions[name]
+        kind, *words = region.rest[1:]
+        numbers = {"block": 6, "sphere": 4}.get(kind, 0)
+        if not 0 < numbers <= len(words) or words[numbers:] not in ([], ["units", "box"], ["units", "lattice"]):
+            raise region.error("is not supported", "region ID block xlo xhi ylo yhi zlo zhi, or sphere x y z radius")
+        infinite = dict.fromkeys(("INF", "EDGE"), math.inf)
+        if kind == "sphere":
+            *centre, radius = [self.scaled(region, word) for word in words[:4]]
+            return {atom.number for atom in self.atoms.values() if math.dist(atom.place, centre) <= radius}
+        ends = [infinite.get(word) or self.scaled(region, word) for word in words[:6]]
+        low, high = [-abs(end) if math.isinf(end) else end for end in ends[::2]], ends[1::2]
+        return {
+            atom.number
+            for atom in self.atoms.values()
+            if all(a <= x <= b for a, x, b in zip(low, atom.place, high, strict=True))
+        }
+
+    def _ranged(self, command: Command, words: Sequence[str]) -> Callable[[int], bool]:
+        """Return a function that is true for the numbers of ``n``, ``n:m`` and ``n:m:step``."""
+        ranges = []
         for word in words:
             parts = [self.script.whole(command, part) for part in word.split(":")]
             command.fail_if(len(parts) > 3 or (len(parts) == 3 and parts[2] < 1), f"has {word!r}", "n, n:m or n:m:step")
-            numbers |= set(
-                range(parts[0], parts[-1] + 1) if len(parts) < 3 else range(parts[0], parts[1] + 1, parts[2])
-            )
-        return numbers
+            ranges.append(range(parts[0], (*parts, parts[0])[1] + 1, (*parts, 1, 1)[2] if len(parts) == 3 else 1))
+        return lambda number: any(number in numbers for numbers in ranges)
 
     def set_values(self, command: Command) -> None:
         """Evaluate a ``set`` command."""
-        if len(command.rest) < 4 or len(command.rest) % 2 or command.rest[0] not in ("atom", "type", "group"):
-            raise command.error("is not supported", f"set atom|type|group ID and {', '.join(_SETTABLE)} with a value")
+        if len(command.rest) < 4 or len(command.rest) % 2 or command.rest[0] not in ("atom", "type", "group", "region"):
+            allowed = f"set atom|type|group|region ID and {', '.join(_SETTABLE)} with a value"
+            raise command.error("is not supported", allowed)
         style, who, *pairs = command.rest
         if style == "group":
             chosen = self.members(command, who)
+        elif style == "region":
+            chosen = self._inside(command, who)
         else:
             most = max(self.atoms, default=0) if style == "atom" else self.types
             numbers = numbered(self.script, command, who, most)
-            if style == "atom":
-                chosen = {number for number in numbers if number in self.atoms}
-            else:
-                chosen = {atom.number for atom in self.atoms.values() if atom.kind in numbers}
+            key = "number" if style == "atom" else "kind"
+            chosen = {atom.number for atom in self.atoms.values() if getattr(atom, key) in numbers}
+            self.script.count(command, len(self.atoms) // 20)
         command.fail_if(not chosen, "changes no atom", "atoms that exist")
+        self.script.count(command, len(chosen) // 4)
         for key, word in zip(pairs[::2], pairs[1::2], strict=True):
             command.fail_if(key not in _SETTABLE, f"sets {key}, which is not supported", ", ".join(_SETTABLE))
             rows = self._rows(command, word)
@@ -230,14 +280,14 @@ class Particles:
 
     def _set(self, command: Command, atom: Particle, key: str, value: float) -> None:
         """Set one property of one atom."""
-        if key in ("mass", "density", "diameter") and not value > 0.0:
+        if key in ("mass", "density", "density/disc", "diameter") and not value > 0.0:
             raise command.error(f"sets {key} to {value:g}", "a number > 0")
         if key == "type":
             atom.kind = self._kind(command, f"{value!r}")
         elif key == "mass":
             atom.mass, atom.weighed = value, True
-        elif key == "density":
-            atom.made_of(value)
+        elif key in ("density", "density/disc"):
+            atom.made_of(value, disc=key == "density/disc")
         elif key == "diameter":  # the mass does not change
             atom.diameter = value
         else:
@@ -247,9 +297,13 @@ class Particles:
     def set_velocity(self, command: Command) -> None:
         """Evaluate a ``velocity`` command."""
         words = command.rest
-        if len(words) < 5 or words[1] != "set" or words[5:] not in ((), ("units", "box"), ("sum", "no")):
+        options = dict(zip(words[5::2], words[6::2], strict=False))
+        if words[1:2] != ("set",) or len(words) % 2 == 0 or len(words) < 5 or not set(options) <= {"units", "sum"}:
             raise command.error("is not supported", "velocity GROUP set vx vy vz")
-        for number in self.members(command, words[0]):
-            for axis, word in enumerate(words[2:5]):
-                if word != "NULL":
-                    self.atoms[number].velocity[axis] = self.script.number(command, word)
+        members = self.members(command, words[0])
+        self.script.count(command, len(members) // 4)
+        for axis, word in enumerate(words[2:5]):
+            value = 0.0 if word == "NULL" else self.scaled(command, word)
+            for number in members if word != "NULL" else ():
+                old = self.atoms[number].velocity[axis] if options.get("sum") == "yes" else 0.0
+                self.atoms[number].velocity[axis] = old + value

@@ -1,20 +1,20 @@
-"""Parsing of a LAMMPS input script to commands: comments, continued lines, quotes, variables and included files.
+"""Parsing of a LAMMPS input script to commands: comments, quotes, variables, included files, loops and branches.
 
-Other files are read through a function. Rules: LAMMPS manual, *Parsing rules for input scripts* and *variable*. A
-variable that is not constant (a thermo keyword in a formula, a loop) is reported where it is used, not where it is
-defined.
+Other files are read through a function. Rules: LAMMPS manual, *Parsing rules for input scripts*, *variable*, *jump*,
+*next* and *if*. A variable that is not constant (such as a thermo keyword in a formula) is reported where it is used,
+not where it is defined. The work is bounded: a script whose loops do not end is refused. All problems of a script are
+collected; a problem that only follows from an earlier one is not.
 """
 
 from __future__ import annotations
 
-import ast
 import math
-import operator
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from dem_bridge.errors import SceneError
+from dem_bridge.errors import BlockedScript, SceneError
+from dem_bridge.lmp.reader import formula
 
 #: function from the name of a file in the script to its text
 Opened = Callable[[str], str]
@@ -25,22 +25,22 @@ _COMMENT = re.compile(rf"({_QUOTED})|#.*")
 _DOLLAR = re.compile(rf"(?P<quoted>{_QUOTED})|\$\{{(?P<name>\w+)\}}|\$(?P<letter>\w)|\$\((?P<formula>)")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _REFERENCE = re.compile(r"v_(\w+)")
+_COMPARISON = re.compile(r"([^\s=!<>&|()]+)\s*(==|!=)\s*([^\s=!<>&|()]+)")
+_FORMULA_WORD = re.compile(r"[-+*/^%.\deE]+|v_\w+|PI")
+_FORMAT = re.compile(r"%\d{0,2}(\.\d{1,2})?[efg]")
 #: largest depth of nested files and of nested variables
 _DEEPEST = 20
-
-_OPERATORS: Mapping[type[ast.operator], Callable[[float, float], float]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.Mod: math.fmod,
-    ast.Pow: math.pow,
+#: bound of the work for a script, of which a command takes 10, and of the characters of a command
+_MOST_WORK, _LONGEST = 1_000_000, 20_000
+#: problem of a command that follows from the problem of an earlier one
+_FOLLOWS = "uses a variable whose definition cannot be read"
+#: a command that is refused -> commands whose problems may only follow from it
+_ATOMS = ("set", "velocity", "group")
+_FOLLOWERS = {
+    **dict.fromkeys(("create_box", "read_data", "read_restart"), ("create_atoms", "pair_coeff", *_ATOMS)),
+    "create_atoms": _ATOMS,
+    "pair_style": ("pair_coeff",),
 }
-_FUNCTIONS: Mapping[str, Callable[[float], float]] = {
-    "sqrt": math.sqrt, "exp": math.exp, "ln": math.log, "log": math.log10, "abs": abs, "sin": math.sin,
-    "cos": math.cos, "tan": math.tan, "floor": math.floor, "ceil": math.ceil,
-}  # fmt: skip
-_FORMULA = f"numbers, + - * / % ^ ( ), PI, v_NAME and {', '.join(_FUNCTIONS)}"
 
 
 @dataclass(frozen=True)
@@ -86,25 +86,95 @@ class Script:
     opened: Opened
     variables: dict[str, tuple[str, tuple[str, ...]]] = field(default_factory=dict)
     """Name -> style and arguments of each variable."""
+    keywords: dict[str, float] = field(default_factory=dict)
+    """Values of thermo keywords that are known before a run."""
+    blockers: dict[str, SceneError] = field(default_factory=dict)
+    """Message -> error of each command that cannot be read."""
+    refused: set[str] = field(default_factory=set)
+    """First words of the commands that cannot be read."""
+    unread: set[str] = field(default_factory=set)
+    """Names that refused commands define, and commands that depend on them."""
+    silent: frozenset[str] = frozenset()
+    """Commands without effect on the motion, whose variables need not be known."""
+    _work: int = 0
+    _depth: int = 0
+    _skip_jump: bool = False
+    _files: dict[str, list[tuple[int, str]]] = field(default_factory=dict)
+    """Name -> numbered lines of each file that is read."""
 
-    def commands(self, text: str, file: str, depth: int = 0) -> Iterator[Command]:
-        """Yield all commands except ``variable`` and ``include``, which are executed here."""
-        for number, line in _lines(text):
-            bare = _COMMENT.sub(lambda match: match[1] or "", line)
-            raw = Command(file, number, tuple(_words(bare)))
-            if not raw.words:
-                continue
-            command = Command(file, number, tuple(_words(self._filled(bare, raw))))
-            if command.name == "variable":
-                self._define(command)
-            elif command.name == "include":
-                if depth >= _DEEPEST or len(command.rest) != 1:
-                    raise command.error(
-                        "names several files, or is nested too deeply", f"one file, nested at most {_DEEPEST} times"
-                    )
-                yield from self.commands(read(self.opened, command, command.rest[0]), command.rest[0], depth + 1)
+    def commands(self, file: str, text: str | None = None, at: Command | None = None) -> Iterator[Command]:
+        """Yield all commands except those that steer the script, such as ``variable`` and ``jump``.
+
+        The text is read if it is not given; ``at`` is the command that names the file.
+        """
+        lines, place, pending = self._lines_of(file, text, at), 0, list[tuple[int, str]]()
+        while pending or place < len(lines):
+            if pending:
+                number, line = pending.pop(0)
             else:
-                yield command
+                number, line = lines[place]
+                place += 1
+            bare = _COMMENT.sub(lambda match: match[1] or "", line)
+            command = Command(file, number, tuple(_words(bare)))
+            if not command.words:
+                continue
+            try:
+                self.count(command)
+                command.fail_if(len(bare) > _LONGEST, f"has {len(bare)} characters", f"at most {_LONGEST} characters")
+                command = Command(file, number, tuple(_words(self._filled(bare, command))))
+                if command.name == "variable":
+                    self._define(command)
+                elif command.name == "next":
+                    self._next(command)
+                elif command.name == "if":
+                    pending[:0] = [(number, branch) for branch in self._branch(command)]
+                elif command.name == "jump":
+                    command.fail_if(not 1 <= len(command.rest) <= 2, "is not supported", "jump SELF|FILE [LABEL]")
+                    if not self._skip_jump:
+                        file = file if command.rest[0] == "SELF" else command.rest[0]
+                        lines = self._lines_of(file, None, command)
+                        place = _after_label(command, lines)
+                        self.count(command, place)
+                    self._skip_jump = False
+                elif command.name == "include":
+                    allowed = f"one file, nested at most {_DEEPEST} times"
+                    if self._depth >= _DEEPEST or len(command.rest) != 1:
+                        raise command.error("names several files, or is nested too deeply", allowed)
+                    self._depth += 1
+                    yield from self.commands(command.rest[0], at=command)
+                    self._depth -= 1
+                elif command.name != "label":
+                    yield command
+            except SceneError as error:
+                if command.name not in self.silent:
+                    self.refuse(command, error)
+
+    def _lines_of(self, file: str, text: str | None, at: Command | None) -> list[tuple[int, str]]:
+        """Return the numbered lines of a file, which is read once."""
+        if file not in self._files:
+            if text is None:
+                assert at is not None  # only the first file has no command that names it
+                text = read(self.opened, at, file)
+            self._files[file] = list(_lines(text))
+        return self._files[file]
+
+    def count(self, command: Command, lines: int = 10) -> None:
+        """Add to the work for the script; raise SceneError if it is too much, because a loop does not end."""
+        self._work += lines
+        if self._work > _MOST_WORK:
+            error = command.error("is in a loop that does not end, or takes too long", f"{_MOST_WORK // 10} commands")
+            raise BlockedScript([*self.blockers.values(), error])
+
+    def refuse(self, command: Command, error: SceneError) -> None:
+        """Record an error, unless an earlier refused command may be its cause."""
+        if isinstance(error, BlockedScript):
+            raise error
+        if not {*command.words} & self.unread and error.problem != _FOLLOWS:
+            self.blockers.setdefault(str(error), error)
+        self.refused.add(command.name)
+        self.unread.update(_FOLLOWERS.get(command.name, ()))
+        if command.name in ("variable", "region", "group"):
+            self.unread.update(command.rest[:1] if command.name != "variable" else (f"v_{command.rest[0]}",))
 
     def number(self, command: Command, word: str) -> float:
         """Return a number as LAMMPS reads it, or the value of ``v_NAME``."""
@@ -122,47 +192,38 @@ class Script:
 
     def value(self, command: Command, name: str, depth: int = 0) -> str:
         """Return the text of ``${name}``; a formula has the 15 digits that LAMMPS inserts."""
+        self.count(command)
+        if f"v_{name}" in self.unread:
+            raise command.error(_FOLLOWS, "a variable that can be read")
         if name not in self.variables:
             raise command.error(f"uses the variable {name}, which is not defined", "a variable that is defined before")
         style, words = self.variables[name]
-        if style in ("index", "string") and words:
+        if style in ("index", "string", "loop", "internal") and words:
             return words[0]
         if style == "equal" and words:
             return f"{self.evaluated(command, ' '.join(words), depth):.15g}"
+        if style == "format" and len(words) == 2 and _FORMAT.fullmatch(words[1]) and depth < _DEEPEST:
+            return words[1] % self.number(command, self.value(command, words[0], depth + 1))
         raise command.error(
             f"uses the variable {name} of style {style}, whose value is known during a run only",
-            "styles index, string and equal",
+            "styles index, loop, string, format and equal",
         )
 
-    def evaluated(self, command: Command, formula: str, depth: int = 0) -> float:
+    def evaluated(self, command: Command, text: str, depth: int = 0) -> float:
         """Return the value of a formula of constants."""
 
-        def value_of(node: ast.AST) -> float:
-            if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
-                return float(node.value)
-            if isinstance(node, ast.Name) and node.id == "PI":
-                return math.pi
-            if isinstance(node, ast.Name) and node.id.startswith("v_") and depth < _DEEPEST:
-                return self.number(command, self.value(command, node.id[2:], depth + 1))  # also truncated to 15 digits
-            # for LAMMPS -2^2 is 4 and 2^3^2 is 64, in contrast to Python
-            if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd) and not _power(node.operand):
-                return -value_of(node.operand) if isinstance(node.op, ast.USub) else value_of(node.operand)
-            if (
-                isinstance(node, ast.BinOp)
-                and type(node.op) in _OPERATORS
-                and not (_power(node) and _power(node.right))
-            ):
-                return float(_OPERATORS[type(node.op)](value_of(node.left), value_of(node.right)))
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and len(node.args) == 1:
-                return float(_FUNCTIONS[node.func.id](value_of(node.args[0])))
-            raise ValueError
+        def name(word: str) -> float:
+            if word.startswith("v_") and depth < _DEEPEST:
+                return self.number(command, self.value(command, word[2:], depth + 1))  # also truncated to 15 digits
+            return self.keywords[word]
 
         try:
-            return value_of(ast.parse(formula.strip().replace("^", "**"), mode="eval").body)
+            return formula.evaluated(text, name)
         except SceneError:
             raise
-        except (SyntaxError, ValueError, KeyError, ArithmeticError, RecursionError, MemoryError):
-            raise command.error(f"has the formula {formula.strip()!r}, which is not a constant", _FORMULA) from None
+        except ValueError:
+            problem = f"has the formula {text.strip()!r}, which is not a constant"
+            raise command.error(problem, ", ".join((formula.ALLOWED, *self.keywords))) from None
 
     def _filled(self, line: str, at: Command) -> str:
         """Return the line with the values of variables inserted, except within quotes."""
@@ -173,14 +234,16 @@ class Script:
             if match["quoted"] is not None:
                 out.append(match["quoted"])
             elif match["formula"] is not None:
-                formula, place = self._bracketed(line, place, at)
+                text, place = self._bracketed(line, place, at)
                 digits = "%.20g"
-                if (form := re.fullmatch(r"(.*):(%\d*\.?\d*[efg])", formula)) is not None:
-                    formula, digits = form[1], form[2]
-                out.append(digits % self.evaluated(at, formula))
+                if (form := re.fullmatch(rf"(.*):({_FORMAT.pattern})", text)) is not None:
+                    text, digits = form[1], form[2]
+                out.append(digits % self.evaluated(at, text))
             else:
                 out.append(self.value(at, match["name"] or match["letter"]))
-        return "".join((*out, line[place:]))
+        text = "".join((*out, line[place:]))
+        at.fail_if(len(text) > _LONGEST, f"is {len(text)} characters long", f"at most {_LONGEST} characters")
+        return text
 
     @staticmethod
     def _bracketed(line: str, start: int, at: Command) -> tuple[str, int]:
@@ -198,24 +261,77 @@ class Script:
         name, style, *words = command.rest
         if style == "delete":
             self.variables.pop(name, None)
-        elif not (style == "index" and name in self.variables):  # the first definition counts, as with -var
+        elif not (style in ("index", "loop") and name in self.variables):  # the first definition counts, as with -var
+            if style == "loop":
+                width = len(words[-2]) if words[-1:] == ["pad"] and len(words) > 1 else 0
+                ends = [self.whole(command, word) for word in words if word != "pad"]
+                if not 1 <= len(ends) <= 2 or ends[-1] < ends[0] > 1 or ends[-1] < 1:
+                    raise command.error("is not a loop", "variable NAME loop N, or N1 N2 with N1 <= N2")
+                words = [f"{[1, *ends][-2]:0{width}d}", f"{ends[-1]}"]
             self.variables[name] = (style, tuple(words))
+
+    def _next(self, command: Command) -> None:
+        """Execute a ``next`` command; after the last value the variables are deleted and the next jump is skipped."""
+        styles = {self.variables[name][0] for name in command.rest if name in self.variables}
+        command.fail_if(len(styles) > 1, "names variables of several styles", "variables of one style")
+        for name in command.rest:
+            style, words = self.variables.get(name, ("", ()))
+            if style not in ("index", "loop"):
+                raise command.error(f"names {name}, which has no further values", "variables of style index or loop")
+            if style == "loop":
+                following = int(words[0]) + 1
+                words = (f"{following:0{len(words[0])}d}", words[1]) if following <= int(words[1]) else ()
+            else:
+                words = words[1:]
+            self.variables[name] = (style, words)
+            if not words:
+                del self.variables[name]
+                self._skip_jump = True
+
+    def _branch(self, command: Command) -> tuple[str, ...]:
+        """Return the commands that an ``if`` command executes."""
+        allowed = 'if "CONDITION" then "COMMAND" ... [elif "CONDITION" "COMMAND" ...] [else "COMMAND" ...]'
+        command.fail_if(len(command.rest) < 3 or command.rest[1] != "then", "is not supported", allowed)
+        condition, body = command.rest[0], command.rest[2:]
+        while True:
+            end = next((at for at, word in enumerate(body) if word in ("elif", "else")), len(body))
+            if self._holds(command, self._filled(condition, command)):
+                return body[:end]
+            if body[end : end + 1] != ("elif",):
+                return body[end + 1 :]
+            command.fail_if(len(body) < end + 3, "is incomplete", allowed)
+            condition, body = body[end + 1], body[end + 2 :]
+
+    def _holds(self, command: Command, condition: str) -> bool:
+        """Return the truth of a condition: a formula, which may contain comparisons of texts."""
+
+        def compared(match: re.Match[str]) -> str:
+            if _FORMULA_WORD.fullmatch(match[1]) and _FORMULA_WORD.fullmatch(match[3]):
+                return match[0]
+            return f"{int((match[1] == match[3]) == (match[2] == '=='))}"
+
+        return self.evaluated(command, _COMPARISON.sub(compared, condition)) != 0.0
+
+
+def _after_label(command: Command, lines: list[tuple[int, str]]) -> int:
+    """Return the index of the line behind the label of a ``jump``, or that of the first line without one."""
+    if len(command.rest) < 2:
+        return 0
+    for at, (_, line) in enumerate(lines):
+        if line.split()[:2] == ["label", command.rest[1]]:
+            return at + 1
+    raise command.error(f"jumps to the label {command.rest[1]}, which is not in the file", "the name of a label")
 
 
 def read(opened: Opened, command: Command, name: str) -> str:
     """Return the text of a file that a command names."""
     try:
         return opened(name)
-    except (OSError, KeyError, UnicodeDecodeError) as error:
+    except (OSError, KeyError, UnicodeDecodeError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) else "missing" if isinstance(error, KeyError) else "not text"
         raise command.error(
             f"names the file {name}, which cannot be read ({why})", "a text file next to the script"
         ) from None
-
-
-def _power(node: ast.AST) -> bool:
-    """Return True for a power."""
-    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow)
 
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:
@@ -224,7 +340,10 @@ def _lines(text: str) -> Iterator[tuple[int, str]]:
     for number, line in enumerate(text.splitlines(), start=1):
         first = first if begun else number
         joined = begun + line
-        if joined.count('"""') % 2:
+        if len(joined) > _LONGEST:  # refused where it is evaluated
+            yield first, joined
+            begun = ""
+        elif joined.count('"""') % 2:
             begun = joined + "\n"
         elif joined.rstrip().endswith("&"):  # also within a comment
             begun = joined.rstrip()[:-1] + " "

@@ -190,6 +190,94 @@ def test_each_law_that_is_read_is_that_of_lammps(case: str, tmp_path: Path) -> N
         )
 
 
+#: the first body flies to a wall and comes back; at overlap 0 a wall of LAMMPS has a damping force, but a pair has none
+BACK = {"start": "group striker id 1\nvelocity striker set -0.5 0 0"}
+WALLS = {
+    "granular": "fix w all wall/gran granular hertz 2e11 0 {tail} velocity xplane -0.030001 NULL",
+    "granular, both sides": "fix w all wall/gran granular hooke 2e7 0 {tail} velocity xplane -0.030001 0.9 contacts",
+    "material": "fix w all wall/gran granular hertz/material 2e11 0 0.3 {tail} velocity xplane -0.030001 NULL",
+    "mass_velocity": "fix w all wall/gran granular hooke 2e7 2e3 {tail} mass_velocity limit_damping xplane -0.030001 9",
+    "hooke": "fix w all wall/gran hooke 2e7 NULL 4e3 NULL 0.5 1 limit_damping xplane -0.030001 NULL",
+    "hooke/history": "fix w all wall/gran hooke/history 2e7 NULL 4e3 NULL 0.5 1 limit_damping xplane -0.030001 NULL",
+    "hertz/history": "fix w all wall/gran hertz/history 2e11 NULL 4e6 NULL 0.5 1 limit_damping xplane -0.030001 NULL",
+    "region plane": "region p plane -0.030001 0 0 2 0 0\n"
+    "fix w all wall/gran/region granular hertz 2e11 0 {tail} velocity region p",
+    "region plane, from outside": "region p plane -0.030001 0 0 -2 0 0 side out\n"
+    "fix w all wall/gran/region granular hertz 2e11 0 {tail} velocity region p",
+    "region block": "region p block -0.030001 0.09 -0.08 0.08 -0.08 0.08 open 3\n"
+    "fix w all wall/gran/region hertz/history 2e11 NULL 4e6 NULL 0.5 1 limit_damping region p",
+}
+LIMITED = "pair_coeff * * hertz 1e11 0 tangential linear_nohistory 0 0 damping mass_velocity limit_damping"
+WORDS: dict[str, dict[str, str]] = {
+    **{
+        name: BACK | {"more": wall.format(tail=GRANULAR), "coefficients": LIMITED}
+        | ({"coefficients": LIMITED.replace("mass_velocity", "viscoelastic")} if "4e6" in wall else {})
+        for name, wall in WALLS.items()
+    },
+    "viscous": {"more": "fix v all viscous 3"},
+    "spherical": {"more": "fix g all gravity 500 spherical 0 90\nfix f bodies setforce NULL 0 0"},
+    "loop": {
+        "atoms": "variable i loop 3\nvariable kind index 1 1 1\nlabel more\n"
+        'create_atoms ${kind} single $(0.02*(v_i-2)) 0 0\nif "${i} == 2" then "group second id 2"\n'
+        "next i\nnext kind\njump SELF more\ncreate_atoms 2 single 0.04 0 0"
+    },
+    "lattice": {
+        "box": "lattice sc 0.02\n" + PARTS["box"].replace("0.1", "5"),
+        "atoms": PARTS["atoms"].replace("0.02", "1").replace("0.04", "2"),
+        "start": "group striker id 1\nvelocity striker set 25 0 0",
+        "sizes": "set group all diameter 0.02 mass 1\nregion r block -9 1.5 INF INF INF INF\nset region r mass 0.01",
+    },
+    "disc, dimension 2": {
+        "style": "dimension 2\natom_style sphere",
+        "box": PARTS["box"].replace(" -0.1 0.1\n", " -0.001 0.001\n"),
+        "sizes": "set type 1*2 diameter 0.02 density/disc 30",
+        "fixes": "group bodies type 1\nfix move bodies nve/sphere disc\nfix flat all enforce2d",
+    },
+    "lj": {"units": "", "step": f"timestep {1e-7!r}", "coefficients": LIMITED},
+    "runs": {
+        "run": "fix p all print 1000 a\nrun 300\nunfix p\nunfix move\nfix move bodies nve\nrun 1000 upto\nrun 700",
+        "after": "velocity all set 0 0 0\nset group all mass 9",
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", list(WORDS))
+def test_the_deck_of_the_scene_repeats_the_script(case: str, tmp_path: Path) -> None:
+    """Positions in the script are of 4 cm, so that overlaps of 1e-5 m have a round-off of 1e-12; 2e-10 was found."""
+    usual = {"boundary": "boundary f p p\ncomm_modify vel yes", "step": f"timestep {STEP!r}", "run": "run 2000"}
+    usual["dump"] = f"dump d all custom {EVERY} dump.txt id x vx\ndump_modify d sort id format float %.17g"
+    changes = WORDS[case]
+    text = script(**{**usual, **changes, "more": "neighbor 0.002 bin\n" + changes.get("more", "")})
+    velocities = _velocities(_run(tmp_path / "run", {"in.test": text}, "in.test", {}), "vx", [1, 2, 3])
+    assert np.all(np.isfinite(velocities))
+    scene = db.scene_from_deck(tmp_path / "run" / "in.test", reverse=False)
+    own = db.solve(scene, backend="lammps-granular", dt=STEP, uncertainty=False)
+    scale = np.max(np.abs(velocities))
+    assert np.max(np.abs(velocities - own.velocity)) < 1e-9 * scale
+    for wrong in _wrong(scene):
+        other = db.solve(wrong, backend="verlet", dt=STEP, uncertainty=False)
+        assert np.max(np.abs(velocities - other.velocity)) > 1e-8 * scale, wrong.name
+
+
+def _wrong(scene: Scene) -> list[Scene]:
+    """Scenes with a wall, a damping or a drag that is off by a hundred-thousandth."""
+    off = 1.0 + 1e-5
+    scenes = []
+    if scene.wall_left is not None:
+        wall = replace(scene.wall_left, stiffness=scene.wall_left.stiffness * off)
+        scenes += [
+            replace(scene, name="wall", wall_left=wall),
+            replace(scene, name="far", wall_left=replace(wall, gap=1.0)),
+        ]
+    if scene.damping is not None and scene.damped:
+        assert isinstance(scene.damping.coefficient, tuple)
+        weaker = tuple(value / off for value in scene.damping.coefficient)
+        scenes.append(replace(scene, name="damping", damping=replace(scene.damping, coefficient=weaker)))
+    if scene.drag:
+        scenes.append(replace(scene, name="drag", drag=scene.drag * 1.01))
+    return [*scenes, replace(scene, name="mass", mass=(scene.mass[0] * off, *scene.mass[1:]))]
+
+
 @pytest.mark.parametrize("units", list(UNITS))
 def test_a_script_without_a_time_step_has_that_of_its_units(units: str, tmp_path: Path) -> None:
     slow = PARTS["start"].replace("0.5", "1e-9")  # a step of 2 microseconds would carry it out of its box

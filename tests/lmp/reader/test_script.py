@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import time
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dem_bridge.errors import SceneError
+from dem_bridge.errors import BlockedScript, SceneError
 from dem_bridge.lmp.reader.script import Script
 from tests.helpers.strategies import examples
 
@@ -17,7 +18,11 @@ NOTHING: dict[str, str] = {}
 
 
 def _words(text: str, files: dict[str, str] | None = None) -> list[tuple[str, ...]]:
-    return [one.words for one in Script((files or {}).__getitem__).commands(text, "in.test")]
+    script = Script((files or {}).__getitem__)
+    words = [one.words for one in script.commands("in.test", text)]
+    if script.blockers:
+        raise BlockedScript(script.blockers.values())
+    return words
 
 
 def _message(text: str, files: dict[str, str] | None = None) -> str:
@@ -33,7 +38,7 @@ def test_comments_continued_lines_and_quotes() -> None:
 
 
 def test_a_command_knows_its_file_and_first_line() -> None:
-    found = list(Script({"b": "x\n\ny &\n z\n"}.__getitem__).commands("a\ninclude b\nc\n", "in.a"))
+    found = list(Script({"b": "x\n\ny &\n z\n"}.__getitem__).commands("in.a", "a\ninclude b\nc\n"))
     assert [(one.file, one.line, one.text) for one in found] == [
         ("in.a", 1, "a"),
         ("b", 1, "x"),
@@ -75,7 +80,7 @@ def test_a_variable_in_a_formula_has_15_digits() -> None:
 
 def test_the_first_definition_of_an_index_holds_and_so_does_one_from_outside() -> None:
     script = Script(NOTHING.__getitem__, {"dt": ("index", ("5e-9",))})
-    assert [one.words for one in script.commands("variable dt index 1e-8\ntimestep ${dt}", "in")] == [
+    assert [one.words for one in script.commands("in", "variable dt index 1e-8\ntimestep ${dt}")] == [
         ("timestep", "5e-9")
     ]
 
@@ -94,7 +99,8 @@ def test_formulas_have_the_values_of_arithmetic(rest: list[tuple[str, int]], fir
     ("text", "why"),
     [
         ("c ${none}", "line 1: `c ${none}` uses the variable none, which is not defined"),
-        ("variable i loop 3\nc ${i}", "variable i of style loop, whose value is known during a run only"),
+        ("variable i getenv HOME\nc ${i}", "variable i of style getenv, whose value is known during a run only"),
+        ("variable i loop 3 1", "is not a loop; allowed: variable NAME loop N"),
         ("variable k equal ke\nc ${k}", "formula 'ke', which is not a constant"),
         ("variable k equal v_k\nc ${k}", "formula 'v_k', which is not a constant"),
         ("c $(-2^2)", "not a constant"),
@@ -104,6 +110,7 @@ def test_formulas_have_the_values_of_arithmetic(rest: list[tuple[str, int]], fir
         ("c $(__import__)", "not a constant"),
         ("c $(1+1", "has $( without its )"),
         ("c $(1:%s)", "not a constant"),
+        ("variable i loop 2\nvariable k index 1 2\nnext i k", "names variables of several styles"),
         ("variable x", "is incomplete; allowed: variable NAME"),
         ("include gone", "names the file gone, which cannot be read"),
     ],
@@ -116,3 +123,52 @@ def test_a_file_that_includes_itself_is_refused() -> None:
     assert "is nested too deeply; allowed: one file, nested at most 20 times" in _message(
         "include a", {"a": "include a"}
     )
+
+
+def test_loops_and_branches_run_as_in_lammps() -> None:
+    text = """variable i loop 2 4
+variable name index a b c
+label begin
+if "${i} > 2 && ${name} != a" then "c ${i} ${name}" elif "${name} == a" "first ${i}" "again" else "no"
+next i
+next name
+jump SELF begin
+variable k loop 1 2 pad
+variable gone delete
+after ${k}
+"""
+    assert _words(text) == [("first", "2"), ("again",), ("c", "3", "b"), ("c", "4", "c"), ("after", "1")]
+
+
+def test_a_jump_out_of_a_loop_and_into_another_file() -> None:
+    text = 'variable i loop 9\nlabel a\nif "${i} == 3" then "jump SELF out"\nc ${i}\nnext i\njump SELF a\n'
+    text += "label out\njump b"
+    assert _words(text, {"b": "d ${i}\n"}) == [("c", "1"), ("c", "2"), ("d", "3")]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "label a\njump SELF a",
+        "jump SELF",
+        "include b\ninclude b",
+        "variable a string xx\nlabel a\nvariable a string ${a}${a}\njump SELF a",
+        "\n".join(f"variable v{k} equal v_v{k + 1}+v_v{k + 1}+v_v{k + 1}" for k in range(18)) + "\nc ${v0}",
+        "c $(1:%.999999999f)",
+        "variable i loop 2000000000\nlabel a\nnext i\njump SELF a",
+    ],
+)
+def test_a_script_without_an_end_is_refused_in_bounded_time(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dem_bridge.lmp.reader.script._MOST_WORK", 100_000)  # a tenth
+    begin = time.monotonic()
+    with pytest.raises(SceneError):
+        _words(text, {"b": "include c\ninclude c", "c": "include b\ninclude b"})
+    assert time.monotonic() - begin < 5.0  # 0.1 s on a machine that is not busy
+
+
+def test_all_problems_are_listed_but_not_those_that_follow_from_others() -> None:
+    text = "variable a equal ${none}\nc ${a}\nvariable b equal v_a\nc ${b}\nd ${other}\nvariable e loop 0\nc ${e}"
+    with pytest.raises(SceneError) as caught:
+        _words(text)
+    lines = str(caught.value).splitlines()
+    assert [line.split("`")[0] for line in lines] == ["in.test, line 1: ", "in.test, line 5: ", "in.test, line 6: "]
