@@ -11,6 +11,8 @@ from typing import Any
 
 from dem_bridge.stopwatch import cpu_time, credit
 
+_thread = threading.local()
+
 
 class Kernel:
     """A function that numba compiles, or loads from its cache, when it is first called.
@@ -36,8 +38,16 @@ class Kernel:
         return self.compiled._numba_type_
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call the compiled function."""
-        return self.compiled(*arguments)
+        """Call the compiled function, or within :meth:`interpret` the function itself."""
+        return self.py_func(*arguments) if getattr(_thread, "interprets", False) else self.compiled(*arguments)
+
+    def interpret(self, *arguments: Any) -> Any:
+        """Call the function, and the kernels that it calls, without the compiler."""
+        _thread.interprets = True
+        try:
+            return self.py_func(*arguments)
+        finally:
+            _thread.interprets = False
 
 
 def kernel(*, nogil: bool = True) -> Callable[[Callable[..., Any]], Kernel]:

@@ -18,6 +18,7 @@ from dem_bridge.backends.base import (
     backend,
     unsupported_reason,
 )
+from dem_bridge.backends.prescan import interpretable
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.files import write_whole
 from dem_bridge.lmp.engine import Engine
@@ -144,7 +145,7 @@ def solve(
     _check_settings(dt, accuracy, order, uncertainty)
     if reason := unsupported_reason(solver, scene):
         raise UnsupportedScene(f"{solver.name} cannot do {scene.name}: {reason}")
-    if backend in ENGINE_BACKENDS:
+    if backend in ENGINE_BACKENDS and not interpretable(scene):
         # with a stored prescan the engine starts before the compiler is loaded, which only the uncertainty needs
         from dem_bridge.runs.recall import recall_prescan
         from dem_bridge.runs.store import Store

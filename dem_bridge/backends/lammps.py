@@ -33,7 +33,7 @@ from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, deck_of, positions
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.pairing import TableSet
-from dem_bridge.lmp.process import require, run_deck, workspace
+from dem_bridge.lmp.process import check_room, loading_worker, require, run_deck, workspace
 from dem_bridge.scene import Scene
 from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.trajectory import Trajectory
@@ -72,22 +72,27 @@ class LammpsGranular:
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:
         """Write the deck, run it and read its dump."""
-        watch = Stopwatch()
-        written = self.written(scene, resolution, sampling, prescan_scene(scene))
-        return self.run_written(scene, written, time_limit=resolution.time_limit, watch=watch)
+        return self._run(
+            scene, lambda: self.written(scene, resolution, sampling, prescan_scene(scene)), resolution.time_limit
+        )
 
-    def run_written(
-        self, scene: Scene, written: Written, *, time_limit: float, watch: Stopwatch | None = None
-    ) -> Trajectory:
-        """Return the run of a deck of the scene; ``watch`` began with the making of the deck."""
-        watch = watch or Stopwatch()
-        deck, plan = written.deck, written.deck.schedule
-        with workspace(dump_size(deck)) as folder:
+    def run_written(self, scene: Scene, written: Written, *, time_limit: float) -> Trajectory:
+        """Return the run of a deck of the scene."""
+        return self._run(scene, lambda: written, time_limit)
+
+    def _run(self, scene: Scene, write: Callable[[], Written], time_limit: float) -> Trajectory:
+        """Return the run of the deck that ``write`` returns, which it makes while the engine loads."""
+        watch = Stopwatch()
+        with workspace() as folder, loading_worker(self.engine, folder) as worker:
+            written = write()
+            deck, plan = written.deck, written.deck.schedule
+            check_room(folder, dump_size(deck))
             for file, text in deck.files.items():
                 (folder / file).write_text(text, encoding="utf-8")
             # the dump grows evenly with the steps: its size tells how far the run is
             monitor = dump_progress(folder / deck.dump_file, deck) if progress.has_listener() else None
-            report = run_deck(folder, deck.input_file, time_limit=time_limit, watch=monitor, engine=self.engine)
+            engine: dict[str, Any] = {"engine": self.engine, "worker": worker}
+            report = run_deck(folder, deck.input_file, time_limit=time_limit, watch=monitor, **engine)
             dumps = [
                 read_binary_dump(folder / file, columns=len(DUMP_COLUMNS))
                 for file in (deck.dump_file, *deck.more_dumps)

@@ -7,7 +7,10 @@ step that follows the stiffest contact of the moment, accurate to about a per ce
 from __future__ import annotations
 
 import math
+import sys
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +24,8 @@ from dem_bridge.scene import Scene
 SURROGATE_MARGIN = 1.25
 #: fraction of 1/omega taken as the step
 _STEP = 0.1
+#: contacts times steps that are interpreted in less time than the compiler takes to load; steps of most scenes
+_INTERPRETED, _USUAL_STEPS = 150_000, 2_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,20 +70,21 @@ def prescan_hertz(scene: Scene, *, max_steps: int = 200_000_000) -> Prescan:
     """Coarse run of the whole scene. Raises RunBroken where it would take more than ``max_steps``."""
     c = scene.contacts
     inverse_mass = np.append(1.0 / np.array(scene.mass), 0.0)
-    peak, frequency, acceleration, low, high, steps = interruptible(
-        _run,
-        inverse_mass,
-        np.append(np.array(scene.velocity), 0.0),
-        (c.left, c.right, c.stiffness, c.exponent, c.gap, c.damping, c.damping_power, c.clipped),
+    bodies = (inverse_mass, np.append(np.array(scene.velocity), 0.0), np.zeros(scene.n_body + 1))
+    contacts = (c.left, c.right, c.stiffness, c.exponent, c.damping, c.damping_power, c.clipped)
+    numbers = (
         scene.drag,
         scene.free_acceleration,
         driven_of(scene),
         _pace(scene),
         scene.duration,
-        # of first order with damping, so a finer one
-        0.1 * _STEP if scene.damped else _STEP,
-        max_steps,
+        _fraction(scene),
     )
+    arguments = (*bodies, contacts, -c.gap, np.zeros(scene.n_contact), *numbers)
+    peak, frequency, acceleration, low, high, steps = _interpreted(scene, arguments) or interruptible(
+        _run, *arguments, max_steps
+    )
+    peak = np.asarray(peak)
     if steps >= max_steps:
         raise RunBroken(
             f"the coarse run of {scene.name} needs more than {max_steps} steps: a contact of frequency"
@@ -96,6 +102,37 @@ def prescan_hertz(scene: Scene, *, max_steps: int = 200_000_000) -> Prescan:
     )
 
 
+def _fraction(scene: Scene) -> float:
+    """Return the fraction of 1/omega that is the step; with damping, of first order, a tenth."""
+    return 0.1 * _STEP if scene.damped else _STEP
+
+
+def interpretable(scene: Scene) -> bool:
+    """Return whether to interpret the kernel of a prescan: its compiler is not loaded, and loading it takes longer.
+
+    On lists of floats the interpreter does the same operations in the same order by the same C library, so every bit is
+    that of the kernel. For the functions of a drive numpy has code of its own.
+    """
+    steps = _USUAL_STEPS * (_STEP / _fraction(scene))
+    return "numba" not in sys.modules and scene.drive is None and scene.n_contact * steps <= _INTERPRETED
+
+
+def _interpreted(scene: Scene, arguments: tuple[Any, ...]) -> Any:
+    """Return what the kernel returns, without its compiler; None if the interpreter is not to be taken."""
+    most = _INTERPRETED // max(scene.n_contact, 1)
+    with suppress(ArithmeticError):  # where C goes on with inf
+        if interpretable(scene) and (result := _run.interpret(*map(_as_lists, arguments), most))[-1] < most:
+            return result
+    return None
+
+
+def _as_lists(value: Any) -> Any:
+    """Return an argument of the kernel with lists in place of arrays, which are faster to interpret."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return tuple(map(_as_lists, value)) if type(value) is tuple else value
+
+
 def _pace(scene: Scene) -> float:
     """rad/s: how fast a drive changes, or moves a contact of body 0 that holds against it; 0 without."""
     if scene.drive is None or scene.drive.peak == 0.0:
@@ -111,9 +148,9 @@ def _pace(scene: Scene) -> float:
 @kernel()
 def _press(k, overlap, v, a, inverse_mass, contacts):  # type: ignore[no-untyped-def]
     """Add what a closed contact does to its bodies to their accelerations ``a``, and return its elastic force, N."""
-    left, right, stiffness, exponent, _, damping, damping_power, clipped = contacts
+    left, right, stiffness, exponent, damping, damping_power, clipped = contacts
     if exponent[k] == 2.5:
-        elastic = stiffness[k] * overlap * np.sqrt(overlap)
+        elastic = stiffness[k] * overlap * math.sqrt(overlap)
     else:
         elastic = stiffness[k] * overlap ** (exponent[k] - 1.0)
     force = elastic
@@ -128,29 +165,28 @@ def _press(k, overlap, v, a, inverse_mass, contacts):  # type: ignore[no-untyped
 
 @kernel()
 def _run(  # type: ignore[no-untyped-def]
-    inverse_mass, velocity, contacts, drag, free, driven, pace, duration, fraction, max_steps
+    inverse_mass, velocity, still, contacts, overlap, elastic, drag, free, driven, pace, duration, fraction, max_steps
 ):
     """Integrate the scene coarsely, and return the largest values of what a Prescan has.
 
-    Index n_body is the wall: no inverse mass, no velocity. ``contacts``: the arrays of a scene's contacts from ``left``
-    to ``clipped``. ``free (n_body,)``: acceleration without contact; ``pace``, rad/s: the rate of the
-    drive, which limits the step.
+    All arrays may be lists. Index n_body is the wall: no inverse mass, no velocity; ``still (n_body + 1,)`` and
+    ``elastic (n_contact,)`` are zeros, ``overlap`` is that of the start and is changed. ``contacts``: the arrays of a
+    scene's contacts from ``left`` to ``clipped``, without the gaps. ``free (n_body,)``: acceleration without
+    contact; ``pace``, rad/s: the rate of the drive, which limits the step.
     """
-    left, right, stiffness, exponent, gap, damping, damping_power, _ = contacts
-    n_body, n_contact = inverse_mass.shape[0] - 1, left.shape[0]
-    v = velocity.copy()
-    x = np.zeros(n_body + 1)
-    a = np.zeros(n_body + 1)
-    overlap = -gap
-    elastic = np.zeros(n_contact)
-    peak = np.maximum(overlap, 0.0)
+    left, right, stiffness, exponent, damping, damping_power, _ = contacts
+    n_body, n_contact = len(inverse_mass) - 1, len(left)
+    v, x, a, peak = velocity.copy(), still.copy(), still.copy(), elastic.copy()
     top_frequency, top_acceleration, low, high = 0.0, 0.0, 0.0, 0.0
     time, steps = 0.0, 0
+    falls = False
     for i in range(n_body):
         a[i] = free[i]
+        falls = falls or free[i] != 0.0
     a[0] += driving_force(0.0, driven) * inverse_mass[0]
     for k in range(n_contact):
         if overlap[k] > 0.0:
+            peak[k] = overlap[k]
             elastic[k] = _press(k, overlap[k], v, a, inverse_mass, contacts)
     while time < duration and steps < max_steps:
         # frequency each contact would reach if its two bodies were alone from here on
@@ -170,20 +206,23 @@ def _run(  # type: ignore[no-untyped-def]
                 squared = max(squared, (n - 1.0) * stiffness[k] * deepest ** ((n - 2.0) / n) * mobility)
                 if damping[k] > 0.0:
                     rate = max(rate, damping[k] * deepest ** (damping_power[k] / n) * mobility)
-        top_frequency = max(top_frequency, np.sqrt(squared))
+        top_frequency = max(top_frequency, math.sqrt(squared))
         dt = duration - time
         if squared > 0.0:
-            dt = min(dt, fraction / max(np.sqrt(squared), rate))
-        elif np.any(free != 0.0) or a[0] != 0.0:
+            dt = min(dt, fraction / max(math.sqrt(squared), rate))
+        elif falls or a[0] != 0.0:
             dt = min(dt, 1e-3 * duration)
         if pace > 0.0:
             dt = min(dt, fraction / pace)
-        slower = np.exp(-drag * dt)  # stable however strong
+        slower = math.exp(-drag * dt)  # stable however strong
         for i in range(n_body):
             v[i] += 0.5 * dt * a[i]
             x[i] += dt * v[i]
             a[i] = free[i]
-            low, high = min(low, x[i]), max(high, x[i])
+            if x[i] < low:  # faster to interpret than min and max
+                low = x[i]
+            elif x[i] > high:
+                high = x[i]
         a[0] += driving_force(time + dt, driven) * inverse_mass[0]
         for k in range(n_contact):
             overlap[k] += dt * (v[left[k]] - v[right[k]])
@@ -192,7 +231,8 @@ def _run(  # type: ignore[no-untyped-def]
                 elastic[k] = _press(k, overlap[k], v, a, inverse_mass, contacts)
         for i in range(n_body):
             v[i] = (v[i] + 0.5 * dt * a[i]) * slower
-            top_acceleration = max(top_acceleration, abs(a[i]))
+            if abs(a[i]) > top_acceleration:
+                top_acceleration = abs(a[i])
         time += dt
         steps += 1
     return peak, top_frequency, top_acceleration, low, high, steps

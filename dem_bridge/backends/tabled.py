@@ -6,7 +6,9 @@ themselves is the error of the tables, apart from that of the time step.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import cast
 
 import numpy as np
@@ -30,6 +32,7 @@ from dem_bridge.scene import Scene
 RECALLED: dict[str, Prescan] = {}
 #: fraction of 1/omega that is the step of a coarse run
 _STEP = 0.1
+_LOCK = threading.Lock()
 
 
 def prescan_scene(scene: Scene) -> Prescan:
@@ -43,7 +46,8 @@ def prescan_scene(scene: Scene) -> Prescan:
     c = scene.contacts
     top = _frequency(scene, c.reach[c.law]) if scene.law is not None else 0.0
     if top == 0.0:
-        return prescan_hertz(scene)
+        with _LOCK:
+            return _hertz(scene)
     plan = schedule(duration=scene.duration, samples=1, dt=_STEP / top, frequency=top, bodies=scene.n_body)
     _, dense = solve_dense(scene, plan, 0.0)
     peak = np.max(dense.overlap, axis=0, initial=0.0)
@@ -55,6 +59,12 @@ def prescan_scene(scene: Scene) -> Prescan:
         highest=float(np.max(dense.displacement)),
         steps=plan.steps,
     )
+
+
+@lru_cache(maxsize=8)
+def _hertz(scene: Scene) -> Prescan:
+    """:func:`~dem_bridge.backends.prescan.prescan_hertz`, which the run and its twins need at the same time."""
+    return prescan_hertz(scene)
 
 
 def _frequency(scene: Scene, deepest: NDArray[np.float64]) -> float:

@@ -87,6 +87,7 @@ def run_deck(
     time_limit: float,
     watch: Callable[[], None] | None = None,
     engine: Engine | None = None,
+    worker: subprocess.Popen[bytes] | None = None,
 ) -> EngineReport:
     """Run ``input_file`` in ``folder``.
 
@@ -102,6 +103,8 @@ def run_deck(
         Function that is called a few times per second during the run.
     engine : Engine, optional
         The LAMMPS to run; None means this environment's module.
+    worker : Popen, optional
+        The process of :func:`loading_worker` for this engine and folder; None: a process is started now.
 
     Raises
     ------
@@ -110,8 +113,23 @@ def run_deck(
     RunBroken
         If the run fails; the message contains LAMMPS' error.
     """
-    task = _Task(engine=engine or Engine(), folder=folder, time_limit=time_limit, watch=watch, launched=True)
+    engine = engine or Engine()
+    task = _Task(engine=engine, folder=folder, time_limit=time_limit, watch=watch, launched=True, worker=worker)
     return (task.run_by_binary if task.engine.lmp else task.run_by_module)(input_file)
+
+
+@contextmanager
+def loading_worker(engine: Engine, folder: Path) -> Iterator[subprocess.Popen[bytes] | None]:
+    """Yield a process that loads the engine and waits for :func:`run_deck` in ``folder``; it ends with the context.
+
+    None for a binary and for several ranks, which need the deck when they start.
+    """
+    if engine.lmp or engine.ranks > 1:
+        yield None
+        return
+    task = _Task(engine=engine, folder=folder)
+    with task.process(task.worker_command("run", "-", *engine.lmp_args), stdin=subprocess.PIPE) as worker:
+        yield worker
 
 
 def require(engine: Engine, style: str) -> Build:
@@ -150,22 +168,16 @@ def probe(engine: Engine) -> Build:
 
 
 @contextmanager
-def workspace(needs: int = 0) -> Iterator[Path]:
-    """Yield a temporary folder for one run with room for ``needs`` bytes, which is deleted afterwards.
+def workspace() -> Iterator[Path]:
+    """Yield a temporary folder for one run, which is deleted afterwards.
 
     Raises
     ------
     RunBroken
-        If the folder cannot be created or written, or has too little room.
+        If the folder cannot be created or written.
     """
     try:
         with TemporaryDirectory(prefix="dem-bridge-", ignore_cleanup_errors=True) as name:
-            free = shutil.disk_usage(name).free
-            if free < needs:
-                raise RunBroken(
-                    f"the run writes {needs / 1e6:.0f} MB and {gettempdir()} has {free / 1e6:.0f} MB free;"
-                    f" {_OWN_FOLDER}, or ask for fewer samples"
-                )
             try:
                 yield Path(name)
             except RunBroken as error:
@@ -180,6 +192,16 @@ def workspace(needs: int = 0) -> Iterator[Path]:
         ) from error
 
 
+def check_room(folder: Path, needs: int) -> None:
+    """Raise RunBroken unless the disk of a folder has room for ``needs`` bytes."""
+    free = shutil.disk_usage(folder).free
+    if free < needs:
+        raise RunBroken(
+            f"the run writes {needs / 1e6:.0f} MB and {gettempdir()} has {free / 1e6:.0f} MB free;"
+            f" {_OWN_FOLDER}, or ask for fewer samples"
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Task:
     """A run of an engine, or a question to it, in a child process that works in a folder."""
@@ -190,6 +212,8 @@ class _Task:
     watch: Callable[[], None] | None = None
     launched: bool = False
     """True for a run on the engine's ranks."""
+    worker: subprocess.Popen[bytes] | None = None
+    """The process that waits for the name of a deck."""
 
     def run_by_module(self, input_file: str) -> EngineReport:
         """Run the deck by the ``lammps`` module in a worker process."""
@@ -258,7 +282,7 @@ class _Task:
 
     def _worker(self, *words: str) -> dict[str, Any]:
         """Run a task in the worker process and return its reply."""
-        ended = self._child([str(self.engine.python or sys.executable), str(WORKER), _ANSWER, *words])
+        ended = self._child(self.worker_command(*words)) if self.worker is None else self._hand_over(words[1])
         # the reply counts before the exit code, because an engine may crash after its reply
         reply = _answer(self.folder / _ANSWER)
         if reply["stage"] == "done" and (ended.code == 0 or self.engine.ranks == 1):
@@ -275,18 +299,46 @@ class _Task:
             raise BackendUnavailable(f"{whose} does not load: {text}; {remedy(text)}")
         raise self._failure(screen_error if reply["stage"] == "load" else error)
 
+    def worker_command(self, *words: str) -> list[str]:
+        """Return the command of the worker process."""
+        return [str(self.engine.python or sys.executable), str(WORKER), _ANSWER, *words]
+
     def _child(self, command: Sequence[str]) -> _Ended:
         """Run a command; no process of it remains, whatever happens."""
+        began = time.perf_counter()
+        with self.process(command) as child:
+            return self._wait(child, began)
+
+    def _hand_over(self, input_file: str) -> _Ended:
+        """Run a deck by the worker that waits for its name."""
+        began = time.perf_counter()
+        assert self.worker is not None
+        assert self.worker.stdin is not None
+        with suppress(BrokenPipeError), self.worker.stdin as pipe:  # a worker that has ended left its reply
+            pipe.write(os.fsencode(input_file))
+        return self._wait(self.worker, began)
+
+    def _wait(self, child: subprocess.Popen[bytes], began: float) -> _Ended:
+        """Wait for a child and return its end, or raise RunBroken after the time limit."""
+        try:
+            return _wait(child, began, self.time_limit, self.watch)
+        except subprocess.TimeoutExpired:
+            problem = f"LAMMPS did not finish within the time limit of {self.time_limit:g} s and was stopped"
+            raise RunBroken(problem, log=self._last_lines()) from None
+
+    @contextmanager
+    def process(self, command: Sequence[str], stdin: int = subprocess.DEVNULL) -> Iterator[subprocess.Popen[bytes]]:
+        """Yield the process of a command; no process of it remains after the context, whatever happens."""
         launcher = self.engine.launcher() if self.launched else []
         if launcher or self.engine.lmp:  # the worker ends with its parent by itself
             launcher = [sys.executable, "-IS", str(PARENT_DEATH_GUARD), *launcher]
-        began = time.perf_counter()
         with (self.folder / _SCREEN).open("wb") as sink:
             try:
                 child = subprocess.Popen(
                     [*launcher, *command],
+                    bufsize=0,
                     cwd=self.folder,
-                    stdin=subprocess.DEVNULL,
+                    stdin=stdin,
                     stdout=sink,
                     stderr=sink,
                     env=self.engine.environment(),
@@ -294,17 +346,16 @@ class _Task:
                 )
             except OSError as error:
                 raise BackendUnavailable(f"{command[0]} cannot be started: {error.strerror}") from error
-            try:
-                return _wait(child, began, self.time_limit, self.watch)
-            except subprocess.TimeoutExpired:
-                problem = f"LAMMPS did not finish within the time limit of {self.time_limit:g} s and was stopped"
-                raise RunBroken(problem, log=self._last_lines()) from None
-            finally:
-                if child.returncode is None:
-                    # ranks are in other sessions: they end with MPI's launcher
-                    os.killpg(child.pid, signal.SIGKILL)
-                    child.wait()
-                _sweep(child.pid)
+        try:
+            yield child
+        finally:
+            if child.stdin is not None:
+                child.stdin.close()
+            if child.returncode is None:
+                # ranks are in other sessions: they end with MPI's launcher
+                os.killpg(child.pid, signal.SIGKILL)
+                child.wait()
+            _sweep(child.pid)
 
     def _failure(self, error: str) -> BackendUnavailable | RunBroken:
         """Return the exception for an error of LAMMPS."""

@@ -5,10 +5,11 @@
     python worker.py ANSWER.json run INPUT_FILE [LAMMPS_ARGUMENT ...]
     python worker.py ANSWER.json ask [STYLE ...]
 
-It runs INPUT_FILE in the current folder, or only reports the engine and which styles it has ("pair granular"). It
-writes ANSWER.json with ``stage`` (load, run, done), LAMMPS' error text, version, packages, build and times. After a
-crash the file contains the last stage. With several MPI ranks, all ranks except the first write ANSWER.json.RANK. It
-runs with Python 3.9 or newer, possibly that of another environment.
+It runs INPUT_FILE in the current folder, or only reports the engine and which styles it has ("pair granular"). In place
+of INPUT_FILE, "-" means the file whose name it reads from stdin when the engine is loaded. It writes ANSWER.json with
+``stage`` (load, run, done), LAMMPS' error text, version, packages, build and times. After a crash the file contains the
+last stage. With several MPI ranks, all ranks except the first write ANSWER.json.RANK. It runs with Python 3.9 or newer,
+possibly that of another environment.
 """
 
 from __future__ import annotations
@@ -115,10 +116,11 @@ def main() -> int:
         content["libmpi"] = libmpi
         content["ranks"] = engine.extract_setting("world_size")
         if task == "run":
+            deck = os.fsdecode(sys.stdin.buffer.read()) if words[0] == "-" else words[0]
             content["stage"] = "run"
             answer(target, content)
             wall, cpu = time.perf_counter(), time.process_time()
-            engine.file(words[0])
+            engine.file(deck)
             content["wall"], content["cpu"] = time.perf_counter() - wall, time.process_time() - cpu
             content["memory"] = peak_memory()
         else:

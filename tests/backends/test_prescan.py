@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from hypothesis import given
 
+import dem_bridge as db
+from dem_bridge.backends import prescan
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.errors import RunBroken
@@ -37,6 +41,42 @@ def test_one_collision_is_as_deep_and_as_fast_as_the_exact_one(exponent: float) 
     tangent = (exponent - 1.0) * scene.stiffness[0] * hit.peak_overlap ** (exponent - 2.0)
     assert prescan.frequency == pytest.approx(math.sqrt(tangent * mobility), rel=COARSE)
     assert prescan.max_acceleration == pytest.approx(hit.peak_force / 8.1e-3, rel=COARSE)
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        *map(db.load_scene, ("decelerating-40", "decelerating-40-drag", "decelerating-40-graded-exponent",
+                             "decelerating-40-gaps", "decelerating-40-on-base")),
+        replace(PAIR, damping=Damping(law="dashpot", coefficient=2.0)),
+        replace(PAIR, damping=Damping(law="kuwabara-kono", coefficient=2e-6)),
+    ],
+    ids=lambda scene: scene.name,
+)  # fmt: skip
+def test_an_interpreted_prescan_is_that_of_the_kernel_bit_by_bit(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled = prescan_hertz(scene)
+    monkeypatch.setattr(prescan, "interpretable", lambda _: True)
+    with monkeypatch.context() as patch:
+        patch.setattr(prescan, "interruptible", lambda *_: pytest.fail("the kernel was called"))
+        interpreted = prescan_hertz(scene)
+    assert interpreted.peak_overlap.tobytes() == compiled.peak_overlap.tobytes()
+    assert replace(interpreted, peak_overlap=compiled.peak_overlap) == compiled
+    # the kernel takes over where the interpreter takes too long, and where it does not go on with inf
+    monkeypatch.setattr(prescan, "_INTERPRETED", 10 * scene.n_contact)
+    assert prescan_hertz(scene).steps == compiled.steps > 10
+    monkeypatch.setattr(prescan._run, "interpret", Mock(side_effect=OverflowError))
+    assert prescan_hertz(scene).steps == compiled.steps
+
+
+def test_a_prescan_is_interpreted_only_where_that_is_faster_than_loading_the_compiler(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "numba", Mock())
+    assert not prescan.interpretable(PAIR)
+    monkeypatch.delitem(sys.modules, "numba")
+    assert prescan.interpretable(db.load_scene("decelerating-40"))
+    others = ("decelerating-200", "decelerating-40-dashpot", "driven-monomer")
+    assert not any(map(prescan.interpretable, map(db.load_scene, others)))
 
 
 def test_overlaps_on_the_papers_chains_are_those_of_the_truth(free_chain: Truth) -> None:

