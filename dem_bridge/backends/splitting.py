@@ -111,7 +111,7 @@ def solve(
         method,
         plan.step,
         plan.dense_steps,
-        _frame(scene, radius),
+        places_of(scene, radius),
         tables,
         curves_of(scene, cells),
     )
@@ -128,7 +128,7 @@ def _march(
     and the turns.
     """
     c, n = scene.contacts, scene.n_body
-    line = _along(scene)
+    line = line_of(scene)
     first, last = int(scene.wall_left is None), n + int(scene.wall_right is not None)
 
     def bodies(values: Any, rest: float = 0.0) -> NDArray[np.float64]:
@@ -140,7 +140,7 @@ def _march(
     reach, start = np.zeros(n + 2 + PADDING), np.zeros(n + 2 + PADDING)
     positional = bool(np.any(np.asarray(radius) > 0.0))
     if positional:
-        distance, places, wall = _frame(scene, radius)
+        distance, places, wall = places_of(scene, radius)
         reach, start = along(distance), bodies(places)
         # the walls' own: where there is none nothing is pressed
         start[0], start[n + 1 :] = (np.sum(wall[side]) for side in (c.left == n, c.right == n))
@@ -172,16 +172,16 @@ def _march(
     return Dense(v, x, a, overlap, force), farthest, largest, turns
 
 
-def _along(scene: Scene) -> NDArray[np.int64]:
+def line_of(scene: Scene) -> NDArray[np.int64]:
     """Return the contact of the scene at each place of the line, a left wall's first."""
     c, every = scene.contacts, np.arange(scene.n_contact)
     return np.argsort(np.where(c.left == scene.n_body, -1, every), kind="stable")
 
 
-def _frame(scene: Scene, radius: Radius) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def places_of(scene: Scene, radius: Radius) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Distance at touch of each contact, start positions of the bodies and position of the wall of each contact, m."""
     c, links = scene.contacts, len(scene.stiffness)
-    first, gap = int(scene.wall_left is not None), c.gap[_along(scene)]
+    first, gap = int(scene.wall_left is not None), c.gap[line_of(scene)]
     if isinstance(radius, np.ndarray):
         reach = radius[:-1] + radius[1:]
         line = np.concatenate([[0.0], np.cumsum(reach + gap)])
@@ -208,7 +208,7 @@ def integrate(  # type: ignore[no-untyped-def]
 
     The results are velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap
     and force ``(n_dense, n_contact)`` at ``dense_steps``. ``contacts``: the arrays of a scene's contacts from ``left``
-    to ``clipped``, of which the first ``links`` are those of the chain; ``frame``: the result of :func:`_frame`;
+    to ``clipped``, of which the first ``links`` are those of the chain; ``frame``: the result of :func:`places_of`;
     ``load (n_body,)``: the constant force on each body beside its weight, N; ``driven``: the drive of body 0.
 
     With n = 5/2 the force is ``beta s sqrt(s)``: only exact powers of two appear when v0 -> 32 v0 and

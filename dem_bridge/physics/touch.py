@@ -8,6 +8,10 @@ Euler-Maclaurin formula for a branch point (Navot 1961) gives the error of the s
 
 with theta the place of the touch within its step, zeta Hurwitz' function and <x> the value in (0, 1] that differs from
 x by a whole number. So the velocity error is of order p + 1 = n in h, however high the order of the method is.
+
+The work of that impulse is a jump of the energy that a symplectic method conserves elsewhere: ``-beta (u h)^n
+C(theta)`` where the contact closes, and the opposite where it opens, with theta counted backwards from the end of the
+step.
 """
 
 from __future__ import annotations
@@ -21,6 +25,8 @@ from dem_bridge.physics.valid import above
 
 #: terms that are summed, and Bernoulli numbers B_2, B_4, ... of the rest, whose next term is below 1e-15
 _TERMS, _BERNOULLI = 12, (1 / 6, -1 / 30, 1 / 42, -1 / 30, 5 / 66, -691 / 2730)
+#: terms of a Fourier series of a mean square, whose rest is 1e-9 of it for n = 5/2
+_WAVES = 200
 
 
 def hurwitz_zeta(power: float, start: ArrayLike) -> NDArray[np.float64]:
@@ -77,7 +83,37 @@ def touch_coefficient(drifts: ArrayLike, kicks: ArrayLike, *, exponent: float, p
     >>> [f"{touch_coefficient([1.0], [0.5, 0.5], exponent=n, phase=0.0):.5f}" for n in (2.5, 2.0)]
     ['-0.02549', '-0.08333']
     """
+    return float(touch_coefficients(drifts, kicks, exponent=exponent, phase=phase))
+
+
+def touch_coefficients(
+    drifts: ArrayLike, kicks: ArrayLike, *, exponent: float, phase: ArrayLike
+) -> NDArray[np.float64]:
+    """Return :func:`touch_coefficient` at each of many phases.
+
+    Examples
+    --------
+    >>> touch_coefficients([1.0], [0.5, 0.5], exponent=2.5, phase=[0.0, 0.5]).round(5)
+    array([-0.02549,  0.01647])
+    """
     nodes = np.concatenate([[0.0], np.cumsum(drifts)])
-    start = np.mod(nodes - phase, 1.0)
+    start = np.mod(nodes - np.asarray(phase, dtype=np.float64)[..., None], 1.0)
     # the force is continuous: the node at the touch counts the same from both sides
-    return float(np.asarray(kicks) @ hurwitz_zeta(above(1.0, "exponent", exponent) - 1.0, start))
+    return np.asarray(hurwitz_zeta(above(1.0, "exponent", exponent) - 1.0, start) @ np.asarray(kicks))
+
+
+def touch_rms(drifts: ArrayLike, kicks: ArrayLike, *, exponent: float = 2.5) -> float:
+    """Return the root mean square of :func:`touch_coefficient` over all phases.
+
+    Hurwitz' Fourier series gives ``2 Gamma(n)^2 / (2 pi)^(2n) sum_k |sum_i b_i exp(2 pi i k c_i)|^2 / k^(2n)`` for the
+    mean square. For velocity-Verlet the sum is the zeta function of 2n.
+
+    Examples
+    --------
+    >>> f"{touch_rms([1.0], [0.5, 0.5]):.6f}"  # sqrt(2 zeta(5)) Gamma(5/2) / (2 pi)^(5/2)
+    '0.019345'
+    """
+    nodes, waves = np.concatenate([[0.0], np.cumsum(drifts)]), np.arange(1.0, _WAVES + 1.0)
+    weights = np.abs(np.exp(2j * np.pi * waves[:, None] * nodes) @ np.asarray(kicks)) ** 2
+    square = 2.0 * math.gamma(exponent) ** 2 / (2.0 * np.pi) ** (2.0 * exponent)
+    return math.sqrt(square * float(np.sum(weights / waves ** (2.0 * exponent))))

@@ -35,14 +35,16 @@ SUMMARIES = {
     "rule-of-thumb": "Measure the error of velocity-Verlet at time steps of 5, 10, 20 and 40 % of the Rayleigh time.",
     "order": "Measure the order at contact onset, errors at given tolerances, and condition numbers.",
     "stability": "Find the largest stable and the largest accurate time steps of velocity-Verlet.",
+    "energy": "Measure the energy error over many contacts against its prediction by backward error analysis.",
     "extremes": "Run a catalogue of extreme scenes through every backend and check each error against its uncertainty.",
     "bands": "Compare the band edges of a driven, precompressed chain with those of the infinite chain.",
     "horizon": "Measure how long single velocities are predictable, and check what is conserved beyond that time.",
+    "precision": "Measure the digits of the velocities that LAMMPS' single and mixed precision modes leave.",
     "scatter": "Measure how random errors of the contact angles change arrival, residence times and peak forces.",
     "styles": "Run a scene through every pair style, wall and suffix of LAMMPS and compare each with the twin.",
 }
 #: studies that are packages with a module "study"; the others are one module
-_PACKAGES = ("model-hierarchy", "work-precision", "stability", "extremes", "horizon", "order")
+_PACKAGES = ("model-hierarchy", "work-precision", "stability", "extremes", "horizon", "order", "energy")
 
 
 def _entry(name: str, summary: str) -> Entry:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from dem_bridge.backends.blanes_moan import SRKN_6B
 from dem_bridge.backends.splitting import Method
 from dem_bridge.backends.twin import VERLET
-from dem_bridge.physics.touch import hurwitz_zeta, touch_coefficient
+from dem_bridge.physics.touch import hurwitz_zeta, touch_coefficient, touch_coefficients, touch_rms
 
 PHASES = (0.0, 0.1, 0.5, 0.8)
 
@@ -68,3 +68,13 @@ def test_on_the_step_grid_it_vanishes_for_whole_exponents_below_the_order_alone(
     assert max(values[2.0], values[3.0]) < 1e-12
     assert values[2.5] > 3e-4
     assert values[3.5] > 6e-5
+
+
+@pytest.mark.parametrize("method", [VERLET, SRKN_6B], ids=["verlet", "blanes-moan"])
+@pytest.mark.parametrize("exponent", [2.0, 2.5, 3.0])
+def test_the_fourier_series_has_its_mean_square(method: Method, exponent: float) -> None:
+    values = touch_coefficients(*method, exponent=exponent, phase=(np.arange(4000) + 0.5) / 4000)
+    assert np.std(values) == pytest.approx(touch_rms(*method, exponent=exponent), rel=1e-4)  # midpoint rule with kinks
+    # planted: the places of the kicks as those of equal drifts
+    equal = Method(drifts=np.full(len(method.drifts), 1.0 / len(method.drifts)), kicks=method.kicks[::-1] ** 2)
+    assert touch_rms(*equal, exponent=exponent) != pytest.approx(np.std(values), rel=1e-2)

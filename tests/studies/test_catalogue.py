@@ -192,9 +192,11 @@ TINY: dict[str, tuple[Scene | None, dict[str, Any]]] = {
     "rule-of-thumb": (CROSSED, {}),
     "order": (CROSSED, {}),
     "stability": (CROSSED, {"points": 2}),
+    "energy": (None, {"contacts": 1000}),
     "extremes": (None, {"match": "at-rest", "quick": True}),
     "bands": (DRIVEN, {"tolerance": 0.05}),
     "horizon": (CROSSED, {"perturbations": 2, "seed": 3}),
+    "precision": (CROSSED, {}),
     "scatter": (CROSSED, {"count": 2, "spread": 1.0}),
     "styles": (CROSSED, {"dt": 1e-7}),
 }
@@ -215,7 +217,10 @@ def _words(settings: dict[str, Any]) -> list[str]:
 
 
 #: the studies that take 2 to 10 s of CPU on their tiny case; each is also started by a test of its own
-DEEP = ("bands", "horizon", "model-hierarchy", "order", "rule-of-thumb", "stability", "styles", "work-precision")
+DEEP = (
+    "bands", "energy", "horizon", "model-hierarchy", "order", "precision", "rule-of-thumb", "stability", "styles",
+    "work-precision",
+)  # fmt: skip
 
 
 @pytest.mark.lammps
