@@ -281,7 +281,7 @@ def _by_theory(theory: str, scene: Scene | str | Path | None, run: Trajectory) -
     if theory not in THEORIES:
         raise UsageError(f"theory = {theory!r}; allowed: {' or '.join(THEORIES)}, or None")
     name = _scene_name(run)
-    if scene is None and name not in shipped_scenes():
+    if scene is None and name not in shipped_scenes("all"):
         raise UsageError(f"theory = {theory!r} needs the scene, but {name!r} is not a shipped scene; give scene=...")
     run_scene = load_scene(name) if scene is None else scene_of(scene)
     run_hash = run.provenance.get("scene_hash", run_scene.content_hash)

@@ -190,6 +190,6 @@ def _scene(scene: Scene | str | Path | None, run: Trajectory | None = None) -> S
     if scene is not None:
         return scene_of(scene)
     name = None if run is None else run.provenance.get("scene")
-    if run is None or name not in shipped_scenes():
+    if run is None or name not in shipped_scenes("all"):
         raise UsageError(f"the run is of the scene {name!r}, which is not a shipped scene; give the scene (--scene)")
     return load_scene(name)

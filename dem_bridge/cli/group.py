@@ -74,7 +74,7 @@ def main() -> None:
 @with_options("scenes")
 def scenes(as_json: bool) -> None:
     """List the shipped scenes."""
-    shipped = [dem_bridge.load_scene(name) for name in dem_bridge.shipped_scenes()]
+    shipped = [dem_bridge.load_scene(name) for name in dem_bridge.shipped_scenes("all")]
     if not as_json:
         terminal.print_scenes(shipped)
         return

@@ -29,7 +29,7 @@ def scene_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> 
     from click.shell_completion import CompletionItem
 
     folder = Path(__file__).parents[1] / "scenes"
-    names = sorted(file.stem for file in folder.glob("*.toml") if file.stem.startswith(incomplete))
+    names = sorted(file.stem for file in folder.rglob("*.toml") if file.stem.startswith(incomplete))
     return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]
 
 

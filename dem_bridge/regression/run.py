@@ -202,14 +202,14 @@ class Selection:
     def _load(self, scene: Scene | str | Path) -> tuple[Scene, str]:
         """Return a scene and its source: the name of a shipped scene, or the path relative to the baselines."""
         if isinstance(scene, Scene):
-            return scene, scene.name if scene.name in shipped_scenes() else ""
-        shipped = str(scene) in shipped_scenes()
+            return scene, scene.name if scene.name in shipped_scenes("all") else ""
+        shipped = str(scene) in shipped_scenes("all")
         return load_scene(scene), str(scene) if shipped else os.path.relpath(scene, self.folder)
 
     def _reload(self, baseline: Baseline) -> tuple[Scene | None, str]:
         """Return the scene of a baseline and its source; None if the scene no longer exists."""
         source = baseline.provenance["source"]
-        shipped = source in shipped_scenes()
+        shipped = source in shipped_scenes("all")
         if not source or not (shipped or (self.folder / source).is_file()):
             return None, source
         try:

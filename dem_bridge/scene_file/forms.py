@@ -366,6 +366,49 @@ class SphereScene(PhysicalScene):
     chain: SphereChain
 
 
+# impact form: two spheres, or a sphere and a plane
+
+
+class ImpactBody(Table):
+    """Table [impact.first] or [impact.second]; a second body with neither radius nor mass is a plane at rest."""
+
+    radius: Positive | None = None
+    """Radius of a sphere, m."""
+    material: str | None = None
+    """Name of the material, or "rigid" for a plane; None means the only one."""
+    mass: Positive | None = None
+    """Mass, kg, in place of density times volume."""
+    velocity: float = 0.0
+    """Start velocity, m/s, positive from the first to the second body."""
+
+
+class Impact(Table):
+    """Table [impact]."""
+
+    first: ImpactBody
+    second: ImpactBody
+    law: Literal["hertz", "hooke"] = "hertz"
+    stiffness: Positive | None = None
+    """Stiffness in place of that by Hertz's law, N/m^1.5; of a linear spring, N/m."""
+    gap: float = 0.0
+    restitution: float | None = None
+    """Coefficient of restitution: short for a damping table with this law."""
+    damping: DampingTable | None = None
+
+
+class ImpactScene(RawTable):
+    """A scene file with an impact."""
+
+    name: str
+    duration: float | None = None
+    """Duration, s; None means the approach and four contact times without damping."""
+    description: str = ""
+    materials: dict[str, MaterialTable] = {}
+    impact: Impact
+    sampling: Sampling = Sampling()
+    environment: Environment = Environment()
+
+
 # conversion to a Scene
 
 

@@ -1,9 +1,10 @@
 """Reading of scene files: TOML to Scene, with messages that name file, key, value and the allowed values.
 
-There are two kinds of form. The *raw* form has lists of masses, stiffnesses, gaps and velocities. The *physical* form
+There are three kinds of form. The *raw* form has lists of masses, stiffnesses, gaps and velocities. The *physical* form
 has bodies and optionally a striker, from which masses and stiffnesses follow: crossed cylinders or spheres of one
-material, or a pattern of both of several materials. The tables are in :mod:`.forms`; the values that follow from bodies
-are in :mod:`.physical` and :mod:`.pattern`. The tables check the structure of a file (keys, types); the Scene checks
+material, or a pattern of both of several materials. The *impact* form has two spheres, or a sphere and a plane. The
+tables are in :mod:`.forms`; the values that follow from bodies are in :mod:`.physical`, :mod:`.pattern` and
+:mod:`.impact`. The tables check the structure of a file (keys, types); the Scene checks
 the numbers that it is created with.
 """
 
@@ -14,30 +15,62 @@ from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
 from types import NoneType
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from dem_bridge.errors import SceneError
+from dem_bridge.errors import SceneError, UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file.drive import with_force_of_file
-from dem_bridge.scene_file.forms import CylinderScene, Environment, PatternScene, RawScene, SphereScene, from_raw
+from dem_bridge.scene_file.forms import (
+    CylinderScene,
+    Environment,
+    ImpactScene,
+    PatternScene,
+    RawScene,
+    SphereScene,
+    from_raw,
+)
+from dem_bridge.scene_file.impact import from_impact
 from dem_bridge.scene_file.pattern import from_pattern
 from dem_bridge.scene_file.physical import from_cylinders, from_spheres
 
 #: the two main examples: the paper's chains of figures 2 and 3
 MAIN_SCENES = ("accelerating-40", "decelerating-40")
 
+#: folders of the shipped scenes, by their kind
+_FOLDERS: Mapping[Literal["chain", "benchmark", "all"], tuple[str, ...]] = {
+    "chain": ("scenes",),
+    "benchmark": ("scenes", "benchmarks"),
+}
 
-def shipped_scenes() -> tuple[str, ...]:
+
+def shipped_scenes(kind: Literal["chain", "benchmark", "all"] = "chain") -> tuple[str, ...]:
     """Return the names of the scenes that are part of the package.
+
+    Parameters
+    ----------
+    kind : {"chain", "benchmark", "all"}
+        "chain": the chains of the paper and their relatives, which ``verify paper`` and ``regress`` run. "benchmark":
+        single impacts and other benchmarks of the field, whose values are known from elsewhere.
+
+    Raises
+    ------
+    UsageError
+        If there is no such kind.
 
     Examples
     --------
     >>> set(MAIN_SCENES) <= set(shipped_scenes())
     True
+    >>> shipped_scenes("benchmark")[:3]
+    ('bouncing-ball', 'chung-ooi-1-glass', 'chung-ooi-1-limestone')
     """
-    files = resources.files("dem_bridge").joinpath("scenes").iterdir()
+    if kind == "all":
+        return tuple(name for one_kind in _FOLDERS for name in shipped_scenes(one_kind))
+    if kind not in _FOLDERS:
+        raise UsageError(f"kind = {kind!r}; allowed: {', '.join((*_FOLDERS, 'all'))}")
+    files = resources.files("dem_bridge").joinpath(*_FOLDERS[kind]).iterdir()
     return tuple(sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml")))
 
 
@@ -67,8 +100,9 @@ def load_scene(source: str | Path) -> Scene:
     if not isinstance(source, str | Path):
         raise SceneError("", value=source, allowed="the name of a shipped scene or the path of a .toml file")
     name = str(source)
-    if name in shipped_scenes():
-        file = resources.files("dem_bridge").joinpath("scenes", f"{name}.toml")
+    if name in shipped_scenes("all"):
+        kind: Literal["chain", "benchmark"] = "chain" if name in shipped_scenes() else "benchmark"
+        file = resources.files("dem_bridge").joinpath(*_FOLDERS[kind], f"{name}.toml")
         return parse_scene(file.read_text(encoding="utf-8"), where=f"{name}.toml", folder=Path(str(file)).parent)
     path = Path(source)
     try:
@@ -76,7 +110,7 @@ def load_scene(source: str | Path) -> Scene:
     except (OSError, ValueError):  # the name is too long or contains a NUL
         is_file = False
     if not is_file:
-        allowed = f"{', '.join(shipped_scenes())}, or the path of a .toml file"
+        allowed = f"{', '.join(shipped_scenes('all'))}, or the path of a .toml file"
         raise SceneError("", problem="there is no such scene or file", allowed=allowed, where=name)
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -112,7 +146,7 @@ def parse_scene(text: str, *, where: str = "scene", folder: str | Path = ".") ->
     except ValidationError as error:
         raise _in_one_line(error, form, where) from None
     except SceneError as error:
-        raise error.at(where, _file_key(error.key)) from None
+        raise error.at(where, _file_key(error.key, form)) from None
 
 
 #: function that builds the Scene of each form
@@ -121,11 +155,14 @@ _SCENE_FROM: Mapping[type[BaseModel], Callable[[Any], Scene]] = {
     CylinderScene: from_cylinders,
     SphereScene: from_spheres,
     PatternScene: from_pattern,
+    ImpactScene: from_impact,
 }
 
 
 def _form(table: Mapping[str, Any]) -> type[BaseModel]:
     """Return the form of a file, recognised by the keys that only this form has."""
+    if "impact" in table:
+        return ImpactScene
     chain = table.get("chain")
     keys = chain if isinstance(chain, dict) else {}
     if "pattern" in keys or "materials" in table:
@@ -145,9 +182,11 @@ _FILE_KEYS = {
 }
 
 
-def _file_key(key: str) -> str:
+def _file_key(key: str, form: type[BaseModel]) -> str:
     """Return the key of a Scene's attribute in a file."""
-    return key if key.startswith(("material.", "materials.")) else _FILE_KEYS.get(key, f"chain.{key}")
+    if key.startswith(("material.", "materials.", "impact.")):
+        return key
+    return _FILE_KEYS.get(key, f"{'impact' if form is ImpactScene else 'chain'}.{key}")
 
 
 #: pydantic's names of the two forms of a key that takes a number or a list of them

@@ -27,7 +27,7 @@ Bodies = tuple[Body, ...]
 def from_pattern(file: forms.PatternScene) -> Scene:
     """Return the Scene of the striker and the bodies of the pattern."""
     pattern, table = file.chain.pattern, file.chain.striker
-    materials = dict(_materials(file))
+    materials = dict(materials_of(file.materials))
     row = _row(pattern, materials)
     per = "contact of the chain"
     gap = checked_numbers("pattern.gap", pattern.gap, "a finite number (m)", count=len(row) - 1, per=per)
@@ -51,29 +51,30 @@ def from_pattern(file: forms.PatternScene) -> Scene:
 # bodies
 
 
-def _materials(file: forms.PatternScene) -> Iterator[tuple[str, Material]]:
-    """Yield the materials by name."""
-    for name, table in file.materials.items():
+def materials_of(tables: Mapping[str, forms.MaterialTable]) -> Iterator[tuple[str, Material]]:
+    """Yield the materials of a file by name."""
+    for name, table in tables.items():
         try:
             yield name, Material(**{**table.model_dump(), "name": table.name or name})
         except SceneError as error:
             raise error.at("scene", f"materials.{name}.{error.key.removeprefix('material.')}") from None
 
 
-def _material(name: str | None, materials: Materials, where: str) -> Material:
-    """Return the material of this name; None means the only one."""
+def material_of(name: str | None, materials: Materials, where: str, also: Sequence[str] = ()) -> Material:
+    """Return the material of this name; None means the only one. ``also`` are further names that a message lists."""
+    names = ", ".join((*materials, *also)) or "a name"
     if name is None:
-        if len(materials) > 1:
-            raise SceneError(where, problem="is missing", allowed=f"one of {', '.join(materials)}")
+        if len(materials) != 1:
+            raise SceneError(where, problem="is missing", allowed=f"one of {names}")
         return next(iter(materials.values()))
     if name not in materials:
-        raise SceneError(where, value=name, allowed=f"{', '.join(materials)}, the names in [materials.NAME]")
+        raise SceneError(where, value=name, allowed=f"{names}, the names in [materials.NAME]")
     return materials[name]
 
 
 def _body(table: forms.BodyTable, materials: Materials, where: str) -> Body:
     """Return the body of a table."""
-    material = _material(table.material, materials, f"{where}.material")
+    material = material_of(table.material, materials, f"{where}.material")
     try:
         return Body(shape=table.shape, radius=table.radius, height=table.height, material=material)
     except SceneError as error:
@@ -179,7 +180,7 @@ def _striker(table: forms.PatternStriker, first: Body, materials: Materials) -> 
     if table.like is None:
         material = first.material
         if table.material is not None:
-            material = _material(table.material, materials, "striker.material")
+            material = material_of(table.material, materials, "striker.material")
         return sphere_of(table, material)
     check_alone(table)
     return first
@@ -201,4 +202,4 @@ def _flat_walls(file: forms.PatternScene, bodies: Bodies, materials: Materials) 
             raise SceneError(
                 f"{side}.exponent", value=table.exponent, allowed=f"{HERTZ}, since a flat wall has a Hertz contact"
             )
-        yield side, flat(_material(table.material, materials, f"{side}.material"), body, side, table.gap)
+        yield side, flat(material_of(table.material, materials, f"{side}.material"), body, side, table.gap)

@@ -35,7 +35,7 @@ def test_scenes_lists_every_shipped_scene(tmp_path: Path) -> None:
     done = run_here("scenes", cwd=tmp_path)
     assert done.returncode == 0
     lines = done.stdout.splitlines()
-    assert tuple(line.split()[0] for line in lines) == ("scene", *db.shipped_scenes())
+    assert tuple(line.split()[0] for line in lines) == ("scene", *db.shipped_scenes("all"))
     assert max(map(len, lines)) <= 124
     scenes = {scene["name"]: scene for scene in json.loads(run_here("scenes", "--json", cwd=tmp_path).stdout)}
     assert scenes["decelerating-40"]["contacts"] == 40
