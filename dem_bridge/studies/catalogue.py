@@ -41,10 +41,12 @@ SUMMARIES = {
     "horizon": "Measure how long single velocities are predictable, and check what is conserved beyond that time.",
     "precision": "Measure the digits of the velocities that LAMMPS' single and mixed precision modes leave.",
     "scatter": "Measure how random errors of the contact angles change arrival, residence times and peak forces.",
+    "restitution": "Measure the restitution of impacts by every damping law, clip and code, and compare it with closed"
+    " forms.",
     "styles": "Run a scene through every pair style, wall and suffix of LAMMPS and compare each with the twin.",
 }
 #: studies that are packages with a module "study"; the others are one module
-_PACKAGES = ("model-hierarchy", "work-precision", "stability", "extremes", "horizon", "order", "energy")
+_PACKAGES = ("model-hierarchy", "work-precision", "stability", "extremes", "horizon", "order", "energy", "restitution")
 
 
 def _entry(name: str, summary: str) -> Entry:

@@ -1,0 +1,190 @@
+"""Impacts whose restitution has a closed form: a scene of one contact for each damping law.
+
+The spheres are those of Chung & Ooi's third test (aluminium oxide, 2.5 mm, 3.9 m/s). Laws that are defined by a
+restitution, and Kuwabara-Kono, act on their Hertz contact; dashpots act on a linear spring whose elastic contact lasts
+as long.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, Literal, cast
+
+import numpy as np
+from scipy.optimize import brentq
+
+from dem_bridge.physics.dashpot import linear_restitution
+from dem_bridge.physics.exact import two_body_collision
+from dem_bridge.physics.hertz import sphere_on_sphere
+from dem_bridge.physics.impact import RestitutionLaw, alpha_of_restitution, restitution_obtained
+from dem_bridge.physics.viscoelastic import LARGEST_STRENGTH, viscoelastic_impact
+from dem_bridge.scene import BY_RESTITUTION, DAMPING_LAWS, DASHPOTS, Damping, Scene, Wall
+
+#: laws that the study knows
+LAWS = tuple(DAMPING_LAWS)
+RADIUS, SPEED, DENSITY = 2.5e-3, 3.9, 4000.0
+MATERIAL = {"young": 380e9, "poisson": 0.23}
+#: restitution of the impact at which speed, mass ratio, radius and time step are varied, not clipped
+USUAL = 0.5
+#: coefficients of restitution that are written
+WRITTEN = (0.1, 0.3, 0.5, 0.7, 0.9)
+#: parameters that are varied, with their values; the mass ratio is that of the second body to the first, inf for a wall
+Parameter = Literal["speed", "ratio", "radius"]
+VARIED: dict[Parameter, tuple[float, ...]] = {
+    "speed": (SPEED / 30.0, SPEED, 30.0 * SPEED),
+    "ratio": (0.1, 1.0, math.inf),
+    "radius": (0.5 * RADIUS, RADIUS, 2.0 * RADIUS),
+}
+#: duration in elastic contact times: an impact that is not clipped at e = 0.1 lasts less than 3
+CONTACTS = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Impact:
+    """One impact of a sphere on another one, or on a wall, with a damping law."""
+
+    law: str
+    coefficient: float
+    """In the unit of the law."""
+    clipped: bool
+    speed: float = SPEED
+    ratio: float = 1.0
+    """Mass of the second body over that of the first, by its density: the contact stays the same; inf is a wall."""
+    radius: float = RADIUS
+    """Radius of both spheres, m."""
+
+    @property
+    def mass(self) -> float:
+        """Mass of the first sphere, kg."""
+        return 4.0 / 3.0 * math.pi * DENSITY * self.radius**3
+
+    @property
+    def effective_mass(self) -> float:
+        """Effective mass of the contact, kg."""
+        return self.mass / (1.0 + 1.0 / self.ratio)
+
+    @property
+    def exponent(self) -> float:
+        """Exponent n of the contact: 2 with a dashpot, otherwise 5/2."""
+        return 2.0 if self.law in DASHPOTS else 2.5
+
+    @property
+    def stiffness(self) -> float:
+        """Stiffness of the contact, N/m^(n-1); a linear spring does not depend on the radius."""
+        return _spring() if self.law in DASHPOTS else sphere_on_sphere(radius=self.radius, **MATERIAL).stiffness
+
+    @property
+    def contact_time(self) -> float:
+        """Time of the elastic contact, s."""
+        masses, velocities = (self.mass, self.ratio * self.mass), (self.speed, 0.0)
+        hit = two_body_collision(masses=masses, velocities=velocities, stiffness=self.stiffness, exponent=self.exponent)
+        return hit.contact_time
+
+    @property
+    def clip(self) -> str:
+        """Clip in words."""
+        return "clipped" if self.clipped else "not clipped"
+
+    @property
+    def name(self) -> str:
+        """Law and clip in words."""
+        return f"{self.law}, {self.clip}"
+
+    @property
+    def scene(self) -> Scene:
+        """The impact as a scene that ends after the contact."""
+        parts: dict[str, Any] = {"mass": (self.mass,), "stiffness": (), "velocity": (self.speed,)}
+        if self.ratio == math.inf:
+            parts["wall_right"] = Wall(stiffness=self.stiffness, exponent=self.exponent)
+        else:
+            parts = {"mass": (self.mass, self.ratio * self.mass), "stiffness": (self.stiffness,)}
+            parts["velocity"] = (self.speed, 0.0)
+        return Scene(
+            name="impact",
+            duration=CONTACTS * self.contact_time,
+            exponent=self.exponent,
+            damping=Damping(law=self.law, coefficient=self.coefficient, clipped=self.clipped),
+            **parts,
+        )
+
+    def theory(self) -> tuple[float, float]:
+        """Return the restitution by the closed form of the law, and a bound of its error."""
+        mass, stiffness, value = self.effective_mass, self.stiffness, self.coefficient
+        if self.law in BY_RESTITUTION:
+            law = cast("RestitutionLaw", self.law)
+            return restitution_obtained(value, clipped=self.clipped, law=law), math.ulp(1.0)
+        if self.law in DASHPOTS:
+            damping = value if self.law == "dashpot" else value * mass
+            ratio = 0.5 * damping / math.sqrt(stiffness * mass)
+            return linear_restitution(damping_ratio=ratio, clipped=self.clipped), math.ulp(1.0)
+        hit = viscoelastic_impact(
+            mass=mass, speed=self.speed, stiffness=stiffness, viscosity=value, clipped=self.clipped
+        )
+        return hit.restitution, hit.remainder
+
+
+@cache
+def usual_impact(law: str, clipped: bool | None = None) -> Impact:
+    """Return the impact of two equal spheres whose restitution is :data:`USUAL` if it is not clipped.
+
+    Parameters
+    ----------
+    law : str
+        Damping law.
+    clipped : bool, optional
+        None: as the law has it by default.
+
+    Examples
+    --------
+    >>> for law in LAWS:
+    ...     pulling, clipped = (usual_impact(law, clipped).theory()[0] for clipped in (False, True))
+    ...     print(f"{law}: {pulling:.5f}, clipped {clipped:.5f}")
+    dashpot: 0.50000, clipped 0.55028
+    mass-dashpot: 0.50000, clipped 0.55028
+    kuwabara-kono: 0.50000, clipped 0.53156
+    restitution: 0.50000, clipped 0.55028
+    tsuji: 0.49992, clipped 0.55022
+    """
+    chosen = Damping(law=law, coefficient=1.0, clipped=clipped).clipped
+    impact = Impact(law=law, coefficient=1.0, clipped=bool(chosen))
+    mass, stiffness, value = impact.effective_mass, impact.stiffness, USUAL
+    if law in DASHPOTS:
+        damping = alpha_of_restitution(USUAL, 2.0) * math.sqrt(stiffness * mass)
+        value = damping if law == "dashpot" else damping / mass
+    elif law == "kuwabara-kono":
+        most = LARGEST_STRENGTH / ((stiffness / mass) ** 0.4 * SPEED**0.2)
+        pulling = replace(impact, clipped=False)
+        excess = lambda gamma: replace(pulling, coefficient=gamma).theory()[0] - USUAL  # noqa: E731
+        value = brentq(excess, 0.0, most * (1.0 - 1e-12), xtol=1e-16 * most)
+    return replace(impact, coefficient=value)
+
+
+def written_impacts(laws: Sequence[str]) -> list[Impact]:
+    """Return the impacts for all coefficients of restitution that are written, clipped and not."""
+    chosen = [law for law in laws if law in BY_RESTITUTION]
+    return [
+        Impact(law=law, coefficient=e, clipped=clipped) for law in chosen for clipped in (False, True) for e in WRITTEN
+    ]
+
+
+def varied_impacts(law: str, parameter: Parameter, values: Sequence[float] | None = None) -> list[Impact]:
+    """Return the usual impact of a law with other values of one parameter; None: those of :data:`VARIED`."""
+    chosen = VARIED[parameter] if values is None else values
+    changes: list[dict[str, Any]] = [{parameter: value} for value in chosen]
+    return [replace(usual_impact(law), **change) for change in changes]
+
+
+def curve_of(law: str, parameter: Parameter) -> tuple[np.ndarray, np.ndarray]:
+    """Return values of a parameter over the range that is varied, and the restitution by the closed form."""
+    values = [value for value in VARIED[parameter] if value < math.inf]
+    x = np.geomspace(min(values), 30.0 if parameter == "ratio" else max(values), 41)
+    return x, np.array([impact.theory()[0] for impact in varied_impacts(law, parameter, x.tolist())])
+
+
+def _spring() -> float:
+    """Return the stiffness of the linear spring, N/m: the usual pair is in contact as long as by Hertz's law."""
+    pair = Impact(law="restitution", coefficient=1.0, clipped=False)
+    return pair.effective_mass * (math.pi / pair.contact_time) ** 2

@@ -1,0 +1,146 @@
+"""Restitution of impacts: codes agree with closed forms, and a wrong law, mass or clip is found under its name."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+import dem_bridge as db
+from dem_bridge import campaign
+from dem_bridge.errors import UsageError
+from dem_bridge.physics.impact import alpha_of_restitution, restitution_obtained
+from dem_bridge.scene import Scene
+from dem_bridge.studies.restitution import study as module
+from dem_bridge.studies.restitution.impacts import LAWS, USUAL, VARIED, usual_impact, varied_impacts
+from dem_bridge.studies.restitution.study import study_restitution
+from dem_bridge.studies.study import Study
+from dem_bridge.verification.verdict import Outcome
+
+
+def rows(study: Study, table: str = "impacts") -> list[dict[str, Any]]:
+    """Return the rows of a table by the names of its columns."""
+    found = next(item for item in study.tables if item.id == table)
+    return [dict(zip(found.columns, row, strict=True)) for row in found.rows]
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_usual_impact_has_its_restitution_by_direct_integration(law: str) -> None:
+    for clipped in (False, True):
+        impact = usual_impact(law, clipped)
+        run = db.solve(impact.scene, backend="scipy", samples=2, uncertainty=False)
+        assert (run.velocity[-1, 1] - run.velocity[-1, 0]) / impact.speed == pytest.approx(
+            impact.theory()[0], abs=1e-11
+        )
+    # tsuji is a fit
+    assert usual_impact(law, False).theory()[0] == pytest.approx(USUAL, abs=1e-4 if law == "tsuji" else 1e-13)
+
+
+def test_all_laws_but_restitution_depend_on_the_impact() -> None:
+    for law in LAWS:
+        spread = {name: [impact.theory()[0] for impact in varied_impacts(law, name)] for name in VARIED}
+        constant = {name for name, values in spread.items() if max(values) - min(values) < 1e-12}
+        expected = {"dashpot": {"speed"}, "mass-dashpot": {"speed"}, "kuwabara-kono": set()}
+        assert constant == expected.get(law, set(VARIED)), law
+
+
+def test_the_twin_has_the_restitution_of_the_closed_form() -> None:
+    laws = ["restitution", "kuwabara-kono"]
+    study = study_restitution(laws=laws, backends=["verlet"])
+    names = {f"{law}, {clip}" for law in laws for clip in ("clipped", "not clipped")}
+    assert {(item.scene, item.outcome) for item in study.verdicts} == {(name, Outcome.PASS) for name in names}
+    for row in rows(study):
+        # a thousand steps in a contact time: less than a thousandth of the speed of approach
+        assert abs(row["difference"]) <= row["uncertainty"] < 1.1e-3
+    walls = [row for row in rows(study) if row["mass ratio"] == math.inf]
+    assert len(walls) == 2
+    assert "0.5 gives 0.5503" in study.answer[0]
+    assert "the coefficient to write is 0.4363" in study.answer[0]
+    assert study.answer[1].startswith("In 4 of 4 combinations")
+    for row in rows(study, "write"):
+        assert restitution_obtained(row["restitution, clipped"], clipped=True) == pytest.approx(
+            row["wanted"], abs=1e-13
+        )
+    [figure] = study.figures
+    assert len(figure.panels) == 5
+
+
+def clipped(scene: Scene) -> Scene:
+    assert scene.damping is not None
+    return replace(scene, damping=replace(scene.damping, clipped=True))
+
+
+def mass_for_effective_mass(scene: Scene) -> Scene:
+    assert scene.damping is not None
+    assert not isinstance(scene.damping.coefficient, float)
+    alpha = alpha_of_restitution(scene.damping.coefficient[0]) * math.sqrt(2.0)
+    ratio = alpha / math.sqrt(5.0)
+    e = math.exp(-math.pi * ratio / math.sqrt(1.0 - ratio**2)) if ratio < 1.0 else 1e-6
+    return replace(scene, damping=replace(scene.damping, coefficient=e))
+
+
+def stiffness_of_a_pair_at_a_wall(scene: Scene) -> Scene:
+    if scene.wall_right is None:
+        return scene
+    return replace(scene, wall_right=replace(scene.wall_right, stiffness=scene.wall_right.stiffness / math.sqrt(2.0)))
+
+
+@pytest.mark.parametrize(
+    ("law", "fault", "failing"),
+    [
+        ("restitution", clipped, {"restitution, not clipped"}),
+        ("restitution", mass_for_effective_mass, {"restitution, not clipped", "restitution, clipped"}),
+        ("mass-dashpot", stiffness_of_a_pair_at_a_wall, {"mass-dashpot, clipped"}),
+    ],
+)
+def test_a_code_with_another_law_fails_under_its_name(
+    law: str, fault: Any, failing: set[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The planted faults: forces are clipped, have the mass for the effective mass, or a wall has another contact."""
+    honest = campaign.run_cases
+
+    def wrong(cases: Any, **settings: Any) -> Any:
+        return honest([replace(case, scene=fault(case.scene)) for case in cases], **settings)
+
+    monkeypatch.setattr(module, "run_cases", wrong)
+    study = study_restitution(laws=[law], backends=["verlet"])
+    assert {item.scene for item in study.verdicts if item.outcome is Outcome.FAIL} == failing
+    assert study.exit_code == 1
+    assert any(sentence.startswith("verlet departs from the law") for sentence in study.answer)
+
+
+@pytest.mark.slow
+@pytest.mark.lammps
+def test_the_defect_of_tsuji_in_lammps_is_found_and_named() -> None:
+    study = study_restitution(laws=["tsuji"], backends=["lammps-granular"])
+    named = [item.known_defect for item in study.verdicts]
+    if study.exit_code == 0:  # a release that has mended it
+        assert not any(named)
+        return
+    assert named == ["tsuji-prefactor"] * 2
+    values = [row["restitution"] for row in rows(study) if row["law"] == "tsuji, not clipped"]
+    # the numbers of the defect; the time step explains 2e-4
+    assert values == pytest.approx([0.23501, 0.43960, 0.61608, 0.77767, 0.92836], abs=2e-4)
+    assert study.exit_code_with("ok") == 0
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"laws": ["hooke"]}, r"laws = \['hooke'\]; allowed: some of dashpot, mass-dashpot"),
+        ({"laws": []}, r"laws = \[\]; allowed"),
+        ({"backends": ["matlab"]}, r"backends = \['matlab'\]; allowed: some of lammps-granular"),
+    ],
+)
+def test_a_law_or_a_code_that_does_not_exist_is_refused(settings: Any, says: str) -> None:
+    with pytest.raises(UsageError, match=says):
+        study_restitution(**settings)
+
+
+def test_a_code_that_has_not_the_law_is_not_run() -> None:
+    study = study_restitution(laws=["kuwabara-kono"], backends=["ase"])
+    assert {item.outcome for item in study.verdicts} == {Outcome.NOT_RUN}
+    assert all(item.sentence.startswith("ase did not run: ") for item in study.verdicts)
+    assert study.exit_code == 0
