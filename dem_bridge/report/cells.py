@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
+
+from markupsafe import Markup, escape
 
 from dem_bridge.studies.study import Claim, ClaimValue, Table
 from dem_bridge.verification.verdict import Outcome
@@ -21,10 +24,12 @@ CLAIMED = {
     Outcome.PASS: "holds",
     Outcome.FAIL: "does not hold",
     Outcome.UNDECIDED: "undecided",
-    Outcome.MODEL_DIFFERENCE: "number only",
+    Outcome.MODEL_DIFFERENCE: "approximation",
     Outcome.NOT_RUN: "not run",
     Outcome.BROKEN: "run broke",
 }
+#: letters of formulas
+_GREEK = {"beta": "β", "gamma": "γ", "mu": "μ"}
 #: marks of the outcomes of claims, which keep their meaning without colour
 MARKS = {
     Outcome.PASS: "✓",
@@ -89,6 +94,23 @@ def digits_of(value: float, uncertainty: float) -> int:
     if not (0.0 < uncertainty < math.inf and value):
         return 6
     return min(max(math.ceil(math.log10(abs(value) / uncertainty)) + 1, 4), 16)
+
+
+def typeset(text: str) -> Markup:
+    """Return a text with its subscripts, powers, powers of ten and Greek letters as HTML.
+
+    >>> str(typeset("beta_0 > 4.7e+10 N/m^1.5, to 1.1e-06 of pair_style"))
+    'β<sub>0</sub> &gt; 4.7×10<sup>10</sup> N/m<sup>1.5</sup>, to 1.1×10<sup>−6</sup> of pair_style'
+    """
+    html = str(escape(text))
+    html = re.sub(r"\b(beta|[A-Za-z])_(\w+)", r"\1<sub>\2</sub>", html)
+    html = re.sub(r"\^(\([^)]*\)|[\d.]*\d)", r"<sup>\1</sup>", html)
+    html = re.sub(
+        r"\b([\d.]+)e([-+]?)0*(\d+)", lambda m: f"{m[1]}×10<sup>{m[2].strip('+').replace('-', '−')}{m[3]}</sup>", html
+    )
+    for name, letter in _GREEK.items():
+        html = re.sub(rf"\b{name}\b", letter, html)
+    return Markup(html)
 
 
 def sortable(value: float | str | None) -> str:

@@ -31,6 +31,8 @@ WIDTH, NOTEBOOK_WIDTH = 7.3, 6.6
 _HEIGHT = {"map": 2.25, "series": 1.95}
 #: height of a small multiple, inches
 _SMALL = 1.05
+#: part of its height that a panel of a narrow figure has
+_NARROW = 0.65
 #: part of the width of a figure that the panels have that stand left of a last one
 _LEFT = 0.42
 #: sizes of text on a sheet, points; none is below 8
@@ -69,9 +71,12 @@ def draw_figure(data: FigureData) -> Figure:
     stacked = len(panels) - data.last_beside
     columns = max(1, min(data.columns, stacked))
     rows = [list(range(k, min(k + columns, stacked))) for k in range(0, stacked, columns)]
-    heights = [(0.85 if data.last_beside else 1.0) * max(_height(panels[k]) for k in row) for row in rows]
+    heights = [
+        (0.85 if data.last_beside else _NARROW if data.width else 1.0) * max(_height(panels[k]) for k in row)
+        for row in rows
+    ]
     wide = columns > 1 or data.last_beside or any(panel.rows for panel in panels)
-    page = WIDTH if wide else 0.62 * WIDTH
+    page = data.width * WIDTH if data.width else WIDTH if wide else 0.62 * WIDTH
     layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06)
     rows_of_names = -(-len(_names(panels)) // _names_in_row(_names(panels), page))
     figure = Figure(figsize=(page, sum(heights) + 0.35 + 0.17 * max(0, rows_of_names - 1)), layout=layout)
@@ -216,7 +221,7 @@ def scale_together(axes: Sequence[Axes], panels: Sequence[Panel]) -> None:
     A linear axis begins at zero. A first point above twice the others, as next to the striker of a chain, is off scale
     and stated in a note, so that it does not compress the others.
     """
-    series = [[line.y[np.isfinite(line.y)] for line in panel.series if np.isfinite(line.y).any()] for panel in panels]
+    series = [[y[np.isfinite(y)] for y in _curves(panel) if np.isfinite(y).any()] for panel in panels]
     lines = [y for curves in series for y in curves]
     if not lines:
         return
@@ -225,7 +230,7 @@ def scale_together(axes: Sequence[Axes], panels: Sequence[Panel]) -> None:
             return
         low = min(float(y[y > 0.0].min()) for y in lines if (y > 0.0).any())
         high = max(float(y.max()) for y in lines)
-        margin = max((high / low) ** 0.06, 1.02)
+        margin = max((high / low) ** 0.1, 1.02)  # room for half a marker
         for ax in axes:
             ax.set_ylim(low / margin, high * margin)
         return
@@ -243,6 +248,13 @@ def scale_together(axes: Sequence[Axes], panels: Sequence[Panel]) -> None:
         first = max((float(y[0]) for y in curves), default=0.0)
         if beyond and first > high + room:
             _name_off_scale(ax, panel, first)
+
+
+def _curves(panel: Panel) -> list[NDArray[np.float64]]:
+    """Return the lines of a panel, and the edges of its bands."""
+    curves = [line.y for line in panel.series]
+    bands = [(line.y, line.bar) for line in panel.series if line.style == "band" and line.bar is not None]
+    return [*curves, *(y + side * bar for y, bar in bands for side in (-1.0, 1.0))]
 
 
 def _name_off_scale(ax: Axes, panel: Panel, first: float) -> None:
@@ -289,6 +301,9 @@ def _draw_series(ax: Axes, line: Series, *, on_map: bool, least: float) -> None:
     """Draw a series with its markers, and uncertainties above ``least`` of its largest value."""
     style = style_of(line.style)
     n = len(line.x)
+    if line.style == "band" and line.bar is not None:
+        ax.fill_between(line.x, line.y - line.bar, line.y + line.bar, label=line.label, **style)
+        return
     if on_map:
         style = style_on_map(line.style)
     elif line.style.startswith("curve/") or line.style == "below":
@@ -347,13 +362,15 @@ def _label(ax: Axes, panel: Panel, inches: float, sizes: tuple[float, float]) ->
     if panel.rows:
         ax.set(ylim=(len(panel.rows) - 0.5, -0.5))
         ax.set_yticks(range(len(panel.rows)), [textwrap.shorten(name, 44, placeholder=" ...") for name in panel.rows])
+        for text in ax.get_yticklabels():
+            text.set_fontweight("bold" if text.get_text().endswith(":") else "normal")
         if not panel.bars:
             ax.set_xscale("log")
             decades = _decades(xs) or 0.0
             positive = np.concatenate([x[x > 0.0] for x in xs])
             if decades > 4.0 and positive.min() < 1e-9:  # a scale of errors, from below round-off to one
                 ax.set_xlim(min(1e-14, 0.3 * positive.min()), max(2.0, 3.0 * positive.max()))
-            ax.xaxis.set_major_locator(LogLocator(numticks=9 if decades > 4.0 else None))
+            ax.xaxis.set_major_locator(LogLocator(numticks=5 if decades > 4.0 else None))
             ax.xaxis.set_major_formatter(
                 FuncFormatter(power_of_ten if decades > 4.0 else lambda value, _: f"{value:g}")
             )
@@ -368,7 +385,11 @@ def _label(ax: Axes, panel: Panel, inches: float, sizes: tuple[float, float]) ->
     else:
         whole = bool(xs) and all(np.array_equal(x, np.round(x)) for x in xs)
         ax.xaxis.set_major_locator(
-            MaxNLocator(nbins=8 if whole else 6, integer=whole, steps=[1, 2, 5, 10] if whole else [1, 2, 2.5, 5, 10])
+            MaxNLocator(
+                nbins=8 if whole else 6 if inches > 2.6 else 3,
+                integer=whole,
+                steps=[1, 2, 5, 10] if whole else [1, 2, 2.5, 5, 10],
+            )
         )
         if whole and len({x for line in xs for x in line.tolist()}) == 1:  # matplotlib would show thousandths of a body
             ax.set_xlim(float(xs[0][0]) - 1.0, float(xs[0][0]) + 1.0)
@@ -402,7 +423,7 @@ def _legend(figure: Figure, axes: Iterable[Axes]) -> None:
     thinned = False
     for ax in axes:
         thinned |= _thinned(ax)
-        handles: list[Any] = [*ax.get_lines(), *ax.containers]
+        handles: list[Any] = [*ax.get_lines(), *ax.containers, *ax.collections]
         for line in handles:
             if not str(line.get_label()).startswith("_"):
                 entries.setdefault(str(line.get_label()), line)
@@ -422,7 +443,8 @@ def _legend(figure: Figure, axes: Iterable[Axes]) -> None:
 
 def _thinned(ax: Axes) -> bool:
     """Return True if not all points of a series have a marker."""
-    marks = [line.get_markevery() for line in ax.get_lines() if line.get_linestyle() == "None"]
+    lines = [line for line in ax.get_lines() if line.get_linestyle() == "None" and not line.get_path_effects()]
+    marks = [line.get_markevery() for line in lines]
     return any(isinstance(every, tuple) and every[1] > 1 for every in marks)
 
 

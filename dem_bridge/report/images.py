@@ -136,6 +136,8 @@ def _shortened(svg: str) -> str:
     svg = re.sub(r" ?font-family: [^;\"]*;?", "", svg)  # the page has a font
     svg = re.sub(r"data:image/png;base64,([^\"]*)", lambda match: data_uri(_compressed(match[1])), svg)
     svg = re.sub(r"<g([^>]*)>\s*((?:<use [^>]*/>\s*)+)</g>", _of_group, svg)
+    # lines of one style that follow each other, such as bars of uncertainty, are one path
+    svg = re.sub(r'(?:<path d="[^"]*"( [^>]*fill: none[^>]*/>)\s*)(?:<path d="[^"]*"\1\s*)+', _one_path, svg)
     svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"\s*\n\s*| (?=[LCQMz])", "", path[0]), svg)
     svg = re.sub(r"\n\s*", "\n", svg)
     # a tenth of a point, and not in texts
@@ -149,6 +151,12 @@ def _of_group(match: re.Match[str]) -> str:
         return match[0]
     style = styles.pop()
     return f"<g{match[1]}{style}>\n{match[2].replace(style, '')}</g>"
+
+
+def _one_path(match: re.Match[str]) -> str:
+    """Return lines of one style as one path."""
+    lines = " ".join(re.findall(r' d="([^"]*)"', match[0]))
+    return f'<path d="{lines}"{match[1]}\n'
 
 
 def _compressed(base: str) -> bytes:

@@ -110,7 +110,6 @@ def _of_verification(study: Verification, store: Store | None) -> dict[str, Any]
         "tables": [table for table in study.tables if table.id not in _SHOWN_OTHERWISE],
         "counts": [(outcome, counts[outcome]) for outcome in Outcome if counts[outcome]],
         "order_of_claims": (Outcome.PASS, *SEVERITY[:-1]),
-        "failing": [claim for claim in study.claims if claim.outcome in SEVERITY[:2]],
         "with_figures": with_figures,
         "with_theory": lambda pair: any(chain.run(THEORY) is not None for chain in pair),
         "names": NAMES,

@@ -33,6 +33,7 @@ def _environment() -> Environment:
         "number": cells.number,
         "numeric": cells.numeric,
         "sortable": cells.sortable,
+        "typeset": cells.typeset,
     }
     return environment
 

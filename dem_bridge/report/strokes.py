@@ -38,13 +38,16 @@ def _arguments(entry: Mapping[str, Any]) -> dict[str, Any]:
 
 #: matplotlib arguments of each style of a Series; all differ in grey, and markers at one place stay visible
 STYLES: Mapping[str, Mapping[str, Any]] = {name: _arguments(entry) for name, entry in _DATA["named"].items()}
-#: further styles: "front" is a Pareto front (wide, pale, behind everything), "below" an arrow down from an uncertainty
+#: further styles: "front" is a Pareto front (wide, pale, behind everything), "below" an arrow down from an uncertainty,
+#: "band" the pale area of the uncertainty around a line that is not drawn
 _FURTHER = {name: _arguments(entry) for name, entry in _DATA["further"].items()}
 #: lines over a map: thin, so that they do not hide the front, and black or white with an edge of the other, so that
 #: they are visible on every colour of the map
 #: (almost black and almost white, because exact ones are exchanged on a dark page)
 _DARK, _LIGHT = "#010101", "#fefefe"
-_ON_MAP = {"bca": (_DARK, "--"), "adiabatic": (_LIGHT, "-.")}
+_ON_MAP = {"bca": (_LIGHT, "none"), "adiabatic": (_LIGHT, "-.")}
+#: a front that lies on that of the map has markers at every fifth body, between which the map is seen
+_ON_FRONT = {"marker": "o", "markersize": 4.5, "markerfacecolor": "none", "markevery": (4, 5)}
 #: bars of a row: fill and hatching
 BARS: tuple[Mapping[str, Any], ...] = ({"color": BLUE}, {"color": _INK["orange"], "hatch": "////"})
 
@@ -83,4 +86,5 @@ def style_on_map(name: str) -> dict[str, Any]:
     """Return the matplotlib arguments of a line over a map."""
     ink, dash = _ON_MAP.get(name, (_LIGHT, "-"))
     edge = withStroke(linewidth=1.7, foreground=_DARK if ink == _LIGHT else _LIGHT)
-    return {"color": ink, "linestyle": dash, "linewidth": 0.8, "path_effects": [edge]}
+    marks = _ON_FRONT if dash == "none" else {}
+    return {"color": ink, "linestyle": dash, "linewidth": 0.8, "path_effects": [edge], **marks}

@@ -192,8 +192,8 @@ def figure(chains: ScatteredChains) -> FigureData:
     def panel(id: str, ratio: Floats, first: int) -> Panel:
         x = np.arange(first, first + ratio.shape[1], dtype=float)
         low, middle, high = np.nanpercentile(ratio, [5.0, 50.0, 95.0], axis=0)
-        parts = (("95 % below", high, "guide"), ("median", middle, "reference"), ("5 % below", low, "guide"))
-        return TEXTS.panel(id, [Series(label=label, style=style, x=x, y=y) for label, y, style in parts])
+        band = Series(label="middle 90 %", style="band", x=x, y=0.5 * (low + high), bar=0.5 * (high - low))
+        return TEXTS.panel(id, [band, Series(label="median", style="reference", x=x, y=middle)])
 
     panels = (panel("body", residence, 1), panel("contact", force, 0))
     settings = {"spread": chains.spread, "count": chains.count, "seed": chains.seed}

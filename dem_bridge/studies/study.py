@@ -62,6 +62,8 @@ class Claim:
     outcome: Outcome
     sentence: str
     """What was found, with the number that decides."""
+    short: str = ""
+    """The number that was found and the criterion, in a few words."""
     values: tuple[ClaimValue, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
@@ -137,7 +139,10 @@ class Panel:
     notes: tuple[str, ...] = ()
     """Short lines to stand in the panel."""
     rows: tuple[str, ...] = ()
-    """Names of the places 0, 1, ... on the y axis, the first on top; without ``bars`` the x axis is logarithmic."""
+    """Names of the places 0, 1, ... on the y axis, the first on top; without ``bars`` the x axis is logarithmic.
+
+    A name that ends in a colon is the heading of the rows below it.
+    """
     bars: bool = False
     """Whether each series has a horizontal bar in each of its rows, from zero to its x."""
     tall: bool = False
@@ -160,6 +165,8 @@ class FigureData:
     """Whether panels are small multiples: without axes, each with a scale of its own."""
     last_beside: bool = False
     """Whether the last panel stands right of all others and is as high as they are together."""
+    width: float | None = None
+    """Part of the width of a sheet; None follows from the panels."""
 
     def content(self) -> bytes:
         """All that the picture is made of: figures with the same content look the same."""

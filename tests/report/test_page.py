@@ -19,7 +19,7 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Result
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.report.cells import digits_of, number, sortable
+from dem_bridge.report.cells import digits_of, number, sortable, typeset
 from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.images import compress_png
@@ -211,9 +211,11 @@ def test_a_paper_opens_with_its_abstract_and_one_figure_and_details_stand_in_the
     assert headings == order
     first, main = text.split('id="claims"')[0], text.split('id="appendix"')[0]
     for sentence in paper.abstract:
-        assert first.count(f"<dd>{_escaped(sentence)}</dd>") == 1, sentence
-    assert first.count("<svg ") == 1
-    assert main.count("<svg ") == len(paper.figures)
+        assert first.count(f"<dd>{typeset(sentence)}</dd>") == 1, sentence
+    # a sketch of a chain, the maps, and the scale of differences beside them
+    assert first.count('<svg class="sketch" role="img" aria-label="A sphere') == 1
+    assert first.count("<svg ") == 3
+    assert main.count("<svg ") == 1 + len(paper.figures)
     for sentence in paper.not_verified:
         assert main.count(_escaped(sentence)) == 1, sentence
     # whatever is long is folded, behind the main part
@@ -233,7 +235,7 @@ def test_the_strip_of_claims_keeps_its_meaning_without_colour(whole: Path) -> No
 
 
 def test_every_picture_is_a_vector_with_an_alternative_text_and_letters_of_8_points(whole: Path) -> None:
-    pictures = re.findall(r"<svg .*?</svg>", _text(whole), re.DOTALL)
+    pictures = re.findall(r'<svg (?!class="sketch").*?</svg>', _text(whole), re.DOTALL)
     assert len(pictures) >= len(fake_paper().figures)
     for picture in pictures:
         check_picture(picture)
@@ -261,7 +263,7 @@ def check_picture(picture: str) -> None:
 def test_a_picture_with_small_letters_no_words_or_too_wide_is_caught(
     whole: Path, right: str, planted: str, said: str
 ) -> None:
-    picture = re.findall(r"<svg .*?</svg>", _text(whole), re.DOTALL)[0]
+    picture = re.findall(r'<svg (?!class="sketch").*?</svg>', _text(whole), re.DOTALL)[0]
     check_picture(picture)
     with pytest.raises(AssertionError, match=said):
         check_picture(picture.replace(right, planted))
@@ -290,13 +292,13 @@ def test_runs_that_do_not_pass_stand_on_page_one_of_a_paper(found: Verification,
 
 def test_every_claim_has_its_anchor_its_words_and_its_values(whole: Path) -> None:
     text = _text(whole)
-    words = {"PASS": "holds", "FAIL": "does not hold", "UNDECIDED": "undecided", "MODEL_DIFFERENCE": "number only"}
+    words = {"PASS": "holds", "FAIL": "does not hold", "UNDECIDED": "undecided", "MODEL_DIFFERENCE": "approximation"}
     words["NOT_RUN"] = "not run"
     for claim in fake_paper().claims:
         [body] = re.findall(rf'<tbody id="claim-{claim.id}">(.*?)</tbody>\n(?:<tbody|</table></div>)', text, re.DOTALL)
         assert f'href="#claim-{claim.id}"' in text
-        for part in (claim.where, claim.statement, claim.sentence):
-            assert _escaped(part) in body
+        for part in (_escaped(claim.where), typeset(claim.statement), typeset(claim.sentence)):
+            assert part in body
         assert f'">{words[claim.outcome]}</td>' in body
         assert body.count("<tr>") == 2 + 2 * bool(claim.values)  # one quantity, by six codes
         for value in claim.values:
@@ -324,7 +326,7 @@ def test_what_is_drawn_and_tabled_lies_beside_the_page_in_full_precision(whole: 
 def test_claims_stand_in_the_json_without_nan(whole: Path) -> None:
     record = json.loads((whole / "verdicts.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
     assert len(record["claims"]) == 20
-    assert set(record["claims"][0]) == {"id", "where", "statement", "outcome", "sentence", "values"}
+    assert set(record["claims"][0]) == {"id", "where", "statement", "outcome", "sentence", "short", "values"}
     printed, reference, *_ = record["claims"][0]["values"]
     assert printed["uncertainty"] is None
     assert reference["uncertainty"] == 1e-10

@@ -91,7 +91,7 @@ return [severity, together, up, column(budget, 2), button(budget, 2).tabIndex,
         [...budget.tHead.rows[0].cells].map((one) => one.getAttribute("aria-sort"))];
 """
     severity, together, up, holes, tab, aria = _asked(page, tmp_path, script)
-    assert list(dict.fromkeys(severity)) == ["does not hold", "undecided", "not run", "number only", "holds"]
+    assert list(dict.fromkeys(severity)) == ["does not hold", "undecided", "not run", "approximation", "holds"]
     assert together
     assert up == ["2.2e-11", "1.5e-06", "0.0036", "0.008", "0.021", "0.031", "0.068"]
     assert holes == ["0.02", "0.05", "0.178", "–", "–", "–", "–"]

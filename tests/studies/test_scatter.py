@@ -165,7 +165,9 @@ def test_the_figure_has_the_middle_and_both_ends_of_the_set(found: ScatteredChai
         (times, found.ratios("residence_time")[:, 1:-1]),
         (force, found.ratios("peak_force")),
     ):
-        above, middle, below = (one.y for one in panel.series)
+        band, median = panel.series
+        assert band.bar is not None
+        below, middle, above = band.y - band.bar, median.y, band.y + band.bar
         assert np.all(below <= middle)
         assert np.all(middle <= above)
         np.testing.assert_allclose(middle, np.median(ratio, axis=0))

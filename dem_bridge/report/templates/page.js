@@ -65,6 +65,12 @@
   addEventListener("hashchange", unfold);
   unfold();
 
+  // What is wider than its window says that it scrolls.
+  const wider = new ResizeObserver((entries) => {
+    for (const { target } of entries) target.classList.toggle("cut", target.scrollWidth > target.clientWidth + 1);
+  });
+  for (const one of document.querySelectorAll(".scroll")) wider.observe(one);
+
   // Unfold everything for printing.
   let closed = [];
   addEventListener("beforeprint", () => {

@@ -88,10 +88,13 @@ def claim(
         Numbers of the sentence.
 
     """
-    text, sentence = CLAIMS[id], "The runs from which this is read are missing."
+    text, sentence, short = CLAIMS[id], "The runs from which this is read are missing.", ""
     if outcome is not Outcome.NOT_RUN:
-        parts = text.get("join", " and ").join(fill(text.get("each", ""), **part) for part in each)
-        sentence = fill(text["sentence"], each=parts, **numbers)
+        parts = list(each)
+        joined = text.get("join", " and ").join(fill(text.get("each", ""), **part) for part in parts)
+        sentence = fill(text["sentence"], each=joined, **numbers)
+        *most, last = [fill(text.get("short_each", ""), **part) for part in parts] or [""]
+        short = fill(text["short"], each=" and ".join(filter(None, [", ".join(most), last])), **numbers)
     flat = [item for value in values for item in ([value] if isinstance(value, ClaimValue) else value)]
     return Claim(
         id=id,
@@ -99,6 +102,7 @@ def claim(
         statement=text["statement"],
         outcome=outcome,
         sentence=sentence,
+        short=short,
         values=tuple(flat),
     )
 

@@ -103,7 +103,8 @@ def _validity(runs: Runs, id: str, assumption: str, *, first: int, names: tuple[
 
     ``names``: of the number of contacts beyond the limit, and of the worst ratio.
     """
-    values, each, outcomes = [], [], []
+    values, outcomes = [], []
+    each: list[dict[str, Any]] = []
     place = list(JUDGED).index(assumption)
     for name in MAIN:
         scene, truth = runs.scenes[name], runs.truth(name)
@@ -112,15 +113,16 @@ def _validity(runs: Runs, id: str, assumption: str, *, first: int, names: tuple[
         contacts = [contact_validity(scene, truth, k) for k in range(first, scene.n_body - 1)]
         judged = [contact.judged[place] for contact in contacts]
         beyond = [contact for contact, item in zip(contacts, judged, strict=True) if not item.holds]
-        worst = (min if assumption == LEAST else max)(item.ratio for item in judged)
+        worst, inner = ((min if assumption == LEAST else max)(item.ratio for item in judged[k:]) for k in (0, 1))
         for label, value in zip(names, (float(len(beyond)), worst), strict=True):
             values.append(ClaimValue(name=f"{label}, {name}", backend=REFERENCE, value=value))
         angles = [contact.angle for contact in beyond if math.isfinite(contact.angle)]
         upto = f", at angles up to {max(angles):.2f} degrees" if angles else ""
-        numbers = {"count": len(beyond), "of": len(contacts), "worst": worst, "limit": judged[0].limit}
+        numbers = {"count": len(beyond), "of": len(contacts), "worst": worst, "inner": inner, "limit": judged[0].limit}
         each.append({"chain": name, "upto": upto, **numbers})
         outcomes.append(Outcome.FAIL if beyond else Outcome.PASS)
-    return claim(id, together(*outcomes), values, each=each, limit=judged[0].limit if each else math.nan)
+    largest = {key: max((float(item[key]) for item in each), default=math.nan) for key in ("worst", "inner", "limit")}
+    return claim(id, together(*outcomes), values, each=each, **largest)
 
 
 def _gravity_load(runs: Runs) -> Claim:

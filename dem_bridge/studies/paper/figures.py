@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
+from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.errors import UsageError
 from dem_bridge.studies.paper import panels as panel
-from dem_bridge.studies.paper.measures import THEORIES
-from dem_bridge.studies.paper.panels import GUIDE, MAP_DIGITS, MAP_ROWS, ChainRuns, Ratios
+from dem_bridge.studies.paper.panels import GUIDE, ChainRuns, Ratios
 from dem_bridge.studies.paper.texts import PAPER
-from dem_bridge.studies.study import FigureData, Panel
+from dem_bridge.studies.study import FigureData
 
 DECELERATING, ACCELERATING = map(PAPER, ("decelerating", "accelerating"))
 GRADIENTS = (
@@ -25,21 +25,21 @@ GRADIENTS = (
 )
 #: ends of maps, in units of the arrival at the last body: on that of the short chain the secondary pulses are visible
 _SHORT, _LONG = 1.3, 1.1
-_THINNED = PAPER("thinned", rows=MAP_ROWS, digits=MAP_DIGITS)
+#: width of figure 2, right of which the scale of differences stands, as a part of the width of a sheet
+_BESIDE = 0.44
 
 
-def figure_2(decelerating: ChainRuns, accelerating: ChainRuns, scale: Panel | None = None) -> FigureData:
-    """Return figure 2: velocity over cylinder and time with the fronts by theory (b and d are measurements).
+def figure_2(decelerating: ChainRuns, accelerating: ChainRuns) -> FigureData:
+    """Return figure 2: velocity over cylinder and time with the front by BCA (b and d are measurements).
 
-    With ``scale`` this panel stands beside the maps, which are then above one another.
+    The maps are above one another, so that the scale of differences has room right of them.
     """
-    chains = _titled("a", "c", (decelerating, accelerating))
     end = panel.window((decelerating, accelerating), _SHORT)
-    theories = THEORIES if scale is None else ("bca",)
-    panels = [panel.velocity_map(title, chain, end, shares=(0, 1), theories=theories) for title, chain in chains]
-    if scale is None:
-        return PAPER.figure("figure-2", panels, thinned=_THINNED)
-    return replace(PAPER.figure("figure-2", [*panels, scale], thinned=_THINNED), columns=1, last_beside=True)
+    panels = [
+        panel.velocity_map(title, chain, end, shares=(0, 1), theories=("bca",))
+        for title, chain in _titled("a", "c", (decelerating, accelerating))
+    ]
+    return replace(PAPER.figure("figure-2", panels), columns=1, width=_BESIDE)
 
 
 def figure_3(decelerating: ChainRuns, accelerating: ChainRuns) -> FigureData:
@@ -71,7 +71,7 @@ def figure_4(decelerating_200: ChainRuns, accelerating_200: ChainRuns) -> Figure
             for title, chain in _titled("a, inset", "d, inset", chains)
         ),
     ]
-    return PAPER.figure("figure-4", panels, thinned=_THINNED)
+    return PAPER.figure("figure-4", panels)
 
 
 def figure_4_spectra(decelerating_200: ChainRuns, accelerating_200: ChainRuns) -> FigureData:
@@ -81,7 +81,7 @@ def figure_4_spectra(decelerating_200: ChainRuns, accelerating_200: ChainRuns) -
         *panel.frequencies(_titled("b", "e", chains), place=0),
         *panel.wavenumbers(_titled("c", "f", chains), place=2),
     ]
-    return PAPER.figure("figure-4-spectra", panels, thinned=_THINNED)
+    return PAPER.figure("figure-4-spectra", panels)
 
 
 def figure_5(decelerating_200: ChainRuns, accelerating_200: ChainRuns) -> FigureData:
@@ -107,6 +107,8 @@ def figure_5(decelerating_200: ChainRuns, accelerating_200: ChainRuns) -> Figure
 def figure_6(maps: Sequence[ChainRuns], decelerating: Ratios, accelerating: Ratios) -> FigureData:
     """Return figure 6: maps of chains with mass gradients (a, b, d, e) and V_out/V_in against the gradient (c, f).
 
+    Below them are the deviations of arrivals and of V_out/V_in from the reference.
+
     Parameters
     ----------
     maps : sequence of ChainRuns
@@ -123,17 +125,22 @@ def figure_6(maps: Sequence[ChainRuns], decelerating: Ratios, accelerating: Rati
     if len(maps) != len(GRADIENTS):
         raise UsageError(f"{len(maps)} maps; figure 6 has {len(GRADIENTS)}: {', '.join(GRADIENTS)}")
     end = panel.window(maps, _SHORT)
-    panels = [
-        *(
-            panel.velocity_map(title, chain, end, shares=(0, 1, 2, 3))
-            for title, chain in zip(GRADIENTS, maps, strict=True)
-        ),
-        panel.speed_ratios(f"(c) {DECELERATING}", decelerating),
-        panel.speed_ratios(f"(f) {ACCELERATING}", accelerating),
-        panel.ratio_deviations(f"(c, deviation) {DECELERATING}", decelerating, shares=(6, 7)),
-        panel.ratio_deviations(f"(f, deviation) {ACCELERATING}", accelerating, shares=(6, 7)),
+    titled = list(zip(GRADIENTS, maps, strict=True))
+    drawn = [panel.velocity_map(title, chain, end, shares=(0, 1, 3, 4)) for title, chain in titled]
+    # the other codes would lie on these lines; their deviations are below
+    shown = ("reference", *ENGINE_BACKENDS)
+    of_ratio = [("(c)", decelerating), ("(f)", accelerating)]
+    c, f = (panel.speed_ratios(f"{letter} V_out/V_in", ratios, shown) for letter, ratios in of_ratio)
+    away = [
+        panel.deviations(f"{title[:2]}, deviation) arrival", chain, "arrival", shares=(6, 7, 9, 10))
+        for title, chain in titled
     ]
-    return PAPER.figure("figure-6", panels, thinned=_THINNED)
+    c_away, f_away = (
+        panel.ratio_deviations(f"{letter[:2]}, deviation) V_out/V_in", ratios, shares=(8, 11))
+        for letter, ratios in of_ratio
+    )
+    panels = [*drawn[:2], c, *drawn[2:], f, *away[:2], c_away, *away[2:], f_away]
+    return replace(PAPER.figure("figure-6", panels), columns=3)
 
 
 def _titled(first: str, second: str, chains: tuple[ChainRuns, ChainRuns]) -> list[tuple[str, ChainRuns]]:

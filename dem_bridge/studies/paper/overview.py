@@ -13,25 +13,28 @@ from dataclasses import replace
 import numpy as np
 
 from dem_bridge.differences import difference
+from dem_bridge.observables.registry import OBSERVABLES as REGISTERED
 from dem_bridge.studies.paper.claims import by
 from dem_bridge.studies.paper.effects import PARAMETER, PHYSICS, SUPPOSED, Effect
 from dem_bridge.studies.paper.runs import MAIN, OTHER_ACCURACY, Runs
-from dem_bridge.studies.paper.summary import names_of_failures
+from dem_bridge.studies.paper.summary import failures
 from dem_bridge.studies.paper.texts import PAPER
+from dem_bridge.studies.paper.theories import deviation
 from dem_bridge.studies.paper.validity import ContactValidity, contacts_of
-from dem_bridge.studies.study import Claim, FigureData, Map, Panel, Series
+from dem_bridge.studies.study import Claim, FigureData, Map, Series
 from dem_bridge.studies.texts import Texts
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import SCIPY
 from dem_bridge.verification.verdict import Outcome
 
 TEXTS = Texts("overview")
-#: rows of the scale -> part of the error budget of velocities; code whose velocities differ; term of the effects
+#: rows of the scale -> part of the error budget of velocities; code whose velocities differ
 _PARTS = {"round-off": "round-off", "reference": "reference", "time-step": "time step"}
 _CODES = (SCIPY, "ode45")
-_TERMS = ("exact-stiffness", "striker-mass", "gravity", "bca")
+#: rows of the scale that have the tolerance; width of the scale, as a part of the width of a sheet
+_JUDGED_ROWS, _SCALE_WIDTH = ("round-off", "time-step"), 0.54
 #: observables of the tornado chart; the assumption of a contact whose ratio should be large
-_SHOWN = ("arrival at the last cylinder", "force at the middle")
+_SHOWN = ("arrival at the last cylinder", "force at the middle", "largest force")
 _SOUND = 3
 #: scenes of fewer bodies have lines; end of a map in units of the last crossing; rows and columns of a small map
 _FEW, _PASSED, _CELLS = 5, 1.05, 80
@@ -50,21 +53,26 @@ def abstract(
         TEXTS(
             "method",
             scenes=len(studies),
-            verdicts=verdicts.total(),
             main=accuracy,
             others=max(accuracy, OTHER_ACCURACY),
         ),
         TEXTS(
             "result",
+            total=verdicts.total(),
             judged=sum(verdicts[outcome] for outcome in _JUDGED),
             passed=verdicts[Outcome.PASS],
+            theory=verdicts[Outcome.MODEL_DIFFERENCE],
+            missing=verdicts[Outcome.NOT_RUN],
             errors=_errors(studies),
-            hold=outcomes[Outcome.PASS],
             count=len(claims),
-            central=_central(claims),
+            hold=outcomes[Outcome.PASS],
+            failed=outcomes[Outcome.FAIL],
+            undecided=outcomes[Outcome.UNDECIDED],
+            approximate=outcomes[Outcome.MODEL_DIFFERENCE],
+            central=_central(claims, runs),
         ),
         _failing(claims, effects),
-        TEXTS("not_verified", validity=_validity(runs)),
+        TEXTS("not_verified"),
     )
 
 
@@ -72,62 +80,66 @@ def _errors(studies: Sequence[SceneStudy]) -> str:
     budgets = [study.budgets[0] for study in studies if study.scene.name in MAIN and study.budgets]
     if not budgets:
         return ""
-    worst = max(budgets, key=lambda budget: budget.found)
-    return TEXTS("errors", error=worst.found, step=worst.parts["time step"])
+    return TEXTS("errors", error=max(budget.found for budget in budgets))
 
 
-def _central(claims: Sequence[Claim]) -> str:
+def _central(claims: Sequence[Claim], runs: Runs) -> str:
     by_id = {claim.id: claim for claim in claims}
     central = [by_id.get(id) for id in ("decelerates", "accelerates", "arrival-by-bca")]
     if any(claim is None or claim.outcome is not Outcome.PASS for claim in central):
         return ""
     slow, fast, arrival = (claim.values for claim in central if claim is not None)
     away = [abs(value.value) for value in arrival if value.name.startswith("with T_0")]
-    return TEXTS("central", low=by(slow).value, high=by(fast).value, away=max(away, default=math.nan))
+    chains = [(runs.scenes[name], runs.run(name, "bca"), runs.truth(name)) for name in MAIN]
+    along = [deviation("arrival", scene, bca, truth) for scene, bca, truth in chains if bca and truth]
+    numbers = {"low": by(slow).value, "high": by(fast).value, "away": max(away, default=math.nan)}
+    return TEXTS("central", **numbers, worst=max(float(np.max(np.abs(of_chain))) for of_chain in along))
 
 
 def _failing(claims: Sequence[Claim], effects: Sequence[Effect]) -> str:
-    terms = [effect for effect in effects if effect.kind in (PARAMETER, PHYSICS) and math.isfinite(effect.largest)]
-    law = max((effect.largest for effect in effects if effect.id == "exact-stiffness"), default=math.nan)
-    largest = ""
-    if terms and math.isfinite(law):
-        worst = max(terms, key=lambda effect: effect.largest)
-        largest = TEXTS("largest", what=worst.what, effect=worst.largest, law=law)
-    failed = sum(claim.outcome is Outcome.FAIL for claim in claims)
+    """Return the statements that do not hold, a line each, and the largest effects."""
+
+    def largest_of(id: str) -> tuple[float, str]:
+        changes = [(abs(change), name) for item in effects if item.id == id for name, change in item.changes.items()]
+        return max((change for change in changes if math.isfinite(change[0])), default=(math.nan, ""))
+
+    (law, law_name), (striker, _), (exponent, _) = map(largest_of, ("exact-stiffness", "striker-mass", "exponent-1um"))
+    known = math.isfinite(law + striker + exponent)
+    largest = TEXTS("largest", law=law, law_name=law_name, striker=striker, exponent=exponent) if known else ""
+    failed, ids = failures(claims), [claim.id for claim in claims]
     if not failed:
-        return TEXTS("nothing_fails", largest=largest)
-    return TEXTS("fails", failed=failed, names=f": {names_of_failures(claims)}", largest=largest)
-
-
-def _validity(runs: Runs) -> str:
-    chains = [contacts for _, contacts in contacts_of(runs, MAIN)]
-    if not chains:
-        return ""
-    short = max(chains, key=lambda contacts: sum(not contact.judged[_SOUND].holds for contact in contacts))
-    return TEXTS(
-        "validity",
-        short=sum(not contact.judged[_SOUND].holds for contact in short),
-        contacts=len(short),
-        tension=max(contact.judged[2].ratio for contacts in chains for contact in contacts),
-    )
+        return TEXTS("nothing_fails", largest=f"; {largest}" if largest else "")
+    groups: dict[str, list[str]] = {}
+    for claim, reason, what in failed:
+        text = TEXTS("failure", number=ids.index(claim.id) + 1, what=what, short=claim.short)
+        groups.setdefault(reason, []).append(text)
+    lines = [f"{reason}: {', '.join(texts)}" for reason, texts in groups.items()]
+    return TEXTS("fails", failed=len(failed), lines=";\n".join(filter(None, [*lines, largest])))
 
 
 def scale_of_differences(
     studies: Sequence[SceneStudy], effects: Sequence[Effect], runs: Runs, accuracy: float
-) -> Panel:
-    """Return the panel in which every difference stands on one logarithmic scale, the smallest on top."""
+) -> FigureData:
+    """Return the figure with every difference on one logarithmic scale: numerical errors, then effects of the model."""
     values = {name: dict(_differences(name, studies, effects, runs)) for name in MAIN}
-    present = [id for id in TEXTS.data["rows"] if any(id in of_chain for of_chain in values.values())]
-    rows = [TEXTS.data["rows"][id] for id in present]
+    rows: dict[str, str] = {}
+    for group in ("numerics", "effects"):
+        texts = TEXTS.data[group].items()
+        present = {id: text for id, text in texts if any(id in of_chain for of_chain in values.values())}
+        heading = {group: f"{TEXTS.data['scale'][group]}:"} if present else {}
+        rows |= heading | {id: text if isinstance(text, str) else text[0] for id, text in present.items()}
+    places = {id: float(place) for place, id in enumerate(rows)}
     series = []
     for mark, (name, of_chain) in zip(("mark-2", "mark-3"), values.items(), strict=True):
-        at = [place for place, id in enumerate(present) if of_chain.get(id, 0.0) > 0.0]
-        x = np.array([of_chain[present[place]] for place in at])
-        label = PAPER(name.removesuffix("-40"))
-        series.append(Series(label=label, style=mark, x=x, y=np.array(at, dtype=float)))
-    ends = np.array([-0.5, len(rows) - 0.5])
-    series.append(Series(label=TEXTS("tolerance"), style="guide", x=np.full(2, accuracy), y=ends))
-    return TEXTS.panel("scale", series, rows=tuple(rows))
+        known = [(value, places[id]) for id, value in of_chain.items() if value > 0.0]
+        x, y = np.array(known).reshape(-1, 2).T
+        series.append(Series(label=PAPER(name.removesuffix("-40")), style=mark, x=x, y=y))
+    judged = [places[id] for id in _JUDGED_ROWS if id in places]
+    if judged:
+        ends = np.array([min(judged) - 0.5, max(judged) + 0.5])
+        series.append(Series(label=TEXTS("tolerance"), style="guide", x=np.full(2, accuracy), y=ends))
+    panel = TEXTS.panel("scale", series, rows=tuple(rows.values()))
+    return replace(TEXTS.figure("scale", [panel]), width=_SCALE_WIDTH)
 
 
 def _differences(
@@ -142,9 +154,13 @@ def _differences(
     for code in _CODES:
         if truth is not None and (run := runs.run(name, code)) is not None:
             yield code, difference("velocity", run, truth).value
-    for effect in effects:
-        if effect.scene == name and effect.id in _TERMS and math.isfinite(effect.largest):
-            yield effect.id, effect.largest
+    for id, (_, observable) in TEXTS.data["effects"].items():
+        for effect in effects:
+            if (effect.scene, effect.id) == (name, id.removesuffix("-force")) and observable in effect.changes:
+                yield id, abs(effect.changes[observable])
+    if truth is not None and (run := runs.run(name, "bca")) is not None:
+        by_theory, simulated = (REGISTERED["peak_velocity"].value(runs.scenes[name], of)[20] for of in (run, truth))
+        yield "bca-velocity", abs(float(by_theory / simulated) - 1.0)
 
 
 def tornado(effects: Sequence[Effect]) -> FigureData | None:
@@ -175,8 +191,9 @@ def tornado(effects: Sequence[Effect]) -> FigureData | None:
 
 def validity_figure(runs: Runs) -> FigureData | None:
     """Return the five ratios of each contact to their limits against the contact angle; None without cylinders."""
-    panels = []
+    panels, tension = [], 0.0
     for letter, (scene, contacts) in zip(("(a)", "(b)"), contacts_of(runs, MAIN), strict=False):
+        tension = max(tension, contacts[0].judged[2].ratio)
         angled = sorted((c for c in contacts if math.isfinite(c.angle)), key=lambda contact: contact.angle)
         x = np.array([contact.angle for contact in angled])
         series = [
@@ -186,7 +203,7 @@ def validity_figure(runs: Runs) -> FigureData | None:
         series.append(Series(label="limit", style="guide", x=x[[0, -1]], y=np.ones(2)))
         chain = PAPER(scene.name.removesuffix("-40"))
         panels.append(TEXTS.panel("validity", series, letter=letter, chain=chain, shares_scale_with=(0, 1)))
-    return TEXTS.figure("validity", panels) if len(panels) == len(MAIN) else None
+    return TEXTS.figure("validity", panels, tension=tension) if len(panels) == len(MAIN) else None
 
 
 def all_scenes(runs: Runs, names: Sequence[str]) -> FigureData | None:

@@ -79,12 +79,10 @@ def window(chains: Iterable[ChainRuns], factor: float) -> float:
 
 
 def velocity_map(
-    title: str, chain: ChainRuns, end: float, *, shares: tuple[int, ...], theories: tuple[str, ...] = THEORIES
+    title: str, chain: ChainRuns, end: float, *, shares: tuple[int, ...], theories: tuple[str, ...] = ("bca",)
 ) -> Panel:
     """Return velocity over cylinder and time until ``end`` (s), without the striker, and the fronts by theories."""
     name, run = chain.shown
-    # on a small map the front is its bright band, which a line would hide
-    fronts = (name, *theories) if len(theories) > 1 else theories
     rows = int(np.searchsorted(run.time, end, side="right"))
     thin = slice(None, rows, _step(rows))
     bodies = np.arange(1.0, chain.scene.n_body)
@@ -106,7 +104,7 @@ def velocity_map(
                 x=bodies,
                 y=1e3 * OBSERVABLES["arrival"].value(chain.scene, result)[1:],
             )
-            for theory, result in chain.named(*fronts)
+            for theory, result in chain.named(*theories)
         ),
         notes=(f"velocity by {LABELS.get(name, name)}",),
         shares_scale_with=shares,
@@ -213,16 +211,16 @@ def force_against_stiffness(title: str, chain: ChainRuns, *, shares: tuple[int, 
     )
 
 
-def speed_ratios(title: str, ratios: Ratios) -> Panel:
+def speed_ratios(title: str, ratios: Ratios, backends: Sequence[str] = EVERY) -> Panel:
     """Return V_out/V_in against the mass gradient by each backend that has it for any gradient."""
     gammas = np.array([gamma for gamma, _ in ratios])
     return Panel(
         title=title,
-        x_label="mass gradient gamma (1/cylinder)",
+        x_label="gamma (1/cylinder)",
         y_label="V_out / V_in (1)",
         series=tuple(
             _series(name, gammas, np.array([ratio.get(name, np.nan) for _, ratio in ratios]))
-            for name in EVERY
+            for name in backends
             if any(name in ratio for _, ratio in ratios)
         ),
     )
@@ -331,7 +329,7 @@ def _normalised(density: Floats) -> Floats:
 def _from_to(unit: str, ends: Cascade, *, scale: float = 1.0) -> str:
     """Return the means of the centroid over the first and the last tenth of the way, whose ratio the claims judge."""
     early, late = scale * ends.early, scale * ends.late
-    return f"centroid: {early:.3g} {unit} over the first tenth of the way, {late:.3g} over the last"
+    return f"centroid: {early:.3g} {unit} over the first tenth of the way, {late:.3g} {unit} over the last"
 
 
 def _while_there(chain: ChainRuns, run: Trajectory) -> slice:

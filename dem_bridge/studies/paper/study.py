@@ -58,7 +58,7 @@ from dem_bridge.studies.paper.texts import PAPER
 from dem_bridge.studies.paper.theories import split_table, theories_table
 from dem_bridge.studies.paper.validity import contacts_table, scenes_table
 from dem_bridge.studies.scatter import ScatteredChains
-from dem_bridge.studies.study import Claim, FigureData, Panel, Table
+from dem_bridge.studies.study import Claim, FigureData, Table
 from dem_bridge.studies.verification import Verification, verification_of
 from dem_bridge.studies.verify import DEFAULT_ACCURACY, ScenePlan, check_jobs, plan_scene
 from dem_bridge.verification.assess import SceneStudy
@@ -168,7 +168,7 @@ def with_paper(verification: Verification, paper: Mapping[str, Any]) -> Verifica
     return replace(
         verification,
         id="paper",
-        title="Chaunsali, Kim & Yang (2018), claim by claim",
+        title=PAPER("title", count=len(paper["claims"])),
         abstract=paper["abstract"],
         answer=paper["answer"],
         not_verified=(*NOT_VERIFIED, *verification.not_verified),
@@ -195,13 +195,14 @@ def read_paper(
     effects = list(_effects(runs))
     contacts = [contacts_table(runs, name) for name in MAIN]
     scale = overview.scale_of_differences(studies, effects, runs, accuracy)
-    first, *others = (*_figures(runs, scattered, scale), None)
+    of_paper = list(_figures(runs, scattered))
     drawn = (
-        first,
-        overview.all_scenes(runs, names),
-        *others,
+        *of_paper[:1],
+        scale,
+        *of_paper[1:],
         overview.tornado(effects),
         overview.validity_figure(runs),
+        overview.all_scenes(runs, names),
     )
     return {
         "abstract": overview.abstract(claims, effects, studies, runs, accuracy),
@@ -272,14 +273,14 @@ def coverage_table(runs: Runs, names: Sequence[str], accuracy: float = DEFAULT_A
     )
 
 
-def _figures(runs: Runs, scattered: Sequence[ScatteredChains], scale: Panel | None = None) -> Iterator[FigureData]:
+def _figures(runs: Runs, scattered: Sequence[ScatteredChains]) -> Iterator[FigureData]:
     """Yield the paper's figures whose scenes have run, and those of chains with scattered angles."""
 
     def runs_of(name: str) -> figures.ChainRuns:
         return figures.ChainRuns(runs.scenes[name], runs.by_backend(name))
 
     if all(runs.has(name) for name in MAIN):
-        yield figures.figure_2(runs_of(DECELERATING), runs_of(ACCELERATING), scale)
+        yield figures.figure_2(runs_of(DECELERATING), runs_of(ACCELERATING))
         yield figures.figure_3(runs_of(DECELERATING), runs_of(ACCELERATING))
     if all(runs.has(name) for name in LONG):
         yield figures.figure_4(*map(runs_of, LONG))

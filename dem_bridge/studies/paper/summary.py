@@ -19,8 +19,10 @@ from dem_bridge.verification.verdict import Outcome
 ANSWER = PAPER.data["answer"]
 #: limits of this report, in addition to those of every report
 NOT_VERIFIED = tuple(ANSWER["not_verified"])
-#: claims on printed numbers and formulas, and other claims, in the list of those that do not hold
-SLIPS, PHYSICAL = ANSWER["slips"], ANSWER["physical"]
+#: claims that do not hold, the gravest first -> why (a key of :data:`FAILS_BY`), and what the claim is about
+FAILURES = ANSWER["failures"]
+#: reasons why claims do not hold, in words
+FAILS_BY = ANSWER["fails_by"]
 
 
 def answer(claims: Sequence[Claim], effects: Sequence[Effect], studies: Sequence[SceneStudy]) -> tuple[str, ...]:
@@ -91,13 +93,20 @@ def _where_not(claims: Sequence[Claim]) -> str:
     return fill(ANSWER["where_not"], groups=groups) if groups else str(ANSWER["all_hold"])
 
 
+def failures(claims: Sequence[Claim]) -> tuple[tuple[Claim, str, str], ...]:
+    """Return the claims that do not hold, the gravest first, with why each fails and what it is about, in words."""
+    failed = {claim.id: claim for claim in claims if claim.outcome is Outcome.FAIL}
+    ordered = [*(id for id in FAILURES if id in failed), *(id for id in failed if id not in FAILURES)]
+    texts = {id: FAILURES.get(id, ("physics", id.replace("-", " "))) for id in ordered}
+    return tuple((failed[id], FAILS_BY[reason], words) for id, (reason, words) in texts.items())
+
+
 def names_of_failures(claims: Sequence[Claim]) -> str:
-    """Return the claims that do not hold in words, by groups; empty without any."""
-    failed = [claim.id for claim in claims if claim.outcome is Outcome.FAIL]
-    slips = [SLIPS[id] for id in failed if id in SLIPS]
-    physics = [PHYSICAL.get(id, id.replace("-", " ")) for id in failed if id not in SLIPS]
-    groups = (("printed numbers and formulas", slips), ("statements of physics", physics))
-    return " and ".join(f"{len(names)} {kind} ({'; '.join(names)})" for kind, names in groups if names)
+    """Return the claims that do not hold in words, by reason; empty without any."""
+    groups = [
+        (kind, [words for _, by_reason, words in failures(claims) if by_reason == kind]) for kind in FAILS_BY.values()
+    ]
+    return "; ".join(f"{kind}: {', '.join(names)}" for kind, names in groups if names)
 
 
 def _largest(effects: Sequence[Effect]) -> str:

@@ -802,8 +802,9 @@ def test_a_text_whose_number_is_missing_is_an_error() -> None:
 
 def test_every_claim_has_its_texts_and_none_is_left_over() -> None:
     assert set(CLAIMS) == set(EXPECTED)
+    assert all({"where", "statement", "sentence", "short"} <= set(text) for text in CLAIMS.values())
     assert {key for text in CLAIMS.values() for key in text} == {
-        "where", "statement", "sentence", "each", "join", "printed", "formula",
+        "where", "statement", "sentence", "each", "join", "printed", "formula", "short", "short_each",
     }  # fmt: skip
 
 

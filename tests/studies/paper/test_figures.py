@@ -26,7 +26,7 @@ from dem_bridge.studies.paper.figures import (
     figure_5,
     figure_6,
 )
-from dem_bridge.studies.paper.panels import MAP_ROWS, window
+from dem_bridge.studies.paper.panels import MAP_ROWS, speed_ratios, window
 from dem_bridge.studies.study import FigureData, Panel, Series
 from dem_bridge.trajectory import Trajectory
 from tests.conftest import Solve
@@ -220,15 +220,22 @@ def test_ratios_are_handed_on_and_what_is_missing_is_a_gap(chains: tuple[ChainRu
     slow, fast = chains
     ratios = [(-0.01, {"reference": 0.5, "bca": 0.6}), (0.01, {"reference": 0.3})]
     figure = figure_6((slow, slow, fast, fast), ratios, [(0.0, {"adiabatic": 2.0})])
-    down, up = figure.panels[4:6]
-    assert [one.style for one in down.series] == ["reference", "bca"]
-    np.testing.assert_array_equal([one.y for one in down.series], [[0.5, 0.3], [0.6, np.nan]])
-    assert [(one.style, one.x.tolist(), one.y.tolist()) for one in up.series] == [("adiabatic", [0.0], [2.0])]
+    down, up = figure.panels[2], figure.panels[5]
+    # theories would lie on the line of the reference; their deviations are below
+    assert [one.style for one in down.series] == ["reference"]
+    np.testing.assert_array_equal(down.series[0].y, [0.5, 0.3])
+    assert up.series == ()
+    every = speed_ratios("", [*ratios, (0.02, {"adiabatic": 2.0})]).series
+    assert [one.style for one in every] == ["reference", "bca", "adiabatic"]
+    np.testing.assert_array_equal(every[1].y, [0.6, np.nan, np.nan])
     # 20 % above the reference, which itself has no deviation
-    [away] = figure.panels[6].series
+    [away] = figure.panels[8].series
     assert away.style == "bca"
     np.testing.assert_allclose(away.y, [20.0, np.nan])
-    assert figure.panels[7].series == ()
+    assert figure.panels[11].series == ()
+    # each map has the deviation of its arrivals two rows below
+    for place in (0, 1, 3, 4):
+        assert figure.panels[place].title[:2] == figure.panels[place + 6].title[:2]
     with pytest.raises(UsageError, match="2 maps; figure 6 has 4"):
         figure_6((slow, fast), ratios, ratios)
 

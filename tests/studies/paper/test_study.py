@@ -142,7 +142,7 @@ def test_a_paper_has_its_tables_and_its_figures_in_order(paper: Verification) ->
         f"contacts-{MAIN[1]}", "scatter", "verdicts", "observables",
     ]  # fmt: skip
     assert [one.id for one in paper.figures] == [
-        "figure-2", "figure-3", "figure-4", "figure-4-spectra", "figure-5",
+        "figure-2", "scale", "figure-3", "figure-4", "figure-4-spectra", "figure-5",
         *(f"scatter-{name}" for name in MAIN), "tornado", "validity",
     ]  # fmt: skip
     assert len(paper.answer) == len(paper.abstract) == 5
