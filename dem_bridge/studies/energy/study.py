@@ -211,7 +211,7 @@ def _largest(run: Run) -> float:
 
 def _figure(runs: Sequence[Run], times: Floats, measured: Floats, predicted: Floats) -> FigureData:
     verlet, order_4, _, ode45, tight, half, _, bead = runs
-    first = [_series(run, f"mark-{k}") for k, run in enumerate((verlet, order_4, ode45, tight), 1)]
+    first = [_series(run, f"mark-{k}", whole=True) for k, run in enumerate((verlet, order_4, ode45, tight), 1)]
     second = [_series(verlet, "mark-1"), _series(half, "mark-5"), _series(bead, "mark/scipy")]
     lines = [_line(run, "guide" if run.code in METHODS else "other") for run in (verlet, order_4, ode45, tight)]
     walk, every = verlet.of, slice(None, None, max(1, len(verlet.of.contacts) // SHOWN))
@@ -232,9 +232,11 @@ def _pair(x: Floats, measured: Floats, predicted: Floats) -> tuple[Series, Serie
     )
 
 
-def _series(run: Run, style: str) -> Series:
-    """Return the error over windows, and the one of the whole run."""
-    x, y = np.append(run.of.windows(), float(run.count)), np.append(run.of.rms(), abs(run.end))
+def _series(run: Run, style: str, *, whole: bool = False) -> Series:
+    """Return the error over windows and, if wanted, the one of the whole run."""
+    x, y = run.of.windows().astype(float), run.of.rms()
+    if whole:
+        x, y = np.append(x, run.count), np.append(y, abs(run.end))
     return Series(label=run.label, style=style, x=x, y=y)
 
 
