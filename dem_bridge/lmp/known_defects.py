@@ -22,6 +22,8 @@ class KnownDefect:
     """Newest release that has the defect; 0 if no release without it was measured."""
     deck: str
     """Regular expression for the lines of a deck that meet the defect."""
+    cause: str
+    """Cause as the study "engine" finds it; '' for a defect that the study does not see."""
     symptom: str
     size: str
     instead: str

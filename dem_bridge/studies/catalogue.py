@@ -43,10 +43,22 @@ SUMMARIES = {
     "scatter": "Measure how random errors of the contact angles change arrival, residence times and peak forces.",
     "restitution": "Measure the restitution of impacts by every damping law, clip and code, and compare it with closed"
     " forms.",
+    "engine": "Check every normal law, damping and wall of LAMMPS in one impact each against theory, and name what is"
+    " wrong.",
     "styles": "Run a scene through every pair style, wall and suffix of LAMMPS and compare each with the twin.",
 }
 #: studies that are packages with a module "study"; the others are one module
-_PACKAGES = ("model-hierarchy", "work-precision", "stability", "extremes", "horizon", "order", "energy", "restitution")
+_PACKAGES = (
+    "model-hierarchy",
+    "work-precision",
+    "stability",
+    "extremes",
+    "horizon",
+    "order",
+    "energy",
+    "engine",
+    "restitution",
+)
 
 
 def _entry(name: str, summary: str) -> Entry:

@@ -200,6 +200,7 @@ TINY: dict[str, tuple[Scene | None, dict[str, Any]]] = {
     "scatter": (CROSSED, {"count": 2, "spread": 1.0}),
     "styles": (CROSSED, {"dt": 1e-7}),
     "restitution": (None, {"laws": ["mass-dashpot"], "backends": ["verlet"]}),
+    "engine": (None, {"match": "hertz-coeff_restitution-pair", "known_defects": "ok"}),
 }
 
 
@@ -219,8 +220,8 @@ def _words(settings: dict[str, Any]) -> list[str]:
 
 #: the studies that take 2 to 10 s of CPU on their tiny case; each is also started by a test of its own
 DEEP = (
-    "bands", "energy", "horizon", "model-hierarchy", "order", "precision", "restitution", "rule-of-thumb", "stability",
-    "styles", "work-precision",
+    "bands", "energy", "engine", "horizon", "model-hierarchy", "order", "precision", "restitution", "rule-of-thumb",
+    "stability", "styles", "work-precision",
 )  # fmt: skip
 
 
