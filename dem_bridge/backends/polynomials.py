@@ -38,7 +38,8 @@ def root(c, order, level, low, high):  # type: ignore[no-untyped-def]
         if b - a <= 2.3e-16 * b or fb == 0.0:
             break
         width = b - a
-        middle = b - fb * (b - a) / (fb - fa)
+        # ends in the range of denormal numbers may differ by nothing
+        middle = b - fb * (b - a) / (fb - fa) if fb != fa else a
         if not a < middle < b:
             middle = 0.5 * (a + b)
         f = value(c, order, middle) - level

@@ -74,7 +74,7 @@ def touch_coefficient(drifts: ArrayLike, kicks: ArrayLike, *, exponent: float, p
 
     References
     ----------
-    Navot (1961), *J. Math. Phys.* 40, 271; Gear & Østerby (1984), *ACM Trans. Math. Softw.* 10, 23.
+    Navot (1961), *J. Math. and Phys.* 40, 271; Gear & Østerby (1984), *ACM Trans. Math. Softw.* 10, 23.
 
     Examples
     --------

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
-from dem_bridge.backends.polynomials import MOST_TURNS, turning_points
+from dem_bridge.backends.polynomials import MOST_TURNS, root, turning_points
 
 ORDER = 28
 #: roots within a step of length 1; beyond it there are two at 1.5 +- i
@@ -46,3 +46,10 @@ def test_a_sign_that_is_round_off_hides_no_turning_point() -> None:
     turns = np.empty(MOST_TURNS)
     count, falls = turning_points(coefficients, ORDER, 1.0, turns)
     assert any(turn == pytest.approx(0.01) for turn in turns[(0 if falls else 1) : count : 2])
+
+
+def test_a_root_that_round_off_hides_is_a_place_in_the_interval() -> None:
+    # the ends differ by less than a denormal number, as velocities far ahead of the front of a precompressed chain do
+    coefficients = np.zeros(ORDER + 1)
+    coefficients[:2] = 5e-324, -1e-323
+    assert 0.0 <= root(coefficients, ORDER, 0.0, 0.0, 0.2) <= 0.2
