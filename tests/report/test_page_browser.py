@@ -72,6 +72,24 @@ def test_nothing_is_cut_nor_wider_than_the_window(page: Path, tmp_path: Path, wi
     assert _asked(page, tmp_path, _CUT, f"--window-size={width},900") == []
 
 
+def _cut_on_a_phone(page: Path, folder: Path, more: str = "") -> Any:
+    """Return what is cut in a frame of 390 pixels, because no window of Chromium is as narrow as a phone."""
+    script = f'<script>parent.postMessage(JSON.stringify((() => {{{_CUT}}})()), "*")</script>'
+    text = page.read_text(encoding="utf-8").replace("</body>", f"{more}{script}</body>")
+    (folder / "inner.html").write_text(text, encoding="utf-8")
+    frame = '<pre id="told"></pre><iframe src="inner.html" style="width: 390px; height: 900px"></iframe>'
+    listening = "<script>onmessage = (event) => { told.textContent = event.data; };</script>"
+    (folder / "outer.html").write_text(f"<!DOCTYPE html>{listening}{frame}", encoding="utf-8")
+    where = (f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=5000", "--window-size=600,900")
+    shown = _browse(*where, "--dump-dom", (folder / "outer.html").as_uri())
+    return json.loads(unescape(re.findall(r'<pre id="told">(.*?)</pre>', shown, re.DOTALL)[0]))
+
+
+def test_on_a_phone_nothing_is_cut_and_what_is_too_wide_is_caught(page: Path, tmp_path: Path) -> None:
+    assert _cut_on_a_phone(page, tmp_path) == []
+    assert len(_cut_on_a_phone(page, tmp_path, '<p style="width: 400px">too wide</p>')) == 2
+
+
 def test_headings_sort_by_click_and_by_key_numbers_by_value_and_outcomes_by_severity(
     page: Path, tmp_path: Path
 ) -> None:
