@@ -178,7 +178,7 @@ def jkr_impact(*, mass: float, speed: float, stiffness: float, pull_off: float, 
     loss, total = unit * (_jkr_energy(_BREAK[breaks_at]) - _jkr_energy(_TOUCH)), energy / unit + _jkr_energy(_TOUCH)
     # the energy exceeds (2/5) s^10 - (4/3) s^7, and s^10/15 from s^3 = 4 on
     most = max(4.0 ** (1.0 / 3.0), (15.0 * max(total, 0.0)) ** 0.1)
-    state = float(brentq(lambda s: _jkr_energy(s) - total, math.cbrt(2.0), most * 1.01, rtol=1e-15))
+    state = float(brentq(lambda s: _jkr_energy(s) - total, math.cbrt(2.0), most * 1.01, xtol=1e-16, rtol=1e-15))
     return AdhesiveImpact(
         peak_overlap=length * (state**4 - 4.0 / 3.0 * state),
         peak_force=force * (state**6 - 2.0 * state**3),

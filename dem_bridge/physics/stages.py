@@ -94,10 +94,10 @@ def linear_drop(*, mass: float, stiffness: float, damping: float, height: float,
         return np.asarray(expm(matrix * time) @ [0.0, speed, 1.0])
 
     half = math.pi / math.sqrt(k - 0.25 * c * c)  # between two extrema of the overlap
-    top = float(brentq(lambda t: state(t)[1], 0.0, half, rtol=1e-15))
+    top = float(brentq(lambda t: state(t)[1], 0.0, half, xtol=1e-16 * half, rtol=1e-15))
     contact, leaving = math.inf, 0.0
     if state(top + half)[0] < 0.0:
-        contact = float(brentq(lambda t: state(t)[0], top, top + half, rtol=1e-15))
+        contact = float(brentq(lambda t: state(t)[0], top, top + half, xtol=1e-16 * half, rtol=1e-15))
         leaving = -float(state(contact)[1])
     return LinearDrop(
         touch_time=speed / g,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+import dem_bridge as db
 from dem_bridge.physics.impact import alpha_of_restitution, bounce_heights
 from dem_bridge.physics.stages import LinearDrop, linear_drop, linear_stack
 
@@ -46,6 +47,37 @@ def test_a_drop_is_that_of_direct_integration(stiffness: float, e: float) -> Non
     assert hit.rebound_height == pytest.approx(0.5 * end[1] ** 2 / G, rel=2e-10)
     assert (hit.touch_speed, hit.touch_time) == pytest.approx((math.sqrt(2 * G * HEIGHT), math.sqrt(2 * HEIGHT / G)))
     assert e < 1.0 or hit.restitution == pytest.approx(1.0, rel=1e-12)
+
+
+def test_the_shipped_drop_rises_to_the_height_of_the_closed_form() -> None:
+    scene = db.load_scene("mfix-dem-01")
+    run = db.solve(scene, backend="scipy", samples=400, uncertainty=False)
+    damping, stiffness = float(scene.contacts.damping[0]), float(scene.contacts.stiffness[0])
+    hit = linear_drop(mass=scene.mass[0], stiffness=stiffness, damping=damping, height=HEIGHT, gravity=G)
+    # height and speed in free flight
+    top = int(np.argmin(np.abs(run.time - hit.touch_time - hit.contact_time - hit.exit_speed / G)))
+    height = HEIGHT - run.displacement[top, 0] + 0.5 * run.velocity[top, 0] ** 2 / G
+    assert height == pytest.approx(hit.rebound_height, rel=1e-11)  # scipy's own accuracy
+    # the planted fault: gravity does not act during the contact
+    assert height != pytest.approx(hit.touch_speed**2 * scene.damping.coefficient[0] ** 2 / (2.0 * G), rel=1e-4)  # type: ignore[union-attr, index]
+
+
+def test_the_shipped_stack_moves_as_the_closed_form() -> None:
+    scene = db.load_scene("mfix-dem-03")
+    run = db.solve(scene, backend="scipy", samples=50, uncertainty=False)
+    order = [1, 0, 2]  # contacts: the pair, then the walls
+    contacts = scene.contacts
+    stack = linear_stack(
+        masses=scene.mass,
+        stiffness=contacts.stiffness[order].tolist(),
+        overlaps=(-contacts.gap[order]).tolist(),
+        damping=contacts.damping[order].tolist(),
+        gravity=G,
+        times=run.time,
+    )
+    scale = float(np.max(np.abs(stack.velocity)))
+    assert np.max(np.abs(run.velocity - stack.velocity)) < 1e-11 * scale  # scipy's own accuracy
+    assert np.max(np.abs(run.displacement - stack.displacement)) < 1e-11 * 1e-4
 
 
 def test_a_stiff_sphere_rises_as_high_as_a_hard_one() -> None:

@@ -14,6 +14,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.physics.impact import alpha_of_restitution, restitution_obtained
 from dem_bridge.scene import Scene
 from dem_bridge.studies.restitution import study as module
+from dem_bridge.studies.restitution.bounces import bounce_cases, bounces_of
 from dem_bridge.studies.restitution.impacts import LAWS, USUAL, VARIED, usual_impact, varied_impacts
 from dem_bridge.studies.restitution.study import study_restitution
 from dem_bridge.studies.study import Study
@@ -49,7 +50,7 @@ def test_all_laws_but_restitution_depend_on_the_impact() -> None:
 def test_the_twin_has_the_restitution_of_the_closed_form() -> None:
     laws = ["restitution", "kuwabara-kono"]
     study = study_restitution(laws=laws, backends=["verlet"])
-    names = {f"{law}, {clip}" for law in laws for clip in ("clipped", "not clipped")}
+    names = {f"{law}, {clip}" for law in laws for clip in ("clipped", "not clipped")} | {"mfix-dem-02"}
     assert {(item.scene, item.outcome) for item in study.verdicts} == {(name, Outcome.PASS) for name in names}
     for row in rows(study):
         # a thousand steps in a contact time: less than a thousandth of the speed of approach
@@ -59,6 +60,12 @@ def test_the_twin_has_the_restitution_of_the_closed_form() -> None:
     assert "0.5 gives 0.5503" in study.answer[0]
     assert "the coefficient to write is 0.4363" in study.answer[0]
     assert study.answer[1].startswith("In 4 of 4 combinations")
+    # three stiffnesses and three bounces each; softness falls as 1/sqrt(k), and errors of the twin are smaller
+    heights = rows(study, "bounces")
+    first = [row["soft - hard (%)"] for row in heights if row["bounce"] == 1]
+    assert len(heights) == 9
+    assert [first[0] / first[1], first[1] / first[2]] == pytest.approx([math.sqrt(10.0)] * 2, rel=0.05)
+    assert all(abs(row["code - soft (m)"]) < 0.01 * row["soft sphere (m)"] for row in heights)
     for row in rows(study, "write"):
         assert restitution_obtained(row["restitution, clipped"], clipped=True) == pytest.approx(
             row["wanted"], abs=1e-13
@@ -106,9 +113,18 @@ def test_a_code_with_another_law_fails_under_its_name(
 
     monkeypatch.setattr(module, "run_cases", wrong)
     study = study_restitution(laws=[law], backends=["verlet"])
-    assert {item.scene for item in study.verdicts if item.outcome is Outcome.FAIL} == failing
+    assert {item.scene for item in study.verdicts if item.outcome is Outcome.FAIL} - {"mfix-dem-02"} == failing
     assert study.exit_code == 1
     assert any(sentence.startswith("verlet departs from the law") for sentence in study.answer)
+
+
+def test_heights_by_scipy_are_those_of_the_soft_sphere_and_not_of_the_hard_one() -> None:
+    [soft, *_] = campaign.run_cases(bounce_cases(["scipy"], None)[:1])
+    for bounce in bounces_of(soft.case.scene, soft):
+        assert bounce.outcome is Outcome.PASS
+        assert abs(bounce.error) < 1e-12
+        # the planted fault: the hard sphere in the place of the soft one
+        assert replace(bounce, soft=bounce.hard).outcome is Outcome.FAIL
 
 
 @pytest.mark.slow

@@ -21,6 +21,7 @@ from dem_bridge.physics.impact import RestitutionLaw, restitution_obtained, rest
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import BY_RESTITUTION
+from dem_bridge.studies.restitution.bounces import Bounce, bounce_cases, bounces_of
 from dem_bridge.studies.restitution.impacts import (
     CONTACTS,
     LAWS,
@@ -134,17 +135,21 @@ def study_restitution(
         if not values or not set(values) <= set(allowed):
             raise UsageError(f"{name} = {list(values)!r}; allowed: some of {', '.join(allowed)}")
     points = [*_points(laws, backends, engine), *_step_points(laws, backends, engine)]
-    results = run_cases([case for *_, case in points], jobs=jobs, progress=progress, store=store)
+    bouncing = bounce_cases(backends, engine) if "restitution" in laws else []
+    cases = [case for *_, case in points]
+    results = run_cases([*cases, *bouncing], jobs=jobs, progress=progress, store=store)
+    bounced = zip(bouncing, results[len(cases) :], strict=True)
+    bounces = [bounce for case, result in bounced for bounce in bounces_of(case.scene, result)]
     measured = [
         Measured(varies=varies, impact=impact, steps=steps, result=result)
-        for (varies, impact, steps, _), result in zip(points, results, strict=True)
+        for (varies, impact, steps, _), result in zip(points, results[: len(cases)], strict=True)
     ]
     judged = [item for item in measured if item.varies != "step"]
-    verdicts = tuple(_verdicts(judged))
+    verdicts = (*_verdicts(judged), *_bounce_verdicts(bounces))
     return TEXTS.study(
         {"contacts": CONTACTS, "steps": STEPS},
-        answer=tuple(_answer(measured, laws, verdicts)),
-        tables=tuple(_tables(measured, laws)),
+        answer=(*_answer(measured, laws, verdicts), *_bounce_answer(bounces)),
+        tables=(*_tables(measured), *([TEXTS.table("bounces", bounces)] if bounces else [])),
         figures=(_figure(measured, laws),),
         verdicts=verdicts,
     )
@@ -218,12 +223,35 @@ def _verdicts(measured: Sequence[Measured]) -> Iterator[Verdict]:
         yield from named_failures(worst.impact.scene, backend, run, [verdict])
 
 
+def _bounce_verdicts(bounces: Sequence[Bounce]) -> Iterator[Verdict]:
+    """Yield a verdict for each code that ran, on the height that differs most in units of its uncertainty."""
+    for backend in dict.fromkeys(bounce.backend for bounce in bounces if math.isfinite(bounce.height)):
+        items = [bounce for bounce in bounces if bounce.backend == backend]
+        worst = max(items, key=lambda item: abs(item.error) / item.uncertainty)
+        relative = {"difference": abs(worst.error) / worst.soft, "tolerance": worst.uncertainty / worst.soft}
+        texts = {"backend": backend, "outcome": worst.outcome, "scale": worst.soft, "count": len(items)}
+        yield TEXTS.verdict("bounce", **texts, **relative, uncertainty=relative["tolerance"], worst=worst)
+
+
+def _bounce_answer(bounces: Sequence[Bounce]) -> Iterator[str]:
+    """Yield a sentence on the difference between hard and soft spheres, and on the errors of codes."""
+    measured = [bounce for bounce in bounces if math.isfinite(bounce.height)]
+    if measured:
+        first = [bounce for bounce in measured if bounce.number == 1]
+        errors = [
+            f"{max(abs(item.error) / item.soft for item in measured if item.backend == backend):.1e} ({backend})"
+            for backend in dict.fromkeys(item.backend for item in measured)
+        ]
+        yield TEXTS("bounce", soft=first[0], stiff=first[-1], errors=", ".join(errors))
+
+
 def _answer(measured: Sequence[Measured], laws: Sequence[str], verdicts: Sequence[Verdict]) -> Iterator[str]:
     obtained = (restitution_obtained(e, clipped=True) for e in WRITTEN)
     pairs = ", ".join(f"{e:g} gives {value:.4f}" for e, value in zip(WRITTEN, obtained, strict=True))
     half = restitution_to_write(0.5, clipped=True)
     yield TEXTS("obtained", pairs=pairs, least=math.exp(-2.0), half=half)
-    counted = [verdict for verdict in verdicts if verdict.outcome in (Outcome.PASS, Outcome.FAIL, Outcome.UNDECIDED)]
+    judged = (Outcome.PASS, Outcome.FAIL, Outcome.UNDECIDED)
+    counted = [item for item in verdicts if item.quantity == "restitution" and item.outcome in judged]
     agree = [verdict for verdict in counted if verdict.outcome is Outcome.PASS]
     yield TEXTS("agreement", agree=len(agree), count=len(counted))
     for verdict in counted:
@@ -257,7 +285,7 @@ def _listed(measured: Sequence[Measured], verdict: Verdict) -> str:
     )
 
 
-def _tables(measured: Sequence[Measured], laws: Sequence[str]) -> Iterator[Table]:
+def _tables(measured: Sequence[Measured]) -> Iterator[Table]:
     chosen: list[RestitutionLaw] = ["restitution", "tsuji"]
     kinds = [(law, clipped) for law in chosen for clipped in (False, True)]
     yield TEXTS.table(
