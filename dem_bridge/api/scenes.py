@@ -106,8 +106,9 @@ def scene_from_deck(
     set``; frozen atoms at the ends and planes of ``fix wall/gran`` and ``fix wall/gran/region``, which become walls;
     ``fix gravity``, ``fix addforce`` at the ends (precompression of a chain that starts in equilibrium), ``fix
     langevin`` at zero temperature and ``fix viscous`` (drag); loops and branches by ``jump``, ``next`` and ``if``; the
-    units si, cgs, micro, nano and lj. All other commands that may change the motion are errors, which are listed
-    together.
+    units si, cgs, micro, nano and lj. Of a LIGGGHTS script it knows ``pair_style gran model hertz``, ``fix
+    property/global`` and planes of ``fix wall/gran``. All other commands that may change the motion are errors, which
+    are listed together.
 
     Parameters
     ----------

@@ -6,11 +6,13 @@ file and line. :mod:`.fixes` evaluates fixes, and :mod:`.scene` converts the res
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from dem_bridge.errors import SceneError
+from dem_bridge.lmp.reader import liggghts
 from dem_bridge.lmp.reader.fixes import Fixes, Forces
 from dem_bridge.lmp.reader.pairs import Pairs
 from dem_bridge.lmp.reader.particles import Particles
@@ -29,7 +31,17 @@ _DEFAULT_STEP = {"si": 1e-8, "cgs": 1e-8, "micro": 2.0, "nano": 0.00045, "lj": 0
 #: commands that do not affect the motion
 SILENT = frozenset(
     {
-        *("atom_modify", "balance", "comm_modify", "comm_style", "compute", "compute_modify", "dump", "dump_modify"),
+        *(
+            "atom_modify",
+            "balance",
+            "comm_modify",
+            "comm_style",
+            "communicate",
+            "compute",
+            "compute_modify",
+            "dump",
+            "dump_modify",
+        ),
         *("echo", "info", "log", "min_modify", "min_style", "neighbor", "newton", "package", "print", "processors"),
         *("restart", "shell", "suffix", "thermo", "thermo_modify", "thermo_style", "timer", "uncompute"),
         *("undump", "write_data", "write_dump", "write_restart"),
@@ -37,6 +49,8 @@ SILENT = frozenset(
 )
 #: steps between rebuilds of the neighbour list that are safe with LAMMPS' default skin: up to its former defaults
 _WAITS = frozenset(map(str, range(11)))
+#: first words of commands that `run ... every` may execute
+_SILENT_TEXTS = [["NULL"], [], *([name] for name in sorted(SILENT))]
 #: commands that may stand between two runs; those that change forces are noticed at the next run
 _LATER = ("run", "timestep", "reset_timestep", "fix", "unfix", "region", "group", "neigh_modify")
 
@@ -80,11 +94,13 @@ class ReadScript:
         supported = self._supported
         if command.name in ("dump", "dump_modify"):
             self._frames(command)
-        if command.name not in (*SILENT, *supported):
+        command = _without_suffix(command)
+        silent = SILENT | (liggghts.SILENT_COMMANDS if self.fixes.liggghts else frozenset())
+        if command.name not in (*silent, *supported):
             allowed = f"{', '.join(supported)}, and commands without effect on the motion, such as thermo and dump"
             raise command.error("is not supported and may change the motion", allowed)
         self.last = command
-        if command.name in SILENT:
+        if command.name in silent:
             return
         if self.run is not None and command.name not in _LATER:
             self._changed = self._changed or command
@@ -99,8 +115,9 @@ class ReadScript:
             "units": self._units,
             "dimension": self._dimension,
             "boundary": particles.set_boundary,
-            "atom_style": lambda command: self._only(command, ("sphere",), ("sphere", "0"), ("sphere", "1")),
+            "atom_style": self._atom_style,
             "lattice": particles.lattice,
+            "replicate": lambda command: self._only(command, ("1", "1", "1")),
             "region": particles.region,
             "create_box": particles.create_box,
             "create_atoms": particles.create_atoms,
@@ -125,6 +142,10 @@ class ReadScript:
         if command.rest not in allowed:
             usage = " or ".join(f"{command.name} {' '.join(words)}" for words in allowed)
             raise command.error("is not supported", usage)
+
+    def _atom_style(self, command: Command) -> None:
+        styles = [("sphere",), ("sphere", "0"), ("sphere", "1"), *[("granular",)] * self.fixes.liggghts]
+        self._only(command, *styles)
 
     def _dimension(self, command: Command) -> None:
         self._only(command, ("3",), ("2",))
@@ -176,6 +197,8 @@ class ReadScript:
         if "upto" in words:
             words.remove("upto")
             steps -= self.counter
+        if "every" in words and all(text.split()[:1] in _SILENT_TEXTS for text in words[words.index("every") + 2 :]):
+            del words[words.index("every") :]
         options = dict(zip(words[::2], words[1::2], strict=False))
         if steps < 0 or len(words) % 2 or not set(options) <= {"pre", "post", "start", "stop"}:
             raise command.error("is not supported", "run N [upto] [pre yes|no] [post yes|no]")
@@ -201,6 +224,15 @@ class ReadScript:
         self._keywords()
 
 
+def _without_suffix(command: Command) -> Command:
+    """Return a command whose style has no suffix of an accelerated variant, which has the same forces."""
+    at = {"pair_style": 1, "atom_style": 1, "run_style": 1, "fix": 3}.get(command.name, len(command.words))
+    if at >= len(command.words):
+        return command
+    style = re.sub(r"(?<=\w)/(omp|opt|kk|gpu|intel)$", "", command.words[at])
+    return replace(command, words=(*command.words[:at], style, *command.words[at + 1 :]))
+
+
 def read_script(text: str, *, file: str, opened: Opened, variables: Mapping[str, str] | None = None) -> ReadScript:
     """Evaluate a script.
 
@@ -224,6 +256,9 @@ def read_script(text: str, *, file: str, opened: Opened, variables: Mapping[str,
     given = {name: ("index", (value,)) for name, value in (variables or {}).items()}
     script = Script(opened, given, silent=SILENT - {"dump", "dump_modify"})
     state = ReadScript(script, Particles(script), Pairs(script))
+    if liggghts.is_liggghts(text):
+        state.fixes.liggghts = state.particles.keep_density = True
+        state.notes.append("the script is for LIGGGHTS; walls have the material of their type")
     for command in script.commands(file, text):
         if command.name == "quit":
             break

@@ -11,7 +11,9 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from dem_bridge.lmp.reader.pairs import PairLaw, Pairs
+from dem_bridge.lmp.reader import liggghts
+from dem_bridge.lmp.reader.laws import PairLaw
+from dem_bridge.lmp.reader.pairs import Pairs
 from dem_bridge.lmp.reader.particles import Particles
 from dem_bridge.lmp.reader.script import Command, Script
 
@@ -41,9 +43,14 @@ class Plane:
     position: float
     side: int
     """+1 if bodies are at higher coordinates than the plane, -1 if at lower ones, 0 if on both sides."""
-    law: PairLaw
+    law: PairLaw | None
+    """None if it follows from the types of the wall and the atom, as in LIGGGHTS."""
     members: frozenset[int]
     """Atoms that the wall acts on."""
+    kind: int = 0
+    """Type of a wall of LIGGGHTS."""
+    clipped: bool = False
+    """True if the forces of a wall of LIGGGHTS are clipped."""
 
 
 @dataclass
@@ -72,13 +79,17 @@ class Fixes:
     script: Script
     particles: Particles
     pairs: Pairs
+    liggghts: bool = False
     commands: dict[str, Command] = field(default_factory=dict)
 
     def add(self, command: Command) -> None:
         """Evaluate a ``fix`` command."""
         command.fail_if(len(command.rest) < 3, "is incomplete", "fix ID GROUP STYLE ...")
         name, group, style = command.rest[:3]
-        if style in SILENT_FIXES:
+        if style in SILENT_FIXES or (self.liggghts and style in liggghts.SILENT_FIXES):
+            return
+        if style == "property/global":
+            self.pairs.materials.add(command)
             return
         if style not in (*_FIXES, *_WALLS):
             raise command.error(
@@ -198,6 +209,8 @@ class Fixes:
     def _planes(self, command: Command, members: frozenset[int]) -> list[Plane]:
         """Return the planes of ``fix wall/gran`` or ``fix wall/gran/region``."""
         words = command.rest[3:]
+        if words[:1] == ("model",):
+            return [self._primitive(command, words, members)]
         at = next((k for k, word in enumerate(words) if word in _WALL_STYLES), len(words))
         allowed = "a force style with its settings, then xplane, yplane or zplane with LO HI, or region ID of planes"
         command.fail_if(at == len(words), "has no wall that is supported", allowed)
@@ -217,6 +230,17 @@ class Fixes:
             for side, end in sides
             if end != "NULL"
         ]
+
+    def _primitive(self, command: Command, words: tuple[str, ...], members: frozenset[int]) -> Plane:
+        """Return the plane of LIGGGHTS' ``fix wall/gran MODELS primitive type T xplane X``."""
+        at = words.index("primitive") if "primitive" in words else len(words)
+        behind = words[at + 1 :]
+        if len(behind) != 4 or behind[0] != "type" or behind[2] not in _PLANES:
+            allowed = "wall/gran model hertz tangential off primitive type T xplane|yplane|zplane POSITION"
+            raise command.error("has a wall that is not supported", allowed)
+        clipped = self.pairs.materials.settings(command, words[:at])
+        kind, [position] = self.script.whole(command, behind[1]), self._numbers(command, behind[3:])
+        return Plane(command, _PLANES.index(behind[2]), position, 0, None, members, kind, clipped)
 
     def _faces(self, command: Command, name: str) -> list[tuple[int, float, int]]:
         """Return axis, position and side of each plane of a region."""

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 from dem_bridge.lmp.reader.deck import ReadScript
 from dem_bridge.lmp.reader.fixes import Forces, Plane
-from dem_bridge.lmp.reader.pairs import PairLaw
+from dem_bridge.lmp.reader.laws import PairLaw
 from dem_bridge.lmp.reader.particles import Particle
 from dem_bridge.lmp.reader.script import Command
 
@@ -109,7 +109,8 @@ class Line:
     def _wall(self, atom: Particle, plane: Plane, way: float) -> LineContact:
         """Return the contact of an atom with a plane in the direction ``way`` of the axis."""
         gap = math.fsum((way * plane.position, -way * atom.place[self.axis], -atom.radius))
-        return LineContact(plane.law, gap, atom.radius, atom.mass, atom.mass, (atom,))
+        law = plane.law or self.script.pairs.materials.law(plane.command, atom.kind, plane.kind, clipped=plane.clipped)
+        return LineContact(law, gap, atom.radius, atom.mass, atom.mass, (atom,))
 
     def along(self, vectors: Mapping[int, list[float]], atom: Particle) -> float:
         """Return the component of a vector of an atom along the chain, positive as in the scene."""

@@ -10,10 +10,11 @@ models have no effect if nothing rotates or moves across the line.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from dem_bridge.lmp.reader.laws import PairLaw, compliance
+from dem_bridge.lmp.reader.liggghts import Materials
 from dem_bridge.lmp.reader.script import Command, Script
 
 #: normal model -> number of its coefficients
@@ -27,55 +28,6 @@ _SECTIONS = ("tangential", "rolling", "twisting", "heat", "damping", "limit_damp
 _STYLES = f"granular, {', '.join(_GRAN)}"
 _WALLS = f"granular, {', '.join(style.removeprefix('gran/') for style in _GRAN)}"
 _ALLOWED = f"{', '.join(_MODELS)} with tangential, rolling, twisting, limit_damping and damping {', '.join(_DAMPINGS)}"
-
-
-@dataclass(frozen=True)
-class PairLaw:
-    """The law of two types, in the units of the script."""
-
-    command: Command = field(compare=False)
-    model: str
-    """"hertz" or "hooke"."""
-    stiffness: float
-    """Coefficient K or k."""
-    eta: float
-    """Damping coefficient, or the coefficient of restitution."""
-    damping: str
-    clipped: bool
-    """True with ``limit_damping``: the net force is clipped at zero."""
-    material: tuple[float, float] | None = None
-    """E and nu of ``hertz/material``."""
-
-    @property
-    def exponent(self) -> float:
-        """Exponent n of the energy."""
-        return {"hertz": 2.5, "hooke": 2.0}[self.model]
-
-    @property
-    def damped(self) -> bool:
-        """Return whether contacts with the law dissipate energy."""
-        return self.eta != (1.0 if self.damping == "coeff_restitution" else 0.0)
-
-    def coefficient(self, radius: float) -> float:
-        """Return the stiffness beta for the effective radius of a contact."""
-        return self.stiffness * math.sqrt(radius) if self.model == "hertz" else self.stiffness
-
-    def mixed(self, other: PairLaw, command: Command) -> PairLaw:
-        """Return the law of types i and j that LAMMPS mixes from the laws of i with i and j with j."""
-        alike = (self.model, self.damping, self.clipped, self.material is None)
-        if alike != (other.model, other.damping, other.clipped, other.material is None):
-            raise command.error("leaves two types that meet without coefficients", "pair_coeff I J for these types")
-        if self.material is None or other.material is None:
-            stiffness, material = math.sqrt(self.stiffness * other.stiffness), None
-        else:
-            stiffness, material = 4.0 / 3.0 / (compliance(*self.material) + compliance(*other.material)), self.material
-        eta = math.sqrt(self.eta * other.eta)
-        return PairLaw(self.command, self.model, stiffness, eta, self.damping, self.clipped, material)
-
-
-def compliance(young: float, poisson: float) -> float:
-    """Return the term of one body in the sum that is the inverse effective modulus of two bodies."""
-    return (1.0 - poisson**2) / young
 
 
 @dataclass
@@ -92,6 +44,11 @@ class Pairs:
     _whole: PairLaw | None = None
     """Law of a style that has one law for all pairs."""
     _lines: int = 0
+    _clipped: bool = False
+    """True if the forces of LIGGGHTS' ``gran model`` are clipped."""
+
+    def __post_init__(self) -> None:
+        self.materials = Materials(self.script)
 
     def pair_style(self, command: Command) -> None:
         """Evaluate a ``pair_style`` command."""
@@ -100,7 +57,10 @@ class Pairs:
         if style == "table" or style.startswith("hybrid"):
             why = "reads forces from a file" if style == "table" else "has more than one law for a pair"
             raise command.error(f"{why}, so that the force is not a power of the overlap", _STYLES)
-        command.fail_if(style not in (*_GRAN, "granular"), f"has the style {style}, which is not supported", _STYLES)
+        if style == "gran":
+            self._clipped = self.materials.settings(command, words)
+        elif style not in (*_GRAN, "granular"):
+            raise command.error(f"has the style {style}, which is not supported", _STYLES)
         self.style, self.command, self._whole = style, command, None
         self._named, self._ranges, self._lines = {}, [], 0
         if style in _GRAN:
@@ -118,6 +78,8 @@ class Pairs:
 
     def _gran(self, command: Command, style: str, words: Sequence[str]) -> PairLaw:
         """Return the law of ``pair_style gran/... Kn Kt gamma_n gamma_t xmu dampflag [limit_damping]``."""
+        if len(words) == 2 and self.materials.properties:
+            raise command.error("is of a LIGGGHTS before version 3", "pair_style gran model hertz tangential off")
         if len(words) not in (6, 7) or (len(words) == 7 and words[6] != "limit_damping"):
             raise command.error(f"has {len(words)} settings", "Kn Kt gamma_n gamma_t xmu dampflag [limit_damping]")
         stiffness, eta = (self.script.number(command, words[at]) for at in (0, 2))
@@ -133,6 +95,8 @@ class Pairs:
         if self._whole is not None and len(command.rest) > 2:
             raise command.error(f"has coefficients, but {self.style} has one law for all pairs", "pair_coeff * *")
         low, high, *words = command.rest
+        if self.style == "gran":
+            return
         law = self._whole or self._granular(command, words)
         first, second = (numbered(self.script, command, word, types) for word in (low, high))
         self._lines += 1
@@ -179,6 +143,8 @@ class Pairs:
         """Return the law between the atoms of two types, or raise SceneError if the script defines none."""
         low, high = min(first, second), max(first, second)
         assert self.command is not None  # checked before
+        if self.style == "gran":
+            return self.materials.law(self.command, first, second, clipped=self._clipped)
         if (law := self._last(low, high)) is not None:
             return law
         left, right = self._last(low, low), self._last(high, high)

@@ -15,6 +15,7 @@ from dem_bridge.lmp.reader.pairs import numbered
 from dem_bridge.lmp.reader.script import Command, Script, read
 
 _SETTABLE = ("type", "mass", "density", "density/disc", "diameter", "x", "y", "z", "vx", "vy", "vz")
+_SPINS = ("omegax", "omegay", "omegaz")
 #: lattices with one spacing along all axes -> atoms of a cell
 _LATTICES = {"sc": 1, "sq": 1, "bcc": 2, "fcc": 4, "diamond": 8}
 _SECTIONS = ("Atoms", "Velocities")
@@ -29,6 +30,7 @@ class Particle:
     place: list[float]
     diameter: float = 1.0
     mass: float = math.pi / 6.0
+    density: float = 1.0
     weighed: bool = False
     """True if the mass is given, and not a product of density and volume."""
     velocity: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
@@ -41,7 +43,7 @@ class Particle:
     def made_of(self, density: float, *, disc: bool = False) -> None:
         """Set the mass to density times volume, or times area for a disc."""
         size = math.pi * self.radius**2 if disc else 4.0 * math.pi / 3.0 * self.radius**3
-        self.mass, self.weighed = size * density, False
+        self.mass, self.density, self.weighed = size * density, density, False
 
 
 @dataclass
@@ -50,6 +52,8 @@ class Particles:
 
     script: Script
     types: int = 0
+    keep_density: bool = False
+    """True in LIGGGHTS, where a new diameter changes the mass and discs have the mass of their area."""
     dimension: int = 3
     reduced: bool = True
     """True in ``units lj``."""
@@ -239,7 +243,7 @@ class Particles:
 
     def set_values(self, command: Command) -> None:
         """Evaluate a ``set`` command."""
-        if len(command.rest) < 4 or len(command.rest) % 2 or command.rest[0] not in ("atom", "type", "group", "region"):
+        if len(command.rest) < 4 or command.rest[0] not in ("atom", "type", "group", "region"):
             allowed = f"set atom|type|group|region ID and {', '.join(_SETTABLE)} with a value"
             raise command.error("is not supported", allowed)
         style, who, *pairs = command.rest
@@ -255,7 +259,7 @@ class Particles:
             self.script.count(command, len(self.atoms) // 20)
         command.fail_if(not chosen, "changes no atom", "atoms that exist")
         self.script.count(command, len(chosen) // 4)
-        for key, word in zip(pairs[::2], pairs[1::2], strict=True):
+        for key, word in self._without_spin(command, pairs):
             command.fail_if(key not in _SETTABLE, f"sets {key}, which is not supported", ", ".join(_SETTABLE))
             rows = self._rows(command, word)
             for number in sorted(chosen):
@@ -263,6 +267,19 @@ class Particles:
                     raise command.error(f"has no value for atom {number}", "one value for each atom")
                 value = self.script.number(command, word) if rows is None else rows[number]
                 self._set(command, self.atoms[number], key, value)
+
+    def _without_spin(self, command: Command, words: list[str]) -> list[tuple[str, str]]:
+        """Return the keys and values of a ``set`` command without spins of zero."""
+        while "omega" in words[::2]:
+            at = 2 * words[::2].index("omega")
+            spins = [word for pair in zip(_SPINS, words[at + 1 : at + 4], strict=False) for word in pair]
+            words = [*words[:at], *spins, *words[at + 4 :]]
+        command.fail_if(len(words) % 2 == 1, "has a key without a value", f"{', '.join(_SETTABLE)} with a value")
+        pairs = list(zip(words[::2], words[1::2], strict=True))
+        for key, word in pairs:
+            if key in _SPINS and self.script.number(command, word) != 0.0:
+                raise command.error(f"sets {key} to {word}", "0, since bodies of a scene do not rotate")
+        return [pair for pair in pairs if pair[0] not in _SPINS]
 
     def _rows(self, command: Command, word: str) -> dict[int, float] | None:
         """Return the values by atom of a variable of style atomfile, or None for one value for all."""
@@ -287,9 +304,11 @@ class Particles:
         elif key == "mass":
             atom.mass, atom.weighed = value, True
         elif key in ("density", "density/disc"):
-            atom.made_of(value, disc=key == "density/disc")
-        elif key == "diameter":  # the mass does not change
+            atom.made_of(value, disc=key == "density/disc" or (self.keep_density and self.dimension == 2))
+        elif key == "diameter":
             atom.diameter = value
+            if self.keep_density:  # else the mass does not change
+                atom.made_of(atom.density, disc=self.dimension == 2)
         else:
             where = atom.velocity if key.startswith("v") else atom.place
             where["xyz".index(key[-1])] = value

@@ -17,6 +17,7 @@ import numpy as np
 
 from dem_bridge.errors import BlockedScript, SceneError
 from dem_bridge.lmp.coefficients import BY_EFFECTIVE_MASS, DAMPINGS
+from dem_bridge.lmp.reader import liggghts
 from dem_bridge.lmp.reader.deck import UNITS, ReadScript, read_script
 from dem_bridge.lmp.reader.fixes import Forces
 from dem_bridge.lmp.reader.line import Line, axis_of, line_of
@@ -97,12 +98,17 @@ def read_deck(
         empty = SceneError("", problem="has no command", allowed="a LAMMPS input script", where=file)
         raise BlockedScript([*blockers, empty][:1])
     if not blockers:
-        return _read_scene(script, file, name, description, duration, samples, reverse)
-    if script.run is not None and script.particles.atoms and not script.script.refused & _OF_ATOMS:
+        try:
+            return _read_scene(script, file, name, description, duration, samples, reverse)
+        except SceneError as error:
+            blockers.append(error)
+    elif script.run is not None and script.particles.atoms and not script.script.refused & _OF_ATOMS:
         try:
             axis_of(script.run, list(script.particles.atoms.values()), Forces())
         except SceneError as error:
             blockers.append(error)
+    if script.fixes.liggghts:
+        blockers.insert(0, SceneError("", problem="this is a LIGGGHTS script", allowed=liggghts.ABOUT, where=file))
     raise BlockedScript(blockers)
 
 
@@ -238,7 +244,8 @@ def _damping(line: Line, order: list[int], time: float, dashpot: float) -> Dampi
         if law.clipped != damped[0].clipped:
             raise law.command.error("has another limit_damping than other contacts", "limit_damping in all, or in none")
     models, clipped = {law.damping for law in damped}, damped[0].clipped
-    light_wall = any(abs(contact.engine_mass / contact.mass - 1.0) > ROUND_OFF for contact in contacts)
+    ratios = [contact.engine_mass / contact.mass for contact in contacts if contact.law.damped]
+    light_wall = any(abs(ratio - 1.0) > ROUND_OFF for ratio in ratios)
     name = next((name for name, model in DAMPINGS.items() if models == {model} and model in BY_EFFECTIVE_MASS), "")
     if name in BY_RESTITUTION and light_wall:
         problem = "gives contacts with a wall a damping that depends on the mass of the wall's atom"

@@ -27,6 +27,8 @@ _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _REFERENCE = re.compile(r"v_(\w+)")
 _COMPARISON = re.compile(r"([^\s=!<>&|()]+)\s*(==|!=)\s*([^\s=!<>&|()]+)")
 _FORMULA_WORD = re.compile(r"[-+*/^%.\deE]+|v_\w+|PI")
+#: styles of variables with several values; some of them are for several partitions, of which there is one here
+_LISTS, _LOOPS = ("index", "universe", "world"), ("loop", "uloop")
 _FORMAT = re.compile(r"%\d{0,2}(\.\d{1,2})?[efg]")
 #: largest depth of nested files and of nested variables
 _DEEPEST = 20
@@ -162,8 +164,9 @@ class Script:
         """Add to the work for the script; raise SceneError if it is too much, because a loop does not end."""
         self._work += lines
         if self._work > _MOST_WORK:
+            # a loop whose end cannot be read does not end
             error = command.error("is in a loop that does not end, or takes too long", f"{_MOST_WORK // 10} commands")
-            raise BlockedScript([*self.blockers.values(), error])
+            raise BlockedScript(self.blockers.values() or [error])
 
     def refuse(self, command: Command, error: SceneError) -> None:
         """Record an error, unless an earlier refused command may be its cause."""
@@ -196,9 +199,10 @@ class Script:
         if f"v_{name}" in self.unread:
             raise command.error(_FOLLOWS, "a variable that can be read")
         if name not in self.variables:
-            raise command.error(f"uses the variable {name}, which is not defined", "a variable that is defined before")
+            problem = f"uses the variable {name}, which is not defined"
+            raise command.error(problem, "a variable that is defined before, or by --var NAME=VALUE")
         style, words = self.variables[name]
-        if style in ("index", "string", "loop", "internal") and words:
+        if style in (*_LISTS, *_LOOPS, "string", "internal") and words:
             return words[0]
         if style == "equal" and words:
             return f"{self.evaluated(command, ' '.join(words), depth):.15g}"
@@ -261,8 +265,8 @@ class Script:
         name, style, *words = command.rest
         if style == "delete":
             self.variables.pop(name, None)
-        elif not (style in ("index", "loop") and name in self.variables):  # the first definition counts, as with -var
-            if style == "loop":
+        elif not (style in (*_LISTS, *_LOOPS) and name in self.variables):  # the first definition counts, as with -var
+            if style in _LOOPS:
                 width = len(words[-2]) if words[-1:] == ["pad"] and len(words) > 1 else 0
                 ends = [self.whole(command, word) for word in words if word != "pad"]
                 if not 1 <= len(ends) <= 2 or ends[-1] < ends[0] > 1 or ends[-1] < 1:
@@ -272,13 +276,13 @@ class Script:
 
     def _next(self, command: Command) -> None:
         """Execute a ``next`` command; after the last value the variables are deleted and the next jump is skipped."""
-        styles = {self.variables[name][0] for name in command.rest if name in self.variables}
+        styles = {self.variables[name][0] for name in command.rest if name in self.variables} - {"uloop"}
         command.fail_if(len(styles) > 1, "names variables of several styles", "variables of one style")
         for name in command.rest:
             style, words = self.variables.get(name, ("", ()))
-            if style not in ("index", "loop"):
+            if style not in (*_LISTS, *_LOOPS):
                 raise command.error(f"names {name}, which has no further values", "variables of style index or loop")
-            if style == "loop":
+            if style in _LOOPS:
                 following = int(words[0]) + 1
                 words = (f"{following:0{len(words[0])}d}", words[1]) if following <= int(words[1]) else ()
             else:

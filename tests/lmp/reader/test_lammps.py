@@ -190,28 +190,36 @@ def test_each_law_that_is_read_is_that_of_lammps(case: str, tmp_path: Path) -> N
         )
 
 
-#: the first body flies to a wall and comes back; at overlap 0 a wall of LAMMPS has a damping force, but a pair has none
+#: the first body flies to a wall and comes back; at overlap 0 a wall of LAMMPS has a damping force and a pair has none,
+#: so that the touch must not fall on a step
 BACK = {"start": "group striker id 1\nvelocity striker set -0.5 0 0"}
 WALLS = {
-    "granular": "fix w all wall/gran granular hertz 2e11 0 {tail} velocity xplane -0.030001 NULL",
-    "granular, both sides": "fix w all wall/gran granular hooke 2e7 0 {tail} velocity xplane -0.030001 0.9 contacts",
-    "material": "fix w all wall/gran granular hertz/material 2e11 0 0.3 {tail} velocity xplane -0.030001 NULL",
-    "mass_velocity": "fix w all wall/gran granular hooke 2e7 2e3 {tail} mass_velocity limit_damping xplane -0.030001 9",
-    "hooke": "fix w all wall/gran hooke 2e7 NULL 4e3 NULL 0.5 1 limit_damping xplane -0.030001 NULL",
-    "hooke/history": "fix w all wall/gran hooke/history 2e7 NULL 4e3 NULL 0.5 1 limit_damping xplane -0.030001 NULL",
-    "hertz/history": "fix w all wall/gran hertz/history 2e11 NULL 4e6 NULL 0.5 1 limit_damping xplane -0.030001 NULL",
-    "region plane": "region p plane -0.030001 0 0 2 0 0\n"
+    "granular": "fix w all wall/gran granular hertz 2e11 0 {tail} velocity xplane {at} NULL",
+    "granular, both sides": "fix w all wall/gran granular hooke 2e7 0 {tail} velocity xplane {at} 0.9 contacts",
+    "material": "fix w all wall/gran granular hertz/material 2e11 0 0.3 {tail} velocity xplane {at} NULL",
+    "mass_velocity": "fix w all wall/gran granular hooke 2e7 2e3 {tail} mass_velocity limit_damping xplane {at} 9",
+    "hooke": "fix w all wall/gran hooke 2e7 NULL 4e3 NULL 0.5 1 limit_damping xplane {at} NULL",
+    "hooke/history": "fix w all wall/gran hooke/history 2e7 NULL 4e3 NULL 0.5 1 limit_damping xplane {at} NULL",
+    "hertz/history": "fix w all wall/gran hertz/history 2e11 NULL 4e6 NULL 0.5 1 limit_damping xplane {at} NULL",
+    "not clipped": "fix w all wall/gran hooke 2e7 NULL 4e3 NULL 0.5 1 xplane {at} NULL",
+    "restitution": "fix w all wall/gran granular hertz 2e11 0.6 {tail} coeff_restitution xplane {at} NULL",
+    "restitution of a material": "fix w all wall/gran granular hertz/material 2e11 0.6 0.3 {tail} coeff_restitution"
+    " limit_damping xplane {at} NULL",
+    "tsuji": "fix w all wall/gran granular hooke 2e7 0.6 {tail} tsuji xplane {at} NULL\n"
+    "group wall type 2\nfix hold wall freeze",
+    "region plane": "region p plane {at} 0 0 2 0 0\n"
     "fix w all wall/gran/region granular hertz 2e11 0 {tail} velocity region p",
-    "region plane, from outside": "region p plane -0.030001 0 0 -2 0 0 side out\n"
+    "region plane, from outside": "region p plane {at} 0 0 -2 0 0 side out\n"
     "fix w all wall/gran/region granular hertz 2e11 0 {tail} velocity region p",
-    "region block": "region p block -0.030001 0.09 -0.08 0.08 -0.08 0.08 open 3\n"
+    "region block": "region p block {at} 0.09 -0.08 0.08 -0.08 0.08 open 3\n"
     "fix w all wall/gran/region hertz/history 2e11 NULL 4e6 NULL 0.5 1 limit_damping region p",
 }
 LIMITED = "pair_coeff * * hertz 1e11 0 tangential linear_nohistory 0 0 damping mass_velocity limit_damping"
 WORDS: dict[str, dict[str, str]] = {
     **{
-        name: BACK | {"more": wall.format(tail=GRANULAR), "coefficients": LIMITED}
+        name: BACK | {"more": wall.format(tail=GRANULAR, at=-0.03000103), "coefficients": LIMITED}
         | ({"coefficients": LIMITED.replace("mass_velocity", "viscoelastic")} if "4e6" in wall else {})
+        | ({"coefficients": f"pair_coeff * * hertz 1e11 0.7 {GRANULAR} tsuji"} if "tsuji" in wall else {})
         for name, wall in WALLS.items()
     },
     "viscous": {"more": "fix v all viscous 3"},

@@ -1,0 +1,57 @@
+"""The normal force between the atoms of two types on a straight line, in the units of a script."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from dem_bridge.lmp.reader.script import Command
+
+
+@dataclass(frozen=True)
+class PairLaw:
+    """The law of two types, in the units of the script."""
+
+    command: Command = field(compare=False)
+    model: str
+    """"hertz" or "hooke"."""
+    stiffness: float
+    """Coefficient K or k."""
+    eta: float
+    """Damping coefficient, or the coefficient of restitution."""
+    damping: str
+    clipped: bool
+    """True with ``limit_damping``: the net force is clipped at zero."""
+    material: tuple[float, float] | None = None
+    """E and nu of ``hertz/material``."""
+
+    @property
+    def exponent(self) -> float:
+        """Exponent n of the energy."""
+        return {"hertz": 2.5, "hooke": 2.0}[self.model]
+
+    @property
+    def damped(self) -> bool:
+        """Return whether contacts with the law dissipate energy."""
+        return self.eta != (1.0 if self.damping == "coeff_restitution" else 0.0)
+
+    def coefficient(self, radius: float) -> float:
+        """Return the stiffness beta for the effective radius of a contact."""
+        return self.stiffness * math.sqrt(radius) if self.model == "hertz" else self.stiffness
+
+    def mixed(self, other: PairLaw, command: Command) -> PairLaw:
+        """Return the law of types i and j that LAMMPS mixes from the laws of i with i and j with j."""
+        alike = (self.model, self.damping, self.clipped, self.material is None)
+        if alike != (other.model, other.damping, other.clipped, other.material is None):
+            raise command.error("leaves two types that meet without coefficients", "pair_coeff I J for these types")
+        if self.material is None or other.material is None:
+            stiffness, material = math.sqrt(self.stiffness * other.stiffness), None
+        else:
+            stiffness, material = 4.0 / 3.0 / (compliance(*self.material) + compliance(*other.material)), self.material
+        eta = math.sqrt(self.eta * other.eta)
+        return PairLaw(self.command, self.model, stiffness, eta, self.damping, self.clipped, material)
+
+
+def compliance(young: float, poisson: float) -> float:
+    """Return the term of one body in the sum that is the inverse effective modulus of two bodies."""
+    return (1.0 - poisson**2) / young
