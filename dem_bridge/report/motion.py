@@ -67,7 +67,7 @@ def _forces(scene: Scene, run: Trajectory) -> Panel:
     names = [f"contact {k}" for k in range(count - len(walls))] + [name.replace("_", " ") for name in walls]
     series = _lines(names, run, run.contact_force)
     exact = closed_form(scene)
-    if exact is not None:
+    if exact is not None and not scene.damped:
         series.append(_level("closed form", run, exact.peak_force))
     return Panel(title="Force of the contacts", x_label="time (ms)", y_label="force (N)", series=tuple(series))
 

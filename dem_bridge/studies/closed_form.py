@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dem_bridge.physics.exact import TwoBodyCollision, two_body_collision
+from dem_bridge.features import DRAG, GAPS, NOT_CLIPPED, OTHER_EXPONENTS, SEVERAL_MOVING, WALLS
+from dem_bridge.physics.exact import TwoBodyCollision, restitution_of_alpha, two_body_collision, viscoelastic_impact
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import Table
 from dem_bridge.studies.texts import Texts
@@ -17,14 +18,15 @@ from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import REFERENCE
 
 TEXTS = Texts("closed-form")
-#: features of a scene that a closed form allows for
-_ALLOWED = {"walls", "gaps"}
+#: features of a scene that a closed form allows for, beside damping
+_ALLOWED = {WALLS, GAPS, OTHER_EXPONENTS, SEVERAL_MOVING, NOT_CLIPPED}
 
 
 def closed_form(scene: Scene) -> TwoBodyCollision | None:
-    """Return the closed form of an elastic collision; None unless the scene is one and nothing else.
+    """Return the closed form of a collision; None unless the scene is one and nothing else.
 
-    A body and a wall on its left are solved as their mirror image; exit velocities are those of the scene.
+    A body and a wall on its left are solved as their mirror image; exit velocities are those of the scene. With damping
+    only these have a closed form, and the other numbers are nan.
 
     Examples
     --------
@@ -33,7 +35,8 @@ def closed_form(scene: Scene) -> TwoBodyCollision | None:
     >>> closed_form(pair).exit_velocity
     (0.0, 1.0)
     """
-    if scene.n_contact != 1 or scene.law is not None or {item.label for item in scene.features} - _ALLOWED:
+    others = {feature for feature in scene.features - _ALLOWED if feature is DRAG or not feature.dissipates}
+    if scene.n_contact != 1 or scene.law is not None or others:
         return None
     contacts, sign = scene.contacts, -1.0 if scene.wall_left is not None else 1.0
     with_wall = scene.n_body == 1
@@ -47,8 +50,55 @@ def closed_form(scene: Scene) -> TwoBodyCollision | None:
         stiffness=float(contacts.stiffness[0]),
         exponent=float(contacts.exponent[0]),
     )
+    if scene.damped:
+        restitution = closed_restitution(scene, velocities[0] - velocities[1])
+        if restitution is None:
+            return None
+        impulse = 0.5 * (1.0 + restitution)  # over that of the elastic collision
+        pairs = zip(velocities, collision.exit_velocity, strict=True)
+        first, second = (before + impulse * (after - before) for before, after in pairs)
+        unknown = dict.fromkeys(("peak_overlap", "peak_force", "half_time", "contact_time"), math.nan)
+        collision = TwoBodyCollision(**unknown, exit_velocity=(first, second))
     first, second = collision.exit_velocity
     return replace(collision, exit_velocity=(sign * first, sign * second))
+
+
+def closed_restitution(scene: Scene, speed: float) -> float | None:
+    """Return the restitution of a scene of one contact with damping; None where no closed form exists.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of two bodies, or of a body and a wall.
+    speed : float
+        Speed of approach, m/s.
+
+    Examples
+    --------
+    >>> from dem_bridge.scene import Damping
+    >>> damping = Damping(law="restitution", coefficient=0.5, clipped=True)
+    >>> pair = Scene(
+    ...     name="pair", duration=1e-4, mass=(1.0, 1.0), stiffness=(1e9,), velocity=(1.0, 0.0), damping=damping
+    ... )
+    >>> round(closed_restitution(pair, 1.0), 5)
+    0.55028
+    """
+    contacts = scene.contacts
+    factor, power, stiffness, n = (
+        float(values[0]) for values in (contacts.damping, contacts.damping_power, contacts.stiffness, contacts.exponent)
+    )
+    mass = 1.0 / sum(1.0 / body for body in scene.mass)
+    if 2.0 * power == n - 2.0:
+        return restitution_of_alpha(factor / math.sqrt(mass * stiffness), clipped=contacts.clipped, exponent=n)
+    if power != 0.5 or n != 2.5:
+        return None
+    try:
+        hit = viscoelastic_impact(
+            mass=mass, speed=speed, stiffness=stiffness, viscosity=factor / stiffness, clipped=contacts.clipped
+        )
+        return hit.restitution
+    except ValueError:  # beyond the range of the series
+        return None
 
 
 def closed_form_table(studies: Sequence[SceneStudy]) -> Table | None:
@@ -64,6 +114,8 @@ def _rows(study: SceneStudy) -> Iterator[tuple[str | float, ...]]:
     runs = [study.run(name) for name in (REFERENCE, study.engine)]
     values = [[] if run is None else _values(study.scene, run) for run in runs]
     for nth, (name, value) in enumerate(_exact_values(study.scene, exact)):
+        if math.isnan(value):
+            continue
         row: list[str | float] = [study.scene.name, name, value]
         for of_run in values:
             row += [of_run[nth], of_run[nth] - value] if of_run else [math.nan, math.nan]

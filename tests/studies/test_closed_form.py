@@ -51,6 +51,35 @@ def test_the_reference_agrees_with_the_closed_form_of_a_pair_and_of_walls(scene:
         assert all(value != value for value in lammps)  # LAMMPS has not run
 
 
+@pytest.mark.parametrize(
+    ("scene", "damping"),
+    [
+        (PAIR, Damping(law="restitution", coefficient=0.6)),
+        (replace(PAIR, velocity=(0.5, -0.3)), Damping(law="tsuji", coefficient=0.6, clipped=True)),
+        (RIGHT, Damping(law="kuwabara-kono", coefficient=2e-6)),
+        (replace(LEFT, wall_left=Wall(stiffness=1e7, exponent=2.0)), Damping(law="mass-dashpot", coefficient=1e4)),
+    ],
+    ids=["restitution", "tsuji", "kuwabara-kono", "mass-dashpot"],
+)
+def test_a_damped_collision_is_compared_by_its_velocities(scene: Scene, damping: Damping) -> None:
+    scene = replace(scene, damping=damping, duration=4e-4)
+    study = _study(scene)
+    table = closed_form_table([study])
+    assert table is not None
+    assert [row[1] for row in table.rows] == [f"velocity of body {k} at the end (m/s)" for k in range(scene.n_body)]
+    # scipy's accuracy, relative to the speed of approach
+    assert all(abs(float(row[4])) < 1e-11 for row in table.rows)
+    # the planted fault: a little more damping
+    assert not isinstance(damping.coefficient, tuple)
+    more = replace(scene, damping=replace(damping, coefficient=0.99 * damping.coefficient))
+    wrong = closed_form_table([_study(scene, db.solve(more, backend=REFERENCE))])
+    assert wrong is not None
+    assert max(abs(float(row[4])) for row in wrong.rows) > 1e-4
+    [run] = [result.trajectory for result in study.results]
+    assert run is not None
+    assert [line.label for line in _forces(scene, run).series][-1] != "closed form"
+
+
 def test_a_run_of_another_stiffness_is_caught_by_the_closed_form() -> None:
     other = replace(PAIR, stiffness=(1.01 * 3.98e9,))
     table = closed_form_table([_study(PAIR, db.solve(other, backend=REFERENCE))])
@@ -65,13 +94,15 @@ def test_a_run_of_another_stiffness_is_caught_by_the_closed_form() -> None:
     "scene",
     [
         replace(PAIR, damping=Damping(law="dashpot", coefficient=1.0)),
+        replace(PAIR, damping=Damping(law="kuwabara-kono", coefficient=1e-3)),
         replace(PAIR, gravity=9.81),
+        replace(PAIR, drag=1.0),
         replace(PAIR, mass=(8.1e-3,) * 3, stiffness=(4e9,) * 2, velocity=(0.8, 0.0, 0.0), exponent=2.5, gap=0.0),
         replace(PAIR, velocity=(0.0, 0.8)),
     ],
-    ids=["damped", "heavy", "three", "apart"],
+    ids=["damped", "beyond the series", "heavy", "drag", "three", "apart"],
 )
-def test_what_is_no_single_elastic_collision_has_no_closed_form(scene: Scene) -> None:
+def test_what_is_no_single_collision_of_a_power_law_has_no_closed_form(scene: Scene) -> None:
     assert closed_form(scene) is None
     assert closed_form_table([_study(scene, db.solve(PAIR, backend=REFERENCE))]) is None
 
