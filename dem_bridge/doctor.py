@@ -137,7 +137,8 @@ def _engine(engine: Engine) -> Iterator[Finding]:
 
 def _defect(defect: KnownDefect) -> Finding:
     """Return the finding of a known defect of the release."""
-    state = f"{defect.name}: {defect.symptom} ({defect.size}; {defect.upstream})"
+    size = "; ".join(filter(None, (defect.size, defect.upstream)))
+    state = f"{defect.name}: {defect.symptom} ({size})"
     return Finding(name="known defect", state=state, remedy=f"write {defect.instead}", needed=False, defect=True)
 
 

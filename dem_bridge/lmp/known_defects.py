@@ -29,7 +29,7 @@ class KnownDefect:
     instead: str
     """Words of a deck that avoid the defect."""
     upstream: str
-    """Pull request or issue of LAMMPS."""
+    """Pull request or issue of LAMMPS; '' if none is known."""
 
     def affects(self, version: int) -> bool:
         """Return True if a release, such as 20250722, has the defect."""
@@ -41,7 +41,8 @@ class KnownDefect:
         return re.search(self.deck, commands + "\n", re.MULTILINE) is not None
 
     def __str__(self) -> str:
-        return f"known defect {self.name}: {self.symptom} ({self.size}); write {self.instead}; see {self.upstream}"
+        see = f"; see {self.upstream}" if self.upstream else ""
+        return f"known defect {self.name}: {self.symptom} ({self.size}); write {self.instead}{see}"
 
 
 @cache

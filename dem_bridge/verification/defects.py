@@ -31,8 +31,10 @@ def named_failures(scene: Scene, engine: str, run: Trajectory | None, verdicts: 
     named, shown = ", ".join(item.name for item in met), False
     for verdict in verdicts:
         if met and verdict.backend == engine and verdict.outcome is Outcome.FAIL:
-            shown, sentence = True, f"{'; '.join(map(str, met))}: {verdict.sentence}"
-            verdict = replace(verdict, known_defect=named, sentence=sentence[0].upper() + sentence[1:])
+            # the first one describes the defect
+            why = f"known defect {named}" if shown else "; ".join(map(str, met))
+            shown, sentence = True, f"{why[0].upper()}{why[1:]}: {verdict.sentence}"
+            verdict = replace(verdict, known_defect=named, sentence=sentence)
         yield verdict
     if met and not shown:
         yield Verdict(

@@ -9,9 +9,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
 import dem_bridge as db
+from dem_bridge.cli import main
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of, known_defects
+from dem_bridge.scene_file.text import scene_toml
 from dem_bridge.studies.study import Study
 from dem_bridge.verification.defects import named_failures
 from dem_bridge.verification.verdict import Outcome, Verdict
@@ -43,10 +46,22 @@ DECKS = {
         "fix w all wall/gran hooke/history 1e6 NULL 4 NULL 0 1 xplane 0 NULL",
     ),
 }
+#: the same for releases before the pinned one
+OLD, OLD_DECKS = 20210929, {
+    "wall-modulus": (
+        "fix w all wall/gran/region granular hertz/material 1e9 0 0.3 tangential linear_nohistory 0 0 region r",
+        "fix w all wall/gran/region granular hertz 1e9 0 tangential linear_nohistory 0 0 region r",
+    ),
+    "jkr-wall-nan": ("fix w all wall/gran granular jkr 1e9 0 0.3 1 xplane 0 NULL", "pair_coeff 1 1 dmt 1e9 0 0.3 1"),
+}  # fmt: skip
 
 
 def test_each_defect_is_recognised_in_a_deck_and_only_there() -> None:
-    assert [defect.name for defect in known_defects()] == list(DECKS)
+    assert [defect.name for defect in known_defects()] == [*DECKS, *OLD_DECKS]
+    for name, (meets, avoids) in OLD_DECKS.items():
+        assert name in [defect.name for defect in defects_of(OLD, meets)]
+        assert defects_of(OLD, avoids) == ()
+        assert name not in [defect.name for defect in defects_of(PINNED, meets)]
     for name, (meets, avoids) in DECKS.items():
         assert [defect.name for defect in defects_of(PINNED, meets)] == [name]
         assert defects_of(PINNED, avoids) == ()
@@ -78,11 +93,12 @@ def _named(names: list[str], *verdicts: Verdict) -> list[Verdict]:
 
 
 def test_a_failure_has_the_name_of_the_defect_and_counts_unless_defects_are_accepted() -> None:
-    failed, other = _named(["tsuji-prefactor"], _verdict(Outcome.FAIL), _verdict(Outcome.PASS))
+    failed, other, again = _named(["tsuji-prefactor"], *map(_verdict, (Outcome.FAIL, Outcome.PASS, Outcome.FAIL)))
+    assert again.sentence == "Known defect tsuji-prefactor: velocity."
     assert re.match(r"Known defect tsuji-prefactor: .*write damping coeff_restitution.*: velocity\.", failed.sentence)
     assert failed.as_json()["known_defect"] == "tsuji-prefactor"
     assert "known_defect" not in other.as_json()
-    study = Study(id="verify", title="", answer=(), verdicts=(failed, other))
+    study = Study(id="verify", title="", answer=(), verdicts=(failed, other, again))
     assert [replace(study, known_defects=word).exit_code for word in ("fail", "ok")] == [1, 0]
 
 
@@ -111,3 +127,17 @@ def test_a_run_names_the_defects_that_its_deck_meets(monkeypatch: pytest.MonkeyP
     run = db.solve(PAIR, backend="lammps-granular", dt=1e-6, uncertainty=False)
     assert run.provenance["lammps"]["known_defects"] == ["planted"]
     assert "known defect planted" in run.provenance["lammps"]["note"]
+
+
+@pytest.mark.slow
+@pytest.mark.lammps
+def test_verify_of_a_scene_that_meets_a_defect_fails_with_its_name(tmp_path: Path) -> None:
+    scene = replace(PAIR, duration=4e-5, damping=db.Damping(law="tsuji", coefficient=0.5), samples=10)
+    (tmp_path / "pair.toml").write_text(scene_toml(scene), encoding="utf-8")
+    codes = {}
+    for word in ("fail", "ok"):
+        words = ["verify", str(tmp_path / "pair.toml"), "--accuracy", "1e-3", "-o", str(tmp_path / "report")]
+        done = CliRunner().invoke(main, [*words, "--known-defects", word])
+        codes[word] = done.exit_code
+        assert "Known defect tsuji-prefactor: damping tsuji dissipates too little" in " ".join(done.stdout.split())
+    assert codes == {"fail": 1, "ok": 0}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 from types import MappingProxyType
 
 from dem_bridge.studies.engine.impacts import POISSON, TOUCH, Contact, Impact, Steps
@@ -15,6 +16,8 @@ from dem_bridge.studies.engine.motion import Motion, twins
 TOLERANCE = 1e-9
 NOT_A_NUMBER = "velocities are not numbers"
 UNKNOWN = "unknown"
+#: between two causes
+AND = ", and "
 
 
 def _damping(factor: float) -> Callable[[Impact, Contact], Contact]:
@@ -74,24 +77,34 @@ CAUSES: Mapping[str, Callable[[Impact, Contact], Contact]] = MappingProxyType(
 
 
 def causes_of(wrong: Sequence[tuple[Impact, Steps, Motion]]) -> list[str]:
-    """Return the cause of each wrong impact: the first whose twin repeats LAMMPS.
+    """Return the cause of each wrong impact: the first one or two whose twin repeats LAMMPS.
 
     Parameters
     ----------
     wrong : sequence of (Impact, Steps, Motion)
         Impacts with what LAMMPS made of them.
     """
-    trials = [
-        (at, cause, changed)
-        for at, (impact, _, motion) in enumerate(wrong)
-        if motion.finite
-        for cause, change in CAUSES.items()
-        if (changed := change(impact, impact.contact)) != impact.contact
-    ]
     names = [UNKNOWN if motion.finite else NOT_A_NUMBER for *_, motion in wrong]
-    if trials:
-        runs = twins([changed for *_, changed in trials], [wrong[at][1] for at, *_ in trials])
+    for count in (1, 2):
+        trials = [
+            (at, AND.join(causes), contact)
+            for at, (impact, *_) in enumerate(wrong)
+            if names[at] == UNKNOWN
+            for causes in combinations(CAUSES, count)
+            if (contact := _changed(impact, causes)) is not None
+        ]
+        runs = twins([contact for *_, contact in trials], [wrong[at][1] for at, *_ in trials])
         for (at, cause, _), run in zip(trials, runs, strict=True):
             if names[at] == UNKNOWN and run.difference(wrong[at][2]) <= TOLERANCE:
                 names[at] = cause
     return names
+
+
+def _changed(impact: Impact, causes: Sequence[str]) -> Contact | None:
+    """Return the contact of an impact with these causes; None if one of them has no effect."""
+    contact = impact.contact
+    for cause in causes:
+        before, contact = contact, CAUSES[cause](impact, contact)
+        if contact == before:
+            return None
+    return contact

@@ -189,7 +189,9 @@ class Impact:
             "hertz/material": f"{YOUNG!r} {eta} {POISSON!r}",
         }.get(self.law, f"{YOUNG!r} {eta} {POISSON!r} {SURFACE_ENERGY!r}")
         word = "velocity" if self.damping == "undamped" else self.damping
-        return f"{self.law} {numbers} tangential linear_nohistory 0 0 damping {word}{clip}"
+        # releases of 2021 keep JKR's own history only beside that of a tangential model
+        tangential = "linear_history 0 0 0" if self.law == "jkr" else "linear_nohistory 0 0"
+        return f"{self.law} {numbers} tangential {tangential} damping {word}{clip}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -153,7 +153,7 @@ def twins(contacts: Sequence[Contact], steps: Sequence[Steps]) -> list[Motion]:
     """Advance impacts by velocity-Verlet; all have the same number of steps and rows."""
     pairs = list(zip(contacts, steps, strict=True))
     distinct = list(dict.fromkeys(pairs))
-    motions = dict(zip(distinct, _advance(*zip(*distinct, strict=True)), strict=True))
+    motions = dict(zip(distinct, _advance(*zip(*distinct, strict=True)), strict=True)) if distinct else {}
     return [motions[pair] for pair in pairs]
 
 

@@ -21,7 +21,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of
 from dem_bridge.lmp.process import require
-from dem_bridge.studies.engine.causes import NOT_A_NUMBER, TOLERANCE, causes_of
+from dem_bridge.studies.engine.causes import AND, NOT_A_NUMBER, TOLERANCE, causes_of
 from dem_bridge.studies.engine.impacts import DAMPINGS, WRITTEN, Impact, Steps, catalogue
 from dem_bridge.studies.engine.motion import Exact, Motion, closed_form, exact, twins
 from dem_bridge.studies.engine.runs import Found, run_impacts
@@ -97,8 +97,10 @@ class Row:
 
     @property
     def known(self) -> tuple[KnownDefect, ...]:
-        """Return the known defects that have the cause of a wrong result."""
-        return tuple(defect for defect in self.defects if defect.cause == self.cause) if self.cause else ()
+        """Return the known defects that have the causes of a wrong result; none unless they explain all of them."""
+        causes = self.cause.split(AND)
+        known = tuple(defect for defect in self.defects if defect.cause in causes)
+        return known if {defect.cause for defect in known} == set(causes) else ()
 
     @property
     def names(self) -> str:
@@ -228,8 +230,9 @@ def study_of(rows: Sequence[Row], version: int, *, known_defects: str = "fail") 
     groups = list(_groups(rows))
     largest = max((row.difference for row in right), default=math.nan)
     step = max((abs(row.step_error) for row in rows if defined(row.impact)), default=math.nan)
-    answer = [TEXTS("count", lammps=version, rows=len(rows), right=count[RIGHT], wrong=count[WRONG],
-                    absent=count[ABSENT], largest=largest)]  # fmt: skip
+    numbers = {"lammps": version, "rows": len(rows), "largest": largest}
+    numbers |= {"right": count[RIGHT], "wrong": count[WRONG], "absent": count[ABSENT]}
+    answer = [TEXTS("count" if right else "count_without", **numbers)]
     if groups:
         answer.append(TEXTS("wrong_are", groups="; ".join(TEXTS("group", **group) for group in groups)))
     return TEXTS.study(

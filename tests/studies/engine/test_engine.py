@@ -177,6 +177,15 @@ FAULTS: dict[str, tuple[str, Callable[[Impact], tuple[str, str]]]] = {
         "hertz-undamped-frozen",
         lambda impact: (f"hertz {HERTZ!r}", f"hertz {HERTZ * np.sqrt(2.0)}"),
     ),
+    "the damping lacks a factor sqrt(2), and the net force is not clipped": (
+        "hertz-viscoelastic-pair-clipped",
+        lambda impact: (
+            f"{impact.law_words}",
+            impact.law_words.replace(f"{impact.coefficient!r}", f"{impact.coefficient / np.sqrt(2.0)}").replace(
+                " limit_damping", ""
+            ),
+        ),
+    ),
     UNKNOWN: ("hooke-undamped-pair", lambda impact: ("hooke 1000000.0", "hooke 1010000.0")),
 }
 
