@@ -191,9 +191,9 @@ def tornado(effects: Sequence[Effect]) -> FigureData | None:
 
 def validity_figure(runs: Runs) -> FigureData | None:
     """Return the five ratios of each contact to their limits against the contact angle; None without cylinders."""
-    panels, tension = [], 0.0
+    panels, tensions = [], []
     for letter, (scene, contacts) in zip(("(a)", "(b)"), contacts_of(runs, MAIN), strict=False):
-        tension = max(tension, contacts[0].judged[2].ratio)
+        tensions.append([contact.judged[2].ratio for contact in contacts])
         angled = sorted((c for c in contacts if math.isfinite(c.angle)), key=lambda contact: contact.angle)
         x = np.array([contact.angle for contact in angled])
         series = [
@@ -203,7 +203,10 @@ def validity_figure(runs: Runs) -> FigureData | None:
         series.append(Series(label="limit", style="guide", x=x[[0, -1]], y=np.ones(2)))
         chain = PAPER(scene.name.removesuffix("-40"))
         panels.append(TEXTS.panel("validity", series, letter=letter, chain=chain, shares_scale_with=(0, 1)))
-    return TEXTS.figure("validity", panels, tension=tension) if len(panels) == len(MAIN) else None
+    if len(panels) < len(MAIN):
+        return None
+    of_striker, inner = max(ratios[0] for ratios in tensions), max(max(ratios[1:]) for ratios in tensions)
+    return TEXTS.figure("validity", panels, tension=of_striker, inner=inner)
 
 
 def all_scenes(runs: Runs, names: Sequence[str]) -> FigureData | None:

@@ -161,6 +161,7 @@ def test_ratios_are_above_one_exactly_where_an_assumption_is_violated(runs: Runs
         for nth, line in enumerate(panel.series[:5]):
             assert (line.y > 1.0).sum() == sum(not contact.judged[nth].holds for contact in angled)
         assert np.all(np.diff(panel.series[0].x) >= 0.0)
+    assert "edge tension is 5.8 times its limit, and at 90 degrees up to 4.1 times" in figure.caption
     assert validity_figure(Runs.of([])) is None
 
 
