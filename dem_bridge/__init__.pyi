@@ -31,6 +31,7 @@ from dem_bridge.lmp.engine import Engine as Engine
 from dem_bridge.physics.law import ContactLaw as ContactLaw
 from dem_bridge.physics.law import law_of as law_of
 from dem_bridge.planning.answer import Plan as Plan
+from dem_bridge.scene import Adhesion as Adhesion
 from dem_bridge.scene import Damping as Damping
 from dem_bridge.scene import Scene as Scene
 from dem_bridge.scene import Wall as Wall

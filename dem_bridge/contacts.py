@@ -19,10 +19,11 @@ class Contacts:
 
     ``overlap_k = x[left_k] - x[right_k] - gap_k``; the index ``n_body`` stands for a wall, with x = v = 0. In a
     precompressed chain ``gap`` is minus the static overlap. The damping force of every law is ``damping
-    overlap^damping_power overlap'``; ``clipped`` is True if its sum with the elastic force is clipped at zero. ``laws``
-    are the distinct laws that are not powers, valid for overlaps up to ``reach (n_law,)`` (m), which the energy of the
-    scene cannot exceed; contact k has ``laws[law[k]]``. Without such laws ``laws`` and ``reach`` are empty and ``law``
-    is -1.
+    overlap^damping_power overlap'``; ``clipped`` is True if its sum with the elastic force is clipped at zero. A closed
+    contact attracts with ``pull_off`` (N) in addition to its elastic force, and the forces and energies here are the
+    sums. ``laws`` are the distinct laws that are not powers, valid for overlaps up to ``reach (n_law,)`` (m), which the
+    energy of the scene cannot exceed; contact k has ``laws[law[k]]``. Without such laws ``laws`` and ``reach`` are
+    empty and ``law`` is -1.
     """
 
     left: NDArray[np.int64]
@@ -33,6 +34,7 @@ class Contacts:
     damping: Floats
     damping_power: Floats
     clipped: bool
+    pull_off: Floats
     laws: tuple[ContactLaw, ...]
     law: NDArray[np.int64]
     reach: Floats
@@ -62,7 +64,11 @@ class Contacts:
         """Evaluate force or energy of each contact by its power or its law."""
         if not self.laws:
             by_power = contact.force if quantity == "force" else contact.energy
-            return by_power(overlap, self.stiffness[which], self.exponent[which])
+            repulsion = by_power(overlap, self.stiffness[which], self.exponent[which])
+            if not self.pull_off.any():
+                return repulsion
+            closed = np.maximum(overlap, 0.0)
+            return np.asarray(repulsion - self.pull_off[which] * (closed > 0.0 if quantity == "force" else closed))
         out = np.empty(overlap.shape)
         for law in np.unique(self.law[which]).tolist():
             columns = self.law[which] == law

@@ -290,7 +290,7 @@ def damped_peaks(
         touch = np.flatnonzero((overlap[:-1, k] <= 0.0) & (delta[1:] > 0.0))
         if power == 0.0 and len(touch):
             speed, after = _touch(overlap[touch, k], closing[touch], acceleration[touch, k])
-            peaks[k] = max(peaks[k], np.max(share[touch + 1] * c * speed))
+            peaks[k] = max(peaks[k], np.max(share[touch + 1] * (c * speed - contacts.pull_off[k])))
             rest = width[touch] - after
             long_enough = rest > 1e-6 * width[touch]
             first, rest = touch[long_enough] + 1, rest[long_enough]

@@ -125,6 +125,11 @@ NOT_CLIPPED = Feature(
     "The sum of elastic and damping force may be tensile until the overlap is zero; otherwise it is clipped at zero.",
     lambda scene: scene.damped and not scene.damping.clipped,
 )
+DMT = Feature(
+    "DMT adhesion",
+    "Closed contacts attract with a constant force in addition to their elastic force.",
+    lambda scene: scene.adhesive and scene.adhesion.law == "dmt",
+)
 DRAG = Feature(
     "drag",
     "The force -drag * mass * velocity acts on each body.",
@@ -166,6 +171,7 @@ _GIVEN_BY = (
     ((DASHPOT, MASS_DASHPOT, KUWABARA_KONO, RESTITUTION, TSUJI), "Damping.law Damping.coefficient"),
     ((DASHPOT, MASS_DASHPOT, KUWABARA_KONO, RESTITUTION, TSUJI, NOT_CLIPPED), "Scene.damping"),
     ((NOT_CLIPPED,), "Damping.clipped"),
+    ((DMT,), "Scene.adhesion Adhesion.law Adhesion.pull_off"),
     ((DRAG,), "Scene.drag"),
     ((SINE_DRIVE, CHIRP_DRIVE, TABLE_DRIVE), "Scene.drive Drive.shape Drive.force"),
     ((SINE_DRIVE, CHIRP_DRIVE), "Drive.frequency Drive.phase Drive.rise"),

@@ -224,6 +224,8 @@ def _acting(scene: Any) -> Iterable[str]:
         coefficient = spread(scene.damping.coefficient, units.get(scene.damping.law, ""))
         clip = "" if scene.damping.clipped else ", not clipped"
         yield f"damping by the law {scene.damping.law}, coefficient {coefficient}{clip}"
+    if scene.adhesion is not None and scene.adhesive:
+        yield f"{scene.adhesion.law.upper()} adhesion, pull-off force {spread(scene.adhesion.pull_off, 'N')}"
     if scene.drag > 0.0:
         yield f"drag {scene.drag:g} 1/s"
     if scene.drive is not None:

@@ -32,6 +32,8 @@ DAMPING_LAWS = {"dashpot": "N s/m", "mass-dashpot": "1/s", "kuwabara-kono": "s",
 BY_RESTITUTION = ("restitution", "tsuji")
 #: damping laws that do not depend on the overlap
 DASHPOTS = ("dashpot", "mass-dashpot")
+#: laws of adhesion
+ADHESION_LAWS = ("dmt",)
 #: contact laws are checked up to this multiple of the scene's energy, because time stepping can add energy
 ENERGY_MARGIN = 1.05
 _POSITIVE, _NOT_NEGATIVE = {"above": 0.0}, {"at_least": 0.0}
@@ -112,8 +114,37 @@ class Damping:
             object.__setattr__(self, "clipped", self.law not in BY_RESTITUTION)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Adhesion:
+    """A constant attraction in contacts of exponent 5/2, in addition to the elastic force, while the overlap is > 0.
+
+    ``law`` is "dmt" (Derjaguin, Muller & Toporov): ``beta overlap^1.5 - pull_off``. ``pull_off`` is the largest
+    attraction in N, >= 0, one for all or one per contact, walls included; spheres of effective radius R and surface
+    energy gamma have ``4 pi gamma R``. Energy is conserved, but the force jumps at touch.
+
+    References
+    ----------
+    Derjaguin, Muller & Toporov 1975, *J. Colloid Interface Sci.* 53, 314.
+
+    Examples
+    --------
+    >>> Adhesion(law="dmt", pull_off=0.1)
+    Adhesion(law='dmt', pull_off=0.1)
+    """
+
+    law: str
+    pull_off: tuple[float, ...] | float
+
+
 #: fields of a Scene that are objects or None
-_PARTS = {"wall_left": Wall, "wall_right": Wall, "damping": Damping, "drive": Drive, "geometry": Geometry}
+_PARTS = {
+    "wall_left": Wall,
+    "wall_right": Wall,
+    "damping": Damping,
+    "adhesion": Adhesion,
+    "drive": Drive,
+    "geometry": Geometry,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,9 +160,10 @@ class Scene:
     ``precompression`` (N) above 0 starts the chain in equilibrium under this force, which is exerted by its walls or,
     at an end without a wall, by a constant load on the end body (see :attr:`load`). A wall in the direction of gravity
     carries the weight as well; without such a wall the chain falls freely. The gaps must be 0; they become minus the
-    static overlaps. With a precompression of 0 no contact is compressed initially, not even by the weight. ``damping``:
-    see :class:`Damping`. ``drag`` b (1/s) is a force ``-b m v`` on each body. ``drive`` is a time-dependent force on
-    body 0: see :class:`~dem_bridge.drive.Drive`.
+    static overlaps. With a precompression of 0 no contact is compressed initially, not even by the weight. ``damping``
+    and ``adhesion``: see :class:`Damping` and :class:`Adhesion`. Adhesive contacts that touch at the start must close.
+    ``drag`` b (1/s) is a force ``-b m v`` on each body. ``drive`` is a time-dependent force on body 0: see
+    :class:`~dem_bridge.drive.Drive`.
 
     ``law`` is for forces that are not a power of the overlap: a :class:`~dem_bridge.physics.law.ContactLaw`, or its
     force (N) alone as array function of the overlap (m), one for all or one per contact, walls included. The force must
@@ -172,6 +204,7 @@ class Scene:
     gravity: float = 0.0
     precompression: float = 0.0
     damping: Damping | None = None
+    adhesion: Adhesion | None = None
     drag: float = 0.0
     drive: Drive | None = None
     law: Law | tuple[Law, ...] | None = None
@@ -213,6 +246,7 @@ class Scene:
             problem = f"has {len(self.geometry.bodies)} bodies"
             raise SceneError("geometry", problem=problem, allowed=f"{len(mass)}, one per mass, or None")
         object.__setattr__(self, "damping", self._checked_damping())
+        object.__setattr__(self, "adhesion", self._checked_adhesion())
         self._check_drive()
         object.__setattr__(self, "law", self._checked_law())
         object.__setattr__(self, "_static_overlap", self._checked_statics())
@@ -243,6 +277,32 @@ class Scene:
                     allowed = "n >= 2, since the force is infinite at touch below"
                     raise SceneError("damping", problem=problem, allowed=allowed)
         return Damping(law=law, coefficient=coefficient, clipped=clipped)
+
+    def _checked_adhesion(self) -> Adhesion | None:
+        """Return the adhesion with one pull-off force per contact."""
+        adhesion = self.adhesion
+        if adhesion is None:
+            return None
+        if adhesion.law not in ADHESION_LAWS:
+            raise SceneError("adhesion.law", value=adhesion.law, allowed=" or ".join(ADHESION_LAWS))
+        key, per = "adhesion.pull_off", "contact, walls included"
+        allowed = "a number >= 0 (N)"
+        pull_off = checked_numbers(key, adhesion.pull_off, allowed, count=self.n_contact, per=per, at_least=0.0)
+        if self.damped and self.damping is not None and self.damping.clipped:
+            problem = "cannot be combined with damping that is clipped"
+            raise SceneError("adhesion", problem=problem, allowed="damping.clipped = false")
+        for other in ("precompression", "law"):
+            if getattr(self, other):
+                raise SceneError("adhesion", problem=f"cannot be combined with {other}", allowed=f"no {other}")
+        c, v = self.contacts, np.append(self.velocity, 0.0)
+        for k in np.flatnonzero(pull_off).tolist():
+            if c.exponent[k] != 2.5:
+                problem = f"is in contact {k}, whose exponent n is {float(c.exponent[k])!r}"
+                raise SceneError("adhesion", problem=problem, allowed="n = 2.5")
+            if c.gap[k] == 0.0 and v[c.left[k]] <= v[c.right[k]]:
+                problem = f"is in contact {k}, whose bodies touch at the start without approaching each other"
+                raise SceneError("adhesion", problem=problem, allowed="a gap, an initial overlap, or an approach")
+        return Adhesion(law=adhesion.law, pull_off=pull_off)
 
     def _check_drive(self) -> None:
         """Raise SceneError unless the drive lasts as long as the scene."""
@@ -388,6 +448,11 @@ class Scene:
         """True if any contact dissipates energy."""
         return self.damping is not None and bool(np.any(self.contacts.damping > 0.0))
 
+    @property
+    def adhesive(self) -> bool:
+        """True if any contact is attractive."""
+        return bool(np.any(self.contacts.pull_off > 0.0))
+
     @cached_property
     def features(self) -> frozenset[Feature]:
         """Set of features beyond masses, power-law contacts and a struck first body."""
@@ -432,7 +497,8 @@ class Scene:
             gap=gap,
             damping=damping,
             damping_power=power,
-            clipped=self.damping is None or bool(self.damping.clipped),
+            clipped=self.adhesion is None and (self.damping is None or bool(self.damping.clipped)),
+            pull_off=np.zeros(self.n_contact) + (0.0 if self.adhesion is None else self.adhesion.pull_off),
             laws=tuple(completed(law, reach=reach) for law, reach in checked_laws),
             law=np.array(where, dtype=np.int64) if distinct else np.full(self.n_contact, -1),
             reach=np.array(self._reach),
@@ -479,6 +545,8 @@ class Scene:
         if self.damping is not None and self.damped:
             unclipped = () if self.damping.clipped else ("not clipped",)
             parts.append(("damping", self.damping.law, self.damping.coefficient, *unclipped))
+        if self.adhesive and self.adhesion is not None:
+            parts.append(("adhesion", self.adhesion.law, self.adhesion.pull_off))
         if self.drag > 0.0:
             parts.append(("drag", self.drag))
         if self.drive is not None:

@@ -10,7 +10,7 @@ import pytest
 
 from dem_bridge.drive import Drive
 from dem_bridge.features import FEATURES, FIELDS
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene import Adhesion, Damping, Scene, Wall
 
 PLAIN = Scene(
     name="plain", duration=1e-4, mass=(8e-3, 1e-2, 1e-2), stiffness=(4e9, 5e9), velocity=(0.8, 0.0, 0.0), samples=4
@@ -19,7 +19,7 @@ SINE = Drive(shape="sine", force=2.0, frequency=5e3)
 
 
 def test_every_field_has_an_entry_and_every_entry_a_field() -> None:
-    owners = {kind.__name__: kind for kind in (Scene, Wall, Damping, Drive)}
+    owners = {kind.__name__: kind for kind in (Scene, Wall, Damping, Adhesion, Drive)}
     assert {f"{name}.{field.name}" for name, kind in owners.items() for field in fields(kind)} == set(FIELDS)
 
 
@@ -64,6 +64,7 @@ def test_a_plain_scene_has_no_feature() -> None:
         ),
         ({"damping": Damping(law="restitution", coefficient=1.0)}, set()),
         ({"damping": Damping(law="tsuji", coefficient=0.5, clipped=True)}, {"Tsuji damping"}),
+        ({"adhesion": Adhesion(law="dmt", pull_off=(0.1, 0.0))}, {"DMT adhesion"}),
         ({"drag": 1.0}, {"drag"}),
         ({"drive": SINE}, {"a sine drive"}),
         ({"drive": replace(SINE, shape="chirp", last_frequency=9e3, sweep=1e-4)}, {"a chirp drive"}),

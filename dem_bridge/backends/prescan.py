@@ -71,7 +71,7 @@ def prescan_hertz(scene: Scene, *, max_steps: int = 200_000_000) -> Prescan:
     c = scene.contacts
     inverse_mass = np.append(1.0 / np.array(scene.mass), 0.0)
     bodies = (inverse_mass, np.append(np.array(scene.velocity), 0.0), np.zeros(scene.n_body + 1))
-    contacts = (c.left, c.right, c.stiffness, c.exponent, c.damping, c.damping_power, c.clipped)
+    contacts = (c.left, c.right, c.stiffness, c.exponent, c.damping, c.damping_power, c.clipped, c.pull_off)
     numbers = (
         scene.drag,
         scene.free_acceleration,
@@ -103,8 +103,8 @@ def prescan_hertz(scene: Scene, *, max_steps: int = 200_000_000) -> Prescan:
 
 
 def _fraction(scene: Scene) -> float:
-    """Return the fraction of 1/omega that is the step; with damping, of first order, a tenth."""
-    return 0.1 * _STEP if scene.damped else _STEP
+    """Return the fraction of 1/omega that is the step; with damping and adhesion, of first order, a tenth."""
+    return 0.1 * _STEP if scene.damped or scene.adhesive else _STEP
 
 
 def interpretable(scene: Scene) -> bool:
@@ -148,12 +148,12 @@ def _pace(scene: Scene) -> float:
 @kernel()
 def _press(k, overlap, v, a, inverse_mass, contacts):  # type: ignore[no-untyped-def]
     """Add what a closed contact does to its bodies to their accelerations ``a``, and return its elastic force, N."""
-    left, right, stiffness, exponent, damping, damping_power, clipped = contacts
+    left, right, stiffness, exponent, damping, damping_power, clipped, pull_off = contacts
     if exponent[k] == 2.5:
         elastic = stiffness[k] * overlap * math.sqrt(overlap)
     else:
         elastic = stiffness[k] * overlap ** (exponent[k] - 1.0)
-    force = elastic
+    force = elastic - pull_off[k]
     if damping[k] > 0.0:
         force += damping[k] * overlap ** damping_power[k] * (v[left[k]] - v[right[k]])
     if clipped:
@@ -171,10 +171,10 @@ def _run(  # type: ignore[no-untyped-def]
 
     All arrays may be lists. Index n_body is the wall: no inverse mass, no velocity; ``still (n_body + 1,)`` and
     ``elastic (n_contact,)`` are zeros, ``overlap`` is that of the start and is changed. ``contacts``: the arrays of a
-    scene's contacts from ``left`` to ``clipped``, without the gaps. ``free (n_body,)``: acceleration without
+    scene's contacts from ``left`` to ``pull_off``, without the gaps. ``free (n_body,)``: acceleration without
     contact; ``pace``, rad/s: the rate of the drive, which limits the step.
     """
-    left, right, stiffness, exponent, damping, damping_power, _ = contacts
+    left, right, stiffness, exponent, damping, damping_power, _, pull_off = contacts
     n_body, n_contact = len(inverse_mass) - 1, len(left)
     v, x, a, peak = velocity.copy(), still.copy(), still.copy(), elastic.copy()
     top_frequency, top_acceleration, low, high = 0.0, 0.0, 0.0, 0.0
@@ -202,6 +202,8 @@ def _run(  # type: ignore[no-untyped-def]
                 energy += elastic[k] * overlap[k] / n
             # n-th power of the deepest overlap; powers are what takes the time here
             deepest = n * energy / stiffness[k]
+            if pull_off[k] > 0.0:  # without a speed it is pulled to a depth of its own
+                deepest = (deepest ** (1.0 / n) + (n * pull_off[k] / stiffness[k]) ** (1.0 / (n - 1.0))) ** n
             if deepest > 0.0:
                 squared = max(squared, (n - 1.0) * stiffness[k] * deepest ** ((n - 2.0) / n) * mobility)
                 if damping[k] > 0.0:

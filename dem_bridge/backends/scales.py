@@ -26,6 +26,8 @@ def natural_scales(scene: Scene) -> tuple[float, NDArray[np.float64]]:
     initial = np.maximum(-c.gap, 0.0)
     held = scene.precompression > 0.0
     stored = 0.0 if held else float(np.sum(c.energy(initial, np.arange(scene.n_contact))))
+    # adhesion does work down to the overlap at which forces balance
+    stored += float(np.sum(c.pull_off * (c.pull_off / c.stiffness) ** (1.0 / (c.exponent - 1.0))))
     energy = 0.5 * float(np.sum(mass * (v**2 + fall**2))) + stored
     speed = max(float(np.max(np.abs(v))) + fall, math.sqrt(2.0 * stored / float(np.sum(mass))))
     if scene.law is not None:
@@ -52,9 +54,9 @@ def resting_acceleration(scene: Scene) -> NDArray[np.float64]:
 
     Ahead of a front the forces on a body of a precompressed chain cancel but for round-off, and the closing rate
     passes zero all the time: maximal compressions are only those that a force ends. The same holds for a stack whose
-    initial overlaps carry its weight. 0 without precompression and weight.
+    initial overlaps carry its weight, and for adhesion in equilibrium. 0 without precompression, weight and adhesion.
     """
     c, mobility = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
-    held = scene.precompression > 0.0 or scene.gravity != 0.0
+    held = scene.precompression > 0.0 or scene.gravity != 0.0 or scene.adhesive
     force = c.stiffness * np.maximum(-c.gap, 0.0) ** (c.exponent - 1.0) if held else np.zeros(scene.n_contact)
     return np.asarray(RESTING * force * (mobility[c.left] + mobility[c.right]))

@@ -28,7 +28,7 @@ class ScipyDop853(AlwaysAvailable):
         {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
         | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
         | {features.DASHPOT, features.MASS_DASHPOT, features.KUWABARA_KONO, features.RESTITUTION, features.TSUJI}
-        | {features.CONTACT_FUNCTIONS, features.NOT_CLIPPED, features.DRAG}
+        | {features.CONTACT_FUNCTIONS, features.NOT_CLIPPED, features.DMT, features.DRAG}
         | {features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE},
         instead="verlet",
     )
@@ -49,7 +49,7 @@ class ScipyDop853(AlwaysAvailable):
         rtol = resolution.rtol if resolution.rtol is not None else DEFAULT_RTOL
         if rtol > self.largest_rtol:
             raise UsageError(f"rtol = {rtol:g} is too loose for {self.name}; allowed: up to {self.largest_rtol:g}")
-        integration = (DampedIntegration if scene.damped else Integration)(scene, sampling, rtol)
+        integration = (DampedIntegration if scene.damped or scene.adhesive else Integration)(scene, sampling, rtol)
         integration.run()
         return Trajectory(
             time=integration.times,

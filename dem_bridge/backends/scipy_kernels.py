@@ -33,6 +33,7 @@ CONTACT = np.dtype(
         ("power", "f8"),
         ("damping", "f8"),
         ("damping_power", "f8"),
+        ("pull_off", "f8"),
     ]
 )
 #: a body: inverse mass (1/kg), acceleration without contact (m/s^2)
@@ -49,6 +50,8 @@ def contact_table(scene: Scene) -> NDArray[Any]:
     n = contacts.exponent
     table["left"], table["right"] = contacts.left, contacts.right
     table["stiffness"], table["power"] = contacts.stiffness, n - 1.0
+    if scene.adhesion is not None:
+        table["pull_off"] = scene.adhesion.pull_off
     if scene.damping is None:
         return table
     law, value = scene.damping.law, np.array(scene.damping.coefficient)
@@ -189,7 +192,7 @@ def closing_rate(y, contact, k, n):  # type: ignore[no-untyped-def]
 
 @kernel(nogil=False)
 def contact_force(overlap, rate, elastic, contacts, i):  # type: ignore[no-untyped-def]
-    """Return elastic and damping force of contact ``i``, N, whatever the sign of their sum; 0 below no overlap."""
+    """Return elastic force less pull-off plus damping of contact ``i``, N; without overlap minus the pull-off."""
     contact, depth = contacts[i], max(overlap, 0.0)
     if len(elastic) > 0:
         force = elastic[i]
@@ -197,6 +200,7 @@ def contact_force(overlap, rate, elastic, contacts, i):  # type: ignore[no-untyp
         force = contact.stiffness * depth * np.sqrt(depth)
     else:
         force = contact.stiffness * depth**contact.power
+    force -= contact.pull_off
     if contact.damping > 0.0:
         if contact.damping_power > 0.0:
             force += contact.damping * depth**contact.damping_power * rate

@@ -102,7 +102,7 @@ def solve(
         integrate,
         np.array(scene.mass),
         np.array(scene.velocity),
-        (c.left, c.right, c.stiffness, c.exponent, c.gap, c.damping, c.damping_power, c.clipped),
+        (c.left, c.right, c.stiffness, c.exponent, c.gap, c.damping, c.damping_power, c.clipped, c.pull_off),
         len(scene.stiffness),
         scene.drag,
         scene.gravity,
@@ -208,18 +208,18 @@ def integrate(  # type: ignore[no-untyped-def]
 
     The results are velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap
     and force ``(n_dense, n_contact)`` at ``dense_steps``. ``contacts``: the arrays of a scene's contacts from ``left``
-    to ``clipped``, of which the first ``links`` are those of the chain; ``frame``: the result of :func:`places_of`;
+    to ``pull_off``, of which the first ``links`` are those of the chain; ``frame``: the result of :func:`places_of`;
     ``load (n_body,)``: the constant force on each body beside its weight, N; ``driven``: the drive of body 0.
 
     With n = 5/2 the force is ``beta s sqrt(s)``: only exact powers of two appear when v0 -> 32 v0 and
     dt -> dt/2, so such runs repeat bit for bit.
     """
-    left, right, stiffness, exponent, gap, damping, damping_power, clipped = contacts
+    left, right, stiffness, exponent, gap, damping, damping_power, clipped, pull_off = contacts
     drifts, kicks = method
     reach, start, wall = frame
     n_body, n_contact, n_dense = mass.shape[0], left.shape[0], dense_steps.shape[0]
     tabled, curved = tables.law.shape[0] > 0, curves.law.shape[0] > 0
-    hertz, damped = np.all(exponent == 2.5), np.any(damping > 0.0)
+    hertz, damped, adhesive = np.all(exponent == 2.5), np.any(damping > 0.0), np.any(pull_off > 0.0)
     pushed = driven.amplitude > 0.0 or len(driven.values) > 0
     # of a step, where the forces of each stage are: the last at its end to the last digit
     ends = np.cumsum(drifts)
@@ -289,6 +289,10 @@ def integrate(  # type: ignore[no-untyped-def]
                         force[k] = stiffness[k] * closed * np.sqrt(closed)
                     else:
                         force[k] = stiffness[k] * closed ** (exponent[k] - 1.0)
+                if adhesive:
+                    for k in range(n_contact):
+                        if overlap[k] > 0.0:
+                            force[k] -= pull_off[k]
                 if damped:
                     # v is that of the half step here
                     for k in range(n_contact):

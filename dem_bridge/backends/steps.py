@@ -26,8 +26,8 @@ DEFAULT_PHASE = 2.5e-3
 
 
 def order_on(scene: Scene) -> int:
-    """Return the order of velocity-Verlet: 1 where forces depend on velocities, which it has only for the half step."""
-    return 1 if scene.dissipates else 2
+    """Return the order of velocity-Verlet: 1 where forces jump, or depend on velocities, known at half steps only."""
+    return 1 if scene.dissipates or scene.adhesive else 2
 
 
 def round_step(dt: float) -> float:
@@ -120,7 +120,7 @@ def peaks_and_crossings(scene: Scene, plan: Schedule, dense: Dense, every: int =
         **seen,
         exponent=c.exponent,
         resting=resting_acceleration(scene),
-        laws=c if scene.law is not None else None,
+        laws=c if scene.law is not None or scene.adhesive else None,
         resolution=touching_in_flight(max(dense.farthest, float(np.max(np.abs(dense.displacement))))),
     )
     if scene.damped:

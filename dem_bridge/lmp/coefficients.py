@@ -34,6 +34,8 @@ DAMPINGS = {
 #: damping models whose coefficient is that of the scene. The engine multiplies by the effective mass, which must be the
 #: mass of the body at a wall
 BY_EFFECTIVE_MASS = ("mass_velocity", "coeff_restitution", "tsuji")
+#: damping models that the engine refuses beside adhesion
+WITHOUT_ADHESION = ("coeff_restitution", "tsuji")
 #: no interaction, for pairs that never meet
 NOTHING = "hertz 0 0 tangential linear_nohistory 0 0 damping velocity"
 
@@ -48,19 +50,28 @@ def _unknown_damping(scene: Scene) -> str | None:
     return f"contact {int(np.argmax(wrong))} has {label} and exponent n = {float(c.exponent[np.argmax(wrong)])!r}"
 
 
+def _cohesive_restitution(scene: Scene) -> str | None:
+    """Return the error of the engine for contacts with adhesion and a coefficient of restitution, or None."""
+    c, (damping, _) = scene.contacts, damping_model(scene)
+    if scene.adhesion is None or damping not in WITHOUT_ADHESION or not np.any((c.damping > 0.0) & (c.pull_off > 0.0)):
+        return None
+    return f"LAMMPS: Cannot use {damping} model with a cohesive normal model, {scene.adhesion.law}"
+
+
 #: scenes that ``pair_style granular`` supports
 GRANULAR_STYLE = Support(
     {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
     | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
     | {features.DASHPOT, features.MASS_DASHPOT, features.KUWABARA_KONO, features.RESTITUTION, features.TSUJI}
-    | {features.NOT_CLIPPED, features.DRAG}
+    | {features.NOT_CLIPPED, features.DMT, features.DRAG}
     | {features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE},
     exponents=Exponents(values=tuple(MODELS)),
+    conditions=(Condition("no damping by a coefficient of restitution in adhesive contacts", _cohesive_restitution),),
     instead="lammps-table",
 )
 #: scenes that ``pair_style table`` supports, with ``granular`` for damped contacts
 TABLE_STYLE = Support(
-    GRANULAR_STYLE.features | {features.CONTACT_FUNCTIONS},
+    (GRANULAR_STYLE.features | {features.CONTACT_FUNCTIONS}) - {features.DMT},
     exponents=Exponents(least=2.0, most=5.0),
     conditions=(Condition("n = 2 or 2.5 where the damping force depends on the overlap", _unknown_damping),),
 )
@@ -77,16 +88,22 @@ def line_order(scene: Scene) -> NDArray[np.int64]:
     return np.array(order, dtype=np.int64)
 
 
-def coefficients(stiffness: float, exponent: float, eta: float, radius: float, *, damping: str, clipped: bool) -> str:
+def coefficients(
+    stiffness: float, exponent: float, eta: float, radius: float, *, damping: str, clipped: bool, pull_off: float = 0.0
+) -> str:
     """Return the arguments of ``pair_coeff I J`` for contacts of this effective ``radius`` (m)."""
-    if (damping == "viscoelastic" and exponent != 2.5) or (eta == 0.0 and damping in ("coeff_restitution", "tsuji")):
+    if (damping == "viscoelastic" and exponent != 2.5) or (eta == 0.0 and damping in WITHOUT_ADHESION):
         damping = "velocity"
     per_root = math.sqrt(radius)
     value = stiffness / per_root if exponent == 2.5 else stiffness
     # "0", not "0.0", so that decks of undamped scenes stay as they were before there was damping
     eta_text = repr(eta / per_root if damping == "viscoelastic" else eta) if eta else "0"
     words = f"damping {damping}{' limit_damping' * clipped}"
-    return f"{MODELS[exponent]} {value!r} {eta_text} tangential linear_nohistory 0 0 {words}"
+    law = f"{MODELS[exponent]} {value!r} {eta_text}"
+    if pull_off > 0.0:
+        # K = 4/3 E / (2 (1 - nu^2)) with nu = 0, and pull_off = 4 pi gamma R_eff
+        law = f"dmt {1.5 * value!r} {eta_text} 0 {pull_off / (4.0 * math.pi * radius)!r}"
+    return f"{law} tangential linear_nohistory 0 0 {words}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +119,8 @@ class Laws:
     eta: NDArray[np.float64]
     """LAMMPS' eta: N s/m (velocity), 1/s (mass_velocity), 1/(m s) (viscoelastic, per unit of m_eff R_eff^(1/2)), or the
     coefficient of restitution; 0 without damping."""
+    pull_off: NDArray[np.float64]
+    """Largest attraction, N."""
     damping: str
     """LAMMPS' damping model."""
     damped: bool
@@ -115,8 +134,10 @@ class Laws:
 
     def coefficients(self, law: int, radius: float) -> str:
         """Return the arguments of ``pair_coeff I J`` for bodies of ``radius`` (m)."""
-        beta, n, eta = (float(column[law]) for column in (self.stiffness, self.exponent, self.eta))
-        return coefficients(beta, n, eta, 0.5 * radius, damping=self.damping, clipped=self.clipped)
+        columns = (self.stiffness, self.exponent, self.eta, self.pull_off)
+        beta, n, eta, pull_off = (float(column[law]) for column in columns)
+        damping, clipped = self.damping, self.clipped
+        return coefficients(beta, n, eta, 0.5 * radius, damping=damping, clipped=clipped, pull_off=pull_off)
 
     def left_to_granular(self, law: int) -> bool:
         """Return True if a law is damped and available in ``granular``, which alone can clip the net force."""
@@ -145,14 +166,15 @@ def laws(scene: Scene) -> Laws:
             mass[np.where(end == scene.n_body, other, end)] for end, other in ((c.left, c.right), (c.right, c.left))
         )
         eta = np.where(c.damping_power > 0.0, eta * (left + right) / (left * right), eta)
-    rows = np.stack([c.stiffness, c.exponent, eta, c.law], axis=1)[order].tolist()
+    rows = np.stack([c.stiffness, c.exponent, eta, c.law, c.pull_off], axis=1)[order].tolist()
     numbers: dict[tuple[float, ...], int] = {}
     where = [numbers.setdefault(tuple(row), len(numbers)) for row in rows]
-    chosen = np.array(list(numbers)).reshape(-1, 4)
+    chosen = np.array(list(numbers)).reshape(-1, 5)
     return Laws(
         stiffness=chosen[:, 0],
         exponent=chosen[:, 1],
         eta=chosen[:, 2],
+        pull_off=chosen[:, 4],
         damping=damping,
         damped=scene.damped,
         clipped=scene.damped and c.clipped,

@@ -150,6 +150,8 @@ def _flat_law(scene: Scene, contact: int, radius: float, style: str) -> str:
     c, (damping, etas) = scene.contacts, damping_model(scene)
     body = min(int(c.left[contact]), int(c.right[contact]))
     body = body if body < scene.n_body else int(c.right[contact])
+    if c.pull_off[contact] > 0.0:
+        raise UnsupportedScene("planes of fix wall/gran have no adhesion here")
     mass, clipped = float(scene.mass[body]), scene.damped and c.clipped
     beta, n, damped, power = (float(x[contact]) for x in (c.stiffness, c.exponent, c.damping, c.damping_power))
     if style == "granular":
@@ -183,6 +185,8 @@ def hertz_history(deck: Deck, scene: Scene, peak_overlap: NDArray[np.float64]) -
         raise UnsupportedScene("the scene has no contact, which this variant requires")
     if np.any(scene.contacts.exponent != 2.5):
         raise UnsupportedScene("gran/hertz/history has n = 2.5 only")
+    if scene.adhesive:
+        raise UnsupportedScene("gran/hertz/history has no adhesion")
     if scene.damped:
         raise UnsupportedScene("gran/hertz/history has one damping coefficient for all, with the effective mass in it")
     order = line_order(scene)

@@ -63,7 +63,7 @@ def energy_uncertainty(scene: Scene, trajectory: Trajectory) -> Floats:
     force = c.force(np.maximum(contact_motion(scene, trajectory)[0], 0.0), np.arange(scene.n_contact))
     ends = (c.left < n).astype(float) + (c.right < n)  # a wall does not move
     steady = float(np.sum(np.abs(scene.steady_force)))
-    return np.asarray(u_v * (np.abs(trajectory.velocity) @ mass) + u_x * (force @ ends + steady))
+    return np.asarray(u_v * (np.abs(trajectory.velocity) @ mass) + u_x * ((np.abs(force) + c.pull_off) @ ends + steady))
 
 
 def work(scene: Scene, trajectory: Trajectory) -> tuple[Floats, float]:

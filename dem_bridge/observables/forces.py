@@ -55,4 +55,6 @@ def contact_force_uncertainty(scene: Scene | None, trajectory: Trajectory) -> Fl
         return c.force(pressed, every) + damped
 
     speed = np.abs(closing)
-    return np.asarray(largest(overlap + 2.0 * u_x, speed + 2.0 * u_v) - largest(overlap, speed))
+    change = np.abs(largest(overlap + 2.0 * u_x, speed + 2.0 * u_v) - largest(overlap, speed))
+    # adhesion begins with a jump
+    return np.asarray(change + np.where(np.abs(overlap) <= 2.0 * u_x, c.pull_off, 0.0))

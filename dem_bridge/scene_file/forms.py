@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from dem_bridge.drive import Drive
 from dem_bridge.errors import SceneError
-from dem_bridge.scene import BY_RESTITUTION, Damping, Scene, Wall
+from dem_bridge.scene import BY_RESTITUTION, Adhesion, Damping, Scene, Wall
 
 Positive = Annotated[float, Field(gt=0.0)]
 Angle = Annotated[float, Field(gt=0.0, le=90.0)]
@@ -61,6 +61,13 @@ class DampingTable(RawTable):
         if (value := getattr(self, key)) is None:
             raise SceneError(f"damping.{key}", problem="is missing", allowed="a number, or a list of one per contact")
         return Damping(law=self.law, coefficient=value, clipped=self.clipped)
+
+
+class AdhesionTable(RawTable):
+    """Table [chain.adhesion]."""
+
+    law: Literal["dmt"]
+    pull_off: Numbers
 
 
 class DriveTable(RawTable):
@@ -138,6 +145,7 @@ class RawChain(RawTable):
     wall_right: WallTable | None = None
     precompression: Precompression | None = None
     damping: DampingTable | None = None
+    adhesion: AdhesionTable | None = None
     drive: DriveTable | None = None
 
 
@@ -236,6 +244,7 @@ class PhysicalChain(Table):
     wall_right: WallTable | None = None
     precompression: Precompression | None = None
     damping: DampingTable | None = None
+    adhesion: AdhesionTable | None = None
     drive: DriveTable | None = None
 
 
@@ -427,6 +436,7 @@ def in_common(file: RawScene | CylinderScene | SphereScene | PatternScene) -> di
         "wall_right": wall(chain.wall_right),
         "precompression": 0.0 if chain.precompression is None else chain.precompression.force,
         "damping": None if damping is None else damping.damping(),
+        "adhesion": None if chain.adhesion is None else Adhesion(**chain.adhesion.model_dump()),
         "drive": None if chain.drive is None else chain.drive.drive(file.duration),
         "samples": file.sampling.count,
         **file.environment.model_dump(),

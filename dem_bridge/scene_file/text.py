@@ -54,6 +54,7 @@ def _lines(scene: Scene) -> Iterator[str]:
         clip = {} if damping.clipped == (not by_restitution) else {"clipped": damping.clipped}
         yield "[chain.damping]"
         yield from _values({"law": damping.law, "e" if by_restitution else "coefficient": damping.coefficient, **clip})
+    yield from _section("chain.adhesion", scene.adhesion, ("law", "pull_off"), {"pull_off": "N"})
     if drive is not None:
         yield from _section("chain.drive", drive, ("shape", "force", *KEYS[drive.shape]), {"force": "N"})
     units = Environment.units()

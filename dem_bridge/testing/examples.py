@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dem_bridge import features
 from dem_bridge.drive import Drive
 from dem_bridge.features import Feature
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene import Adhesion, Damping, Scene, Wall
 from dem_bridge.support import Support
 
 MASS = (8e-3, 1e-2, 2e-2)
@@ -69,6 +69,11 @@ def _damping(law: str, coefficient: float, *, clipped: bool = True) -> dict[str,
     return {"damping": Damping(law=law, coefficient=coefficient, clipped=clipped)}
 
 
+def _first_pull_off(scene: Scene) -> tuple[float, ...]:
+    """Return the pull-off forces of the first contact, whose bodies approach each other, and the others; n = 5/2."""
+    return (100.0 if _first_exponent(scene) == 2.5 else 0.0, *[0.0] * scene.n_contact)[: scene.n_contact]
+
+
 _SINE = Drive(shape="sine", force=200.0, frequency=1e4, phase=30.0, rise=2e-5)
 _CHIRP = replace(_SINE, shape="chirp", last_frequency=2e4, sweep=1e-4)
 _TABLE = Drive(shape="table", force=(0.0, 200.0, -100.0, 50.0), interval=0.5e-4)
@@ -93,6 +98,7 @@ EXAMPLES: Mapping[Feature, Callable[[Scene], Mapping[str, Any]]] = MappingProxyT
         features.RESTITUTION: lambda scene: _damping("restitution", 0.3),
         features.TSUJI: lambda scene: _damping("tsuji", 0.3),
         features.NOT_CLIPPED: lambda scene: _damping("dashpot", 100.0, clipped=False),
+        features.DMT: lambda scene: {"adhesion": Adhesion(law="dmt", pull_off=_first_pull_off(scene))},
         features.DRAG: lambda scene: {"drag": 3e3},
         features.SINE_DRIVE: lambda scene: {"drive": _SINE},
         features.CHIRP_DRIVE: lambda scene: {"drive": _CHIRP},

@@ -9,6 +9,7 @@ import numpy as np
 
 from dem_bridge.accuracy import Extrapolation, richardson
 from dem_bridge.backends.base import Backend, backend
+from dem_bridge.backends.steps import order_on
 from dem_bridge.errors import NotAsymptotic, UsageError
 from dem_bridge.runs.case import Case
 from dem_bridge.trajectory import QUANTITIES, SAMPLED, UNKNOWN, Floats, Trajectory
@@ -41,8 +42,7 @@ def extrapolate(case: Case, code: Backend | None = None) -> Trajectory:
     code = code or backend(case.backend, case.engine)
     if code.order is None:
         raise UsageError(f"order = 'richardson' with {code.name}, which has no fixed step; give rtol, or nothing")
-    # forces that depend on velocities are those of the half step
-    order = 1 if case.scene.dissipates else code.order
+    order = order_on(case.scene) if code.order == 2 else code.order
     main = case.solve(code)
     step = float(main.provenance["settings"]["dt"])
     coarse = replace(case, resolution=replace(case.resolution, dt=2.0 * step)).solve(code)

@@ -71,7 +71,7 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
     prescan = prescan_scene(scene)
     plan = fixed_step_plan(scene, resolution, sampling, prescan)
     ratios = RATIOS if plan.per_sample > 1 else FINER_RATIOS
-    if scene.damped and plan.per_sample > 2:
+    if (scene.damped or scene.adhesive) and plan.per_sample > 2:
         ratios = DAMPED_RATIOS
     if plan.steps > min(ratios) * MOST_STEPS:
         return None

@@ -13,12 +13,17 @@ import dem_bridge as db
 from dem_bridge.backends import scipy_kernels
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.contacts import Contacts
+from dem_bridge.errors import SceneError
+from dem_bridge.lmp.coefficients import GRANULAR_STYLE
+from dem_bridge.observables.conserved import energy
 from dem_bridge.physics.impact import alpha_of_restitution, alpha_of_tsuji
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene import Adhesion, Damping, Scene, Wall
+from dem_bridge.scene_file import parse_scene
+from dem_bridge.scene_file.text import scene_toml
 from tests.backends.test_damped_steps import plant
 from tests.conftest import Solve
-from tests.helpers.fault_decks import Change, run_with, substituted
+from tests.helpers.fault_decks import Change, run_with, substituted, times
 
 ENGINE, TWIN, SCIPY = "lammps-granular", "verlet", "scipy"
 PAIR = Scene(name="pair", duration=2e-4, mass=(1e-2, 3e-2), stiffness=(4e9,), velocity=(1.0, 0.0), samples=20)
@@ -151,6 +156,119 @@ def test_lammps_restitution_is_the_one_that_is_asked_for(law: str, clipped: bool
         assert _rebound(run) == pytest.approx(out, abs=2e-4)
 
 
+# adhesion
+
+
+def _adhesive(scene: Scene, *pull_off: float, **changes: Any) -> Scene:
+    return replace(scene, adhesion=Adhesion(law="dmt", pull_off=pull_off), **changes)
+
+
+APART = replace(PAIR, gap=1e-6)
+#: gaps, an initial overlap in equilibrium, a contact without adhesion, a wall; contacts that stick
+ADHESIVE = Scene(
+    name="adhesive", duration=4e-4, mass=(8e-3, 1e-2, 2e-2, 5e-3), stiffness=(4e9, 6e9, 5e9),
+    velocity=(0.3, 0.0, 0.0, 0.0), gap=(1e-6, -((8.0 / 6e9) ** (2.0 / 3.0)), 2e-6), samples=20,
+    wall_right=Wall(stiffness=3e9, gap=5e-6), adhesion=Adhesion(law="dmt", pull_off=(20.0, 8.0, 0.0, 40.0)),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("speed", "pull_off"), [(1.0, 30.0), (0.1, 10.0), (0.01, 0.3)])
+def test_dmt_adhesion_is_that_of_the_closed_form(speed: float, pull_off: float) -> None:
+    for scene, m in ((APART, 7.5e-3), (replace(BALL, wall_right=Wall(stiffness=4e9, gap=1e-6)), 1e-2)):
+        still = (0.0,) * (scene.n_body - 1)
+        span = 3e-4 * speed**-0.2 + 2e-6 / speed
+        moved = _adhesive(scene, pull_off, velocity=(speed, *still), duration=span, samples=400)
+        run = db.solve(moved, backend=SCIPY)
+        # energy: 2/5 beta d^(5/2) - P d = m v^2 / 2 at the largest overlap
+        low, high = 0.0, 1e-4
+        while high - low > 2.0 * np.spacing(high):
+            middle = 0.5 * (low + high)
+            rest = 0.4 * 4e9 * middle**2.5 - pull_off * middle - 0.5 * m * speed**2
+            low, high = (low, middle) if rest > 0.0 else (middle, high)
+        assert run.peak_force[0] == pytest.approx(4e9 * low**1.5 - pull_off, rel=1e-11)
+        assert _rebound(run) == pytest.approx(speed, rel=1e-11)
+        assert np.min(run.contact_force) < -0.5 * pull_off
+        total = energy(moved, run)
+        assert total == pytest.approx(np.full(401, total[0]), rel=1e-11)
+
+
+def test_dmt_contacts_stick_if_they_part_without_a_speed() -> None:
+    depth = (10.0 / 4e9) ** (2.0 / 3.0)
+    held = _adhesive(PAIR, 10.0, gap=-depth, velocity=(0.0, 0.0))
+    for backend in (SCIPY, TWIN):
+        run = db.solve(held, backend=backend, uncertainty=False)
+        assert np.max(np.abs(run.contact_force)) < 1e-12 * 10.0
+        assert np.isnan(run.crossing_time[0])
+        moved = db.solve(replace(held, velocity=(1e-3, 0.0)), backend=backend, uncertainty=False)
+        assert np.max(np.abs(np.diff(moved.velocity[-1]))) < 2e-3
+        assert np.min(moved.contact_force) > -10.0
+
+
+def test_dmt_in_fixed_steps_is_within_an_uncertainty_that_falls_with_the_step(solved: Solve) -> None:
+    exact = solved(ADHESIVE, SCIPY, uncertainty=False)
+    runs = [solved(ADHESIVE, TWIN, dt=step) for step in (STEP, STEP / 4.0, STEP / 16.0)]
+    for run in runs:
+        assert np.max(np.abs(run.velocity - exact.velocity)) <= run.uncertainty["velocity"]
+        assert np.max(np.abs(run.displacement - exact.displacement)) <= run.uncertainty["displacement"]
+        assert np.all(np.abs(run.peak_force - exact.peak_force) <= run.uncertainty["peak_force"])
+    first, _, last = (float(run.uncertainty["velocity"]) for run in runs)
+    assert 4.0 < first / last < 64.0  # 16 by order 1, erratic
+
+
+@pytest.mark.lammps
+@pytest.mark.parametrize("damping", [None, Damping(law="kuwabara-kono", coefficient=1e-5, clipped=False)], ids=str)
+def test_lammps_dmt_repeats_the_twin_that_keeps_positions(damping: Damping | None, solved: Solve) -> None:
+    scene = replace(ADHESIVE, damping=damping)
+    run = solved(scene, ENGINE, dt=STEP, uncertainty=False)
+    radius = run.provenance["settings"]["surrogate_radius"]
+    for factor in (1.0, 4.0):  # E and gamma of the deck follow from its radius
+        run = db.solve(scene, backend=ENGINE, dt=STEP, surrogate_radius=factor * radius, uncertainty=False)
+        twin = db.solve(scene, backend=TWIN, dt=STEP, surrogate_radius=factor * radius, uncertainty=False)
+        assert _far(run, twin) < 1e-11
+        assert np.max(np.abs(run.contact_force - twin.contact_force)) < 1e-9 * np.max(twin.peak_force)
+
+
+REFUSED: dict[str, tuple[dict[str, Any], str]] = {
+    "law": ({"adhesion": Adhesion(law="glue", pull_off=1.0)}, "adhesion.law = 'glue'; allowed: dmt"),
+    "negative": ({"adhesion": Adhesion(law="dmt", pull_off=-1.0)}, "adhesion.pull_off = -1.0; allowed: a number >= 0"),
+    "count": ({"adhesion": Adhesion(law="dmt", pull_off=(1.0, 2.0))}, "pull_off has 2 entries; allowed: 1, one per"),
+    "clip": ({"damping": Damping(law="dashpot", coefficient=1.0)}, "damping that is clipped; allowed: damping.clipped"),
+    "exponent": ({"exponent": 2.0}, "is in contact 0, whose exponent n is 2.0; allowed: n = 2.5"),
+    "touch": (
+        {"gap": 0.0, "velocity": (0.0, 0.0)},
+        "start without approaching each other; allowed: a gap",
+    ),
+    "precompression": ({"gap": 0.0, "precompression": 1.0}, "cannot be combined with precompression; allowed: no"),
+    "function": ({"law": lambda overlap: 1e9 * overlap}, "cannot be combined with law; allowed: no law"),
+}
+
+
+@pytest.mark.parametrize(("changes", "why"), REFUSED.values(), ids=REFUSED)
+def test_adhesion_without_a_meaning_is_refused_in_one_line(changes: dict[str, Any], why: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        replace(_adhesive(APART, 1.0), **changes)
+    assert why in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("law", "word"), [("tsuji", "tsuji"), ("restitution", "coeff_restitution")])
+def test_adhesion_beside_a_restitution_is_refused_as_the_engine_refuses_it(law: str, word: str) -> None:
+    scene = _damped(_adhesive(APART, 1.0), law, 0.5)
+    reason = GRANULAR_STYLE.unsupported_reason(scene)
+    assert reason is not None
+    assert f"LAMMPS: Cannot use {word} model with a cohesive normal model, dmt; " in reason
+    # of two contacts only one has both
+    apart = _damped(ADHESIVE, law, (1.0, 1.0, 0.5, 1.0))
+    assert GRANULAR_STYLE.covers(apart) == (law == "restitution")
+
+
+def test_a_scene_with_adhesion_survives_its_text_and_has_a_hash_of_its_own() -> None:
+    assert parse_scene(scene_toml(ADHESIVE)) == ADHESIVE
+    none = _adhesive(APART, 0.0)
+    assert none.content_hash == APART.content_hash != _adhesive(APART, 1.0).content_hash
+    assert (none.features, none.adhesive) == (APART.features, False)
+
+
 # faults
 
 
@@ -179,6 +297,12 @@ ARRAY_FAULTS = {
     ),
     "clipped": (_damped(PAIR, "restitution", 0.5), lambda c: {"clipped": True}),
     "not clipped": (_damped(PAIR, "restitution", 0.5, True), lambda c: {"clipped": False}),
+    "adhesion forgotten": (ADHESIVE, lambda c: {"pull_off": 0.0 * c.pull_off}),
+    "adhesion of the sphere's radius in place of R_eff": (ADHESIVE, lambda c: {"pull_off": 2.0 * c.pull_off}),
+    "wall with the pull-off of the pair": (
+        ADHESIVE,
+        lambda c: {"pull_off": np.array([*c.pull_off[:3], c.pull_off[0]])},
+    ),
     "wall with the coefficient of the pair": (
         _damped(CHAIN, "restitution", COEFFICIENTS["restitution"]),
         lambda c: {"damping": np.array([*c.damping[:3], c.damping[0], c.damping[4]])},
@@ -217,14 +341,34 @@ DECK_FAULTS: dict[str, Change] = {
 }
 
 
+DMT_FAULTS: dict[str, Change] = {
+    "pull-off of 3 pi gamma R in place of 4": substituted(r" 0 (\S+) (?=tang.*# contact 0)", times(0.75)),
+    "E of hertz/material, nu of 0.3": substituted(r"(dmt \S+ 0) 0 (?=.*# contact 0)", r"\1 0.3 "),
+    "hertz in place of dmt": substituted(
+        r"dmt (\S+) 0 0 \S+ (?=tang.*# wall)", lambda m: f"hertz {float(m[1]) / 1.5!r} 0 "
+    ),
+}
+
+
+@pytest.mark.lammps
+@pytest.mark.parametrize("change", DMT_FAULTS.values(), ids=DMT_FAULTS)
+def test_a_fault_in_the_adhesion_of_a_deck_parts_lammps_from_the_twin(change: Change, solved: Solve) -> None:
+    sound = solved(ADHESIVE, ENGINE, dt=STEP, uncertainty=False)
+    assert _far(_run_with(change, ADHESIVE), sound) > 1e-9
+
+
 @pytest.mark.lammps
 @pytest.mark.parametrize("change", DECK_FAULTS.values(), ids=DECK_FAULTS)
 def test_a_fault_in_a_deck_parts_lammps_from_the_twin(change: Change, solved: Solve) -> None:
     scene = _damped(CHAIN, "restitution", COEFFICIENTS["restitution"])
     sound = solved(scene, ENGINE, dt=STEP, uncertainty=False)
+    # the gate of the show; sound ones are three decades below
+    assert _far(_run_with(change, scene), sound) > 1e-9
+
+
+def _run_with(change: Change, scene: Scene) -> Any:
     sampling = Sampling(count=scene.samples)
     case = Case(scene=scene, backend=ENGINE, resolution=Resolution(dt=STEP), sampling=sampling, uncertainty=False)
-    wrong = run_with(change, case)
-    assert wrong.trajectory is not None
-    # the gate of the show; sound ones are three decades below
-    assert _far(wrong.trajectory, sound) > 1e-9
+    result = run_with(change, case)
+    assert result.trajectory is not None
+    return result.trajectory

@@ -239,5 +239,5 @@ def test_bad_input_is_refused_in_one_line(more: dict[str, Any], found: str, allo
     ("key", "why"), [("mass", "follows from the bodies"), ("stiffness", "follows"), ("precompresion", "is unknown")]
 )
 def test_keywords_that_there_are_not_are_refused(key: str, why: str) -> None:
-    with pytest.raises(UsageError, match=f"setting '{key}' {why}.*allowed: angles, bodies, damping.*velocity"):
+    with pytest.raises(UsageError, match=f"setting '{key}' {why}.*allowed: adhesion, angles, bodies, .*velocity"):
         of(BALL, BALL, **{key: 1.0})

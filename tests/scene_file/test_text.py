@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dem_bridge.drive import Drive
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene import Adhesion, Damping, Scene, Wall
 from dem_bridge.scene_file import load_scene, parse_scene, shipped_scenes
 from dem_bridge.scene_file.text import scene_toml
 from tests.helpers.random_scenes import DRAWS, drawn
@@ -45,10 +45,15 @@ def _same(scene: Scene) -> None:
 def test_every_part_of_a_scene_is_written() -> None:
     """A part added to Scene later, and forgotten in the text, is at its default here."""
     default = Scene(name="bare", duration=1.0, mass=(1.0,), stiffness=(), velocity=(0.0,))
-    parts = [f.name for f in fields(Scene) if f.init and f.compare and f.name not in ("law", "gap")]
+    parts = [f.name for f in fields(Scene) if f.init and f.compare and f.name not in ("law", "gap", "adhesion")]
     assert [name for name in parts if getattr(WHOLE, name) == getattr(default, name)] == []
     _same(WHOLE)
-    _same(replace(WHOLE, precompression=0.0, gap=(1e-6, -2e-7)))
+    apart = replace(WHOLE, precompression=0.0, gap=(1e-6, -2e-7))
+    _same(apart)
+    # adhesion is refused beside precompression and a clip
+    assert WHOLE.damping is not None
+    free = replace(WHOLE.damping, clipped=False)
+    _same(replace(apart, damping=free, adhesion=Adhesion(law="dmt", pull_off=(0.1, 0.0, 0.0, 0.0))))
     _same(default)
 
 
