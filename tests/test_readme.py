@@ -72,8 +72,8 @@ def test_the_python_example_prints_what_the_page_says(
 def test_the_scene_on_the_page_loads(page: str) -> None:
     from dem_bridge.scene_file import parse_scene
 
-    [text] = re.findall(r"```toml\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
-    scene = parse_scene(text, where=page)
+    texts = re.findall(r"```toml\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
+    scene, *_ = [parse_scene(text, where=page) for text in texts]
     assert scene.n_body == 3
     assert scene.wall_right is not None
     assert (scene.precompression > 0.0, scene.drive is not None) == ((page == "docs/scenes.md",) * 2)
