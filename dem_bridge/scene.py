@@ -14,24 +14,21 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.checked import LARGEST, SMALLEST, Numbers, check_fields, checked_numbers
 from dem_bridge.contacts import Contacts, Floats
+from dem_bridge.damping import BY_RESTITUTION as BY_RESTITUTION
+from dem_bridge.damping import DAMPING_LAWS as DAMPING_LAWS
+from dem_bridge.damping import DASHPOTS as DASHPOTS
+from dem_bridge.damping import Damping as Damping
+from dem_bridge.damping import checked_damping, damping_factors
 from dem_bridge.drive import KEYS, Drive
 from dem_bridge.errors import SceneError
 from dem_bridge.features import FEATURES, Feature
 from dem_bridge.geometry import Geometry
-from dem_bridge.physics.impact import alpha_of_restitution, alpha_of_tsuji
 from dem_bridge.physics.law import ContactLaw, Law, completed, reach_of, stored
 from dem_bridge.physics.statics import static_forces, static_overlap
 
-#: damping laws, and the unit of the coefficient of each
-DAMPING_LAWS = {"dashpot": "N s/m", "mass-dashpot": "1/s", "kuwabara-kono": "s", "restitution": "", "tsuji": ""}
-#: damping laws whose coefficient is a coefficient of restitution, with the factor alpha that follows from it
-BY_RESTITUTION = ("restitution", "tsuji")
-#: damping laws that do not depend on the overlap
-DASHPOTS = ("dashpot", "mass-dashpot")
 #: laws of adhesion
 ADHESION_LAWS = ("dmt",)
 #: contact laws are checked up to this multiple of the scene's energy, because time stepping can add energy
@@ -71,47 +68,6 @@ class Wall:
     gap: float = 0.0
     exponent: float | None = None
     """Exponent n; None means that of the first contact of the chain."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Damping:
-    """A damping force in contacts, in addition to the elastic one, while the overlap is > 0.
-
-    ``m`` is the effective mass 1/(1/m1 + 1/m2) of the two bodies of a contact, at a wall the mass of the body.
-
-    ===============  ============================================  ==================================================
-    law              force                                         coefficient, one for all or one per contact
-    ===============  ============================================  ==================================================
-    "dashpot"        ``c overlap'``                                c >= 0, N s/m
-    "mass-dashpot"   ``eta m overlap'``                            eta >= 0, 1/s
-    "kuwabara-kono"  ``gamma beta overlap^(n-2) overlap'``         gamma >= 0, s
-    "restitution"    ``alpha sqrt(m beta) overlap^((n-2)/2)        coefficient of restitution e, 0 < e <= 1, from which
-                     overlap'``                                    alpha follows exactly
-    "tsuji"          as "restitution"                              e, 0 < e <= 1; alpha by Marshall's polynomial
-    ===============  ============================================  ==================================================
-
-    ``clipped`` is True if the sum of elastic and damping force is clipped at zero, so that damping never makes a
-    contact tensile (LAMMPS: ``limit_damping``). If it is False, a contact ends when its overlap is zero, in tension.
-    None is the default of the law: False for "restitution" and "tsuji", whose contacts have the restitution e only if
-    they are not clipped, and True for the others. Laws other than dashpots need n >= 2.
-
-    References
-    ----------
-    Kuwabara & Kono 1987, *Jpn. J. Appl. Phys.* 26, 1230. For alpha: :mod:`dem_bridge.physics.impact`.
-
-    Examples
-    --------
-    >>> Damping(law="restitution", coefficient=0.9)
-    Damping(law='restitution', coefficient=0.9, clipped=False)
-    """
-
-    law: str
-    coefficient: tuple[float, ...] | float
-    clipped: bool | None = None
-
-    def __post_init__(self) -> None:
-        if self.clipped is None:
-            object.__setattr__(self, "clipped", self.law not in BY_RESTITUTION)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -245,7 +201,8 @@ class Scene:
         if self.geometry is not None and len(self.geometry.bodies) != len(mass):
             problem = f"has {len(self.geometry.bodies)} bodies"
             raise SceneError("geometry", problem=problem, allowed=f"{len(mass)}, one per mass, or None")
-        object.__setattr__(self, "damping", self._checked_damping())
+        if self.damping is not None:
+            object.__setattr__(self, "damping", checked_damping(self.damping, self._joined("exponent")))
         object.__setattr__(self, "adhesion", self._checked_adhesion())
         self._check_drive()
         object.__setattr__(self, "law", self._checked_law())
@@ -253,30 +210,6 @@ class Scene:
         object.__setattr__(self, "_reach", self._checked_reach())
         self.__dict__.pop("contacts", None)  # computed above without static overlaps and laws
         object.__setattr__(self, "content_hash", self._hash())
-
-    def _checked_damping(self) -> Damping | None:
-        """Return the damping with one coefficient per contact."""
-        damping = self.damping
-        if damping is None:
-            return None
-        if damping.law not in DAMPING_LAWS:
-            raise SceneError("damping.law", value=damping.law, allowed=" or ".join(DAMPING_LAWS))
-        law, clipped, by_restitution = damping.law, damping.clipped, damping.law in BY_RESTITUTION
-        if not isinstance(clipped, bool):
-            raise SceneError("damping.clipped", value=clipped, allowed="true or false, or None: the default of the law")
-        allowed = f"a number >= 0 ({DAMPING_LAWS[law]})"
-        bounds = _NOT_NEGATIVE
-        if by_restitution:
-            allowed, bounds = "a coefficient of restitution, above 0 and at most 1", {"above": 0.0, "at_most": 1.0}
-        key, per = "damping.coefficient", "contact, walls included"
-        coefficient = checked_numbers(key, damping.coefficient, allowed, count=self.n_contact, per=per, **bounds)
-        if law not in DASHPOTS:
-            for k, (value, n) in enumerate(zip(coefficient, self._joined("exponent").tolist(), strict=True)):
-                if n < 2.0 and value != float(by_restitution):
-                    problem = f"has the law {law} on contact {k}, whose exponent n is {n!r}"
-                    allowed = "n >= 2, since the force is infinite at touch below"
-                    raise SceneError("damping", problem=problem, allowed=allowed)
-        return Damping(law=law, coefficient=coefficient, clipped=clipped)
 
     def _checked_adhesion(self) -> Adhesion | None:
         """Return the adhesion with one pull-off force per contact."""
@@ -485,7 +418,10 @@ class Scene:
         beta, n, gap = (self._joined(name) for name in ("stiffness", "exponent", "gap"))
         if self._static_overlap:
             gap = -np.array(self._static_overlap)
-        damping, power = self._damping_factors(left, right, beta, n)
+        damping, power = np.zeros(self.n_contact), np.zeros(self.n_contact)
+        if self.damping is not None:
+            mobility = np.append(1.0 / np.array(self.mass), 0.0)
+            damping, power = damping_factors(self.damping, 1.0 / (mobility[left] + mobility[right]), beta, n)
         distinct, where = self._distinct_laws
         # empty until __post_init__ has computed the reach
         checked_laws = zip(distinct, self._reach, strict=True) if self._reach else ()
@@ -503,26 +439,6 @@ class Scene:
             law=np.array(where, dtype=np.int64) if distinct else np.full(self.n_contact, -1),
             reach=np.array(self._reach),
         )
-
-    def _damping_factors(
-        self, left: NDArray[np.int64], right: NDArray[np.int64], beta: Floats, n: Floats
-    ) -> tuple[Floats, Floats]:
-        """Return the factor of each damping force and the power of the overlap in it."""
-        if self.damping is None:
-            return np.zeros(self.n_contact), np.zeros(self.n_contact)
-        law, value = self.damping.law, np.array(self.damping.coefficient)
-        if law == "dashpot":
-            return value, np.zeros(self.n_contact)
-        if law == "kuwabara-kono":
-            # an elastic contact has no damping force, for any n
-            return value * beta, np.maximum(n - 2.0, 0.0)
-        mobility = np.append(1.0 / np.array(self.mass), 0.0)
-        effective_mass = 1.0 / (mobility[left] + mobility[right])
-        if law == "mass-dashpot":
-            return value * effective_mass, np.zeros(self.n_contact)
-        pairs = zip(value.tolist(), n.tolist(), strict=True)
-        alpha = [alpha_of_tsuji(e) if law == "tsuji" else alpha_of_restitution(e, exponent) for e, exponent in pairs]
-        return np.array(alpha) * np.sqrt(effective_mass * beta), np.maximum(0.5 * n - 1.0, 0.0)
 
     def _joined(self, name: str) -> Floats:
         """Return a number of the contacts of the chain, then of the walls."""

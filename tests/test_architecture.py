@@ -25,7 +25,7 @@ ROOT = PACKAGE.parent
 LAYERS = {
     1: ("errors", "accuracy", "progress", "stopwatch", "version"),
     2: ("physics", "files", "compiled", "checked", "notebook", "notebook_sketch"),
-    3: ("scene", "contacts", "geometry", "drive", "features", "support"),
+    3: ("scene", "contacts", "damping", "geometry", "drive", "features", "support"),
     4: ("lmp", "scene_file", "timescales", "trajectory", "dense"),
     5: ("backends", "observables", "runs"),
     6: ("differences", "uncertainty"),
@@ -47,6 +47,7 @@ LAYERS = {
 SIDEWAYS = {
     ("plot", "api"): "theories are solved when they are to stand beside a run",
     ("scene", "contacts"): "a scene gives its contacts as arrays",
+    ("scene", "damping"): "a scene has damping",
     ("scene", "geometry"): "a scene may say what its bodies are",
     ("scene", "drive"): "... and be driven",
     ("scene", "features"): "a scene lists what it has",
