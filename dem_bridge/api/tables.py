@@ -30,7 +30,7 @@ def export(
     ----------
     scene : Scene, str or Path
         Scene, name of a shipped scene, or path of a scene file.
-    table : {"contacts", "pair-coeffs", "bodies", "observables", "stiffness-curve", "angles"}
+    table : {"contacts", "pair-coeffs", "bodies", "observables", "energy-ledger", "stiffness-curve", "angles"}
         Name of the table; see :func:`table_of`.
     format : {"csv", "json", "parquet", "md", "tex", "lammps"}, optional
         "csv", "json" and "parquet" keep every digit. "md" and "tex" (booktabs, siunitx) are rounded and have units in
@@ -102,20 +102,21 @@ def table_of(scene: Scene | str | Path, table: str, *, with_run: bool = True, **
     ----------
     scene : Scene, str or Path
         Scene, name of a shipped scene, or path of a scene file.
-    table : {"contacts", "pair-coeffs", "bodies", "observables", "stiffness-curve", "angles"}
+    table : {"contacts", "pair-coeffs", "bodies", "observables", "energy-ledger", "stiffness-curve", "angles"}
         "contacts" lists geometry, stiffness, LAMMPS coefficients, predictions and results of each contact;
         "pair-coeffs" the coefficients of each pair of atom types for ``pair_style granular``; "bodies" masses, shapes
         and materials; "observables" arrival, residence time, speed and peak velocity of the front at each body;
+        "energy-ledger" the energy that each contact stores and dissipates, with the rest of the balance in notes;
         "stiffness-curve" the stiffness of two crossed cylinders against their angle; "angles" the angle that gives the
         stiffness of each contact.
     with_run : bool
         False for the table "contacts" without results of a run.
     **settings
-        For tables with results ("contacts", "observables"): keywords of :func:`dem_bridge.solve`; the default backend
-        is "reference". For tables about a deck ("contacts", "bodies", "pair-coeffs"): ``geometry``, ``types`` and
-        ``surrogate_radius`` (m). For "stiffness-curve": ``angles`` (degrees). For "angles": ``law`` and ``within``. For
-        the last two also ``radius`` (m), ``youngs_modulus`` (Pa) and ``poissons_ratio`` of the cylinders; the default
-        is the scene's first crossed pair.
+        For tables with results ("contacts", "observables", "energy-ledger"): keywords of :func:`dem_bridge.solve`; the
+        default backend is "reference". For tables about a deck ("contacts", "bodies", "pair-coeffs"): ``geometry``,
+        ``types`` and ``surrogate_radius`` (m). For "stiffness-curve": ``angles`` (degrees). For "angles": ``law`` and
+        ``within``. For the last two also ``radius`` (m), ``youngs_modulus`` (Pa) and ``poissons_ratio`` of the
+        cylinders; the default is the scene's first crossed pair.
 
     Returns
     -------

@@ -8,6 +8,7 @@ from types import MappingProxyType
 from dem_bridge.errors import UsageError
 from dem_bridge.exports.angles import angles, stiffness_curve
 from dem_bridge.exports.front import observables
+from dem_bridge.exports.ledger import ledger
 from dem_bridge.exports.parameters import bodies, contacts, pair_coeffs
 from dem_bridge.exports.table import Table
 
@@ -21,6 +22,7 @@ TABLES: Mapping[str, tuple[Callable[..., Table], bool | None, tuple[str, ...]]] 
         "pair-coeffs": (pair_coeffs, None, _DECK),
         "bodies": (bodies, None, _DECK),
         "observables": (observables, True, ()),
+        "energy-ledger": (ledger, True, ()),
         "stiffness-curve": (stiffness_curve, None, ("angles", *_CYLINDERS)),
         "angles": (angles, None, ("law", *_CYLINDERS, "within")),
     }

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dem_bridge.observables.interpolate import NODES, acceleration, contact_motion, hermite, require_known_forces
+from dem_bridge.observables.interpolate import acceleration, contact_motion, hermite, integrals, require_known_forces
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Floats, Trajectory
 
@@ -69,24 +69,16 @@ def energy_uncertainty(scene: Scene, trajectory: Trajectory) -> Floats:
 def work(scene: Scene, trajectory: Trajectory) -> tuple[Floats, float]:
     """Return the work of the drive on body 0 until each sample, J, ``(n_t,)``, and its uncertainty; 0 without a drive.
 
-    Gauss' rule is used between samples and breaks of the drive, with velocities between samples by a polynomial through
-    six. The error is that of the cubic through two, added up: where forces bend, more samples do not help, and
-    polynomials through four and six miss the same. nan where a trajectory has no contact forces.
+    The uncertainty is that of :func:`~dem_bridge.observables.interpolate.integrals`. nan where a trajectory has no
+    contact forces.
     """
     time, drive = trajectory.time, scene.drive
     if drive is None:
         return np.zeros(len(time)), 0.0
-    inner = drive.breaks[(drive.breaks > time[0]) & (drive.breaks < time[-1])]
-    edges = np.union1d(time, inner)
-    place, weight = np.polynomial.legendre.leggauss(NODES)
-    half = 0.5 * np.diff(edges)
-    when = (edges[:-1] + half)[:, None] + half[:, None] * place
     velocity, slope = trajectory.velocity[:, :1], acceleration(scene, trajectory)[:, :1]
 
-    def parts(nodes: int) -> Floats:
-        moving = hermite(trajectory, velocity, slope, when.reshape(-1, 1), nodes=nodes).reshape(when.shape)
-        return np.asarray((drive.at(when) * moving) @ weight * half)
+    def power(when: Floats, nodes: int) -> Floats:
+        return np.asarray(drive.at(when) * hermite(trajectory, velocity, slope, when, nodes=nodes))
 
-    result = parts(NODES)
-    done = np.concatenate([[0.0], np.cumsum(result)])[np.searchsorted(edges, time)]
-    return done, float(np.sum(np.abs(result - parts(2))))
+    done, uncertainty = integrals(trajectory, power, drive.breaks)
+    return done[:, 0], float(uncertainty[0])

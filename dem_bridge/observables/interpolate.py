@@ -125,6 +125,31 @@ def _basis(nodes: int, derivative: int) -> Floats:
     return np.asarray(results).transpose(2, 1, 0)
 
 
+def integrals(
+    trajectory: Trajectory, rate: Callable[[Floats, int], Floats], breaks: Floats | tuple[float, ...] = ()
+) -> tuple[Floats, Floats]:
+    """Return the integrals of rates from the start until each sample, ``(n_t, n)``, and their uncertainties, ``(n,)``.
+
+    ``rate(when, nodes)`` returns the rates ``(n_when, n)`` at the times ``when (n_when, 1)`` from a polynomial through
+    ``nodes`` samples. Gauss' rule is used between samples and ``breaks`` (s), at which the rates may jump. The
+    uncertainty is the difference from the cubic through two samples, added up: where forces bend, more samples do not
+    help, and polynomials through four and six have the same error.
+    """
+    time, jumps = trajectory.time, np.asarray(breaks, dtype=np.float64)
+    edges = np.union1d(time, jumps[(jumps > time[0]) & (jumps < time[-1])])
+    place, weight = np.polynomial.legendre.leggauss(NODES)
+    half = 0.5 * np.diff(edges)
+    when = (edges[:-1] + half)[:, None] + half[:, None] * place
+
+    def parts(nodes: int) -> Floats:
+        values = rate(when.reshape(-1, 1), nodes).reshape(*when.shape, -1)
+        return np.asarray(np.moveaxis(values, 1, -1) @ weight * half[:, None])
+
+    result = parts(NODES)
+    done = np.concatenate([np.zeros((1, result.shape[1])), np.cumsum(result, axis=0)])
+    return done[np.searchsorted(edges, time)], np.abs(result - parts(2)).sum(axis=0)
+
+
 def contact_motion(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats]:
     """Return overlaps (m; < 0: a gap) and closing velocities (m/s) at samples, ``(n_t, n_contact)`` both."""
     c = scene.contacts

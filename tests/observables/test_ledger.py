@@ -1,0 +1,74 @@
+"""The energy ledger: what contacts store and dissipate, and the balance of all entries."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dem_bridge as db
+from dem_bridge.observables.ledger import Ledger, energy_ledger
+
+E = 0.7
+
+
+@pytest.fixture(scope="module")
+def cradle() -> tuple[db.Scene, db.Trajectory]:
+    scene = db.load_scene("newtons-cradle")
+    return scene, db.solve(scene, backend="scipy")
+
+
+def _start(ledger: Ledger) -> float:
+    return float(ledger.kinetic[0] + ledger.stored[0].sum())
+
+
+def test_a_pair_dissipates_what_its_restitution_says() -> None:
+    """In the frame of the centre of mass the share 1 - e^2 of the kinetic energy is lost, whatever the masses are."""
+    scene = db.load_scene("polydisperse-pair")
+    small, large = scene.mass
+    ledger = energy_ledger(scene, db.solve(scene, backend="scipy"))
+    lost = 0.5 * small * large / (small + large) * (1.0 - E**2)
+    assert ledger.dissipated[-1, 0] == pytest.approx(lost, abs=ledger.dissipated_uncertainty[0])
+    assert ledger.dissipated_uncertainty[0] < 2e-5 * lost  # a few intervals of 500 have a singular slope of the force
+
+
+def test_the_balance_is_zero_and_more_samples_make_it_smaller(cradle: tuple[db.Scene, db.Trajectory]) -> None:
+    scene, run = cradle
+    ledger = energy_ledger(scene, run)
+    assert np.max(np.abs(ledger.balance)) < 1e-6 * _start(ledger)
+    assert ledger.dissipated.shape == (len(run.time), 4)
+    assert np.all(np.diff(ledger.dissipated, axis=0) > -1e-9 * _start(ledger))
+
+
+@pytest.mark.parametrize(
+    ("change", "share"), [({"coefficient": 0.91}, 1e-3), ({"clipped": True}, 1e-4)], ids=["coefficient", "clip"]
+)
+def test_a_run_by_another_damping_force_is_out_of_balance(
+    cradle: tuple[db.Scene, db.Trajectory], change: dict[str, Any], share: float
+) -> None:
+    scene, run = cradle
+    assert scene.damping is not None
+    stated = replace(scene, damping=replace(scene.damping, **change))
+    ledger = energy_ledger(stated, run)
+    assert np.max(np.abs(ledger.balance)) > share * _start(ledger)
+
+
+@pytest.mark.parametrize("name", ["decelerating-40-drag", "driven-monomer", "mfix-dem-03"])
+def test_drag_drive_and_walls_are_in_the_balance(name: str) -> None:
+    scene = db.load_scene(name)
+    ledger = energy_ledger(scene, db.solve(scene, backend="scipy"))
+    scale = max(_start(ledger), float(np.max(np.abs(ledger.work))))
+    assert np.max(np.abs(ledger.balance)) < 1e-7 * scale
+    assert (ledger.drag[-1] > 0.0) == (scene.drag > 0.0)
+    assert (ledger.work[-1] > 0.0) == (scene.drive is not None)
+
+
+def test_the_table_has_a_row_for_each_contact_and_the_balance() -> None:
+    table = db.table_of("mfix-dem-03", "energy-ledger", backend="scipy")
+    frame = table.to_pandas()
+    assert list(frame) == ["contact", "most_stored_J", "stored_J", "dissipated_J", "dissipated_uncertainty_J"]
+    assert len(frame) == 3
+    assert (frame["dissipated_J"] > frame["dissipated_uncertainty_J"]).all()
+    assert any(note.startswith("balance: ") for note in table.notes)
