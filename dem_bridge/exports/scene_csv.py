@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.errors import SceneError
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene import BY_RESTITUTION, DAMPING_LAWS, Damping, Scene, Wall
 
 #: the data: quantities by heading, and the columns of exported tables that are not read
 _DATA = json.loads(Path(__file__).with_name("scene_csv.json").read_text(encoding="utf-8"))
@@ -27,8 +27,8 @@ _DATA = json.loads(Path(__file__).with_name("scene_csv.json").read_text(encoding
 BODY, CONTACT, PLACE = (_DATA[key] for key in ("bodies", "contacts", "place"))
 #: columns of exported tables that are not read, because they follow from other columns, a deck or a run
 DERIVED = frozenset(_DATA["derived"])
-#: laws of damping, of which a table may have one
-_LAWS = ("dashpot", "kuwabara-kono")
+#: laws of damping, of which a table may have one; a law that is not clipped by default, or clipped, has another column
+_LAWS = frozenset(quantity for quantity in CONTACT.values() if quantity.partition(",")[0] in DAMPING_LAWS)
 _WALLS = ("wall_left", "wall_right")
 #: largest relative difference between static overlaps in a table and those of the precompression (round-off of a sum)
 _EQUILIBRIUM_WITHIN = 1e-12
@@ -105,12 +105,12 @@ def scene_of_csv(
     for side, row in walls.items():
         quantities = [quantity for quantity in ("stiffness", "exponent", "gap") if quantity in sheet.headings]
         columns[side] = Wall(**{quantity: sheet.number(row, quantity) for quantity in quantities})
-    for law in _LAWS:
-        if law in sheet.headings:
-            coefficients = tuple(sheet.numbers(law, order))
-            # walls that are arguments have no cell for damping and are not damped
-            undamped = sum(scene_fields.get(side) is not None for side in _WALLS)
-            columns["damping"] = Damping(law=law, coefficient=(*coefficients, *(0.0,) * undamped))
+    for quantity in _LAWS & set(sheet.headings):
+        law, _, clip = quantity.partition(", ")
+        # walls that are arguments have no cell for damping and are not damped
+        undamped = sum(scene_fields.get(side) is not None for side in _WALLS)
+        coefficient = (*sheet.numbers(quantity, order), *(float(law in BY_RESTITUTION),) * undamped)
+        columns["damping"] = Damping(law=law, coefficient=coefficient, clipped=clip == "clipped" if clip else None)
     twice = next((key for key in columns if scene_fields.get(key) is not None), None)
     if twice is not None:
         raise SceneError(twice, problem="is both in the table and an argument", allowed="one of the two", where=file)
@@ -155,7 +155,7 @@ def _sheet(text: str, file: str, quantities: Mapping[str, str], needed: Sequence
             if name not in DERIVED:
                 raise _fault("is unknown", allowed, file, line, name)
             continue
-        if quantity in headings or (quantity in _LAWS and {*headings} & {*_LAWS}):
+        if quantity in headings or (quantity in _LAWS and _LAWS & set(headings)):
             raise _fault("repeats the quantity of another column", "one of them", file, line, name)
         headings[quantity] = name
     for quantity in needed:

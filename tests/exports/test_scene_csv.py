@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import dem_bridge as db
 from dem_bridge.errors import DemBridgeError, SceneError, UsageError
 from dem_bridge.exports.scene_csv import BODY, CONTACT, DERIVED, PLACE, scene_of_csv
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene import DAMPING_LAWS, Damping, Scene, Wall
 from dem_bridge.scene_file import load_scene, shipped_scenes
 from tests.helpers.export_chains import CROSSED, RAW
 from tests.helpers.strategies import ANY, damped_scenes, examples, scenes
@@ -58,6 +58,13 @@ def test_exported_tables_of_shipped_scenes_are_these_scenes(name: str) -> None:
 @examples(15)
 @given(st.one_of(scenes(exponents=ANY, walls=True, gravity=True), damped_scenes()))
 def test_exported_tables_of_random_scenes_are_these_scenes(scene: Scene) -> None:
+    assert _back(scene) == scene
+
+
+@pytest.mark.parametrize("clipped", [True, False])
+@pytest.mark.parametrize("law", DAMPING_LAWS)
+def test_every_damping_law_has_a_column_of_its_own(law: str, clipped: bool) -> None:
+    scene = replace(RAW, damping=Damping(law=law, coefficient=0.5, clipped=clipped))
     assert _back(scene) == scene
 
 
