@@ -10,6 +10,8 @@ import pytest
 
 DOCS = Path(__file__).parents[2] / "docs"
 THEORY = sorted((DOCS / "theory").glob("*.md"))
+#: pages with console examples
+WITH_EXAMPLES = [*THEORY, DOCS / "howto" / "restitution.md"]
 
 
 def failures(page: Path) -> int:
@@ -19,8 +21,8 @@ def failures(page: Path) -> int:
     return doctest.DocTestRunner(verbose=False).run(examples, out=lambda text: None).failed
 
 
-@pytest.mark.parametrize("page", THEORY, ids=lambda page: page.stem)
-def test_the_examples_of_a_theory_page_print_what_it_shows(page: Path) -> None:
+@pytest.mark.parametrize("page", WITH_EXAMPLES, ids=lambda page: page.stem)
+def test_the_examples_of_a_page_print_what_it_shows(page: Path) -> None:
     assert failures(page) == 0
 
 
