@@ -8,8 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from dem_bridge.features import DRAG, GAPS, NOT_CLIPPED, OTHER_EXPONENTS, SEVERAL_MOVING, WALLS
-from dem_bridge.physics.exact import TwoBodyCollision, restitution_of_alpha, two_body_collision, viscoelastic_impact
+from dem_bridge.features import DMT, DRAG, GAPS, NOT_CLIPPED, OTHER_EXPONENTS, SEVERAL_MOVING, WALLS
+from dem_bridge.physics.exact import (
+    TwoBodyCollision,
+    dmt_impact,
+    restitution_of_alpha,
+    two_body_collision,
+    viscoelastic_impact,
+)
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import Table
 from dem_bridge.studies.texts import Texts
@@ -19,14 +25,14 @@ from dem_bridge.verification.roles import REFERENCE
 
 TEXTS = Texts("closed-form")
 #: features of a scene that a closed form allows for, beside damping
-_ALLOWED = {WALLS, GAPS, OTHER_EXPONENTS, SEVERAL_MOVING, NOT_CLIPPED}
+_ALLOWED = {WALLS, GAPS, OTHER_EXPONENTS, SEVERAL_MOVING, NOT_CLIPPED, DMT}
 
 
 def closed_form(scene: Scene) -> TwoBodyCollision | None:
     """Return the closed form of a collision; None unless the scene is one and nothing else.
 
     A body and a wall on its left are solved as their mirror image; exit velocities are those of the scene. With damping
-    only these have a closed form, and the other numbers are nan.
+    only these have a closed form, with DMT adhesion also the largest overlap and force; other numbers are nan.
 
     Examples
     --------
@@ -50,15 +56,24 @@ def closed_form(scene: Scene) -> TwoBodyCollision | None:
         stiffness=float(contacts.stiffness[0]),
         exponent=float(contacts.exponent[0]),
     )
-    if scene.damped:
-        restitution = closed_restitution(scene, velocities[0] - velocities[1])
+    undefined = dict.fromkeys(("peak_overlap", "peak_force", "half_time", "contact_time"), math.nan)
+    speed = velocities[0] - velocities[1]
+    if scene.adhesive:
+        if scene.damped:
+            return None
+        beta, force = float(contacts.stiffness[0]), float(contacts.pull_off[0])
+        mass = 1.0 / sum(1.0 / body for body in scene.mass)
+        hit = dmt_impact(mass=mass, speed=speed, stiffness=beta, pull_off=force)
+        numbers = undefined | {"peak_overlap": hit.peak_overlap, "peak_force": hit.peak_force}
+        collision = TwoBodyCollision(**numbers, exit_velocity=collision.exit_velocity)
+    elif scene.damped:
+        restitution = closed_restitution(scene, speed)
         if restitution is None:
             return None
         impulse = 0.5 * (1.0 + restitution)  # over that of the elastic collision
         pairs = zip(velocities, collision.exit_velocity, strict=True)
         first, second = (before + impulse * (after - before) for before, after in pairs)
-        unknown = dict.fromkeys(("peak_overlap", "peak_force", "half_time", "contact_time"), math.nan)
-        collision = TwoBodyCollision(**unknown, exit_velocity=(first, second))
+        collision = TwoBodyCollision(**undefined, exit_velocity=(first, second))
     first, second = collision.exit_velocity
     return replace(collision, exit_velocity=(sign * first, sign * second))
 

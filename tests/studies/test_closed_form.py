@@ -12,7 +12,7 @@ from dem_bridge.campaign import Result
 from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.motion import _forces, _velocities, error_scale, motion
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene import Adhesion, Damping, Scene, Wall
 from dem_bridge.studies.closed_form import closed_form, closed_form_table
 from dem_bridge.studies.study import FigureData
 from dem_bridge.trajectory import Trajectory
@@ -78,6 +78,21 @@ def test_a_damped_collision_is_compared_by_its_velocities(scene: Scene, damping:
     [run] = [result.trajectory for result in study.results]
     assert run is not None
     assert [line.label for line in _forces(scene, run).series][-1] != "closed form"
+
+
+def test_a_collision_with_adhesion_has_a_largest_force_and_loses_nothing() -> None:
+    scene = replace(PAIR, velocity=(0.05, 0.0), adhesion=Adhesion(law="dmt", pull_off=2.0))
+    table = closed_form_table([_study(scene)])
+    assert table is not None
+    assert table.rows[0][1] == "largest force (N)"
+    assert len(table.rows) == 3
+    assert all(abs(float(row[4])) < 1e-11 * abs(float(row[2])) for row in table.rows)  # scipy's accuracy
+    # the planted fault: the pull-off of JKR, three quarters
+    wrong = replace(scene, adhesion=Adhesion(law="dmt", pull_off=1.5))
+    other = closed_form_table([_study(scene, db.solve(wrong, backend=REFERENCE))])
+    assert other is not None
+    assert abs(float(other.rows[0][4])) > 0.1
+    assert closed_form(replace(scene, damping=Damping(law="dashpot", coefficient=1.0, clipped=False))) is None
 
 
 def test_a_run_of_another_stiffness_is_caught_by_the_closed_form() -> None:
