@@ -160,3 +160,4 @@ def test_a_code_that_has_not_the_law_is_not_run() -> None:
     assert {item.outcome for item in study.verdicts} == {Outcome.NOT_RUN}
     assert all(item.sentence.startswith("ase did not run: ") for item in study.verdicts)
     assert study.exit_code == 0
+    assert study.answer[1] == "No code was run, so that these are closed forms alone."

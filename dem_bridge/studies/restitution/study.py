@@ -253,7 +253,7 @@ def _answer(measured: Sequence[Measured], laws: Sequence[str], verdicts: Sequenc
     judged = (Outcome.PASS, Outcome.FAIL, Outcome.UNDECIDED)
     counted = [item for item in verdicts if item.quantity == "restitution" and item.outcome in judged]
     agree = [verdict for verdict in counted if verdict.outcome is Outcome.PASS]
-    yield TEXTS("agreement", agree=len(agree), count=len(counted))
+    yield TEXTS("agreement" if counted else "none", agree=len(agree), count=len(counted))
     for verdict in counted:
         if verdict.outcome is Outcome.FAIL:
             yield TEXTS("departure", verdict=verdict, values=_listed(measured, verdict))
