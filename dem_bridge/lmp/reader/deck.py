@@ -51,6 +51,8 @@ SILENT = frozenset(
 _WAITS = frozenset(map(str, range(11)))
 #: first words of commands that `run ... every` may execute
 _SILENT_TEXTS = [["NULL"], [], *([name] for name in sorted(SILENT))]
+#: commands that set thermo keywords
+_DEFINING = ("units", "timestep", "create_box", "read_data", "create_atoms", "run", "reset_timestep")
 #: commands that may stand between two runs; those that change forces are noticed at the next run
 _LATER = ("run", "timestep", "reset_timestep", "fix", "unfix", "region", "group", "neigh_modify")
 
@@ -106,6 +108,8 @@ class ReadScript:
             self._changed = self._changed or command
             return
         supported[command.name](command)
+        if command.name in _DEFINING:
+            self._keywords()
 
     @property
     def _supported(self) -> Mapping[str, Callable[[Command], None]]:
@@ -155,7 +159,6 @@ class ReadScript:
         self._only(command, *((name,) for name in UNITS))
         self.units = command.rest[0]
         self.particles.reduced = self.units == "lj"
-        self._keywords()
 
     @staticmethod
     def _neigh_modify(command: Command) -> None:
@@ -180,12 +183,13 @@ class ReadScript:
     def _timestep(self, command: Command) -> None:
         self.step = self.script.number(command, command.rest[0]) if len(command.rest) == 1 else 0.0
         command.fail_if(not self.step > 0.0, "has no valid time step", "timestep DT, a number > 0")
-        self._keywords()
 
     def _keywords(self) -> None:
         """Set the thermo keywords that a formula may contain."""
         step = _DEFAULT_STEP[self.units] if self.step is None else self.step
         self.script.keywords |= {"dt": step, "step": float(self.counter), "atoms": float(len(self.particles.atoms))}
+        for axis, (low, high) in zip("xyz", self.particles.box, strict=False):
+            self.script.keywords |= {f"{axis}lo": low, f"{axis}hi": high, f"l{axis}": high - low}
 
     def _reset_timestep(self, command: Command) -> None:
         command.fail_if(len(command.rest) != 1, "is not supported", "reset_timestep N")
@@ -221,7 +225,6 @@ class ReadScript:
         self.steps += steps
         self.counter += steps
         self.duration += steps * self.step
-        self._keywords()
 
 
 def _without_suffix(command: Command) -> Command:

@@ -24,7 +24,7 @@ _DAMPINGS = ("none", "velocity", "mass_velocity", "viscoelastic", "coeff_restitu
 #: dampings whose coefficient is a coefficient of restitution
 _RESTITUTIONS = ("coeff_restitution", "tsuji")
 #: settings after the normal model; only ``damping`` and ``limit_damping`` affect motion along a line
-_SECTIONS = ("tangential", "rolling", "twisting", "heat", "damping", "limit_damping")
+_SECTIONS = ("tangential", "rolling", "twisting", "heat", "damping", "limit_damping", "synchronized_verlet")
 _STYLES = f"granular, {', '.join(_GRAN)}"
 _WALLS = f"granular, {', '.join(style.removeprefix('gran/') for style in _GRAN)}"
 _ALLOWED = f"{', '.join(_MODELS)} with tangential, rolling, twisting, limit_damping and damping {', '.join(_DAMPINGS)}"
@@ -120,7 +120,7 @@ class Pairs:
                 section = word
                 if word == "damping":
                     damping = (*behind[at + 1 : at + 2], "nothing")[0]
-            elif not section or word in ("cutoff", "synchronized_verlet"):
+            elif not section or word == "cutoff":
                 raise command.error(f"has the setting {word}, which is not supported", _ALLOWED)
         if damping not in _DAMPINGS:
             raise command.error(f"has damping {damping}, which is not supported", f"damping {', '.join(_DAMPINGS)}")

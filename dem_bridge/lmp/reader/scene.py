@@ -142,6 +142,12 @@ def _read_scene(
     if script.units == "lj":
         notes.append("units lj have no dimensions; lengths, times and masses are taken as m, s and kg")
     notes += script.notes
+    notes += [
+        f"the wall of fix {plane.command.rest[0]} has E and nu of its command, which LAMMPS does not mix with"
+        " those of bodies"
+        for plane in line.planes
+        if plane is not None and plane.law is not None and plane.law.material is not None
+    ]
     count, remark = (samples, "") if samples is not None else _samples(script)
     notes += [remark] if remark else []
     if description is None:
@@ -253,9 +259,11 @@ def _damping(line: Line, order: list[int], time: float, dashpot: float) -> Dampi
     if name == "tsuji" and len(damped) < len(contacts):
         raise damped[0].command.error("damps some contacts only, and tsuji damps for each e", "tsuji in all contacts")
     if name in BY_RESTITUTION or (name and not light_wall):
-        unit, idle = (1.0, 1.0) if name in BY_RESTITUTION else (1.0 / time, 0.0)
-        values = [contact.law.eta * unit if contact.law.damped else idle for contact in contacts]
-        values = [plain(value, ROUND_OFF * value) for value in values]
+        if name in BY_RESTITUTION:
+            values = [contact.law.eta if contact.law.damped else 1.0 for contact in contacts]
+        else:
+            rates = [contact.law.eta / time if contact.law.damped else 0.0 for contact in contacts]
+            values = [plain(rate, ROUND_OFF * rate) for rate in rates]
         return Damping(law=name, coefficient=tuple(values), clipped=clipped)
     viscous, coefficients = "viscoelastic" in models, []
     for contact in contacts:

@@ -226,7 +226,7 @@ class Script:
         except SceneError:
             raise
         except ValueError:
-            problem = f"has the formula {text.strip()!r}, which is not a constant"
+            problem = f"has the formula {text.strip()[:60]!r}, which is not a constant"
             raise command.error(problem, ", ".join((formula.ALLOWED, *self.keywords))) from None
 
     def _filled(self, line: str, at: Command) -> str:

@@ -676,3 +676,68 @@ def test_a_mirrored_chain_is_another_scene_when_it_is_not_symmetric() -> None:
     assert back.contacts.gap.tolist() == [1e-6, 0.0]
     assert back.velocity == (0.1, 0.0, -0.8)
     assert line_order(back).tolist() == [0, 1]
+
+
+def test_a_wall_has_its_own_material_and_a_pair_mixes() -> None:
+    """Lammps#4141: E and nu of fix wall/gran hold for both bodies."""
+    wall = "fix w all wall/gran granular hertz/material 4e11 0 0.1 damping velocity xplane -0.03 NULL"
+    found = read(more=wall, coefficients="pair_coeff * * hertz/material 2e11 0 0.3 damping velocity")
+    assert found.scene.wall_left is not None
+    effective = 4e11 / (2 * (1 - 0.1**2))
+    assert found.scene.wall_left.stiffness == pytest.approx(4 / 3 * effective * math.sqrt(0.01), rel=1e-14)
+    assert found.scene.wall_left.gap == 0.0
+    assert "the wall of fix w has E and nu of its command, which LAMMPS does not mix" in found.notes[2]
+    assert not any(
+        "fix w" in note for note in read(more=wall.replace("hertz/material 4e11 0 0.1", "hertz 1e9 0")).notes
+    )
+
+
+def test_a_plane_between_two_regions_of_bodies_and_one_for_others_are_no_walls() -> None:
+    far = "group others id 2:3\nfix w others wall/gran hooke 1 1 0 1 1 1 xplane -0.035 NULL"
+    assert read(more=far).scene == read().scene
+    across = "fix w all wall/gran hooke 1 1 0 1 1 1 zplane -0.02 0.02\nregion r block -9 9 -1 1 -1 1 open 1 open 2\n"
+    assert read(more=across + "fix r all wall/gran/region hooke 1 1 0 1 1 1 region r").scene == read().scene
+    # behind the frozen atom
+    assert read(more="fix w all wall/gran hooke 1 1 0 1 1 1 xplane NULL 0.06").scene == read().scene
+
+
+def test_a_falling_body_has_the_axis_of_its_weight() -> None:
+    found = read(
+        atoms="create_atoms 1 single 0 0 0.05",
+        start="",
+        more="fix g all gravity 9.81 spherical 0 180\nfix w all wall/gran hooke 1e6 1 0 1 1 1 zplane 0 NULL",
+        fixes="group bodies type 1\nfix move bodies nve",
+        boundary="boundary f f f",
+    )
+    assert (found.scene.gravity, found.scene.n_body) == (-9.81, 1)
+    assert found.scene.wall_left == Wall(stiffness=1e6, gap=0.04, exponent=2.0)
+
+
+def test_units_lj_and_a_script_without_units_are_read_as_si() -> None:
+    for units in ("units lj", ""):
+        found = read(units=units)
+        assert found.scene == read().scene
+        assert "units lj have no dimensions" in found.notes[2]
+    no_step = {"step": "", "start": ""}
+    assert read(units="units lj", **no_step).scene.duration == pytest.approx(1000 * 0.005, rel=1e-14)
+
+
+def test_the_script_ends_where_it_clears_or_quits() -> None:
+    found = read(after="clear\nunits metal\nodd")
+    assert found.scene == read().scene
+    assert "read up to line 22, where `clear` begins another simulation" in found.notes[2]
+    assert read(after="quit\nodd").scene == read().scene
+
+
+def test_the_time_steps_of_all_runs_are_known() -> None:
+    assert read(after="timestep 2e-7\nrun 10\nrun 0").time_steps == (1e-7, 2e-7)
+    cgs = read(units="units cgs")
+    assert cgs.time_steps == (1e-7,)
+
+
+def test_the_size_of_the_box_and_the_step_are_known_at_once_but_not_in_a_fix() -> None:
+    box = read(sizes="set type * diameter $((xhi-xlo)/10) mass $(lx/20)")
+    assert box.scene == read().scene
+    assert read(run="run $(1e-4/dt:%.0f)").scene == read().scene
+    with pytest.raises(SceneError, match=r"has the formula 'step', which is not a constant"):
+        read(more="variable g equal step\nfix g all gravity v_g vector 1 0 0")
