@@ -72,3 +72,17 @@ def defects_of(version: int, deck: str | None = None) -> tuple[KnownDefect, ...]
     ['tsuji-prefactor']
     """
     return tuple(item for item in known_defects() if item.affects(version) and (deck is None or item.met_by(deck)))
+
+
+def defects_between(old: int, new: int) -> str:
+    """Return which known defects one release has and the other has not, in a phrase; '' if there are none.
+
+    Examples
+    --------
+    >>> defects_between(20250722, 20260801)
+    'mended: tsuji-prefactor, undamped-classic-wall, grazing-wall-energy'
+    """
+    was, now = ([defect.name for defect in defects_of(version)] for version in (old, new))
+    parts = (("mended", was, now), ("new", now, was))
+    listed = ((word, ", ".join(name for name in some if name not in other)) for word, some, other in parts)
+    return "; ".join(f"{word}: {names}" for word, names in listed if names)

@@ -15,6 +15,7 @@ from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Samp
 from dem_bridge.campaign import Progress, Result, run_cases
 from dem_bridge.errors import BackendUnavailable, RunBroken, SceneError, UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.lmp.known_defects import defects_between
 from dem_bridge.regression.baseline import Baseline, read_baseline
 from dem_bridge.regression.compare import Change, Comparison, accuracy_words, assess, compare
 from dem_bridge.regression.provenance import baseline_of
@@ -298,13 +299,14 @@ def compare_engines(
     cases += [task.reference for task in tasks]
     results = run_cases(cases, jobs=jobs, progress=progress, everything=True)
     old, new, references = (results[k : k + len(tasks)] for k in range(0, len(results), len(tasks)))
-    versions, comparisons = [], []
+    versions, releases, comparisons = [], [], []
     for side in (old, new):
         runs = [result.trajectory for result in side if result.trajectory is not None]
         if not runs and isinstance(error := side[0].failure, BackendUnavailable):
             raise error
         lammps = runs[-1].provenance["lammps"] if runs else None
         versions.append(f"{lammps['version']} ({lammps['run_by']})" if lammps else "(not run)")
+        releases += [lammps["version"]] if lammps else []
     for task, was, now, reference in zip(tasks, old, new, references, strict=True):
         if was.trajectory is None:
             comparisons.append(replace(task.describe_failure(was), sentence=f"the other LAMMPS: {was.failure}"))
@@ -314,6 +316,8 @@ def compare_engines(
             baseline = task.baseline_of(was.trajectory)
             comparisons.append(compare(baseline, now.trajectory, reference=reference.trajectory))
     title = f"the same decks with LAMMPS {versions[0]} and LAMMPS {versions[1]}"
+    if len(releases) == 2 and (defects := defects_between(*releases)):
+        title += f"; known defects {defects}"
     return Regression(
         comparisons=tuple(comparisons), title=title, texts={}, required_backends=tuple(selection.backends)
     )
