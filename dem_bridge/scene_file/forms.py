@@ -7,12 +7,16 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from dem_bridge.drive import Drive
 from dem_bridge.errors import SceneError
+from dem_bridge.geometry import Body
+from dem_bridge.physics.adhesion import pull_off_force
 from dem_bridge.scene import BY_RESTITUTION, Adhesion, Damping, Scene, Wall
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -67,7 +71,23 @@ class AdhesionTable(RawTable):
     """Table [chain.adhesion]."""
 
     law: Literal["dmt"]
-    pull_off: Numbers
+    pull_off: Numbers | None = None
+    surface_energy: Positive | None = None
+    """Surface energy of spheres, J/m^2, in place of ``pull_off``."""
+
+    def adhesion(self, radii: Sequence[float] | None = None) -> Adhesion:
+        """Return the Adhesion; ``radii`` are the effective radii of all contacts, m, if all bodies are spheres."""
+        if self.pull_off is not None and self.surface_energy is None:
+            values = self.pull_off
+            return Adhesion(law=self.law, pull_off=tuple(values) if isinstance(values, list) else values)
+        if self.surface_energy is None or self.pull_off is not None:
+            problem = "needs one of two keys"
+            raise SceneError("adhesion", problem=problem, allowed="pull_off (N) or surface_energy (J/m^2)")
+        if radii is None:
+            allowed = "pull_off (N), or spheres of known radii"
+            raise SceneError("adhesion.surface_energy", problem="requires radii", allowed=allowed)
+        forces = [pull_off_force(self.law, radius=r, surface_energy=self.surface_energy) for r in radii]
+        return Adhesion(law=self.law, pull_off=tuple(float(f"{force:.12g}") for force in forces))
 
 
 class DriveTable(RawTable):
@@ -403,6 +423,7 @@ class Impact(Table):
     restitution: float | None = None
     """Coefficient of restitution: short for a damping table with this law."""
     damping: DampingTable | None = None
+    adhesion: AdhesionTable | None = None
 
 
 class ImpactScene(RawTable):
@@ -421,9 +442,21 @@ class ImpactScene(RawTable):
 # conversion to a Scene
 
 
-def in_common(file: RawScene | CylinderScene | SphereScene | PatternScene) -> dict[str, Any]:
-    """Return the arguments of a Scene that all forms share."""
+def effective_radii(bodies: Sequence[Body], walls: tuple[bool, bool]) -> list[float] | None:
+    """Return the effective radii of all contacts, m, those of the left and the right wall last; None if not spheres."""
+    if not bodies or any(body.shape != "sphere" for body in bodies):
+        return None
+    radii = [body.radius for body in bodies]
+    links = [1.0 / (1.0 / first + 1.0 / second) for first, second in pairwise(radii)]
+    return links + [radius for radius, wall in zip((radii[0], radii[-1]), walls, strict=True) if wall]
+
+
+def in_common(
+    file: RawScene | CylinderScene | SphereScene | PatternScene, bodies: Sequence[Body] = ()
+) -> dict[str, Any]:
+    """Return the arguments of a Scene that all forms share; ``bodies`` if they are known."""
     chain, damping = file.chain, file.chain.damping
+    radii = effective_radii(bodies, (chain.wall_left is not None, chain.wall_right is not None))
 
     def wall(table: WallTable | None) -> Wall | None:
         return None if table is None else Wall(stiffness=table.stiffness, gap=table.gap, exponent=table.exponent)
@@ -436,7 +469,7 @@ def in_common(file: RawScene | CylinderScene | SphereScene | PatternScene) -> di
         "wall_right": wall(chain.wall_right),
         "precompression": 0.0 if chain.precompression is None else chain.precompression.force,
         "damping": None if damping is None else damping.damping(),
-        "adhesion": None if chain.adhesion is None else Adhesion(**chain.adhesion.model_dump()),
+        "adhesion": None if chain.adhesion is None else chain.adhesion.adhesion(radii),
         "drive": None if chain.drive is None else chain.drive.drive(file.duration),
         "samples": file.sampling.count,
         **file.environment.model_dump(),

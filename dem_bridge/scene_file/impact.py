@@ -42,6 +42,7 @@ def from_impact(file: forms.ImpactScene) -> Scene:
     velocity = tuple(table.velocity for table in tables.values())
     stiffness, n = _stiffness(impact, bodies, plane, materials), _EXPONENTS[impact.law]
     known = tuple(body for body in bodies.values() if body is not None)
+    radii = forms.effective_radii(known if len(known) == len(tables) else (), (False, plane))
     return Scene(
         name=file.name,
         description=file.description,
@@ -53,6 +54,7 @@ def from_impact(file: forms.ImpactScene) -> Scene:
         gap=() if plane else impact.gap,
         wall_right=Wall(stiffness=stiffness, gap=impact.gap, exponent=n) if plane else None,
         damping=_damping(impact),
+        adhesion=None if impact.adhesion is None else impact.adhesion.adhesion(radii),
         geometry=Geometry(bodies=known) if len(known) == len(tables) else None,
         samples=file.sampling.count,
         **file.environment.model_dump(),

@@ -208,7 +208,7 @@ def _scene(
             crossing = {**crossing, key: (None if body.shape == "sphere" else crossing[key][0], *crossing[key])}
         bodies = (body, *bodies)
     numbers: dict[str, Any] = {**columns, "velocity": velocity, "spacing": spacing}
-    return Scene(**numbers, geometry=Geometry(bodies=bodies, **crossing), **forms.in_common(file))
+    return Scene(**numbers, geometry=Geometry(bodies=bodies, **crossing), **forms.in_common(file, bodies))
 
 
 def checked_velocity(velocity: Numbers, count: int, per: str) -> tuple[float, ...]:

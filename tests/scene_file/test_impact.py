@@ -90,3 +90,27 @@ def test_a_mistake_is_named_in_one_line(old: str, new: str, found: str) -> None:
     assert message.startswith(f"own.toml: {found}"), message
     assert "allowed: " in message, message
     assert "\n" not in message, message
+
+
+def test_a_surface_energy_gives_the_pull_off_force_of_spheres() -> None:
+    def text(keys: str, file: str = PAIR) -> str:
+        return file.replace("[impact.first]", f'[impact.adhesion]\nlaw = "dmt"\n{keys}\n[impact.first]')
+
+    for file, radius in ((PAIR, 5.0e-3), (PLANE, 10.0e-3)):
+        scene = parse_scene(text("surface_energy = 0.05", file))
+        assert scene.adhesion is not None
+        assert scene.adhesion.pull_off == (float(f"{4.0 * math.pi * 0.05 * radius:.12g}"),)
+    assert parse_scene(text("pull_off = 0.1")).contacts.pull_off.tolist() == [0.1]
+    masses = PAIR.replace("radius = 10.0e-3", "mass = 1.0").replace(
+        "[impact.first]", "[impact]\nstiffness = 1e9\n[impact.first]"
+    )
+    for wrong, why in (
+        (text(""), "adhesion needs one of two keys; allowed: pull_off"),
+        (text("pull_off = 0.1\nsurface_energy = 0.05"), "adhesion needs one of two keys"),
+        (text("surface_energy = -1"), "surface_energy"),
+        (text("surface_energy = 0.05", masses), "adhesion.surface_energy requires radii; allowed: pull_off (N), or"),
+    ):
+        with pytest.raises(SceneError) as caught:
+            parse_scene(wrong)
+        assert why in str(caught.value)
+        assert "\n" not in str(caught.value)

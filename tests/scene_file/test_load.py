@@ -389,6 +389,36 @@ def test_a_raw_file_may_have_precompression_damping_and_drag() -> None:
     assert single.damping == Damping(law="kuwabara-kono", coefficient=(3e-6,) * 3)
 
 
+def test_a_chain_of_spheres_states_a_surface_energy_and_a_raw_chain_a_force() -> None:
+    spheres = """
+name = "beads"
+duration = 1e-3
+[material]
+youngs_modulus = 72e9
+poissons_ratio = 0.17
+density = 2200.0
+[chain]
+velocity = 0.1
+[chain.spheres]
+count = 3
+radius = 9e-3
+ratio = 0.5
+[chain.contacts]
+gap = 1e-6
+[chain.wall_right]
+stiffness = 1e9
+gap = 1e-6
+[chain.adhesion]
+law = "dmt"
+surface_energy = 0.05
+"""
+    radii = (3e-3, 1.5e-3, 2.25e-3)  # of 9 on 4.5, 4.5 on 2.25, and 2.25 mm on the wall
+    expected = [float(f"{4.0 * math.pi * 0.05 * radius:.12g}") for radius in radii]
+    assert parse_scene(spheres).contacts.pull_off.tolist() == pytest.approx(expected, rel=1e-11)
+    raw = RAW + '[chain.adhesion]\nlaw = "dmt"\n'
+    assert "adhesion.surface_energy requires radii" in _refusal(raw + "surface_energy = 0.05")
+
+
 def test_a_file_states_a_restitution_and_whether_forces_are_clipped() -> None:
     old = 'law = "kuwabara-kono"\ncoefficient = [1e-6, 2e-6, 0]\n'
     for law in ("restitution", "tsuji"):

@@ -23,7 +23,9 @@ class PairLaw:
     clipped: bool
     """True with ``limit_damping``: the net force is clipped at zero."""
     material: tuple[float, float] | None = None
-    """E and nu of ``hertz/material``."""
+    """E and nu of ``hertz/material`` and ``dmt``."""
+    surface_energy: float = 0.0
+    """Surface energy of ``dmt``."""
 
     @property
     def exponent(self) -> float:
@@ -41,15 +43,19 @@ class PairLaw:
 
     def mixed(self, other: PairLaw, command: Command) -> PairLaw:
         """Return the law of types i and j that LAMMPS mixes from the laws of i with i and j with j."""
-        alike = (self.model, self.damping, self.clipped, self.material is None)
-        if alike != (other.model, other.damping, other.clipped, other.material is None):
+        alike, others = (
+            (law.model, law.damping, law.clipped, law.material is None, law.surface_energy > 0.0)
+            for law in (self, other)
+        )
+        if alike != others:
             raise command.error("leaves two types that meet without coefficients", "pair_coeff I J for these types")
         if self.material is None or other.material is None:
             stiffness, material = math.sqrt(self.stiffness * other.stiffness), None
         else:
             stiffness, material = 4.0 / 3.0 / (compliance(*self.material) + compliance(*other.material)), self.material
         eta = math.sqrt(self.eta * other.eta)
-        return PairLaw(self.command, self.model, stiffness, eta, self.damping, self.clipped, material)
+        gamma = math.sqrt(self.surface_energy * other.surface_energy)
+        return PairLaw(self.command, self.model, stiffness, eta, self.damping, self.clipped, material, gamma)
 
 
 def compliance(young: float, poisson: float) -> float:

@@ -1,11 +1,12 @@
 """Evaluation of ``pair_style`` and ``pair_coeff``: the normal force between the atoms of two types on a straight line.
 
 ``hertz K`` is K sqrt(R_eff) overlap^1.5; ``hertz/material E eta nu`` is the same with K = 4/3 / ((1-nu_i^2)/E_i +
-(1-nu_j^2)/E_j); ``hooke k`` is k overlap. 1/R_eff = 1/R_i + 1/R_j. Damping is eta overlap' (``velocity``), eta m_eff
-overlap' (``mass_velocity``) or eta m_eff sqrt(R_eff overlap) overlap' (``viscoelastic``, the default), or follows from
-a coefficient of restitution in the place of eta (``coeff_restitution``, ``tsuji``); the older ``gran`` styles have the
-factor m_eff as well (LAMMPS manual, *pair_style granular* and *pair_style gran*). Tangential, rolling and twisting
-models have no effect if nothing rotates or moves across the line.
+(1-nu_j^2)/E_j); ``dmt E eta nu gamma`` is that less 4 pi gamma R_eff; ``hooke k`` is k overlap. 1/R_eff = 1/R_i +
+1/R_j. Damping is eta overlap' (``velocity``), eta m_eff overlap' (``mass_velocity``) or eta m_eff sqrt(R_eff overlap)
+overlap' (``viscoelastic``, the default), or follows from a coefficient of restitution in the place of eta
+(``coeff_restitution``, ``tsuji``); the older ``gran`` styles have the factor m_eff as well (LAMMPS manual,
+*pair_style granular* and *pair_style gran*). Tangential, rolling and twisting models have no effect if nothing rotates
+or moves across the line.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from dem_bridge.lmp.reader.liggghts import Materials
 from dem_bridge.lmp.reader.script import Command, Script
 
 #: normal model -> number of its coefficients
-_MODELS = {"hertz": 2, "hooke": 2, "hertz/material": 3}
+_MODELS = {"hertz": 2, "hooke": 2, "hertz/material": 3, "dmt": 4}
 _GRAN = {"gran/hertz/history": "hertz", "gran/hooke": "hooke", "gran/hooke/history": "hooke"}
 _DAMPINGS = ("none", "velocity", "mass_velocity", "viscoelastic", "coeff_restitution", "tsuji")
 #: dampings whose coefficient is a coefficient of restitution
@@ -131,13 +132,15 @@ class Pairs:
         if damping == "none":
             damping, eta = "velocity", 0.0
         stiffness, material = numbers[0], None
-        if model == "hertz/material":
+        if count > 2:
             if numbers[0] == 0.0 or not -1.0 < numbers[2] <= 0.5:
                 raise command.error("has an impossible material", "E > 0 and -1 < nu <= 0.5")
             material = (numbers[0], numbers[2])
             stiffness = 4.0 / 3.0 / (2.0 * compliance(*material))
         name = "hooke" if model == "hooke" else "hertz"
-        return PairLaw(command, name, stiffness, eta, damping, "limit_damping" in behind, material)
+        gamma = numbers[3] if model == "dmt" else 0.0
+        command.fail_if(gamma < 0.0, "has a surface energy below 0", "a number >= 0")
+        return PairLaw(command, name, stiffness, eta, damping, "limit_damping" in behind, material, gamma)
 
     def between(self, first: int, second: int) -> PairLaw:
         """Return the law between the atoms of two types, or raise SceneError if the script defines none."""

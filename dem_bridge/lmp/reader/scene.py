@@ -22,7 +22,7 @@ from dem_bridge.lmp.reader.deck import UNITS, ReadScript, read_script
 from dem_bridge.lmp.reader.fixes import Forces
 from dem_bridge.lmp.reader.line import Line, axis_of, line_of
 from dem_bridge.lmp.reader.script import Opened
-from dem_bridge.scene import BY_RESTITUTION, Damping, Scene, Wall
+from dem_bridge.scene import BY_RESTITUTION, Adhesion, Damping, Scene, Wall
 
 #: round-off of the few operations between K and beta, and between density and mass
 ROUND_OFF = 3.0 * 2.0**-52
@@ -213,6 +213,7 @@ def _scene(line: Line, settings: dict[str, Any], units: tuple[float, float, floa
         "gravity": _common(line, "gravity", length / time**2),
         "drag": _common(line, "langevin" if "langevin" in line.forces.commands else "viscous", 1.0 / time),
         "damping": _damping(line, order, time, force / length * time),
+        "adhesion": _adhesion(line, order, force),
         **{side: Wall(stiffness=stiffness[k], gap=gaps[k], exponent=exponent[k]) for side, k in ends.items()},
     }
     loads = [line.along(line.forces.load, body) * force for body in line.bodies]
@@ -285,6 +286,13 @@ def _damping(line: Line, order: list[int], time: float, dashpot: float) -> Dampi
             value *= dashpot
         coefficients.append(plain(value, 2.0 * ROUND_OFF * value))
     return Damping(law="kuwabara-kono" if viscous else "dashpot", coefficient=tuple(coefficients), clipped=clipped)
+
+
+def _adhesion(line: Line, order: list[int], newton: float) -> Adhesion | None:
+    """Return the adhesion of the contacts, whose unit of force is ``newton`` in SI."""
+    contacts = [line.contacts[k] for k in order]
+    values = [4.0 * math.pi * contact.law.surface_energy * contact.radius * newton for contact in contacts]
+    return Adhesion(law="dmt", pull_off=tuple(plain(f, ROUND_OFF * f) for f in values)) if any(values) else None
 
 
 def _pressed(

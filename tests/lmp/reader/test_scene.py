@@ -23,7 +23,7 @@ from dem_bridge.lmp.coefficients import GRANULAR_STYLE, line_order
 from dem_bridge.lmp.deck import Deck, deck_of
 from dem_bridge.lmp.reader.scene import ROUND_OFF, plain, read_deck
 from dem_bridge.lmp.variants import hertz_history
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene import Adhesion, Damping, Scene, Wall
 from dem_bridge.scene_file import load_scene, shipped_scenes
 from tests.helpers.lammps_scripts import PARTS, read, script
 from tests.helpers.strategies import damped_scenes, examples, scenes
@@ -328,6 +328,18 @@ def test_a_coefficient_of_restitution_is_that_of_the_scene(word: str, law: str) 
         scene = read(coefficients=pair + words, more=freeze).scene
         assert scene.damping == Damping(law=law, coefficient=(0.5,) * 3, clipped=clip)
     assert read(coefficients=pair.replace("0.5", "1"), more=freeze).scene.damped == (law == "tsuji")
+
+
+@pytest.mark.parametrize("damping", [None, Damping(law="kuwabara-kono", coefficient=1e-5, clipped=False)], ids=str)
+def test_a_deck_with_adhesion_gives_its_scene_back(damping: Damping | None) -> None:
+    scene = Scene(
+        name="adhesive", duration=1e-3, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.3, 0.0), gap=1e-6, samples=20,
+        wall_right=Wall(stiffness=3e9, gap=5e-6), adhesion=Adhesion(law="dmt", pull_off=(20.0, 0.4)), damping=damping,
+    )  # fmt: skip
+    read_back = _own(_deck(scene))
+    assert read_back.adhesion is not None
+    assert read_back.adhesion.pull_off == pytest.approx((20.0, 0.4), rel=4.0 * ROUND_OFF)
+    _same(read_back, scene, _deck(scene))
 
 
 @pytest.mark.parametrize("style", ["gran/hooke", "gran/hooke/history", "gran/hertz/history"])
