@@ -20,9 +20,14 @@ if TYPE_CHECKING:
 def deck(script: Path, output: Path, force: bool, variables: tuple[tuple[str, str], ...], **settings: Any) -> None:
     """Convert SCRIPT, a LAMMPS input script in which every body is a sphere on one line."""
     from dem_bridge.api.scenes import deck_read
+    from dem_bridge.lmp.known_defects import known_defects
 
     check_new(output, force)
     read = deck_read(script, variables=dict(variables), **settings)
+    text = script.read_text(encoding="utf-8", errors="replace")
+    for defect in (item for item in known_defects() if item.met_by(text)):
+        releases = f"LAMMPS {defect.first} to {defect.last or 'the newest release'}"
+        click.echo(f"dem-bridge: warning: {script}: with {releases}, it meets the {defect}", err=True)
     _write_scene(read.scene, output, read.notes, max(read.time_steps, default=0.0))
 
 

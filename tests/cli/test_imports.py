@@ -142,3 +142,13 @@ def test_every_command_that_cannot_be_read_has_a_line(folder: Path) -> None:
     assert [line.split("`")[0] for line in lines] == [f"dem-bridge: in.test, line {k}: " for k in (13, 17, 18)]
     assert all("; allowed: " in line for line in lines)
     assert not (folder / "mine.toml").exists()
+
+
+def test_a_script_that_meets_a_known_defect_is_read_with_a_warning(folder: Path) -> None:
+    wall = "fix w all wall/gran hooke 2e7 NULL 0 NULL 0 0 xplane -1 NULL\ntimestep"
+    (folder / "in.test").write_text(SCRIPT.replace("timestep", wall, 1))
+    done = _asked("import", "deck", folder / "in.test", "-o", folder / "out.toml")
+    assert done.exit_code == 0, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert "meets the known defect undamped-classic-wall: velocities are nan" in line
+    assert "write gamma_n = 1e-300 in place of 0" in line

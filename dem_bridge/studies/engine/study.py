@@ -260,7 +260,7 @@ def _groups(rows: Iterable[Row]) -> Iterator[dict[str, Any]]:
 
     for (cause, names), members in groupby(sorted((row for row in rows if row.state == WRONG), key=key), key):
         group = list(members)
-        usual = [row for row in group if row.impact.written == WRITTEN] or group
+        usual = [row for row in group if row.impact.written == WRITTEN and not row.impact.linear] or group
         worst = max(usual, key=lambda row: abs(row.error) if math.isfinite(row.error) else math.inf)
         impacts = [row.impact for row in group]
         what = [f"{i.law} {'' if i.classic else i.damping}".strip() for i in impacts]
