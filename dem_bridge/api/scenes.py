@@ -101,8 +101,8 @@ def scene_from_deck(
 ) -> Scene:
     """Return the scene of a LAMMPS input script in which every body is a sphere on one line.
 
-    The reader knows ``pair_style granular`` (hertz, hertz/material, hooke), ``gran/hertz/history``, ``gran/hooke`` and
-    ``gran/hooke/history``; atoms from ``read_data`` or ``create_atoms single``; ``set``, ``group`` and ``velocity
+    The reader knows ``pair_style granular`` (hertz, hertz/material, dmt, hooke), ``gran/hertz/history``, ``gran/hooke``
+    and ``gran/hooke/history``; atoms from ``read_data`` or ``create_atoms single``; ``set``, ``group`` and ``velocity
     set``; frozen atoms at the ends and planes of ``fix wall/gran`` and ``fix wall/gran/region``, which become walls;
     ``fix gravity``, ``fix addforce`` at the ends (precompression of a chain that starts in equilibrium), ``fix
     langevin`` at zero temperature and ``fix viscous`` (drag); loops and branches by ``jump``, ``next`` and ``if``; the

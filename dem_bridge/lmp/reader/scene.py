@@ -218,7 +218,11 @@ def _scene(line: Line, settings: dict[str, Any], units: tuple[float, float, floa
     }
     loads = [line.along(line.forces.load, body) * force for body in line.bodies]
     if not any(loads):
-        return Scene(**parts)
+        try:
+            return Scene(**parts)
+        except SceneError as error:
+            at = line.script.run or line.contacts[0].law.command
+            raise error.at(f"{at.file}, line {at.line}", error.key) from None
     return _pressed(line, parts, loads, [gaps[k] for k in order], length, notes)
 
 

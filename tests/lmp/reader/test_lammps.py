@@ -207,6 +207,7 @@ WALLS = {
     " limit_damping xplane {at} NULL",
     "tsuji": "fix w all wall/gran granular hooke 2e7 0.6 {tail} tsuji xplane {at} NULL\n"
     "group wall type 2\nfix hold wall freeze",
+    "dmt": "fix w all wall/gran granular dmt 2e11 0 0.3 50 {tail} velocity xplane {at} NULL",
     "region plane": "region p plane {at} 0 0 2 0 0\n"
     "fix w all wall/gran/region granular hertz 2e11 0 {tail} velocity region p",
     "region plane, from outside": "region p plane {at} 0 0 -2 0 0 side out\n"
@@ -215,11 +216,17 @@ WALLS = {
     "fix w all wall/gran/region hertz/history 2e11 NULL 4e6 NULL 0.5 1 limit_damping region p",
 }
 LIMITED = "pair_coeff * * hertz 1e11 0 tangential linear_nohistory 0 0 damping mass_velocity limit_damping"
+DMT = f"pair_coeff 1 1 dmt 2e11 2 0.3 20 {GRANULAR} velocity\npair_coeff 2 2 dmt 1e11 8 0.2 5 {GRANULAR} velocity"
+#: bodies that touch at the start without an approach have no defined adhesion
+APART = "\n".join(
+    f"create_atoms {kind} single {x} 0 0" for kind, x in ((1, -0.02), (1, 3e-7), (1, 0.0200007), (2, 0.040001))
+)
 WORDS: dict[str, dict[str, str]] = {
     **{
         name: BACK | {"more": wall.format(tail=GRANULAR, at=-0.03000103), "coefficients": LIMITED}
         | ({"coefficients": LIMITED.replace("mass_velocity", "viscoelastic")} if "4e6" in wall else {})
         | ({"coefficients": f"pair_coeff * * hertz 1e11 0.7 {GRANULAR} tsuji"} if "tsuji" in wall else {})
+        | ({"coefficients": DMT, "atoms": APART} if "dmt" in wall else {})
         for name, wall in WALLS.items()
     },
     "viscous": {"more": "fix v all viscous 3"},
@@ -249,7 +256,13 @@ WORDS: dict[str, dict[str, str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", list(WORDS))
+#: the other words are run in the deep suite; what they become is checked without LAMMPS in test_scene
+_QUICK = ("hertz/history", "restitution", "region plane", "dmt", "loop")
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=() if case in _QUICK else pytest.mark.slow) for case in WORDS]
+)
 def test_the_deck_of_the_scene_repeats_the_script(case: str, tmp_path: Path) -> None:
     """Positions in the script are of 4 cm, so that overlaps of 1e-5 m have a round-off of 1e-12; 2e-10 was found."""
     usual = {"boundary": "boundary f p p\ncomm_modify vel yes", "step": f"timestep {STEP!r}", "run": "run 2000"}
@@ -281,6 +294,10 @@ def _wrong(scene: Scene) -> list[Scene]:
         assert isinstance(scene.damping.coefficient, tuple)
         weaker = tuple(value / off for value in scene.damping.coefficient)
         scenes.append(replace(scene, name="damping", damping=replace(scene.damping, coefficient=weaker)))
+    if scene.adhesion is not None:
+        assert isinstance(scene.adhesion.pull_off, tuple)
+        weaker = tuple(value / off for value in scene.adhesion.pull_off)
+        scenes.append(replace(scene, name="adhesion", adhesion=replace(scene.adhesion, pull_off=weaker)))
     if scene.drag:
         scenes.append(replace(scene, name="drag", drag=scene.drag * 1.01))
     return [*scenes, replace(scene, name="mass", mass=(scene.mass[0] * off, *scene.mass[1:]))]
