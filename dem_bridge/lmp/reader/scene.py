@@ -155,7 +155,9 @@ def _read_scene(
         description = f"from {printable}: {line.description}"
     settings = {"name": name or scene_name(file), "description": description, "duration": duration, "samples": count}
     scene = _scene(line, settings, (length, time, mass), notes)
-    steps = tuple(step * time for step in script.time_steps)
+    # a script without a run may have a step, too
+    last = [] if script.step is None else [script.step]
+    steps = tuple(step * time for step in script.time_steps or last)
     return ReadDeck(scene=scene, notes=tuple(notes), time_steps=steps)
 
 

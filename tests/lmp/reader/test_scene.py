@@ -746,6 +746,8 @@ def test_the_script_ends_where_it_clears_or_quits() -> None:
 
 def test_the_time_steps_of_all_runs_are_known() -> None:
     assert read(after="timestep 2e-7\nrun 10\nrun 0").time_steps == (1e-7, 2e-7)
+    text = script(run="")
+    assert read_deck(text, file="in.test", opened=NOTHING.__getitem__, duration=1e-4).time_steps == (1e-7,)
     cgs = read(units="units cgs")
     assert cgs.time_steps == (1e-7,)
 
