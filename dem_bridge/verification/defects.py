@@ -26,7 +26,7 @@ def named_failures(scene: Scene, engine: str, run: Trajectory | None, verdicts: 
     verdicts : iterable of Verdict
         The verdicts on the scene.
     """
-    names = [] if run is None else run.provenance["lammps"].get("known_defects", [])
+    names = [] if run is None else run.provenance.get("lammps", {}).get("known_defects", [])
     met = [item for item in known_defects() if item.name in names]
     named, shown = ", ".join(item.name for item in met), False
     for verdict in verdicts:

@@ -64,7 +64,7 @@ def test_exported_tables_of_random_scenes_are_these_scenes(scene: Scene) -> None
 @pytest.mark.parametrize("clipped", [True, False])
 @pytest.mark.parametrize("law", DAMPING_LAWS)
 def test_every_damping_law_has_a_column_of_its_own(law: str, clipped: bool) -> None:
-    scene = replace(RAW, damping=Damping(law=law, coefficient=0.5, clipped=clipped))
+    scene = replace(RAW, damping=Damping(law=law, coefficient=1e-6 if law == "kuwabara-kono" else 0.5, clipped=clipped))
     assert _back(scene) == scene
 
 

@@ -248,7 +248,7 @@ def test_every_study_runs_by_name_and_by_command_and_is_written(
     page = files["index.html"].decode("utf-8")
     for figure in result.figures:
         picture = files[f"figures/{figure.id}.svg"].decode("utf-8")
-        assert inline(picture, f"{figure.id}-picture", alternative_text(figure)) in page
+        assert inline(picture, figure.id, alternative_text(figure)) in page
         assert any(re.fullmatch(rf"figures/{figure.id}(-\w+)?\.csv", file) for file in files)
     for sentence in result.answer:
         assert escape(sentence).replace("&#x27;", "&#39;") in page

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 
 import pytest
 from hypothesis import given
@@ -147,23 +146,24 @@ def test_a_jump_out_of_a_loop_and_into_another_file() -> None:
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "problem"),
     [
-        "label a\njump SELF a",
-        "jump SELF",
-        "include b\ninclude b",
-        "variable a string xx\nlabel a\nvariable a string ${a}${a}\njump SELF a",
-        "\n".join(f"variable v{k} equal v_v{k + 1}+v_v{k + 1}+v_v{k + 1}" for k in range(18)) + "\nc ${v0}",
-        "c $(1:%.999999999f)",
-        "variable i loop 2000000000\nlabel a\nnext i\njump SELF a",
+        ("label a\njump SELF a", "loop that does not end"),
+        ("jump SELF", "loop that does not end"),
+        ("include b\ninclude b", "nested too deeply"),
+        ("variable a string xx\nlabel a\nvariable a string ${a}${a}\njump SELF a", "characters long"),
+        (
+            "\n".join(f"variable v{k} equal v_v{k + 1}+v_v{k + 1}+v_v{k + 1}" for k in range(18)) + "\nc ${v0}",
+            "not defined",
+        ),
+        ("c $(1:%.999999999f)", "not a constant"),
+        ("variable i loop 2000000000\nlabel a\nnext i\njump SELF a", "loop that does not end"),
     ],
 )
-def test_a_script_without_an_end_is_refused_in_bounded_time(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_script_without_an_end_is_refused(text: str, problem: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("dem_bridge.lmp.reader.script._MOST_WORK", 100_000)  # a tenth
-    begin = time.monotonic()
-    with pytest.raises(SceneError):
+    with pytest.raises(SceneError, match=problem):
         _words(text, {"b": "include c\ninclude c", "c": "include b\ninclude b"})
-    assert time.monotonic() - begin < 5.0  # 0.1 s on a machine that is not busy
 
 
 def test_all_problems_are_listed_but_not_those_that_follow_from_others() -> None:
