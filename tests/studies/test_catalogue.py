@@ -11,7 +11,6 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from dem_bridge.cli.studies import documentation, parameters_of
 from dem_bridge.cli.studies import study as group
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.report.cells import typeset
 from dem_bridge.report.images import alternative_text, inline
 from dem_bridge.report.page import write_study
 from dem_bridge.scene import Scene
@@ -251,7 +251,7 @@ def test_every_study_runs_by_name_and_by_command_and_is_written(
         assert inline(picture, figure.id, alternative_text(figure)) in page
         assert any(re.fullmatch(rf"figures/{figure.id}(-\w+)?\.csv", file) for file in files)
     for sentence in result.answer:
-        assert escape(sentence).replace("&#x27;", "&#39;") in page
+        assert typeset(sentence) in page
 
 
 def _files(folder: Path) -> dict[str, bytes]:
