@@ -98,6 +98,7 @@ def test_a_printed_run_is_ten_lines_with_its_uncertainties() -> None:
     assert f"uncertainty {1e3 * run.uncertainty['velocity']:.2g} mm/s" in velocity
 
 
+@pytest.mark.slow
 @pytest.mark.lammps
 def test_a_verification_has_a_table_and_can_be_saved(tmp_path: Path) -> None:
     found = db.verify(PAIR, accuracy=1e-3, jobs=1, store=False)

@@ -55,7 +55,13 @@ def test_a_run_by_another_damping_force_is_out_of_balance(
     assert np.max(np.abs(ledger.balance)) > share * _start(ledger)
 
 
-@pytest.mark.parametrize("name", ["decelerating-40-drag", "driven-monomer", "mfix-dem-03"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "mfix-dem-03",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("decelerating-40-drag", "driven-monomer")),
+    ],
+)
 def test_drag_drive_and_walls_are_in_the_balance(name: str) -> None:
     scene = db.load_scene(name)
     ledger = energy_ledger(scene, db.solve(scene, backend="scipy"))

@@ -248,6 +248,7 @@ def _coarsest(trial: Any, settled: Settled, target: float, **_: Any) -> Settled:
     return Settled(best=best, trials=(*settled.trials, *coarser))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", [False, True], ids=["as it is", "the coarsest step that serves"])
 def test_finer_steps_than_the_answer_serve_too(fault: bool, monkeypatch: pytest.MonkeyPatch, solved: Solve) -> None:
     if fault:
