@@ -171,14 +171,14 @@ def restitution_obtained(e: float, *, clipped: bool, law: RestitutionLaw = "rest
     return restitution_of_alpha(_alpha_function(law)(e), clipped=clipped)
 
 
-def restitution_to_write(wanted: float, *, clipped: bool, law: RestitutionLaw = "restitution") -> float:
-    """Return the coefficient that a user has to write to obtain the restitution ``wanted``.
+def restitution_to_write(target: float, *, clipped: bool, law: RestitutionLaw = "restitution") -> float:
+    """Return the coefficient that a user has to write to obtain the restitution ``target``.
 
     It is the inverse of :func:`restitution_obtained`. With clipped forces no coefficient gives less than exp(-2).
 
     Parameters
     ----------
-    wanted : float
+    target : float
         Restitution of the impact, above 0 and up to 1.
     clipped, law : bool, str
         As for :func:`restitution_obtained`.
@@ -195,13 +195,13 @@ def restitution_to_write(wanted: float, *, clipped: bool, law: RestitutionLaw = 
     """
     from scipy.optimize import brentq
 
-    alpha, wanted = _alpha_function(law), restitution(wanted)
+    alpha, target = _alpha_function(law), restitution(target)
     # the smallest positive number: its logarithm is finite
     least, most = (restitution_of_alpha(alpha(e), clipped=clipped) for e in (5e-324, 1.0))
-    if not least <= wanted <= most:
+    if not least <= target <= most:
         kind = f"the {'clipped ' * clipped}law {law!r}"
-        raise ValueError(f"restitution = {wanted!r}; allowed: {least:.4g} to {most:.4g}, which {kind} can give")
-    return float(brentq(lambda e: restitution_of_alpha(alpha(e), clipped=clipped) - wanted, 5e-324, 1.0, xtol=1e-15))
+        raise ValueError(f"restitution = {target!r}; allowed: {least:.4g} to {most:.4g}, which {kind} can give")
+    return float(brentq(lambda e: restitution_of_alpha(alpha(e), clipped=clipped) - target, 5e-324, 1.0, xtol=1e-15))
 
 
 def bounce_heights(*, height: float, restitution: float, bounces: int) -> tuple[float, ...]:

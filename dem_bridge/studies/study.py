@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 #: the module that writes the files of a study
 REPORT = "dem_bridge.report.page"
+#: effects on the exit code that failures by known defects of LAMMPS may have
+EFFECTS = ("fail", "ok")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -95,8 +95,8 @@ class ScenePlan:
         keys = [result.key for result in filled]
         judged = recall(store, "assessment", keys, judge, scenes=[self.scene], accuracy=self.accuracy)
         study = SceneStudy(scene=self.scene, runs=filled, others=tuple(results[count:]), **judged)
-        named = named_failures(self.scene, study.engine, study.run(study.engine), study.verdicts)
-        return replace(study, verdicts=tuple(named))
+        verdicts = named_failures(self.scene, study.engine, study.run(study.engine), study.verdicts)
+        return replace(study, verdicts=tuple(verdicts))
 
 
 def plan_scene(

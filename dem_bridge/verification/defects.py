@@ -28,13 +28,13 @@ def named_failures(scene: Scene, engine: str, run: Trajectory | None, verdicts: 
     """
     names = [] if run is None else run.provenance.get("lammps", {}).get("known_defects", [])
     met = [item for item in known_defects() if item.name in names]
-    named, shown = ", ".join(item.name for item in met), False
+    names_met, shown = ", ".join(item.name for item in met), False
     for verdict in verdicts:
         if met and verdict.backend == engine and verdict.outcome is Outcome.FAIL:
             # the first one describes the defect
-            why = f"known defect {named}" if shown else "; ".join(map(str, met))
+            why = f"known defect {names_met}" if shown else "; ".join(map(str, met))
             shown, sentence = True, f"{why[0].upper()}{why[1:]}: {verdict.sentence}"
-            verdict = replace(verdict, known_defect=named, sentence=sentence)
+            verdict = replace(verdict, known_defect=names_met, sentence=sentence)
         yield verdict
     if met and not shown:
         yield Verdict(
@@ -43,5 +43,5 @@ def named_failures(scene: Scene, engine: str, run: Trajectory | None, verdicts: 
             backend=engine,
             reference="",
             outcome=Outcome.PASS,
-            sentence=f"No result of {engine} shows the known defect {named}, although the deck meets it.",
+            sentence=f"No result of {engine} shows the known defect {names_met}, although the deck meets it.",
         )

@@ -255,9 +255,9 @@ def read_script(text: str, *, file: str, opened: Opened, variables: Mapping[str,
     BlockedScript
         If the script does not end. Commands that are invalid or unsupported are in ``blockers`` of the result's script.
     """
-    given: dict[str, tuple[str, tuple[str, ...]]]
-    given = {name: ("index", (value,)) for name, value in (variables or {}).items()}
-    script = Script(opened, given, silent=SILENT - {"dump", "dump_modify"})
+    initial: dict[str, tuple[str, tuple[str, ...]]]
+    initial = {name: ("index", (value,)) for name, value in (variables or {}).items()}
+    script = Script(opened, initial, silent=SILENT - {"dump", "dump_modify"})
     state = ReadScript(script, Particles(script), Pairs(script))
     if liggghts.is_liggghts(text):
         state.fixes.liggghts = state.particles.keep_density = True

@@ -77,8 +77,8 @@ class Materials:
         """Return whether forces are clipped, from the words after ``gran`` or ``wall/gran``."""
         pairs = dict(zip(words[::2], words[1::2], strict=False))
         for key, value in pairs.items():
-            known = _MODELS.get(key, ("on", "off") if key in _SETTINGS else ())
-            if known is not None and value not in known:
+            supported = _MODELS.get(key, ("on", "off") if key in _SETTINGS else ())
+            if supported is not None and value not in supported:
                 raise command.error(f"has {key} {value}, which is not supported", _FORM)
         command.fail_if(len(words) % 2 == 1 or pairs.get("model") is None, "is not supported", _FORM)
         command.fail_if(pairs.get("absolute_damping") == "on", "has absolute_damping, which is not supported", _FORM)

@@ -1,4 +1,4 @@
-"""LAMMPS' runs of many impacts: as many as possible in one process, and each refusal with the engine's words."""
+"""LAMMPS' runs of many impacts: as many as possible in one process, with its message for each that it does not run."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from dem_bridge.lmp.process import run_deck, workspace
 from dem_bridge.studies.engine.impacts import Impact, Steps, deck_of
 from dem_bridge.studies.engine.motion import Motion
 
-#: impacts of one process; after a refusal another process continues
+#: impacts of one process; after an error another process continues
 BATCH = 60
 _BATCH_FILE, _DONE = "in.batch", "done.txt"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Found:
-    """What LAMMPS made of one impact."""
+class EngineRun:
+    """Hold the result of LAMMPS for one impact."""
 
     impact: Impact
     deck: str
     motion: Motion | None = None
     """None: the engine did not run it."""
-    refusal: str = ""
-    """The engine's words, if it did not run the impact."""
+    message: str = ""
+    """Error message of the engine, if it did not run the impact."""
 
 
 def run_impacts(
@@ -40,7 +40,7 @@ def run_impacts(
     engine: Engine,
     jobs: int | None = None,
     progress: Progress | None = None,
-) -> list[Found]:
+) -> list[EngineRun]:
     """Run impacts by LAMMPS, ``jobs`` processes at a time.
 
     Parameters
@@ -63,17 +63,17 @@ def run_impacts(
     """
     pairs = list(zip(impacts, steps, strict=True))
     chunks = [pairs[at : at + BATCH] for at in range(0, len(pairs), BATCH)]
-    found: list[Found] = []
+    runs: list[EngineRun] = []
     with ThreadPoolExecutor(jobs) as pool:
         for chunk, results in zip(chunks, pool.map(lambda part: list(_batch(part, engine)), chunks), strict=True):
-            found += results
+            runs += results
             if progress is not None:
-                progress(len(found), len(pairs), f"{chunk[-1][0].style}")
-    return found
+                progress(len(runs), len(pairs), f"{chunk[-1][0].style}")
+    return runs
 
 
-def _batch(pairs: Sequence[tuple[Impact, Steps]], engine: Engine) -> Iterator[Found]:
-    """Yield the results of a part of the impacts; a process ends with the first refusal and another continues."""
+def _batch(pairs: Sequence[tuple[Impact, Steps]], engine: Engine) -> Iterator[EngineRun]:
+    """Yield the results of a part of the impacts; a process ends with the first error and another continues."""
     with workspace() as folder:
         rest = list(pairs)
         decks = {impact.name: deck_of(impact, steps) for impact, steps in rest}
@@ -88,14 +88,14 @@ def _batch(pairs: Sequence[tuple[Impact, Steps]], engine: Engine) -> Iterator[Fo
             error = ""
             try:
                 run_deck(folder, _BATCH_FILE, time_limit=300.0, engine=engine)
-            except (RunBroken, BackendUnavailable) as refusal:
-                error = str(refusal)
+            except (RunBroken, BackendUnavailable) as failure:
+                error = str(failure)
             done = len((folder / _DONE).read_text(encoding="utf-8").split())
             for impact, _ in rest[:done]:
-                yield Found(impact=impact, deck=decks[impact.name], motion=_motion(folder, impact))
+                yield EngineRun(impact=impact, deck=decks[impact.name], motion=_motion(folder, impact))
             if error and done < len(rest):
                 impact = rest[done][0]
-                yield Found(impact=impact, deck=decks[impact.name], refusal=error)
+                yield EngineRun(impact=impact, deck=decks[impact.name], message=error)
                 done += 1
             rest = rest[done:]
 

@@ -24,8 +24,8 @@ from dem_bridge.lmp.process import require
 from dem_bridge.studies.engine.causes import AND, NOT_A_NUMBER, TOLERANCE, causes_of
 from dem_bridge.studies.engine.impacts import DAMPINGS, WRITTEN, Impact, Steps, catalogue
 from dem_bridge.studies.engine.motion import Exact, Motion, closed_form, exact, twins
-from dem_bridge.studies.engine.runs import Found, run_impacts
-from dem_bridge.studies.study import FigureData, Series, Study
+from dem_bridge.studies.engine.runs import EngineRun, run_impacts
+from dem_bridge.studies.study import EFFECTS, FigureData, Series, Study
 from dem_bridge.studies.texts import Texts
 from dem_bridge.verification.verdict import Outcome, Verdict
 
@@ -45,7 +45,7 @@ LEAST_SHOWN = 1e-14
 class Row:
     """One impact: what LAMMPS made of it, and what is right."""
 
-    found: Found
+    run: EngineRun
     exact: Exact
     twin: Motion
     defects: tuple[KnownDefect, ...] = ()
@@ -58,12 +58,12 @@ class Row:
     @property
     def impact(self) -> Impact:
         """Return the impact in LAMMPS' words."""
-        return self.found.impact
+        return self.run.impact
 
     @property
     def state(self) -> str:
         """Return RIGHT, WRONG, NOT THERE or NO THEORY."""
-        if self.found.motion is None:
+        if self.run.motion is None:
             return ABSENT
         if not defined(self.impact):
             return UNDEFINED
@@ -72,7 +72,7 @@ class Row:
     @property
     def restitution(self) -> float:
         """Return LAMMPS' restitution; nan without one."""
-        return math.nan if self.found.motion is None else self.found.motion.restitution
+        return math.nan if self.run.motion is None else self.run.motion.restitution
 
     @property
     def error(self) -> float:
@@ -92,15 +92,15 @@ class Row:
     @property
     def difference(self) -> float:
         """Return the largest difference of closing speeds between LAMMPS and the twin, relative; nan without one."""
-        motion = self.found.motion
+        motion = self.run.motion
         return math.nan if motion is None or not motion.finite else motion.difference(self.twin)
 
     @property
     def known(self) -> tuple[KnownDefect, ...]:
         """Return the known defects that have the causes of a wrong result; none unless they explain all of them."""
         causes = self.cause.split(AND)
-        known = tuple(defect for defect in self.defects if defect.cause in causes)
-        return known if {defect.cause for defect in known} == set(causes) else ()
+        explaining = tuple(defect for defect in self.defects if defect.cause in causes)
+        return explaining if {defect.cause for defect in explaining} == set(causes) else ()
 
     @property
     def names(self) -> str:
@@ -108,9 +108,9 @@ class Row:
         return ", ".join(defect.name for defect in self.known)
 
     @property
-    def refusal(self) -> str:
-        """Return the engine's words without the line of the deck."""
-        return re.split(r" Last (?:input line|command):", self.found.refusal)[0]
+    def message(self) -> str:
+        """Return the error message of the engine without the line of the deck."""
+        return re.split(r" Last (?:input line|command):", self.run.message)[0]
 
     @property
     def cell(self) -> str:
@@ -150,8 +150,8 @@ def study_engine(
     UsageError
         If no impact has such a name, or for another effect.
     """
-    if known_defects not in ("fail", "ok"):
-        raise UsageError(f"known_defects = {known_defects!r}; allowed: fail, ok")
+    if known_defects not in EFFECTS:
+        raise UsageError(f"known_defects = {known_defects!r}; allowed: {', '.join(EFFECTS)}")
     impacts = [impact for impact in catalogue() if match in impact.name]
     if not impacts:
         raise UsageError(
@@ -186,23 +186,23 @@ def rows_of(
     progress: Progress | None = None,
 ) -> list[Row]:
     """Run and judge impacts."""
-    known: dict[Any, Exact] = {}
+    solved: dict[Any, Exact] = {}
     for impact in impacts:
         contact = impact.contact
-        if contact not in known:
+        if contact not in solved:
             # combinations without theory have the steps of the undamped contact
-            solved = contact if defined(impact) else replace(contact, damping=0.0, clipped=False)
-            known[contact] = exact(solved)
-    solutions = [known[impact.contact] for impact in impacts]
+            stepped = contact if defined(impact) else replace(contact, damping=0.0, clipped=False)
+            solved[contact] = exact(stepped)
+    solutions = [solved[impact.contact] for impact in impacts]
     steps = [steps_of(impact, solution) for impact, solution in zip(impacts, solutions, strict=True)]
     motions = twins([impact.contact for impact in impacts], steps)
     results = run_impacts(impacts, steps, engine=engine, jobs=jobs, progress=progress)
     rows = [
-        Row(found=found, exact=solution, twin=twin, defects=defects_of(version, found.deck))
-        for found, solution, twin in zip(results, solutions, motions, strict=True)
+        Row(run=run, exact=solution, twin=twin, defects=defects_of(version, run.deck))
+        for run, solution, twin in zip(results, solutions, motions, strict=True)
     ]
     wrong = [at for at, row in enumerate(rows) if row.state == WRONG]
-    tried = [(impacts[at], steps[at], motion) for at in wrong if (motion := rows[at].found.motion) is not None]
+    tried = [(impacts[at], steps[at], motion) for at in wrong if (motion := rows[at].run.motion) is not None]
     for at, cause in zip(wrong, causes_of(tried), strict=True):
         rows[at] = replace(rows[at], cause=cause)
     return [replace(row, instead=_instead(row, rows)) for row in rows]
@@ -281,12 +281,12 @@ def _groups(rows: Iterable[Row]) -> Iterator[dict[str, Any]]:
 
 
 def _verdicts(rows: Sequence[Row], groups: Iterable[Mapping[str, Any]]) -> Iterator[Verdict]:
-    """Yield a verdict for each cause of wrong impacts, each style with right ones and each refusal of the engine."""
+    """Yield a verdict for each cause of wrong impacts, each style with right ones and each message of the engine."""
 
-    def verdict(scene: str, outcome: Outcome, key: str, known: str = "", **values: Any) -> Verdict:
-        sentence = TEXTS(key, scene=scene, known=known, **values)
+    def verdict(scene: str, outcome: Outcome, key: str, **values: Any) -> Verdict:
+        sentence = TEXTS(key, scene=scene, **values)
         return Verdict(scene=scene, quantity="restitution", backend="LAMMPS", reference="twin", outcome=outcome,
-                       sentence=sentence, tolerance=TOLERANCE, known_defect=known,
+                       sentence=sentence, tolerance=TOLERANCE, known_defect=values.get("known", ""),
                        difference=values.get("difference", math.nan))  # fmt: skip
 
     for group in groups:
@@ -300,8 +300,8 @@ def _verdicts(rows: Sequence[Row], groups: Iterable[Mapping[str, Any]]) -> Itera
         yield verdict(name, Outcome.PASS, "unshown")
     for state, key in ((ABSENT, "absent"), (UNDEFINED, "undefined")):
         chosen = [row for row in rows if row.state == state]
-        for words in dict.fromkeys(row.refusal for row in chosen):
-            impacts = [row.impact for row in chosen if row.refusal == words]
+        for words in dict.fromkeys(row.message for row in chosen):
+            impacts = [row.impact for row in chosen if row.message == words]
             what = ", ".join(dict.fromkeys(f"{impact.law} {impact.damping}" for impact in impacts))
             yield verdict(what, Outcome.NOT_RUN, key, count=len(impacts), engine=words)
 

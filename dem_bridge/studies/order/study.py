@@ -143,8 +143,8 @@ def _order_answer(
     laws: Mapping[float, tuple[Floats, Floats]],
     chains: Sequence[ChainErrors],
 ) -> Iterator[str]:
-    named = {"within": "hertz_within", "grid": "hertz_grid", "closed": "closed", "spring": "linear_grid"}
-    chosen = {name: pairs[key] for name, key in named.items()}
+    keys = {"within": "hertz_within", "grid": "hertz_grid", "closed": "closed", "spring": "linear_grid"}
+    chosen = {name: pairs[key] for name, key in keys.items()}
     yield TEXTS("pairs", **chosen)
     verlet, chain, *others = chains
     yield TEXTS("chain_order", scene=scene.name, chain=chain, verlet=verlet)

@@ -104,8 +104,8 @@ def _failing(claims: Sequence[Claim], effects: Sequence[Effect]) -> str:
         return max((change for change in changes if math.isfinite(change[0])), default=(math.nan, ""))
 
     (law, law_name), (striker, _), (exponent, _) = map(largest_of, ("exact-stiffness", "striker-mass", "exponent-1um"))
-    known = math.isfinite(law + striker + exponent)
-    largest = TEXTS("largest", law=law, law_name=law_name, striker=striker, exponent=exponent) if known else ""
+    complete = math.isfinite(law + striker + exponent)
+    largest = TEXTS("largest", law=law, law_name=law_name, striker=striker, exponent=exponent) if complete else ""
     failed, ids = failures(claims), [claim.id for claim in claims]
     if not failed:
         return TEXTS("nothing_fails", largest=f"; {largest}" if largest else "")
@@ -131,8 +131,8 @@ def scale_of_differences(
     places = {id: float(place) for place, id in enumerate(rows)}
     series = []
     for mark, (name, of_chain) in zip(("mark-2", "mark-3"), values.items(), strict=True):
-        known = [(value, places[id]) for id, value in of_chain.items() if value > 0.0]
-        x, y = np.array(known).reshape(-1, 2).T
+        points = [(value, places[id]) for id, value in of_chain.items() if value > 0.0]
+        x, y = np.array(points).reshape(-1, 2).T
         series.append(Series(label=PAPER(name.removesuffix("-40")), style=mark, x=x, y=y))
     judged = [places[id] for id in _JUDGED_ROWS if id in places]
     if judged:

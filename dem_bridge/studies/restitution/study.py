@@ -34,7 +34,7 @@ from dem_bridge.studies.restitution.impacts import (
     varied_impacts,
     written_impacts,
 )
-from dem_bridge.studies.study import FigureData, Series, Study, Table
+from dem_bridge.studies.study import EFFECTS, FigureData, Series, Study, Table
 from dem_bridge.studies.texts import Texts
 from dem_bridge.verification.defects import named_failures
 from dem_bridge.verification.verdict import Outcome, Verdict, judge_relative
@@ -108,6 +108,7 @@ def study_restitution(
     store: Store | None = None,
     laws: Sequence[str] = LAWS,
     backends: Sequence[str] = BACKENDS_BY_DEFAULT,
+    known_defects: str = "fail",
 ) -> Study:
     """Measure the restitution of impacts by every damping law, clip and code, and compare it with closed forms.
 
@@ -120,6 +121,8 @@ def study_restitution(
         Damping laws.
     backends : sequence of str
         Codes; LAMMPS and the twin run at a thousandth of the elastic contact time.
+    known_defects : {"fail", "ok"}
+        Effect on the exit code of failures that known defects of this LAMMPS release explain.
     engine, jobs, progress, store : as in :func:`dem_bridge.study`
 
     Returns
@@ -131,7 +134,12 @@ def study_restitution(
     UsageError
         For a law or a backend that does not exist.
     """
-    for name, values, allowed in (("laws", laws, LAWS), ("backends", backends, tuple(BACKENDS))):
+    choices = (
+        ("laws", laws, LAWS),
+        ("backends", backends, tuple(BACKENDS)),
+        ("known_defects", [known_defects], EFFECTS),
+    )
+    for name, values, allowed in choices:
         if not values or not set(values) <= set(allowed):
             raise UsageError(f"{name} = {list(values)!r}; allowed: some of {', '.join(allowed)}")
     points = [*_points(laws, backends, engine), *_step_points(laws, backends, engine)]
@@ -152,6 +160,7 @@ def study_restitution(
         tables=(*_tables(measured), *([TEXTS.table("bounces", bounces)] if bounces else [])),
         figures=(_figure(measured, laws),),
         verdicts=verdicts,
+        known_defects=known_defects,
     )
 
 

@@ -117,7 +117,7 @@ def test_what_is_right_repeats_the_twin_and_what_is_not_there_has_the_engines_wo
     right = [row for row in rows.values() if row.state == RIGHT]
     assert [row.impact.name for row in right] == list(NAMES[-7:-2])
     assert all(row.difference < 0.2 * TOLERANCE for row in right)
-    absent = {name: row.refusal for name, row in rows.items() if row.state == ABSENT}
+    absent = {name: row.message for name, row in rows.items() if row.state == ABSENT}
     assert list(absent) == ["dmt-tsuji-wall", "hertz-none-pair"]
     assert "Cannot use tsuji model with a cohesive normal model, dmt" in absent["dmt-tsuji-wall"]
     assert "Must specify damping granular model" in absent["hertz-none-pair"]
@@ -127,7 +127,7 @@ def test_what_is_right_repeats_the_twin_and_what_is_not_there_has_the_engines_wo
 def test_a_page_has_what_is_wrong_and_exits_with_1_unless_defects_are_accepted(rows: dict[str, Row]) -> None:
     unlisted = study_of(list(rows.values()), PINNED, known_defects="ok")
     assert unlisted.exit_code == 1
-    listed = [replace(row, defects=defects_of(PINNED, row.found.deck), instead="x") for row in rows.values()]
+    listed = [replace(row, defects=defects_of(PINNED, row.run.deck), instead="x") for row in rows.values()]
     assert {row.names for row in listed if row.state == WRONG} == {
         "tsuji-prefactor", "jkr-breaks-early", "jkr-region-wall", "undamped-classic-wall",
     }  # fmt: skip
