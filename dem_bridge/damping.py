@@ -15,6 +15,8 @@ from dem_bridge.physics.impact import alpha_of_restitution, alpha_of_tsuji
 DAMPING_LAWS = {"dashpot": "N s/m", "mass-dashpot": "1/s", "kuwabara-kono": "s", "restitution": "", "tsuji": ""}
 #: damping laws whose coefficient is a coefficient of restitution, with the factor alpha that follows from it
 BY_RESTITUTION = ("restitution", "tsuji")
+#: allowed coefficients of restitution
+RESTITUTION = "a coefficient of restitution, above 0 and at most 1"
 #: damping laws that do not depend on the overlap
 DASHPOTS = ("dashpot", "mass-dashpot")
 
@@ -76,7 +78,7 @@ def checked_damping(damping: Damping, exponent: Floats) -> Damping:
     allowed = f"a number >= 0 ({DAMPING_LAWS[law]})"
     bounds = {"at_least": 0.0}
     if by_restitution:
-        allowed, bounds = "a coefficient of restitution, above 0 and at most 1", {"above": 0.0, "at_most": 1.0}
+        allowed, bounds = RESTITUTION, {"above": 0.0, "at_most": 1.0}
     key, per = "damping.coefficient", "contact, walls included"
     coefficient = checked_numbers(key, damping.coefficient, allowed, count=len(exponent), per=per, **bounds)
     if law not in DASHPOTS:

@@ -8,10 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from dem_bridge.damping import RESTITUTION, Damping
 from dem_bridge.errors import SceneError
 from dem_bridge.geometry import Body, Geometry, Material
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene import Scene, Wall
 from dem_bridge.scene_file import forms
 from dem_bridge.scene_file.pattern import material_of, materials_of
 from dem_bridge.scene_file.physical import HERTZ, rounded
@@ -101,6 +102,8 @@ def _damping(impact: forms.Impact) -> Damping | None:
     if impact.restitution is not None:
         if impact.damping is not None:
             raise SceneError("impact.restitution", problem="cannot be combined with damping", allowed="one of the two")
+        if not 0.0 < impact.restitution <= 1.0:
+            raise SceneError("impact.restitution", value=impact.restitution, allowed=RESTITUTION)
         return Damping(law="restitution", coefficient=impact.restitution)
     return None if impact.damping is None else impact.damping.damping()
 

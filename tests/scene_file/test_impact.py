@@ -67,7 +67,7 @@ def test_a_linear_spring_and_masses_need_no_material() -> None:
 WRONG = {
     "no stiffness": ("[impact.first]", '[impact]\nlaw = "hooke"\n[impact.first]', "impact.stiffness is missing"),
     "apart": ("velocity = 10.0", "velocity = -10.0", "duration is missing"),
-    "e above 1": ("[impact.first]", "[impact]\nrestitution = 1.1\n[impact.first]", "impact.damping"),
+    "e above 1": ("[impact.first]", "[impact]\nrestitution = 1.1\n[impact.first]", "impact.restitution = 1.1"),
     "two dampings": (
         "[impact.first]",
         '[impact]\nrestitution = 0.5\ndamping = {law = "dashpot", coefficient = 1.0}\n[impact.first]',
