@@ -487,7 +487,7 @@ REFUSED = [
     ({"more": "fix w all wall/gran hooke 1 1 0 1 1 1 zplane -0.009 NULL"}, "touches atom 1 from the side, across the"),
     ({"more": "fix w all wall/gran hooke 1 1 0 1 1 1 xplane -1 1\nfix u all wall/gran hooke 1 1 0 1 1 1 xplane -1 1"},
      "is the second wall at one end, with fix w all wall/gran"),
-    ({"more": "fix w all wall/gran/region hooke 1 1 0 1 1 1 region gone"}, "names the region gone, which is not defin"),
+    ({"more": "fix w all wall/gran/region hooke 1 1 0 1 1 1 region gone"}, "names the region gone, which is not def"),
     ({"more": "region r plane -1 0 0 1 1 0\nfix w all wall/gran/region hooke 1 1 0 1 1 1 region r"},
      "is a plane that is not perpendicular to an axis"),
     ({"more": "region r block 0 1 0 1 0 1 side out\nfix w all wall/gran/region hooke 1 1 0 1 1 1 region r"},
