@@ -43,7 +43,8 @@ def from_impact(file: forms.ImpactScene) -> Scene:
     velocity = tuple(table.velocity for table in tables.values())
     stiffness, n = _stiffness(impact, bodies, plane, materials), _EXPONENTS[impact.law]
     spheres = tuple(body for body in bodies.values() if body is not None)
-    radii = forms.effective_radii(spheres if len(spheres) == len(tables) else (), (False, plane))
+    geometry = Geometry(bodies=spheres) if len(spheres) == len(tables) else None
+    radii = forms.effective_radii(() if geometry is None else spheres, (False, plane))
     return Scene(
         name=file.name,
         description=file.description,
@@ -56,14 +57,14 @@ def from_impact(file: forms.ImpactScene) -> Scene:
         wall_right=Wall(stiffness=stiffness, gap=impact.gap, exponent=n) if plane else None,
         damping=_damping(impact),
         adhesion=None if impact.adhesion is None else impact.adhesion.adhesion(radii),
-        geometry=Geometry(bodies=spheres) if len(spheres) == len(tables) else None,
+        geometry=geometry,
         samples=file.sampling.count,
         **file.environment.model_dump(),
     )
 
 
 def _sphere(table: forms.ImpactBody, materials: Mapping[str, Material], where: str) -> Body | None:
-    """Return the body of a table, None if only its mass is spheres."""
+    """Return the body of a table, None if only its mass is known."""
     if table.radius is None:
         if table.mass is None:
             raise SceneError(where, problem="has neither radius nor mass", allowed="radius (m), or mass (kg)")
