@@ -1,0 +1,1 @@
+"""Judge files of any code: their errors against the reference, their order, and the likely cause of a difference."""
