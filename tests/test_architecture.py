@@ -37,7 +37,7 @@ LAYERS = {
         "testing",
         "sweep",
     ),
-    8: ("studies", "regression", "judge"),
+    8: ("studies", "regression", "judging"),
     9: ("report", "exports"),
     10: ("api", "plot"),
     11: ("cli",),
