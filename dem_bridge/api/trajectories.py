@@ -142,7 +142,7 @@ def read_trajectory(
             f"{path}: no scene was given, but a file of format {chosen!r} has no contacts and masses; give the scene of"
             " this run (--scene)"
         )
-    from dem_bridge.exports.readers import read
+    from dem_bridge.readers.trajectories import read
 
     return read(path, _scene(scene), chosen, units=units, dt=dt)
 

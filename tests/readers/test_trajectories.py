@@ -18,9 +18,9 @@ from ase.calculators.singlepoint import SinglePointCalculator
 import dem_bridge as db
 from dem_bridge.drive import Drive
 from dem_bridge.errors import UsageError
-from dem_bridge.exports.frames import rounding_error
-from dem_bridge.exports.readers import UNITS
 from dem_bridge.lmp.process import run_deck
+from dem_bridge.readers.digits import rounding_error
+from dem_bridge.readers.trajectories import UNITS
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from tests.helpers.export_chains import CROSSED, PAIR, RAW

@@ -17,9 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.exports.frames import Frames, read_ase, read_csv, read_dump, rounding_error
-from dem_bridge.exports.trajectories import DATA
 from dem_bridge.observables.interpolate import KNOWN_FORCES
+from dem_bridge.readers.assemble import from_sides
+from dem_bridge.readers.digits import rounding_error
+from dem_bridge.readers.frames import Frames, read_ase, read_csv, read_dump
+from dem_bridge.readers.headings import DATA
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Cost, Floats, Trajectory
 from dem_bridge.version import __version__
@@ -136,7 +138,7 @@ def _samples_of_frames(
     contact = None
     if "force_left" in columns and "force_right" in columns:
         left, right = (columns[name][:, bodies] * si.force for name in ("force_left", "force_right"))
-        contact = _from_sides(left, right, scene)
+        contact = from_sides(left, right, scene)
     elif "force" in columns:
         contact = _from_net(columns["force"][:, :, axis] * si.force, time, scene, with_walls)
         if contact is not None:
@@ -217,12 +219,6 @@ def _check_mass(columns: Any, ids: NDArray[np.int64], bodies: slice, scene: Scen
         )
 
 
-def _from_sides(left: Floats, right: Floats, scene: Scene) -> Floats:
-    """Return contact forces from the forces on the left and the right side of each body."""
-    walls = [left[:, :1]] * (scene.wall_left is not None) + [right[:, -1:]] * (scene.wall_right is not None)
-    return np.hstack([right[:, :-1], *walls])
-
-
 def _from_net(net: Floats, time: Floats, scene: Scene, with_walls: bool) -> Floats | None:
     """Return contact forces from the net force on each atom at each time; None if they do not follow from it."""
     left, right = scene.wall_left is not None, scene.wall_right is not None
@@ -265,7 +261,7 @@ def _samples_of_table(time: Floats, columns: dict[str, Floats], scene: Scene) ->
         _check_order(columns["x"], np.arange(scene.n_body))
     contact = columns.get("contact_force")
     if contact is None and "force_left" in columns and "force_right" in columns:
-        contact = _from_sides(columns["force_left"], columns["force_right"], scene)
+        contact = from_sides(columns["force_left"], columns["force_right"], scene)
     digits = {"position": rounding_error(columns.get("x", displacement))}
     if "velocity" in columns:
         digits["velocity"] = rounding_error(columns["velocity"])

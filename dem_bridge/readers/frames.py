@@ -16,16 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.exports.trajectories import DATA
+from dem_bridge.readers.headings import UNITS, allowed_units
 from dem_bridge.trajectory import Floats
 
 #: extra columns of files written by dem_bridge; m, N, N
 EXTRA_COLUMNS = ("displacement", "force_left", "force_right")
-#: number of values that are examined for the number of their digits
-_DIGIT_SAMPLES = 2000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -224,9 +222,22 @@ def _ase_columns(atoms: Any) -> Iterator[tuple[str, Floats]]:
 
 
 #: units in CSV headings with their SI values, by the SI unit of the quantity
-_UNITS = DATA["csv_units"]
+_UNITS = UNITS
 #: names in CSV headings: the name of the column here and the SI unit of its quantity
-_NAMES = DATA["csv_names"]
+_NAMES = {
+    "time": ("time", "s"),
+    "t": ("time", "s"),
+    "x": ("x", "m"),
+    "position": ("x", "m"),
+    "displacement": ("displacement", "m"),
+    "u": ("displacement", "m"),
+    "velocity": ("velocity", "m/s"),
+    "v": ("velocity", "m/s"),
+    "vx": ("velocity", "m/s"),
+    "force_left": ("force_left", "N"),
+    "force_right": ("force_right", "N"),
+    "contact_force": ("contact_force", "N"),
+}
 _HEADING = re.compile(
     rf"(?P<name>{'|'.join(sorted(_NAMES, key=len, reverse=True))})(?:[_ ]?(?P<nth>\d+))?"
     r"(?:_(?P<plain>[A-Za-zµ_]+)|\s*[(\[](?P<unit>[^)\]]+)[)\]])"
@@ -296,7 +307,7 @@ def _heading(heading: str) -> tuple[str, int | None, float]:
     unit = match["plain"] or match["unit"].strip()
     name, si_unit = _NAMES[match["name"]]
     if unit not in _UNITS[si_unit]:
-        allowed = ", ".join(sorted(_UNITS[si_unit]))
+        allowed = allowed_units(si_unit)
         raise UsageError(f"column {heading!r} has the unknown unit {unit!r}; allowed: {allowed}")
     return name, None if match["nth"] is None else int(match["nth"]), _UNITS[si_unit][unit]
 
@@ -311,25 +322,3 @@ def _long(time: Floats, body: Floats, columns: dict[str, Floats]) -> tuple[Float
         collector.add(body[part].astype(np.int64), rows, f"time {time[begin]:g} s")
         times.append(time[begin])
     return np.array(times), {name: np.array(rows) for name, rows in collector.rows.items()}
-
-
-def rounding_error(values: ArrayLike, unit: float = 1.0) -> float | None:
-    """Return the rounding error of numbers that were written with few digits; None if they have all digits.
-
-    The function finds the smallest number of significant digits that reproduces every number, and returns half a unit
-    of the last of these digits of the largest number, times ``unit``. Of many numbers it examines a random choice.
-
-    >>> [rounding_error(numbers) for numbers in ([0.018, 0.03600012], [0.1 / 3.0, 2.0 / 3.0], [1.25e-13, 3.25e4])]
-    [5e-09, None, 50.0]
-    """
-    flat = np.ravel(values)
-    if len(flat) > _DIGIT_SAMPLES:
-        flat = np.random.default_rng(0).choice(flat, _DIGIT_SAMPLES)
-    finite = flat[np.isfinite(flat) & (flat != 0.0)].tolist()
-    if not finite:
-        return None
-    largest = math.floor(math.log10(max(map(abs, finite))))
-    for digits in range(1, 16):
-        if all(float(f"{value:.{digits - 1}e}") == value for value in finite):
-            return float(f"5e{largest - digits}") * unit
-    return None

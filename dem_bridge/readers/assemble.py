@@ -1,0 +1,312 @@
+"""Turn the columns or arrays of a file into a record: headings, units, bodies and axis are recognised here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dem_bridge.errors import UsageError
+from dem_bridge.readers.digits import numbers
+from dem_bridge.readers.headings import DATA, DIMENSIONS, Heading, heading_of, scale_of
+from dem_bridge.readers.record import QUANTITIES, Draft
+from dem_bridge.readers.tables import Entry, Table
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Floats
+
+#: dimension of a unit style by SI unit
+_STYLE_KEYS = {"s": "time", "m": "length", "m/s": "velocity", "N": "force", "kg": "mass"}
+#: quantities that have a column for each body or contact
+_SAMPLED = (*QUANTITIES, "position", "force_left", "force_right", "force")
+
+
+@dataclass(frozen=True)
+class Choices:
+    """Hold what the user states about a file; None where it is to be recognised."""
+
+    dt: float | None = None
+    columns: Mapping[str, str] | Sequence[str] | None = None
+    units: Mapping[str, str] | str | None = None
+    bodies: Sequence[int] | None = None
+    axis: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.dt is not None and not 0.0 < self.dt < math.inf:
+            raise UsageError(f"dt = {self.dt!r}; allowed: a number above 0 (s)")
+        if self.axis is not None and self.axis not in ("x", "y", "z"):
+            raise UsageError(f"axis = {self.axis!r}; allowed: x, y or z")
+        if isinstance(self.units, str) and self.units not in DATA["unit_styles"]:
+            raise UsageError(f"units = {self.units!r} is unknown; allowed: {', '.join(DATA['unit_styles'])}")
+        for quantity, unit in self.units.items() if isinstance(self.units, Mapping) else ():
+            if quantity not in DIMENSIONS:
+                raise UsageError(f"units of {quantity!r}; allowed: {', '.join(DIMENSIONS)}")
+            scale_of(quantity, unit)
+
+    def scale(self, quantity: str, unit: str | None) -> float:
+        """Return the SI value of a quantity's unit; a unit that the user states replaces that of the file."""
+        if isinstance(self.units, Mapping) and quantity in self.units:
+            return scale_of(quantity, self.units[quantity])
+        if isinstance(self.units, str) and unit is None and quantity in DIMENSIONS:
+            return float(DATA["unit_styles"][self.units][_STYLE_KEYS[DIMENSIONS[quantity]]])
+        return scale_of(quantity, unit)
+
+
+def draft_of_table(name: str, table: Table, scene: Scene, choices: Choices) -> Draft:
+    """Return the draft of a record from the columns or arrays of a file."""
+    notes = list(table.notes)
+    named = _named(table, scene, choices, notes)
+    named = _of_axis(named, choices, notes)
+    time, time_rounding, dt = _times(named, table, choices, notes)
+    draft = Draft(name=name, time=time, time_rounding=time_rounding, dt=dt, notes=notes)
+    bodies = next((entry for heading, entry in named if heading.quantity == "body"), None)
+    blocks = {
+        quantity: [(heading, entry) for heading, entry in named if heading.quantity == quantity]
+        for quantity in _SAMPLED
+    }
+    blocks = {quantity: block for quantity, block in blocks.items() if block}
+    if (
+        bodies is not None
+        and bodies.values.shape == (len(time),)
+        and not any(h.index is not None for b in blocks.values() for h, _ in b)
+    ):
+        sampled = _long(draft, bodies, blocks, scene, choices)
+    else:
+        sampled = {quantity: _wide(draft, quantity, block, scene, choices) for quantity, block in blocks.items()}
+    _add(draft, sampled, scene)
+    return draft
+
+
+def _named(table: Table, scene: Scene, choices: Choices, notes: list[str]) -> list[tuple[Heading, Entry]]:
+    """Return the entries whose headings have a meaning, with it."""
+    columns = choices.columns
+    if not table.named and columns is None:
+        columns = _unnamed(table, scene, notes)
+    if columns is not None and not isinstance(columns, Mapping):
+        if len(columns) != len(table.entries):
+            raise UsageError(
+                f"{len(columns)} headings were given in columns, the file has {len(table.entries)} columns; give one"
+                " for each column, in their order"
+            )
+        columns = {entry.heading: text for entry, text in zip(table.entries, columns, strict=True)}
+    columns = columns or {}
+    if unknown := [key for key in columns if key not in {entry.heading for entry in table.entries}]:
+        raise UsageError(
+            f"columns has {unknown[0]!r}, which the file does not have; it has"
+            f" {', '.join(repr(entry.heading) for entry in table.entries[:20])}"
+        )
+    named, unused = [], []
+    for entry in table.entries:
+        text = columns.get(entry.heading, entry.heading)
+        heading = heading_of(text)
+        if heading is None and entry.heading in columns:
+            raise UsageError(
+                f"columns names {entry.heading!r} as {text!r}, which is unknown; allowed: time, step, body, velocity,"
+                " displacement, position or contact_force, with a body and a unit, such as 'velocity 3 [mm/s]'"
+            )
+        if heading is None:
+            unused.append(entry.heading)
+            continue
+        named.append((heading, entry))
+        unit = heading.unit or entry.unit
+        stated = choices.units is not None and (isinstance(choices.units, str) or heading.quantity in choices.units)
+        if unit is None and heading.quantity in DIMENSIONS and not stated:
+            notes.append(f"{heading.quantity} has no unit in the file and is read in {DIMENSIONS[heading.quantity]}")
+        if entry.heading in columns:
+            notes.append(f"column {entry.heading!r} is {text!r}, as stated")
+    if unused:
+        notes.append(
+            f"columns that are not used: {', '.join(map(repr, unused[:12]))}{', ...' if len(unused) > 12 else ''}"
+        )
+    return named
+
+
+def _unnamed(table: Table, scene: Scene, notes: list[str]) -> list[str]:
+    """Return headings of a file without headings: its first row must show the scene's start; else raise UsageError."""
+    count, n = len(table.entries), scene.n_body
+    first = np.array([numbers(entry.values[:1])[0][0] for entry in table.entries])
+    start = np.array(scene.velocity)
+    near = 1e-3 * float(np.max(np.abs(start), initial=0.0))
+    velocities = [f"velocity {k}" for k in range(n)]
+    choices = {n + 1: ["time", *velocities], 2 * n + 1: ["time", *(f"displacement {k}" for k in range(n)), *velocities]}
+    starts = near and first[0] == 0.0 and np.all(np.abs(first[-n:] - start) <= near)
+    if starts and count in choices and (count == n + 1 or not np.any(first[1 : n + 1])):
+        what = "velocities" if count == n + 1 else "displacements, then velocities"
+        notes.append(f"the file has no headings; its first row shows that its columns are the time and {what}")
+        return choices[count]
+    raise UsageError(
+        f"the file has {count} columns without headings; give their meaning in their order (--columns), such as"
+        " 'time,velocity 0,velocity 1'"
+    )
+
+
+def _of_axis(named: list[tuple[Heading, Entry]], choices: Choices, notes: list[str]) -> list[tuple[Heading, Entry]]:
+    """Return the entries along one axis: the stated one, or that of the largest motion."""
+    axes = {heading.axis for heading, _ in named if heading.axis is not None}
+    if choices.axis is not None:
+        axis = "xyz".index(choices.axis)
+    elif len(axes) > 1:
+        motion = dict.fromkeys(axes, 0.0)
+        for quantity in ("velocity", "displacement", "position"):
+            for heading, entry in named:
+                if heading.quantity == quantity and heading.axis is not None:
+                    values = numbers(entry.values)[0]
+                    span = np.max(np.abs(values)) if quantity != "position" else np.max(np.ptp(values, axis=0))
+                    motion[heading.axis] = max(motion[heading.axis], float(span))
+            if any(motion.values()):
+                break
+        axis = max(motion, key=lambda key: motion[key])
+        notes.append(f"the chain lies along {'xyz'[axis]}, which has the largest motion")
+    else:
+        return named
+    return [(heading, entry) for heading, entry in named if heading.axis in (None, axis)]
+
+
+def _times(
+    named: list[tuple[Heading, Entry]], table: Table, choices: Choices, notes: list[str]
+) -> tuple[Floats, Floats, float | None]:
+    """Return the times of the rows with their rounding errors, and the time step."""
+    dt = choices.dt if choices.dt is not None else table.dt
+    times = [(heading, entry) for heading, entry in named if heading.quantity == "time"]
+    if times:
+        heading, entry = times[0]
+        values, rounding = numbers(np.ravel(entry.values))
+        scale = choices.scale("time", heading.unit or entry.unit)
+        return values * scale, rounding * scale, dt
+    steps = next((entry for heading, entry in named if heading.quantity == "step"), None)
+    if steps is not None and dt is not None:
+        notes.append(f"times are step numbers times the time step of {dt:.9g} s")
+        values = numbers(np.ravel(steps.values))[0] * dt
+        return values, 0.5 * np.spacing(values), dt
+    said = "no times; name their column (--columns), such as 'time [s]'"
+    if steps is not None:
+        said = "step numbers but no times; give the time step in s (FILE@DT)"
+    raise UsageError(f"the file has {said}; its columns are {', '.join(repr(e.heading) for e in table.entries[:20])}")
+
+
+def _wide(
+    draft: Draft, quantity: str, block: list[tuple[Heading, Entry]], scene: Scene, choices: Choices
+) -> tuple[Floats, Floats, tuple[int, ...]]:
+    """Return the values, rounding errors and bodies of a quantity with a column for each body (contact)."""
+    n_t = len(draft.time)
+    arrays, indices = [], list[int | None]()
+    for heading, entry in block:
+        array = entry.values
+        if array.ndim == 2 and array.shape[0] != n_t and array.shape[1] == n_t:
+            array = array.T
+            draft.notes.append(f"{entry.heading} has a row for each body and is transposed")
+        if array.ndim == 0 or array.ndim > 2 or array.shape[0] != n_t:
+            raise UsageError(
+                f"{entry.heading!r} has the shape {array.shape}, the times have {n_t}; allowed: a value for each"
+                " time, or a row for each time"
+            )
+        arrays.append(array.reshape(n_t, -1))
+        indices += [heading.index] if array.ndim == 1 else list(range(array.shape[1]))
+    texts = np.hstack(arrays)
+    heading, entry = block[0]
+    scales = np.hstack(
+        [
+            np.full(a.shape[1], choices.scale(quantity, h.unit or e.unit))
+            for a, (h, e) in zip(arrays, block, strict=True)
+        ]
+    )
+    values, rounding = numbers(texts)
+    columns = _columns(draft, quantity, indices, scene, choices)
+    return values * scales, rounding * scales, columns
+
+
+def _columns(
+    draft: Draft, quantity: str, indices: Sequence[int | None], scene: Scene, choices: Choices
+) -> tuple[int, ...]:
+    """Return the body (contact) of each column from the indices in the headings."""
+    of_contacts = quantity == "contact_force"
+    count, kind = (scene.n_contact, "contact") if of_contacts else (scene.n_body, "body")
+    if choices.bodies is not None and not of_contacts:
+        if len(choices.bodies) != len(indices):
+            raise UsageError(
+                f"{len(choices.bodies)} bodies were given, the file has {len(indices)} columns of {quantity}; give the"
+                " body of each column, in their order"
+            )
+        return tuple(choices.bodies)
+    known = [index for index in indices if index is not None]
+    if not known:
+        if len(indices) != count:
+            raise UsageError(
+                f"the file has {len(indices)} columns of {quantity} without the number of a {kind}, the scene"
+                f" {scene.name} has {count}; number the headings, such as {quantity}_3, or give the"
+                " bodies of the columns (--bodies)"
+            )
+        return tuple(range(count))
+    if len(known) != len(indices):
+        raise UsageError(f"only some columns of {quantity} have the number of a {kind}; allowed: all or none")
+    if min(known) == 1 and max(known) == count:
+        draft.notes.append(f"the columns of {quantity} count from 1: {kind} 0 of the scene is number 1 of the file")
+        return tuple(index - 1 for index in known)
+    if len(known) < count:
+        draft.notes.append(
+            f"the file has the {quantity} of {len(known)} of {count} {'contacts' if of_contacts else 'bodies'}, counted"
+            " from 0"
+        )
+    return tuple(known)
+
+
+def _long(
+    draft: Draft, bodies: Entry, blocks: Mapping[str, list[tuple[Heading, Entry]]], scene: Scene, choices: Choices
+) -> dict[str, tuple[Floats, Floats, tuple[int, ...]]]:
+    """Return the quantities of a table with a row for each time and body; the draft gets the times."""
+    ids = numbers(bodies.values)[0]
+    if not np.all(ids == np.round(ids)):
+        raise UsageError(f"column {bodies.heading!r} has numbers that are not whole; allowed: the number of a body")
+    times, row = np.unique(draft.time, return_inverse=True)
+    names, column = np.unique(ids.astype(np.int64), return_inverse=True)
+    cell = row * len(names) + column
+    if len(np.unique(cell)) != len(cell):
+        twice = cell[np.flatnonzero(np.diff(np.sort(cell)) == 0)[0]] if len(cell) > 1 else 0
+        raise UsageError(
+            f"body {names[column[twice % len(cell)]]} occurs twice at one time; allowed: each body once at each time"
+        )
+    where = np.full((len(times), len(names)), -1)
+    where.flat[cell] = np.arange(len(cell))
+    whole = np.all(where >= 0, axis=1)
+    if not np.any(whole):
+        raise UsageError("no time has all bodies of the file; allowed: the same bodies at every time")
+    if not np.all(whole):
+        draft.notes.append(f"{np.sum(~whole)} of {len(times)} times lack a body and are not used")
+    rows = where[whole]
+    draft.time, draft.time_rounding = times[whole], draft.time_rounding[rows[:, 0]]
+    sampled = {}
+    for quantity, block in blocks.items():
+        heading, entry = block[0]
+        values, rounding = numbers(entry.values)
+        scale = choices.scale(quantity, heading.unit or entry.unit)
+        columns = _columns(draft, quantity, names.tolist(), scene, choices)
+        sampled[quantity] = (values[rows] * scale, rounding[rows] * scale, columns)
+    return sampled
+
+
+def _add(draft: Draft, sampled: dict[str, tuple[Floats, Floats, tuple[int, ...]]], scene: Scene) -> None:
+    """Add the quantities to the draft; rows with missing values are left out."""
+    missing = np.zeros(len(draft.time), dtype=bool)
+    for _, rounding, _ in sampled.values():
+        missing |= np.any(np.isnan(rounding), axis=1)
+    if np.any(missing):
+        draft.notes.append(f"{np.sum(missing)} of {len(missing)} samples have empty values and are not used")
+        draft.time, draft.time_rounding = draft.time[~missing], draft.time_rounding[~missing]
+        sampled = {name: (v[~missing], r[~missing], c) for name, (v, r, c) in sampled.items()}
+    for name in QUANTITIES:
+        if name in sampled:
+            draft.add(name, *sampled[name])
+    if "position" in sampled:
+        draft.add_positions(*sampled["position"])
+    if "contact_force" not in sampled and {"force_left", "force_right"} <= set(sampled):
+        left, right = sampled["force_left"], sampled["force_right"]
+        if left[2] == right[2] == tuple(range(scene.n_body)):
+            forces, rounding = from_sides(left[0], right[0], scene), from_sides(left[1], right[1], scene)
+            draft.add("contact_force", forces, rounding, range(scene.n_contact))
+
+
+def from_sides(left: Floats, right: Floats, scene: Scene) -> Floats:
+    """Return contact forces from the forces on the left and the right side of each body."""
+    walls = [left[:, :1]] * (scene.wall_left is not None) + [right[:, -1:]] * (scene.wall_right is not None)
+    return np.hstack([right[:, :-1], *walls])

@@ -1,0 +1,181 @@
+"""Estimate the rounding error of numbers from the digits with which they were written, and restore rounded times.
+
+A file with the digits of ``%.6f`` rounds to a fixed place, one with those of ``%.6g`` to a number of significant
+digits. Which of the two it is follows from all numbers of a quantity, because formats such as ``%g`` drop zeros at the
+end of a number.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dem_bridge.trajectory import Floats
+
+#: a decimal number with this many significant digits distinguishes all doubles
+_DOUBLE_DIGITS = 17
+#: number of values that are examined for the number of their digits where there is no text
+_SAMPLES = 2000
+#: fewest different values from which single precision is recognised
+_FEWEST_SINGLES = 20
+
+
+def numbers(values: NDArray[Any]) -> tuple[Floats, Floats]:
+    """Return the numbers of an array of numbers or texts, and their largest rounding errors.
+
+    A missing value (an empty text) is nan, and its rounding error, too.
+    """
+    if values.dtype.kind != "S":
+        return np.asarray(values, dtype=np.float64), rounding_of_values(values)
+    missing = values == b""
+    texts = np.where(missing, b"nan", values)
+    try:
+        array = texts.astype(np.float64)
+    except ValueError:  # the exponents of Fortran, 1.0D-03
+        array = np.array([text.upper().replace(b"D", b"E") for text in texts.ravel().tolist()]).astype(np.float64)
+        array = array.reshape(texts.shape)
+    return array, np.where(missing, math.nan, rounding_of_texts(texts, array))
+
+
+def rounding_of_texts(texts: NDArray[np.bytes_], values: Floats) -> Floats:
+    """Return the largest rounding error of each number by the digits of its text."""
+    flat = np.ascontiguousarray(texts).reshape(-1)
+    width = flat.dtype.itemsize
+    chars = flat.view(np.uint8).reshape(-1, width)
+    lower = chars | 32
+    mantissa = np.cumsum((lower == ord("e")) | (lower == ord("d")), axis=1) == 0
+    digit = (chars >= ord("0")) & (chars <= ord("9")) & mantissa
+    significant = np.sum(digit & (np.cumsum(digit & (chars != ord("0")), axis=1) > 0), axis=1)
+    decimals = np.sum(digit & (np.cumsum(chars == ord("."), axis=1) > 0), axis=1)
+    last = int(np.max(decimals, initial=0))
+    return _rounding(significant, last, _DOUBLE_DIGITS, values.reshape(-1), values)
+
+
+def rounding_of_values(values: NDArray[Any]) -> Floats:
+    """Return the largest rounding error of each number of an array by its type and its digits."""
+    if values.dtype == np.float32:
+        return _half_spacing(values, np.float32)
+    array = np.asarray(values, dtype=np.float64)
+    flat = array[np.isfinite(array) & (array != 0.0)]
+    if len(flat) > _SAMPLES:
+        flat = np.random.default_rng(0).choice(flat, _SAMPLES)
+    texts = [np.format_float_scientific(value, trim="-").partition("e")[0] for value in flat.tolist()]
+    significant = np.array([len(text.replace(".", "").lstrip("-")) for text in texts], dtype=np.int64)
+    # of the shortest texts of doubles, half have 16 digits
+    return _rounding(significant, 0, _DOUBLE_DIGITS - 1, flat, array)
+
+
+def rounding_error(values: ArrayLike, unit: float = 1.0) -> float | None:
+    """Return the largest rounding error of numbers that were written with few digits; None if they have all digits.
+
+    ``unit`` is the unit of the numbers. Of many numbers a random choice is examined.
+
+    >>> [rounding_error(numbers) for numbers in ([0.018, 0.03600012], [0.1 / 3.0, 2.0 / 3.0], [1.25e-13, 3.25e4])]
+    [5e-09, None, 50.0]
+    """
+    array = np.ravel(np.asarray(values, dtype=np.float64))
+    array = array[np.isfinite(array)]
+    if not np.any(array):
+        return None
+    rounding = rounding_of_values(array)
+    return None if np.all(rounding <= _half_spacing(array, np.float64)) else float(np.max(rounding)) * unit
+
+
+def _half_spacing(values: NDArray[Any], kind: type[np.floating[Any]]) -> Floats:
+    """Return half the distance of neighbouring numbers of a type, and 0 for 0."""
+    half = 0.5 * np.abs(np.spacing(np.asarray(values, dtype=kind)).astype(np.float64))
+    return np.where(np.asarray(values) == 0.0, 0.0, half)
+
+
+def _rounding(
+    significant: NDArray[np.int64], decimals: int, all_digits: int, examined: Floats, values: Floats
+) -> Floats:
+    """Return the rounding error of ``values`` from the significant digits of the ``examined`` numbers among them.
+
+    ``decimals`` is the number of decimals, which counts only if all numbers are 0; numbers with ``all_digits`` are
+    rounded to doubles only.
+    """
+    least = _half_spacing(values, np.float64)
+    counted = np.isfinite(examined) & (examined != 0.0)
+    if not np.any(counted):
+        return np.full(values.shape, 0.5 * 10.0**-decimals if decimals else 0.0)
+    significant, examined = significant[counted], examined[counted]
+    place = _magnitude(examined) - significant + 1
+    most, last = int(np.max(significant)), int(np.min(place))
+    of_place, of_digits = np.mean(place == last), np.mean(significant == most)
+    fixed = of_place == 1.0 or (of_digits < 1.0 and of_place >= of_digits)
+    if most >= all_digits and not fixed:
+        rounding = least
+    elif fixed:
+        rounding = np.maximum(least, float(f"5e{last - 1}"))
+    else:
+        rounding = np.zeros(values.shape)
+        nonzero = np.isfinite(values) & (values != 0.0)
+        tens = _magnitude(values[nonzero]) - most
+        table = {power: float(f"5e{power}") for power in np.unique(tens).tolist()}
+        rounding[nonzero] = [table[power] for power in tens.tolist()]
+        rounding = np.maximum(least, rounding)
+    return np.maximum(rounding, _of_singles(examined, rounding, values))
+
+
+def _of_singles(examined: Floats, rounding: Floats, values: Floats) -> Floats:
+    """Return the rounding error of single precision if all numbers are single-precision numbers, else 0."""
+    with np.errstate(over="ignore", under="ignore"):
+        off = np.abs(values - values.astype(np.float32))
+        half = _half_spacing(values, np.float32)
+    finite = np.isfinite(values)
+    fine = np.all(off[finite] <= rounding[finite]) and np.sum(rounding[finite] < 0.1 * half[finite]) >= _FEWEST_SINGLES
+    return half if fine and len(np.unique(examined)) >= _FEWEST_SINGLES else np.zeros(values.shape)
+
+
+def _magnitude(values: Floats) -> NDArray[np.int64]:
+    """Return the power of ten of the first digit of numbers other than 0."""
+    # nudged upward, because the logarithm of a power of ten may be too small in its last digit
+    return np.floor(np.log10(np.abs(values)) + 1e-14).astype(np.int64)
+
+
+def restored_times(
+    time: Floats, rounding: Floats, intervals: tuple[float, ...], dt: float | None
+) -> tuple[Floats, Floats, str | None]:
+    """Return times with few digits as multiples of one interval, their rounding errors, and a sentence about it.
+
+    Times are restored only if all are multiples of one interval within their rounding errors. ``intervals`` are
+    intervals that are tried first, and ``dt`` is the time step of which the interval may be a multiple. Without a
+    restored interval the times are returned as they are, with None.
+    """
+    count = len(time)
+    if count < 3 or np.any(np.diff(time) <= 0.0):
+        return time, rounding, None
+    mean = float(time[-1] - time[0]) / (count - 1)
+    if np.max(rounding) <= 1e-9 * mean:
+        return time, rounding, None
+    first = round(float(time[0]) / mean)
+    order = np.arange(first, first + count, dtype=np.float64)
+    counted = order > 0
+    slack = rounding[counted] + 4.0 * np.spacing(time[counted])
+    low = float(np.max((time[counted] - slack) / order[counted]))
+    high = float(np.min((time[counted] + slack) / order[counted]))
+    if low > high or (first == 0 and abs(time[0]) > rounding[0]) or order[0] < 0:
+        return time, rounding, None
+    middle = 0.5 * (low + high)
+    candidates = [*intervals, dt * round(middle / dt) if dt and high - low < dt else math.nan, _roundest(low, high)]
+    interval = next((each for each in candidates if low <= each <= high), None)
+    if interval is None:
+        interval, left = middle, 0.5 * (high - low) * order
+    else:
+        left = 0.5 * np.spacing(order * interval)
+    said = f"times have few digits and are multiples of {interval:.9g} s; they are restored to these multiples"
+    return order * interval, np.minimum(left, rounding), said
+
+
+def _roundest(low: float, high: float) -> float:
+    """Return the number with the fewest digits between two numbers; nan unless it is clearly the only such number."""
+    for digits in range(1, 10):
+        candidate = float(f"{0.5 * (low + high):.{digits - 1}e}")
+        if low <= candidate <= high:
+            place = 10.0 ** (math.floor(math.log10(candidate)) - digits + 1)
+            return candidate if high - low <= 0.1 * place else math.nan
+    return math.nan

@@ -1,0 +1,116 @@
+"""Recognise the headings of columns and the names of arrays: quantity, body, unit and axis.
+
+The names and units are data (``names.json``). A heading has a name (``v``, ``velocity``, ``vx``), and may have an index
+(``v_3``, ``v[3]``, ``body 3 velocity``) and a unit (``v_3_m_per_s``, ``velocity 3 [mm/s]``, ``t/ms``).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dem_bridge.errors import UsageError
+
+DATA: Mapping[str, Any] = json.loads(Path(__file__).with_name("names.json").read_text(encoding="utf-8"))
+#: SI unit of each quantity
+DIMENSIONS: Mapping[str, str] = DATA["dimensions"]
+
+
+def _velocities() -> dict[str, float]:
+    """Return the SI values of units of velocity: each unit of length over each unit of time, in many spellings."""
+    spellings = ("{}/{}", "{}_per_{}", "{} per {}", "{}_{}", "{} {}-1", "{} {}^-1", "{}*{}^-1", "{}.{}-1", "{}{}-1")
+    lengths, times = DATA["units"]["m"].items(), DATA["units"]["s"].items()
+    rates = {spelling.format(m, s): a / b for spelling in spellings for m, a in lengths for s, b in times}
+    return rates | {"m/s": 1.0, "mps": 1.0}
+
+
+#: units with their SI values, by the SI unit
+UNITS: Mapping[str, Mapping[str, float]] = DATA["units"] | {"m/s": _velocities()}
+
+
+def _names() -> Iterator[tuple[str, tuple[str, int | None]]]:
+    """Yield the names of quantities, each with the quantity and the axis (0, 1, 2 or None)."""
+    for quantity, names in DATA["names"].items():
+        for name in names:
+            letter = name[0] if quantity == "position" and name.rstrip("u") in ("x", "y", "z") else ""
+            yield name, (quantity, "xyz".index(letter) if letter else None)
+    for quantity, stems in DATA["axes"].items():
+        for stem in stems:
+            yield from ((f"{stem}{axis}", (quantity, k)) for k, axis in enumerate("xyz"))
+
+
+_NAMES: Mapping[str, tuple[str, int | None]] = dict(_names())
+_OF_NAMES = "|".join(
+    re.escape(name).replace("_", r"[_\s.-]?") for name in sorted(_NAMES, key=lambda name: (-len(name), name))
+)
+_GAP = r"[\s_.:-]*"
+_BODY = r"(?i:body|bead|particle|atom|grain|sphere|ball|node|mass|contact|p|b)s?"
+_INDEX = r"(?:[\[(#]\s*(?P<{0}>\d+)\s*[\])]?|(?P<{0}_>\d+))"
+_UNIT = r"(?:\s*_?[\[(]\s*(?P<bracket>[^\])\d]*(?:[^\])\d][^\])]*)?)\s*[\])]|[\s_./:-]+(?P<plain>[^\s_\d].*?))?"
+_HEADING = re.compile(
+    rf"(?:{_BODY}{_GAP}{_INDEX.format('before')}{_GAP})?(?P<name>(?i:{_OF_NAMES}))"
+    rf"(?:{_GAP}(?:(?:of{_GAP})?{_BODY}{_GAP})?{_INDEX.format('after')})?{_UNIT}(?:{_GAP}{_INDEX.format('last')})?"
+)
+
+
+@dataclass(frozen=True)
+class Heading:
+    """Hold the meaning of a heading."""
+
+    quantity: str
+    index: int | None
+    """Index in the heading as it is written; None if there is none."""
+    unit: str | None
+    """Unit in the heading; None if there is none."""
+    axis: int | None
+    """Axis in the heading: 0, 1 or 2; None if there is none."""
+
+    @property
+    def scale(self) -> float:
+        """Return the SI value of the unit; a heading without a unit is in SI units."""
+        return scale_of(self.quantity, self.unit)
+
+
+def scale_of(quantity: str, unit: str | None) -> float:
+    """Return the SI value of a unit of a quantity, 1 for None; raise UsageError for an unknown unit."""
+    if unit is None or quantity not in DIMENSIONS:
+        return 1.0
+    units = UNITS[DIMENSIONS[quantity]]
+    text = unit.strip().strip("()").replace("**", "^")
+    if text not in units:
+        raise UsageError(f"the unit {unit!r} of {quantity} is unknown; allowed: {allowed_units(DIMENSIONS[quantity])}")
+    return units[text]
+
+
+def allowed_units(si_unit: str) -> str:
+    """Return the usual units of a quantity with the SI unit ``si_unit``, for messages."""
+    return ", ".join(("m/s", "mm/s", "cm/s", "um/s") if si_unit == "m/s" else tuple(UNITS[si_unit]))
+
+
+def heading_of(text: str) -> Heading | None:
+    """Return the meaning of a heading, or None if its name is unknown; raise UsageError for an unknown unit.
+
+    >>> heading_of("velocity_3_mm_per_s")
+    Heading(quantity='velocity', index=3, unit='mm_per_s', axis=None)
+    >>> heading_of("vx[7]"), heading_of("t / ms").scale, heading_of("energy")
+    (Heading(quantity='velocity', index=7, unit=None, axis=0), 0.001, None)
+    """
+    text = text.strip().strip("\"'#").strip()
+    match = _HEADING.fullmatch(text)
+    if match is None:
+        return None
+    name = re.sub(r"[_\s.-]", "_", match["name"].lower())
+    quantity, axis = next((_NAMES[key] for key in (name, name.replace("_", "")) if key in _NAMES), ("", None))
+    if not quantity:
+        return None
+    index = next((match[key] for key in ("before", "before_", "after", "after_", "last", "last_") if match[key]), None)
+    unit = match["bracket"] or match["plain"]
+    if match["plain"] and (quantity not in DIMENSIONS or match["plain"].strip("()") not in UNITS[DIMENSIONS[quantity]]):
+        return None
+    found = Heading(quantity, None if index is None else int(index), (unit or "").strip() or None, axis)
+    _ = found.scale
+    return found

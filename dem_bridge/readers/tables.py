@@ -1,0 +1,138 @@
+"""Read tables of text: CSV with any delimiter, and columns separated by blanks, with or without headings."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.errors import UsageError
+
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
+_STEP = re.compile(r"(?i)\b(?:dt|time[ _]?step|delta_?t)\b\s*(?:\[s\]|\(s\))?\s*[=:]\s*([0-9.eE+-]+)")
+_COMMENTS = ("#", "%", "//", "!")
+
+
+@dataclass
+class Entry:
+    """Hold a column or an array of a file under its heading, in the file's own units."""
+
+    heading: str
+    values: NDArray[Any]
+    """Numbers, or the texts of numbers (bytes; an empty text is a missing value)."""
+    unit: str | None = None
+    """Unit that the file states apart from the heading."""
+
+
+@dataclass
+class Table:
+    """Hold the columns or arrays of a file."""
+
+    entries: list[Entry]
+    notes: list[str] = field(default_factory=list)
+    dt: float | None = None
+    """Time step that the file states, s."""
+    named: bool = True
+    """True if the file has headings."""
+
+
+def read_text(text: str) -> Table:
+    """Read a table of numbers with headings, or without (then they are the numbers of the columns, from 0)."""
+    lines = [line for line in text.splitlines() if line.strip()]
+    comments = [line.strip() for line in lines if line.lstrip().startswith(_COMMENTS)]
+    rows_at = [k for k, line in enumerate(lines) if not line.lstrip().startswith(_COMMENTS)]
+    plain = [lines[k] for k in rows_at]
+    begin = next((k for k, line in enumerate(plain) if _delimiter_of_numbers(line) is not None), None)
+    if begin is None:
+        raise UsageError(
+            "the file is not a table; allowed: a row of headings, then rows of numbers separated by commas,"
+            " semicolons, tabs or blanks"
+        )
+    delimiter = _delimiter_of_numbers(plain[begin]) or " "
+    rows = _split(plain[begin:], delimiter)
+    count = len(rows[0])
+    for nth, row in enumerate(rows):
+        if len(row) != count:
+            raise UsageError(
+                f"row {nth + 1} of the numbers has {len(row)} values, the first row has {count}; allowed: the same"
+                " number in every row; write the file again if it is cut off"
+            )
+    headings, named = _headings(plain[:begin], comments, count, delimiter)
+    table = Table([], named=named)
+    if delimiter in ";\t" and any("," in cell for cell in rows[0]):
+        rows = [[cell.replace(",", ".") for cell in row] for row in rows]
+        table.notes.append("numbers have decimal commas")
+    table.entries = [
+        Entry(heading, _column(cells, heading))
+        for heading, cells in zip(headings, zip(*rows, strict=True), strict=True)
+    ]
+    stated = [found for comment in comments if (found := _STEP.search(comment))]
+    if stated:
+        try:
+            table.dt = float(stated[0][1])
+            table.notes.append(f"the time step is {table.dt:.9g} s, as a comment of the file states")
+        except ValueError:
+            table.dt = None
+    return table
+
+
+def _delimiter_of_numbers(line: str) -> str | None:
+    """Return the delimiter of a line if all its cells are numbers (or empty), else None."""
+    for delimiter in (";", "\t", ",", " "):
+        if delimiter != " " and delimiter not in line:
+            continue
+        cells = [cell.strip().strip('"') for cell in (line.split() if delimiter == " " else line.split(delimiter))]
+        if delimiter in ";\t":
+            cells = [cell.replace(",", ".") for cell in cells]
+        if any(cells) and all(not cell or _NUMBER.fullmatch(cell) for cell in cells):
+            return delimiter
+    return None
+
+
+def _split(lines: Sequence[str], delimiter: str) -> list[list[str]]:
+    """Return the cells of lines."""
+    if delimiter == " ":
+        return [line.split() for line in lines]
+    try:
+        return [
+            [cell.strip() for cell in row] for row in csv.reader(io.StringIO("\n".join(lines)), delimiter=delimiter)
+        ]
+    except csv.Error as error:
+        raise UsageError(f"the file is not a table ({error}); write it again") from error
+
+
+def _headings(heads: list[str], comments: list[str], count: int, delimiter: str) -> tuple[list[str], bool]:
+    """Return the headings of ``count`` columns and True, or the numbers of the columns and False."""
+    for line in (*reversed(heads), *reversed(comments)):
+        text = line.lstrip("#%/! ").strip()
+        choices = [row for mark in {delimiter, ",", "\t", ";"} if mark != " " for row in _split([text], mark)]
+        choices += [
+            text.split(),
+            re.findall(r"[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))*", text),
+            re.split(r"\s{2,}", text),
+        ]
+        for cells in choices:
+            if len(cells) == count and not all(_NUMBER.fullmatch(cell) for cell in cells):
+                return [cell.strip().strip('"') for cell in cells], True
+    if heads:
+        raise UsageError(
+            f"the rows have {count} values, which is not the number of headings in {heads[-1][:60]!r}; allowed: one"
+            " heading for each value; give the headings (--columns)"
+        )
+    return [str(nth) for nth in range(count)], False
+
+
+def _column(cells: Sequence[str], heading: str) -> NDArray[np.bytes_]:
+    """Return the texts of the numbers of a column; raise UsageError for a text that is not a number."""
+    wrong = next((k for k, cell in enumerate(cells) if cell and not _NUMBER.fullmatch(cell)), None)
+    if wrong is not None:
+        raise UsageError(
+            f"column {heading!r} has {cells[wrong][:40]!r} in row {wrong + 1}; allowed: numbers; correct the file"
+        )
+    return np.array(cells, dtype=np.bytes_)
