@@ -197,7 +197,7 @@ def test_only_the_command_line_speaks_to_terminals(library: str, where: set[str]
 
 
 def test_only_scene_files_defects_and_texts_of_studies_are_parsed() -> None:
-    assert _importers("tomllib") == {"lmp.known_defects", "scene_file.load", "studies.texts"}
+    assert _importers("tomllib") == {"lmp.known_defects", "scene_file.load", "scene_file.text", "studies.texts"}
     assert _importers("pydantic") == {"scene_file.load", "scene_file.forms"}
 
 

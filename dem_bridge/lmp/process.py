@@ -66,7 +66,7 @@ class EngineReport:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Ended:
+class Ended:
     """The end of a child; times in s, including all its own children."""
 
     code: int
@@ -303,13 +303,13 @@ class _Task:
         """Return the command of the worker process."""
         return [str(self.engine.python or sys.executable), str(WORKER), _ANSWER, *words]
 
-    def _child(self, command: Sequence[str]) -> _Ended:
+    def _child(self, command: Sequence[str]) -> Ended:
         """Run a command; no process of it remains, whatever happens."""
         began = time.perf_counter()
         with self.process(command) as child:
             return self._wait(child, began)
 
-    def _hand_over(self, input_file: str) -> _Ended:
+    def _hand_over(self, input_file: str) -> Ended:
         """Run a deck by the worker that waits for its name."""
         began = time.perf_counter()
         assert self.worker is not None
@@ -318,7 +318,7 @@ class _Task:
             pipe.write(os.fsencode(input_file))
         return self._wait(self.worker, began)
 
-    def _wait(self, child: subprocess.Popen[bytes], began: float) -> _Ended:
+    def _wait(self, child: subprocess.Popen[bytes], began: float) -> Ended:
         """Wait for a child and return its end, or raise RunBroken after the time limit."""
         try:
             return _wait(child, began, self.time_limit, self.watch)
@@ -362,7 +362,7 @@ class _Task:
         text = "LAMMPS: " + " ".join(error.split())
         return BackendUnavailable(text) if lacks(text) else RunBroken(text, log=self._last_lines())
 
-    def _death(self, ended: _Ended, stage: str) -> RunBroken:
+    def _death(self, ended: Ended, stage: str) -> RunBroken:
         """Return the exception for a child that ended without an error message."""
         lines = [line.strip() for line in self._read(_SCREEN).split("\n") if line.strip(" =\t")]
         # the last lines of MPI's launcher contain no information
@@ -380,6 +380,34 @@ class _Task:
         return "\n".join(self._read(_LOG).splitlines()[-20:])
 
 
+def run_program(command: Sequence[str], folder: Path, *, time_limit: float, stdout: Path, stderr: Path) -> Ended:
+    """Run any program in a folder, with its output in two files; no process of it remains, whatever happens.
+
+    Raises
+    ------
+    OSError
+        If the program cannot be started.
+    TimeoutError
+        If it does not end within ``time_limit`` (s).
+    """
+    with stdout.open("wb") as out, stderr.open("wb") as err:
+        began = time.perf_counter()
+        guarded = [sys.executable, "-IS", str(PARENT_DEATH_GUARD), *command]
+        child = subprocess.Popen(
+            guarded, cwd=folder, stdin=subprocess.DEVNULL, stdout=out, stderr=err, start_new_session=True
+        )
+    try:
+        return _wait(child, began, time_limit, None)
+    except subprocess.TimeoutExpired as error:
+        raise TimeoutError from error
+    finally:
+        with suppress(ProcessLookupError):  # also processes that it has left behind
+            os.killpg(child.pid, signal.SIGKILL)
+        if child.returncode is None:
+            child.wait()
+        _sweep(child.pid)
+
+
 def _sweep(pid: int) -> None:
     """Remove the shared memory of an MPI library whose process was killed.
 
@@ -390,7 +418,7 @@ def _sweep(pid: int) -> None:
             path.unlink()
 
 
-def _wait(child: subprocess.Popen[bytes], began: float, time_limit: float, watch: Callable[[], None] | None) -> _Ended:
+def _wait(child: subprocess.Popen[bytes], began: float, time_limit: float, watch: Callable[[], None] | None) -> Ended:
     """Wait for the child and return its end, or raise TimeoutExpired."""
     end, checks = began + time_limit, 0
     # wait4 returns the resources that the child and its children used
@@ -403,7 +431,7 @@ def _wait(child: subprocess.Popen[bytes], began: float, time_limit: float, watch
         time.sleep(_POLL)
     _, status, usage = ended
     child.returncode = os.waitstatus_to_exitcode(status)
-    return _Ended(
+    return Ended(
         code=child.returncode,
         wall=time.perf_counter() - began,
         cpu=usage.ru_utime + usage.ru_stime,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
@@ -38,6 +39,23 @@ def scene_toml(scene: Scene) -> str:
     if scene.law is not None:
         raise UnsupportedScene(f"{scene.name} has a contact whose law is a function, which a scene file cannot contain")
     return "\n".join(_lines(scene)) + "\n"
+
+
+def scene_json(scene: Scene) -> str:
+    """Return the scene as JSON, with the keys and units of a scene file in raw form.
+
+    Raises
+    ------
+    UnsupportedScene
+        If a contact's law is a function, which no file can contain.
+
+    Examples
+    --------
+    >>> from dem_bridge.scene_file import load_scene
+    >>> json.loads(scene_json(load_scene("decelerating-40")))["chain"]["velocity"][:2]
+    [0.8, 0.0]
+    """
+    return json.dumps(tomllib.loads(scene_toml(scene)), indent=1) + "\n"
 
 
 def _lines(scene: Scene) -> Iterator[str]:
