@@ -5,6 +5,7 @@ from dem_bridge import features as features
 from dem_bridge import plot as plot
 from dem_bridge import testing as testing
 from dem_bridge.accuracy import observed_order as observed_order
+from dem_bridge.api.judge import judge as judge
 from dem_bridge.api.regress import regress as regress
 from dem_bridge.api.runs import available as available
 from dem_bridge.api.runs import plan as plan
@@ -27,6 +28,7 @@ from dem_bridge.exports.angles import angles_for as angles_for
 from dem_bridge.geometry import Body as Body
 from dem_bridge.geometry import Geometry as Geometry
 from dem_bridge.geometry import Material as Material
+from dem_bridge.judging.judgement import Judgement as Judgement
 from dem_bridge.lmp.engine import Engine as Engine
 from dem_bridge.physics.law import ContactLaw as ContactLaw
 from dem_bridge.physics.law import law_of as law_of

@@ -58,6 +58,7 @@ SIDEWAYS = {
     ("runs", "backends"): "a case names a backend and its settings",
     ("runs", "observables"): "what is read from runs depends on the observables that are registered",
     ("sweep", "campaign"): "a sweep runs many cases",
+    ("judging", "studies"): "a judgement has the page of a study",
     ("verification", "campaign"): "a verification lists cases and takes results",
     ("accuracy", "errors"): "an accuracy that is none is a UsageError",
 }
@@ -183,6 +184,7 @@ def test_only_the_report_draws_and_only_it_and_notebooks_fill_pages(library: str
                 "cli.export",
                 "cli.group",
                 "cli.imports",
+                "cli.judge",
                 "cli.new",
                 "cli.options",
                 "cli.regress",

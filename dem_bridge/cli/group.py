@@ -22,6 +22,7 @@ from dem_bridge.cli import terminal
 from dem_bridge.cli.convert import compare, convert
 from dem_bridge.cli.export import export
 from dem_bridge.cli.imports import import_group
+from dem_bridge.cli.judge import judge
 from dem_bridge.cli.new import new
 from dem_bridge.cli.options import check_output, print_json, with_options
 from dem_bridge.cli.regress import regress
@@ -188,7 +189,22 @@ def doctor(as_json: bool, **settings: Any) -> None:
     sys.exit(0 if all(finding.fine or not finding.needed for finding in findings) else 3)
 
 
-_COMMANDS = (scenes, run, deck, verify, doctor, study_group, new, plan, export, regress, convert, compare, import_group)
+_COMMANDS = (
+    scenes,
+    run,
+    deck,
+    verify,
+    doctor,
+    study_group,
+    new,
+    plan,
+    export,
+    regress,
+    convert,
+    compare,
+    judge,
+    import_group,
+)
 for _command in _COMMANDS:
     main.add_command(_command)
 

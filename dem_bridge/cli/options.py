@@ -52,6 +52,21 @@ def _names(value: str) -> list[str]:
     return [name.strip() for name in value.split(",")]
 
 
+def _assignments(value: str) -> dict[str, str] | list[str]:
+    """Return the names of a list with commas, or a mapping if each of them is NAME=TEXT."""
+    names = _names(value)
+    pairs = [name.partition("=") for name in names]
+    return {name.strip(): text.strip() for name, _, text in pairs} if all(sign for _, sign, _ in pairs) else names
+
+
+def _integers(value: str) -> list[int]:
+    """Return the whole numbers of a list with commas."""
+    try:
+        return [int(number) for number in value.split(",")]
+    except ValueError as error:
+        raise click.BadParameter(f"{error}; allowed: whole numbers separated by commas") from None
+
+
 def _numbers(value: str) -> list[float]:
     """Return the numbers of a list with commas."""
     try:
@@ -82,10 +97,12 @@ def _wall(value: str) -> Wall:
 
 
 _TYPES: dict[str, Any] = {
+    "assignments": _assignments,
     "backend": click.Choice(BACKENDS),
     "file": click.Path(path_type=Path),
     "float": float,
     "int": int,
+    "integers": _integers,
     "names": _names,
     "numbers": _numbers,
     "observable": ObservableChoice(),

@@ -16,7 +16,8 @@ from dem_bridge.studies.texts import Texts
 
 STUDIES = Path(dem_bridge.__file__).parent / "studies"
 PAGES = sorted((STUDIES / "pages").glob("*.toml"))
-CODE = "\n".join(file.read_text(encoding="utf-8") for file in STUDIES.rglob("*.py"))
+FOLDERS = (STUDIES, STUDIES.parent / "judging")
+CODE = "\n".join(file.read_text(encoding="utf-8") for folder in FOLDERS for file in folder.rglob("*.py"))
 Run = namedtuple("Run", ("scene", "wall", "error", "count"))
 Scene = namedtuple("Scene", ("name",))
 

@@ -1,0 +1,123 @@
+"""The public function that judges files of other codes against the reference solution of their scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeGuard, cast
+
+from dem_bridge.errors import UsageError
+from dem_bridge.scene import Scene
+from dem_bridge.scene_file import scene_of
+
+if TYPE_CHECKING:
+    from dem_bridge.judging.judgement import Judgement
+
+#: a file of a code, with or without its time step
+File = str | Path | tuple[str | Path, float | None]
+
+
+def judge(
+    files: File | Sequence[File],
+    scene: Scene | str | Path,
+    *,
+    tolerance: float | None = None,
+    dt: float | None = None,
+    columns: Mapping[str, str] | Sequence[str] | None = None,
+    units: Mapping[str, str] | str | None = None,
+    bodies: Sequence[int] | None = None,
+    axis: str | None = None,
+) -> Judgement:
+    """Judge files of any code against the reference solution of their scene, at the times of the files.
+
+    Parameters
+    ----------
+    files : str, Path, (path, dt) or sequence of these
+        Files of one scene: CSV, text columns, npz, netCDF, LAMMPS or LIGGGHTS dump, extended XYZ, ASE or VTK. A string
+        may end in the time step of its run, "FILE@DT" in s. All files with a time step give the order of convergence;
+        the one with the finest step decides the outcome.
+    scene : Scene, str or Path
+        Scene of the files, name of a shipped scene or path of a scene file.
+    tolerance : float, optional
+        Permissible error of each quantity, relative to its largest value. None: the outcome is PASS if time step and
+        digits explain all errors, FAIL if a cause of them can be named, and UNDECIDED otherwise.
+    dt : float, optional
+        Time step of a single file, s.
+    columns : mapping or sequence of str, optional
+        Meaning of headings, such as ``{"ch1": "velocity 3 [mm/s]"}``, or the headings of all columns in their order.
+    units : str or mapping, optional
+        Unit style of files that do not state their units, or the unit of each quantity, such as ``{"time": "ms"}``.
+    bodies : sequence of int, optional
+        Body of each column, from 0, the struck end, if the files do not state it.
+    axis : {"x", "y", "z"}, optional
+        Axis along which the chain lies.
+
+    Returns
+    -------
+    Judgement
+        A mapping with outcome, error, first_divergence, order, floor, cause, alternatives, where, evidence and
+        recognised, which are attributes, too. Errors, scales and uncertainties are in SI units.
+
+    Raises
+    ------
+    UsageError
+        If a file cannot be read, or its values cannot be judged.
+    UnsupportedScene
+        If there is no reference solution of the scene.
+
+    Examples
+    --------
+    >>> import dem_bridge as db, tempfile
+    >>> pair = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = []
+    ...     for dt in (2e-7, 1e-7):
+    ...         run = db.solve(pair, backend="verlet", dt=dt, uncertainty=False)
+    ...         db.write_trajectory(run, pair, f"{folder}/{dt}.csv", layout="wide")
+    ...         files.append((f"{folder}/{dt}.csv", dt))
+    ...     judgement = db.judge(files, pair, tolerance=1e-3)
+    >>> judgement.outcome, f"{judgement.order['velocity']['value']:.2f}"
+    ('PASS', '2.00')
+    """
+    from dem_bridge.judging.judgement import judge_records
+    from dem_bridge.readers import read_record
+
+    scene = scene_of(scene)
+    named = [_with_step(file) for file in (files if _is_several(files) else [cast(File, files)])]
+    if dt is not None and len(named) != 1:
+        raise UsageError(f"dt = {dt!r} was given for {len(named)} files; give each file its own time step, FILE@DT")
+    records = [
+        read_record(path, scene, dt=step if dt is None else dt, columns=columns, units=units, bodies=bodies, axis=axis)
+        for path, step in named
+    ]
+    return judge_records(scene, records, tolerance=tolerance)
+
+
+def _is_several(files: File | Sequence[File]) -> TypeGuard[Sequence[File]]:
+    """Return False for a single file, which a pair of a path and a time step is, too."""
+    pair = isinstance(files, tuple) and len(files) == 2 and not isinstance(files[1], str | Path | tuple)
+    return not (pair or isinstance(files, str | Path))
+
+
+def _with_step(file: File) -> tuple[Path, float | None]:
+    """Return the path and the time step of a file that was given as FILE, FILE@DT or (path, dt).
+
+    >>> _with_step("run.csv@1e-7"), _with_step("run.csv")[1], _with_step(("run.csv", 2e-7))[1]
+    ((PosixPath('run.csv'), 1e-07), None, 2e-07)
+    """
+    if isinstance(file, tuple):
+        path, step = Path(file[0]), file[1]
+    else:
+        name, sign, text = str(file).rpartition("@")
+        if not sign or Path(file).exists():
+            return Path(file), None
+        path, step = Path(name), math.nan
+        with suppress(ValueError):
+            step = float(text)
+    if step is not None and not 0.0 < step < math.inf:
+        raise UsageError(
+            f"{file}: the time step is not a number above 0; give FILE@DT with DT in s, such as {path}@1e-7"
+        )
+    return path, step

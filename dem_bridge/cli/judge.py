@@ -1,0 +1,42 @@
+"""The command ``dem-bridge judge`` for files of any code."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+import dem_bridge
+from dem_bridge.cli.options import print_json, with_options
+from dem_bridge.files import check_folder
+
+
+@with_options("judge")
+def judge(
+    files: tuple[str, ...], scene: str, as_json: bool = False, folder: Path | None = None, **settings: Any
+) -> None:
+    """Judge FILES of any code against the reference solution of their scene.
+
+    Each FILE holds samples of one run: FILE, or FILE@DT with the time step of the run in s. Several files with
+    different time steps give the order of convergence; the one with the finest step decides the outcome.
+
+    The exit code is 0 for PASS, 1 for FAIL and 4 for UNDECIDED.
+    """
+    if folder is not None:
+        check_folder(folder)
+    if isinstance(units := settings.get("units"), list):
+        settings["units"] = ",".join(units)
+    judgement = dem_bridge.judge(list(files), scene, **settings)
+    if folder is not None:
+        judgement.save(folder)
+    if as_json:
+        print_json(judgement.as_json())
+    else:
+        for sentence in judgement.recognised:
+            click.echo(f"dem-bridge: note: {sentence}", err=True)
+        click.echo(str(judgement))
+        if folder is not None:
+            click.echo(f"{'written':13} {folder / 'index.html'}")
+    sys.exit(judgement.exit_code)

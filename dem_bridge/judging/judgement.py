@@ -1,0 +1,261 @@
+"""The judgement of files: errors, order, floor, cause and outcome."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from dem_bridge.errors import UsageError
+from dem_bridge.judging.cause import Diagnosis, diagnose
+from dem_bridge.judging.error import FileErrors, QuantityErrors, file_errors
+from dem_bridge.judging.order import Convergence, convergence
+from dem_bridge.judging.reference import UNITS
+from dem_bridge.readers import Record
+from dem_bridge.scene import Scene
+from dem_bridge.verification.verdict import Outcome, exit_code, judge, plain
+
+if TYPE_CHECKING:
+    from dem_bridge.studies.study import Study
+
+#: keys of a judgement, in their order
+KEYS = (
+    *("outcome", "error", "first_divergence", "order", "floor"),
+    *("cause", "alternatives", "where", "evidence", "recognised"),
+)
+#: causes that name no fault
+NO_FAULT = ("none", "unknown")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Judgement(Mapping[str, Any]):
+    """The judgement of one or several files of one scene: a mapping with the keys :data:`KEYS`, all JSON-able.
+
+    The keys are attributes, too. Errors, scales and uncertainties are in SI units; the tolerance and ``floor`` are
+    relative to the scale.
+    """
+
+    scene: Scene
+    files: tuple[FileErrors, ...]
+    """Errors of each file."""
+    convergence: tuple[Convergence, ...]
+    """Errors against the time step; empty for fewer than two files with a time step."""
+    diagnosis: Diagnosis
+    tolerance: float | None
+    """Permissible error relative to the scale of each quantity; None: the cause decides the outcome."""
+    assumed: tuple[str, ...] = ()
+    """Sentences on what was assumed in judging, beside those of the readers."""
+
+    @property
+    def judged(self) -> tuple[FileErrors, ...]:
+        """The files that decide the outcome: the one with the finest time step, or all if none has a time step."""
+        steps = [math.inf if file.record.dt is None else file.record.dt for file in self.files]
+        finest = min(steps)
+        return self.files if math.isinf(finest) else (self.files[steps.index(finest)],)
+
+    @property
+    def worst(self) -> dict[str, tuple[FileErrors, QuantityErrors]]:
+        """The file with the largest error of each quantity, among those that decide, with its errors."""
+        names = [name for name in UNITS if any(name in file.quantities for file in self.judged)]
+        having = {name: [file for file in self.judged if name in file.quantities] for name in names}
+        files = {name: max(some, key=lambda file: file.quantities[name].value) for name, some in having.items()}
+        return {name: (file, file.quantities[name]) for name, file in files.items()}
+
+    @property
+    def outcomes(self) -> dict[str, Outcome]:
+        """Outcome of each quantity against the tolerance; empty without a tolerance."""
+        if self.tolerance is None:
+            return {}
+        return {
+            name: judge(part.value, part.uncertainty, self.tolerance * part.scale)
+            for name, (_, part) in self.worst.items()
+        }
+
+    @property
+    def outcome(self) -> str:
+        """PASS, FAIL or UNDECIDED, by the tolerance, or without one by the cause."""
+        if self.tolerance is None:
+            outcomes = {"none": Outcome.PASS, "unknown": Outcome.UNDECIDED}
+            return outcomes.get(self.cause, Outcome.FAIL).value
+        found = set(self.outcomes.values())
+        return next(one for one in (Outcome.FAIL, Outcome.UNDECIDED, Outcome.PASS) if one in found).value
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the command line: 0 for PASS, 1 for FAIL, 4 for UNDECIDED."""
+        return exit_code([Outcome(self.outcome)])
+
+    @property
+    def error(self) -> dict[str, dict[str, float]]:
+        """Largest error of each quantity, its scale (largest magnitude of the reference) and its uncertainty; SI."""
+        return {
+            name: {"value": part.value, "scale": part.scale, "uncertainty": part.uncertainty}
+            for name, (_, part) in self.worst.items()
+        }
+
+    @property
+    def first_divergence(self) -> dict[str, Any] | None:
+        """Time, body and quantity of the first error that digits and reference do not explain; None without one."""
+        found = [first for file in self.judged if (first := file.first_divergence(self.scene)) is not None]
+        return min(found, key=lambda first: float(first["time"]), default=None)
+
+    @property
+    def order(self) -> dict[str, dict[str, float]]:
+        """Observed order of each quantity and its uncertainty; empty where it cannot be determined."""
+        return {
+            part.quantity: {"value": part.order.value, "uncertainty": part.order.uncertainty}
+            for part in self.convergence
+            if part.order is not None
+        }
+
+    @property
+    def floor(self) -> float | None:
+        """Error below which nothing can be judged, relative to the scale: digits, reference, and round-off if visible.
+
+        It is that of velocities, or of the first quantity that the files have.
+        """
+        name, (_, part) = next(iter(self.worst.items()))
+        flat = [item.flat for item in self.convergence if item.quantity == name and not math.isnan(item.flat)]
+        return cast("float | None", plain(part.relative(max(part.uncertainty, *flat, 0.0))))
+
+    @property
+    def cause(self) -> str:
+        """The likely cause of the errors, one of :data:`~dem_bridge.judging.cause.CAUSES`."""
+        return self.diagnosis.cause
+
+    @property
+    def alternatives(self) -> list[str]:
+        """Causes that the data cannot tell from the cause."""
+        return list(self.diagnosis.alternatives)
+
+    @property
+    def where(self) -> str:
+        """Body or contact of the cause; empty if it concerns the whole chain."""
+        return self.diagnosis.where
+
+    @property
+    def evidence(self) -> str:
+        """What speaks for the cause, in one sentence."""
+        return self.diagnosis.evidence
+
+    @property
+    def recognised(self) -> list[str]:
+        """What was assumed in reading and judging the files, as sentences."""
+        read = [f"{file.record.name}: {text}" for file in self.files for text in file.record.recognised]
+        return [*read, *self.assumed]
+
+    def __getitem__(self, key: str) -> Any:
+        if key not in KEYS:
+            raise KeyError(key)
+        return getattr(self, key)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(KEYS)
+
+    def __len__(self) -> int:
+        return len(KEYS)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the keys :data:`KEYS` with JSON types."""
+        return {key: self[key] for key in KEYS}
+
+    @property
+    def study(self) -> Study:
+        """The judgement as a study: sentences, tables, figures and verdicts of its page."""
+        # by name, because the texts are built on judgements
+        return cast("Study", import_module("dem_bridge.judging.shown").judgement_study(self))
+
+    def save(self, folder: str | Path) -> None:
+        """Write the page, ``verdicts.json``, tables and figures into ``folder``, which is created if need be."""
+        self.study.save(folder)
+
+    def __repr__(self) -> str:
+        return "\n".join(f"{name:13} {text}" for name, text in import_module("dem_bridge.judging.shown").lines(self))
+
+    def _repr_html_(self) -> str:
+        return self.study._repr_html_()
+
+
+def judge_records(scene: Scene, records: Sequence[Record], *, tolerance: float | None = None) -> Judgement:
+    """Judge what files hold against the reference solution of their scene.
+
+    Raises
+    ------
+    UsageError
+        For values that cannot be judged: not finite, a single sample, none later than the start, the same time step in
+        two files, or a tolerance that is not between 0 and 1.
+    UnsupportedScene
+        If there is no reference solution of the scene.
+    """
+    if tolerance is not None and not (not isinstance(tolerance, bool) and 0.0 < tolerance < 1.0):
+        raise UsageError(f"tolerance = {tolerance!r}; allowed: a number between 0 and 1, relative to the largest value")
+    if not records:
+        raise UsageError("no file was given; give at least one file of the scene")
+    _check_steps(records)
+    judged, assumed = zip(*(_checked(record) for record in records), strict=True)
+    files = file_errors(scene, judged)
+    floor = {name: part.reference_uncertainty for file in files for name, part in file.quantities.items()}
+    notes = [text for texts in assumed for text in texts]
+    end = max(float(record.time[-1]) for record in judged)
+    if end > scene.duration * (1.0 + 1e-9):
+        notes.append(f"The scene ends at {scene.duration:.6g} s; the reference was continued to {end:.6g} s.")
+    return Judgement(
+        scene=scene,
+        files=files,
+        convergence=convergence(files),
+        diagnosis=diagnose(scene, judged, floor),
+        tolerance=tolerance,
+        assumed=tuple(notes),
+    )
+
+
+def _check_steps(records: Sequence[Record]) -> None:
+    """Raise UsageError if only some of several files have a time step."""
+    without = [record.name for record in records if record.dt is None]
+    if without and len(without) < len(records):
+        raise UsageError(
+            f"{without[0]} has no time step, but another file has one; give the time step in seconds: {without[0]}@DT"
+        )
+
+
+def _checked(record: Record) -> tuple[Record, list[str]]:
+    """Return the record from the start of the scene on, and what was left out; raise UsageError for unusable values."""
+    time, notes = record.time, []
+    if not any(values.size for values in record.values.values()):
+        raise UsageError(
+            f"{record.name} has no velocities, displacements or contact forces; give a file with at least one of them"
+        )
+    if before := int(np.count_nonzero(time + record.rounding["time"] < 0.0)):
+        notes.append(f"{record.name}: {before} samples before the start of the scene, 0 s, are not judged.")
+        record = _rows(record, slice(before, None))
+    if not len(record.time) or record.time[-1] <= 0.0:
+        raise UsageError(
+            f"{record.name} has no sample after 0 s, the start of the scene; give a file with later samples"
+        )
+    if len(record.time) < 2:
+        raise UsageError(f"{record.name} has a single sample; allowed: two or more samples at increasing times")
+    for name, values in record.values.items():
+        if len(wrong := np.argwhere(~np.isfinite(values))):
+            row, column = wrong[0].tolist()
+            axis = "contact" if name == "contact_force" else "body"
+            raise UsageError(
+                f"{record.name} has {len(wrong)} values of {name.replace('_', ' ')} that are not finite, the first at"
+                f" {record.time[row]:.6g} s, {axis} {record.columns[name][column]}; remove these samples, or run the"
+                " code again with a smaller time step"
+            )
+    return record, notes
+
+
+def _rows(record: Record, rows: slice) -> Record:
+    """Return a record with some of its samples."""
+    return replace(
+        record,
+        time=record.time[rows],
+        values={name: values[rows] for name, values in record.values.items()},
+        rounding={name: values[rows] for name, values in record.rounding.items()},
+    )

@@ -1,0 +1,236 @@
+"""Errors, first divergence, outcome and text of a judgement."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dem_bridge.errors import UsageError
+from dem_bridge.judging import judgement as module
+from dem_bridge.judging.cause import CAUSES, Diagnosis
+from dem_bridge.judging.error import file_errors
+from dem_bridge.judging.judgement import KEYS, Judgement, judge_records
+from dem_bridge.judging.shown import TEXTS, lines
+from dem_bridge.readers import Record
+from tests.helpers.judged_records import CHAIN, record
+
+STEPS = (1e-6, 5e-7, 2.5e-7)
+
+
+@pytest.fixture
+def diagnosis(monkeypatch: pytest.MonkeyPatch) -> list[Diagnosis]:
+    """Return a list whose only entry is the diagnosis of all judgements of a test."""
+    answers = [Diagnosis(cause="none", evidence="The time step explains all.")]
+    monkeypatch.setattr(module, "diagnose", lambda scene, records, floor: answers[0])
+    return answers
+
+
+@pytest.fixture
+def convergent(diagnosis: list[Diagnosis]) -> Judgement:
+    return judge_records(CHAIN, [record(dt=dt) for dt in STEPS], tolerance=1e-2)
+
+
+def test_it_is_a_mapping_with_the_keys_of_the_contract(convergent: Judgement) -> None:
+    assert list(convergent) == list(KEYS)
+    assert list(KEYS) == [
+        *("outcome", "error", "first_divergence", "order", "floor"),
+        *("cause", "alternatives", "where", "evidence", "recognised"),
+    ]
+    assert json.loads(json.dumps(convergent.as_json(), allow_nan=False)) == dict(convergent)
+    assert all(convergent[key] == getattr(convergent, key) for key in KEYS)
+    with pytest.raises(KeyError):
+        convergent["scene"]
+    assert set(convergent.error["velocity"]) == {"value", "scale", "uncertainty"}
+    assert set(convergent.order["velocity"]) == {"value", "uncertainty"}
+
+
+def test_the_finest_step_is_judged(convergent: Judgement) -> None:
+    fine = judge_records(CHAIN, [record(dt=2.5e-7)])
+    assert convergent.error == fine.error
+    coarse = judge_records(CHAIN, [record(dt=1e-6)])
+    assert 15.0 < coarse.error["velocity"]["value"] / fine.error["velocity"]["value"] < 17.0
+    assert convergent.error["velocity"]["scale"] == pytest.approx(0.8)
+
+
+def test_a_planted_error_is_measured_and_placed(diagnosis: list[Diagnosis]) -> None:
+    exact = file_errors(CHAIN, [record()])[0]
+
+    def plant(samples: dict[str, np.ndarray]) -> None:
+        for name, part in exact.quantities.items():
+            samples[name] -= part.error
+        samples["displacement"][22, 3] += 3e-8
+        samples["velocity"][25, 2] -= 2e-4
+
+    judgement = judge_records(CHAIN, [record(change=plant)])
+    assert judgement.error["velocity"]["value"] == pytest.approx(2e-4, rel=1e-6)
+    assert judgement.error["displacement"]["value"] == pytest.approx(3e-8, rel=1e-6)
+    assert judgement.first_divergence == {"time": pytest.approx(1.1e-4), "body": 3, "quantity": "displacement"}
+    assert "body 2 at 125 µs" in str(judgement)
+
+
+def test_a_divergence_of_a_contact_force_names_contact_and_body(diagnosis: list[Diagnosis]) -> None:
+    exact = file_errors(CHAIN, [record()])[0]
+
+    def plant(samples: dict[str, np.ndarray]) -> None:
+        samples["contact_force"] -= exact.quantities["contact_force"].error
+        samples["contact_force"][9, 2] += 1.0
+
+    judgement = judge_records(CHAIN, [record(change=plant, quantities=("contact_force",))])
+    first = {"time": pytest.approx(4.5e-5), "body": 2, "quantity": "contact_force", "contact": 2}
+    assert judgement.first_divergence == first
+
+
+@pytest.mark.parametrize(("tolerance", "outcome", "code"), [(1e-2, "PASS", 0), (1e-7, "FAIL", 1), (None, "PASS", 0)])
+def test_the_tolerance_decides(diagnosis: list[Diagnosis], tolerance: float | None, outcome: str, code: int) -> None:
+    judgement = judge_records(CHAIN, [record()], tolerance=tolerance)
+    assert (judgement.outcome, judgement.exit_code) == (outcome, code)
+
+
+def test_digits_that_straddle_the_tolerance_are_undecided(diagnosis: list[Diagnosis]) -> None:
+    rough = record(dt=2.5e-7, rounding=0.01, quantities=("velocity",))
+    judgement = judge_records(CHAIN, [rough], tolerance=5e-3)
+    assert (judgement.outcome, judgement.exit_code) == ("UNDECIDED", 4)
+    assert judgement.floor == pytest.approx(0.005 / 0.8, rel=1e-6)
+    assert judgement.first_divergence is None
+    assert "no error can be seen" in str(judgement)
+
+
+@pytest.mark.parametrize(
+    ("cause", "outcome", "code"), [("none", "PASS", 0), ("unknown", "UNDECIDED", 4), ("damping", "FAIL", 1)]
+)
+def test_without_a_tolerance_the_cause_decides(diagnosis: list[Diagnosis], cause: str, outcome: str, code: int) -> None:
+    diagnosis[0] = Diagnosis(cause=cause, evidence="Because.", alternatives=("mass",), where="contact 1")
+    judgement = judge_records(CHAIN, [record()])
+    assert (judgement.outcome, judgement.exit_code) == (outcome, code)
+    assert (judgement.cause, judgement.alternatives, judgement.where) == (cause, ["mass"], "contact 1")
+    assert dict(lines(judgement))["cause"] == f"{cause} (contact 1). Because."
+    # a cause does not change the outcome against a tolerance
+    assert judge_records(CHAIN, [record()], tolerance=1e-2).outcome == "PASS"
+
+
+def test_partial_data_are_judged_for_what_they_have(diagnosis: list[Diagnosis]) -> None:
+    whole = record(quantities=("velocity",))
+    rows, columns = np.array([2, 3, 11, 30]), (3, 1)
+    part = replace(
+        whole,
+        time=whole.time[rows],
+        values={"velocity": whole.values["velocity"][rows][:, columns]},
+        columns={"velocity": columns},
+        rounding={"velocity": np.zeros((4, 2)), "time": np.zeros(4)},
+    )
+    errors = file_errors(CHAIN, [whole])[0].quantities["velocity"].error[rows][:, columns]
+    judgement = judge_records(CHAIN, [part])
+    assert judgement.error["velocity"]["value"] == pytest.approx(np.max(np.abs(errors)), rel=1e-6)
+
+
+def _subtract(samples: dict[str, np.ndarray], error: np.ndarray) -> None:
+    samples["displacement"] -= error
+
+
+def test_times_with_few_digits_explain_what_they_can(diagnosis: list[Diagnosis]) -> None:
+    error = file_errors(CHAIN, [record()])[0].quantities["displacement"].error
+    whole, shift = record(quantities=("displacement",), change=lambda samples: _subtract(samples, error)), 1e-8
+    rounding = {"displacement": whole.rounding["displacement"], "time": np.full(len(whole.time), 2.0 * shift)}
+    part = replace(whole, time=whole.time + shift * (whole.time > 0.0), rounding=rounding)
+    blurred, sharp = (judge_records(CHAIN, [item]) for item in (part, whole))
+    assert blurred.error["displacement"]["uncertainty"] == pytest.approx(0.8 * 2.0 * shift, rel=0.05)
+    assert blurred.first_divergence is None
+    assert sharp.first_divergence is None
+    late = replace(part, rounding=rounding | {"time": 0.5 * rounding["time"]})
+    assert (
+        judge_records(CHAIN, [replace(late, time=part.time + shift * (whole.time > 0.0))]).first_divergence is not None
+    )
+
+
+def test_samples_before_the_start_are_left_out_and_the_reference_goes_on_after_the_end(
+    diagnosis: list[Diagnosis],
+) -> None:
+    early = record(replace(CHAIN, duration=3e-4, samples=60))
+    quantities = {name: np.vstack([part[:1], part]) for name, part in early.values.items()}
+    rounding = {name: np.zeros(part.shape) for name, part in quantities.items()}
+    time = np.concatenate([[-5e-6], early.time])
+    with_past = replace(early, time=time, values=quantities, rounding=rounding | {"time": np.zeros(len(time))})
+    judgement = judge_records(CHAIN, [with_past])
+    assert judgement.error == judge_records(CHAIN, [early]).error
+    assert judgement.recognised == [
+        "verlet-1e-06: 1 samples before the start of the scene, 0 s, are not judged.",
+        "The scene ends at 0.0002 s; the reference was continued to 0.0003 s.",
+    ]
+
+
+def _cut(rows: slice) -> Record:
+    whole = record()
+    return replace(
+        whole,
+        time=whole.time[rows],
+        values={name: part[rows] for name, part in whole.values.items()},
+        rounding={name: part[rows] for name, part in whole.rounding.items()},
+    )
+
+
+def _not_finite() -> Record:
+    def plant(samples: dict[str, np.ndarray]) -> None:
+        samples["velocity"][7, 2] = np.nan
+
+    return record(change=plant)
+
+
+@pytest.mark.parametrize(
+    ("records", "part"),
+    [
+        ([], "no file was given"),
+        ([_not_finite()], "1 values of velocity that are not finite, the first at 3.5e-05 s, body 2"),
+        ([_cut(slice(5, 6))], "has a single sample"),
+        ([_cut(slice(0, 1))], "has no sample after 0 s"),
+        ([record(), record(dt=5e-7, known=False)], "verlet-5e-07 has no time step, but another file has one"),
+        ([record(quantities=())], "has no velocities, displacements or contact forces"),
+    ],
+    ids=["none", "nan", "single", "start", "step", "empty"],
+)
+def test_records_that_cannot_be_judged_are_refused_in_one_line(records: list[Record], part: str) -> None:
+    with pytest.raises(UsageError, match=part) as refused:
+        judge_records(CHAIN, records)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1e-3, 1.0, float("nan"), True])
+def test_a_tolerance_is_a_share(tolerance: float) -> None:
+    with pytest.raises(UsageError, match="between 0 and 1"):
+        judge_records(CHAIN, [record()], tolerance=tolerance)
+
+
+def test_the_text_states_outcome_error_order_cause_and_advice(convergent: Judgement) -> None:
+    text = dict(lines(convergent))
+    assert text["outcome"] == "PASS: all errors are within the tolerance, 0.01 of the largest value."
+    assert text["velocity"].startswith("error at most ")
+    assert " of the largest (0.8 m/s), +- " in text["velocity"]
+    assert "Second order" in text["order"]
+    assert text["next"] == "Nothing needs to be corrected. A smaller time step gives smaller errors."
+
+
+def test_half_steps_are_named_by_their_orders(diagnosis: list[Diagnosis]) -> None:
+    judgement = judge_records(CHAIN, [record(dt=dt, method="leapfrog") for dt in STEPS], tolerance=1e-4)
+    text = dict(lines(judgement))
+    assert "velocities are stored half a time step away" in text["order"]
+    # first order in velocity: the error of the finest step over the tolerance is the factor of the step
+    assert "would reach the tolerance" in text["next"]
+
+
+def test_every_cause_has_an_advice() -> None:
+    assert set(TEXTS.data["advice"]) == set(CAUSES)
+
+
+def test_the_page_has_the_picture_first_and_the_json_of_the_contract(convergent: Judgement, tmp_path: Path) -> None:
+    convergent.save(tmp_path)
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert page.index("<svg") < page.index("PASS: all errors")
+    assert "http" not in page.replace("http://www.w3.org", "")
+    data = json.loads((tmp_path / "verdicts.json").read_text(encoding="utf-8"))
+    assert {key: data[key] for key in KEYS} == convergent.as_json()
+    assert data["schema"] == "dem-bridge/verdicts/1"
+    assert [verdict["outcome"] for verdict in data["verdicts"]] == ["PASS"] * 3
+    assert (tmp_path / "tables" / "errors.csv").is_file()
