@@ -91,7 +91,9 @@ def draw(seed: int, *, kind: str | None = None, fault: str | None = None, family
         setting = replace(setting, bodies=None)
     large = bool(rng.random() < 0.5)
     target = 10 ** rng.uniform(np.log10(60.0), np.log10(300.0)) if not large else 10 ** rng.uniform(3.0, 4.5)
-    if rng.random() < 0.1:
+    if kind == "pair":
+        target = 10 ** rng.uniform(3.0, 4.5)
+    elif rng.random() < 0.1:
         target = 10 ** rng.uniform(0.0, np.log10(50.0))
     return Case(seed=seed, kind=kind, planted=_sized(chain, fault, setting, target, seed))
 
@@ -109,4 +111,15 @@ def _sized(chain: Chain, fault: str, setting: Setting, target: float, seed: int)
             break
         # a fault is at most a half, so that it stays one that people make
         size = min(smaller, 0.5)
-    return planted
+    return replace(planted, also=_single_causes(planted, size, seed)) if "+" in fault else planted
+
+
+def _single_causes(planted: Planted, size: float, seed: int) -> frozenset[str]:
+    """Return the causes of a fault of a pair whose other fault has an effect below 50 floors."""
+    names = planted.fault.split("+")
+    seeds = np.random.default_rng([seed, 19]).integers(1 << 30, size=2)
+    alone = [
+        plant(planted.chain, name, planted.setting, size, np.random.default_rng(own))
+        for name, own in zip(names, seeds, strict=True)
+    ]
+    return frozenset().union(*(a.truth for a, b in (alone, alone[::-1]) if b.effect < 50.0))

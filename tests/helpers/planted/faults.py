@@ -487,8 +487,9 @@ def both(first: str, second: str) -> Callable[[Chain, Setting, float, np.random.
     """Return a fault that is two faults at once."""
 
     def planted(chain: Chain, setting: Setting, size: float, rng: np.random.Generator) -> Change:
-        a = FAULTS[first](chain, setting, size, rng)
-        b = FAULTS[second](a.chain, setting, size, rng)
+        seeds = rng.integers(1 << 30, size=2)
+        a = FAULTS[first](chain, setting, size, np.random.default_rng(seeds[0]))
+        b = FAULTS[second](a.chain, setting, size, np.random.default_rng(seeds[1]))
         return replace(
             b,
             truth=frozenset({"unknown"}),
