@@ -5,6 +5,9 @@ STAMP  := $(VENV)/.installed
 BIN    := $(VENV)/bin
 PYTEST := -n auto
 
+# without bytecode every process of the tests, and every process that a test starts, would compile all modules again
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: setup verify test test-all bench docs lint pins clean
 
 setup: $(STAMP)
