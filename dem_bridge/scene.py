@@ -414,7 +414,8 @@ class Scene:
         """All contacts as arrays, in the order of the columns of a Trajectory."""
         links, n_body = np.arange(len(self.stiffness)), self.n_body
         ends = [(n_body, 0)] * (self.wall_left is not None) + [(n_body - 1, n_body)] * (self.wall_right is not None)
-        left, right = np.append(np.stack([links, links + 1]), np.array(ends, dtype=np.int64).reshape(-1, 2).T, axis=1)
+        # numba compiles a kernel again for arrays that are not contiguous
+        left, right = np.array([*zip(links, links + 1, strict=True), *ends], dtype=np.int64).reshape(-1, 2).T.copy()
         beta, n, gap = (self._joined(name) for name in ("stiffness", "exponent", "gap"))
         if self._static_overlap:
             gap = -np.array(self._static_overlap)

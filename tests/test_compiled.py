@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numba
 import pytest
 
+from dem_bridge.backends.curves import POWERS, curves_of
 from dem_bridge.compiled import forget_stale, kernel
+from dem_bridge.scene import Scene, Wall
 
 
 @pytest.fixture
@@ -74,3 +77,12 @@ def test_a_kernel_calls_another_and_is_compiled_when_it_is_called() -> None:
 def test_a_backend_is_imported_without_numba(backend: str) -> None:
     code = f"import sys, dem_bridge.backends.{backend}; sys.exit('numba' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_walls_and_laws_need_no_kernels_of_their_own() -> None:
+    plain = Scene(name="three", duration=1e-5, mass=(1e-2,) * 3, stiffness=(4e9,) * 2, velocity=(0.8, 0.0, 0.0))
+    walled = replace(plain, wall_left=Wall(stiffness=4e9), wall_right=Wall(stiffness=4e9))
+    of_walls, of_all = (numba.typeof((c.left, c.right)) for c in (walled.contacts, plain.contacts))
+    assert of_walls == of_all
+    law = replace(plain, law=lambda overlap: 4e9 * overlap**1.5)
+    assert numba.typeof(curves_of(law)) == numba.typeof(POWERS)

@@ -61,7 +61,8 @@ def _curves(c: Contacts, cells: int) -> Curves:
             start[row, piece], per_root[row, piece] = low, each / np.sqrt(high - low)
             spline = CubicSpline(np.arange(each + 1.0), law.force(overlap))
             coefficient[row, piece] = spline.c.T
-    return Curves(c.law, start, per_root, coefficient)
+    # a copy that may be written to, as in POWERS, since numba compiles a kernel again for arrays that may not
+    return Curves(c.law.copy(), start, per_root, coefficient)
 
 
 @kernel(nogil=False)
