@@ -7,7 +7,8 @@ t_i^f, when that of cylinder i+1 exceeds its own. These are the first maximal co
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,6 +107,14 @@ class PeakVelocity:
     time_uncertainty: Floats
     """Shift of the maximum of a parabola for a velocity error of ``uncertainty``, s; inf without an acceleration."""
 
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            getattr(self, item.name).setflags(write=False)
+
+
+#: peak velocities of each trajectory that still exists, from which several observables and claims are read
+_peak_velocities: WeakKeyDictionary[Trajectory, tuple[Scene, PeakVelocity]] = WeakKeyDictionary()
+
 
 def peak_velocity_of_front(scene: Scene, trajectory: Trajectory) -> PeakVelocity:
     """Return the largest velocity of body i up to t_i^f, when it hands the impulse on (last body: up to the end).
@@ -122,6 +131,15 @@ def peak_velocity_of_front(scene: Scene, trajectory: Trajectory) -> PeakVelocity
     >>> f"{peak.velocity[20]:.6f} m/s at {1e6 * peak.time[20]:.2f} us", bool(peak.sampling[20] < 1e-6)
     ('0.462627 m/s at 348.74 us', True)
     """
+    stored_scene, peaks = _peak_velocities.get(trajectory, (None, None))
+    if peaks is None or stored_scene != scene:
+        peaks = _compute_peak_velocities(scene, trajectory)
+        _peak_velocities[trajectory] = scene, peaks
+    return peaks
+
+
+def _compute_peak_velocities(scene: Scene, trajectory: Trajectory) -> PeakVelocity:
+    """Compute what :func:`peak_velocity_of_front` returns."""
     n, time, v = scene.n_body, trajectory.time, trajectory.velocity
     a, bodies = acceleration(scene, trajectory), np.arange(n)
     came = arrival(scene, trajectory)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -109,10 +108,6 @@ def _stored(name: str, definition: str, scale: Scale, uncertainty: Reader | None
     )
 
 
-#: peak velocities of the latest runs: each of two observables reads values and uncertainties from them
-_peak_velocity = lru_cache(maxsize=4)(peak_velocity_of_front)
-
-
 def _spacing(scene: Scene) -> float:
     """Return the spacing of the bodies, m; nan for a scene without one."""
     return np.nan if scene.spacing is None else scene.spacing
@@ -181,16 +176,16 @@ OBSERVABLES_IN_ORDER = (
         definition="Largest velocity of the body until it hands the impulse on.",
         unit="m/s",
         axis=("body",),
-        value=lambda scene, run: _peak_velocity(scene, run).velocity,
-        uncertainty=lambda scene, run: _peak_velocity(scene, run).uncertainty,
+        value=lambda scene, run: peak_velocity_of_front(scene, run).velocity,
+        uncertainty=lambda scene, run: peak_velocity_of_front(scene, run).uncertainty,
     ),
     Observable(
         name="peak_velocity_time",
         definition="Time at which the body has its largest velocity before it hands the impulse on.",
         unit="s",
         axis=("body",),
-        value=lambda scene, run: _peak_velocity(scene, run).time,
-        uncertainty=lambda scene, run: _peak_velocity(scene, run).time_uncertainty,
+        value=lambda scene, run: peak_velocity_of_front(scene, run).time,
+        uncertainty=lambda scene, run: peak_velocity_of_front(scene, run).time_uncertainty,
     ),
     _stored("peak_force", "Largest compressive force of the contact during the run.", OWN),
     Observable(

@@ -142,6 +142,17 @@ def test_the_bar_of_a_peak_velocity_is_that_of_the_run_and_of_the_samples() -> N
     assert np.all(peak.uncertainty == peak.sampling + 1e-3)
 
 
+def test_peak_velocities_are_computed_once_for_a_run_and_again_for_a_changed_run_or_scene() -> None:
+    scene, run, _ = travelling_wave(per_residence=2.137)
+    peak = peak_velocity_of_front(scene, run)
+    assert peak_velocity_of_front(replace(scene), run) is peak
+    faster = peak_velocity_of_front(scene, replace(run, velocity=2.0 * run.velocity))
+    assert faster.velocity[1] > 1.9 * peak.velocity[1]
+    heavier = peak_velocity_of_front(replace(scene, mass=tuple(2.0 * mass for mass in scene.mass)), run)
+    assert not np.array_equal(heavier.velocity, peak.velocity)
+    assert not peak.velocity.flags.writeable
+
+
 def test_the_striker_is_fastest_at_the_start_and_the_last_body_when_it_flies_off(solved: Solve) -> None:
     scene = db.load_scene("accelerating-40")
     run = solved(scene, "reference", samples=2000, uncertainty=False)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -78,15 +79,19 @@ def _uncertainty(measure: Measure, scene: Scene, run: Trajectory, value: float) 
         if part in measure.made_of:
             total += sum(_moves(measure, scene, run, part, value))
     if "velocity" in measure.made_of:
-        size, chance = run.uncertainty["velocity"], np.random.default_rng(1)
-        if not np.isfinite(size):
+        if not np.isfinite(run.uncertainty["velocity"]):
             return float("inf")
-        moved = [
-            measure.of(scene, replace(run, velocity=run.velocity + size * _signs(chance, run.velocity.shape)))
-            for _ in range(MOVES)
-        ]
+        moved = [measure.of(scene, perturbed) for perturbed in _with_moved_velocities(run)]
         total += float(np.max(np.abs(np.array(moved) - value)))
     return total
+
+
+@lru_cache(maxsize=8)  # several measures are read off the runs of one scene
+def _with_moved_velocities(run: Trajectory) -> tuple[Trajectory, ...]:
+    """Return the run with all velocities changed by their uncertainty, with random signs, :data:`MOVES` times."""
+    size, chance = run.uncertainty["velocity"], np.random.default_rng(1)
+    moved = (run.velocity + size * _signs(chance, run.velocity.shape) for _ in range(MOVES))
+    return tuple(replace(run, velocity=velocity) for velocity in moved)
 
 
 def _moves(measure: Measure, scene: Scene, run: Trajectory, part: str, value: float) -> list[float]:
