@@ -26,10 +26,11 @@ _FEWEST_SINGLES = 20
 def numbers(values: NDArray[Any]) -> tuple[Floats, Floats]:
     """Return the numbers of an array of numbers or texts, and their largest rounding errors.
 
-    A missing value (an empty text) is nan, and its rounding error, too.
+    A missing value (an empty text) is nan, and its rounding error, too. That of a written nan is 0.
     """
     if values.dtype.kind != "S":
-        return np.asarray(values, dtype=np.float64), rounding_of_values(values)
+        array = np.asarray(values, dtype=np.float64)
+        return array, np.where(np.isfinite(array), rounding_of_values(values), 0.0)
     missing = values == b""
     texts = np.where(missing, b"nan", values)
     try:
@@ -37,7 +38,8 @@ def numbers(values: NDArray[Any]) -> tuple[Floats, Floats]:
     except ValueError:  # the exponents of Fortran, 1.0D-03
         array = np.array([text.upper().replace(b"D", b"E") for text in texts.ravel().tolist()]).astype(np.float64)
         array = array.reshape(texts.shape)
-    return array, np.where(missing, math.nan, rounding_of_texts(texts, array))
+    rounding = np.where(np.isfinite(array), rounding_of_texts(texts, array), 0.0)
+    return array, np.where(missing, math.nan, rounding)
 
 
 def rounding_of_texts(texts: NDArray[np.bytes_], values: Floats) -> Floats:
