@@ -28,8 +28,10 @@ KEYS = (
     *("outcome", "error", "first_divergence", "order", "floor"),
     *("cause", "alternatives", "where", "evidence", "recognised"),
 )
-#: causes that name no fault
-NO_FAULT = ("none", "unknown")
+#: multiple of the scene's duration beyond which a scene that stays together (walls, load, drive) is not continued
+LONGEST = 20.0
+#: most values of a quantity of a file that are judged; of larger files every second, third ... sample is taken
+MOST_VALUES = 2_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,7 +96,7 @@ class Judgement(Mapping[str, Any]):
     def error(self) -> dict[str, dict[str, float]]:
         """Largest error of each quantity, its scale (largest magnitude of the reference) and its uncertainty; SI."""
         return {
-            name: {"value": part.value, "scale": part.scale, "uncertainty": part.uncertainty}
+            name: {key: getattr(part, key) for key in ("value", "scale", "uncertainty")}
             for name, (_, part) in self.worst.items()
         }
 
@@ -161,8 +163,9 @@ class Judgement(Mapping[str, Any]):
         return len(KEYS)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the keys :data:`KEYS` with JSON types."""
-        return {key: self[key] for key in KEYS}
+        """Return the keys :data:`KEYS` with JSON types; a number that is not finite becomes null."""
+        error = {name: {key: plain(value) for key, value in part.items()} for name, part in self.error.items()}
+        return {key: self[key] for key in KEYS} | {"error": error}
 
     @property
     def study(self) -> Study:
@@ -197,7 +200,7 @@ def judge_records(scene: Scene, records: Sequence[Record], *, tolerance: float |
     if not records:
         raise UsageError("no file was given; give at least one file of the scene")
     _check_steps(records)
-    judged, assumed = zip(*(_checked(record) for record in records), strict=True)
+    judged, assumed = zip(*(_checked(record, scene) for record in records), strict=True)
     files = file_errors(scene, judged)
     floor = {name: part.reference_uncertainty for file in files for name, part in file.quantities.items()}
     notes = [text for texts in assumed for text in texts]
@@ -223,8 +226,8 @@ def _check_steps(records: Sequence[Record]) -> None:
         )
 
 
-def _checked(record: Record) -> tuple[Record, list[str]]:
-    """Return the record from the start of the scene on, and what was left out; raise UsageError for unusable values."""
+def _checked(record: Record, scene: Scene) -> tuple[Record, list[str]]:
+    """Return the samples that can be judged, and what was left out; raise UsageError for unusable values."""
     time, notes = record.time, []
     if not any(values.size for values in record.values.values()):
         raise UsageError(
@@ -233,6 +236,19 @@ def _checked(record: Record) -> tuple[Record, list[str]]:
     if before := int(np.count_nonzero(time + record.rounding["time"] < 0.0)):
         notes.append(f"{record.name}: {before} samples before the start of the scene, 0 s, are not judged.")
         record = _rows(record, slice(before, None))
+    end = LONGEST * scene.duration
+    if _stays_together(scene) and (late := int(np.count_nonzero(record.time > end))):
+        notes.append(f"{record.name}: {late} samples after {end:.6g} s, {LONGEST:g} times the scene, are not judged.")
+        record = _rows(record, slice(len(record.time) - late))
+        if len(record.time) < 2:
+            raise UsageError(
+                f"{record.name} goes to {time[-1]:.6g} s, and the scene to {scene.duration:.6g} s; allowed: samples up"
+                f" to {end:.6g} s; give the unit of time (--units time=ms), or a scene of this duration"
+            )
+    widest = max(values.shape[1] for values in record.values.values())
+    if (every := -(-len(record.time) * widest // MOST_VALUES)) > 1:
+        notes.append(f"{record.name}: every sample number {every} of {len(record.time)} is judged.")
+        record = _rows(record, slice(None, None, every))
     if not len(record.time) or record.time[-1] <= 0.0:
         raise UsageError(
             f"{record.name} has no sample after 0 s, the start of the scene; give a file with later samples"
@@ -249,6 +265,12 @@ def _checked(record: Record) -> tuple[Record, list[str]]:
                 " code again with a smaller time step"
             )
     return record, notes
+
+
+def _stays_together(scene: Scene) -> bool:
+    """Return True if bodies may collide again and again, so that the reference takes long for late times."""
+    parts = (scene.wall_left, scene.wall_right, scene.drive, scene.adhesion)
+    return scene.precompression > 0.0 or any(part is not None for part in parts)
 
 
 def _rows(record: Record, rows: slice) -> Record:

@@ -15,13 +15,19 @@ from dem_bridge.errors import UsageError
 from dem_bridge.judging.error import FileErrors, QuantityErrors
 from dem_bridge.trajectory import Floats
 
-#: multiple of what digits and reference explain above which an error counts for the order: it biases the order by 1 %
+#: multiple of what digits and reference explain above which an error counts for the order: a tenth of it at most is
+#: then another's, which changes an order from a step and its half by 0.15 at most
 ABOVE_FLOOR = 10.0
-#: errors that fall by less than this factor from one time step to a finer one do not follow the time step any more
-FLAT = 1.2
+#: multiple of the same above which the errors of the coarsest file show a shape, along which others are measured
+SHAPE = 3.0
+#: errors that fall by less than this share of what those of first order do, from one time step to a finer one, do not
+#: follow the time step any more
+FLAT = 0.5
 #: samples that all files need in common; with fewer the errors in the common interval of time are used
 COMMON = 8
 Rows = NDArray[np.int64]
+#: error and what digits and reference explain of it, for each file from the finest step on
+Errors = Sequence[tuple[float, float]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,8 +36,8 @@ class Order:
 
     value: float
     uncertainty: float
-    """Largest difference to the order of two adjacent steps and to that of the largest errors, and the effect of the
-    uncertainty of the errors."""
+    """Largest difference to the order of two adjacent steps and to that of root mean square errors, and the effect of
+    the uncertainty of the errors."""
     steps: tuple[float, ...]
     """Time steps that were used, s, coarse to fine."""
 
@@ -49,15 +55,16 @@ class Convergence:
     dt: tuple[float, ...]
     """Time steps, s, fine to coarse."""
     errors: tuple[float, ...]
-    """Root mean square errors over the common samples, in the unit of the quantity."""
-    largest: tuple[float, ...]
-    """Largest errors over the common samples."""
+    """Root mean square of the part of the errors that has the shape of the coarsest file's, in the quantity's unit.
+
+    Rounding, which has no such shape, averages out. Files without common times have their root mean square errors.
+    """
     explained: tuple[float, ...]
-    """Root mean square of what digits and reference explain."""
+    """What digits and reference explain of each of the errors."""
     order: Order | None
     """None: fewer than two errors stand above the floor."""
     flat: float
-    """Largest error at which the errors stop to fall with the time step; nan if they fall to the finest one."""
+    """Root mean square error at which errors stop to fall with the time step; nan if they fall to the finest one."""
 
 
 def convergence(files: Sequence[FileErrors]) -> tuple[Convergence, ...]:
@@ -110,49 +117,68 @@ def _convergence(
     columns = sorted(set.intersection(*(set(part.columns) for part in parts)))
     if not columns or not all(len(chosen) for chosen in rows):
         return None
-    errors, largest, explained = [], [], []
+    samples: list[tuple[Floats, Floats]] = []
     for part, chosen in zip(parts, rows, strict=True):
         place = [part.columns.index(column) for column in columns]
-        error, limit = (values[chosen][:, place] for values in (part.error, part.explained))
-        errors.append(float(np.sqrt(np.mean(error**2))))
-        largest.append(float(np.max(np.abs(error))))
-        explained.append(float(np.sqrt(np.mean(limit**2))))
+        samples.append((part.error[chosen][:, place], part.explained[chosen][:, place]))
+    whole = [(_root_mean_square(error), _root_mean_square(limit)) for error, limit in samples]
+    shape, measured = samples[-1][0], whole
+    if len({error.shape for error, _ in samples}) == 1 and whole[-1][0] > SHAPE * whole[-1][1]:
+        measured = [_along(shape, error, limit, parts[0].reference_uncertainty) for error, limit in samples]
     dt = tuple(step for step, _ in with_step)
-    first, flat = _first_above_floor(errors, explained)
+    first, flat = _first_that_follows(dt, measured, whole)
     return Convergence(
         quantity=parts[0].quantity,
         dt=dt,
-        errors=tuple(errors),
-        largest=tuple(largest),
-        explained=tuple(explained),
-        order=_order(dt[first:], errors[first:], largest[first:], explained[first:]),
-        flat=largest[first - 1] if flat else math.nan,
+        errors=tuple(error for error, _ in measured),
+        explained=tuple(limit for _, limit in measured),
+        order=_order(dt[first:], measured[first:], whole[first:]),
+        flat=whole[0][0] if flat else math.nan,
     )
 
 
-def _first_above_floor(errors: Sequence[float], explained: Sequence[float]) -> tuple[int, bool]:
+def _root_mean_square(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _along(shape: Floats, error: Floats, explained: Floats, reference: float) -> tuple[float, float]:
+    """Return the root mean square of the part of an error that has a shape, and what rounding and reference explain.
+
+    Rounding errors are independent and uniform: their standard deviation is the largest over sqrt(3), and two of them
+    are taken.
+    """
+    size, count = float(np.linalg.norm(shape)), math.sqrt(shape.size)
+    rounding = float(np.linalg.norm(shape * (explained - reference))) / (math.sqrt(3.0) * size * count)
+    return max(float(np.sum(error * shape)) / (size * count), 0.0), 2.0 * rounding + reference
+
+
+def _first_that_follows(dt: Sequence[float], measured: Errors, whole: Errors) -> tuple[int, bool]:
     """Return the first file, from the finest step on, whose error follows the step, and True if finer ones are flat.
 
-    Errors are flat if they do not fall by :data:`FLAT` although coarser ones do.
+    Errors are flat if they do not fall although coarser ones do, and if digits do not explain that; see :data:`FLAT`.
     """
-    clear = [error > ABOVE_FLOOR * limit for error, limit in zip(errors, explained, strict=True)]
-    falls = [coarse > FLAT * fine for fine, coarse in pairwise(errors)]
-    first = next((place for place in range(len(errors)) if clear[place] and all(clear[place:])), len(errors))
-    if not any(falls[first:]):
+    clear = [error > ABOVE_FLOOR * limit for error, limit in measured]
+    first = next((place for place in range(len(clear)) if all(clear[place:])), len(clear))
+    falls = [
+        coarse > fine * (1.0 + FLAT * (step / finer - 1.0)) or fine <= SHAPE * limit
+        for (finer, step), ((fine, limit), (coarse, _)) in zip(pairwise(dt), pairwise(whole), strict=True)
+    ]
+    if True not in falls:
         return first, False  # nothing follows the step: the order is that of all clear errors, near 0
-    start = next(place for place in range(first, len(falls)) if falls[place])
-    return start, start > first
+    start = falls.index(True)
+    return max(first, start), start > 0
 
 
-def _order(
-    dt: Sequence[float], errors: Sequence[float], largest: Sequence[float], explained: Sequence[float]
-) -> Order | None:
+def _order(dt: Sequence[float], measured: Errors, whole: Errors) -> Order | None:
     """Return the order fitted to errors that follow the time step, None for fewer than two."""
     if len(dt) < 2:
         return None
+    errors = [error for error, _ in measured]
     fit = observed_order(dt, errors)
-    pairs = [observed_order(dt[k : k + 2], errors[k : k + 2]).order for k in range(len(dt) - 1)]
-    spread = max(abs(order - fit.order) for order in (*pairs, observed_order(dt, largest).order))
-    relative = [limit / error for limit, error in zip(explained, errors, strict=True)]
-    unknown = math.hypot(*relative) / math.log(dt[-1] / dt[0])
-    return Order(value=fit.order, uncertainty=spread + unknown, steps=fit.steps)
+    others = [observed_order(dt[k : k + 2], errors[k : k + 2]).order for k in range(len(dt) - 1)]
+    if all(error > ABOVE_FLOOR * limit for error, limit in whole):
+        others.append(observed_order(dt, [error for error, _ in whole]).order)
+    unknown = math.hypot(*(limit / error for error, limit in measured)) / math.log(dt[-1] / dt[0])
+    return Order(
+        value=fit.order, uncertainty=max(abs(other - fit.order) for other in others) + unknown, steps=fit.steps
+    )

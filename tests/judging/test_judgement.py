@@ -16,6 +16,7 @@ from dem_bridge.judging.error import file_errors
 from dem_bridge.judging.judgement import KEYS, Judgement, judge_records
 from dem_bridge.judging.shown import TEXTS, lines
 from dem_bridge.readers import Record
+from dem_bridge.scene import Wall
 from tests.helpers.judged_records import CHAIN, record
 
 STEPS = (1e-6, 5e-7, 2.5e-7)
@@ -195,6 +196,23 @@ def test_records_that_cannot_be_judged_are_refused_in_one_line(records: list[Rec
     with pytest.raises(UsageError, match=part) as refused:
         judge_records(CHAIN, records)
     assert "\n" not in str(refused.value)
+
+
+def test_times_far_beyond_a_scene_that_stays_together_are_not_judged(diagnosis: list[Diagnosis]) -> None:
+    walled, whole = replace(CHAIN, name="walled", wall_right=Wall(stiffness=4e9)), record()
+    late = replace(whole, time=60.0 * whole.time)
+    judgement = judge_records(walled, [late])
+    assert judgement.recognised[0].endswith("27 samples after 0.004 s, 20 times the scene, are not judged.")
+    with pytest.raises(UsageError, match=r"goes to 200 s.* allowed: samples up to 0\.004 s; give the unit of time"):
+        judge_records(walled, [replace(whole, time=1e6 * whole.time)])
+    assert judge_records(CHAIN, [replace(whole, time=1e6 * whole.time)]).error["velocity"]["value"] > 0.1
+
+
+def test_of_a_large_file_some_samples_are_judged(diagnosis: list[Diagnosis], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MOST_VALUES", 100)
+    judgement = judge_records(CHAIN, [record()])
+    assert judgement.recognised == ["verlet-1e-06: every sample number 3 of 41 is judged."]
+    assert len(judgement.files[0].record.time) == 14
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1e-3, 1.0, float("nan"), True])

@@ -86,3 +86,13 @@ def test_two_files_of_one_step_and_files_without_common_times_are_refused() -> N
 def test_one_file_has_no_order() -> None:
     assert _orders([record()]) == {}
     assert _orders([record(known=False), record(known=False, method="euler")]) == {}
+
+
+def test_rounding_averages_out_of_the_order() -> None:
+    # six digits: at the finest step rounding is as large as the error of the integrator
+    records = [record(dt=dt, rounding=1e-6, quantities=("velocity",)) for dt in (1e-6, 5e-7, 2.5e-7, 1.25e-7)]
+    part = _orders(records)["velocity"]
+    assert part.order is not None
+    assert len(part.order.steps) >= 3
+    assert abs(part.order.value - 2.0) <= max(0.05, part.order.uncertainty)
+    assert part.order.uncertainty < 0.2
