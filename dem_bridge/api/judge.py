@@ -20,11 +20,13 @@ File = str | Path | tuple[str | Path, float | None]
 
 
 def judge(
-    files: File | Sequence[File],
-    scene: Scene | str | Path,
+    files: File | Sequence[File] = (),
+    scene: Scene | str | Path | None = None,
     *,
+    command: str | Sequence[str] | None = None,
     tolerance: float | None = None,
-    dt: float | None = None,
+    dt: float | Sequence[float] | None = None,
+    time_limit: float = 600.0,
     columns: Mapping[str, str] | Sequence[str] | None = None,
     units: Mapping[str, str] | str | None = None,
     bodies: Sequence[int] | None = None,
@@ -37,14 +39,22 @@ def judge(
     files : str, Path, (path, dt) or sequence of these
         Files of one scene: CSV, text columns, npz, netCDF, LAMMPS or LIGGGHTS dump, extended XYZ, ASE or VTK. A string
         may end in the time step of its run, "FILE@DT" in s. All files with a time step give the order of convergence;
-        the one with the finest step decides the outcome.
+        the one with the finest step decides the outcome. A LAMMPS input script is run as it is, and what in it limits
+        the accuracy is listed.
     scene : Scene, str or Path
         Scene of the files, name of a shipped scene or path of a scene file.
+    command : str or sequence of str, optional
+        A foreign code to run in place of files, such as "mycode {scene} {dt} {out.csv}". The placeholders are
+        ``{scene}`` or ``{scene.json}``, ``{scene.toml}``, ``{deck}`` (a LAMMPS deck), ``{dt}`` in s, and ``{out}`` or
+        ``{out.ENDING}``, the file that the code writes. No shell is involved.
     tolerance : float, optional
         Permissible error of each quantity, relative to its largest value. None: the outcome is PASS if time step and
         digits explain all errors, FAIL if a cause of them can be named, and UNDECIDED otherwise.
-    dt : float, optional
-        Time step of a single file, s.
+    dt : float or sequence of float, optional
+        Time step of a single file, or time steps of the command, s. The default for a command is four steps, the
+        largest of which resolves the stiffest contact.
+    time_limit : float, optional
+        Time limit of each run of a command or a deck, s.
     columns : mapping or sequence of str, optional
         Meaning of headings, such as ``{"ch1": "velocity 3 [mm/s]"}``, or the headings of all columns in their order.
     units : str or mapping, optional
@@ -64,6 +74,8 @@ def judge(
     ------
     UsageError
         If a file cannot be read, or its values cannot be judged.
+    RunBroken
+        If a run of the command or of a deck fails.
     UnsupportedScene
         If there is no reference solution of the scene.
 
@@ -81,18 +93,29 @@ def judge(
     >>> judgement.outcome, f"{judgement.order['velocity']['value']:.2f}"
     ('PASS', '2.00')
     """
-    from dem_bridge.judging.judgement import judge_records
-    from dem_bridge.readers import read_record
+    from dem_bridge.judging.beside import judge_command, judge_files
+    from dem_bridge.judging.deck import is_deck
 
+    if scene is None:
+        raise UsageError("no scene was given; give the scene of the files, a shipped name or the path of a scene file")
     scene = scene_of(scene)
     named = [_with_step(file) for file in (files if _is_several(files) else [cast(File, files)])]
-    if dt is not None and len(named) != 1:
-        raise UsageError(f"dt = {dt!r} was given for {len(named)} files; give each file its own time step, FILE@DT")
-    records = [
-        read_record(path, scene, dt=step if dt is None else dt, columns=columns, units=units, bodies=bodies, axis=axis)
-        for path, step in named
-    ]
-    return judge_records(scene, records, tolerance=tolerance)
+    reading = {"columns": columns, "units": units, "bodies": bodies, "axis": axis}
+    if command is not None:
+        if named:
+            raise UsageError(f"command and {len(named)} files were given; give one or the other")
+        steps = [dt] if isinstance(dt, int | float) else dt
+        return judge_command(scene, command, steps, tolerance=tolerance, time_limit=time_limit, **reading)
+    if dt is not None:
+        if not isinstance(dt, int | float) or len(named) != 1:
+            raise UsageError(f"dt = {dt!r} was given for {len(named)} files; give each file its own time step, FILE@DT")
+        named = [(named[0][0], float(dt))]
+    decks = [path for path, _ in named if is_deck(path)]
+    for path, step in named:
+        if path in decks and step is not None:
+            raise UsageError(f"{path} is a LAMMPS deck, which has its own time step; leave out @{step:g}")
+    others = [(path, step) for path, step in named if path not in decks]
+    return judge_files(scene, others, decks, tolerance=tolerance, time_limit=time_limit, **reading)
 
 
 def _is_several(files: File | Sequence[File]) -> TypeGuard[Sequence[File]]:

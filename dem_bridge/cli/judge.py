@@ -10,6 +10,7 @@ import click
 
 import dem_bridge
 from dem_bridge.cli.options import print_json, with_options
+from dem_bridge.errors import UsageError
 from dem_bridge.files import check_folder
 
 
@@ -20,14 +21,19 @@ def judge(
     """Judge FILES of any code against the reference solution of their scene.
 
     Each FILE holds samples of one run: FILE, or FILE@DT with the time step of the run in s. Several files with
-    different time steps give the order of convergence; the one with the finest step decides the outcome.
+    different time steps give the order of convergence; the one with the finest step decides the outcome. A FILE that is
+    a LAMMPS input script is run as it is. With --command a code is run in place of reading files.
 
-    The exit code is 0 for PASS, 1 for FAIL and 4 for UNDECIDED.
+    The exit code is 0 for PASS, 1 for FAIL, 3 for a run that failed and 4 for UNDECIDED.
     """
     if folder is not None:
         check_folder(folder)
     if isinstance(units := settings.get("units"), list):
         settings["units"] = ",".join(units)
+    if not files and "command" not in settings:
+        raise UsageError("no FILE[@DT] was given; give files of a code, a LAMMPS deck, or --command")
+    if len(steps := settings.get("dt", ())) == 1 and "command" not in settings:
+        settings["dt"] = steps[0]
     judgement = dem_bridge.judge(list(files), scene, **settings)
     if folder is not None:
         judgement.save(folder)

@@ -21,7 +21,7 @@ from dem_bridge.scene import Scene
 from dem_bridge.verification.verdict import Outcome, exit_code, judge, plain
 
 if TYPE_CHECKING:
-    from dem_bridge.studies.study import Study
+    from dem_bridge.studies.study import FigureData, Study, Table
 
 #: keys of a judgement, in their order
 KEYS = (
@@ -32,6 +32,17 @@ KEYS = (
 LONGEST = 20.0
 #: most values of a quantity of a file that are judged; of larger files every second, third ... sample is taken
 MOST_VALUES = 2_000_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Addition:
+    """Further contents of the page of a judgement of runs that were made for it."""
+
+    lines: tuple[tuple[str, str], ...] = ()
+    """Name and text of further lines."""
+    tables: tuple[Table, ...] = ()
+    figures: tuple[FigureData, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,6 +63,8 @@ class Judgement(Mapping[str, Any]):
     """Permissible error relative to the scale of each quantity; None: the cause decides the outcome."""
     assumed: tuple[str, ...] = ()
     """Sentences on what was assumed in judging, beside those of the readers."""
+    addition: Addition = Addition()
+    """Work-precision of a foreign code, or the limits of a deck."""
 
     @property
     def judged(self) -> tuple[FileErrors, ...]:

@@ -70,10 +70,10 @@ def judgement_study(judgement: Judgement) -> Study:
         id="judge",
         title=TEXTS("title", files=_several(names), scene=judgement.scene.name),
         answer=(*first, *further),
-        tables=tuple(tables),
-        figures=(_figure(judgement),),
+        tables=(*tables, *judgement.addition.tables),
+        figures=(_figure(judgement), *judgement.addition.figures),
         verdicts=tuple(_verdicts(judgement)),
-        notes=TEXTS.notes(method=method),
+        notes=(*TEXTS.notes(method=method), *judgement.addition.notes),
         provenance={
             "scene": judgement.scene.name,
             "scene_hash": judgement.scene.content_hash,
@@ -102,6 +102,7 @@ def lines(judgement: Judgement) -> Iterator[tuple[str, str]]:
         others = ", ".join(judgement.alternatives)
         yield "alternatives", TEXTS("alternatives", cause=judgement.cause, alternatives=others)
     yield "next", " ".join(_advice(judgement))
+    yield from judgement.addition.lines
 
 
 def _several(names: list[str]) -> str:

@@ -60,7 +60,7 @@ def test_json_has_the_keys_of_the_contract_and_the_exit_code_follows(folder: Pat
     ("words", "part"),
     [
         (("1e-06.csv",), "Missing option '--scene'"),
-        (("--scene", "five.toml"), "Missing argument 'FILE[@DT]...'"),
+        (("--scene", "five.toml"), "no FILE[@DT] was given; give files of a code, a LAMMPS deck, or --command"),
         (("missing.csv", "--scene", "five.toml"), "missing.csv: there is no such file"),
         (("1e-06.csv", "--scene", "missing.toml"), "missing.toml"),
         (("1e-06.csv@", "--scene", "five.toml"), "give FILE@DT with DT in s, such as 1e-06.csv@1e-7"),
