@@ -37,7 +37,7 @@ LAYERS = {
         "testing",
         "sweep",
     ),
-    8: ("studies", "regression", "judging"),
+    8: ("studies", "regression", "judging", "measurement"),
     9: ("report", "exports"),
     10: ("api", "plot"),
     11: ("cli",),
@@ -60,6 +60,7 @@ SIDEWAYS = {
     ("sweep", "campaign"): "a sweep runs many cases",
     ("judging", "studies"): "a judgement has the page of a study",
     ("verification", "campaign"): "a verification lists cases and takes results",
+    ("studies", "measurement"): "a study presents the comparison with a measurement",
     ("accuracy", "errors"): "an accuracy that is none is a UsageError",
 }
 

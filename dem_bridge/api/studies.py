@@ -13,10 +13,14 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import scene_of
+from dem_bridge.scene_file.measurement import measurement_of
 
 if TYPE_CHECKING:
     from dem_bridge.campaign import Progress
     from dem_bridge.studies.study import Study
+
+#: parameters of studies that follow from the other arguments of :func:`study`
+_NOT_SETTINGS = ("scene", "engine", "store", "progress", "measurement")
 
 
 def study(
@@ -92,7 +96,7 @@ def study(
     if "store" in parameters or recompute:
         options["store"] = Store.opened(store, recompute=recompute)
     if unknown := [key for key in options if key not in parameters]:
-        allowed = ", ".join(key for key in parameters if key not in ("scene", "engine", "store", "progress"))
+        allowed = ", ".join(key for key in parameters if key not in _NOT_SETTINGS)
         raise UsageError(f"study {name!r} has no setting {unknown[0]!r}; allowed: {allowed or 'none'}")
     if folder is not None:
         check_folder(Path(folder))
@@ -100,6 +104,8 @@ def study(
         options["progress"] = progress
     if scene is not None:
         options["scene"] = scene_of(scene)
+    if "measurement" in parameters:
+        options.setdefault("measurement", measurement_of(scene))
     result = function(**options)
     if folder is not None:
         from dem_bridge.report.page import write_study

@@ -22,6 +22,16 @@ FORMS = {
 }
 #: name of the scene in every template, and the names that Scene allows
 _NAME, _NAMES = "my-chain", re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+#: the table [measurement], with which every template ends
+_MEASUREMENT = """
+#[measurement]                 # measured values beside the scene: dem-bridge study measurement FILE
+#file = "laser.csv"            # columns time_s, body, velocity_m_per_s, uncertainty_m_per_s (standard uncertainty)
+#source = "who measured what"
+#kind = "measured"             # or "digitised" (a published figure), or "synthetic"
+#fit = ["stiffness"]           # parameters to fit
+#[measurement.parameters]      # standard uncertainties, here relative to the scene's values
+#stiffness = 0.02
+"""
 
 
 def template(form: str, name: str) -> str:
@@ -30,7 +40,8 @@ def template(form: str, name: str) -> str:
 
     text = resources.files("dem_bridge").joinpath("scene_file", "templates", f"{form}.toml").read_text(encoding="utf-8")
     head, *keys = Environment.template_lines()
-    return text.replace(f'"{_NAME}"', f'"{name}"', 1).replace(head, "\n".join([head, *keys]))
+    text = text.replace(f'"{_NAME}"', f'"{name}"', 1).replace(head, "\n".join([head, *keys]))
+    return text + _MEASUREMENT
 
 
 @with_options("new", epilog=f"Forms: {'. '.join(f'{form}: {use}' for form, use in FORMS.items())}.")

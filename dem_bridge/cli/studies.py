@@ -20,7 +20,13 @@ from dem_bridge.studies.catalogue import STUDIES, study_named
 #: annotation of a parameter -> type of its option
 _TYPES = {"float": click.FLOAT, "int": click.INT, "str": click.STRING}
 #: parameter that several studies have -> its options in the part "study" of options.json
-_SHARED = {"engine": ("lmp", "lmp_args", "python", "ranks"), "jobs": ("jobs",), "store": ("recompute",), "progress": ()}
+_SHARED = {
+    "engine": ("lmp", "lmp_args", "python", "ranks"),
+    "jobs": ("jobs",),
+    "store": ("recompute",),
+    "progress": (),
+    "measurement": (),
+}
 
 
 class _StudyCommand(click.Command):

@@ -149,6 +149,20 @@ class Environment(RawTable):
         return {key: re.split("[,:]", field.description or "")[0] for key, field in cls.model_fields.items()}
 
 
+class MeasurementTable(Table):
+    """Table [measurement]: files of measured values, and parameters of the scene with their standard uncertainties."""
+
+    file: str | list[str]
+    """CSV file, or several, relative to the folder of the scene file."""
+    source: str = ""
+    """Who measured what and how, or where the figure was published."""
+    kind: Literal["measured", "digitised", "synthetic"] = "measured"
+    parameters: dict[str, Positive] = {}
+    """Standard uncertainty of each parameter: of its value relative to the scene's, or absolute."""
+    fit: list[str] | None = None
+    """Parameters that are fitted; None means all that are declared for the whole scene."""
+
+
 # raw form: numbers as lists
 
 
@@ -178,6 +192,7 @@ class RawScene(RawTable):
     chain: RawChain
     sampling: Sampling = Sampling()
     environment: Environment = Environment()
+    measurement: MeasurementTable | None = None
 
 
 # physical form: bodies, from which the numbers are computed
@@ -351,6 +366,7 @@ class PhysicalScene(Table):
     material: MaterialTable
     sampling: Sampling = Sampling()
     environment: Environment = Environment()
+    measurement: MeasurementTable | None = None
 
 
 class PatternWall(WallTable):
@@ -381,6 +397,7 @@ class PatternScene(Table):
     chain: PatternChain
     sampling: Sampling = Sampling()
     environment: Environment = Environment()
+    measurement: MeasurementTable | None = None
 
 
 class CylinderScene(PhysicalScene):
@@ -437,6 +454,7 @@ class ImpactScene(RawTable):
     impact: Impact
     sampling: Sampling = Sampling()
     environment: Environment = Environment()
+    measurement: MeasurementTable | None = None
 
 
 # conversion to a Scene

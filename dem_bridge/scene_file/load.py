@@ -97,13 +97,25 @@ def load_scene(source: str | Path) -> Scene:
     >>> load_scene("decelerating-40").stiffness[1]
     72729932838.4
     """
+    text, where, folder = _text_of(source)
+    return parse_scene(text, where=where, folder=folder)
+
+
+def read_form(source: str | Path) -> tuple[Any, Path]:
+    """Return the tables of a scene file as a form of :mod:`.forms`, and the folder of the file."""
+    text, where, folder = _text_of(source)
+    return _parse_form(text, where, folder), folder
+
+
+def _text_of(source: str | Path) -> tuple[str, str, Path]:
+    """Return the text of a scene file, its name for error messages, and its folder."""
     if not isinstance(source, str | Path):
         raise SceneError("", value=source, allowed="the name of a shipped scene or the path of a .toml file")
     name = str(source)
     if name in shipped_scenes("all"):
         kind: Literal["chain", "benchmark"] = "chain" if name in shipped_scenes() else "benchmark"
         file = resources.files("dem_bridge").joinpath(*_FOLDERS[kind], f"{name}.toml")
-        return parse_scene(file.read_text(encoding="utf-8"), where=f"{name}.toml", folder=Path(str(file)).parent)
+        return file.read_text(encoding="utf-8"), f"{name}.toml", Path(str(file)).parent
     path = Path(source)
     try:
         is_file = path.is_file()
@@ -116,7 +128,7 @@ def load_scene(source: str | Path) -> Scene:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError("", problem=f"cannot be read: {error}", allowed="a TOML file in UTF-8", where=name) from error
-    return parse_scene(text, where=name, folder=path.parent)
+    return text, name, path.parent
 
 
 def parse_scene(text: str, *, where: str = "scene", folder: str | Path = ".") -> Scene:
@@ -136,13 +148,22 @@ def parse_scene(text: str, *, where: str = "scene", folder: str | Path = ".") ->
     SceneError
         If the text is not a valid scene.
     """
+    form = _parse_form(text, where, Path(folder))
+    try:
+        return _SCENE_FROM[type(form)](form)
+    except SceneError as error:
+        raise error.at(where, _file_key(error.key, type(form))) from None
+
+
+def _parse_form(text: str, where: str, folder: Path) -> Any:
+    """Return the tables of a TOML text as a form."""
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError
         raise SceneError("", problem=f"is not TOML: {error}", allowed="TOML 1.0", where=where) from error
     form = _form(table)
     try:
-        return _SCENE_FROM[form](form.model_validate(with_force_of_file(table, Path(folder))))
+        return form.model_validate(with_force_of_file(table, folder))
     except ValidationError as error:
         raise _in_one_line(error, form, where) from None
     except SceneError as error:

@@ -45,6 +45,8 @@ SUMMARIES = {
     " forms.",
     "engine": "Check every normal law, damping and wall of LAMMPS in one impact each against theory, and name what is"
     " wrong.",
+    "measurement": "Compare measured values with a scene, each difference with its validation uncertainty, and fit"
+    " parameters.",
     "styles": "Run a scene through every pair style, wall and suffix of LAMMPS and compare each with the twin.",
 }
 #: studies that are packages with a module "study"; the others are one module

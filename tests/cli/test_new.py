@@ -25,8 +25,8 @@ TABLES: dict[str, type[BaseModel]] = {
     "spheres": SphereScene,
     "raw": RawScene,
 }
-#: what stands for itself: a default that is said
-DEFAULTS = {"exponent = 2.5"}
+#: what changes no motion: a default that is said, and a measurement
+DEFAULTS = {"exponent = 2.5", "[measurement]"}
 
 every_form = pytest.mark.parametrize("form", FORMS)
 

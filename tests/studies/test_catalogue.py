@@ -71,7 +71,13 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> None:
 # options
 
 #: parameter -> its options on the command line, where these have other names
-SHARED = {"engine": {"lmp", "lmp_args", "python", "ranks"}, "jobs": {"jobs"}, "store": {"recompute"}, "progress": set()}
+SHARED = {
+    "engine": {"lmp", "lmp_args", "python", "ranks"},
+    "jobs": {"jobs"},
+    "store": {"recompute"},
+    "progress": set(),
+    "measurement": set(),
+}
 #: annotation -> type of the option, whether it can be repeated, whether it is a flag
 KINDS = {
     "float": ("float", False, False),
@@ -172,6 +178,7 @@ ROD = db.Body(shape="cylinder", radius=9e-3, height=18e-3, material=STEEL)
 CROSSED = db.chain(
     name="crossed", duration=3e-4, bodies=[ROD] * 5, velocity=0.5, angles=(60.0, 70.0, 80.0, 90.0), samples=20
 )
+MEASURED = Path(__file__).parents[1] / "data" / "measured-crossed.csv"
 MONOMER = db.load_scene("driven-monomer")
 DRIVEN = replace(
     MONOMER,
@@ -197,6 +204,7 @@ TINY: dict[str, tuple[Scene | None, dict[str, Any]]] = {
     "bands": (DRIVEN, {"tolerance": 0.05}),
     "horizon": (CROSSED, {"perturbations": 2, "seed": 3}),
     "precision": (CROSSED, {}),
+    "measurement": (CROSSED, {"files": [str(MEASURED)], "parameters": ["angle=0.1"], "samples": 10}),
     "scatter": (CROSSED, {"count": 2, "spread": 1.0}),
     "styles": (CROSSED, {"dt": 1e-7}),
     "restitution": (None, {"laws": ["mass-dashpot"], "backends": ["verlet"]}),

@@ -1,0 +1,1 @@
+"""Validation: measured values with standard uncertainties compared with a scene, and parameters fitted to them."""
