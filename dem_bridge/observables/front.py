@@ -149,6 +149,7 @@ def _compute_peak_velocities(scene: Scene, trajectory: Trajectory) -> PeakVeloci
     inside = time[:, None] <= until
     row = np.argmax(np.where(inside, v, -np.inf), axis=0)
     peak, when, sampling, bend = v[row, bodies].copy(), time[row].copy(), np.zeros(n), np.zeros(n)
+    late_peak = np.zeros(n, dtype=bool)
     for companion in (-1, 0):  # before the largest sample and behind it; a body in free flight has its peak at a sample
         early = row + companion
         late = np.minimum(early + 1, len(time) - 1)
@@ -162,6 +163,16 @@ def _compute_peak_velocities(scene: Scene, trajectory: Trajectory) -> PeakVeloci
             when[which], peak[which], sampling[which] = (item[higher] for item in moved)
             fall = (a[early, bodies] - a[late, bodies])[turning] / (time[late] - time[early])[turning]
             bend[which] = fall[higher]
+    handed = np.flatnonzero(np.isfinite(came[1:])) if len(came) > 1 else np.zeros(0, dtype=np.int64)
+    if len(handed) and not np.any(np.isnan(a)):
+        # a body that is still accelerated when it hands the impulse on is fastest then
+        at_end, slope, error = _at_times(trajectory, v[:, handed], a[:, handed], until[handed])
+        still = (slope > 0.0) & (at_end > peak[handed])
+        which = handed[still]
+        peak[which], when[which] = at_end[still], until[which]
+        sampling[which] = (error + np.abs(slope) * arrival_uncertainty(scene, trajectory)[1:][handed])[still]
+        bend[which] = 0.0
+        late_peak[which] = True
     # a pulse that fell between two samples of binary collisions is not known
     missing = np.isnan(came) | ~(peak > 0.0)
     sampling[np.any(np.isnan(a), axis=0)] = np.nan
@@ -170,6 +181,8 @@ def _compute_peak_velocities(scene: Scene, trajectory: Trajectory) -> PeakVeloci
     uncertainty = sampling + trajectory.uncertainty["velocity"]
     # v - bend t^2/2 with an error of either sign has its maximum where at most twice the uncertainty is missing
     time_uncertainty = np.sqrt(4.0 * np.divide(uncertainty, bend, out=np.full(n, np.inf), where=bend > 0.0))
+    handing = np.append(arrival_uncertainty(scene, trajectory)[1:], np.inf)
+    time_uncertainty[late_peak] = handing[late_peak]
     return PeakVelocity(
         velocity=peak, time=when, sampling=sampling, uncertainty=uncertainty, time_uncertainty=time_uncertainty
     )
@@ -182,6 +195,12 @@ def _maximum(
     when = root_between(lambda when: hermite(trajectory, v, a, when, derivative=1), early, late)
     value = hermite(trajectory, v, a, when)
     return when, value, np.abs(value - hermite(trajectory, v, a, when, nodes=FEWER))
+
+
+def _at_times(trajectory: Trajectory, v: Floats, a: Floats, when: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return each velocity and its slope at its own time, and the difference of four samples from six."""
+    value, slope = hermite(trajectory, v, a, when), hermite(trajectory, v, a, when, derivative=1)
+    return value, slope, np.abs(value - hermite(trajectory, v, a, when, nodes=FEWER))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
