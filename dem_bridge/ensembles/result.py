@@ -1,0 +1,143 @@
+"""The result of an ensemble: observables of every chain, quantiles, and the agreement of a sample with other codes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dem_bridge.ensembles.draw import Variation
+from dem_bridge.ensembles.solve import OBSERVABLES
+from dem_bridge.errors import UsageError
+from dem_bridge.observables.registry import OBSERVABLES as REGISTRY
+from dem_bridge.trajectory import Floats
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ensemble:
+    """Observables of many chains that differ in numbers only; :func:`dem_bridge.ensemble` returns it.
+
+    Parameters
+    ----------
+    variation : Variation
+        The intended chain, what varies, and the seed.
+    values : mapping
+        Observable -> values, ``(n_chain,)``, ``(n_chain, n_body)`` or ``(n_chain, n_contact)``; with samples
+        also "velocity", ``(n_chain, n_sample + 1, n_body)``. Large arrays are files in a temporary folder that is
+        deleted with this object.
+    accuracy : float
+        Relative accuracy that was asked for.
+    steps : int
+        Steps of each chain.
+    checked : DataFrame
+        A row for each chain of the sample, code and observable: ``chain``, ``code``, ``observable``,
+        ``difference`` (largest, relative to each value's own scale), ``uncertainty`` (of that code, on the same
+        scale; inf: not estimated) and ``failure`` (why that code has no run; empty otherwise).
+    """
+
+    variation: Variation
+    values: Mapping[str, Floats]
+    accuracy: float
+    steps: int
+    checked: pd.DataFrame
+
+    def __len__(self) -> int:
+        return len(self.values["arrival_at_end"])
+
+    def __repr__(self) -> str:
+        vary = ", ".join(f"{key} {value:g}" for key, value in self.variation.vary.items())
+        return f"<Ensemble of {len(self)} chains of {self.variation.scene.name}: {vary}; {self.agreement}>"
+
+    @property
+    def agreement(self) -> str:
+        """How well the sample agrees with the other codes, in one sentence."""
+        parts = []
+        for code, rows in self.checked.groupby("code", sort=False):
+            failures = rows[rows["failure"] != ""]
+            if len(failures):
+                parts.append(f"{code} has no run of {failures['chain'].nunique()} chains")
+            if len(failures) < len(rows):
+                chains = rows[rows["failure"] == ""]["chain"].nunique()
+                parts.append(f"{chains} chains by {code} differ by at most {rows['difference'].max():.1e}")
+        return "; ".join(parts) or "no chain was checked by another code"
+
+    def quantiles(self, observable: str, q: Sequence[float] = (0.05, 0.5, 0.95)) -> Floats:
+        """Return quantiles over the chains.
+
+        Parameters
+        ----------
+        observable : str
+            A key of ``values``.
+        q : sequence of float
+            Parts of the chains, 0 to 1.
+
+        Returns
+        -------
+        ndarray
+            ``(len(q), ...)``, with the axes of the observable; chains without a value are left out.
+
+        Raises
+        ------
+        UsageError
+            For an observable that the ensemble does not have, or a part outside 0 to 1.
+        """
+        if observable not in self.values:
+            raise UsageError(f"observable = {observable!r}; allowed: {', '.join(self.values)}")
+        if not all(0.0 <= part <= 1.0 for part in q):
+            raise UsageError(f"q = {tuple(q)!r}; allowed: numbers from 0 to 1")
+        values = self.values[observable]
+        out = np.full((len(q), math.prod(values.shape[1:])), np.nan)
+        # column by column, so that memory does not grow with the number of chains times columns
+        for column, place in enumerate(np.ndindex(values.shape[1:])):
+            present = values[(slice(None), *place)]
+            present = present[~np.isnan(present)]
+            if len(present):
+                out[:, column] = np.quantile(present, q)
+        return out.reshape(len(q), *values.shape[1:])
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """All observables as a pandas frame, a row for each chain; columns such as ``peak_force_7``, SI units."""
+        import pandas as pd
+
+        columns: dict[str, Floats] = {}
+        for name, axis in OBSERVABLES.items():
+            values = self.values[name]
+            columns |= {name: values} if not axis else {f"{name}_{k}": values[:, k] for k in range(values.shape[1])}
+        return pd.DataFrame(columns, index=pd.RangeIndex(len(self), name="chain"))
+
+    @property
+    def long_table(self) -> pd.DataFrame:
+        """All observables as a long pandas frame: ``chain``, ``observable``, ``place`` (-1: the chain), ``value``."""
+        import pandas as pd
+
+        parts = []
+        for name in OBSERVABLES:
+            values = self.values[name].reshape(len(self), -1)
+            places = np.arange(values.shape[1]) if OBSERVABLES[name] else np.array([-1])
+            chain = np.repeat(np.arange(len(self)), values.shape[1])
+            parts.append(
+                pd.DataFrame(
+                    {"chain": chain, "observable": name, "place": np.tile(places, len(self)), "value": values.ravel()}
+                )
+            )
+        return pd.concat(parts, ignore_index=True)
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return all values as an xarray Dataset with the dimensions chain, body, contact and sample."""
+        import xarray as xr
+
+        data = {}
+        for name, values in self.values.items():
+            axes = ("sample", "body") if name == "velocity" else (OBSERVABLES[name],) if OBSERVABLES[name] else ()
+            data[name] = xr.DataArray(values, dims=("chain", *axes), attrs={"units": REGISTRY[name].unit})
+        scene = self.variation.scene
+        attributes = {"scene": scene.name, "scene_hash": scene.content_hash, "seed": self.variation.seed}
+        return xr.Dataset(data, attrs=attributes | {f"vary_{key}": v for key, v in self.variation.vary.items()})

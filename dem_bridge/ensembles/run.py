@@ -1,0 +1,170 @@
+"""Run an ensemble: blocks of chains on all cores, and a sample of them by other codes."""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+import weakref
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from pathlib import Path
+from shutil import rmtree
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.campaign import Result, run_cases
+from dem_bridge.ensembles.draw import BLOCK, Variation
+from dem_bridge.ensembles.result import Ensemble
+from dem_bridge.ensembles.solve import LANED, OBSERVABLES, difference, solve_chains, steps_for
+from dem_bridge.errors import UnsupportedScene, UsageError
+from dem_bridge.observables.registry import observable_named
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
+from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Floats, own_scale
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: bytes from which on an array is a file
+_IN_MEMORY = 256 * 2**20
+#: chains that the number of steps is chosen with
+_PILOT = 32
+#: codes that repeat a sample of the chains
+CHECKS = ("reference", "lammps-granular")
+#: samples by which the largest velocity of a checked chain is found; forces and crossings need none
+_SAMPLES_OF_CHECK = 500
+Progress = Callable[[float, int, str], None]
+
+
+def run_ensemble(
+    variation: Variation,
+    n: int,
+    *,
+    accuracy: float = 1e-4,
+    samples: int | None = None,
+    checks: int = 4,
+    executor: Executor | None = None,
+    store: Store | None = None,
+    progress: Progress | None = None,
+) -> Ensemble:
+    """Solve ``n`` chains of a variation; see :func:`dem_bridge.ensemble`."""
+    scene = variation.scene
+    for name, value, least in (("n", n, 1), ("checks", checks, 0), ("samples", samples, 1)):
+        if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < least):
+            raise UsageError(f"{name} = {value!r}; allowed: a whole number >= {least}")
+    if not isinstance(accuracy, int | float) or not 1e-9 <= accuracy <= 0.1:
+        raise UsageError(f"accuracy = {accuracy!r}; allowed: a number from 1e-9 to 0.1")
+    if reason := LANED.unsupported_reason(scene):
+        raise UnsupportedScene(f"an ensemble of {scene.name} cannot be solved: {reason}")
+    steps = steps_for(scene, variation.block(0, min(n, _PILOT)), accuracy, samples)
+    sizes = [min(BLOCK, n - first) for first in range(0, n, BLOCK)]
+    arrays, folder = _arrays(scene, n, samples)
+    with _pool(executor) as pool:
+        for nth, part in _blocks(pool, variation, sizes, steps, samples):
+            for name, values in part.items():
+                arrays[name][nth * BLOCK : nth * BLOCK + len(values)] = values
+            if progress is not None:
+                done = min(n, (nth + 1) * BLOCK)
+                progress(done, n, f"{scene.name}: {n} chains")
+    chosen = np.sort(np.random.default_rng([variation.seed, 1]).choice(n, size=min(checks, n), replace=False))
+    checked = _checked(variation, arrays, chosen.tolist(), store)
+    ensemble = Ensemble(variation=variation, values=arrays, accuracy=accuracy, steps=steps, checked=checked)
+    if folder is not None:
+        weakref.finalize(ensemble, rmtree, folder, ignore_errors=True)
+    return ensemble
+
+
+def solve_block(variation: Variation, nth: int, count: int, steps: int, samples: int | None) -> dict[str, Floats]:
+    """Return the observables of the first ``count`` chains of a block; what a worker of an executor does."""
+    keep = 0 if samples is None else steps // samples
+    return solve_chains(variation.scene, variation.block(nth, count), steps, keep)
+
+
+@contextmanager
+def _pool(executor: Executor | None) -> Iterator[Executor]:
+    """Provide an executor: the given one, or threads on all cores, because the kernel releases the interpreter."""
+    if executor is not None:
+        yield executor
+        return
+    pool = ThreadPoolExecutor(os.cpu_count())
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _blocks(
+    pool: Executor, variation: Variation, sizes: list[int], steps: int, samples: int | None
+) -> Iterator[tuple[int, dict[str, Floats]]]:
+    """Yield the blocks as they are solved; only a few are submitted at a time, so that memory is constant."""
+    waiting: dict[Future[dict[str, Floats]], int] = {}
+    pending = iter(enumerate(sizes))
+    most = 2 * (os.cpu_count() or 1)
+    while True:
+        while len(waiting) < most and (following := next(pending, None)) is not None:
+            nth, size = following
+            waiting[pool.submit(solve_block, variation, nth, size, steps, samples)] = nth
+        if not waiting:
+            return
+        # in slices, so that Ctrl-C is not lost while nothing ends
+        done, _ = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
+        for future in done:
+            yield waiting.pop(future), future.result()
+
+
+def _arrays(scene: Scene, n: int, samples: int | None) -> tuple[dict[str, Floats], Path | None]:
+    """Return an array for each observable; large ones are files in a temporary folder."""
+    lengths = {"": (), "body": (scene.n_body,), "contact": (scene.n_contact,)}
+    shapes: dict[str, tuple[int, ...]] = {name: (n, *lengths[axis]) for name, axis in OBSERVABLES.items()}
+    if samples is not None:
+        shapes["velocity"] = (n, samples + 1, scene.n_body)
+    folder, arrays = None, {}
+    for name, shape in shapes.items():
+        if 8 * math.prod(shape) < _IN_MEMORY:
+            arrays[name] = np.empty(shape)
+            continue
+        folder = folder or Path(tempfile.mkdtemp(prefix="dem-bridge-ensemble-"))
+        arrays[name] = np.lib.format.open_memmap(folder / f"{name}.npy", mode="w+", dtype=float, shape=shape)
+    return arrays, folder
+
+
+def _checked(
+    variation: Variation, arrays: Mapping[str, Floats], chosen: list[int], store: Store | None
+) -> pd.DataFrame:
+    """Return the differences of a sample of the chains from other codes."""
+    import pandas as pd
+
+    sampling = Sampling(count=_SAMPLES_OF_CHECK)
+    scenes = {nth: variation.block(nth // BLOCK).scene(variation.scene, nth % BLOCK) for nth in chosen}
+    places = [(code, nth) for code in CHECKS for nth in chosen]
+    cases = [
+        Case(
+            scene=scenes[nth],
+            backend=code,
+            resolution=Resolution(),
+            sampling=sampling,
+            uncertainty=code in CHECKS[1:],
+        )
+        for code, nth in places
+    ]
+    results = run_cases(cases, jobs=1, store=store, everything=True)
+    rows = [row for place, result in zip(places, results, strict=True) for row in _rows(*place, result, arrays)]
+    return pd.DataFrame(rows, columns=["chain", "code", "observable", "difference", "uncertainty", "failure"])
+
+
+def _rows(code: str, nth: int, result: Result, arrays: Mapping[str, Floats]) -> Iterator[tuple[Any, ...]]:
+    """Yield a row of the check for each observable of a chain."""
+    for name in OBSERVABLES:
+        if result.trajectory is None:
+            yield nth, code, name, math.nan, math.nan, str(result.failure)
+            continue
+        observable, scene = observable_named(name), result.case.scene
+        values = np.atleast_1d(observable.value(scene, result.trajectory))
+        bars = np.atleast_1d(observable.uncertainty(scene, result.trajectory)) / own_scale(values)
+        off = difference(np.atleast_1d(arrays[name][nth])[None], values[None])[0]
+        yield nth, code, name, float(off), float(np.nanmax(bars, initial=0.0)), ""
