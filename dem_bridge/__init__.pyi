@@ -5,8 +5,8 @@ from dem_bridge import features as features
 from dem_bridge import plot as plot
 from dem_bridge import testing as testing
 from dem_bridge.accuracy import observed_order as observed_order
-from dem_bridge.api.judge import judge as judge
 from dem_bridge.api.ensembles import ensemble as ensemble
+from dem_bridge.api.judge import judge as judge
 from dem_bridge.api.regress import regress as regress
 from dem_bridge.api.runs import available as available
 from dem_bridge.api.runs import plan as plan
