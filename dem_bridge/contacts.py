@@ -19,7 +19,7 @@ class Contacts:
 
     ``overlap_k = x[left_k] - x[right_k] - gap_k``; the index ``n_body`` stands for a wall, with x = v = 0. In a
     precompressed chain ``gap`` is minus the static overlap. The damping force of every law is ``damping
-    overlap^damping_power overlap'``; ``clipped`` is True if its sum with the elastic force is clipped at zero. A closed
+    overlap^damping_power overlap'``; ``clip`` is True if its sum with the elastic force is clipped at zero. A closed
     contact attracts with ``pull_off`` (N) in addition to its elastic force, and the forces and energies here are the
     sums. ``laws`` are the distinct laws that are not powers, valid for overlaps up to ``reach (n_law,)`` (m), which the
     energy of the scene cannot exceed; contact k has ``laws[law[k]]``. Without such laws ``laws`` and ``reach`` are
@@ -33,7 +33,7 @@ class Contacts:
     gap: Floats
     damping: Floats
     damping_power: Floats
-    clipped: bool
+    clip: bool
     pull_off: Floats
     laws: tuple[ContactLaw, ...]
     law: NDArray[np.int64]

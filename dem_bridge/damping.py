@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,13 +12,15 @@ from dem_bridge.physics.contact import Floats
 from dem_bridge.physics.impact import alpha_of_restitution, alpha_of_tsuji
 
 #: damping laws, and the unit of the coefficient of each
-DAMPING_LAWS = {"dashpot": "N s/m", "mass-dashpot": "1/s", "kuwabara-kono": "s", "restitution": "", "tsuji": ""}
+DAMPING_LAWS = {"dashpot": "N s/m", "mass_velocity": "1/s", "kuwabara-kono": "s", "tsuji": "", "coeff_restitution": ""}
 #: damping laws whose coefficient is a coefficient of restitution, with the factor alpha that follows from it
-BY_RESTITUTION = ("restitution", "tsuji")
+BY_RESTITUTION = ("coeff_restitution", "tsuji")
 #: allowed coefficients of restitution
 RESTITUTION = "a coefficient of restitution, above 0 and at most 1"
 #: damping laws that do not depend on the overlap
-DASHPOTS = ("dashpot", "mass-dashpot")
+DASHPOTS = ("dashpot", "mass_velocity")
+#: words of LAMMPS that are not the names of the laws here
+_WORDS_OF_LAMMPS = {"velocity": "dashpot", "viscoelastic": "kuwabara-kono"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,21 +29,22 @@ class Damping:
 
     ``m`` is the effective mass 1/(1/m1 + 1/m2) of the two bodies of a contact, at a wall the mass of the body.
 
-    ===============  ============================================  ==================================================
-    law              force                                         coefficient, one for all or one per contact
-    ===============  ============================================  ==================================================
-    "dashpot"        ``c overlap'``                                c >= 0, N s/m
-    "mass-dashpot"   ``eta m overlap'``                            eta >= 0, 1/s
-    "kuwabara-kono"  ``gamma beta overlap^(n-2) overlap'``         gamma >= 0, s
-    "restitution"    ``alpha sqrt(m beta) overlap^((n-2)/2)        coefficient of restitution e, 0 < e <= 1, from which
-                     overlap'``                                    alpha follows exactly
-    "tsuji"          as "restitution"                              e, 0 < e <= 1; alpha by Marshall's polynomial
-    ===============  ============================================  ==================================================
+    =================== ============================================  ===============================================
+    law                 force                                         coefficient, one for all or one per contact
+    =================== ============================================  ===============================================
+    "dashpot"           ``c overlap'``                                c >= 0, N s/m
+    "mass_velocity"     ``eta m overlap'``                            eta >= 0, 1/s
+    "kuwabara-kono"     ``gamma beta overlap^(n-2) overlap'``         gamma >= 0, s
+    "tsuji"             as "coeff_restitution"                        e, 0 < e <= 1; alpha by Marshall's polynomial
+    "coeff_restitution" ``alpha sqrt(m beta) overlap^((n-2)/2)        coefficient of restitution e, 0 < e <= 1, from
+                        overlap'``                                    which alpha follows exactly
+    =================== ============================================  ===============================================
 
-    ``clipped`` is True if the sum of elastic and damping force is clipped at zero, so that damping never makes a
-    contact tensile (LAMMPS: ``limit_damping``). If it is False, a contact ends when its overlap is zero, in tension.
-    None is the default of the law: False for "restitution" and "tsuji", whose contacts have the restitution e only if
-    they are not clipped, and True for the others. Laws other than dashpots need n >= 2.
+    ``clip`` is True if the sum of elastic and damping force is clipped at zero, so that damping never makes a contact
+    tensile (LAMMPS: ``limit_damping``). If it is False, a contact ends when its overlap is zero, in tension. Contacts
+    with "tsuji" or "coeff_restitution" have the restitution e only if they are not clipped; clipped ones have a larger
+    one: :func:`~dem_bridge.physics.impact.restitution_obtained`. None, the default, is True, but False in a scene with
+    adhesion, where True is not allowed. Laws other than dashpots need n >= 2.
 
     References
     ----------
@@ -49,32 +52,51 @@ class Damping:
 
     Examples
     --------
-    >>> Damping(law="restitution", coefficient=0.9)
-    Damping(law='restitution', coefficient=0.9, clipped=False)
+    >>> Damping(law="coeff_restitution", coefficient=0.9)
+    Damping(law='coeff_restitution', coefficient=0.9, clip=True)
     """
 
     law: str
     coefficient: tuple[float, ...] | float
-    clipped: bool | None = None
+    clip: bool | None = None
+    _clip_by_default: bool = field(init=False, default=False, compare=False, repr=False)
+    """True if no clip was given."""
 
     def __post_init__(self) -> None:
-        if self.clipped is None:
-            object.__setattr__(self, "clipped", self.law not in BY_RESTITUTION)
+        if self.clip is None:
+            object.__setattr__(self, "clip", True)
+            object.__setattr__(self, "_clip_by_default", True)
 
 
-def checked_damping(damping: Damping, exponent: Floats) -> Damping:
+def damping_law(law: object) -> str:
+    """Return the damping law if there is one of this name; raise SceneError otherwise."""
+    if isinstance(law, str) and law in DAMPING_LAWS:
+        return law
+    allowed = " or ".join(DAMPING_LAWS)
+    if isinstance(law, str) and law in _WORDS_OF_LAMMPS:
+        allowed = f"{_WORDS_OF_LAMMPS[law]!r}, which is the law that LAMMPS calls {law!r}; or another of {allowed}"
+    raise SceneError("damping.law", value=law, allowed=allowed)
+
+
+def checked_damping(damping: Damping, exponent: Floats, *, adhesion: bool) -> Damping:
     """Return the damping with one coefficient for each contact of these exponents.
+
+    ``adhesion`` is True if the contacts are adhesive, and then not clipped.
 
     Raises
     ------
     SceneError
         If an entry is invalid.
     """
-    if damping.law not in DAMPING_LAWS:
-        raise SceneError("damping.law", value=damping.law, allowed=" or ".join(DAMPING_LAWS))
-    law, clipped, by_restitution = damping.law, damping.clipped, damping.law in BY_RESTITUTION
-    if not isinstance(clipped, bool):
-        raise SceneError("damping.clipped", value=clipped, allowed="true or false, or None: the default of the law")
+    law, by_restitution = damping_law(damping.law), damping.law in BY_RESTITUTION
+    clip = damping.clip and not (adhesion and damping._clip_by_default)
+    if not isinstance(clip, bool):
+        raise SceneError(
+            "damping.clip", value=damping.clip, allowed="true or false; default: true, with adhesion false"
+        )
+    if adhesion and clip:
+        problem = "= True, but contacts have adhesion, which a clip would remove"
+        raise SceneError("damping.clip", problem=problem, allowed="false, the default with adhesion")
     allowed = f"a number >= 0 ({DAMPING_LAWS[law]})"
     bounds = {"at_least": 0.0}
     if by_restitution:
@@ -87,7 +109,7 @@ def checked_damping(damping: Damping, exponent: Floats) -> Damping:
                 problem = f"has the law {law} on contact {k}, whose exponent n is {n!r}"
                 allowed = "n >= 2, since the force is infinite at touch below"
                 raise SceneError("damping", problem=problem, allowed=allowed)
-    return Damping(law=law, coefficient=coefficient, clipped=clipped)
+    return Damping(law=law, coefficient=coefficient, clip=clip)
 
 
 def damping_factors(damping: Damping, effective_mass: Floats, beta: Floats, n: Floats) -> tuple[Floats, Floats]:
@@ -98,7 +120,7 @@ def damping_factors(damping: Damping, effective_mass: Floats, beta: Floats, n: F
     if law == "kuwabara-kono":
         # an elastic contact has no damping force, for any n
         return value * beta, np.maximum(n - 2.0, 0.0)
-    if law == "mass-dashpot":
+    if law == "mass_velocity":
         return value * effective_mass, np.zeros_like(n)
     pairs = zip(value.tolist(), n.tolist(), strict=True)
     alpha = [alpha_of_tsuji(e) if law == "tsuji" else alpha_of_restitution(e, exponent) for e, exponent in pairs]

@@ -110,10 +110,10 @@ def _damped(law: str, label: str, force: str) -> Feature:
 
 _EFFECTIVE = "sqrt(effective mass * stiffness) * overlap^((n-2)/2) * d(overlap)/dt"
 DASHPOT = _damped("dashpot", "dashpot damping", "c * d(overlap)/dt")
-MASS_DASHPOT = _damped("mass-dashpot", "mass-proportional dashpot damping", "eta * effective mass * d(overlap)/dt")
+MASS_VELOCITY = _damped("mass_velocity", "mass-proportional dashpot damping", "eta * effective mass * d(overlap)/dt")
 KUWABARA_KONO = _damped("kuwabara-kono", "Kuwabara-Kono damping", "gamma * stiffness * overlap^(n-2) * d(overlap)/dt")
-RESTITUTION = _damped(
-    "restitution",
+COEFF_RESTITUTION = _damped(
+    "coeff_restitution",
     "damping by a coefficient of restitution",
     f"alpha * {_EFFECTIVE} with alpha from the coefficient of restitution",
 )
@@ -123,12 +123,18 @@ TSUJI = _damped(
 NOT_CLIPPED = Feature(
     "damping forces that are not clipped",
     "The sum of elastic and damping force may be tensile until the overlap is zero; otherwise it is clipped at zero.",
-    lambda scene: scene.damped and not scene.damping.clipped,
+    lambda scene: scene.damped and not scene.damping.clip,
 )
 DMT = Feature(
     "DMT adhesion",
     "Closed contacts attract with a constant force in addition to their elastic force.",
     lambda scene: scene.adhesive and scene.adhesion.law == "dmt",
+)
+JKR = Feature(
+    "JKR adhesion",
+    "Contacts attract by the law of Johnson, Kendall & Roberts and hold on to each other when they separate.",
+    lambda scene: scene.adhesive and scene.adhesion.law == "jkr",
+    dissipates=True,
 )
 DRAG = Feature(
     "drag",
@@ -168,10 +174,10 @@ _GIVEN_BY = (
     ((CONTACT_FUNCTIONS,), "Scene.law"),
     ((GRAVITY,), "Scene.gravity"),
     ((PRECOMPRESSION,), "Scene.precompression"),
-    ((DASHPOT, MASS_DASHPOT, KUWABARA_KONO, RESTITUTION, TSUJI), "Damping.law Damping.coefficient"),
-    ((DASHPOT, MASS_DASHPOT, KUWABARA_KONO, RESTITUTION, TSUJI, NOT_CLIPPED), "Scene.damping"),
-    ((NOT_CLIPPED,), "Damping.clipped"),
-    ((DMT,), "Scene.adhesion Adhesion.law Adhesion.pull_off"),
+    ((DASHPOT, MASS_VELOCITY, KUWABARA_KONO, COEFF_RESTITUTION, TSUJI), "Damping.law Damping.coefficient"),
+    ((DASHPOT, MASS_VELOCITY, KUWABARA_KONO, COEFF_RESTITUTION, TSUJI, NOT_CLIPPED), "Scene.damping"),
+    ((NOT_CLIPPED,), "Damping.clip Damping._clip_by_default"),
+    ((DMT, JKR), "Scene.adhesion Adhesion.law Adhesion.pull_off"),
     ((DRAG,), "Scene.drag"),
     ((SINE_DRIVE, CHIRP_DRIVE, TABLE_DRIVE), "Scene.drive Drive.shape Drive.force"),
     ((SINE_DRIVE, CHIRP_DRIVE), "Drive.frequency Drive.phase Drive.rise"),

@@ -220,9 +220,9 @@ def _acting(scene: Any) -> Iterable[str]:
     if scene.precompression > 0.0:
         yield f"precompression {quantity(scene.precompression, 'N')}"
     if scene.damping is not None and scene.damped:
-        units = {"dashpot": "N s/m", "mass-dashpot": "1/s", "kuwabara-kono": "s"}
+        units = {"dashpot": "N s/m", "mass_velocity": "1/s", "kuwabara-kono": "s"}
         coefficient = spread(scene.damping.coefficient, units.get(scene.damping.law, ""))
-        clip = "" if scene.damping.clipped else ", not clipped"
+        clip = "" if scene.damping.clip else ", not clipped"
         yield f"damping by the law {scene.damping.law}, coefficient {coefficient}{clip}"
     if scene.adhesion is not None and scene.adhesive:
         yield f"{scene.adhesion.law.upper()} adhesion, pull-off force {spread(scene.adhesion.pull_off, 'N')}"

@@ -30,7 +30,7 @@ from dem_bridge.physics.law import ContactLaw, Law, completed, reach_of, stored
 from dem_bridge.physics.statics import static_forces, static_overlap
 
 #: laws of adhesion
-ADHESION_LAWS = ("dmt",)
+ADHESION_LAWS = ("dmt", "jkr")
 #: contact laws are checked up to this multiple of the scene's energy, because time stepping can add energy
 ENERGY_MARGIN = 1.05
 _POSITIVE, _NOT_NEGATIVE = {"above": 0.0}, {"at_least": 0.0}
@@ -72,11 +72,13 @@ class Wall:
 
 @dataclass(frozen=True, kw_only=True)
 class Adhesion:
-    """A constant attraction in contacts of exponent 5/2, in addition to the elastic force, while the overlap is > 0.
+    """An attraction in contacts of exponent 5/2, in addition to the elastic force.
 
-    ``law`` is "dmt" (Derjaguin, Muller & Toporov): ``beta overlap^1.5 - pull_off``. ``pull_off`` is the largest
-    attraction in N, >= 0, one for all or one per contact, walls included; spheres of effective radius R and surface
-    energy gamma have ``4 pi gamma R``. Energy is conserved, but the force jumps at touch.
+    ``pull_off`` is the largest attraction in N, >= 0, one for all or one per contact, walls included. With ``law``
+    "dmt" (Derjaguin, Muller & Toporov) the force is ``beta overlap^1.5 - pull_off`` while the overlap is > 0; spheres
+    of effective radius R and surface energy gamma have the pull-off force ``4 pi gamma R``. Energy is conserved, but
+    the force jumps at touch. With "jkr" (Johnson, Kendall & Roberts) it is ``3 pi gamma R``; a scene can have this law,
+    but no backend solves it: :func:`~dem_bridge.physics.adhesion.jkr_impact` has the closed form of an impact.
 
     References
     ----------
@@ -202,7 +204,8 @@ class Scene:
             problem = f"has {len(self.geometry.bodies)} bodies"
             raise SceneError("geometry", problem=problem, allowed=f"{len(mass)}, one per mass, or None")
         if self.damping is not None:
-            object.__setattr__(self, "damping", checked_damping(self.damping, self._joined("exponent")))
+            damping = checked_damping(self.damping, self._joined("exponent"), adhesion=self.adhesion is not None)
+            object.__setattr__(self, "damping", damping)
         object.__setattr__(self, "adhesion", self._checked_adhesion())
         self._check_drive()
         object.__setattr__(self, "law", self._checked_law())
@@ -221,9 +224,6 @@ class Scene:
         key, per = "adhesion.pull_off", "contact, walls included"
         allowed = "a number >= 0 (N)"
         pull_off = checked_numbers(key, adhesion.pull_off, allowed, count=self.n_contact, per=per, at_least=0.0)
-        if self.damped and self.damping is not None and self.damping.clipped:
-            problem = "cannot be combined with damping that is clipped"
-            raise SceneError("adhesion", problem=problem, allowed="damping.clipped = false")
         for other in ("precompression", "law"):
             if getattr(self, other):
                 raise SceneError("adhesion", problem=f"cannot be combined with {other}", allowed=f"no {other}")
@@ -434,7 +434,7 @@ class Scene:
             gap=gap,
             damping=damping,
             damping_power=power,
-            clipped=self.adhesion is None and (self.damping is None or bool(self.damping.clipped)),
+            clip=self.adhesion is None and (self.damping is None or bool(self.damping.clip)),
             pull_off=np.zeros(self.n_contact) + (0.0 if self.adhesion is None else self.adhesion.pull_off),
             laws=tuple(completed(law, reach=reach) for law, reach in checked_laws),
             law=np.array(where, dtype=np.int64) if distinct else np.full(self.n_contact, -1),
@@ -460,7 +460,7 @@ class Scene:
         if self.precompression > 0.0:
             parts.append(("precompression", self.precompression))
         if self.damping is not None and self.damped:
-            unclipped = () if self.damping.clipped else ("not clipped",)
+            unclipped = () if self.damping.clip else ("not clipped",)
             parts.append(("damping", self.damping.law, self.damping.coefficient, *unclipped))
         if self.adhesive and self.adhesion is not None:
             parts.append(("adhesion", self.adhesion.law, self.adhesion.pull_off))

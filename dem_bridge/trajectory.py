@@ -248,6 +248,29 @@ class Trajectory(_ReadOnly):
         contacts = {name: own_scale(getattr(self, name)) for name in ("peak_force", "crossing_time")}
         return sampled | contacts, {name: VOCABULARY[name][0] for name in QUANTITIES}
 
+    @property
+    def restitution(self) -> float:
+        """Speed of separation where the contact opens over the speed of approach; nan where nothing rebounds.
+
+        A contact opens at zero overlap, or before if its net force is clipped. Of several impacts it is the first.
+        Raises UsageError for other scenes than two bodies in free space, or one body and a wall.
+        """
+        from dem_bridge.restitution import restitution
+
+        n_body, n_contact = self.velocity.shape[1], len(self.peak_force)
+        if n_contact != 1:
+            raise UsageError(
+                f"the restitution of a run with {n_body} bodies and {n_contact} contacts is not defined; allowed: two"
+                " bodies, or one body and one wall; read run.velocity instead"
+            )
+        facts = self.provenance.get("impact")
+        if facts is None:
+            raise UsageError(
+                "the restitution of this run is unknown: the scene has a drive, or a clipped contact law that is a"
+                " function, or the run was read from another program's file; read run.velocity instead"
+            )
+        return restitution(self.time, self.displacement, self.velocity, float(self.crossing_time[0]), facts)
+
     def to_xarray(self) -> xr.Dataset:
         """Return a labelled dataset: dimensions time, body and contact, units as attributes, ``*_uncertainty``."""
         import xarray as xr

@@ -25,7 +25,7 @@ ROOT = PACKAGE.parent
 LAYERS = {
     1: ("errors", "accuracy", "progress", "stopwatch", "version"),
     2: ("physics", "files", "compiled", "checked", "notebook", "notebook_sketch"),
-    3: ("scene", "contacts", "damping", "geometry", "drive", "features", "support"),
+    3: ("scene", "contacts", "damping", "geometry", "drive", "features", "support", "restitution"),
     4: ("lmp", "scene_file", "timescales", "trajectory", "dense"),
     5: ("backends", "observables", "runs"),
     6: ("differences", "uncertainty", "readers"),
@@ -52,6 +52,7 @@ SIDEWAYS = {
     ("scene", "geometry"): "a scene may say what its bodies are",
     ("scene", "drive"): "... and be driven",
     ("scene", "features"): "a scene lists what it has",
+    ("restitution", "scene"): "the flight before and after an impact is that of its scene",
     ("support", "features"): "a declaration of support lists features",
     ("support", "scene"): "... and is checked against a scene",
     ("notebook", "notebook_sketch"): "a scene is shown with a sketch of its chain",

@@ -316,7 +316,10 @@ def test_the_hash_does_not_see_words_or_ways_of_writing() -> None:
         ({"drag": -0.1}, ("drag", "-0.1", "a number >= 0 (1/s)")),
         ({"drag": math.nan}, ("drag", "nan", "a number >= 0 (1/s)")),
         ({"damping": "dashpot"}, ("damping", "'dashpot'", "a Damping or None")),
-        ({"damping": Damping(law="hunt", coefficient=1.0)}, ("damping.law", "'hunt'", "dashpot or kuwabara-kono")),
+        (
+            {"damping": Damping(law="hunt", coefficient=1.0)},
+            ("damping.law", "'hunt'", "dashpot or mass_velocity or kuwabara-kono"),
+        ),
         (
             {"damping": Damping(law="dashpot", coefficient=-1.0)},
             ("damping.coefficient", "-1.0", "a number >= 0 (N s/m)"),
@@ -497,7 +500,7 @@ def test_laws_are_refused_beside_physics_that_is_known_for_powers_only() -> None
     message = _message(law=_linear, damping=Damping(law="kuwabara-kono", coefficient=1e-6))
     assert message == (
         "scene: damping.law = 'kuwabara-kono', but contacts have laws;"
-        " allowed: dashpot or mass-dashpot; the others are defined for powers only"
+        " allowed: dashpot or mass_velocity; the others are defined for powers only"
     )
 
 

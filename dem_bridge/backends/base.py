@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from dem_bridge.backends.catalogue import BACKENDS as BACKENDS
 from dem_bridge.backends.catalogue import ENGINE_BACKENDS as ENGINE_BACKENDS
 from dem_bridge.errors import UsageError
+from dem_bridge.restitution import impact_facts
 from dem_bridge.scene import Scene
 from dem_bridge.support import Support
 from dem_bridge.trajectory import Trajectory
@@ -235,6 +236,7 @@ def run_provenance(backend: Named, scene: Scene, settings: Mapping[str, Any]) ->
         "equations": backend.equations,
         "scene": scene.name,
         "scene_hash": scene.content_hash,
+        **({} if (facts := impact_facts(scene)) is None else {"impact": facts}),
         "settings": dict(settings),
         "versions": versions_of("dem-bridge", "numpy", "scipy", "numba"),
         "machine": f"{platform.system()} {platform.machine()}",

@@ -71,7 +71,7 @@ def prescan_hertz(scene: Scene, *, max_steps: int = 200_000_000) -> Prescan:
     c = scene.contacts
     inverse_mass = np.append(1.0 / np.array(scene.mass), 0.0)
     bodies = (inverse_mass, np.append(np.array(scene.velocity), 0.0), np.zeros(scene.n_body + 1))
-    contacts = (c.left, c.right, c.stiffness, c.exponent, c.damping, c.damping_power, c.clipped, c.pull_off)
+    contacts = (c.left, c.right, c.stiffness, c.exponent, c.damping, c.damping_power, c.clip, c.pull_off)
     numbers = (
         scene.drag,
         scene.free_acceleration,
@@ -148,7 +148,7 @@ def _pace(scene: Scene) -> float:
 @kernel()
 def _press(k, overlap, v, a, inverse_mass, contacts):  # type: ignore[no-untyped-def]
     """Add what a closed contact does to its bodies to their accelerations ``a``, and return its elastic force, N."""
-    left, right, stiffness, exponent, damping, damping_power, clipped, pull_off = contacts
+    left, right, stiffness, exponent, damping, damping_power, clip, pull_off = contacts
     if exponent[k] == 2.5:
         elastic = stiffness[k] * overlap * math.sqrt(overlap)
     else:
@@ -156,7 +156,7 @@ def _press(k, overlap, v, a, inverse_mass, contacts):  # type: ignore[no-untyped
     force = elastic - pull_off[k]
     if damping[k] > 0.0:
         force += damping[k] * overlap ** damping_power[k] * (v[left[k]] - v[right[k]])
-    if clipped:
+    if clip:
         force = max(force, 0.0)
     a[left[k]] -= force * inverse_mass[left[k]]
     a[right[k]] += force * inverse_mass[right[k]]

@@ -45,7 +45,7 @@ class DampedIntegration(Integration):
 
     def __init__(self, scene: Scene, sampling: Sampling, rtol: float) -> None:
         super().__init__(scene, sampling, rtol)
-        self.clipped = scene.contacts.clipped
+        self.clip = scene.contacts.clip
         speed, depth = natural_scales(scene)
         damping = self.contacts["damping"] * depth ** self.contacts["damping_power"] * speed
         scale = scene.contacts.force(depth, np.arange(self.k)) + damping
@@ -56,11 +56,11 @@ class DampedIntegration(Integration):
 
     def _sampled_force(self, rows: Floats, state: NDArray[Any]) -> Floats:
         force = self._force(rows)
-        return np.where(state == PRESSING, np.maximum(force, 0.0) if self.clipped else force, 0.0)
+        return np.where(state == PRESSING, np.maximum(force, 0.0) if self.clip else force, 0.0)
 
     def _start(self, y: Floats) -> NDArray[Any]:
         overlap = y[: self.k]
-        pushes = (self._force(y[None])[0] > 0.0) | (self.contacts["damping"] == 0.0) | (not self.clipped)
+        pushes = (self._force(y[None])[0] > 0.0) | (self.contacts["damping"] == 0.0) | (not self.clip)
         touching = (overlap == 0.0) & (self._closing(y) >= 0.0)
         return np.where(overlap > 0.0, np.where(pushes, PRESSING, SLACK), np.where(touching, PRESSING, OPEN))
 
@@ -79,7 +79,7 @@ class DampedIntegration(Integration):
         """Return how far each contact is from a change of its state, ``(n_row, n_contact)``: see the kernel."""
         margins = np.empty((len(rows), self.k))
         elastic = self._elastic(rows[:, : self.k])
-        limits = (self.clipped, self.touch, self.unnoticed)
+        limits = (self.clip, self.touch, self.unnoticed)
         kernels.margins(rows, state, elastic, self.contacts, self.n, *limits, margins)
         return margins
 

@@ -60,7 +60,7 @@ def contact_table(scene: Scene) -> NDArray[Any]:
     reduced = smaller / (1.0 + smaller / larger)
     if law == "dashpot":
         table["damping"] = value
-    elif law == "mass-dashpot":
+    elif law == "mass_velocity":
         table["damping"] = value * reduced
     elif law == "kuwabara-kono":
         table["damping"] = value * contacts.stiffness
@@ -162,11 +162,11 @@ def examine(  # type: ignore[no-untyped-def]
 
 
 @kernel(nogil=False)
-def margins(rows, state, elastic, contacts, n, clipped, touch, unnoticed, out):  # type: ignore[no-untyped-def]
+def margins(rows, state, elastic, contacts, n, clip, touch, unnoticed, out):  # type: ignore[no-untyped-def]
     """Write how far each contact is from a change of its state, for each state in ``rows``; arrays as above.
 
     Positive while it keeps its state; in units of the overlap ``touch`` (m) and the force ``unnoticed`` (N). An
-    undamped contact, or one that is not ``clipped``, ends with its overlap: its force is no second condition.
+    undamped contact, or one that is not ``clip``, ends with its overlap: its force is no second condition.
     """
     for row in range(len(rows)):
         for i in range(len(contacts)):
@@ -177,7 +177,7 @@ def margins(rows, state, elastic, contacts, n, clipped, touch, unnoticed, out): 
                 out[row, i] = -overlap
             elif state[i] == SLACK:
                 out[row, i] = min(overlap, -total)
-            elif clipped and contacts[i].damping > 0.0:
+            elif clip and contacts[i].damping > 0.0:
                 out[row, i] = min(overlap, total)
             else:
                 out[row, i] = overlap

@@ -102,7 +102,7 @@ def solve(
         integrate,
         np.array(scene.mass),
         np.array(scene.velocity),
-        (c.left, c.right, c.stiffness, c.exponent, c.gap, c.damping, c.damping_power, c.clipped, c.pull_off),
+        (c.left, c.right, c.stiffness, c.exponent, c.gap, c.damping, c.damping_power, c.clip, c.pull_off),
         len(scene.stiffness),
         scene.drag,
         scene.gravity,
@@ -214,7 +214,7 @@ def integrate(  # type: ignore[no-untyped-def]
     With n = 5/2 the force is ``beta s sqrt(s)``: only exact powers of two appear when v0 -> 32 v0 and
     dt -> dt/2, so such runs repeat bit for bit.
     """
-    left, right, stiffness, exponent, gap, damping, damping_power, clipped, pull_off = contacts
+    left, right, stiffness, exponent, gap, damping, damping_power, clip, pull_off = contacts
     drifts, kicks = method
     reach, start, wall = frame
     n_body, n_contact, n_dense = mass.shape[0], left.shape[0], dense_steps.shape[0]
@@ -299,7 +299,7 @@ def integrate(  # type: ignore[no-untyped-def]
                         if overlap[k] > 0.0 and damping[k] > 0.0:
                             rate = v[left[k]] - v[right[k]]
                             force[k] += damping[k] * overlap[k] ** damping_power[k] * rate
-                            if clipped and (not tabled or tables.law[k] < 0):
+                            if clip and (not tabled or tables.law[k] < 0):
                                 force[k] = max(force[k], 0.0)
                 for i in range(n_body):
                     net[i] = weight[i]

@@ -176,7 +176,7 @@ def measured(
         slope = float(np.max(np.abs(np.diff(table.force) / np.diff(table.distance))))
         place = 2.0 * slope * float(table.distance[-1]) / largest
         rounding = max(rounding, float(np.max(summed[:, tabled], initial=0.0)) / largest + place + 8.0)
-        if contact_laws.eta[law] > 0.0 and c.clipped:
+        if contact_laws.eta[law] > 0.0 and c.clip:
             pull = max(pull, -float(np.min(dense.force[:, tabled], initial=0.0)))
     rows = {step: row for row, step in enumerate(plan.dense_steps.tolist())}
     both = [(energy, float(stored[rows[step]])) for step, energy in energies.items() if step in rows]

@@ -27,7 +27,7 @@ class Verlet(AlwaysAvailable):
     supports = Support(
         {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
         | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
-        | {features.DASHPOT, features.MASS_DASHPOT, features.KUWABARA_KONO, features.RESTITUTION, features.TSUJI}
+        | {features.DASHPOT, features.MASS_VELOCITY, features.KUWABARA_KONO, features.COEFF_RESTITUTION, features.TSUJI}
         | {features.CONTACT_FUNCTIONS, features.NOT_CLIPPED, features.DMT, features.DRAG}
         | {features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE}
     )

@@ -18,6 +18,7 @@ FORMS = {
     "pattern": "a repeated unit cell of spheres and cylinders of one or more materials",
     "cylinders": "equal cylinders that cross at angles, as in the paper",
     "spheres": "equal or tapered spheres",
+    "impact": "two spheres, or a sphere and a plane, that approach each other",
     "raw": "masses, stiffnesses and velocities as numbers",
 }
 #: name of the scene in every template, and the names that Scene allows

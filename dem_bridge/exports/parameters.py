@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -81,7 +81,7 @@ def _kinds(scene: Scene) -> list[str]:
 
 
 #: names of the columns of damping laws whose coefficient is one of restitution
-_DAMPING_NAMES = {"restitution": "restitution", "tsuji": "restitution_tsuji"}
+_DAMPING_NAMES = {"coeff_restitution": "restitution", "tsuji": "restitution_tsuji"}
 
 
 def contacts(scene: Scene, run: Trajectory | None = None, **deck_settings: Any) -> Table:
@@ -97,9 +97,7 @@ def contacts(scene: Scene, run: Trajectory | None = None, **deck_settings: Any) 
     values |= _predictions(scene, deck.prescan, notes) | _results(scene, run, notes)
     details = {"lammps_k_n": {"unit": _unit_of(values.get("lammps_model", [None] * scene.n_contact))}}
     if (damping := scene.damping) is not None:
-        name = _DAMPING_NAMES.get(damping.law, "damping")
-        if damping != replace(damping, clipped=None):  # not the default of the law
-            name += "_clipped" if damping.clipped else "_not_clipped"
+        name = _DAMPING_NAMES.get(damping.law, "damping") + "_not_clipped" * (not damping.clip)
         values[name], details[name] = damping.coefficient, {"unit": DAMPING_LAWS[damping.law]}
     fields = {"title": f"Contacts of {scene.name}", "notes": tuple(notes), "provenance": origin(scene, run)}
     return tabulate("contacts", values, details=details, **fields)

@@ -27,7 +27,7 @@ _DATA = json.loads(Path(__file__).with_name("scene_csv.json").read_text(encoding
 BODY, CONTACT, PLACE = (_DATA[key] for key in ("bodies", "contacts", "place"))
 #: columns of exported tables that are not read, because they follow from other columns, a deck or a run
 DERIVED = frozenset(_DATA["derived"])
-#: laws of damping, of which a table may have one; a law that is not clipped by default, or clipped, has another column
+#: laws of damping, of which a table may have one; one that is not clipped has another column
 _LAWS = frozenset(quantity for quantity in CONTACT.values() if quantity.partition(",")[0] in DAMPING_LAWS)
 _WALLS = ("wall_left", "wall_right")
 #: largest relative difference between static overlaps in a table and those of the precompression (round-off of a sum)
@@ -106,11 +106,11 @@ def scene_of_csv(
         quantities = [quantity for quantity in ("stiffness", "exponent", "gap") if quantity in sheet.headings]
         columns[side] = Wall(**{quantity: sheet.number(row, quantity) for quantity in quantities})
     for quantity in _LAWS & set(sheet.headings):
-        law, _, clip = quantity.partition(", ")
+        law, _, unclipped = quantity.partition(", ")
         # walls that are arguments have no cell for damping and are not damped
         undamped = sum(scene_fields.get(side) is not None for side in _WALLS)
         coefficient = (*sheet.numbers(quantity, order), *(float(law in BY_RESTITUTION),) * undamped)
-        columns["damping"] = Damping(law=law, coefficient=coefficient, clipped=clip == "clipped" if clip else None)
+        columns["damping"] = Damping(law=law, coefficient=coefficient, clip=False if unclipped else None)
     twice = next((key for key in columns if scene_fields.get(key) is not None), None)
     if twice is not None:
         raise SceneError(twice, problem="is both in the table and an argument", allowed="one of the two", where=file)

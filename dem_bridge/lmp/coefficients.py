@@ -26,9 +26,9 @@ MODELS = {2.0: "hooke", 2.5: "hertz"}
 #: damping law of a scene -> LAMMPS' damping model
 DAMPINGS = {
     "dashpot": "velocity",
-    "mass-dashpot": "mass_velocity",
+    "mass_velocity": "mass_velocity",
     "kuwabara-kono": "viscoelastic",
-    "restitution": "coeff_restitution",
+    "coeff_restitution": "coeff_restitution",
     "tsuji": "tsuji",
 }
 #: damping models whose coefficient is that of the scene. The engine multiplies by the effective mass, which must be the
@@ -46,7 +46,7 @@ def _unknown_damping(scene: Scene) -> str | None:
     wrong = (c.damping > 0.0) & (c.damping_power > 0.0) & ~np.isin(c.exponent, list(MODELS))
     if scene.damping is None or not wrong.any():
         return None
-    label = labels(scene.features & {features.KUWABARA_KONO, features.RESTITUTION, features.TSUJI})
+    label = labels(scene.features & {features.KUWABARA_KONO, features.COEFF_RESTITUTION, features.TSUJI})
     return f"contact {int(np.argmax(wrong))} has {label} and exponent n = {float(c.exponent[np.argmax(wrong)])!r}"
 
 
@@ -62,7 +62,7 @@ def _cohesive_restitution(scene: Scene) -> str | None:
 GRANULAR_STYLE = Support(
     {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
     | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
-    | {features.DASHPOT, features.MASS_DASHPOT, features.KUWABARA_KONO, features.RESTITUTION, features.TSUJI}
+    | {features.DASHPOT, features.MASS_VELOCITY, features.KUWABARA_KONO, features.COEFF_RESTITUTION, features.TSUJI}
     | {features.NOT_CLIPPED, features.DMT, features.DRAG}
     | {features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE},
     exponents=Exponents(values=tuple(MODELS)),
@@ -89,7 +89,7 @@ def line_order(scene: Scene) -> NDArray[np.int64]:
 
 
 def coefficients(
-    stiffness: float, exponent: float, eta: float, radius: float, *, damping: str, clipped: bool, pull_off: float = 0.0
+    stiffness: float, exponent: float, eta: float, radius: float, *, damping: str, clip: bool, pull_off: float = 0.0
 ) -> str:
     """Return the arguments of ``pair_coeff I J`` for contacts of this effective ``radius`` (m)."""
     if (damping == "viscoelastic" and exponent != 2.5) or (eta == 0.0 and damping in WITHOUT_ADHESION):
@@ -98,7 +98,7 @@ def coefficients(
     value = stiffness / per_root if exponent == 2.5 else stiffness
     # "0", not "0.0", so that decks of undamped scenes stay as they were before there was damping
     eta_text = repr(eta / per_root if damping == "viscoelastic" else eta) if eta else "0"
-    words = f"damping {damping}{' limit_damping' * clipped}"
+    words = f"damping {damping}{' limit_damping' * clip}"
     law = f"{MODELS[exponent]} {value!r} {eta_text}"
     if pull_off > 0.0:
         # K = 4/3 E / (2 (1 - nu^2)) with nu = 0, and pull_off = 4 pi gamma R_eff
@@ -125,7 +125,7 @@ class Laws:
     """LAMMPS' damping model."""
     damped: bool
     """True if any contact is damped."""
-    clipped: bool
+    clip: bool
     """True if net forces are clipped at zero."""
     functions: tuple[ContactLaw, ...] | None
     """The laws that are not powers; None if all are powers."""
@@ -136,8 +136,8 @@ class Laws:
         """Return the arguments of ``pair_coeff I J`` for bodies of ``radius`` (m)."""
         columns = (self.stiffness, self.exponent, self.eta, self.pull_off)
         beta, n, eta, pull_off = (float(column[law]) for column in columns)
-        damping, clipped = self.damping, self.clipped
-        return coefficients(beta, n, eta, 0.5 * radius, damping=damping, clipped=clipped, pull_off=pull_off)
+        damping, clip = self.damping, self.clip
+        return coefficients(beta, n, eta, 0.5 * radius, damping=damping, clip=clip, pull_off=pull_off)
 
     def left_to_granular(self, law: int) -> bool:
         """Return True if a law is damped and available in ``granular``, which alone can clip the net force."""
@@ -177,7 +177,7 @@ def laws(scene: Scene) -> Laws:
         pull_off=chosen[:, 4],
         damping=damping,
         damped=scene.damped,
-        clipped=scene.damped and c.clipped,
+        clip=scene.damped and c.clip,
         functions=tuple(c.laws[nth] for nth in chosen[:, 3].astype(int)) if scene.law is not None else None,
         where=np.array(where, dtype=np.int64),
     )

@@ -119,7 +119,7 @@ def tabled(laws: Laws, radius: float, table_set: TableSet, name: str) -> Pairing
             continue
         dashpot = (f"granular {laws.dashpot(law)}",) if laws.eta[law] > 0.0 else ()
         behind.append((f"{kind}{name}.{law}.table {table.keyword}", *dashpot))
-    pulls = "; damping is added and can make a contact tensile where granular lacks its law" if laws.clipped else ""
+    pulls = "; damping is added and can make a contact tensile where granular lacks its law" if laws.clip else ""
     head = (
         f"pair_style      {overlay}{style}{' granular' * laws.damped}",
         f"pair_coeff      * * {kind}{name}.none.table NONE",

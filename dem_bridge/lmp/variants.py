@@ -152,13 +152,13 @@ def _flat_law(scene: Scene, contact: int, radius: float, style: str) -> str:
     body = body if body < scene.n_body else int(c.right[contact])
     if c.pull_off[contact] > 0.0:
         raise UnsupportedScene("planes of fix wall/gran have no adhesion here")
-    mass, clipped = float(scene.mass[body]), scene.damped and c.clipped
+    mass, clip = float(scene.mass[body]), scene.damped and c.clip
     beta, n, damped, power = (float(x[contact]) for x in (c.stiffness, c.exponent, c.damping, c.damping_power))
     if style == "granular":
         eta = float(etas[contact])
         if damping == "viscoelastic":
             eta, damping = (eta / mass, damping) if eta * power > 0.0 else (eta, "velocity")
-        return coefficients(beta, n, eta, radius, damping=damping, clipped=clipped)
+        return coefficients(beta, n, eta, radius, damping=damping, clip=clip)
     if n != CLASSIC[style]:
         raise UnsupportedScene(f"a wall {style} has n = {CLASSIC[style]} only")
     if damped > 0.0 and power != n - 2.0:
@@ -166,7 +166,7 @@ def _flat_law(scene: Scene, contact: int, radius: float, style: str) -> str:
     # the force of hertz/history is sqrt(R overlap) (Kn overlap + m gamma overlap'), that of hooke the bracket alone
     root = math.sqrt(radius) if n == 2.5 else 1.0
     gamma = damped / (mass * root) or SMALLEST_GAMMA
-    return f"{beta / root!r} NULL {gamma!r} NULL 0 0{' limit_damping' * clipped}"
+    return f"{beta / root!r} NULL {gamma!r} NULL 0 0{' limit_damping' * clip}"
 
 
 def hertz_history(deck: Deck, scene: Scene, peak_overlap: NDArray[np.float64]) -> Deck:

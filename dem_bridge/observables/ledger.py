@@ -100,7 +100,7 @@ def _dissipated(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats]:
 
     def power(pressed: Floats, speed: Floats) -> Floats:
         damping = c.damping * pressed**c.damping_power * speed
-        if c.clipped:
+        if c.clip:
             damping = np.maximum(damping, -c.force(pressed, every))
         return np.asarray(np.where(pressed > 0.0, damping * speed, 0.0))
 

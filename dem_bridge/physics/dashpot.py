@@ -51,7 +51,7 @@ def dashpot_collision(
     velocities: tuple[float, float],
     stiffness: float,
     damping: float,
-    clipped: bool,
+    clip: bool,
 ) -> DashpotCollision:
     """Return the head-on collision of two bodies through a spring and a dashpot, exact for any ``damping`` >= 0.
 
@@ -79,7 +79,7 @@ def dashpot_collision(
     --------
     >>> case = dict(masses=(2.0, math.inf), velocities=(1.0, 0.0), stiffness=8.0, damping=2.0)
     >>> for clipped in (True, False):
-    ...     hit = dashpot_collision(**case, clipped=clipped)
+    ...     hit = dashpot_collision(**case, clip=clipped)
     ...     print(f"e = {hit.restitution:.12f}, {hit.contact_time:.12f} s, {hit.peak_force:.12f} N")
     e = 0.506276552519, 1.611344425035 s, 3.242814992820 N
     e = 0.444344225088, 1.622311470389 s, 3.242814992820 N
@@ -95,10 +95,10 @@ def dashpot_collision(
     reduced = m1 / (1.0 + m1 / m2)
     frequency = math.sqrt(beta / reduced)
     ratio = c / (2.0 * math.sqrt(beta * reduced))
-    end = linear_restitution(damping_ratio=ratio, clipped=True)  # speed when the net force is zero, over that before
+    end = linear_restitution(damping_ratio=ratio, clip=True)  # speed when the net force is zero, over that before
     push = 2.0 * _angle_over_sine(ratio) / frequency
-    restitution = linear_restitution(damping_ratio=ratio, clipped=clipped)
-    if clipped:
+    restitution = linear_restitution(damping_ratio=ratio, clip=clip)
+    if clip:
         # then the bodies separate at constant speed; the remaining overlap is 2 zeta e v / omega_0
         contact = push + 2.0 * ratio / frequency
     else:
@@ -116,7 +116,7 @@ def dashpot_collision(
     )
 
 
-def linear_restitution(*, damping_ratio: float, clipped: bool) -> float:
+def linear_restitution(*, damping_ratio: float, clip: bool) -> float:
     """Return the restitution of the impact on a linear spring with a dashpot.
 
     Parameters
@@ -143,7 +143,7 @@ def linear_restitution(*, damping_ratio: float, clipped: bool) -> float:
     Examples
     --------
     >>> for ratio in (0.2, 0.8, 1.0, 1.5):
-    ...     pulling, clipped = (linear_restitution(damping_ratio=ratio, clipped=clipped) for clipped in (False, True))
+    ...     pulling, clipped = (linear_restitution(damping_ratio=ratio, clip=clipped) for clipped in (False, True))
     ...     print(f"{ratio} {pulling:.6f} {clipped:.6f}")
     0.2 0.526621 0.571740
     0.8 0.015165 0.179783
@@ -151,7 +151,7 @@ def linear_restitution(*, damping_ratio: float, clipped: bool) -> float:
     1.5 0.000000 0.075588
     """
     ratio = not_negative("damping_ratio", damping_ratio, "b / w_0")
-    if clipped:
+    if clip:
         return math.exp(-2.0 * ratio * _angle_over_sine(ratio))
     return math.exp(-math.pi * ratio / math.sqrt((1.0 - ratio) * (1.0 + ratio))) if ratio < 1.0 else 0.0
 

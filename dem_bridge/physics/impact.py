@@ -17,7 +17,7 @@ from dem_bridge.physics.dashpot import linear_restitution
 from dem_bridge.physics.valid import above, not_negative
 
 #: damping laws with a coefficient of restitution as their input
-RestitutionLaw = Literal["restitution", "tsuji"]
+RestitutionLaw = Literal["coeff_restitution", "tsuji"]
 
 
 def restitution(value: float) -> float:
@@ -108,7 +108,7 @@ def alpha_of_tsuji(e: float) -> float:
     return math.sqrt(2.0) * alpha
 
 
-def restitution_of_alpha(alpha: float, *, clipped: bool, exponent: float = 2.5) -> float:
+def restitution_of_alpha(alpha: float, *, clip: bool, exponent: float = 2.5) -> float:
     """Return the restitution of an impact with the damping factor ``alpha``, at any speed, mass and stiffness.
 
     Parameters
@@ -136,17 +136,17 @@ def restitution_of_alpha(alpha: float, *, clipped: bool, exponent: float = 2.5) 
 
     Examples
     --------
-    >>> [round(restitution_of_alpha(alpha, clipped=clipped), 5) for alpha in (0.2, 1.0) for clipped in (False, True)]
+    >>> [round(restitution_of_alpha(alpha, clip=clipped), 5) for alpha in (0.2, 1.0) for clipped in (False, True)]
     [0.75418, 0.76641, 0.20788, 0.3305]
     """
     ratio = not_negative("alpha", alpha, "no unit") / math.sqrt(2.0 * above(1.0, "exponent", exponent))
-    return linear_restitution(damping_ratio=ratio, clipped=clipped)
+    return linear_restitution(damping_ratio=ratio, clip=clip)
 
 
-def restitution_obtained(e: float, *, clipped: bool, law: RestitutionLaw = "restitution") -> float:
+def restitution_obtained(e: float, *, clip: bool, law: RestitutionLaw = "coeff_restitution") -> float:
     """Return the restitution of an impact for the coefficient ``e`` that a user writes.
 
-    With ``law="restitution"`` it is e itself, or a larger value if forces are clipped, for every exponent of the
+    With ``law="coeff_restitution"`` it is e itself, or a larger value if forces are clipped, for every exponent of the
     contact. With ``law="tsuji"`` the contact is Hertz's.
 
     Parameters
@@ -156,7 +156,7 @@ def restitution_obtained(e: float, *, clipped: bool, law: RestitutionLaw = "rest
     clipped : bool
         True if the net force is clipped at zero, as by LAMMPS' ``limit_damping``.
     law : str
-        "restitution" (LAMMPS: ``coeff_restitution``) or "tsuji".
+        "coeff_restitution" or "tsuji".
 
     Raises
     ------
@@ -165,13 +165,13 @@ def restitution_obtained(e: float, *, clipped: bool, law: RestitutionLaw = "rest
 
     Examples
     --------
-    >>> [round(restitution_obtained(e, clipped=True), 5) for e in (0.1, 0.3, 0.5, 0.7, 0.9)]
+    >>> [round(restitution_obtained(e, clip=True), 5) for e in (0.1, 0.3, 0.5, 0.7, 0.9)]
     [0.25273, 0.39714, 0.55028, 0.7182, 0.90203]
     """
-    return restitution_of_alpha(_alpha_function(law)(e), clipped=clipped)
+    return restitution_of_alpha(_alpha_function(law)(e), clip=clip)
 
 
-def restitution_to_write(target: float, *, clipped: bool, law: RestitutionLaw = "restitution") -> float:
+def restitution_to_write(target: float, *, clip: bool, law: RestitutionLaw = "coeff_restitution") -> float:
     """Return the coefficient that a user has to write to obtain the restitution ``target``.
 
     It is the inverse of :func:`restitution_obtained`. With clipped forces no coefficient gives less than exp(-2).
@@ -190,18 +190,18 @@ def restitution_to_write(target: float, *, clipped: bool, law: RestitutionLaw = 
 
     Examples
     --------
-    >>> [round(restitution_to_write(e, clipped=True), 5) for e in (0.2, 0.5, 0.9)]
+    >>> [round(restitution_to_write(e, clip=True), 5) for e in (0.2, 0.5, 0.9)]
     [0.03446, 0.43629, 0.89789]
     """
     from scipy.optimize import brentq
 
     alpha, target = _alpha_function(law), restitution(target)
     # the smallest positive number: its logarithm is finite
-    least, most = (restitution_of_alpha(alpha(e), clipped=clipped) for e in (5e-324, 1.0))
+    least, most = (restitution_of_alpha(alpha(e), clip=clip) for e in (5e-324, 1.0))
     if not least <= target <= most:
-        kind = f"the {'clipped ' * clipped}law {law!r}"
+        kind = f"the {'clipped ' * clip}law {law!r}"
         raise ValueError(f"restitution = {target!r}; allowed: {least:.4g} to {most:.4g}, which {kind} can give")
-    return float(brentq(lambda e: restitution_of_alpha(alpha(e), clipped=clipped) - target, 5e-324, 1.0, xtol=1e-15))
+    return float(brentq(lambda e: restitution_of_alpha(alpha(e), clip=clip) - target, 5e-324, 1.0, xtol=1e-15))
 
 
 def bounce_heights(*, height: float, restitution: float, bounces: int) -> tuple[float, ...]:

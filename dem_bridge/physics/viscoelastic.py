@@ -57,7 +57,7 @@ class ViscoelasticImpact:
 
 
 def viscoelastic_impact(
-    *, mass: float, speed: float, stiffness: float, viscosity: float, clipped: bool, terms: int = 26
+    *, mass: float, speed: float, stiffness: float, viscosity: float, clip: bool, terms: int = 26
 ) -> ViscoelasticImpact:
     """Return the restitution of two viscoelastic spheres, or of a sphere on a plane, with a bound of its error.
 
@@ -85,7 +85,7 @@ def viscoelastic_impact(
     Examples
     --------
     >>> for clipped in (True, False):
-    ...     hit = viscoelastic_impact(mass=1.0, speed=1.0, stiffness=1.0, viscosity=0.05, clipped=clipped)
+    ...     hit = viscoelastic_impact(mass=1.0, speed=1.0, stiffness=1.0, viscosity=0.05, clip=clipped)
     ...     print(f"{hit.restitution:.12f} +- {hit.remainder:.0e}")
     0.944396779178 +- 3e-15
     0.944259972343 +- 3e-15
@@ -100,8 +100,8 @@ def viscoelastic_impact(
             f"strength gamma (beta/m)^(2/5) v^(1/5) = {strength:.6g}; allowed: at most {LARGEST_STRENGTH:g}"
         )
     share = strength / LARGEST_STRENGTH
-    coefficients = _CLIPPED if clipped else _PULLING
-    root = np.polynomial.chebyshev.chebval(2.0 * (math.sqrt(share) if clipped else share) - 1.0, coefficients[:terms])
+    coefficients = _CLIPPED if clip else _PULLING
+    root = np.polynomial.chebyshev.chebval(2.0 * (math.sqrt(share) if clip else share) - 1.0, coefficients[:terms])
     # |T_k| <= 1; e is the root to the power -5
     omitted = math.fsum(map(abs, coefficients[terms:])) + 3.0 * math.ulp(1.0)
     remainder = 5.0 * omitted / (float(root) - omitted) ** 6

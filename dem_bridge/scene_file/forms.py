@@ -13,11 +13,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from dem_bridge.checked import checked_number
+from dem_bridge.damping import damping_law
 from dem_bridge.drive import Drive
 from dem_bridge.errors import SceneError
 from dem_bridge.geometry import Body
 from dem_bridge.physics.adhesion import pull_off_force
-from dem_bridge.scene import BY_RESTITUTION, Adhesion, Damping, Scene, Wall
+from dem_bridge.scene import Adhesion, Damping, Scene, Wall
 
 Positive = Annotated[float, Field(gt=0.0)]
 Angle = Annotated[float, Field(gt=0.0, le=90.0)]
@@ -49,30 +51,25 @@ class WallTable(RawTable):
 
 
 class DampingTable(RawTable):
-    """Table [chain.damping]."""
+    """Table [chain.damping] or [impact.damping]."""
 
-    law: Literal["dashpot", "mass-dashpot", "kuwabara-kono", "restitution", "tsuji"]
-    coefficient: Numbers | None = None
-    e: Numbers | None = None
-    """Coefficient of restitution, in place of ``coefficient``."""
-    clipped: bool | None = None
+    law: str
+    coefficient: Numbers
+    clip: bool | None = None
+    """True if net forces are clipped at zero; None means true, or false with adhesion."""
 
     def damping(self) -> Damping:
         """Return the Damping."""
-        key, other = ("e", "coefficient") if self.law in BY_RESTITUTION else ("coefficient", "e")
-        if getattr(self, other) is not None:
-            raise SceneError(f"damping.{other}", problem=f"is no key of the law {self.law}", allowed=key)
-        if (value := getattr(self, key)) is None:
-            raise SceneError(f"damping.{key}", problem="is missing", allowed="a number, or a list of one per contact")
-        return Damping(law=self.law, coefficient=value, clipped=self.clipped)
+        value = tuple(self.coefficient) if isinstance(self.coefficient, list) else self.coefficient
+        return Damping(law=damping_law(self.law), coefficient=value, clip=self.clip)
 
 
 class AdhesionTable(RawTable):
     """Table [chain.adhesion]."""
 
-    law: Literal["dmt"]
+    law: Literal["dmt", "jkr"]
     pull_off: Numbers | None = None
-    surface_energy: Positive | None = None
+    surface_energy: float | None = None
     """Surface energy of spheres, J/m^2, in place of ``pull_off``."""
 
     def adhesion(self, radii: Sequence[float] | None = None) -> Adhesion:
@@ -86,6 +83,7 @@ class AdhesionTable(RawTable):
         if radii is None:
             allowed = "pull_off (N), or spheres of known radii"
             raise SceneError("adhesion.surface_energy", problem="requires radii", allowed=allowed)
+        checked_number("adhesion.surface_energy", self.surface_energy, "a number > 0 (J/m^2)", above=0.0)
         forces = [pull_off_force(self.law, radius=r, surface_energy=self.surface_energy) for r in radii]
         return Adhesion(law=self.law, pull_off=tuple(float(f"{force:.12g}") for force in forces))
 
@@ -410,51 +408,6 @@ class SphereScene(PhysicalScene):
     """A scene file with a chain of spheres."""
 
     chain: SphereChain
-
-
-# impact form: two spheres, or a sphere and a plane
-
-
-class ImpactBody(Table):
-    """Table [impact.first] or [impact.second]; a second body with neither radius nor mass is a plane at rest."""
-
-    radius: Positive | None = None
-    """Radius of a sphere, m."""
-    material: str | None = None
-    """Name of the material, or "rigid" for a plane; None means the only one."""
-    mass: Positive | None = None
-    """Mass, kg, in place of density times volume."""
-    velocity: float = 0.0
-    """Start velocity, m/s, positive from the first to the second body."""
-
-
-class Impact(Table):
-    """Table [impact]."""
-
-    first: ImpactBody
-    second: ImpactBody
-    law: Literal["hertz", "hooke"] = "hertz"
-    stiffness: Positive | None = None
-    """Stiffness in place of that by Hertz's law, N/m^1.5; of a linear spring, N/m."""
-    gap: float = 0.0
-    restitution: float | None = None
-    """Coefficient of restitution: short for a damping table with this law."""
-    damping: DampingTable | None = None
-    adhesion: AdhesionTable | None = None
-
-
-class ImpactScene(RawTable):
-    """A scene file with an impact."""
-
-    name: str
-    duration: float | None = None
-    """Duration, s; None means the approach and four contact times without damping."""
-    description: str = ""
-    materials: dict[str, MaterialTable] = {}
-    impact: Impact
-    sampling: Sampling = Sampling()
-    environment: Environment = Environment()
-    measurement: MeasurementTable | None = None
 
 
 # conversion to a Scene

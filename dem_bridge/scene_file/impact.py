@@ -1,124 +1,137 @@
-"""The Scene of a file in impact form: two spheres, or a sphere and a plane, that approach each other.
+"""The impact form of scene files: two spheres, or a sphere and a plane, that approach each other from touch.
 
-The force is Hertz's, whose stiffness follows from radii and materials, or that of a linear spring.
+The force is Hertz's, whose stiffness follows from radii and materials.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from typing import Literal
 
-from dem_bridge.damping import RESTITUTION, Damping
+from dem_bridge.checked import Numbers, checked_number, checked_numbers
 from dem_bridge.errors import SceneError
 from dem_bridge.geometry import Body, Geometry, Material
 from dem_bridge.physics.exact import two_body_collision
+from dem_bridge.physics.hertz import sphere_on_plane
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.scene_file import forms
-from dem_bridge.scene_file.pattern import material_of, materials_of
 from dem_bridge.scene_file.physical import HERTZ, rounded
 
-#: exponent n of the contact, by the law
-_EXPONENTS = {"hertz": HERTZ, "hooke": 2.0}
-#: name of the material of a plane that does not deform
-RIGID = "rigid"
-#: duration without an entry in the file, in contact times of the impact without damping
+#: duration without an entry in the file, in contact times of the impact without damping and adhesion
 _CONTACT_TIMES = 4.0
+_POSITIVE = {"above": 0.0}
+_NUMBERS = {
+    "radius": Numbers("a number > 0 (m)", _POSITIVE),
+    "youngs_modulus": Numbers("a number > 0 (Pa)", _POSITIVE),
+    "poissons_ratio": Numbers("-1 < nu <= 0.5", {"above": -1.0, "at_most": 0.5}),
+    "density": Numbers("a number > 0 (kg/m^3)", _POSITIVE),
+}
 
 
-def from_impact(file: forms.ImpactScene) -> Scene:
+class SurfaceEnergy(forms.RawTable):
+    """Table [impact.adhesion]."""
+
+    law: Literal["dmt", "jkr"]
+    surface_energy: float
+    """Surface energy, J/m^2: half of the work of adhesion."""
+
+
+class Impact(forms.RawTable):
+    """Table [impact]; numbers of a material are one value, or one of each sphere."""
+
+    radius: forms.Numbers
+    """Radius of each sphere, m; one value with a plane."""
+    wall: Literal[False, True, "same"] = False
+    """True is a rigid plane, "same" a plane of the sphere's material."""
+    youngs_modulus: forms.Numbers
+    """Pa."""
+    poissons_ratio: forms.Numbers
+    density: forms.Numbers
+    """kg/m^3."""
+    speed: float
+    """Speed of approach, m/s; each of two spheres has half of it."""
+    gap: float = 0.0
+    """Distance of the surfaces at the start, m."""
+    damping: forms.DampingTable | None = None
+    adhesion: SurfaceEnergy | None = None
+
+
+class ImpactScene(forms.RawTable):
+    """A scene file with an impact."""
+
+    name: str
+    duration: float | None = None
+    """Duration, s; None means the approach and four contact times without damping."""
+    description: str = ""
+    impact: Impact
+    sampling: forms.Sampling = forms.Sampling()
+    environment: forms.Environment = forms.Environment()
+    measurement: forms.MeasurementTable | None = None
+
+
+def from_impact(file: ImpactScene) -> Scene:
     """Return the Scene of an impact; a plane is the wall on the right of a single body."""
-    impact, materials = file.impact, dict(materials_of(file.materials))
-    if RIGID in materials:
-        raise SceneError(f"materials.{RIGID}", problem="is a reserved name", allowed="another name")
-    plane = impact.second.radius is None and impact.second.mass is None
-    tables = {"first": impact.first} | ({} if plane else {"second": impact.second})
-    if plane and impact.second.velocity != 0.0:
-        allowed = "0 for a plane, or a radius or a mass for a second body"
-        raise SceneError("impact.second.velocity", value=impact.second.velocity, allowed=allowed)
-    bodies = {key: _sphere(table, materials, f"impact.{key}") for key, table in tables.items()}
-    mass = tuple(
-        rounded(body.mass) if table.mass is None and body is not None else table.mass or math.nan
-        for table, body in zip(tables.values(), bodies.values(), strict=True)
-    )
-    velocity = tuple(table.velocity for table in tables.values())
-    stiffness, n = _stiffness(impact, bodies, plane, materials), _EXPONENTS[impact.law]
-    spheres = tuple(body for body in bodies.values() if body is not None)
-    geometry = Geometry(bodies=spheres) if len(spheres) == len(tables) else None
-    radii = forms.effective_radii(() if geometry is None else spheres, (False, plane))
+    impact, plane = file.impact, file.impact.wall is not False
+    spheres = _spheres(impact)
+    mass = tuple(rounded(sphere.mass) for sphere in spheres)
+    speed, gap = _approach(impact)
+    if plane:
+        own = spheres[0].material.elastic
+        second = (own["young"], own["poisson"]) if impact.wall == "same" else (math.inf, 0.0)
+        contact = sphere_on_plane(radius=spheres[0].radius, **own, young2=second[0], poisson2=second[1])
+    else:
+        contact = Geometry(bodies=spheres).contact(0)
+    stiffness = rounded(contact.stiffness)
+    duration = file.duration
+    if duration is None:
+        if speed == 0.0:
+            allowed = "a number > 0 (s), which speed = 0 requires"
+            raise SceneError("duration", problem="is missing", allowed=allowed)
+        masses = (mass[0], math.inf if plane else mass[1])
+        hit = two_body_collision(masses=masses, velocities=(speed, 0.0), stiffness=stiffness, exponent=HERTZ)
+        duration = rounded(gap / speed + _CONTACT_TIMES * hit.contact_time)
+    adhesion = None
+    if impact.adhesion is not None:
+        table = forms.AdhesionTable(law=impact.adhesion.law, surface_energy=impact.adhesion.surface_energy)
+        adhesion = table.adhesion(forms.effective_radii(spheres, (False, plane)))
     return Scene(
         name=file.name,
         description=file.description,
-        duration=_duration(file, mass, stiffness) if file.duration is None else file.duration,
+        duration=duration,
         mass=mass,
-        velocity=velocity,
+        velocity=(speed,) if plane else (0.5 * speed, -0.5 * speed),
         stiffness=() if plane else (stiffness,),
-        exponent=() if plane else n,
-        gap=() if plane else impact.gap,
-        wall_right=Wall(stiffness=stiffness, gap=impact.gap, exponent=n) if plane else None,
-        damping=_damping(impact),
-        adhesion=None if impact.adhesion is None else impact.adhesion.adhesion(radii),
-        geometry=geometry,
+        gap=() if plane else gap,
+        wall_right=Wall(stiffness=stiffness, gap=gap, exponent=HERTZ) if plane else None,
+        damping=None if impact.damping is None else impact.damping.damping(),
+        adhesion=adhesion,
+        geometry=Geometry(bodies=spheres),
         samples=file.sampling.count,
         **file.environment.model_dump(),
     )
 
 
-def _sphere(table: forms.ImpactBody, materials: Mapping[str, Material], where: str) -> Body | None:
-    """Return the body of a table, None if only its mass is known."""
-    if table.radius is None:
-        if table.mass is None:
-            raise SceneError(where, problem="has neither radius nor mass", allowed="radius (m), or mass (kg)")
-        return None
-    return Body(
-        shape="sphere", radius=table.radius, material=material_of(table.material, materials, f"{where}.material")
-    )
+def _spheres(impact: Impact) -> tuple[Body, ...]:
+    """Return the spheres of an impact: one with a plane, otherwise two."""
+    count = 2 if impact.wall is False else 1
+    radii = impact.radius if isinstance(impact.radius, list) else [impact.radius]
+    if len(radii) != count:
+        wall = {False: "false", True: "true", "same": '"same"'}[impact.wall]
+        problem = f"has {len(radii)} value{'s' * (len(radii) != 1)}, and wall = {wall}"
+        allowed = 'one for each of two spheres, or one and a plane: wall = true (rigid) or wall = "same"'
+        raise SceneError("impact.radius", problem=problem, allowed=allowed)
+    columns = {
+        key: checked_numbers(f"impact.{key}", getattr(impact, key), allowed, count=count, per="sphere", **bounds)
+        for key, (allowed, bounds, _) in _NUMBERS.items()
+    }
+    radius = columns.pop("radius")
+    materials = [Material(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
+    return tuple(Body(shape="sphere", radius=r, material=m) for r, m in zip(radius, materials, strict=True))
 
 
-def _stiffness(
-    impact: forms.Impact, bodies: Mapping[str, Body | None], plane: bool, materials: Mapping[str, Material]
-) -> float:
-    """Return the stiffness of the contact, that of the file or by Hertz's law, N/m^(n-1)."""
-    from dem_bridge.physics.hertz import sphere_on_plane
-
-    if impact.stiffness is not None:
-        return impact.stiffness
-    unknown = [key for key, body in bodies.items() if body is None]
-    if impact.law != "hertz" or unknown:
-        why = f'law = "{impact.law}"' if not unknown else f"impact.{unknown[0]} without a radius"
-        allowed = f"a number > 0, which {why} requires"
-        raise SceneError("impact.stiffness", problem="is missing", allowed=allowed)
-    first = bodies["first"]
-    assert first is not None
-    if not plane:
-        return rounded(Geometry(bodies=tuple(filter(None, bodies.values()))).contact(0).stiffness)
-    second = {"young2": math.inf, "poisson2": 0.0}
-    if impact.second.material != RIGID:
-        flat = material_of(impact.second.material, materials, "impact.second.material", also=(RIGID,))
-        second = {"young2": flat.youngs_modulus, "poisson2": flat.poissons_ratio}
-    return rounded(sphere_on_plane(radius=first.radius, **first.material.elastic, **second).stiffness)
-
-
-def _damping(impact: forms.Impact) -> Damping | None:
-    """Return the damping of the file."""
-    if impact.restitution is not None:
-        if impact.damping is not None:
-            raise SceneError("impact.restitution", problem="cannot be combined with damping", allowed="one of the two")
-        if not 0.0 < impact.restitution <= 1.0:
-            raise SceneError("impact.restitution", value=impact.restitution, allowed=RESTITUTION)
-        return Damping(law="restitution", coefficient=impact.restitution)
-    return None if impact.damping is None else impact.damping.damping()
-
-
-def _duration(file: forms.ImpactScene, mass: tuple[float, ...], stiffness: float) -> float:
-    """Return the time of the approach and four contact times of the impact without damping, s, with 2 digits."""
-    impact = file.impact
-    closing = impact.first.velocity - impact.second.velocity
-    if not closing > 0.0:
-        problem = f"is missing, and the bodies approach each other at {closing:g} m/s"
-        raise SceneError(
-            "duration", problem=problem, allowed="a number > 0 (s), or velocities with which they approach"
-        )
-    masses = (mass[0], mass[1] if len(mass) > 1 else math.inf)
-    exponent = _EXPONENTS[impact.law]
-    collision = two_body_collision(masses=masses, velocities=(closing, 0.0), stiffness=stiffness, exponent=exponent)
-    return float(f"{max(impact.gap, 0.0) / closing + _CONTACT_TIMES * collision.contact_time:.2g}")
+def _approach(impact: Impact) -> tuple[float, float]:
+    """Return the speed of approach (m/s) and the distance (m) at the start."""
+    gap = checked_number("impact.gap", impact.gap, "a number >= 0 (m)", at_least=0.0)
+    if gap > 0.0:
+        return checked_number("impact.speed", impact.speed, "a number >= 0 (m/s)", at_least=0.0), gap
+    return checked_number("impact.speed", impact.speed, "a number > 0 (m/s); 0 with a gap", above=0.0), gap

@@ -25,13 +25,12 @@ from dem_bridge.scene_file.drive import with_force_of_file
 from dem_bridge.scene_file.forms import (
     CylinderScene,
     Environment,
-    ImpactScene,
     PatternScene,
     RawScene,
     SphereScene,
     from_raw,
 )
-from dem_bridge.scene_file.impact import from_impact
+from dem_bridge.scene_file.impact import ImpactScene, from_impact
 from dem_bridge.scene_file.pattern import from_pattern
 from dem_bridge.scene_file.physical import from_cylinders, from_spheres
 
@@ -210,6 +209,13 @@ def _file_key(key: str, form: type[BaseModel]) -> str:
     return _FILE_KEYS.get(key, f"{'impact' if form is ImpactScene else 'chain'}.{key}")
 
 
+#: pydantic's words, and those of a scene file
+_PLAIN_WORDS = {
+    "a valid boolean": "true or false",
+    "False, True": "false, true",
+    "a valid integer": "a whole number",
+    "a valid ": "a ",
+}
 #: pydantic's names of the two forms of a key that takes a number or a list of them
 _ALTERNATIVES = ("float", "list[float]")
 
@@ -236,7 +242,8 @@ def _in_one_line(error: ValidationError, form: type[BaseModel], where: str) -> S
         allowed = f"a table with the keys {_keys(form, path)}"
     else:
         allowed = finding["msg"].removeprefix("Input should be ")
-        allowed = allowed.replace("a valid integer", "a whole number").replace("a valid ", "a ")
+        for word, plain in _PLAIN_WORDS.items():
+            allowed = allowed.replace(word, plain)
     return SceneError(key, **what, allowed=allowed, advice=more, where=where)
 
 

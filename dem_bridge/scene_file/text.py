@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from dem_bridge.drive import KEYS
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.scene import BY_RESTITUTION, Scene
+from dem_bridge.scene import Scene
 from dem_bridge.scene_file.forms import Environment
 
 #: numbers per line of a list
@@ -68,10 +68,9 @@ def _lines(scene: Scene) -> Iterator[str]:
         yield "[chain.precompression]"
         yield from _values({"force": scene.precompression}, _UNITS)
     if damping is not None:
-        by_restitution = damping.law in BY_RESTITUTION
-        clip = {} if damping.clipped == (not by_restitution) else {"clipped": damping.clipped}
+        clip = {} if damping.clip else {"clip": damping.clip}
         yield "[chain.damping]"
-        yield from _values({"law": damping.law, "e" if by_restitution else "coefficient": damping.coefficient, **clip})
+        yield from _values({"law": damping.law, "coefficient": damping.coefficient, **clip})
     yield from _section("chain.adhesion", scene.adhesion, ("law", "pull_off"), {"pull_off": "N"})
     if drive is not None:
         yield from _section("chain.drive", drive, ("shape", "force", *KEYS[drive.shape]), {"force": "N"})

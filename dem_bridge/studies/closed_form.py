@@ -91,7 +91,7 @@ def closed_restitution(scene: Scene, speed: float) -> float | None:
     Examples
     --------
     >>> from dem_bridge.scene import Damping
-    >>> damping = Damping(law="restitution", coefficient=0.5, clipped=True)
+    >>> damping = Damping(law="coeff_restitution", coefficient=0.5, clip=True)
     >>> pair = Scene(
     ...     name="pair", duration=1e-4, mass=(1.0, 1.0), stiffness=(1e9,), velocity=(1.0, 0.0), damping=damping
     ... )
@@ -104,12 +104,12 @@ def closed_restitution(scene: Scene, speed: float) -> float | None:
     )
     mass = 1.0 / sum(1.0 / body for body in scene.mass)
     if 2.0 * power == n - 2.0:
-        return restitution_of_alpha(factor / math.sqrt(mass * stiffness), clipped=contacts.clipped, exponent=n)
+        return restitution_of_alpha(factor / math.sqrt(mass * stiffness), clip=contacts.clip, exponent=n)
     if power != 0.5 or n != 2.5:
         return None
     try:
         hit = viscoelastic_impact(
-            mass=mass, speed=speed, stiffness=stiffness, viscosity=factor / stiffness, clipped=contacts.clipped
+            mass=mass, speed=speed, stiffness=stiffness, viscosity=factor / stiffness, clip=contacts.clip
         )
         return hit.restitution
     except ValueError:  # beyond the range of the series

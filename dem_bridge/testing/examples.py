@@ -65,8 +65,8 @@ def _gaps(scene: Scene, first: float) -> dict[str, Any]:
     return {"gap": tuple(first * factor for factor in (1.0, 0.5)[: len(scene.stiffness)])}
 
 
-def _damping(law: str, coefficient: float, *, clipped: bool = True) -> dict[str, Any]:
-    return {"damping": Damping(law=law, coefficient=coefficient, clipped=clipped)}
+def _damping(law: str, coefficient: float, *, clip: bool = True) -> dict[str, Any]:
+    return {"damping": Damping(law=law, coefficient=coefficient, clip=clip)}
 
 
 def _first_pull_off(scene: Scene) -> tuple[float, ...]:
@@ -93,12 +93,13 @@ EXAMPLES: Mapping[Feature, Callable[[Scene], Mapping[str, Any]]] = MappingProxyT
         features.GRAVITY: lambda scene: {"gravity": 2e3},
         features.PRECOMPRESSION: lambda scene: {"precompression": 50.0},
         features.DASHPOT: lambda scene: _damping("dashpot", 100.0),
-        features.MASS_DASHPOT: lambda scene: _damping("mass-dashpot", 2e4),
+        features.MASS_VELOCITY: lambda scene: _damping("mass_velocity", 2e4),
         features.KUWABARA_KONO: lambda scene: _damping("kuwabara-kono", 1e-5),
-        features.RESTITUTION: lambda scene: _damping("restitution", 0.3),
+        features.COEFF_RESTITUTION: lambda scene: _damping("coeff_restitution", 0.3),
         features.TSUJI: lambda scene: _damping("tsuji", 0.3),
-        features.NOT_CLIPPED: lambda scene: _damping("dashpot", 100.0, clipped=False),
+        features.NOT_CLIPPED: lambda scene: _damping("dashpot", 100.0, clip=False),
         features.DMT: lambda scene: {"adhesion": Adhesion(law="dmt", pull_off=_first_pull_off(scene))},
+        features.JKR: lambda scene: {"adhesion": Adhesion(law="jkr", pull_off=_first_pull_off(scene))},
         features.DRAG: lambda scene: {"drag": 3e3},
         features.SINE_DRIVE: lambda scene: {"drive": _SINE},
         features.CHIRP_DRIVE: lambda scene: {"drive": _CHIRP},

@@ -78,7 +78,7 @@ def extrapolate(case: Case, code: Backend | None = None) -> Trajectory:
     return replace(
         fine,
         **values,
-        contact_force=np.maximum(force, 0.0) if case.scene.contacts.clipped else force,
+        contact_force=np.maximum(force, 0.0) if case.scene.contacts.clip else force,
         uncertainty=replace(fine.uncertainty, **uncertainty) if case.uncertainty else UNKNOWN,
         cost=summed_cost(runs),
         provenance={**fine.provenance, "settings": settings, "extrapolated_from": steps, "not_extrapolated": kept},

@@ -94,7 +94,7 @@ def _limit_of_any_step(scene: Scene, run: Trajectory, radius: float, resolution:
     """Return the larger of round-off and tables, with a remedy."""
     parts, dt = run.uncertainty.parts, run.provenance["settings"]["dt"]
     if parts["table"] > parts["round_off"]:
-        if scene.contacts.clipped and run.contact_force.min(initial=0.0) < 0.0:
+        if scene.contacts.clip and run.contact_force.min(initial=0.0) < 0.0:
             return (
                 f"contacts with damping beside a table become tensile, which changes velocities by {parts['table']:.2g}"
                 " of the largest (take n = 2 or 2.5 in damped contacts, or backend='scipy')"

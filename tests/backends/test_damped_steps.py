@@ -222,7 +222,7 @@ RATIOS = [0.05, 0.3, 0.48, 0.49, 0.4999, 0.5, 0.7, 1.0, 3.0]
 
 def _collision(ratio: float, gap: float) -> tuple[Scene, DashpotCollision]:
     c = 2.0 * ratio * math.sqrt(BETA * REDUCED)
-    hit = dashpot_collision(masses=MASSES, velocities=(0.8, 0.0), stiffness=BETA, damping=c, clipped=True)
+    hit = dashpot_collision(masses=MASSES, velocities=(0.8, 0.0), stiffness=BETA, damping=c, clip=True)
     scene = Scene(
         name="collision", duration=1.1 * hit.contact_time + gap / 0.8, mass=MASSES, stiffness=(BETA,), exponent=2.0,
         velocity=(0.8, 0.0), gap=gap, damping=dashpot(c), samples=10,
@@ -423,7 +423,7 @@ def test_a_force_that_pulls_misses_the_exact_exit_speed(monkeypatch: pytest.Monk
     assert np.max(np.abs(run.velocity[-1] - hit.exit_velocity)) > 0.03
     # it leaves as the unclipped one, which another closed form gives
     other = dashpot_collision(
-        masses=MASSES, velocities=(0.8, 0.0), stiffness=BETA, damping=scene.damping.coefficient[0], clipped=False  # type: ignore[union-attr,index]
+        masses=MASSES, velocities=(0.8, 0.0), stiffness=BETA, damping=scene.damping.coefficient[0], clip=False  # type: ignore[union-attr,index]
     )  # fmt: skip
     assert run.velocity[-1] == pytest.approx(other.exit_velocity, abs=1e-3)
 

@@ -175,8 +175,8 @@ def test_a_dashpot_beside_a_table_pulls_where_granular_clips_and_the_bar_says_so
     parts = run.uncertainty.parts
     assert parts["table"] > 10.0 * (parts["time_step"] + parts["round_off"])
     assert _inside(run, truth, "velocity")
-    clipped = replace(scene, exponent=2.5, stiffness=(4e9,))
-    assert np.min(db.solve(clipped, backend=ENGINE, dt=1e-7, uncertainty=False).contact_force) >= 0.0
+    clip = replace(scene, exponent=2.5, stiffness=(4e9,))
+    assert np.min(db.solve(clip, backend=ENGINE, dt=1e-7, uncertainty=False).contact_force) >= 0.0
 
 
 def test_the_round_off_of_a_sound_run_is_predicted_where_laws_alone_would_predict_half_of_it() -> None:

@@ -18,7 +18,7 @@ from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.observables.conserved import energy
 from dem_bridge.physics.impact import alpha_of_restitution, alpha_of_tsuji
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Adhesion, Damping, Scene, Wall
+from dem_bridge.scene import BY_RESTITUTION, Adhesion, Damping, Scene, Wall
 from dem_bridge.scene_file import parse_scene
 from dem_bridge.scene_file.text import scene_toml
 from tests.backends.test_damped_steps import plant
@@ -39,15 +39,17 @@ CHAIN = Scene(
 #: law -> a coefficient for each contact of the chain
 COEFFICIENTS = {
     "dashpot": (40.0, 10.0, 0.0, 30.0, 20.0),
-    "mass-dashpot": (8e3, 2e3, 0.0, 6e3, 4e3),
+    "mass_velocity": (8e3, 2e3, 0.0, 6e3, 4e3),
     "kuwabara-kono": (1e-5, 3e-6, 0.0, 2e-5, 1e-5),
-    "restitution": (0.5, 0.7, 1.0, 0.3, 0.9),
+    "coeff_restitution": (0.5, 0.7, 1.0, 0.3, 0.9),
 }
 STEP = 1e-7
 
 
-def _damped(scene: Scene, law: str, coefficient: Any, clipped: bool | None = None) -> Scene:
-    return replace(scene, damping=Damping(law=law, coefficient=coefficient, clipped=clipped))
+def _damped(scene: Scene, law: str, coefficient: Any, clip: bool | None = None) -> Scene:
+    # contacts have the restitution e only if they are not clipped
+    clip = law not in BY_RESTITUTION if clip is None else clip
+    return replace(scene, damping=Damping(law=law, coefficient=coefficient, clip=clip))
 
 
 def _linear(scene: Scene) -> Scene:
@@ -70,20 +72,20 @@ def _far(first: Any, second: Any) -> float:
 
 
 @pytest.mark.parametrize("scene", [PAIR, BALL, _linear(PAIR), _linear(BALL)], ids=["pair", "wall", "pair 2", "wall 2"])
-@pytest.mark.parametrize("law", ["restitution", "tsuji"])
+@pytest.mark.parametrize("law", ["coeff_restitution", "tsuji"])
 @pytest.mark.parametrize("e", [0.1, 0.5, 0.9])
 def test_a_restitution_is_that_of_the_closed_form(e: float, law: str, scene: Scene) -> None:
     n = float(scene.contacts.exponent[0])
-    alpha = alpha_of_restitution(e, n) if law == "restitution" else alpha_of_tsuji(e)
+    alpha = alpha_of_restitution(e, n) if law == "coeff_restitution" else alpha_of_tsuji(e)
     zeta = alpha / math.sqrt(2.0 * n)
     theta = math.acos(zeta)
     # of the oscillator in overlap^(n/2); it parts after half a period, or at 2 theta where no force pulls
-    free, clipped = math.exp(-math.pi / math.tan(theta)), math.exp(-2.0 * theta / math.tan(theta))
-    for value, exact in ((False, free), (True, clipped)):
+    free, clip = math.exp(-math.pi / math.tan(theta)), math.exp(-2.0 * theta / math.tan(theta))
+    for value, exact in ((False, free), (True, clip)):
         # 200 steps at a tolerance of 3e-14; measured: 1e-13
         run = db.solve(_damped(scene, law, e, value), backend=SCIPY, uncertainty=False)
         assert _rebound(run) == pytest.approx(exact, abs=1e-11)
-    assert (law == "restitution") == (abs(free - e) < 1e-12)
+    assert (law == "coeff_restitution") == (abs(free - e) < 1e-12)
 
 
 @pytest.mark.parametrize("law", [*COEFFICIENTS, "tsuji"])
@@ -91,31 +93,31 @@ def test_a_mass_proportional_force_is_that_of_the_effective_mass(law: str) -> No
     for scene, m in ((PAIR, 1e-2 * 3e-2 / 4e-2), (BALL, 1e-2)):
         c = _damped(scene, law, 0.5).contacts
         alpha = alpha_of_tsuji(0.5) if law == "tsuji" else alpha_of_restitution(0.5)
-        expected = {"dashpot": 0.5, "mass-dashpot": 0.5 * m, "kuwabara-kono": 0.5 * 4e9}
+        expected = {"dashpot": 0.5, "mass_velocity": 0.5 * m, "kuwabara-kono": 0.5 * 4e9}
         assert c.damping[0] == pytest.approx(expected.get(law, alpha * math.sqrt(m * 4e9)), rel=1e-15)
-        assert c.damping_power[0] == {"kuwabara-kono": 0.5, "restitution": 0.25, "tsuji": 0.25}.get(law, 0.0)
+        assert c.damping_power[0] == {"kuwabara-kono": 0.5, "coeff_restitution": 0.25, "tsuji": 0.25}.get(law, 0.0)
         table = scipy_kernels.contact_table(_damped(scene, law, 0.5))
         # two writings: a dozen operations
         assert table["damping"] == pytest.approx(c.damping, rel=3e-15)
 
 
 def test_unclipped_contacts_end_in_tension_and_clipped_ones_do_not() -> None:
-    for law, coefficient in (("dashpot", 40.0), ("mass-dashpot", 5e3), ("kuwabara-kono", 2e-5), ("tsuji", 0.5)):
-        free, clipped = (
+    for law, coefficient in (("dashpot", 40.0), ("mass_velocity", 5e3), ("kuwabara-kono", 2e-5), ("tsuji", 0.5)):
+        free, clip = (
             db.solve(_damped(replace(PAIR, samples=200), law, coefficient, value), backend=SCIPY, uncertainty=False)
             for value in (False, True)
         )
-        assert np.min(free.contact_force) < -1.0 < 0.0 <= np.min(clipped.contact_force)
-        assert _rebound(free) < _rebound(clipped) - 1e-4
+        assert np.min(free.contact_force) < -1.0 < 0.0 <= np.min(clip.contact_force)
+        assert _rebound(free) < _rebound(clip) - 1e-4
 
 
 # fixed steps
 
 
-@pytest.mark.parametrize("clipped", [True, False], ids=["clipped", "not"])
+@pytest.mark.parametrize("clip", [True, False], ids=["clipped", "not"])
 @pytest.mark.parametrize("law", COEFFICIENTS)
-def test_the_twin_is_of_first_order_and_within_its_uncertainty(law: str, clipped: bool, solved: Solve) -> None:
-    scene = _damped(CHAIN, law, COEFFICIENTS[law], clipped)
+def test_the_twin_is_of_first_order_and_within_its_uncertainty(law: str, clip: bool, solved: Solve) -> None:
+    scene = _damped(CHAIN, law, COEFFICIENTS[law], clip)
     exact = solved(scene, SCIPY, uncertainty=False)
     main = solved(scene, TWIN, dt=STEP)
     assert np.max(np.abs(main.velocity - exact.velocity)) <= main.uncertainty["velocity"]
@@ -126,10 +128,10 @@ def test_the_twin_is_of_first_order_and_within_its_uncertainty(law: str, clipped
 
 
 @pytest.mark.lammps
-@pytest.mark.parametrize("clipped", [True, False], ids=["clipped", "not"])
+@pytest.mark.parametrize("clip", [True, False], ids=["clipped", "not"])
 @pytest.mark.parametrize("law", COEFFICIENTS)
-def test_lammps_repeats_the_twin_that_keeps_positions(law: str, clipped: bool, solved: Solve) -> None:
-    scene = _damped(CHAIN, law, COEFFICIENTS[law], clipped)
+def test_lammps_repeats_the_twin_that_keeps_positions(law: str, clip: bool, solved: Solve) -> None:
+    scene = _damped(CHAIN, law, COEFFICIENTS[law], clip)
     run = solved(scene, ENGINE, dt=STEP, uncertainty=False)
     radius = run.provenance["settings"]["surrogate_radius"]
     twin = db.solve(scene, backend=TWIN, dt=STEP, surrogate_radius=radius, uncertainty=False)
@@ -142,16 +144,16 @@ def test_lammps_repeats_the_twin_that_keeps_positions(law: str, clipped: bool, s
 
 #: e of LAMMPS 22 Jul 2025 for .1 .3 .5 .7 .9, not clipped and clipped, converged in the step
 MEASURED = {
-    ("restitution", False): (0.1, 0.3, 0.5, 0.7, 0.9),
-    ("restitution", True): (0.25273, 0.39714, 0.55028, 0.71820, 0.90203),
+    ("coeff_restitution", False): (0.1, 0.3, 0.5, 0.7, 0.9),
+    ("coeff_restitution", True): (0.25273, 0.39714, 0.55028, 0.71820, 0.90203),
 }
 
 
 @pytest.mark.lammps
-@pytest.mark.parametrize(("law", "clipped"), MEASURED)
-def test_lammps_restitution_is_the_one_that_is_asked_for(law: str, clipped: bool) -> None:
-    for e, out in zip((0.1, 0.3, 0.5, 0.7, 0.9), MEASURED[law, clipped], strict=True):
-        run = db.solve(_damped(PAIR, law, e, clipped), backend=ENGINE, dt=2e-8, uncertainty=False)
+@pytest.mark.parametrize(("law", "clip"), MEASURED)
+def test_lammps_restitution_is_the_one_that_is_asked_for(law: str, clip: bool) -> None:
+    for e, out in zip((0.1, 0.3, 0.5, 0.7, 0.9), MEASURED[law, clip], strict=True):
+        run = db.solve(_damped(PAIR, law, e, clip), backend=ENGINE, dt=2e-8, uncertainty=False)
         # of first order; 1.5e-4 at the largest damping
         assert _rebound(run) == pytest.approx(out, abs=2e-4)
 
@@ -216,7 +218,7 @@ def test_dmt_in_fixed_steps_is_within_an_uncertainty_that_falls_with_the_step(so
 
 
 @pytest.mark.lammps
-@pytest.mark.parametrize("damping", [None, Damping(law="kuwabara-kono", coefficient=1e-5, clipped=False)], ids=str)
+@pytest.mark.parametrize("damping", [None, Damping(law="kuwabara-kono", coefficient=1e-5, clip=False)], ids=str)
 def test_lammps_dmt_repeats_the_twin_that_keeps_positions(damping: Damping | None, solved: Solve) -> None:
     scene = replace(ADHESIVE, damping=damping)
     run = solved(scene, ENGINE, dt=STEP, uncertainty=False)
@@ -232,7 +234,10 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "law": ({"adhesion": Adhesion(law="glue", pull_off=1.0)}, "adhesion.law = 'glue'; allowed: dmt"),
     "negative": ({"adhesion": Adhesion(law="dmt", pull_off=-1.0)}, "adhesion.pull_off = -1.0; allowed: a number >= 0"),
     "count": ({"adhesion": Adhesion(law="dmt", pull_off=(1.0, 2.0))}, "pull_off has 2 entries; allowed: 1, one per"),
-    "clip": ({"damping": Damping(law="dashpot", coefficient=1.0)}, "damping that is clipped; allowed: damping.clipped"),
+    "clip": (
+        {"damping": Damping(law="dashpot", coefficient=1.0, clip=True)},
+        "damping.clip = True, but contacts have adhesion",
+    ),
     "exponent": ({"exponent": 2.0}, "is in contact 0, whose exponent n is 2.0; allowed: n = 2.5"),
     "touch": (
         {"gap": 0.0, "velocity": (0.0, 0.0)},
@@ -251,7 +256,7 @@ def test_adhesion_without_a_meaning_is_refused_in_one_line(changes: dict[str, An
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("law", "word"), [("tsuji", "tsuji"), ("restitution", "coeff_restitution")])
+@pytest.mark.parametrize(("law", "word"), [("tsuji", "tsuji"), ("coeff_restitution", "coeff_restitution")])
 def test_adhesion_beside_a_restitution_is_refused_as_the_engine_refuses_it(law: str, word: str) -> None:
     scene = _damped(_adhesive(APART, 1.0), law, 0.5)
     reason = GRANULAR_STYLE.unsupported_reason(scene)
@@ -259,7 +264,7 @@ def test_adhesion_beside_a_restitution_is_refused_as_the_engine_refuses_it(law: 
     assert f"LAMMPS: Cannot use {word} model with a cohesive normal model, dmt; " in reason
     # of two contacts only one has both
     apart = _damped(ADHESIVE, law, (1.0, 1.0, 0.5, 1.0))
-    assert GRANULAR_STYLE.covers(apart) == (law == "restitution")
+    assert GRANULAR_STYLE.covers(apart) == (law == "coeff_restitution")
 
 
 def test_a_scene_with_adhesion_survives_its_text_and_has_a_hash_of_its_own() -> None:
@@ -285,18 +290,18 @@ def _wrong_mass(c: Contacts) -> dict[str, Any]:
 
 #: scene -> arrays of contacts with a fault; each belongs to the law
 ARRAY_FAULTS = {
-    "mass for effective mass": (_damped(PAIR, "restitution", 0.5), _wrong_mass),
+    "mass for effective mass": (_damped(PAIR, "coeff_restitution", 0.5), _wrong_mass),
     "mass for effective mass in a dashpot": (
-        _damped(PAIR, "mass-dashpot", 5e3),
+        _damped(PAIR, "mass_velocity", 5e3),
         lambda c: {"damping": c.damping * 0.04 / 0.03},
     ),
     "sqrt 2 missing": (_damped(PAIR, "tsuji", 0.5), lambda c: {"damping": c.damping / math.sqrt(2.0)}),
     "power of the overlap of Kuwabara-Kono": (
-        _damped(PAIR, "restitution", 0.5),
+        _damped(PAIR, "coeff_restitution", 0.5),
         lambda c: {"damping_power": c.damping_power * 2.0},
     ),
-    "clipped": (_damped(PAIR, "restitution", 0.5), lambda c: {"clipped": True}),
-    "not clipped": (_damped(PAIR, "restitution", 0.5, True), lambda c: {"clipped": False}),
+    "clipped": (_damped(PAIR, "coeff_restitution", 0.5), lambda c: {"clip": True}),
+    "not clipped": (_damped(PAIR, "coeff_restitution", 0.5, True), lambda c: {"clip": False}),
     "adhesion forgotten": (ADHESIVE, lambda c: {"pull_off": 0.0 * c.pull_off}),
     "adhesion of the sphere's radius in place of R_eff": (ADHESIVE, lambda c: {"pull_off": 2.0 * c.pull_off}),
     "wall with the pull-off of the pair": (
@@ -304,7 +309,7 @@ ARRAY_FAULTS = {
         lambda c: {"pull_off": np.array([*c.pull_off[:3], c.pull_off[0]])},
     ),
     "wall with the coefficient of the pair": (
-        _damped(CHAIN, "restitution", COEFFICIENTS["restitution"]),
+        _damped(CHAIN, "coeff_restitution", COEFFICIENTS["coeff_restitution"]),
         lambda c: {"damping": np.array([*c.damping[:3], c.damping[0], c.damping[4]])},
     ),
 }
@@ -319,7 +324,7 @@ def test_a_fault_in_a_law_parts_the_twin_from_scipy(scene: Scene, fault: Any, so
 
 
 def test_a_clip_of_the_damping_force_alone_shows(monkeypatch: pytest.MonkeyPatch, solved: Solve) -> None:
-    scene = _damped(PAIR, "restitution", 0.5, True)
+    scene = _damped(PAIR, "coeff_restitution", 0.5, True)
     exact, sound = solved(scene, SCIPY, uncertainty=False), solved(scene, TWIN, dt=STEP)
     plant(monkeypatch, "** damping_power[k] * rate", "** damping_power[k] * max(rate, 0.0)")
     wrong = db.solve(scene, backend=TWIN, dt=STEP, uncertainty=False)
@@ -360,7 +365,7 @@ def test_a_fault_in_the_adhesion_of_a_deck_parts_lammps_from_the_twin(change: Ch
 @pytest.mark.lammps
 @pytest.mark.parametrize("change", DECK_FAULTS.values(), ids=DECK_FAULTS)
 def test_a_fault_in_a_deck_parts_lammps_from_the_twin(change: Change, solved: Solve) -> None:
-    scene = _damped(CHAIN, "restitution", COEFFICIENTS["restitution"])
+    scene = _damped(CHAIN, "coeff_restitution", COEFFICIENTS["coeff_restitution"])
     sound = solved(scene, ENGINE, dt=STEP, uncertainty=False)
     # the gate of the show; sound ones are three decades below
     assert _far(_run_with(change, scene), sound) > 1e-9

@@ -121,12 +121,12 @@ def test_the_force_that_would_pull_is_not_there() -> None:
     c = 2.0 * ratio * math.sqrt(stiffness * REDUCED)
     _, rate, end, _ = _oscillator(stiffness, c)
     whole = math.exp(-ratio / math.sqrt(1.0 - ratio**2) * math.pi)
-    clipped = -rate(end)
-    assert clipped - whole > 0.1
+    clip = -rate(end)
+    assert clip - whole > 0.1
     damping = Damping(law="dashpot", coefficient=c)
     scene = replace(PAIR, exponent=2.0, stiffness=(stiffness,), damping=damping, duration=1e-3)
     last = db.solve(scene, backend="scipy", uncertainty=False).velocity[-1]
-    assert last[1] - last[0] == pytest.approx(clipped, abs=1e-12)
+    assert last[1] - last[0] == pytest.approx(clip, abs=1e-12)
 
 
 # two bodies, Hertz, Kuwabara-Kono

@@ -17,18 +17,21 @@ from dem_bridge.cli import main
 from dem_bridge.cli.new import FORMS, template
 from dem_bridge.scene_file import parse_scene
 from dem_bridge.scene_file.forms import CylinderScene, PatternScene, RawScene, SphereScene
+from dem_bridge.scene_file.impact import ImpactScene
 from tests.helpers.command_line import choices
 
 TABLES: dict[str, type[BaseModel]] = {
     "pattern": PatternScene,
     "cylinders": CylinderScene,
     "spheres": SphereScene,
+    "impact": ImpactScene,
     "raw": RawScene,
 }
 #: what changes no motion: a default that is said, and a measurement
 DEFAULTS = {"exponent = 2.5", "[measurement]"}
 
 every_form = pytest.mark.parametrize("form", FORMS)
+every_chain = pytest.mark.parametrize("form", [form for form in FORMS if form != "impact"])
 
 
 def options(text: str) -> Iterator[tuple[str, int, int]]:
@@ -71,7 +74,7 @@ def test_a_template_loads_under_the_name_that_is_asked_for(form: str) -> None:
     assert (scene.geometry is None) == (form == "raw")
 
 
-@every_form
+@every_chain
 def test_the_front_of_a_template_comes_to_the_last_body(form: str) -> None:
     scene = parse_scene(template(form, "own"))
     run = db.solve(scene, backend="verlet", uncertainty=False)
@@ -89,7 +92,7 @@ def test_what_is_commented_out_is_true_when_it_is_not(form: str, what: str, firs
         assert other.content_hash != plain.content_hash or other.spacing != plain.spacing
 
 
-@every_form
+@every_chain
 def test_optional_parts_are_many_and_all_that_do_not_exclude_each_other_go_together(form: str) -> None:
     text = template(form, "own")
     found = list(options(text))
@@ -103,6 +106,19 @@ def test_optional_parts_are_many_and_all_that_do_not_exclude_each_other_go_toget
             "" for line in lines[first:behind] if line.startswith("#gap")
         ]
     assert parse_scene("\n".join(lines)).precompression > 0.0
+
+
+def test_an_impact_has_its_options_together_and_rebounds_as_written() -> None:
+    text = template("impact", "own").replace("\n#duration", "\n# ")
+    scene = parse_scene(re.sub(r"^#(?=\S)", "", text, flags=re.MULTILINE))
+    assert (scene.damping, scene.adhesion, scene.gravity) != (None, None, 0.0)
+    plain = parse_scene(
+        text.replace("#[impact.damping]", "[impact.damping]")
+        .replace("#law", "law", 1)
+        .replace("#coefficient", "coefficient")
+        .replace("#clip", "clip")
+    )
+    assert db.solve(plain, backend="scipy", uncertainty=False).restitution == pytest.approx(0.5, abs=1e-9)
 
 
 IN_PLACE = {
@@ -167,7 +183,7 @@ def keys(table: Any) -> Iterator[str]:
 @every_form
 def test_a_template_names_every_key_of_its_form(form: str) -> None:
     found = set(keys(TABLES[form]))
-    assert {"name", "velocity", "force", "gravity", "count"} <= found
+    assert {"name", "gravity", "count"} <= found
     text = template(form, "own")
     assert {key for key in found if not re.search(rf"\b{key}\b", text)} == set()
 
@@ -229,7 +245,7 @@ def test_nothing_is_replaced_that_is_not_to_be(tmp_path: Path) -> None:
     [
         (("a b.toml",), "'a b' is not a valid name of a scene; allowed: 1 to 100 of the characters A-Z"),
         (("nowhere/a.toml",), "the folder nowhere is missing or not writable"),
-        (("a.toml", "--form", "chain"), "'chain' is not one of 'pattern', 'cylinders', 'spheres', 'raw'"),
+        (("a.toml", "--form", "chain"), "'chain' is not one of 'pattern', 'cylinders', 'spheres', 'impact', 'raw'"),
         (("a.toml", "b.toml"), "unexpected extra argument"),
     ],
 )

@@ -61,10 +61,10 @@ def test_exported_tables_of_random_scenes_are_these_scenes(scene: Scene) -> None
     assert _back(scene) == scene
 
 
-@pytest.mark.parametrize("clipped", [True, False])
+@pytest.mark.parametrize("clip", [True, False])
 @pytest.mark.parametrize("law", DAMPING_LAWS)
-def test_every_damping_law_has_a_column_of_its_own(law: str, clipped: bool) -> None:
-    scene = replace(RAW, damping=Damping(law=law, coefficient=1e-6 if law == "kuwabara-kono" else 0.5, clipped=clipped))
+def test_every_damping_law_has_a_column_of_its_own(law: str, clip: bool) -> None:
+    scene = replace(RAW, damping=Damping(law=law, coefficient=1e-6 if law == "kuwabara-kono" else 0.5, clip=clip))
     assert _back(scene) == scene
 
 

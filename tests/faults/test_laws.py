@@ -18,7 +18,8 @@ pytestmark = [pytest.mark.lammps, pytest.mark.slow]
 
 REBOUNDING = Scene(
     name="rebounding", duration=2e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), gap=(1e-6,), samples=60,
-    wall_right=Wall(stiffness=3e9, gap=4e-6), damping=Damping(law="restitution", coefficient=(0.6, 0.8)),
+    wall_right=Wall(stiffness=3e9, gap=4e-6),
+    damping=Damping(law="coeff_restitution", coefficient=(0.6, 0.8), clip=False),
 )  # fmt: skip
 ADHERING = Scene(
     name="adhering", duration=2e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), gap=(1e-6,), samples=60,

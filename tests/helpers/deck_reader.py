@@ -51,7 +51,7 @@ class Coefficients:
     eta: float
     damping: str
     tangential: tuple[float, ...]
-    clipped: bool
+    clip: bool
     """``limit_damping``: the net force never pulls."""
 
 

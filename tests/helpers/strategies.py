@@ -88,14 +88,14 @@ def damped_scenes(draw: st.DrawFn, /, **how: Any) -> Scene:
     scene = draw(scenes(walls=True, gravity=True, **how))
     sizes = {
         "dashpot": log_uniform(1e-1, 1e3),
-        "mass-dashpot": log_uniform(1e1, 1e5),
+        "mass_velocity": log_uniform(1e1, 1e5),
         "kuwabara-kono": log_uniform(1e-7, 1e-3),
-        "restitution": st.floats(0.1, 0.99),
+        "coeff_restitution": st.floats(0.1, 0.99),
     }
     law = draw(st.sampled_from([*sizes]))
-    coefficients = st.one_of(st.just(float(law == "restitution")), sizes[law])
+    coefficients = st.one_of(st.just(float(law == "coeff_restitution")), sizes[law])
     coefficient = tuple(draw(coefficients) for _ in range(scene.n_contact))
-    damping = Damping(law=law, coefficient=coefficient, clipped=draw(st.sampled_from([None, True, False])))
+    damping = Damping(law=law, coefficient=coefficient, clip=draw(st.sampled_from([None, True, False])))
     return replace(scene, damping=damping, drag=draw(st.sampled_from([0.0, 0.0, 1e3])))
 
 

@@ -86,8 +86,8 @@ def _damping(law: str, value: float, beta: float, n: float, mass: float) -> tupl
     """Return c and p of the damping force c overlap^p overlap'."""
     if law == "kuwabara-kono":
         return value * beta, n - 2.0
-    if law != "restitution":
-        return value * (mass if law == "mass-dashpot" else 1.0), 0.0
+    if law != "coeff_restitution":
+        return value * (mass if law == "mass_velocity" else 1.0), 0.0
     # the damped oscillator that loses 1 - e of its speed in half a period, in overlap^(n/2)
     ratio = -math.log(value) / math.hypot(math.pi, math.log(value))
     return ratio * math.sqrt(2.0 * n * beta * mass), 0.5 * n - 1.0
@@ -110,8 +110,8 @@ def _assert_takes(read: ReadDeck, scene: Scene) -> None:
         power for c, power in zip(wanted, powers, strict=True) if c
     ]
     # net forces are cut at zero wherever something is damped, and nothing is said of it elsewhere
-    clipped = scene.damping is not None and bool(scene.damping.clipped)
-    assert {one.clipped for one in read.found} <= {any(wanted) and clipped}
+    clip = scene.damping is not None and bool(scene.damping.clip)
+    assert {one.clip for one in read.found} <= {any(wanted) and clip}
     assert all(one.tangential == (0.0, 0.0) for one in read.found)
     assert read.drag == pytest.approx(scene.drag, rel=EPS)
 
@@ -182,7 +182,7 @@ def test_contacts_that_are_not_neighbours_have_no_stiffness_of_their_own() -> No
 def test_nothing_dissipates_and_nothing_rubs(scene: Scene) -> None:
     for found in _read(_deck(scene)).coefficients.values():
         # `velocity` damping with eta = 0 is exactly no force; `tsuji` never is (LAMMPS manual)
-        assert (found.eta, found.damping, found.tangential, found.clipped) == (0.0, "velocity", (0.0, 0.0), False)
+        assert (found.eta, found.damping, found.tangential, found.clip) == (0.0, "velocity", (0.0, 0.0), False)
 
 
 def test_what_lammps_must_be_told_stands_in_the_deck() -> None:
@@ -543,7 +543,7 @@ def test_a_damped_contact_has_granulars_law_where_that_has_it_and_a_table_with_a
     )  # fmt: skip
     read = _read(_tabled(scene))
     hertz, beside, dry = (read.coefficients[pair] for pair in read.pairs)
-    assert (hertz.stiffness > 0.0, hertz.eta, hertz.clipped) == (True, 3.0, True)
-    assert (beside.stiffness, beside.eta, beside.clipped) == (0.0, 2.0, False)
+    assert (hertz.stiffness > 0.0, hertz.eta, hertz.clip) == (True, 3.0, True)
+    assert (beside.stiffness, beside.eta, beside.clip) == (0.0, 2.0, False)
     assert (dry.stiffness, dry.eta) == (0.0, 0.0)
     _assert_tables_say(read, scene)

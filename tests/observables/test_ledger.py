@@ -43,7 +43,7 @@ def test_the_balance_is_zero_and_more_samples_make_it_smaller(cradle: tuple[db.S
 
 
 @pytest.mark.parametrize(
-    ("change", "share"), [({"coefficient": 0.91}, 1e-3), ({"clipped": True}, 1e-4)], ids=["coefficient", "clip"]
+    ("change", "share"), [({"coefficient": 0.91}, 1e-3), ({"clip": True}, 1e-4)], ids=["coefficient", "clip"]
 )
 def test_a_run_by_another_damping_force_is_out_of_balance(
     cradle: tuple[db.Scene, db.Trajectory], change: dict[str, Any], share: float

@@ -20,16 +20,16 @@ masses = log_uniform(1e-4, 1e2)
 partners = st.one_of(st.just(math.inf), masses)
 
 
-def _hit(m1: float, m2: float, v1: float, v2: float, ratio: float, clipped: bool) -> DashpotCollision:
+def _hit(m1: float, m2: float, v1: float, v2: float, ratio: float, clip: bool) -> DashpotCollision:
     beta = 3e5
     damping = 2.0 * ratio * math.sqrt(beta * m1 / (1.0 + m1 / m2))
-    return dashpot_collision(masses=(m1, m2), velocities=(v1, v2), stiffness=beta, damping=damping, clipped=clipped)
+    return dashpot_collision(masses=(m1, m2), velocities=(v1, v2), stiffness=beta, damping=damping, clip=clip)
 
 
 class Integrated:
     """Second writing: the oscillator overlap'' = -overlap - 2 zeta overlap' by DOP853, events by its dense output."""
 
-    def __init__(self, zeta: float, clipped: bool) -> None:
+    def __init__(self, zeta: float, clip: bool) -> None:
         def force(y: np.ndarray) -> float:
             return float(y[0] + 2.0 * zeta * y[1])
 
@@ -41,7 +41,7 @@ class Integrated:
         def released(_: float, y: np.ndarray) -> float:
             return force(y) if _ > 0.0 else 1.0
 
-        released.terminal, released.direction = clipped, -1.0  # type: ignore[attr-defined]
+        released.terminal, released.direction = clip, -1.0  # type: ignore[attr-defined]
 
         run = solve_ivp(
             lambda _, y: [y[1], -force(y)], (0.0, 40.0 * (1.0 + zeta)), [0.0, 1.0],
@@ -49,7 +49,7 @@ class Integrated:
         )  # fmt: skip
         self.push = float((*run.t_events[1], *run.t_events[0])[0])  # without a dashpot both happen at once
         y = run.sol(self.push)
-        if clipped and len(run.t_events[1]):  # a free flight from here on
+        if clip and len(run.t_events[1]):  # a free flight from here on
             self.restitution, self.contact = -float(y[1]), self.push - float(y[0] / y[1])
         elif len(run.t_events[0]):
             self.contact = float(run.t_events[0][0])
@@ -62,11 +62,11 @@ class Integrated:
         self.force = max(-float(best.fun), 2.0 * zeta)
 
 
-@pytest.mark.parametrize("clipped", [True, False])
+@pytest.mark.parametrize("clip", [True, False])
 @pytest.mark.parametrize("zeta", [0.0, 0.01, 0.3, 0.49, 0.51, 0.9, 0.999, 1.0, 1.001, 1.5, 6.0])
-def test_every_number_is_that_of_direct_integration(zeta: float, clipped: bool) -> None:
+def test_every_number_is_that_of_direct_integration(zeta: float, clip: bool) -> None:
     m1, m2, closing, beta = 0.02, 0.05, 0.7, 3e5
-    hit, other = _hit(m1, m2, 0.9, 0.2, zeta, clipped), Integrated(zeta, clipped)
+    hit, other = _hit(m1, m2, 0.9, 0.2, zeta, clip), Integrated(zeta, clip)
     mu = m1 * m2 / (m1 + m2)
     unit = math.sqrt(mu / beta)
     # DOP853 at 1e-13 over up to ten thousand steps of a damped motion
@@ -79,11 +79,11 @@ def test_every_number_is_that_of_direct_integration(zeta: float, clipped: bool) 
     assert hit.peak_force == pytest.approx(other.force * mu * closing / unit, rel=1e-9)
 
 
-@given(m1=masses, m2=partners, v1=st.floats(0.1, 5.0), v2=st.floats(-5.0, 0.0), ratio=ratios, clipped=st.booleans())
+@given(m1=masses, m2=partners, v1=st.floats(0.1, 5.0), v2=st.floats(-5.0, 0.0), ratio=ratios, clip=st.booleans())
 def test_momentum_is_kept_and_the_bodies_part_by_the_restitution(
-    m1: float, m2: float, v1: float, v2: float, ratio: float, clipped: bool
+    m1: float, m2: float, v1: float, v2: float, ratio: float, clip: bool
 ) -> None:
-    hit = _hit(m1, m2, v1, v2, ratio, clipped)
+    hit = _hit(m1, m2, v1, v2, ratio, clip)
     u1, u2 = hit.exit_velocity
     assert u2 - u1 == pytest.approx(hit.restitution * (v1 - v2), abs=16.0 * EPS * (v1 - v2))
     if m2 == math.inf:
@@ -94,7 +94,7 @@ def test_momentum_is_kept_and_the_bodies_part_by_the_restitution(
 
 @given(ratio=ratios)
 def test_a_contact_that_may_pull_holds_the_bodies_longer_and_slows_them_more(ratio: float) -> None:
-    cut, pulling = (_hit(1.0, 2.0, 1.0, 0.0, ratio, clipped) for clipped in (True, False))
+    cut, pulling = (_hit(1.0, 2.0, 1.0, 0.0, ratio, clip) for clip in (True, False))
     assert 0.0 <= pulling.restitution <= cut.restitution * (1.0 + 4.0 * EPS) <= 1.0 + 4.0 * EPS
     assert pulling.contact_time >= cut.contact_time * (1.0 - 1e-9)  # equal without a dashpot
     assert cut.push_time <= cut.contact_time
@@ -115,14 +115,14 @@ def test_the_clipped_contact_ends_where_spring_and_dashpot_balance(ratio: float)
     assert hit.peak_overlap == pytest.approx(2.0 / math.sqrt(beta) * math.sqrt(hit.restitution), rel=1e-13)
 
 
-@pytest.mark.parametrize("clipped", [True, False])
-def test_nothing_jumps_through_critical_damping(clipped: bool) -> None:
-    below, at, beyond = (_hit(1.0, 1.0, 1.0, 0.0, z, clipped) for z in (1.0 - 1e-9, 1.0, 1.0 + 1e-9))
+@pytest.mark.parametrize("clip", [True, False])
+def test_nothing_jumps_through_critical_damping(clip: bool) -> None:
+    below, at, beyond = (_hit(1.0, 1.0, 1.0, 0.0, z, clip) for z in (1.0 - 1e-9, 1.0, 1.0 + 1e-9))
     for name in ("restitution", "peak_overlap", "peak_force", "half_time", "push_time"):
         assert getattr(below, name) == pytest.approx(getattr(at, name), rel=1e-8, abs=1e-15), name
         assert getattr(beyond, name) == pytest.approx(getattr(at, name), rel=1e-8, abs=1e-15), name
     # clipped: e^-2; else they stick
-    assert at.restitution == pytest.approx(math.exp(-2.0) if clipped else 0.0, rel=1e-14, abs=0.0)
+    assert at.restitution == pytest.approx(math.exp(-2.0) if clip else 0.0, rel=1e-14, abs=0.0)
 
 
 @examples(50)
@@ -140,14 +140,14 @@ def test_the_dashpots_work_is_the_energy_that_is_missing(ratio: float, m2: float
 
 
 def test_without_a_dashpot_it_is_half_a_period() -> None:
-    for clipped in (True, False):
-        hit = _hit(2.0, 3.0, 1.5, -0.5, 0.0, clipped)
+    for clip in (True, False):
+        hit = _hit(2.0, 3.0, 1.5, -0.5, 0.0, clip)
         assert hit.restitution == 1.0
         assert hit.contact_time == pytest.approx(math.pi * math.sqrt(1.2 / 3e5), rel=8.0 * EPS)
         assert hit.peak_force == pytest.approx(2.0 * math.sqrt(1.2 * 3e5), rel=8.0 * EPS)
 
 
-GOOD = {"masses": (1.0, 2.0), "velocities": (1.0, 0.0), "stiffness": 1.0, "damping": 0.1, "clipped": True}
+GOOD = {"masses": (1.0, 2.0), "velocities": (1.0, 0.0), "stiffness": 1.0, "damping": 0.1, "clip": True}
 
 
 @pytest.mark.parametrize(

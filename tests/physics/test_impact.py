@@ -23,7 +23,7 @@ from dem_bridge.physics.impact import (
 )
 
 
-def _integrated(alpha: float, n: float, speed: float = 1.0, clipped: bool = False) -> float:
+def _integrated(alpha: float, n: float, speed: float = 1.0, clip: bool = False) -> float:
     """Return the restitution of d'' = -d^(n-1) - alpha d^((n-2)/2) d' by DOP853.
 
     The contact ends at d = 0, or where the net force falls through zero if it is clipped.
@@ -34,7 +34,7 @@ def _integrated(alpha: float, n: float, speed: float = 1.0, clipped: bool = Fals
         return [y[1], -(d ** (n - 1.0)) - alpha * d ** (0.5 * n - 1.0) * y[1]]
 
     def touch(t: float, y: np.ndarray) -> float:
-        force = -rate(t, y)[1] if clipped and y[1] < 0.0 else float(y[0])
+        force = -rate(t, y)[1] if clip and y[1] < 0.0 else float(y[0])
         return force if t > 0.0 else 1.0
 
     touch.terminal, touch.direction = True, -1.0  # type: ignore[attr-defined]
@@ -74,31 +74,31 @@ def test_a_restitution_is_above_0_and_at_most_1(e: float) -> None:
 WRITTEN = (0.1, 0.3, 0.5, 0.7, 0.9)
 #: restitution that a contact gives for these, clipped
 CLIPPED = {
-    "restitution": (0.25273, 0.39714, 0.55028, 0.71820, 0.90203),
+    "coeff_restitution": (0.25273, 0.39714, 0.55028, 0.71820, 0.90203),
     "tsuji": (0.25235, 0.39707, 0.55022, 0.71815, 0.90220),
 }
 
 
-def _branches(b: float, clipped: bool) -> float:
+def _branches(b: float, clip: bool) -> float:
     """Return the restitution at b/w_0 by the formulas of Schwager & Poeschel (2007), branch by branch."""
     if b > 1.0:
         root = math.sqrt(b * b - 1.0)
-        return math.exp(-b / root * math.log((b + root) / (b - root))) if clipped else 0.0
+        return math.exp(-b / root * math.log((b + root) / (b - root))) if clip else 0.0
     w = math.sqrt(1.0 - b * b)
-    if not clipped:
+    if not clip:
         return math.exp(-math.pi * b / w)
     angle = math.atan(2.0 * b * w / (w * w - b * b))
     return math.exp(-b / w * (math.pi - angle)) if b < math.sqrt(0.5) else math.exp(b / w * angle)
 
 
-@pytest.mark.parametrize("clipped", [True, False])
+@pytest.mark.parametrize("clip", [True, False])
 @pytest.mark.parametrize("ratio", [0.05, 0.4, 0.7, 0.71, 0.99, 1.02, 1.5, 20.0])
-def test_the_restitution_of_a_linear_spring_is_that_of_every_branch(ratio: float, clipped: bool) -> None:
-    obtained = linear_restitution(damping_ratio=ratio, clipped=clipped)
-    assert obtained == pytest.approx(_branches(ratio, clipped), rel=1e-13, abs=0.0)
+def test_the_restitution_of_a_linear_spring_is_that_of_every_branch(ratio: float, clip: bool) -> None:
+    obtained = linear_restitution(damping_ratio=ratio, clip=clip)
+    assert obtained == pytest.approx(_branches(ratio, clip), rel=1e-13, abs=0.0)
     for n in (1.7, 2.0, 2.5, 3.0):
         alpha = ratio * math.sqrt(2.0 * n)
-        assert restitution_of_alpha(alpha, clipped=clipped, exponent=n) == pytest.approx(obtained, rel=1e-12)
+        assert restitution_of_alpha(alpha, clip=clip, exponent=n) == pytest.approx(obtained, rel=1e-12)
 
 
 @pytest.mark.parametrize("n", [2.0, 2.5, 3.0])
@@ -106,28 +106,28 @@ def test_the_restitution_of_a_linear_spring_is_that_of_every_branch(ratio: float
 def test_a_clipped_contact_has_the_restitution_of_direct_integration(e: float, n: float) -> None:
     alpha = alpha_of_restitution(e, n)
     # 1e-7: as above; the clip changes e by more than 1e-3
-    truth = _integrated(alpha, n, speed=0.37, clipped=True)
-    assert restitution_of_alpha(alpha, clipped=True, exponent=n) == pytest.approx(truth, abs=1e-7)
-    assert restitution_of_alpha(alpha, clipped=False, exponent=n) < truth - 1e-3  # the test can fail
+    truth = _integrated(alpha, n, speed=0.37, clip=True)
+    assert restitution_of_alpha(alpha, clip=True, exponent=n) == pytest.approx(truth, abs=1e-7)
+    assert restitution_of_alpha(alpha, clip=False, exponent=n) < truth - 1e-3  # the test can fail
 
 
-@pytest.mark.parametrize("law", ["restitution", "tsuji"])
+@pytest.mark.parametrize("law", ["coeff_restitution", "tsuji"])
 def test_what_is_obtained_is_the_table_and_has_an_inverse(law: RestitutionLaw) -> None:
     for e, out in zip(WRITTEN, CLIPPED[law], strict=True):
-        assert restitution_obtained(e, clipped=True, law=law) == pytest.approx(out, abs=6e-6)
+        assert restitution_obtained(e, clip=True, law=law) == pytest.approx(out, abs=6e-6)
     for e in (0.2, 0.5, 0.93, 0.999):
-        for clipped in (True, False):
-            write = restitution_to_write(e, clipped=clipped, law=law)
-            assert restitution_obtained(write, clipped=clipped, law=law) == pytest.approx(e, abs=1e-13)
-            assert clipped or law == "tsuji" or write == pytest.approx(e, abs=1e-13)
+        for clip in (True, False):
+            write = restitution_to_write(e, clip=clip, law=law)
+            assert restitution_obtained(write, clip=clip, law=law) == pytest.approx(e, abs=1e-13)
+            assert clip or law == "tsuji" or write == pytest.approx(e, abs=1e-13)
 
 
-@pytest.mark.parametrize(("law", "e"), [("restitution", 0.135), ("tsuji", 0.17), ("tsuji", 1.0)])
+@pytest.mark.parametrize(("law", "e"), [("coeff_restitution", 0.135), ("tsuji", 0.17), ("tsuji", 1.0)])
 def test_a_restitution_that_nothing_gives_is_refused(law: RestitutionLaw, e: float) -> None:
     with pytest.raises(ValueError, match=rf"^restitution = {e}; allowed: 0.1.* to .*, which the clipped law '{law}'"):
-        restitution_to_write(e, clipped=True, law=law)
-    with pytest.raises(ValueError, match=r"^law = 'hooke'; allowed: 'restitution', 'tsuji'$"):
-        restitution_obtained(0.5, clipped=True, law="hooke")  # type: ignore[arg-type]
+        restitution_to_write(e, clip=True, law=law)
+    with pytest.raises(ValueError, match=r"^law = 'hooke'; allowed: 'coeff_restitution', 'tsuji'$"):
+        restitution_obtained(0.5, clip=True, law="hooke")  # type: ignore[arg-type]
 
 
 def test_a_hard_sphere_loses_the_same_share_at_each_bounce() -> None:

@@ -12,11 +12,11 @@ from dem_bridge.physics import viscoelastic
 from dem_bridge.physics.viscoelastic import ViscoelasticImpact, viscoelastic_impact
 
 
-def impact(strength: float, clipped: bool, **more: int) -> ViscoelasticImpact:
-    return viscoelastic_impact(mass=1.0, speed=1.0, stiffness=1.0, viscosity=strength, clipped=clipped, **more)
+def impact(strength: float, clip: bool, **more: int) -> ViscoelasticImpact:
+    return viscoelastic_impact(mass=1.0, speed=1.0, stiffness=1.0, viscosity=strength, clip=clip, **more)
 
 
-def integrated(strength: float, clipped: bool) -> float:
+def integrated(strength: float, clip: bool) -> float:
     """Return the restitution of d'' = -d^(3/2) - s d^(1/2) d' by DOP853, with d = u^2 and dt = u dtau: polynomial."""
 
     def rate(_: float, y: np.ndarray) -> list[float]:
@@ -25,30 +25,30 @@ def integrated(strength: float, clipped: bool) -> float:
 
     def end(tau: float, y: np.ndarray) -> float:
         # the overlap is zero, or the net force over u
-        return 1.0 if tau == 0.0 else float(y[0] ** 2 + strength * y[1] if clipped and y[1] < 0.0 else y[0])
+        return 1.0 if tau == 0.0 else float(y[0] ** 2 + strength * y[1] if clip and y[1] < 0.0 else y[0])
 
     end.terminal, end.direction = True, -1.0  # type: ignore[attr-defined]
     run = solve_ivp(rate, (0.0, 100.0), [0.0, 1.0], method="DOP853", rtol=3e-14, atol=1e-15, max_step=0.05, events=end)
     return -float(run.y_events[0][0][1])
 
 
-@pytest.mark.parametrize("clipped", [False, True])
+@pytest.mark.parametrize("clip", [False, True])
 @pytest.mark.parametrize("strength", [0.002, 0.05, 0.6, 1.3, 2.0])
-def test_the_series_is_that_of_direct_integration(strength: float, clipped: bool) -> None:
-    truth = integrated(strength, clipped)
+def test_the_series_is_that_of_direct_integration(strength: float, clip: bool) -> None:
+    truth = integrated(strength, clip)
     # DOP853 at 3e-14 over 100 steps; clipped, the force changes its sign at the end with a small slope
-    assert impact(strength, clipped).restitution == pytest.approx(truth, abs=2e-12)
+    assert impact(strength, clip).restitution == pytest.approx(truth, abs=2e-12)
     # fewer terms are less exact, and the remainder says by how much
     for terms in range(3, 18, 3):
-        shorter = impact(strength, clipped, terms=terms)
+        shorter = impact(strength, clip, terms=terms)
         assert abs(shorter.restitution - truth) <= shorter.remainder + 2e-12
         assert terms > 9 or shorter.remainder > 1e-11
 
 
 def test_the_remainder_holds_to_the_last_digits() -> None:
     # solved with 26 digits by Taylor series of order 36 in the polynomial form
-    for clipped, digits in ((False, 0.94425997234333938097737), (True, 0.94439677917763032462827)):
-        hit = impact(0.05, clipped)
+    for clip, digits in ((False, 0.94425997234333938097737), (True, 0.94439677917763032462827)):
+        hit = impact(0.05, clip)
         assert abs(hit.restitution - digits) <= hit.remainder < 4e-15
 
 
@@ -66,19 +66,19 @@ def test_the_first_terms_are_those_of_ramirez_et_al() -> None:
 
 
 def test_speed_mass_and_stiffness_enter_by_the_strength_alone() -> None:
-    hit = viscoelastic_impact(mass=3e-4, speed=0.7, stiffness=2e9, viscosity=4e-7, clipped=True)
+    hit = viscoelastic_impact(mass=3e-4, speed=0.7, stiffness=2e9, viscosity=4e-7, clip=True)
     assert hit.strength == pytest.approx(4e-7 * (2e9 / 3e-4) ** 0.4 * 0.7**0.2, rel=1e-14)
     assert hit.restitution == impact(hit.strength, True).restitution
     assert impact(0.0, False).restitution == pytest.approx(1.0, abs=4e-15)
 
 
-@pytest.mark.parametrize("clipped", [False, True])
-def test_a_wrong_coefficient_is_found(clipped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("clip", [False, True])
+def test_a_wrong_coefficient_is_found(clip: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """The planted fault: the fourteenth coefficient of about 1e-10 is missing."""
-    name = "_CLIPPED" if clipped else "_PULLING"
+    name = "_CLIPPED" if clip else "_PULLING"
     table = list(getattr(viscoelastic, name))
     monkeypatch.setattr(viscoelastic, name, (*table[:13], 0.0, *table[14:]))
-    assert impact(2.0, clipped).restitution != pytest.approx(integrated(2.0, clipped), abs=2e-12)
+    assert impact(2.0, clip).restitution != pytest.approx(integrated(2.0, clip), abs=2e-12)
 
 
 @pytest.mark.parametrize(
@@ -91,6 +91,6 @@ def test_a_wrong_coefficient_is_found(clipped: bool, monkeypatch: pytest.MonkeyP
     ],
 )
 def test_numbers_outside_the_series_are_refused_in_one_line(wrong: dict[str, float], says: str) -> None:
-    good = {"mass": 1.0, "speed": 1.0, "stiffness": 1.0, "viscosity": 0.1, "clipped": True}
+    good = {"mass": 1.0, "speed": 1.0, "stiffness": 1.0, "viscosity": 0.1, "clip": True}
     with pytest.raises(ValueError, match=says):
         viscoelastic_impact(**(good | wrong))  # type: ignore[arg-type]

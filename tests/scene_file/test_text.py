@@ -52,7 +52,7 @@ def test_every_part_of_a_scene_is_written() -> None:
     _same(apart)
     # adhesion is refused beside precompression and a clip
     assert WHOLE.damping is not None
-    free = replace(WHOLE.damping, clipped=False)
+    free = replace(WHOLE.damping, clip=False)
     _same(replace(apart, damping=free, adhesion=Adhesion(law="dmt", pull_off=(0.1, 0.0, 0.0, 0.0))))
     _same(default)
 

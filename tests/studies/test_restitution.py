@@ -29,8 +29,8 @@ def rows(study: Study, table: str = "impacts") -> list[dict[str, Any]]:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_the_usual_impact_has_its_restitution_by_direct_integration(law: str) -> None:
-    for clipped in (False, True):
-        impact = usual_impact(law, clipped)
+    for clip in (False, True):
+        impact = usual_impact(law, clip)
         run = db.solve(impact.scene, backend="scipy", samples=2, uncertainty=False)
         assert (run.velocity[-1, 1] - run.velocity[-1, 0]) / impact.speed == pytest.approx(
             impact.theory()[0], abs=1e-11
@@ -43,12 +43,12 @@ def test_all_laws_but_restitution_depend_on_the_impact() -> None:
     for law in LAWS:
         spread = {name: [impact.theory()[0] for impact in varied_impacts(law, name)] for name in VARIED}
         constant = {name for name, values in spread.items() if max(values) - min(values) < 1e-12}
-        expected = {"dashpot": {"speed"}, "mass-dashpot": {"speed"}, "kuwabara-kono": set()}
+        expected = {"dashpot": {"speed"}, "mass_velocity": {"speed"}, "kuwabara-kono": set()}
         assert constant == expected.get(law, set(VARIED)), law
 
 
 def test_the_twin_has_the_restitution_of_the_closed_form() -> None:
-    laws = ["restitution", "kuwabara-kono"]
+    laws = ["coeff_restitution", "kuwabara-kono"]
     study = study_restitution(laws=laws, backends=["verlet"])
     names = {f"{law}, {clip}" for law in laws for clip in ("clipped", "not clipped")} | {"mfix-dem-02"}
     assert {(item.scene, item.outcome) for item in study.verdicts} == {(name, Outcome.PASS) for name in names}
@@ -67,16 +67,16 @@ def test_the_twin_has_the_restitution_of_the_closed_form() -> None:
     assert [first[0] / first[1], first[1] / first[2]] == pytest.approx([math.sqrt(10.0)] * 2, rel=0.05)
     assert all(abs(row["code - soft (m)"]) < 0.01 * row["soft sphere (m)"] for row in heights)
     for row in rows(study, "write"):
-        assert restitution_obtained(row["restitution, clipped"], clipped=True) == pytest.approx(
+        assert restitution_obtained(row["coeff_restitution, clipped"], clip=True) == pytest.approx(
             row["wanted"], abs=1e-13
         )
     [figure] = study.figures
     assert len(figure.panels) == 5
 
 
-def clipped(scene: Scene) -> Scene:
+def clipped_damping(scene: Scene) -> Scene:
     assert scene.damping is not None
-    return replace(scene, damping=replace(scene.damping, clipped=True))
+    return replace(scene, damping=replace(scene.damping, clip=True))
 
 
 def mass_for_effective_mass(scene: Scene) -> Scene:
@@ -97,9 +97,13 @@ def stiffness_of_a_pair_at_a_wall(scene: Scene) -> Scene:
 @pytest.mark.parametrize(
     ("law", "fault", "failing"),
     [
-        ("restitution", clipped, {"restitution, not clipped"}),
-        ("restitution", mass_for_effective_mass, {"restitution, not clipped", "restitution, clipped"}),
-        ("mass-dashpot", stiffness_of_a_pair_at_a_wall, {"mass-dashpot, clipped"}),
+        ("coeff_restitution", clipped_damping, {"coeff_restitution, not clipped"}),
+        (
+            "coeff_restitution",
+            mass_for_effective_mass,
+            {"coeff_restitution, not clipped", "coeff_restitution, clipped"},
+        ),
+        ("mass_velocity", stiffness_of_a_pair_at_a_wall, {"mass_velocity, clipped"}),
     ],
 )
 def test_a_code_with_another_law_fails_under_its_name(
@@ -146,7 +150,7 @@ def test_the_defect_of_tsuji_in_lammps_is_found_and_named() -> None:
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        ({"laws": ["hooke"]}, r"laws = \['hooke'\]; allowed: some of dashpot, mass-dashpot"),
+        ({"laws": ["hooke"]}, r"laws = \['hooke'\]; allowed: some of dashpot, mass_velocity"),
         ({"known_defects": "maybe"}, r"known_defects = \['maybe'\]; allowed: some of fail, ok"),
         ({"laws": []}, r"laws = \[\]; allowed"),
         ({"backends": ["matlab"]}, r"backends = \['matlab'\]; allowed: some of lammps-granular"),

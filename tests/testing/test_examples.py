@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 
 from dem_bridge.backends.base import BACKENDS, supports_of
-from dem_bridge.features import DASHPOT, DRAG, FEATURES, FIELDS, GRADED_EXPONENTS, NOT_CLIPPED, OTHER_EXPONENTS, Feature
+from dem_bridge.features import (
+    DASHPOT,
+    DRAG,
+    FEATURES,
+    FIELDS,
+    GRADED_EXPONENTS,
+    JKR,
+    NOT_CLIPPED,
+    OTHER_EXPONENTS,
+    Feature,
+)
 from dem_bridge.support import Exponents, Support
 from dem_bridge.testing import ExactPair, example, plain_scene
 from dem_bridge.testing.checks import TOLERANCE
@@ -15,13 +25,19 @@ from tests.conftest import Solve
 
 every_feature = pytest.mark.parametrize("feature", FEATURES, ids=lambda feature: feature.label)
 FULL = supports_of("scipy")
+#: features that a backend supports
+SOLVED = [feature for feature in FEATURES if any(feature in supports_of(name).features for name in BACKENDS)]
 
 
 def test_every_feature_has_an_example() -> None:
     assert set(EXAMPLES) == set(FEATURES)
 
 
-@every_feature
+def test_every_feature_but_jkr_adhesion_has_a_backend() -> None:
+    assert [feature for feature in FEATURES if feature not in SOLVED] == [JKR]
+
+
+@pytest.mark.parametrize("feature", SOLVED, ids=lambda feature: feature.label)
 def test_a_feature_that_is_ignored_would_be_seen(feature: Feature, solved: Solve) -> None:
     scene = example(feature, FULL)
     assert scene is not None

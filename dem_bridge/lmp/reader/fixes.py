@@ -49,7 +49,7 @@ class Plane:
     """Atoms that the wall acts on."""
     kind: int = 0
     """Type of a wall of LIGGGHTS."""
-    clipped: bool = False
+    clip: bool = False
     """True if the forces of a wall of LIGGGHTS are clipped."""
 
 
@@ -238,9 +238,9 @@ class Fixes:
         if len(behind) != 4 or behind[0] != "type" or behind[2] not in _PLANES:
             allowed = "wall/gran model hertz tangential off primitive type T xplane|yplane|zplane POSITION"
             raise command.error("has a wall that is not supported", allowed)
-        clipped = self.pairs.materials.settings(command, words[:at])
+        clip = self.pairs.materials.settings(command, words[:at])
         kind, [position] = self.script.whole(command, behind[1]), self._numbers(command, behind[3:])
-        return Plane(command, _PLANES.index(behind[2]), position, 0, None, members, kind, clipped)
+        return Plane(command, _PLANES.index(behind[2]), position, 0, None, members, kind, clip)
 
     def _faces(self, command: Command, name: str) -> list[tuple[int, float, int]]:
         """Return axis, position and side of each plane of a region."""

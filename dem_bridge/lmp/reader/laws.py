@@ -20,7 +20,7 @@ class PairLaw:
     eta: float
     """Damping coefficient, or the coefficient of restitution."""
     damping: str
-    clipped: bool
+    clip: bool
     """True with ``limit_damping``: the net force is clipped at zero."""
     material: tuple[float, float] | None = None
     """E and nu of ``hertz/material`` and ``dmt``."""
@@ -44,8 +44,7 @@ class PairLaw:
     def mixed(self, other: PairLaw, command: Command) -> PairLaw:
         """Return the law of types i and j that LAMMPS mixes from the laws of i with i and j with j."""
         alike, others = (
-            (law.model, law.damping, law.clipped, law.material is None, law.surface_energy > 0.0)
-            for law in (self, other)
+            (law.model, law.damping, law.clip, law.material is None, law.surface_energy > 0.0) for law in (self, other)
         )
         if alike != others:
             raise command.error("leaves two types that meet without coefficients", "pair_coeff I J for these types")
@@ -55,7 +54,7 @@ class PairLaw:
             stiffness, material = 4.0 / 3.0 / (compliance(*self.material) + compliance(*other.material)), self.material
         eta = math.sqrt(self.eta * other.eta)
         gamma = math.sqrt(self.surface_energy * other.surface_energy)
-        return PairLaw(self.command, self.model, stiffness, eta, self.damping, self.clipped, material, gamma)
+        return PairLaw(self.command, self.model, stiffness, eta, self.damping, self.clip, material, gamma)
 
 
 def compliance(young: float, poisson: float) -> float:

@@ -84,7 +84,7 @@ class Materials:
         command.fail_if(pairs.get("absolute_damping") == "on", "has absolute_damping, which is not supported", _FORM)
         return pairs.get("limitForce") == "on"
 
-    def law(self, command: Command, first: int, second: int, *, clipped: bool) -> PairLaw:
+    def law(self, command: Command, first: int, second: int, *, clip: bool) -> PairLaw:
         """Return the law between two types; the type of a wall is one of them."""
         young, poisson, restitution = (self._value(command, name, first, second) for name in _NEEDED)
         if not (min(young) > 0.0 and min(poisson) > -1.0 and max(poisson) <= 0.5):
@@ -94,7 +94,7 @@ class Materials:
             not 0.0 < e <= 1.0, f"has a coefficient of restitution of {e:g}", "a number above 0 and at most 1"
         )
         stiffness = 4.0 / 3.0 / sum(compliance(*material) for material in zip(young, poisson, strict=True))
-        return PairLaw(command, "hertz", stiffness, e, "coeff_restitution", clipped, (young[0], poisson[0]))
+        return PairLaw(command, "hertz", stiffness, e, "coeff_restitution", clip, (young[0], poisson[0]))
 
     def _value(self, command: Command, name: str, first: int, second: int) -> list[float]:
         """Return the values of a property for two types, or its value for the pair."""

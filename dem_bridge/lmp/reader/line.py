@@ -109,7 +109,7 @@ class Line:
     def _wall(self, atom: Particle, plane: Plane, way: float) -> LineContact:
         """Return the contact of an atom with a plane in the direction ``way`` of the axis."""
         gap = math.fsum((way * plane.position, -way * atom.place[self.axis], -atom.radius))
-        law = plane.law or self.script.pairs.materials.law(plane.command, atom.kind, plane.kind, clipped=plane.clipped)
+        law = plane.law or self.script.pairs.materials.law(plane.command, atom.kind, plane.kind, clip=plane.clip)
         return LineContact(law, gap, atom.radius, atom.mass, atom.mass, (atom,))
 
     def along(self, vectors: Mapping[int, list[float]], atom: Particle) -> float:

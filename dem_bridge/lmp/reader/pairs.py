@@ -147,7 +147,7 @@ class Pairs:
         low, high = min(first, second), max(first, second)
         assert self.command is not None  # checked before
         if self.style == "gran":
-            return self.materials.law(self.command, first, second, clipped=self._clipped)
+            return self.materials.law(self.command, first, second, clip=self._clipped)
         if (law := self._last(low, high)) is not None:
             return law
         left, right = self._last(low, low), self._last(high, high)

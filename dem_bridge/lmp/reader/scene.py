@@ -254,9 +254,9 @@ def _damping(line: Line, order: list[int], time: float, dashpot: float) -> Dampi
     if not damped:
         return None
     for law in damped:
-        if law.clipped != damped[0].clipped:
+        if law.clip != damped[0].clip:
             raise law.command.error("has another limit_damping than other contacts", "limit_damping in all, or in none")
-    models, clipped = {law.damping for law in damped}, damped[0].clipped
+    models, clip = {law.damping for law in damped}, damped[0].clip
     ratios = [contact.engine_mass / contact.mass for contact in contacts if contact.law.damped]
     light_wall = any(abs(ratio - 1.0) > ROUND_OFF for ratio in ratios)
     name = next((name for name, model in DAMPINGS.items() if models == {model} and model in BY_EFFECTIVE_MASS), "")
@@ -271,7 +271,7 @@ def _damping(line: Line, order: list[int], time: float, dashpot: float) -> Dampi
         else:
             rates = [contact.law.eta / time if contact.law.damped else 0.0 for contact in contacts]
             values = [plain(rate, ROUND_OFF * rate) for rate in rates]
-        return Damping(law=name, coefficient=tuple(values), clipped=clipped)
+        return Damping(law=name, coefficient=tuple(values), clip=clip)
     viscous, coefficients = "viscoelastic" in models, []
     for contact in contacts:
         law = contact.law
@@ -291,7 +291,7 @@ def _damping(line: Line, order: list[int], time: float, dashpot: float) -> Dampi
         else:
             value *= dashpot
         coefficients.append(plain(value, 2.0 * ROUND_OFF * value))
-    return Damping(law="kuwabara-kono" if viscous else "dashpot", coefficient=tuple(coefficients), clipped=clipped)
+    return Damping(law="kuwabara-kono" if viscous else "dashpot", coefficient=tuple(coefficients), clip=clip)
 
 
 def _adhesion(line: Line, order: list[int], newton: float) -> Adhesion | None:

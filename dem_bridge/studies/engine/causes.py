@@ -68,8 +68,8 @@ CAUSES: Mapping[str, Callable[[Impact, Contact], Contact]] = MappingProxyType(
         "E* is twice as large, that of a rigid wall": _stiffness(2.0),
         "E* is half as large": _stiffness(0.5),
         "E* of a wall has 1 - nu in place of 1 - nu^2": _stiffness(1.0 + POISSON),
-        "the net force is not clipped": lambda impact, c: replace(c, clipped=False),
-        "the net force is clipped": lambda impact, c: replace(c, clipped=True),
+        "the net force is not clipped": lambda impact, c: replace(c, clip=False),
+        "the net force is clipped": lambda impact, c: replace(c, clip=True),
         "the contact opens at its least force": lambda impact, c: replace(c, breaks=1.0),
         "the contact opens at overlap 0": lambda impact, c: replace(c, breaks=TOUCH),
     }

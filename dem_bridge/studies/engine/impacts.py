@@ -42,7 +42,7 @@ WRITTEN_TOO = (0.1, 0.3, 0.7, 0.9)
 
 @dataclass(frozen=True, kw_only=True)
 class Contact:
-    """Physics of one impact, SI: ``elastic(d) + damping d^power d'``; with ``clipped`` it is at least zero."""
+    """Physics of one impact, SI: ``elastic(d) + damping d^power d'``; with ``clip`` it is at least zero."""
 
     mass: float
     """Effective mass, kg."""
@@ -54,7 +54,7 @@ class Contact:
     """n."""
     damping: float
     power: float
-    clipped: bool
+    clip: bool
     adhesion: AdhesionLaw | None = None
     pull_off: float = 0.0
     """N."""
@@ -76,7 +76,7 @@ class Impact:
     damping: str
     partner: str
     """"pair", "frozen", "wall" or "region"."""
-    clipped: bool = False
+    clip: bool = False
     classic: bool = False
     written: float = WRITTEN
     """Coefficient of restitution in the deck, if the damping has one."""
@@ -85,7 +85,7 @@ class Impact:
     def name(self) -> str:
         """Return the name of its files."""
         e = f"-{self.written:g}" if self.written != WRITTEN else ""
-        words = ("classic" * self.classic, self.law, self.damping, self.partner, "clipped" * self.clipped)
+        words = ("classic" * self.classic, self.law, self.damping, self.partner, "clipped" * self.clip)
         return "-".join(filter(None, words)).replace("/", "_") + e
 
     @property
@@ -101,7 +101,7 @@ class Impact:
         """Return law and damping in a few words."""
         law = "" if self.classic else f"{self.law}, "
         restitution = f" {self.written:g}" if self.damping in ("tsuji", "coeff_restitution") else ""
-        return f"{law}{self.damping}{restitution}{', limit_damping' * self.clipped}"
+        return f"{law}{self.damping}{restitution}{', limit_damping' * self.clip}"
 
     @property
     def adhesion(self) -> AdhesionLaw | None:
@@ -170,7 +170,7 @@ class Impact:
             exponent=n,
             damping=damping,
             power=power,
-            clipped=self.clipped,
+            clip=self.clip,
             adhesion=self.adhesion,
             pull_off=pull,
         )
@@ -178,10 +178,10 @@ class Impact:
     @property
     def law_words(self) -> str:
         """Return the law as a deck writes it, for ``pair_coeff`` or a wall."""
-        clip = " limit_damping" * self.clipped
+        limit = " limit_damping" * self.clip
         if self.classic:
             stiffness = SPRING if self.linear else HERTZ
-            return f"{stiffness!r} NULL {self.coefficient!r} NULL 0 0{clip}"
+            return f"{stiffness!r} NULL {self.coefficient!r} NULL 0 0{limit}"
         eta = repr(self.coefficient)
         numbers = {
             "hooke": f"{SPRING!r} {eta}",
@@ -191,7 +191,7 @@ class Impact:
         word = "velocity" if self.damping == "undamped" else self.damping
         # releases of 2021 keep JKR's own history only beside that of a tangential model
         tangential = "linear_history 0 0 0" if self.law == "jkr" else "linear_nohistory 0 0"
-        return f"{self.law} {numbers} tangential {tangential} damping {word}{clip}"
+        return f"{self.law} {numbers} tangential {tangential} damping {word}{limit}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,13 +210,13 @@ class Steps:
 def catalogue() -> Iterator[Impact]:
     """Yield every impact: all laws, dampings, partners and clips, and more coefficients of restitution."""
     for partner in PARTNERS:
-        for clipped in (False, True):
+        for clip in (False, True):
             for law in LAWS:
                 for damping in DAMPINGS:
-                    yield Impact(law=law, damping=damping, partner=partner, clipped=clipped)
+                    yield Impact(law=law, damping=damping, partner=partner, clip=clip)
             for law in CLASSIC:
                 for damping in CLASSIC_DAMPINGS:
-                    yield Impact(law=law, damping=damping, partner=partner, clipped=clipped, classic=True)
+                    yield Impact(law=law, damping=damping, partner=partner, clip=clip, classic=True)
     for damping in ("tsuji", "coeff_restitution"):
         for written in WRITTEN_TOO:
             yield Impact(law="hertz/material", damping=damping, partner="pair", written=written)

@@ -53,11 +53,11 @@ def closed_form(contact: Contact) -> float:
         return math.nan
     alpha = c.damping / math.sqrt(c.mass * c.stiffness)
     if c.power == 0.5 * (c.exponent - 2.0):
-        return restitution_of_alpha(alpha, clipped=c.clipped, exponent=c.exponent)
+        return restitution_of_alpha(alpha, clip=c.clip, exponent=c.exponent)
     if c.exponent == 2.5 and c.power == 0.5:
         viscosity = c.damping / c.stiffness
         return viscoelastic_impact(
-            mass=c.mass, speed=c.speed, stiffness=c.stiffness, viscosity=viscosity, clipped=c.clipped
+            mass=c.mass, speed=c.speed, stiffness=c.stiffness, viscosity=viscosity, clip=c.clip
         ).restitution
     return math.nan
 
@@ -97,7 +97,7 @@ def exact(contact: Contact) -> Exact:
         return float(state[0]) - (BREAK if jkr else 0.0)
 
     def slack(_: float, state: Array) -> float:
-        return force(state[0], state[1]) if c.clipped and state[1] < 0.0 else 1.0
+        return force(state[0], state[1]) if c.clip and state[1] < 0.0 else 1.0
 
     def turned(_: float, state: Array) -> float:
         return float(state[1])
@@ -164,7 +164,7 @@ def _advance(contacts: Sequence[Contact], steps: Sequence[Steps]) -> list[Motion
         for name in ("mass", "speed", "stiffness", "exponent", "damping", "power", "pull_off", "breaks")
     }
     mass, beta, power, damping = (column[name] for name in ("mass", "stiffness", "power", "damping"))
-    clipped, jkr = np.array([c.clipped for c in contacts]), np.array([c.adhesion == "jkr" for c in contacts])
+    clip, jkr = np.array([c.clip for c in contacts]), np.array([c.adhesion == "jkr" for c in contacts])
     order, pull, root = column["exponent"] - 1.0, np.where(jkr, 0.0, column["pull_off"]), power == 0.5
     length = np.array([c.length if c.adhesion == "jkr" else 1.0 for c in contacts])
     least = length * (column["breaks"] ** 4 - 4.0 / 3.0 * column["breaks"])
@@ -181,7 +181,7 @@ def _advance(contacts: Sequence[Contact], steps: Sequence[Steps]) -> list[Motion
         deep = np.where(touching, d, 0.0)
         factor = np.where(root, np.sqrt(deep), np.where(power == 0.25, np.sqrt(np.sqrt(deep)), 1.0))
         force = beta * np.where(order == 1.0, deep, deep * np.sqrt(deep)) - pull + damping * factor * w
-        force = np.where(touching, np.where(clipped, np.maximum(force, 0.0), force), 0.0)
+        force = np.where(touching, np.where(clip, np.maximum(force, 0.0), force), 0.0)
         if jkr.any():
             s = np.where(holds, _state(d / length, s), TOUCH)
             # the radius of contact is sqrt(R L) s^2

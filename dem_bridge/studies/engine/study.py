@@ -165,7 +165,7 @@ def study_engine(
 
 def defined(impact: Impact) -> bool:
     """Return True if theory knows the combination: adhesion has neither a clip nor a damping by restitution."""
-    return not (impact.adhesion and (impact.clipped or impact.damping in _RESTITUTION))
+    return not (impact.adhesion and (impact.clip or impact.damping in _RESTITUTION))
 
 
 def steps_of(impact: Impact, solution: Exact) -> Steps:
@@ -191,7 +191,7 @@ def rows_of(
         contact = impact.contact
         if contact not in solved:
             # combinations without theory have the steps of the undamped contact
-            stepped = contact if defined(impact) else replace(contact, damping=0.0, clipped=False)
+            stepped = contact if defined(impact) else replace(contact, damping=0.0, clip=False)
             solved[contact] = exact(stepped)
     solutions = [solved[impact.contact] for impact in impacts]
     steps = [steps_of(impact, solution) for impact, solution in zip(impacts, solutions, strict=True)]
@@ -215,7 +215,7 @@ def _instead(row: Row, rows: Sequence[Row]) -> str:
     if row.known:
         return "; ".join(defect.instead for defect in row.known)
     impact = row.impact
-    right = [other.impact for other in rows if other.state == RIGHT and other.impact.clipped == impact.clipped]
+    right = [other.impact for other in rows if other.state == RIGHT and other.impact.clip == impact.clip]
     dampings = [other.damping for other in right if (other.law, other.style) == (impact.law, impact.style)]
     if dampings:
         return TEXTS("other_damping", dampings=", ".join(dict.fromkeys(dampings)))
@@ -309,7 +309,7 @@ def _verdicts(rows: Sequence[Row], groups: Iterable[Mapping[str, Any]]) -> Itera
 def _written(rows: Sequence[Row]) -> Iterator[tuple[float, ...]]:
     """Yield written coefficients of restitution with what two Hertz spheres make of them."""
     law = "hertz/material"
-    chosen = [row for row in rows if row.impact.law == law and row.impact.partner == "pair" and not row.impact.clipped]
+    chosen = [row for row in rows if row.impact.law == law and row.impact.partner == "pair" and not row.impact.clip]
     pairs = {name: {row.impact.written: row for row in chosen if row.impact.damping == name} for name in _RESTITUTION}
     for written in sorted(set.intersection(*(set(rows) for rows in pairs.values()))):
         cells = (pairs[name][written] for name in _RESTITUTION)
@@ -322,7 +322,7 @@ def _matrix(rows: Sequence[Row]) -> Iterator[tuple[str, ...]]:
     for row in rows:
         impact = row.impact
         partner = " (frozen)" * (impact.partner == "frozen")
-        key = (impact.style + partner, impact.law, "yes" if impact.clipped else "no")
+        key = (impact.style + partner, impact.law, "yes" if impact.clip else "no")
         keyed.setdefault(key, {}).setdefault(impact.damping, row.cell)
     for key, cells in keyed.items():
         yield (*key, *(cells.get(damping, "") for damping in DAMPINGS))

@@ -49,7 +49,7 @@ class Impact:
     law: str
     coefficient: float
     """In the unit of the law."""
-    clipped: bool
+    clip: bool
     speed: float = SPEED
     ratio: float = 1.0
     """Mass of the second body over that of the first, by its density: the contact stays the same; inf is a wall."""
@@ -84,14 +84,14 @@ class Impact:
         return hit.contact_time
 
     @property
-    def clip(self) -> str:
+    def clip_words(self) -> str:
         """Clip in words."""
-        return "clipped" if self.clipped else "not clipped"
+        return "clipped" if self.clip else "not clipped"
 
     @property
     def name(self) -> str:
         """Law and clip in words."""
-        return f"{self.law}, {self.clip}"
+        return f"{self.law}, {self.clip_words}"
 
     @property
     def scene(self) -> Scene:
@@ -106,7 +106,7 @@ class Impact:
             name="impact",
             duration=CONTACTS * self.contact_time,
             exponent=self.exponent,
-            damping=Damping(law=self.law, coefficient=self.coefficient, clipped=self.clipped),
+            damping=Damping(law=self.law, coefficient=self.coefficient, clip=self.clip),
             **parts,
         )
 
@@ -115,19 +115,17 @@ class Impact:
         mass, stiffness, value = self.effective_mass, self.stiffness, self.coefficient
         if self.law in BY_RESTITUTION:
             law = cast("RestitutionLaw", self.law)
-            return restitution_obtained(value, clipped=self.clipped, law=law), math.ulp(1.0)
+            return restitution_obtained(value, clip=self.clip, law=law), math.ulp(1.0)
         if self.law in DASHPOTS:
             damping = value if self.law == "dashpot" else value * mass
             ratio = 0.5 * damping / math.sqrt(stiffness * mass)
-            return linear_restitution(damping_ratio=ratio, clipped=self.clipped), math.ulp(1.0)
-        hit = viscoelastic_impact(
-            mass=mass, speed=self.speed, stiffness=stiffness, viscosity=value, clipped=self.clipped
-        )
+            return linear_restitution(damping_ratio=ratio, clip=self.clip), math.ulp(1.0)
+        hit = viscoelastic_impact(mass=mass, speed=self.speed, stiffness=stiffness, viscosity=value, clip=self.clip)
         return hit.restitution, hit.remainder
 
 
 @cache
-def usual_impact(law: str, clipped: bool | None = None) -> Impact:
+def usual_impact(law: str, clip: bool | None = None) -> Impact:
     """Return the impact of two equal spheres whose restitution is :data:`USUAL` if it is not clipped.
 
     Parameters
@@ -135,7 +133,7 @@ def usual_impact(law: str, clipped: bool | None = None) -> Impact:
     law : str
         Damping law.
     clipped : bool, optional
-        None: as the law has it by default.
+        None: not clipped where the coefficient is a restitution, which only then is that of the impact.
 
     Examples
     --------
@@ -143,20 +141,19 @@ def usual_impact(law: str, clipped: bool | None = None) -> Impact:
     ...     pulling, clipped = (usual_impact(law, clipped).theory()[0] for clipped in (False, True))
     ...     print(f"{law}: {pulling:.5f}, clipped {clipped:.5f}")
     dashpot: 0.50000, clipped 0.55028
-    mass-dashpot: 0.50000, clipped 0.55028
+    mass_velocity: 0.50000, clipped 0.55028
     kuwabara-kono: 0.50000, clipped 0.53156
     restitution: 0.50000, clipped 0.55028
     tsuji: 0.49992, clipped 0.55022
     """
-    chosen = Damping(law=law, coefficient=1.0, clipped=clipped).clipped
-    impact = Impact(law=law, coefficient=1.0, clipped=bool(chosen))
+    impact = Impact(law=law, coefficient=1.0, clip=law not in BY_RESTITUTION if clip is None else clip)
     mass, stiffness, value = impact.effective_mass, impact.stiffness, USUAL
     if law in DASHPOTS:
         damping = alpha_of_restitution(USUAL, 2.0) * math.sqrt(stiffness * mass)
         value = damping if law == "dashpot" else damping / mass
     elif law == "kuwabara-kono":
         most = LARGEST_STRENGTH / ((stiffness / mass) ** 0.4 * SPEED**0.2)
-        pulling = replace(impact, clipped=False)
+        pulling = replace(impact, clip=False)
         excess = lambda gamma: replace(pulling, coefficient=gamma).theory()[0] - USUAL  # noqa: E731
         value = brentq(excess, 0.0, most * (1.0 - 1e-12), xtol=1e-16 * most)
     return replace(impact, coefficient=value)
@@ -165,9 +162,7 @@ def usual_impact(law: str, clipped: bool | None = None) -> Impact:
 def written_impacts(laws: Sequence[str]) -> list[Impact]:
     """Return the impacts for all coefficients of restitution that are written, clipped and not."""
     chosen = [law for law in laws if law in BY_RESTITUTION]
-    return [
-        Impact(law=law, coefficient=e, clipped=clipped) for law in chosen for clipped in (False, True) for e in WRITTEN
-    ]
+    return [Impact(law=law, coefficient=e, clip=clip) for law in chosen for clip in (False, True) for e in WRITTEN]
 
 
 def varied_impacts(law: str, parameter: Parameter, values: Sequence[float] | None = None) -> list[Impact]:
@@ -186,5 +181,5 @@ def curve_of(law: str, parameter: Parameter) -> tuple[np.ndarray, np.ndarray]:
 
 def _spring() -> float:
     """Return the stiffness of the linear spring, N/m: the usual pair is in contact as long as by Hertz's law."""
-    pair = Impact(law="restitution", coefficient=1.0, clipped=False)
+    pair = Impact(law="coeff_restitution", coefficient=1.0, clip=False)
     return pair.effective_mass * (math.pi / pair.contact_time) ** 2

@@ -70,10 +70,8 @@ class Measured:
     @property
     def value(self) -> float:
         """Speed of separation over speed of approach; nan without a run."""
-        if self.result.trajectory is None:
-            return math.nan
-        last = self.result.trajectory.velocity[-1]
-        return float((0.0 if len(last) == 1 else last[1]) - last[0]) / self.impact.speed
+        run = self.result.trajectory
+        return math.nan if run is None else run.restitution
 
     @property
     def uncertainty(self) -> float:
@@ -143,7 +141,7 @@ def study_restitution(
         if not values or not set(values) <= set(allowed):
             raise UsageError(f"{name} = {list(values)!r}; allowed: some of {', '.join(allowed)}")
     points = [*_points(laws, backends, engine), *_step_points(laws, backends, engine)]
-    bouncing = bounce_cases(backends, engine) if "restitution" in laws else []
+    bouncing = bounce_cases(backends, engine) if "coeff_restitution" in laws else []
     cases = [case for *_, case in points]
     results = run_cases([*cases, *bouncing], jobs=jobs, progress=progress, store=store)
     bounced = zip(bouncing, results[len(cases) :], strict=True)
@@ -168,10 +166,10 @@ def _points(
     laws: Sequence[str], backends: Sequence[str], engine: Engine | None
 ) -> Iterator[tuple[str, Impact, int, Case]]:
     """Yield what varies, the impact, the contact time over the step, and the case, for all impacts that are judged."""
-    both = [usual_impact(law, clipped) for law in laws if law not in BY_RESTITUTION for clipped in (False, True)]
+    both = [usual_impact(law, clip) for law in laws if law not in BY_RESTITUTION for clip in (False, True)]
     impacts = [("coefficient", impact) for impact in (*written_impacts(laws), *both)]
     for law in laws:
-        if law != "tsuji":  # its force has the form of that of the law "restitution"
+        if law != "tsuji":  # its force has the form of that of the law "coeff_restitution"
             impacts += [(name, impact) for name in VARIED for impact in varied_impacts(law, name)]
     for varies, impact in impacts:
         for backend in backends:
@@ -182,11 +180,11 @@ def _step_points(
     laws: Sequence[str], backends: Sequence[str], engine: Engine | None
 ) -> Iterator[tuple[str, Impact, int, Case]]:
     """Yield the same for the first law at several time steps, without uncertainties."""
-    law = "restitution" if "restitution" in laws else laws[0]
-    for clipped in (False, True):
+    law = "coeff_restitution" if "coeff_restitution" in laws else laws[0]
+    for clip in (False, True):
         for backend in (name for name in backends if name in STEPPED):
             for steps in STEPS_VARIED:
-                impact = usual_impact(law, clipped)
+                impact = usual_impact(law, clip)
                 yield "step", impact, steps, _case(impact, backend, engine, steps, uncertainty=False)
 
 
@@ -255,9 +253,9 @@ def _bounce_answer(bounces: Sequence[Bounce]) -> Iterator[str]:
 
 
 def _answer(measured: Sequence[Measured], laws: Sequence[str], verdicts: Sequence[Verdict]) -> Iterator[str]:
-    obtained = (restitution_obtained(e, clipped=True) for e in WRITTEN)
+    obtained = (restitution_obtained(e, clip=True) for e in WRITTEN)
     pairs = ", ".join(f"{e:g} gives {value:.4f}" for e, value in zip(WRITTEN, obtained, strict=True))
-    half = restitution_to_write(0.5, clipped=True)
+    half = restitution_to_write(0.5, clip=True)
     yield TEXTS("obtained", pairs=pairs, least=math.exp(-2.0), half=half)
     judged = (Outcome.PASS, Outcome.FAIL, Outcome.UNDECIDED)
     counted = [item for item in verdicts if item.quantity == "restitution" and item.outcome in judged]
@@ -272,9 +270,9 @@ def _answer(measured: Sequence[Measured], laws: Sequence[str], verdicts: Sequenc
         spans = {name: [impact.theory()[0] for impact in varied_impacts(law, name)] for name in VARIED}
         slow, _, fast = spans["speed"]
         speed = TEXTS("no_speed") if math.isclose(slow, fast) else TEXTS("speed", slow=slow, fast=fast)
-        clip = usual_impact(law).clip
-        yield TEXTS("law", law=law, clip=clip, speed=speed, ratio=spans["ratio"], radius=spans["radius"])
-    steps = {item.steps: item for item in measured if item.varies == "step" and not item.impact.clipped}
+        words = usual_impact(law).clip_words
+        yield TEXTS("law", law=law, clip=words, speed=speed, ratio=spans["ratio"], radius=spans["radius"])
+    steps = {item.steps: item for item in measured if item.varies == "step" and not item.impact.clip}
     if steps and all(math.isfinite(steps[count].difference) for count in (10, 100)):
         yield TEXTS("step", backend=steps[10].backend, **{f"at_{n}": steps[n].difference for n in (10, 100)})
 
@@ -295,13 +293,13 @@ def _listed(measured: Sequence[Measured], verdict: Verdict) -> str:
 
 
 def _tables(measured: Sequence[Measured]) -> Iterator[Table]:
-    chosen: list[RestitutionLaw] = ["restitution", "tsuji"]
-    kinds = [(law, clipped) for law in chosen for clipped in (False, True)]
+    chosen: list[RestitutionLaw] = ["coeff_restitution", "tsuji"]
+    kinds = [(law, clip) for law in chosen for clip in (False, True)]
     yield TEXTS.table(
-        "write", [(e, *(restitution_to_write(e, clipped=clip, law=law) for law, clip in kinds)) for e in WANTED]
+        "write", [(e, *(restitution_to_write(e, clip=clip, law=law) for law, clip in kinds)) for e in WANTED]
     )
     yield TEXTS.table(
-        "obtained", [(e, *(restitution_obtained(e, clipped=clip, law=law) for law, clip in kinds)) for e in WRITTEN]
+        "obtained", [(e, *(restitution_obtained(e, clip=clip, law=law) for law, clip in kinds)) for e in WRITTEN]
     )
     yield TEXTS.table("impacts", [item for item in measured if item.varies != "step"])
     yield TEXTS.table("steps", [item for item in measured if item.varies == "step"])
@@ -323,11 +321,9 @@ def _figure(measured: Sequence[Measured], laws: Sequence[str]) -> FigureData:
 def _written_series(measured: Sequence[Measured]) -> Iterator[Series]:
     """Yield the closed forms, and the values of each code where they are obtained and where they are not."""
     e = np.linspace(0.01, 1.0, 100)
-    for clipped in (False, True):
-        y = np.array([restitution_obtained(value, clipped=clipped) for value in e.tolist()])
-        yield Series(
-            label="clipped" if clipped else "not clipped", style="line/6/3" if clipped else "line/6/0", x=e, y=y
-        )
+    for clip in (False, True):
+        y = np.array([restitution_obtained(value, clip=clip) for value in e.tolist()])
+        yield Series(label="clipped" if clip else "not clipped", style="line/6/3" if clip else "line/6/0", x=e, y=y)
     items = [item for item in measured if item.varies == "coefficient" and item.impact.law in BY_RESTITUTION]
     for wrong in (False, True):
         for backend in dict.fromkeys(item.backend for item in items):
@@ -351,8 +347,8 @@ def _marks(measured: Sequence[Measured], name: Parameter) -> Iterator[Series]:
 def _step_series(measured: Sequence[Measured]) -> Iterator[Series]:
     """Yield the errors of each code at several time steps."""
     items = [item for item in measured if item.varies == "step"]
-    for backend, clipped in dict.fromkeys((item.backend, item.impact.clipped) for item in items):
-        some = [item for item in items if (item.backend, item.impact.clipped) == (backend, clipped)]
+    for backend, clip in dict.fromkeys((item.backend, item.impact.clip) for item in items):
+        some = [item for item in items if (item.backend, item.impact.clip) == (backend, clip)]
         x, y = 1.0 / np.array([item.steps for item in some]), np.abs([item.difference for item in some])
-        kind = "clipped" if clipped else "not clipped"
-        yield Series(label=f"{backend}, {kind}", style=f"curve/{backend}/{'richardson' if clipped else ''}", x=x, y=y)
+        kind = "clipped" if clip else "not clipped"
+        yield Series(label=f"{backend}, {kind}", style=f"curve/{backend}/{'richardson' if clip else ''}", x=x, y=y)

@@ -183,10 +183,10 @@ def damping_terms(
     law, value = damping
     factor, power = {
         "dashpot": (value * np.ones(len(stiffness)), 0.0),
-        "mass-dashpot": (value * effective_mass, 0.0),
+        "mass_velocity": (value * effective_mass, 0.0),
         "kuwabara-kono": (value * stiffness, force_exponent - 1.0),
         # alpha of Antypov & Elliott 2011, for Hertz
-        "restitution": (_alpha(value) * np.sqrt(effective_mass * stiffness), 0.5 * (force_exponent - 1.0)),
+        "coeff_restitution": (_alpha(value) * np.sqrt(effective_mass * stiffness), 0.5 * (force_exponent - 1.0)),
     }[law]
     return factor, np.full(len(stiffness), power)
 

@@ -294,7 +294,7 @@ def damping(chain: Chain, setting: Setting, size: float, rng: np.random.Generato
     inverse = np.append(1.0 / chain.mass, 0.0)
     effective = 1.0 / (inverse[chain.left] + inverse[chain.right])
     speed = float(np.max(np.abs(chain.velocity)))
-    laws = ["dashpot", "mass-dashpot", "kuwabara-kono", "restitution"]
+    laws = ["dashpot", "mass_velocity", "kuwabara-kono", "coeff_restitution"]
     law = str(rng.choice(laws if np.all(chain.power == 1.5) else laws[:2]))
     duration = contact_time(
         float(np.median(chain.mass)), float(np.median(chain.stiffness[np.isfinite(chain.stiffness)])), speed
@@ -304,9 +304,9 @@ def damping(chain: Chain, setting: Setting, size: float, rng: np.random.Generato
     # coefficients that take about a share ``size`` of the speed of an impact
     value = {
         "dashpot": size * float(np.median(effective)) / duration,
-        "mass-dashpot": size / duration,
+        "mass_velocity": size / duration,
         "kuwabara-kono": 0.2 * size * duration,
-        "restitution": 1.0 - size / (1.0 + size),
+        "coeff_restitution": 1.0 - size / (1.0 + size),
     }[law]
     factor, power = damping_terms((law, value), effective, chain.stiffness, float(chain.power[0]))
     clipped = bool(rng.random() < 0.7)

@@ -62,10 +62,10 @@ def test_the_materials_of_types_are_mixed_and_so_is_that_of_the_wall() -> None:
     assert scene.gap == pytest.approx([0.00100013, 0.00010017], abs=1e-16)
     # a density before the diameter gives the mass of the new diameter, in contrast to LAMMPS
     assert scene.mass == pytest.approx([2500 * math.pi / 6 * 0.02**3] * 3, rel=1e-14)
-    assert scene.damping == Damping(law="restitution", coefficient=(0.6,) * 3, clipped=False)
+    assert scene.damping == Damping(law="coeff_restitution", coefficient=(0.6,) * 3, clip=False)
     both = SCRIPT.replace("tangential off", "tangential history limitForce on")
-    clipped = read_deck(both, file="in.lig", opened=NOTHING.__getitem__).scene.damping
-    assert clipped == Damping(law="restitution", coefficient=(0.6,) * 3, clipped=True)
+    clip = read_deck(both, file="in.lig", opened=NOTHING.__getitem__).scene.damping
+    assert clip == Damping(law="coeff_restitution", coefficient=(0.6,) * 3, clip=True)
     assert _read().notes[-1] == "the script is for LIGGGHTS; walls have the material of their type"
 
 
