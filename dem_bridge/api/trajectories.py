@@ -125,7 +125,7 @@ def read_trajectory(
     ...     _ = Path(folder, "pair.csv").write_text("\n".join(lines))
     ...     run = db.read_trajectory(f"{folder}/pair.csv", scene)
     >>> run.velocity[1].tolist(), run.provenance["assumed"][0]
-    ([0.0, 0.7], 'displacements are relative to the first time')
+    ([0.0, 0.7], 'displacements are relative to the first frame')
     """
     from dem_bridge.exports.trajectories import format_of
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dem_bridge.errors import UsageError
-from dem_bridge.readers.digits import numbers
-from dem_bridge.readers.headings import DATA, DIMENSIONS, Heading, heading_of, scale_of
+from dem_bridge.readers.digits import numbers, scaled
+from dem_bridge.readers.headings import DIMENSIONS, STYLES, Heading, heading_of, scale_of
 from dem_bridge.readers.record import QUANTITIES, Draft
 from dem_bridge.readers.tables import Entry, Table
 from dem_bridge.scene import Scene
@@ -37,19 +37,23 @@ class Choices:
             raise UsageError(f"dt = {self.dt!r}; allowed: a number above 0 (s)")
         if self.axis is not None and self.axis not in ("x", "y", "z"):
             raise UsageError(f"axis = {self.axis!r}; allowed: x, y or z")
-        if isinstance(self.units, str) and self.units not in DATA["unit_styles"]:
-            raise UsageError(f"units = {self.units!r} is unknown; allowed: {', '.join(DATA['unit_styles'])}")
+        if isinstance(self.units, str) and self.units not in STYLES:
+            raise UsageError(f"units = {self.units!r} is unknown; allowed: {', '.join(STYLES)}")
         for quantity, unit in self.units.items() if isinstance(self.units, Mapping) else ():
             if quantity not in DIMENSIONS:
                 raise UsageError(f"units of {quantity!r}; allowed: {', '.join(DIMENSIONS)}")
             scale_of(quantity, unit)
 
+    def states(self, quantity: str) -> bool:
+        """Return True if the user states the unit of a quantity by itself."""
+        return isinstance(self.units, Mapping) and quantity in self.units
+
     def scale(self, quantity: str, unit: str | None) -> float:
         """Return the SI value of a quantity's unit; a unit that the user states replaces that of the file."""
-        if isinstance(self.units, Mapping) and quantity in self.units:
+        if isinstance(self.units, Mapping) and self.states(quantity):
             return scale_of(quantity, self.units[quantity])
         if isinstance(self.units, str) and unit is None and quantity in DIMENSIONS:
-            return float(DATA["unit_styles"][self.units][_STYLE_KEYS[DIMENSIONS[quantity]]])
+            return float(getattr(STYLES[self.units], _STYLE_KEYS[DIMENSIONS[quantity]]))
         return scale_of(quantity, unit)
 
 
@@ -60,20 +64,20 @@ def draft_of_table(name: str, table: Table, scene: Scene, choices: Choices) -> D
     named = _of_axis(named, choices, notes)
     time, time_rounding, dt = _times(named, table, choices, notes)
     draft = Draft(name=name, time=time, time_rounding=time_rounding, dt=dt, notes=notes)
-    bodies = next((entry for heading, entry in named if heading.quantity == "body"), None)
+    draft.headings = tuple(entry.heading for entry in table.entries)
     blocks = {
         quantity: [(heading, entry) for heading, entry in named if heading.quantity == quantity]
         for quantity in _SAMPLED
     }
     blocks = {quantity: block for quantity, block in blocks.items() if block}
-    if (
-        bodies is not None
-        and bodies.values.shape == (len(time),)
-        and not any(h.index is not None for b in blocks.values() for h, _ in b)
-    ):
-        sampled = _long(draft, bodies, blocks, scene, choices)
+    pairs = [pair for block in blocks.values() for pair in block]
+    wide = any(entry.values.ndim > 1 or heading.index is not None for heading, entry in pairs)
+    bodies = [entry for heading, entry in named if heading.quantity == "body"]
+    if bodies and not wide and bodies[0].values.shape == (len(time),):
+        sampled = _long(draft, bodies[0], blocks, scene, choices)
     else:
-        sampled = {quantity: _wide(draft, quantity, block, scene, choices) for quantity, block in blocks.items()}
+        ids = _ids(bodies, blocks) if wide else None
+        sampled = {quantity: _wide(draft, quantity, block, ids, scene, choices) for quantity, block in blocks.items()}
     _add(draft, sampled, scene)
     return draft
 
@@ -108,9 +112,11 @@ def _named(table: Table, scene: Scene, choices: Choices, notes: list[str]) -> li
         if heading is None:
             unused.append(entry.heading)
             continue
+        if entry.axis is not None:
+            heading = replace(heading, axis=entry.axis)
         named.append((heading, entry))
         unit = heading.unit or entry.unit
-        stated = choices.units is not None and (isinstance(choices.units, str) or heading.quantity in choices.units)
+        stated = isinstance(choices.units, str) or choices.states(heading.quantity)
         if unit is None and heading.quantity in DIMENSIONS and not stated:
             notes.append(f"{heading.quantity} has no unit in the file and is read in {DIMENSIONS[heading.quantity]}")
         if entry.heading in columns:
@@ -171,9 +177,8 @@ def _times(
     times = [(heading, entry) for heading, entry in named if heading.quantity == "time"]
     if times:
         heading, entry = times[0]
-        values, rounding = numbers(np.ravel(entry.values))
-        scale = choices.scale("time", heading.unit or entry.unit)
-        return values * scale, rounding * scale, dt
+        unit = choices.scale("time", heading.unit or entry.unit)
+        return *scaled(*numbers(np.ravel(entry.values)), unit), dt
     steps = next((entry for heading, entry in named if heading.quantity == "step"), None)
     if steps is not None and dt is not None:
         notes.append(f"times are step numbers times the time step of {dt:.9g} s")
@@ -185,8 +190,31 @@ def _times(
     raise UsageError(f"the file has {said}; its columns are {', '.join(repr(e.heading) for e in table.entries[:20])}")
 
 
+def _ids(bodies: list[Entry], blocks: dict[str, list[tuple[Heading, Entry]]]) -> list[int] | None:
+    """Return the bodies of the columns of arrays, which are sorted by them if every row has its own order."""
+    if not bodies:
+        return None
+    ids = numbers(bodies[0].values)[0].astype(np.int64)
+    if ids.ndim == 1:
+        return [int(each) for each in ids]
+    order = np.argsort(ids, axis=1, kind="stable")
+    ids = np.take_along_axis(ids, order, axis=1)
+    if np.any(ids != ids[0]):
+        raise UsageError(f"{bodies[0].heading!r} has other bodies at other times; allowed: always the same")
+    for block in blocks.values():
+        for _, entry in block:
+            if entry.values.shape == ids.shape:
+                entry.values = np.take_along_axis(entry.values, order, axis=1)
+    return [int(each) for each in ids[0]]
+
+
 def _wide(
-    draft: Draft, quantity: str, block: list[tuple[Heading, Entry]], scene: Scene, choices: Choices
+    draft: Draft,
+    quantity: str,
+    block: list[tuple[Heading, Entry]],
+    ids: list[int] | None,
+    scene: Scene,
+    choices: Choices,
 ) -> tuple[Floats, Floats, tuple[int, ...]]:
     """Return the values, rounding errors and bodies of a quantity with a column for each body (contact)."""
     n_t = len(draft.time)
@@ -202,7 +230,9 @@ def _wide(
                 " time, or a row for each time"
             )
         arrays.append(array.reshape(n_t, -1))
-        indices += [heading.index] if array.ndim == 1 else list(range(array.shape[1]))
+        width = array.shape[1] if array.ndim == 2 else 0
+        stated = ids is not None and len(ids) == width and quantity != "contact_force"
+        indices += [heading.index] if array.ndim == 1 else ids if ids is not None and stated else [*range(width)]
     texts = np.hstack(arrays)
     heading, entry = block[0]
     scales = np.hstack(
@@ -213,7 +243,16 @@ def _wide(
     )
     values, rounding = numbers(texts)
     columns = _columns(draft, quantity, indices, scene, choices)
-    return values * scales, rounding * scales, columns
+    return *_each_scaled(values, rounding, scales), columns
+
+
+def _each_scaled(values: Floats, rounding: Floats, scales: Floats) -> tuple[Floats, Floats]:
+    """Return numbers times the unit of each column, and their rounding errors."""
+    unit = float(scales[0])
+    if np.all(scales == unit):
+        return scaled(values, rounding, unit)
+    parts = [scaled(values[:, k], rounding[:, k], float(unit)) for k, unit in enumerate(scales)]
+    return np.stack([part[0] for part in parts], axis=1), np.stack([part[1] for part in parts], axis=1)
 
 
 def _columns(
@@ -272,7 +311,12 @@ def _long(
     if not np.any(whole):
         raise UsageError("no time has all bodies of the file; allowed: the same bodies at every time")
     if not np.all(whole):
-        draft.notes.append(f"{np.sum(~whole)} of {len(times)} times lack a body and are not used")
+        lacking = names[where[~whole][0] < 0][0]
+        draft.lost = (
+            f"{np.sum(~whole)} of {len(times)} times lack a body and are not used: {times[~whole][0]:g} s lacks"
+        )
+        draft.lost += f" body {lacking}"
+        draft.notes.append(draft.lost)
     rows = where[whole]
     draft.time, draft.time_rounding = times[whole], draft.time_rounding[rows[:, 0]]
     sampled = {}
@@ -281,17 +325,21 @@ def _long(
         values, rounding = numbers(entry.values)
         scale = choices.scale(quantity, heading.unit or entry.unit)
         columns = _columns(draft, quantity, names.tolist(), scene, choices)
-        sampled[quantity] = (values[rows] * scale, rounding[rows] * scale, columns)
+        sampled[quantity] = (*scaled(values[rows], rounding[rows], scale), columns)
     return sampled
 
 
 def _add(draft: Draft, sampled: dict[str, tuple[Floats, Floats, tuple[int, ...]]], scene: Scene) -> None:
     """Add the quantities to the draft; rows with missing values are left out."""
+    for name in [name for name, (_, rounding, _) in sampled.items() if np.all(np.any(np.isnan(rounding), axis=1))]:
+        draft.notes.append(f"{name} is unknown, because the file has empty values at all times")
+        del sampled[name]
     missing = np.zeros(len(draft.time), dtype=bool)
     for _, rounding, _ in sampled.values():
         missing |= np.any(np.isnan(rounding), axis=1)
     if np.any(missing):
-        draft.notes.append(f"{np.sum(missing)} of {len(missing)} samples have empty values and are not used")
+        draft.lost = f"{np.sum(missing)} of {len(missing)} samples have empty values and are not used"
+        draft.notes.append(draft.lost)
         draft.time, draft.time_rounding = draft.time[~missing], draft.time_rounding[~missing]
         sampled = {name: (v[~missing], r[~missing], c) for name, (v, r, c) in sampled.items()}
     for name in QUANTITIES:

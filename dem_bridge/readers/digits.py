@@ -17,8 +17,8 @@ from dem_bridge.trajectory import Floats
 
 #: a decimal number with this many significant digits distinguishes all doubles
 _DOUBLE_DIGITS = 17
-#: number of values that are examined for the number of their digits where there is no text
-_SAMPLES = 2000
+#: number of values that are examined for the number of their digits
+_SAMPLES = 5000
 #: fewest different values from which single precision is recognised
 _FEWEST_SINGLES = 20
 
@@ -44,16 +44,26 @@ def numbers(values: NDArray[Any]) -> tuple[Floats, Floats]:
 
 def rounding_of_texts(texts: NDArray[np.bytes_], values: Floats) -> Floats:
     """Return the largest rounding error of each number by the digits of its text."""
-    flat = np.ascontiguousarray(texts).reshape(-1)
-    width = flat.dtype.itemsize
-    chars = flat.view(np.uint8).reshape(-1, width)
-    lower = chars | 32
-    mantissa = np.cumsum((lower == ord("e")) | (lower == ord("d")), axis=1) == 0
-    digit = (chars >= ord("0")) & (chars <= ord("9")) & mantissa
-    significant = np.sum(digit & (np.cumsum(digit & (chars != ord("0")), axis=1) > 0), axis=1)
-    decimals = np.sum(digit & (np.cumsum(chars == ord("."), axis=1) > 0), axis=1)
-    last = int(np.max(decimals, initial=0))
-    return _rounding(significant, last, _DOUBLE_DIGITS, values.reshape(-1), values)
+    flat, examined = np.ravel(texts), np.ravel(values)
+    counted = np.flatnonzero(np.isfinite(examined) & (examined != 0.0))
+    if len(counted) == 0:
+        counted = np.arange(min(1, len(examined)))
+    if len(counted) > _SAMPLES:
+        counted = np.random.default_rng(0).choice(counted, _SAMPLES, replace=False)
+    chars = np.ascontiguousarray(flat[counted]).view(np.uint8).reshape(len(counted), -1)
+    exponent = np.logical_or.accumulate(((chars | 32) == ord("e")) | ((chars | 32) == ord("d")), axis=1)
+    digit = (chars >= ord("0")) & (chars <= ord("9")) & ~exponent
+    significant = np.sum(digit & np.logical_or.accumulate(digit & (chars != ord("0")), axis=1), axis=1)
+    decimals = np.sum(digit & np.logical_or.accumulate(chars == ord("."), axis=1), axis=1)
+    return _rounding(significant, int(np.max(decimals, initial=0)), _DOUBLE_DIGITS, examined[counted], values)
+
+
+def scaled(values: Floats, rounding: Floats, unit: float) -> tuple[Floats, Floats]:
+    """Return numbers times a unit, and their rounding errors with that of the product."""
+    if unit == 1.0:
+        return values, rounding
+    product = values * unit
+    return product, rounding * unit + 0.5 * np.spacing(np.abs(product))
 
 
 def rounding_of_values(values: NDArray[Any]) -> Floats:
@@ -140,19 +150,20 @@ def _magnitude(values: Floats) -> NDArray[np.int64]:
 
 
 def restored_times(
-    time: Floats, rounding: Floats, intervals: tuple[float, ...], dt: float | None
+    time: Floats, rounding: Floats, duration: float, samples: int, dt: float | None
 ) -> tuple[Floats, Floats, str | None]:
     """Return times with few digits as multiples of one interval, their rounding errors, and a sentence about it.
 
-    Times are restored only if all are multiples of one interval within their rounding errors. ``intervals`` are
-    intervals that are tried first, and ``dt`` is the time step of which the interval may be a multiple. Without a
-    restored interval the times are returned as they are, with None.
+    Times are restored only if all are multiples of one interval within their rounding errors. An interval by which
+    ``duration`` is divided into ``samples`` or another number of parts is tried first, then a multiple of the time step
+    ``dt``, then the number with the fewest digits. Without a restored interval the times are returned as they are, with
+    None.
     """
     count = len(time)
     if count < 3 or np.any(np.diff(time) <= 0.0):
         return time, rounding, None
     mean = float(time[-1] - time[0]) / (count - 1)
-    if np.max(rounding) <= 1e-9 * mean:
+    if np.max(rounding) <= 4.0 * np.spacing(time[-1]):
         return time, rounding, None
     first = round(float(time[0]) / mean)
     order = np.arange(first, first + count, dtype=np.float64)
@@ -163,12 +174,14 @@ def restored_times(
     if low > high or (first == 0 and abs(time[0]) > rounding[0]) or order[0] < 0:
         return time, rounding, None
     middle = 0.5 * (low + high)
-    candidates = [*intervals, dt * round(middle / dt) if dt and high - low < dt else math.nan, _roundest(low, high)]
-    interval = next((each for each in candidates if low <= each <= high), None)
-    if interval is None:
-        interval, left = middle, 0.5 * (high - low) * order
-    else:
-        left = 0.5 * np.spacing(order * interval)
+    parts = max(1, round(duration / middle))
+    candidates = [duration / samples, duration / parts if (high - low) * parts < 0.2 * middle else math.nan]
+    candidates += [dt * round(middle / dt) if dt and high - low < dt else math.nan]
+    fitting = [each for each in candidates if low <= each <= high] or [_roundest(low, high)]
+    interval = fitting[0] if math.isfinite(fitting[0]) else middle
+    # several intervals fit where times have very few digits
+    slack_of_interval = max(abs(each - interval) for each in fitting) if interval != middle else 0.5 * (high - low)
+    left = slack_of_interval * order + 0.5 * np.spacing(order * interval)
     said = f"times have few digits and are multiples of {interval:.9g} s; they are restored to these multiples"
     return order * interval, np.minimum(left, rounding), said
 

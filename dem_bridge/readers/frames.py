@@ -1,17 +1,14 @@
-"""Read the frames of dumps, extended XYZ, ASE trajectories and CSV: positions, velocities and forces.
+"""Read the frames of LAMMPS and LIGGGHTS dumps and of ASE trajectories: positions, velocities and forces of atoms.
 
-Units and the order of atoms are those of the file. This module does not use a scene; :mod:`.readers` turns frames into
-trajectories and adds the name of the file to messages of errors. Files written by dem_bridge have the extra columns
+Units are those of the file, and this module does not use a scene. Files written by dem_bridge have the extra columns
 ``displacement``, ``force_left`` and ``force_right``, which keep every digit of a trajectory.
 """
 
 from __future__ import annotations
 
-import csv
-import math
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.readers.headings import UNITS, allowed_units
+from dem_bridge.readers.digits import numbers
 from dem_bridge.trajectory import Floats
 
 #: extra columns of files written by dem_bridge; m, N, N
@@ -30,31 +27,43 @@ EXTRA_COLUMNS = ("displacement", "force_left", "force_right")
 class Frames:
     """Hold the contents of a file in the file's own units, with atoms in the order of their ids."""
 
-    position: Floats
-    """Positions, ``(n_t, n_atom, 3)``."""
     columns: Mapping[str, Floats]
-    """``velocity`` and ``force``, ``(n_t, n_atom, 3)``; ``radius``, ``mass`` and :data:`EXTRA_COLUMNS`,
+    """``position``, ``velocity`` and ``force``, ``(n_t, n_atom, 3)``; ``radius``, ``mass`` and :data:`EXTRA_COLUMNS`,
     ``(n_t, n_atom)``; each only if the file has it."""
     ids: NDArray[np.int64]
     """Ids of the atoms, ``(n_atom,)``, ascending."""
+    rounding: Mapping[str, Floats]
+    """Largest rounding error of each value of the columns, and of each ``time``."""
     time: Floats | None = None
     """Times of the frames, ``(n_t,)``; None if the file has no times."""
     step: Floats | None = None
     """Step numbers of the frames, ``(n_t,)``; None if the file has none."""
     units: str | None = None
     """Unit style named in the file; None if the file names none."""
+    dt: float | None = None
+    """Time step that the file states, in its units; None if it states none."""
+    numbered: bool = True
+    """False if the file has no ids; the atoms are then in the order of the file or of their positions."""
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def position(self) -> Floats:
+        """Positions, ``(n_t, n_atom, 3)``; raises UsageError if the file has none."""
+        if "position" not in self.columns:
+            raise UsageError("the file has no column x; allowed: x or xu, not the scaled xs; add it to the dump")
+        return self.columns["position"]
 
 
-class _FrameCollector:
+class FrameCollector:
     """Collect frames; raise UsageError for a frame with other atoms or columns than the first."""
 
     def __init__(self) -> None:
         self.ids: NDArray[np.int64] | None = None
-        self.rows: dict[str, list[Floats]] = {}
+        self.rows: dict[str, list[NDArray[Any]]] = {}
         self.count = 0
 
-    def add(self, ids: NDArray[np.int64], columns: Mapping[str, Floats], label: str) -> None:
-        """Add a frame; ``label`` names it in messages."""
+    def add(self, ids: NDArray[np.int64], columns: Mapping[str, NDArray[Any]], label: str) -> None:
+        """Add a frame of numbers or texts of numbers; ``label`` names it in messages."""
         order = np.argsort(ids, kind="stable")
         ids = ids[order]
         if len(np.unique(ids)) != len(ids):
@@ -79,74 +88,88 @@ class _FrameCollector:
             self.rows[name].append(values[order])
         self.count += 1
 
-    def frames(self, **fields: Any) -> Frames:
-        """Return all frames, with ``time``, ``step`` and ``units`` as given by ``fields``."""
+    def frames(self, *, time: Iterable[Any] = (), step: Iterable[float] = (), **fields: Any) -> Frames:
+        """Return all frames, with times (numbers or texts) and steps, if there is one for each frame."""
         if self.ids is None:
             raise UsageError("the file has no frames; allowed: a file with at least one frame")
-        arrays = {name: np.array(values, dtype=np.float64) for name, values in self.rows.items()}
-        return Frames(position=arrays.pop("position"), columns=arrays, ids=self.ids, **fields)
+        read = {name: numbers(np.array(values)) for name, values in self.rows.items()}
+        columns, rounding = ({name: part[k] for name, part in read.items()} for k in (0, 1))
+        times, steps = list(time), list(step)
+        if times and len(times) != self.count:
+            raise UsageError(f"{len(times)} of {self.count} frames have a time; allowed: all frames or none")
+        if times:
+            fields["time"], rounding["time"] = numbers(np.array(times))
+        if len(steps) == self.count:
+            fields["step"] = np.array(steps, dtype=np.float64)
+        return Frames(columns=columns, ids=self.ids, rounding=rounding, **fields)
 
 
-_GROUPS = {"position": ("x", "y", "z"), "velocity": ("vx", "vy", "vz"), "force": ("fx", "fy", "fz")}
+GROUPS = {"position": ("x", "y", "z"), "velocity": ("vx", "vy", "vz"), "force": ("fx", "fy", "fz")}
 
 
-def _grouped(column: Mapping[str, Floats], count: int) -> dict[str, Floats]:
+def grouped(column: Mapping[str, NDArray[Any]], count: int) -> dict[str, NDArray[Any]]:
     """Return vectors of three components, with 0 for a component that the file does not have, and other columns."""
-    grouped = {
-        group: np.stack([column.get(name, np.zeros(count)) for name in names], axis=1)
-        for group, names in _GROUPS.items()
+    zero = np.zeros(count) if all(values.dtype.kind != "S" for values in column.values()) else np.full(count, b"0")
+    groups = {
+        group: np.stack([column.get(name, zero) for name in names], axis=1)
+        for group, names in GROUPS.items()
         if any(name in column for name in names)
     }
     extra = {name: column.get(f"d_{name}", column.get(name)) for name in EXTRA_COLUMNS}
-    grouped |= {name: column[name] for name in ("radius", "mass") if name in column}
-    if "diameter" in column and "radius" not in column:
-        grouped["radius"] = 0.5 * column["diameter"]
-    return grouped | {name: values for name, values in extra.items() if values is not None}
+    groups |= {name: column[name] for name in ("radius", "diameter", "mass") if name in column}
+    return groups | {name: values for name, values in extra.items() if values is not None}
 
 
 #: items of a dump before its atoms, with the number of their lines
-_ITEMS = {"UNITS": 1, "TIME": 1, "TIMESTEP": 1, "NUMBER OF ATOMS": 1, "BOX BOUNDS": 3}
+_ITEMS = {"UNITS": 1, "TIME": 1, "TIMESTEP": 1, "NUMBER OF ATOMS": 1, "BOX BOUNDS": 3, "LABEL": 1}
 
 
-def read_dump(path: Path) -> Frames:
-    """Read a LAMMPS text dump (``dump custom``) with the columns ``id`` and ``x`` or ``xu``.
+def read_dump(texts: Iterable[str], renamed: Mapping[str, str] | None = None) -> Frames:
+    """Read LAMMPS or LIGGGHTS text dumps (``dump custom``), one or several after each other.
 
-    Units and times are read if the dump has them (``dump_modify units yes time yes``).
+    Units and times are read if the dump has them (``dump_modify units yes time yes``). ``renamed`` maps names of
+    columns to names such as ``vx``.
     """
-    collector, times, steps = _FrameCollector(), [], []
-    lines, label = _lines(path), "frame 0"
-    items: dict[str, list[str]] = {}
+    collector, times, steps = FrameCollector(), list[str](), list[float]()
+    label = "frame 0"
     units = None
-    try:
-        for line in lines:
-            if not line.startswith("ITEM:"):
-                raise UsageError(f"{label} has the line {line[:40]!r} where a line 'ITEM: ...' is expected")
-            name = " ".join(line.split()[1:])
-            item = next((item for item in _ITEMS if name == item or name.startswith(f"{item} ")), None)
-            if item is not None:
-                items[item] = [next(lines) for _ in range(_ITEMS[item])]
-                continue
-            if not name.startswith("ATOMS"):
-                raise UsageError(f"{label} has the unknown item {name!r}; allowed: the items of a dump custom")
-            step, count = float(items["TIMESTEP"][0]), int(items["NUMBER OF ATOMS"][0])
-            label = f"frame {collector.count} (step {step:g})"
-            rows = [next(lines).split() for _ in range(count)]
-            collector.add(*_dump_columns(name.split()[1:], rows, label), label)
-            steps.append(step)
-            times += [float(text) for text in items.get("TIME", ())]
-            units = items["UNITS"][0].strip() if "UNITS" in items else units
-            items = {}
-    except UsageError:
-        raise
-    except (StopIteration, KeyError, ValueError) as error:
-        raise UsageError(
-            f"{label} or the next frame is incomplete or not in the format of a dump; write the file again"
-        ) from error
-    time = np.array(times) if times and len(times) == len(steps) else None
-    return collector.frames(time=time, step=np.array(steps), units=units)
+    for text in texts:
+        lines = iter([line for line in text.splitlines() if line.strip()])
+        items: dict[str, list[str]] = {}
+        try:
+            for line in lines:
+                if not line.startswith("ITEM:"):
+                    raise UsageError(f"{label} has the line {line[:40]!r} where a line 'ITEM: ...' is expected")
+                name = " ".join(line.split()[1:])
+                item = next((item for item in _ITEMS if name == item or name.startswith(f"{item} ")), None)
+                if item is not None:
+                    items[item] = [next(lines) for _ in range(_ITEMS[item])]
+                    continue
+                if not name.startswith("ATOMS"):
+                    raise UsageError(f"{label} has the unknown item {name!r}; allowed: the items of a dump custom")
+                step, count = float(items["TIMESTEP"][0]), int(items["NUMBER OF ATOMS"][0])
+                label = f"frame {collector.count} (step {step:g})"
+                rows = [next(lines).split() for _ in range(count)]
+                names = [(renamed or {}).get(column, column) for column in name.split()[1:]]
+                if not steps or step != steps[-1]:  # a run that continues repeats its first frame
+                    collector.add(*_dump_columns(names, rows, label), label)
+                    steps.append(step)
+                    times += [line.strip() for line in items.get("TIME", ())]
+                units = items["UNITS"][0].strip() if "UNITS" in items else units
+                items = {}
+        except UsageError:
+            raise
+        except (StopIteration, KeyError, ValueError) as error:
+            raise UsageError(
+                f"{label} or the next frame is incomplete or not in the format of a dump; write the file again"
+            ) from error
+    time = np.array(times, dtype=np.bytes_) if len(times) == len(steps) else ()
+    return collector.frames(time=time, step=steps, units=units)
 
 
-def _dump_columns(names: list[str], rows: list[list[str]], label: str) -> tuple[NDArray[np.int64], dict[str, Floats]]:
+def _dump_columns(
+    names: list[str], rows: list[list[str]], label: str
+) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
     """Return the ids and the columns of one frame of a dump."""
     if "id" not in names:
         raise UsageError(f"{label} has no column id, so the order of the bodies is unknown; dump at least id, x and vx")
@@ -154,39 +177,27 @@ def _dump_columns(names: list[str], rows: list[list[str]], label: str) -> tuple[
         raise ValueError(label)
     # unwrapped coordinates xu count as x
     names = [re.sub(r"^([xyz])u$", r"\1", name) for name in names]
-    if "x" not in names:
-        raise UsageError(f"{label} has no column x; allowed: x or xu, not the scaled xs")
     extra = (*EXTRA_COLUMNS, *(f"d_{name}" for name in EXTRA_COLUMNS))
-    needed = {"diameter", "radius", "mass", *extra, *sum(_GROUPS.values(), ())}
-    column = {name: np.array([float(row[k]) for row in rows]) for k, name in enumerate(names) if name in needed}
+    needed = {"diameter", "radius", "mass", *extra, *sum(GROUPS.values(), ())}
+    column = {
+        name: np.array([row[k] for row in rows], dtype=np.bytes_) for k, name in enumerate(names) if name in needed
+    }
     ids = np.array([int(row[names.index("id")]) for row in rows], dtype=np.int64)
-    return ids, _grouped(column, len(rows))
+    return ids, grouped(column, len(rows))
 
 
-def _lines(path: Path) -> Iterator[str]:
-    """Yield the lines of a text file that are not blank."""
-    try:
-        with path.open(encoding="utf-8") as file:
-            yield from (line for line in file if line.strip())
-    except UnicodeDecodeError as error:
-        raise UsageError(
-            "the file is not text; convert a binary dump with LAMMPS' binary2txt, or dump to a file that does"
-            " not end in .bin"
-        ) from error
-
-
-def read_ase(path: Path, kind: str) -> Frames:
-    """Read extended XYZ ("extxyz") or an ASE trajectory ("traj") by ASE.
+def read_ase(path: Path) -> Frames:
+    """Read an ASE trajectory by ASE.
 
     Velocities are the array ``velo`` or ``velocities``, else momenta divided by masses. Times are ``Time`` or ``time``
     in the info of each frame, and the unit style is ``units`` there.
     """
     from ase.io import iread
 
-    collector, times, label = _FrameCollector(), list[float](), "frame 0"
+    collector, times, label = FrameCollector(), list[float](), "frame 0"
     units: str | None = None
     try:
-        for nth, atoms in enumerate(iread(path, index=":", format=kind)):
+        for nth, atoms in enumerate(iread(path, index=":", format="traj")):
             label = f"frame {nth}"
             units = atoms.info.get("units", units)
             times += [float(atoms.info[name]) for name in ("Time", "time") if name in atoms.info][:1]
@@ -195,11 +206,8 @@ def read_ase(path: Path, kind: str) -> Frames:
     except UsageError:
         raise
     except Exception as error:  # the readers of ASE raise exceptions of many types
-        raise UsageError(f"ASE cannot read {label} or the next frame ({error})") from error
-    if times and len(times) != collector.count:
-        raise UsageError(f"{len(times)} of {collector.count} frames have a time; allowed: all frames or none")
-    time = np.array(times) if times else None
-    return collector.frames(time=time, step=np.arange(float(collector.count)), units=units)
+        raise UsageError(f"ASE cannot read {label} or the next frame ({error}); write the file again") from error
+    return collector.frames(time=times, step=np.arange(float(collector.count)).tolist(), units=units)
 
 
 def _ase_columns(atoms: Any) -> Iterator[tuple[str, Floats]]:
@@ -219,106 +227,3 @@ def _ase_columns(atoms: Any) -> Iterator[tuple[str, Floats]]:
     for name in ("radius", "mass", *EXTRA_COLUMNS):
         if name in atoms.arrays:
             yield name, atoms.arrays[name]
-
-
-#: units in CSV headings with their SI values, by the SI unit of the quantity
-_UNITS = UNITS
-#: names in CSV headings: the name of the column here and the SI unit of its quantity
-_NAMES = {
-    "time": ("time", "s"),
-    "t": ("time", "s"),
-    "x": ("x", "m"),
-    "position": ("x", "m"),
-    "displacement": ("displacement", "m"),
-    "u": ("displacement", "m"),
-    "velocity": ("velocity", "m/s"),
-    "v": ("velocity", "m/s"),
-    "vx": ("velocity", "m/s"),
-    "force_left": ("force_left", "N"),
-    "force_right": ("force_right", "N"),
-    "contact_force": ("contact_force", "N"),
-}
-_HEADING = re.compile(
-    rf"(?P<name>{'|'.join(sorted(_NAMES, key=len, reverse=True))})(?:[_ ]?(?P<nth>\d+))?"
-    r"(?:_(?P<plain>[A-Za-zµ_]+)|\s*[(\[](?P<unit>[^)\]]+)[)\]])"
-)
-
-
-def read_csv(path: Path) -> tuple[Floats, dict[str, Floats]]:
-    """Read a CSV file in the long or the wide layout, with a unit in every heading.
-
-    The long layout has a row per time and body (``time_s,body,displacement_m,velocity_m_per_s``), the wide layout a
-    row per time (``time_s,displacement_0_m,...,velocity_0_m_per_s,...``). A heading is ``velocity_m_per_s`` or
-    ``velocity (mm/s)``.
-
-    Returns
-    -------
-    time : ndarray
-        Times, ``(n_t,)``, s.
-    columns : dict
-        ``x``, ``displacement``, ``velocity``, ``force_left``, ``contact_force``, ... in SI units, ``(n_t, n)`` each.
-    """
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = [row for row in csv.reader(file) if row and not row[0].startswith("#")]
-        # float() rounds correctly; the readers of numpy and pandas may be off by an ulp
-        table = np.array([[float(cell) if cell.strip() else math.nan for cell in row] for row in rows[1:]])
-    except (ValueError, csv.Error) as error:
-        raise UsageError(
-            f"the file is not a CSV table ({error}); allowed: a row of headings, then rows of numbers"
-        ) from error
-    if table.ndim != 2 or table.shape[1] != len(rows[0]):
-        raise UsageError("the file is not a CSV table; allowed: a row of headings, then rows with a number per heading")
-    quantities: dict[tuple[str, int | None], Floats] = {}
-    body = None
-    for heading, values in zip(rows[0], table.T, strict=True):
-        if heading.strip() == "body":
-            body = values
-            continue
-        name, nth, scale = _heading(heading)
-        quantities[name, nth] = values * scale
-    time = quantities.pop(("time", None), None)
-    if time is None or len(time) == 0:
-        raise UsageError("the file has no times; add a column time_s and at least one row")
-    if body is not None:
-        return _long(time, body, {name: values for (name, nth), values in quantities.items() if nth is None})
-    columns: dict[str, Floats] = {}
-    for name in {name for name, _ in quantities}:
-        indices = sorted(nth for column, nth in quantities if column == name and nth is not None)
-        if indices != list(range(len(indices))) or not indices:
-            raise UsageError(
-                f"the columns of {name} have the indices {indices}; allowed: 0, 1, 2, ..., or a column body"
-            )
-        columns[name] = np.stack([quantities[name, nth] for nth in indices], axis=1)
-    return time, columns
-
-
-def _heading(heading: str) -> tuple[str, int | None, float]:
-    """Return the column's name, the index in it (None without one) and the SI value of its unit."""
-    match = _HEADING.fullmatch(heading.strip())
-    if match is None:
-        if (bare := re.sub(r"[_ ]?\d+$", "", heading.strip())) in _NAMES:
-            si_unit = _NAMES[bare][1]
-            raise UsageError(f"column {heading.strip()!r} has no unit; write '{heading.strip()} ({si_unit})'")
-        raise UsageError(
-            f"column {heading!r} is unknown; allowed: body, and {', '.join(_NAMES)} with a unit, such as"
-            " velocity_m_per_s, velocity_0_m_per_s or velocity (mm/s)"
-        )
-    unit = match["plain"] or match["unit"].strip()
-    name, si_unit = _NAMES[match["name"]]
-    if unit not in _UNITS[si_unit]:
-        allowed = allowed_units(si_unit)
-        raise UsageError(f"column {heading!r} has the unknown unit {unit!r}; allowed: {allowed}")
-    return name, None if match["nth"] is None else int(match["nth"]), _UNITS[si_unit][unit]
-
-
-def _long(time: Floats, body: Floats, columns: dict[str, Floats]) -> tuple[Floats, dict[str, Floats]]:
-    """Return the contents of a CSV file in the long layout."""
-    starts = np.flatnonzero(np.diff(time, prepend=-math.inf) != 0.0)
-    collector, times = _FrameCollector(), []
-    for begin, end in zip(starts, [*starts[1:], len(time)], strict=True):
-        part = slice(int(begin), int(end))
-        rows = {name: values[part] for name, values in columns.items()}
-        collector.add(body[part].astype(np.int64), rows, f"time {time[begin]:g} s")
-        times.append(time[begin])
-    return np.array(times), {name: np.array(rows) for name, rows in collector.rows.items()}

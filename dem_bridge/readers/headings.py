@@ -20,6 +20,21 @@ DATA: Mapping[str, Any] = json.loads(Path(__file__).with_name("names.json").read
 DIMENSIONS: Mapping[str, str] = DATA["dimensions"]
 
 
+@dataclass(frozen=True)
+class Units:
+    """Hold the SI values of the units of a unit style: m, s, m/s, N, kg."""
+
+    length: float
+    time: float
+    velocity: float
+    force: float
+    mass: float
+
+
+#: the unit styles of LAMMPS (manual, command units), and "ase": Å, eV, u and the unit of time that follows; CODATA 2018
+STYLES: Mapping[str, Units] = {style: Units(**values) for style, values in DATA["unit_styles"].items()}
+
+
 def _velocities() -> dict[str, float]:
     """Return the SI values of units of velocity: each unit of length over each unit of time, in many spellings."""
     spellings = ("{}/{}", "{}_per_{}", "{} per {}", "{}_{}", "{} {}-1", "{} {}^-1", "{}*{}^-1", "{}.{}-1", "{}{}-1")

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import math
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from dem_bridge.errors import UsageError
+from dem_bridge.readers.arrays import read_netcdf, read_npy, read_npz
 from dem_bridge.readers.assemble import Choices, draft_of_table
+from dem_bridge.readers.chain import draft_of_frames
+from dem_bridge.readers.frames import FrameCollector, Frames, read_ase, read_dump
 from dem_bridge.readers.record import Record
 from dem_bridge.readers.source import read_bytes, text_of
-from dem_bridge.readers.tables import read_text
+from dem_bridge.readers.tables import Table, read_text
+from dem_bridge.readers.vtk import frame_of, places, read_legacy, read_pvd, read_xml
+from dem_bridge.readers.xyz import looks_like_xyz, read_xyz
 from dem_bridge.scene import Scene
 
 
@@ -67,11 +77,104 @@ def read_record(
     ([0.089, 0.569], [0.0005, 0.0005], 'time has no unit in the file and is read in s')
     """
     path = Path(path)
-    if not path.is_file():
-        raise UsageError(f"{path}: there is no such file; give a file of a run")
     try:
         choices = Choices(dt, columns, units, bodies, axis)
-        table = read_text(text_of(read_bytes(path)))
-        return draft_of_table(path.name, table, scene, choices).record(scene)
+        contents, default_units = load(path, choices)
+        if isinstance(contents, Frames):
+            return draft_of_frames(path.name, contents, scene, choices, default_units).record(scene)
+        return draft_of_table(path.name, contents, scene, choices).record(scene)
     except UsageError as error:
         raise UsageError(f"{path}: {error}") from error
+
+
+def load(path: Path, choices: Choices) -> tuple[Table | Frames, str]:
+    """Return the contents of a file, a folder or a pattern of files, and the usual unit style of its format."""
+    files = series(path)
+    if len(files) > 1 or path.suffix.lower() == ".pvd":
+        return _of_series(path, files, choices), "si"
+    with files[0].open("rb") as stream:
+        first = stream.read(16)
+    if first.startswith((b"CDF", b"\x89HDF")):
+        return read_netcdf(files[0], first), "si"
+    if first.startswith(b"PK"):
+        return read_npz(files[0]), "si"
+    if first.startswith(b"- of Ulm"):
+        return read_ase(files[0]), "ase"
+    content = read_bytes(files[0])
+    if content.startswith(b"\x93NUMPY"):
+        return read_npy(content), "si"
+    if _is_vtk(content):
+        return _of_series(path, files, choices), "si"
+    text = text_of(content)
+    if text.lstrip().startswith("ITEM:"):
+        return read_dump([text], _renamed(choices)), "si"
+    if looks_like_xyz(text):
+        return read_xyz([text]), "si"
+    return read_text(text), "si"
+
+
+def _is_vtk(content: bytes) -> bool:
+    """Return True for legacy and XML files of VTK."""
+    return content.startswith(b"# vtk") or b"<VTKFile" in content[:1000]
+
+
+def _renamed(choices: Choices) -> Mapping[str, str] | None:
+    """Return the names of the columns of a dump that the user states."""
+    if choices.columns is not None and not isinstance(choices.columns, Mapping):
+        raise UsageError("columns of a dump are given by their names; allowed: a mapping, such as {'f_v[1]': 'vx'}")
+    return choices.columns
+
+
+def _of_series(path: Path, files: list[Path], choices: Choices) -> Frames:
+    """Return the frames of files with a frame each, in the order of the numbers in their names."""
+    times = [""] * len(files)
+    if path.suffix.lower() == ".pvd":
+        sets = read_pvd(read_bytes(path))
+        times, files = [time for time, _ in sets], [path.parent / file for _, file in sets]
+        if missing := [file for file in files if not file.is_file()]:
+            raise UsageError(f"the data set {missing[0].name} of the series is missing; copy all files of the series")
+    contents = map(read_bytes, files)
+    start = read_bytes(files[0])
+    if not _is_vtk(start):
+        texts = map(text_of, contents)
+        if start.lstrip().startswith(b"ITEM:"):
+            return read_dump(texts, _renamed(choices))
+        if looks_like_xyz(text_of(start)):
+            return read_xyz(texts)
+        raise UsageError(
+            f"{files[0].name} is neither a dump nor XYZ nor VTK; allowed: a series of files of one of these formats"
+        )
+    collector, found, numbered = FrameCollector(), list[str](), True
+    for nth, (file, content) in enumerate(zip(files, contents, strict=True)):
+        try:
+            arrays, time = (read_legacy if content.startswith(b"# vtk") else read_xml)(content)
+            ids, columns = frame_of(arrays)
+            if "position" not in columns or not len(columns["position"]):
+                raise UsageError("the VTK file has no points; allowed: a point for each body")
+            if ids is None:
+                numbered, ids = False, places(columns["position"])
+            collector.add(ids, columns, f"frame {nth}")
+        except (ValueError, IndexError, TypeError, UsageError) as error:
+            raise UsageError(f"{file.name}: {error}") from error
+        found += [text] if (text := times[nth] or time) else []
+    step = [float(re.findall(r"\d+", file.name)[-1]) if re.search(r"\d", file.name) else math.nan for file in files]
+    notes = () if numbered else ("the file has no ids; bodies are the points in their order",)
+    texts_of_times = np.array(found, dtype=np.bytes_) if found else ()
+    steps = [] if len(set(step)) < len(step) or math.nan in step else step
+    return collector.frames(time=texts_of_times, step=steps, numbered=numbered, notes=notes)
+
+
+def series(path: Path) -> list[Path]:
+    """Return the files of a folder or a pattern, in the order of the last numbers in their names; else the file."""
+    if path.is_file():
+        return [path]
+    if path.is_dir():
+        candidates = [file for file in path.iterdir() if file.is_file() and re.search(r"\d", file.name)]
+    else:
+        candidates = [file for file in path.parent.glob(path.name) if file.is_file()] if "*" in path.name else []
+    if not candidates:
+        raise UsageError("there is no such file; allowed: a file, a folder or a pattern of files with a frame each")
+    kinds = Counter(re.sub(r"\d+", "#", file.name) for file in candidates)
+    usual = max(kinds, key=lambda kind: (kinds[kind], -len(kind)))
+    chosen = [file for file in candidates if re.sub(r"\d+", "#", file.name) == usual]
+    return sorted(chosen, key=lambda file: [int(number) for number in re.findall(r"\d+", file.name)])

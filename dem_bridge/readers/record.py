@@ -62,9 +62,17 @@ class Draft:
     notes: list[str] = field(default_factory=list)
     dt: float | None = None
     from_first: bool = False
+    positions: Floats | None = None
+    """Positions, ``(n_t, n_columns)``; None if the file has none."""
+    headings: tuple[str, ...] = ()
+    lost: str = ""
+    """A sentence on samples that are not used, because they have missing values."""
 
     def add(self, quantity: str, values: Floats, rounding: Floats, columns: Iterable[int]) -> None:
-        """Add the values of a quantity, ``(n_t, n_columns)``."""
+        """Add the values of a quantity, ``(n_t, n_columns)``, unless none of them is a number."""
+        if not np.any(np.isfinite(values)):
+            self.notes.append(f"{quantity} is unknown, because the file has no numbers in its columns")
+            return
         self.values[quantity], self.rounding[quantity] = values, rounding
         self.columns[quantity] = tuple(columns)
 
@@ -73,6 +81,7 @@ class Draft:
 
         Positions of a file that does not begin at 0 s are not used, because the start is unknown.
         """
+        self.positions = values
         if "displacement" in self.values:
             return
         if self.time[0] != 0.0:
@@ -83,14 +92,15 @@ class Draft:
             return
         self.add("displacement", values - values[0], rounding + rounding[0], columns)
         self.from_first = True
-        self.notes.append("displacements are relative to the first sample")
+        self.notes.append("displacements are relative to the first frame")
 
     def record(self, scene: Scene) -> Record:
         """Return the record, with restored times; raise UsageError for values that are not finite."""
         if not self.values:
             raise UsageError(
-                "the file has no velocities, displacements, positions or contact forces that can be used; name the"
-                " columns (--columns)"
+                "the file has no velocities, displacements, positions or contact forces that can be used"
+                + f" in {', '.join(map(repr, self.headings[:20]))}" * bool(self.headings)
+                + "; allowed: headings such as 'velocity 3 [m/s]'; name the columns (--columns)"
             )
         for quantity, values in self.values.items():
             self._check(quantity, values, scene)
@@ -101,8 +111,7 @@ class Draft:
                 f"sample {row + 1} is at {self.time[row + 1]:.9g} s and sample {row} at {self.time[row]:.9g} s;"
                 " allowed: increasing times"
             )
-        intervals = (scene.duration / scene.samples,)
-        time, rounding, sentence = restored_times(self.time, self.time_rounding, intervals, self.dt)
+        time, rounding, sentence = restored_times(self.time, self.time_rounding, scene.duration, scene.samples, self.dt)
         self.notes += [sentence] if sentence else []
         return Record(
             name=self.name,

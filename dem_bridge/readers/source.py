@@ -20,10 +20,12 @@ def read_bytes(path: Path) -> bytes:
     """Return the contents of a file, decompressed; raise UsageError if it is missing, damaged or too large."""
     try:
         with path.open("rb") as file:
-            first = file.read(8)
-        opener = next((opener for magic, opener in _PACKED.items() if first.startswith(magic)), None)
-        with opener(path, "rb") if opener else path.open("rb") as stream:
-            content = stream.read(MOST_BYTES + 1)
+            content = file.read(MOST_BYTES + 1)
+            opener = next((opener for magic, opener in _PACKED.items() if content.startswith(magic)), None)
+            if opener is not None:
+                file.seek(0)
+                with opener(file, "rb") as stream:
+                    content = stream.read(MOST_BYTES + 1)
     except (OSError, EOFError, lzma.LZMAError, zlib.error) as error:
         raise UsageError(f"the file cannot be read ({error}); write it again") from error
     if len(content) > MOST_BYTES:
@@ -35,10 +37,14 @@ def text_of(content: bytes) -> str:
     """Return the contents of a text file; raise UsageError for a binary file."""
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         return content.decode("utf-16", errors="replace")
-    if b"\0" in content[:4096]:
+    if not content.strip():
+        raise UsageError("the file is empty; allowed: a file with at least one frame or row")
+    start = content[:4096]
+    foreign = sum(byte > 126 for byte in start)
+    if any(byte < 9 or 13 < byte < 32 for byte in start) or foreign > 0.3 * len(start):
         raise UsageError(
-            "the file is binary and of no known format; allowed: CSV, text columns, npz, netCDF, text dumps of LAMMPS"
-            " and LIGGGHTS, extended XYZ, ASE trajectories, VTK; convert it to one of these"
+            "the file is not text and of no known format; allowed: CSV, text columns, npz, netCDF, text dumps of LAMMPS"
+            " and LIGGGHTS, extended XYZ, ASE trajectories, VTK; convert a binary dump with LAMMPS' binary2txt"
         )
     try:
         return content.decode("utf-8-sig")

@@ -28,6 +28,8 @@ class Entry:
     """Numbers, or the texts of numbers (bytes; an empty text is a missing value)."""
     unit: str | None = None
     """Unit that the file states apart from the heading."""
+    axis: int | None = None
+    """Axis of a component of a vector: 0, 1 or 2."""
 
 
 @dataclass
@@ -51,8 +53,8 @@ def read_text(text: str) -> Table:
     begin = next((k for k, line in enumerate(plain) if _delimiter_of_numbers(line) is not None), None)
     if begin is None:
         raise UsageError(
-            "the file is not a table; allowed: a row of headings, then rows of numbers separated by commas,"
-            " semicolons, tabs or blanks"
+            f"the file is not a table, its line {(plain or lines)[:2][-1].strip()[:40]!r} is no row of numbers;"
+            " allowed: a row of headings, then rows of numbers separated by commas, semicolons, tabs or blanks"
         )
     delimiter = _delimiter_of_numbers(plain[begin]) or " "
     rows = _split(plain[begin:], delimiter)

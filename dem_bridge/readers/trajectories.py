@@ -1,8 +1,9 @@
-"""Read runs of other programs as trajectories: dumps, extended XYZ, ASE trajectories and CSV.
+"""Read runs of other programs as trajectories: complete files of any format, checked against their scene.
 
-Quantities that a file does not contain stay unknown: velocities are not computed by finite differences, crossing times
-are nan, and uncertainties are inf. ``provenance["assumed"]`` lists the assumptions. The number and order of the bodies,
-their masses and their initial velocities are checked against the scene.
+A trajectory is built on the record of the file. Quantities that a file does not contain stay unknown: velocities are
+not computed by finite differences, crossing times are nan, and uncertainties are inf. ``provenance["assumed"]`` lists
+the assumptions. The number and order of the bodies, their masses and their initial velocities are checked against the
+scene.
 """
 
 from __future__ import annotations
@@ -11,17 +12,19 @@ import hashlib
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.interpolate import KNOWN_FORCES
-from dem_bridge.readers.assemble import from_sides
+from dem_bridge.readers.assemble import Choices, draft_of_table
+from dem_bridge.readers.chain import axis_of, draft_of_frames, style_of
 from dem_bridge.readers.digits import rounding_error
-from dem_bridge.readers.frames import Frames, read_ase, read_csv, read_dump
-from dem_bridge.readers.headings import DATA
+from dem_bridge.readers.frames import Frames
+from dem_bridge.readers.headings import STYLES
+from dem_bridge.readers.read import load
+from dem_bridge.readers.record import Record
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Cost, Floats, Trajectory
 from dem_bridge.version import __version__
@@ -34,31 +37,11 @@ ACROSS = 1e-6
 ENDS_WITHIN = 1e-6
 
 
-@dataclass(frozen=True)
-class Units:
-    """Hold the SI values of the units of a unit style: m, s, m/s, N, kg."""
-
-    length: float
-    time: float
-    velocity: float
-    force: float
-    mass: float
-
-
-#: the unit styles of LAMMPS (manual, command units), and "ase": Å, eV, u and the unit of time that follows; CODATA 2018
-UNITS = {style: Units(**values) for style, values in DATA["unit_styles"].items()}
-
-
 @dataclass
 class _Samples:
     """Hold the samples of a file in SI units, from which a Trajectory is built."""
 
-    time: Floats
-    """Times, ``(n_t,)``."""
-    displacement: Floats
-    """Displacements, ``(n_t, n_body)``."""
-    velocity: Floats | None
-    """Velocities, ``(n_t, n_body)``; None if the file has none."""
+    record: Record
     contact_force: Floats | None
     """Contact forces, ``(n_t, n_contact)``; None if they are unknown."""
     digits: dict[str, float | None]
@@ -67,31 +50,39 @@ class _Samples:
     """Assumptions, as sentences."""
     units: str = "si"
 
+    @property
+    def time(self) -> Floats:
+        """Times, s, ``(n_t,)``."""
+        return self.record.time
+
+    @property
+    def velocity(self) -> Floats | None:
+        """Velocities, ``(n_t, n_body)``; None if the file has none."""
+        return self.record.values.get("velocity")
+
 
 def read(path: Path, scene: Scene, format: str, *, units: str | None = None, dt: float | None = None) -> Trajectory:
-    """Read a run of ``scene`` from a file of the format "extxyz", "lammpstrj", "traj" or "csv".
+    """Read a complete run of ``scene`` from a file, whose format follows from its content.
 
-    ``units`` is the unit style of a file that does not name one (see :data:`UNITS`; None is "ase" for "traj" and "si"
-    for others). ``dt`` is the time step in s of a file with step numbers and no times, or the time between frames of a
-    file with neither. Raises UsageError for a missing atom or frame, another number of bodies, unknown units, and
-    initial velocities or masses that are not those of the scene.
+    ``units`` is the unit style of a file that does not name one (None is "ase" for ASE trajectories, the style that
+    gives the masses of the scene, or "si"). ``dt`` is the time step in s of a file with step numbers and no times, or
+    the time between frames of a file with neither. Raises UsageError for a missing atom or frame, another number of
+    bodies, unknown units, and initial velocities or masses that are not those of the scene.
     """
-    if units is not None and units not in UNITS:
-        raise UsageError(f"units = {units!r} is unknown; allowed: {', '.join(UNITS)}")
-    if dt is not None and not 0.0 < dt < math.inf:
-        raise UsageError(f"dt = {dt!r}; allowed: a number above 0 (s)")
-    if not path.is_file():
-        raise UsageError(
-            f"{path}: there is no such file; allowed: a LAMMPS dump, extended XYZ, an ASE trajectory or CSV"
-        )
     try:
-        if format == "csv":
-            if units not in (None, "si") or dt is not None:
-                raise UsageError("units and dt do not apply to CSV, whose headings have units; leave them out")
-            samples = _samples_of_table(*read_csv(path), scene)
+        choices = Choices(dt=dt, units=units)
+        contents, default = load(path, choices)
+        if isinstance(contents, Frames):
+            samples = _samples_of_frames(path.name, contents, scene, choices, default)
         else:
-            frames = read_dump(path) if format == "lammpstrj" else read_ase(path, format)
-            samples = _samples_of_frames(frames, scene, units, dt, "ase" if format == "traj" else "si")
+            draft = draft_of_table(path.name, contents, scene, choices)
+            if draft.lost:
+                raise UsageError(f"{draft.lost}; allowed: a complete run; dem-bridge judge takes gaps")
+            record = draft.record(scene)
+            if draft.positions is not None:
+                _check_order(draft.positions, np.arange(draft.positions.shape[1]))
+            samples = _Samples(record, record.values.get("contact_force"), {}, list(record.recognised))
+        _check_complete(samples, scene)
         _check_times(samples.time)
         _check_start(samples, scene)
     except UsageError as error:
@@ -101,67 +92,50 @@ def read(path: Path, scene: Scene, format: str, *, units: str | None = None, dt:
     return _trajectory(path, samples, scene, format)
 
 
-def _samples_of_frames(
-    frames: Frames, scene: Scene, units: str | None, dt: float | None, default_units: str
-) -> _Samples:
+def _samples_of_frames(name: str, frames: Frames, scene: Scene, choices: Choices, default: str) -> _Samples:
     """Return the samples of frames: motion along the chain's axis and contact forces."""
-    style, assumed = _units(frames.units, units, default_units)
-    si = UNITS[style]
+    style = style_of(frames, scene, choices, default, [])
+    si = STYLES[style]
     _check_finite("positions", frames.position)
     bodies, with_walls = _bodies(frames, scene)
-    axis = _axis(frames, bodies)
-    if axis != 0:
-        assumed.append(f"the chain lies along {'xyz'[axis]}")
+    axis = _axis(frames, bodies, axis_of(frames, choices))
     along = frames.position[:, :, axis]
     _check_order(along[:, bodies], frames.ids[bodies])
-    if frames.time is not None:
-        time = frames.time * si.time
-        if dt is not None:
-            raise UsageError(f"dt = {dt!r} was given, but the file has times; leave dt out")
-    elif dt is not None and frames.step is not None:
-        time = frames.step * dt
-        assumed.append(f"the time step (without step numbers: the time between frames) is {dt!r} s")
-    else:
-        raise UsageError("the file has step or frame numbers but no times; give the time step in seconds, dt (--dt)")
-    columns = frames.columns
-    vectors = columns.get("velocity")
-    velocity = None if vectors is None else vectors[:, bodies, axis] * si.velocity
-    _check_mass(columns, frames.ids, bodies, scene, si)
-    if "displacement" in columns:
-        displacement = columns["displacement"][:, bodies] * si.length
-    else:
-        displacement = (along[:, bodies] - along[0, bodies]) * si.length
-        assumed.append("displacements are relative to the first frame")
-    digits = {"position": rounding_error(along, si.length)}
-    if velocity is not None:
-        digits["velocity"] = rounding_error(velocity)
-    contact = None
-    if "force_left" in columns and "force_right" in columns:
-        left, right = (columns[name][:, bodies] * si.force for name in ("force_left", "force_right"))
-        contact = from_sides(left, right, scene)
-    elif "force" in columns:
-        contact = _from_net(columns["force"][:, :, axis] * si.force, time, scene, with_walls)
+    _check_mass(frames, bodies, scene, si.mass)
+    record = draft_of_frames(name, frames, scene, choices, default).record(scene)
+    assumed = list(record.recognised)
+    contact = record.values.get("contact_force")
+    if contact is None and "force" in frames.columns:
+        contact = _from_net(frames.columns["force"][:, :, axis] * si.force, record.time, scene, with_walls)
         if contact is not None:
             assumed.append(
                 "contact forces are the running sum of net forces minus weight, precompression force and drive"
             )
-    return _Samples(time, displacement, velocity, contact, digits, assumed, style)
+    return _Samples(record, contact, {"position": rounding_error(along, si.length)}, assumed, style)
+
+
+def _check_complete(samples: _Samples, scene: Scene) -> None:
+    """Raise UsageError unless the record has displacements or velocities of all bodies; add the rounding errors."""
+    record = samples.record
+    if "displacement" not in record.values and "velocity" not in record.values:
+        raise UsageError("the file has neither displacements nor positions nor velocities; add one of them")
+    for quantity, columns in record.columns.items():
+        kind, count = ("contacts", scene.n_contact) if quantity == "contact_force" else ("bodies", scene.n_body)
+        if columns != tuple(range(count)):
+            raise UsageError(
+                f"the columns of {quantity} are of {len(columns)} {kind}, the scene {scene.name} has {count}; allowed:"
+                " all, in their order; dem-bridge judge takes some of them"
+            )
+    if "displacement" in record.values:
+        samples.digits.setdefault("position", rounding_error(record.values["displacement"]))
+    if "velocity" in record.values:
+        samples.digits["velocity"] = rounding_error(record.values["velocity"])
 
 
 def _check_finite(name: str, values: Floats) -> None:
     """Raise UsageError unless all values are finite."""
     if len(wrong := np.argwhere(~np.isfinite(values))):
         raise UsageError(f"frame {wrong[0, 0]} has {name} that are not finite; allowed: finite numbers")
-
-
-def _units(in_file: str | None, argument: str | None, default: str) -> tuple[str, list[str]]:
-    """Return the unit style, and the assumption about it if the file names none."""
-    if in_file is not None and argument is not None and in_file != argument:
-        raise UsageError(f"units = {argument!r} was given, but the file has {in_file!r}; leave units out")
-    style = in_file or argument or default
-    if style not in UNITS:
-        raise UsageError(f"the file has units {style!r}, whose SI values are unknown; allowed: {', '.join(UNITS)}")
-    return style, [] if in_file else [f"units are {style}, because the file does not state them"]
 
 
 def _bodies(frames: Frames, scene: Scene) -> tuple[slice, bool]:
@@ -180,10 +154,9 @@ def _bodies(frames: Frames, scene: Scene) -> tuple[slice, bool]:
     )
 
 
-def _axis(frames: Frames, bodies: slice) -> int:
+def _axis(frames: Frames, bodies: slice, axis: int) -> int:
     """Return the axis along which the bodies lie (0, 1 or 2); raise UsageError if they leave the line."""
     start = frames.position[0, bodies]
-    axis = int(np.argmax(np.ptp(start, axis=0)))
     flight = np.max(np.abs(frames.position[:, bodies] - start), axis=(0, 1))
     across = float(np.max(np.delete(flight, axis)))
     if across > ACROSS * float(flight[axis]) and across > 0.0:
@@ -205,16 +178,16 @@ def _check_order(along: Floats, ids: NDArray[np.int64]) -> None:
         )
 
 
-def _check_mass(columns: Any, ids: NDArray[np.int64], bodies: slice, scene: Scene, si: Units) -> None:
+def _check_mass(frames: Frames, bodies: slice, scene: Scene, unit: float) -> None:
     """Raise UsageError unless the masses in the file, if any, are those of the scene."""
-    if "mass" not in columns:
+    if "mass" not in frames.columns:
         return
-    mass = columns["mass"][0, bodies] * si.mass
+    mass = frames.columns["mass"][0, bodies] * unit
     off = np.abs(mass - scene.mass) > START_WITHIN * np.array(scene.mass)
     if np.any(off):
         k = int(np.argmax(off))
         raise UsageError(
-            f"atom {ids[bodies][k]} has a mass of {mass[k]:.6g} kg, body {k} of {scene.name} has"
+            f"atom {frames.ids[bodies][k]} has a mass of {mass[k]:.6g} kg, body {k} of {scene.name} has"
             f" {scene.mass[k]:.6g} kg; give the scene of this run, or the units of the file"
         )
 
@@ -239,33 +212,6 @@ def _from_net(net: Floats, time: Floats, scene: Scene, with_walls: bool) -> Floa
     chain = behind[:, int(left) : int(left) + scene.n_body - 1]
     walls = [behind[:, :1]] * left + [behind[:, -2:-1]] * right
     return np.hstack([chain, *walls])
-
-
-def _samples_of_table(time: Floats, columns: dict[str, Floats], scene: Scene) -> _Samples:
-    """Return the samples of a CSV file."""
-    assumed = []
-    for name, values in columns.items():
-        kind, count = ("contacts", scene.n_contact) if name == "contact_force" else ("bodies", scene.n_body)
-        if (width := values.shape[1]) != count:
-            raise UsageError(
-                f"the columns of {name} are of {width} {kind}, the scene {scene.name} has {count}; all are needed"
-            )
-    if "displacement" in columns:
-        displacement = columns["displacement"]
-    elif "x" in columns:
-        displacement = columns["x"] - columns["x"][0]
-        assumed.append("displacements are relative to the first time")
-    else:
-        raise UsageError("the file has neither displacements nor positions; add a column displacement_m or x_m")
-    if "x" in columns:
-        _check_order(columns["x"], np.arange(scene.n_body))
-    contact = columns.get("contact_force")
-    if contact is None and "force_left" in columns and "force_right" in columns:
-        contact = from_sides(columns["force_left"], columns["force_right"], scene)
-    digits = {"position": rounding_error(columns.get("x", displacement))}
-    if "velocity" in columns:
-        digits["velocity"] = rounding_error(columns["velocity"])
-    return _Samples(time, displacement, columns.get("velocity"), contact, digits, assumed)
 
 
 def _check_times(time: Floats) -> None:
@@ -321,10 +267,11 @@ def _trajectory(path: Path, samples: _Samples, scene: Scene, format: str) -> Tra
         if error is not None:
             unit = "m" if name == "position" else "m/s"
             samples.assumed.append(f"{name} has few digits: its rounding error is up to {error:.2g} {unit}")
+    unknown = np.full((n_t, scene.n_body), math.nan)
     return Trajectory(
         time=samples.time,
-        displacement=samples.displacement,
-        velocity=np.full((n_t, scene.n_body), math.nan) if samples.velocity is None else samples.velocity,
+        displacement=samples.record.values.get("displacement", unknown),
+        velocity=unknown if samples.velocity is None else samples.velocity,
         contact_force=force,
         peak_force=np.max(force, axis=0),
         crossing_time=np.full(scene.n_contact, math.nan),

@@ -36,7 +36,7 @@ def _asked(*words: object) -> Result:
 
 def test_the_words_of_the_commands_are_those_of_the_package() -> None:
     from dem_bridge.exports.trajectories import SUFFIXES
-    from dem_bridge.readers.trajectories import UNITS as KNOWN
+    from dem_bridge.readers.headings import STYLES as KNOWN
 
     assert tuple(KNOWN) == choices("convert", "units") == choices("compare", "units")
     assert set(choices("convert", "format")) == set(SUFFIXES.values()) - {"traj"}

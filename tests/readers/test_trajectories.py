@@ -20,7 +20,7 @@ from dem_bridge.drive import Drive
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.process import run_deck
 from dem_bridge.readers.digits import rounding_error
-from dem_bridge.readers.trajectories import UNITS
+from dem_bridge.readers.headings import STYLES as UNITS
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from tests.helpers.export_chains import CROSSED, PAIR, RAW
@@ -116,7 +116,7 @@ def _faster(text: str) -> str:
         (lambda text: re.sub(r"(?m)^3 1 \S+", "3 1 nan", text), "frame 0 has positions that are not finite"),
         (lambda text: re.sub(r"(?m)^(4 1 \S+) 0 0 (0\.\d{4,}|1\.\d+)", r"\1 1e-3 0 \2", text), "across the chain"),
         (lambda text: re.sub(r"ITEM: TIME\n.*\n", "", text), "no times; give the time step in seconds"),
-        (lambda _: "", "the file has no frames"),
+        (lambda _: "", "the file is empty; allowed: a file with at least one frame"),
     ],
     ids=["swapped", "swapped once", "lost frame", "no start", "lost atom", "mm/s", "lj", "metal", "cut", "no id",
          "scaled", "twice", "nan", "across", "no time", "empty"],
@@ -241,9 +241,13 @@ def test_ase_trajectories_are_read(axis: int, tmp_path: Path) -> None:
     assert np.max(np.abs(found.contact_force - run.contact_force)) <= 10 * EPS * 2e3
     with pytest.raises(UsageError, match="no times; give the time step in seconds"):
         db.read_trajectory(path, CROSSED, units="si")
-    # in ASE's own units, which it has if nothing is said, the chain would be far too light
+    # without units those are taken in which the masses are the scene's; of another scene they are ASE's own
+    again = db.read_trajectory(path, CROSSED, dt=dt)
+    np.testing.assert_array_equal(again.velocity, found.velocity)
+    assert any("units are si, because the masses" in sentence for sentence in again.provenance["assumed"])
+    heavier = replace(CROSSED, mass=tuple(2.0 * np.array(CROSSED.mass)), geometry=None)
     with pytest.raises(UsageError, match=r"atom 0 has a mass of 1\.3\S*e-29 kg"):
-        db.read_trajectory(path, CROSSED, dt=dt)
+        db.read_trajectory(path, heavier, dt=dt)
 
 
 def test_ase_without_momenta_has_no_velocities(tmp_path: Path) -> None:
@@ -291,19 +295,21 @@ def test_csv_of_others_in_other_units(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "found"),
     [
-        ("time_s,velocity_0_m_per_s\n0,1\n", "velocity are of 1 bodies, the scene pair has 2; all are needed"),
-        ("time_s,velocity_0_m_per_s,velocity_1_m_per_s\n0,0.8,0\n", "neither displacements nor positions"),
-        ("time_s,speed_0_m\n0,1\n", "column 'speed_0_m' is unknown; allowed: body, and time"),
-        ("time_s,velocity_0_furlong\n0,1\n", "'velocity_0_furlong' has the unknown unit 'furlong'; allowed: m/s"),
-        ("time_s,displacement_0_m,displacement_2_m\n0,1,1\n", r"the columns of displacement have the indices \[0, 2\]"),
-        ("t,x_0_m,x_1_m\n0,0,1\n", r"column 't' has no unit; write 't \(s\)'"),
-        ("t (s),v_0,v_1\n0,0,1\n", r"column 'v_0' has no unit; write 'v_0 \(m/s\)'"),
-        ("displacement_0_m,displacement_1_m\n0,1\n", "has no times"),
-        ("time_s,displacement_0_m,displacement_1_m\n0,one,1\n", "is not a CSV table .could not convert string"),
-        ("time_s,displacement_0_m,displacement_1_m\n0,1\n", "then rows with a number per heading"),
-        ("time_s,body,displacement_m\n0,0,0\n0,1,0\n1,0,0\n", "time 1 s has 1 atoms, .*: atom 1 is missing"),
-        ("time_s,body,displacement_m\n0,0,0\n0,1,0\n1,0,0\n1,1,0\n0.5,0,0\n0.5,1,0\n", "frame 2 is not later"),
-        ("", "is not a CSV table; allowed: a row of headings"),
+        ("time_s,velocity_0_m_per_s\n0,1\n", "velocity are of 1 bodies, the scene pair has 2; allowed: all"),
+        ("time_s,contact_force_0_N\n0,0\n1,1\n", "neither displacements nor positions nor velocities; add one"),
+        ("time_s,speed_0_m\n0,1\n", "that can be used in 'time_s', 'speed_0_m'; allowed: headings such"),
+        ("time_s,velocity_0_furlong\n0,1\n", "be used in 'time_s', 'velocity_0_furlong'; allowed: .* .m/s.'"),
+        ("time_s,velocity 0 [furlong]\n0,1\n", "the unit 'furlong' of velocity is unknown; allowed: m/s, mm/s"),
+        ("time_s,displacement_0_m,displacement_2_m\n0,1,1\n", "the displacement of body 2; .* has 2: .* 0 to 1"),
+        ("time_s,x_0_m,x_1_m\n0,0,-1\n1,0,-1\n", "in frame 0 atom 0 is at 0 and atom 1 at -1; allowed: positions"),
+        ("displacement_0_m,displacement_1_m\n0,1\n", "has no times; name their column"),
+        ("time_s,displacement_0_m,displacement_1_m\n0,one,1\n", "not a table, its line '0,one,1' is no row of"),
+        ("time_s,displacement_0_m,displacement_1_m\n0,1,1\n0,one,1\n", "column 'disp.*' has 'one' in row 2; allowed"),
+        ("time_s,displacement_0_m,displacement_1_m\n0,1\n", "which is not the number of headings in"),
+        ("time_s,body,displacement_m\n0,0,0\n0,1,0\n1,0,0\n", "not used: 1 s lacks body 1; allowed: a complete"),
+        ("time_s,x_0_m,x_1_m\n0,0,1\n1,0,1\n0.5,0,1\n", "sample 2 is at 0.5 s and sample 1 at 1 s; allowed"),
+        ("time_s,x_0_m,x_1_m\n0,0,1\n1,,1\n", "1 of 2 samples have empty values and are not used; allowed: a complete"),
+        ("", "the file is empty"),
     ],
 )  # fmt: skip
 def test_a_csv_that_cannot_be_is_refused_by_name(text: str, found: str, tmp_path: Path) -> None:
@@ -316,12 +322,13 @@ def test_a_csv_that_cannot_be_is_refused_by_name(text: str, found: str, tmp_path
     ("name", "how", "found"),
     [
         ("none.csv", {}, "no such file"),
-        ("binary.lammpstrj", {}, "the file is not text; convert a binary dump with LAMMPS' binary2txt"),
-        ("binary.traj", {"dt": 1e-6}, "ASE cannot read frame 0"),
+        ("binary.lammpstrj", {}, "the file is not text .* convert a binary dump with LAMMPS' binary2txt"),
+        ("binary.traj", {"dt": 1e-6}, "ASE cannot read frame 0 or the next frame"),
         ("text.lammpstrj", {}, "where a line 'ITEM: ...' is expected"),
+        ("hello.lammpstrj", {}, "the file is not a table, its line 'hello' is no row"),
         ("text.lammpstrj", {"units": "lj"}, "units = 'lj' is unknown; allowed: si"),
         ("text.lammpstrj", {"dt": -1.0}, r"dt = -1\.0; allowed"),
-        ("text.csv", {"units": "metal"}, "units and dt do not apply to CSV"),
+        ("text.csv", {"units": "metal"}, "the file is not a table, its line 'hello' is no row"),
         ("run.nc", {"dt": 1.0}, "units and dt do not apply to netCDF"),
         ("run.pdb", {}, "the file type is not clear from"),
     ],
@@ -330,9 +337,10 @@ def test_files_and_settings_that_cannot_be_are_refused(
     name: str, how: dict[str, Any], found: str, tmp_path: Path
 ) -> None:
     (tmp_path / "binary.lammpstrj").write_bytes(b"\xf6\xff\xff\xff\xff\xff\xff\xffDUMPCUSTOM\x01")
-    (tmp_path / "binary.traj").write_bytes(b"\xf6\xff")
-    for text in ("text.lammpstrj", "text.csv"):
+    (tmp_path / "binary.traj").write_bytes(b"- of UlmASE-Trajectory\xf6\xff")
+    for text in ("hello.lammpstrj", "text.csv"):
         (tmp_path / text).write_text("hello\n")
+    (tmp_path / "text.lammpstrj").write_text("ITEM: TIMESTEP\n0\nhello\n")
     with pytest.raises(UsageError, match=found) as error:
         db.read_trajectory(tmp_path / name, PAIR, **how)
     assert "\n" not in str(error.value)
