@@ -26,13 +26,14 @@ from dem_bridge.report.images import compress_png
 from dem_bridge.report.junit import junit
 from dem_bridge.report.page import write_study
 from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Damping, Scene
 from dem_bridge.studies.verification import SCHEMA, Verification, verification_of
 from dem_bridge.studies.verify import plan_scene
 from dem_bridge.verification.assess import SceneStudy, assess_scene
 from dem_bridge.verification.roles import TWIN, engine_for
 from dem_bridge.verification.verdict import Outcome
-from tests.helpers.fake_paper import fake_paper
+from tests.helpers.fake_paper import NOTHING, fake_paper
 from tests.helpers.fake_runs import free_flight
 
 PAIR = Scene(
@@ -63,9 +64,9 @@ def _verification(scene: Scene, broken: bool = False) -> Verification:
     return verification_of([plan.assess([run(case) for case in plan.cases])], accuracy=1e-3, wall=1.0)
 
 
-def _written(study: Verification, folder: Path) -> Path:
-    """Write a study; its page."""
-    assert write_study(study, folder)[0] == "index.html"
+def _written(study: Verification, folder: Path, pictures: Store) -> Path:
+    """Write a study and return its page."""
+    assert write_study(study, folder, pictures)[0] == "index.html"
     return folder / "index.html"
 
 
@@ -75,13 +76,24 @@ def found() -> Verification:
 
 
 @pytest.fixture(scope="module")
-def whole(found: Verification, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    """Store of the pictures of all pages here."""
+    return Store(tmp_path_factory.mktemp("pictures"))
+
+
+@pytest.fixture(scope="module")
+def page(found: Verification, pictures: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Page of a verification without a paper, in a new folder."""
+    return _written(found, tmp_path_factory.mktemp("page") / "new" / "folder", pictures)
+
+
+@pytest.fixture(scope="module")
+def whole(found: Verification, pictures: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a report with a paper."""
-    return _written(fake_paper(found), tmp_path_factory.mktemp("whole")).parent
+    return _written(fake_paper(found), tmp_path_factory.mktemp("whole"), pictures).parent
 
 
-def test_the_page_is_one_file_that_loads_nothing(found: Verification, tmp_path: Path) -> None:
-    page = _written(found, tmp_path / "new" / "folder")
+def test_the_page_is_one_file_that_loads_nothing(page: Path) -> None:
     files = {path.relative_to(page.parent).as_posix() for path in page.parent.rglob("*.*")}
     assert files == {"index.html", "verdicts.json", "tables/verdicts.csv", "tables/observables.csv"}
     _loads_nothing(page.read_text(encoding="utf-8"))
@@ -94,15 +106,14 @@ def _loads_nothing(text: str) -> None:
     assert not re.search(r"<link|@import|url\((?!#)|<script[^>]|<img", text), "a request"
 
 
-def test_text_with_markup_is_escaped(found: Verification, tmp_path: Path) -> None:
-    page = _written(found, tmp_path)
+def test_text_with_markup_is_escaped(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert "&lt;b&gt;three&lt;/b&gt; &amp; more" in text
     assert "<b>three" not in text
 
 
-def test_the_page_shows_every_verdict_and_what_is_not_verified(found: Verification, tmp_path: Path) -> None:
-    text = _written(found, tmp_path).read_text(encoding="utf-8")
+def test_the_page_shows_every_verdict_and_what_is_not_verified(found: Verification, page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
     for verdict in found.verdicts:
         if verdict.backend != "bca":
             assert number(verdict.difference) in text
@@ -151,8 +162,8 @@ def test_what_is_not_verified_goes_by_what_was_run(
     assert any("by a second method" in line for line in lines) == bool({"damping", "drag"} & set(changes))
 
 
-def test_the_json_has_the_keys_of_the_contract(found: Verification, tmp_path: Path) -> None:
-    record = json.loads((_written(found, tmp_path).parent / "verdicts.json").read_text(encoding="utf-8"))
+def test_the_json_has_the_keys_of_the_contract(page: Path) -> None:
+    record = json.loads((page.parent / "verdicts.json").read_text(encoding="utf-8"))
     assert record["schema"] == SCHEMA == "dem-bridge/verdicts/1"
     assert set(record) == {"schema", "verdicts", "claims", "budgets", "observables", "provenance"}
     for verdict in record["verdicts"]:
@@ -180,10 +191,10 @@ def test_a_failed_check_stands_in_the_headline_instead_of_praise(found: Verifica
     assert "are round-off" not in sentence
 
 
-def test_a_folder_that_cannot_be_written_is_one_line(found: Verification, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match="cannot be written"):
-        write_study(found, tmp_path / "file")
+        write_study(NOTHING, tmp_path / "file")
 
 
 def test_nothing_names_a_machine_or_a_path(found: Verification) -> None:
@@ -283,10 +294,10 @@ def _escaped(text: str) -> str:
     return escape(text).replace("&#x27;", "&#39;")
 
 
-def test_runs_that_do_not_pass_stand_on_page_one_of_a_paper(found: Verification, tmp_path: Path, whole: Path) -> None:
+def test_runs_that_do_not_pass_stand_on_page_one_of_a_paper(pictures: Store, tmp_path: Path, whole: Path) -> None:
     assert "These verdicts do not pass" not in _text(whole)
     broken = fake_paper(_verification(PAIR, broken=True))
-    first = _written(broken, tmp_path).read_text(encoding="utf-8").split('id="claims"')[0]
+    first = _written(broken, tmp_path, pictures).read_text(encoding="utf-8").split('id="claims"')[0]
     assert re.search('<span class="outcome BROKEN">BROKEN</span> three: [^<]*ERROR: Lost atoms', first)
 
 

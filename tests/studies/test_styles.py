@@ -57,7 +57,6 @@ count = 10
 """
 OF = {way.name: way for way in WAYS}
 BASE = OF["granular"]
-SERIAL = tuple(way for way in WAYS if "ranks" not in way.name and "omp" not in way.name)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -69,8 +68,13 @@ def _patient_threads() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def held() -> tuple[Row, ...]:
-    return _rows(HELD, *WAYS)
+def base() -> Base:
+    return base_of(HELD, dt=DT)
+
+
+@pytest.fixture(scope="module")
+def held(base: Base) -> tuple[Row, ...]:
+    return rows_of(base, WAYS)
 
 
 def _row(rows: Sequence[Row], way: str) -> Row:
@@ -81,7 +85,7 @@ def _rows(scene: Scene, *ways: Way, engine: Engine | None = None) -> tuple[Row, 
     return rows_of(base_of(scene, dt=DT, engine=engine), ways)
 
 
-def test_every_way_passes_or_says_why_it_was_not_run(held: tuple[Row, ...]) -> None:
+def test_every_way_passes_or_says_why_it_was_not_run(base: Base, held: tuple[Row, ...]) -> None:
     assert [row.way for row in held] == [way.name for way in WAYS]
     for row in held:
         assert row.outcome in (Outcome.PASS, Outcome.NOT_RUN), row
@@ -90,7 +94,7 @@ def test_every_way_passes_or_says_why_it_was_not_run(held: tuple[Row, ...]) -> N
         # a floor of round-off, or what tables miss, and not a number that lets everything pass
         most = 1e-5 if row.way.startswith("table") else 1e-11
         assert all(0.0 < tolerance < most for tolerance in row.tolerances.values())
-    assert study_of(base_of(HELD, dt=DT), held).exit_code == 0
+    assert study_of(base, held).exit_code == 0
 
 
 def test_what_changes_no_operation_changes_no_bit(held: tuple[Row, ...]) -> None:
@@ -132,13 +136,14 @@ WALLS = {
 
 @pytest.mark.parametrize("scene", WALLS, ids=lambda scene: scene.name)
 def test_one_scene_with_walls_of_every_style_has_one_answer(scene: Scene) -> None:
+    base = base_of(scene, dt=DT)
     planes = [f"granular, fix wall/gran{style}" for style in WALLS[scene]]
     ways = [*planes, *(["granular, fix freeze"] if scene is not DAMPED else [])]
-    for row in _rows(scene, BASE, *(OF[way] for way in ways)):
+    for row in rows_of(base, (BASE, *(OF[way] for way in ways))):
         assert row.outcome is Outcome.PASS, row
         assert row.differences["velocity"].value < 1e-11
     others = [way for way in OF if "fix " in way and way not in (*ways, "granular, fix wall/gran")]
-    for row in _rows(scene, *(OF[way] for way in others)):
+    for row in rows_of(base, tuple(OF[way] for way in others)):
         assert row.outcome is Outcome.NOT_RUN, row
         assert re.search("has n = 2.* only|no dashpot|effective mass", row.reason)
 
@@ -171,7 +176,8 @@ def test_damped_walls_are_the_same_as_planes_and_a_restart_is_another_run(scene:
 
 def test_ways_that_the_scene_does_not_have_say_so() -> None:
     free = replace(HELD, wall_left=None, wall_right=None, exponent=2.0)
-    reasons = {row.way: row.reason for row in _rows(free, *SERIAL)}
+    rows = _rows(free, OF["granular, fix wall/gran"], OF["gran/hertz/history"])
+    reasons = {row.way: row.reason for row in rows}
     assert reasons["granular, fix wall/gran"] == "the scene has no wall, which this variant requires"
     assert "n = 2.5 only" in reasons["gran/hertz/history"]
     scattered = Scene(
@@ -255,45 +261,50 @@ FAULTS: dict[str, Callable[[Base], Deck]] = {
 }
 
 
-@pytest.mark.parametrize("plant", FAULTS.values(), ids=FAULTS)
-def test_a_way_with_a_fault_fails(plant: Callable[[Base], Deck]) -> None:
-    sound, faulty = _rows(HELD, BASE, Way(name="faulty", deck=plant))
-    assert sound.outcome is Outcome.PASS
-    assert faulty.outcome is Outcome.FAIL
-    assert not faulty.bitwise
-    assert faulty.beyond
+@pytest.fixture(scope="module")
+def faulty(base: Base) -> dict[str, Row]:
+    """Return the rows of the sound deck, "granular", and of all faults."""
+    ways = (BASE, *(Way(name=name, deck=plant) for name, plant in FAULTS.items()))
+    return {row.way: row for row in rows_of(base, ways)}
 
 
-def test_a_reaction_that_is_left_out_shows_in_the_force_of_the_wall() -> None:
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_way_with_a_fault_fails(name: str, faulty: dict[str, Row]) -> None:
+    assert faulty[BASE.name].outcome is Outcome.PASS
+    assert faulty[name].outcome is Outcome.FAIL
+    assert not faulty[name].bitwise
+    assert faulty[name].beyond
+
+
+def test_a_reaction_that_is_left_out_shows_in_the_force_of_the_wall(base: Base) -> None:
     """Motion is right without it: what is read as the wall's force is not."""
-    [_, faulty] = _rows(
-        HELD, BASE, Way(name="mute", deck=lambda base: _changed(_flat(base), r"^fix +mark_left .*\n", ""))
-    )
+    mute = Way(name="mute", deck=lambda base: _changed(_flat(base), r"^fix +mark_left .*\n", ""))
+    [faulty] = rows_of(base, (mute,))
     assert faulty.outcome is Outcome.FAIL
     assert [name for name in COLUMNS if faulty.differences[name].value > faulty.tolerances[name]] == ["peak_force"]
 
 
-def test_a_way_that_breaks_is_a_row_and_the_others_go_on() -> None:
+def test_a_way_that_breaks_is_a_row_and_the_others_go_on(base: Base) -> None:
     broken = Way(name="broken", deck=lambda base: _changed(base.deck, "^newton +on", "newton sideways"))
     absent = Way(name="absent", package="NO-SUCH")
-    found = _rows(HELD, BASE, broken, absent, OF["granular, newton off"])
+    found = rows_of(base, (BASE, broken, absent, OF["granular, newton off"]))
     assert [row.outcome.value for row in found] == ["PASS", "BROKEN", "NOT_RUN", "PASS"]
     assert "newton" in found[1].reason
     assert "no NO-SUCH package" in found[2].reason
-    study = study_of(base_of(HELD, dt=DT), found)
+    study = study_of(base, found)
     assert study.exit_code == 3
     assert "newton" in study.verdicts[1].sentence
 
 
-def test_progress_is_told_for_each_way() -> None:
+def test_progress_is_told_for_each_way(base: Base) -> None:
     told: list[tuple[float, int, str]] = []
-    rows_of(base_of(HELD, dt=DT), (BASE,), progress=lambda *words: told.append(words))
+    rows_of(base, (BASE,), progress=lambda *words: told.append(words))
     assert told[0] == (0.0, 1, "held: granular")
     assert told[-1] == (1, 1, "")
 
 
-def test_the_tables_and_the_figure_hold_the_matrix(held: tuple[Row, ...]) -> None:
-    study = study_of(base_of(HELD, dt=DT), held)
+def test_the_tables_and_the_figure_hold_the_matrix(base: Base, held: tuple[Row, ...]) -> None:
+    study = study_of(base, held)
     differences, tolerances = study.tables
     ran = [row for row in held if row.differences]
     for line, row, verdict in zip(differences.rows, held, study.verdicts, strict=True):

@@ -21,6 +21,8 @@ from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies import scatter
+from dem_bridge.studies.paper.claims_numbers import numbers
+from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.runs import (
     LONG,
     MAIN,
@@ -31,7 +33,11 @@ from dem_bridge.studies.paper.runs import (
     variants,
     with_mass_gradient,
 )
+from dem_bridge.studies.paper.study import read_paper, with_paper
 from dem_bridge.studies.scatter import ScatteredChains
+from dem_bridge.studies.study import Claim
+from dem_bridge.studies.verification import Verification, verification_of
+from dem_bridge.studies.verify import DEFAULT_ACCURACY
 from dem_bridge.trajectory import Trajectory, Uncertainty
 
 OTHERS = ("tapered-forward", "tapered-backward", "homogeneous-cylinders")
@@ -111,6 +117,20 @@ def scattered(store: Path) -> list[ScatteredChains]:
 
     kept = Store(store)
     return [of(db.load_scene(name)) for name in MAIN]
+
+
+@pytest.fixture(scope="package")
+def paper(runs: Runs, scattered: list[ScatteredChains]) -> Verification:
+    """Return the paper as it is read off the runs, with all claims, tables and figures."""
+    verification = verification_of([], accuracy=DEFAULT_ACCURACY, wall=0.0)
+    return with_paper(verification, read_paper([], DEFAULT_ACCURACY, runs, scattered))
+
+
+@pytest.fixture(scope="package")
+def claims(runs: Runs) -> tuple[Claim, ...]:
+    """Return the claims on numbers and on the wave, read off the runs of the two main chains alone."""
+    few = Runs.of(result for (name, _), result in runs.results.items() if name in MAIN)
+    return (*numbers(few), *waves(few, []))
 
 
 def truth_of(runs: Runs, name: str) -> Trajectory:

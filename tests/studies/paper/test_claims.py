@@ -27,6 +27,7 @@ from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, GRADIENTS,
 from dem_bridge.studies.paper.texts import CLAIMS
 from dem_bridge.studies.scatter import ScatteredChains
 from dem_bridge.studies.study import Claim, ClaimValue
+from dem_bridge.studies.verification import Verification
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.verdict import Outcome
 from tests.studies.paper.conftest import GRADIENTS as FEW
@@ -100,8 +101,10 @@ def _all(runs: Runs, scattered: list[ScatteredChains]) -> dict[str, Claim]:
 
 
 @pytest.fixture(scope="module")
-def claims(runs: Runs, scattered: list[ScatteredChains]) -> dict[str, Claim]:
-    return _all(runs, scattered)
+def claims(paper: Verification) -> dict[str, Claim]:
+    found = {claim.id: claim for claim in paper.claims}
+    assert len(found) == len(paper.claims)
+    return found
 
 
 #: who decides; theories are only heard

@@ -24,9 +24,7 @@ from dem_bridge.verification.roles import REFERENCE
 from dem_bridge.verification.verdict import Outcome
 from tests.helpers.legibility import assert_legible
 from tests.studies.paper.conftest import truth_of
-from tests.studies.paper.test_summary import EFFECTS, STUDIES, _effect, _study, _verdict, claims
-
-__all__ = ["claims"]
+from tests.studies.paper.test_summary import EFFECTS, STUDIES, _effect, _study, _verdict
 
 
 def _budget(found: float) -> Budget:

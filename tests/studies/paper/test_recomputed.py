@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,8 @@ from dem_bridge.studies.paper.claims_numbers import numbers
 from dem_bridge.studies.paper.claims_spectrum import spectra
 from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.runs import DECELERATING, MAIN, Runs
+from dem_bridge.studies.study import Claim
+from dem_bridge.studies.verification import Verification
 from tests.studies.paper.conftest import planted, truth_of
 
 FOLDER = Path(__file__).parents[3] / "reports" / "independent"
@@ -42,9 +44,8 @@ def recomputed() -> dict[Key, float]:
     return result
 
 
-def _of_claims(runs: Runs) -> dict[Key, float]:
-    """Return the values of all claims by the reference, binary collisions and formulas."""
-    claims = (*numbers(runs), *waves(runs, []), *spectra(runs), *forces(runs))
+def _of_claims(claims: Iterable[Claim]) -> dict[Key, float]:
+    """Return the values of claims by the reference, binary collisions and formulas."""
     return {
         (claim.id, value.name): value.value
         for claim in claims
@@ -61,9 +62,9 @@ def _disagreements(claims: dict[Key, float], recomputed: dict[Key, float]) -> se
     return {key[1] for key, value in recomputed.items() if not agrees(key, value)}
 
 
-def test_claims_have_the_numbers_of_the_script(runs: Runs, recomputed: dict[Key, float]) -> None:
+def test_claims_have_the_numbers_of_the_script(paper: Verification, recomputed: dict[Key, float]) -> None:
     assert len(recomputed) > 70
-    assert _disagreements(_of_claims(runs), recomputed) == ALONE
+    assert _disagreements(_of_claims(paper.claims), recomputed) == ALONE
 
 
 FAULTS: dict[str, tuple[Callable[[Runs], Runs], str]] = {
@@ -100,7 +101,9 @@ FAULTS: dict[str, tuple[Callable[[Runs], Runs], str]] = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_planted_fault_disagrees_with_the_script(fault: str, runs: Runs, recomputed: dict[Key, float]) -> None:
     plant, name = FAULTS[fault]
-    assert name in _disagreements(_of_claims(plant(runs)), recomputed)
+    faulty = plant(runs)
+    claims = (*numbers(faulty), *waves(faulty, []), *spectra(faulty), *forces(faulty))
+    assert name in _disagreements(_of_claims(claims), recomputed)
 
 
 def test_the_script_imports_nothing_of_the_package() -> None:

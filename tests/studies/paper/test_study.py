@@ -44,22 +44,15 @@ from dem_bridge.studies.paper.runs import (
     variants,
     with_mass_gradient,
 )
-from dem_bridge.studies.paper.study import Extent, coverage_table, read_paper, verify_paper, with_paper
-from dem_bridge.studies.scatter import ScatteredChains
-from dem_bridge.studies.verification import Verification, verification_of
-from dem_bridge.studies.verify import DEFAULT_ACCURACY, ScenePlan, plan_scene
+from dem_bridge.studies.paper.study import Extent, coverage_table, verify_paper
+from dem_bridge.studies.verification import Verification
+from dem_bridge.studies.verify import ScenePlan, plan_scene
 from dem_bridge.verification.roles import GRANULAR, REFERENCE
 from dem_bridge.verification.verdict import Outcome
 from tests.studies.paper.conftest import cheap_variants, few_gradients, truth_of, without
 
 #: of both chains, with two scattered ones each
 SMALL = Extent(scenes=MAIN, chains=2, hierarchy=False)
-
-
-@pytest.fixture(scope="module")
-def paper(runs: Runs, scattered: list[ScatteredChains]) -> Verification:
-    verification = verification_of([], accuracy=DEFAULT_ACCURACY, wall=0.0)
-    return with_paper(verification, read_paper([], DEFAULT_ACCURACY, runs, scattered))
 
 
 # what is run

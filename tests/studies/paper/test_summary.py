@@ -58,12 +58,6 @@ EFFECTS = [
 ]
 
 
-@pytest.fixture(scope="module")
-def claims(runs: Runs) -> tuple[Claim, ...]:
-    few = Runs.of(result for (name, _), result in runs.results.items() if name in MAIN)
-    return (*numbers(few), *waves(few, []))
-
-
 def test_the_answer_is_five_sentences_each_with_a_number(claims: tuple[Claim, ...]) -> None:
     found = answer(claims, EFFECTS, STUDIES)
     assert len(found) == 5
