@@ -21,8 +21,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_both_tutorials_are_there() -> None:
-    assert NAMES == ["choose-dt-and-table", "trust-my-chain"]
+def test_all_tutorials_are_there() -> None:
+    assert NAMES == ["choose-dt-and-table", "judge-my-code", "trust-my-chain"]
 
 
 @pytest.mark.lammps
