@@ -61,11 +61,11 @@ def write_netcdf(path: Path, run: Run, bodies: Sequence[int], digits: int) -> No
 
 
 def write_dump(path: Path, run: Run, bodies: Sequence[int], digits: int, spacing: float = 0.018) -> None:
-    """Write a LAMMPS dump with positions along x and velocities; positions have digits enough for the displacement."""
+    """Write a LAMMPS dump with positions along x in all digits, and velocities; a step is a tenth of a row."""
     names = ["id", "type", "x", "y", "z"] + (["vx", "vy", "vz"] if "velocity" in run.values else [])
     lines: list[str] = []
     for row, time in enumerate(run.time):
-        lines += ["ITEM: UNITS", "si", "ITEM: TIME", repr(float(time)), "ITEM: TIMESTEP", str(row)]
+        lines += ["ITEM: UNITS", "si", "ITEM: TIME", repr(float(time)), "ITEM: TIMESTEP", str(10 * row)]
         lines += ["ITEM: NUMBER OF ATOMS", str(len(bodies)), "ITEM: BOX BOUNDS ff pp pp"]
         lines += [
             f"{-spacing!r} {spacing * (max(bodies) + 1)!r}",
