@@ -42,7 +42,7 @@ class Chain:
     radius: Floats | None = None
     """Effective radius R* of each contact, m, if the scene file has shapes."""
     modulus_ratio: Floats | None = None
-    """E / E* of each contact, if the scene file has materials."""
+    """E / E* of each contact, E the harmonic mean of both bodies, if the scene file has materials."""
 
     @property
     def n_body(self) -> int:
@@ -53,12 +53,6 @@ class Chain:
     def equal_radii(self) -> bool:
         """True if all effective radii are equal, or unknown."""
         return self.radius is None or bool(np.nanmax(self.radius) - np.nanmin(self.radius) < 1e-12 * self.radius[0])
-
-    @property
-    def one_material(self) -> bool:
-        """True if E / E* is the same in all contacts, or unknown."""
-        ratio = self.modulus_ratio
-        return ratio is None or bool(np.nanmax(ratio) - np.nanmin(ratio) < 1e-12 * ratio[0])
 
     def with_stiffness(self, factor: Floats | float) -> Chain:
         """Return the chain with other stiffnesses; viscoelastic damping is proportional to them."""
@@ -206,7 +200,12 @@ def _hertz(radius: Floats, materials: Sequence[tuple[float, float, float]]) -> t
     star = 1.0 / (compliance[:-1] + compliance[1:])
     reduced = 1.0 / (1.0 / radius[:-1] + 1.0 / radius[1:])
     mass = _twelve_digits(4.0 / 3.0 * math.pi * density * radius**3)
-    return mass, _twelve_digits(4.0 / 3.0 * star * np.sqrt(reduced)), reduced, youngs[:-1] / star
+    return (
+        mass,
+        _twelve_digits(4.0 / 3.0 * star * np.sqrt(reduced)),
+        reduced,
+        2.0 / (1.0 / youngs[:-1] + 1.0 / youngs[1:]) / star,
+    )
 
 
 def _material(values: tuple[float, float, float], table: str = "material") -> str:

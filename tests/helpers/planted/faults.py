@@ -249,9 +249,6 @@ def modulus(chain: Chain, setting: Setting, size: float, rng: np.random.Generato
     kind = str(rng.choice(["E for E*", "no Poisson's ratio"]))
     factor = np.where(np.isfinite(ratio), ratio if kind == "E for E*" else 0.5 * ratio, 1.0)
     truth, also = frozenset({"modulus"}), UNIFORM
-    if kind != "E for E*" and not chain.one_material:
-        # a Poisson's ratio that is left out in two materials has no simple factor
-        factor = chain.modulus_ratio if chain.modulus_ratio is not None else factor
     if np.ptp(factor) < 1e-12 * factor[0]:
         truth, also = _uniform_truth(chain, setting)
     changed = chain.with_stiffness(factor)
@@ -468,7 +465,8 @@ def softening(chain: Chain, setting: Setting, size: float, rng: np.random.Genera
     contact = _struck(chain, rng, len(chain.stiffness))
     changed = replace(chain, power=chain.power.copy())
     changed.power[contact] -= 0.1 * size
-    also = frozenset({"exponent"})
+    # one collision at one overlap hardly tells the exponent from the stiffness
+    also = frozenset({"exponent", "stiffness"})
     return Change(chain=changed, truth=frozenset({"unknown"}), also=also, where=contact)
 
 
