@@ -21,6 +21,7 @@ from dem_bridge.studies.catalogue import STUDIES, study_named
 _TYPES = {"float": click.FLOAT, "int": click.INT, "str": click.STRING}
 #: parameter that several studies have -> its options in the part "study" of options.json
 _SHARED = {
+    "executor": (),
     "engine": ("lmp", "lmp_args", "python", "ranks"),
     "jobs": ("jobs",),
     "store": ("recompute",),

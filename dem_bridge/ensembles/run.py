@@ -19,8 +19,8 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Result, run_cases
 from dem_bridge.ensembles.draw import BLOCK, Variation
 from dem_bridge.ensembles.result import Ensemble
-from dem_bridge.ensembles.solve import LANED, OBSERVABLES, difference, solve_chains, steps_for
-from dem_bridge.errors import UnsupportedScene, UsageError
+from dem_bridge.ensembles.solve import OBSERVABLES, check_solvable, difference, solve_chains, steps_for
+from dem_bridge.errors import UsageError
 from dem_bridge.observables.registry import observable_named
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
@@ -59,12 +59,11 @@ def run_ensemble(
             raise UsageError(f"{name} = {value!r}; allowed: a whole number >= {least}")
     if not isinstance(accuracy, int | float) or not 1e-9 <= accuracy <= 0.1:
         raise UsageError(f"accuracy = {accuracy!r}; allowed: a number from 1e-9 to 0.1")
-    if reason := LANED.unsupported_reason(scene):
-        raise UnsupportedScene(f"an ensemble of {scene.name} cannot be solved: {reason}")
+    check_solvable(scene)
     steps = steps_for(scene, variation.block(0, min(n, _PILOT)), accuracy, samples)
     sizes = [min(BLOCK, n - first) for first in range(0, n, BLOCK)]
     arrays, folder = _arrays(scene, n, samples)
-    with _pool(executor) as pool:
+    with pool_of(executor) as pool:
         for nth, part in _blocks(pool, variation, sizes, steps, samples):
             for name, values in part.items():
                 arrays[name][nth * BLOCK : nth * BLOCK + len(values)] = values
@@ -86,7 +85,7 @@ def solve_block(variation: Variation, nth: int, count: int, steps: int, samples:
 
 
 @contextmanager
-def _pool(executor: Executor | None) -> Iterator[Executor]:
+def pool_of(executor: Executor | None) -> Iterator[Executor]:
     """Provide an executor: the given one, or threads on all cores, because the kernel releases the interpreter."""
     if executor is not None:
         yield executor

@@ -14,7 +14,7 @@ from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.ensembles.draw import Chains
 from dem_bridge.ensembles.lanes import LANES, march
-from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.physics.statics import static_forces
 from dem_bridge.scene import Scene
 from dem_bridge.support import Support
@@ -44,6 +44,12 @@ _SAFETY = 6.0
 _SAFETY_OF_SAMPLES = 3.0
 #: most steps of a chain
 _MOST_STEPS = 10_000_000
+
+
+def check_solvable(scene: Scene) -> None:
+    """Raise UnsupportedScene if chains of this scene cannot be solved in lanes."""
+    if reason := LANED.unsupported_reason(scene):
+        raise UnsupportedScene(f"an ensemble of {scene.name} cannot be solved: {reason}")
 
 
 def solve_chains(scene: Scene, chains: Chains, steps: int, keep: int = 0) -> dict[str, Floats]:

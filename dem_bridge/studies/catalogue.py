@@ -41,6 +41,8 @@ SUMMARIES = {
     "horizon": "Measure how long single velocities are predictable, and check what is conserved beyond that time.",
     "precision": "Measure the digits of the velocities that LAMMPS' single and mixed precision modes leave.",
     "scatter": "Measure how random errors of the contact angles change arrival, residence times and peak forces.",
+    "sensitivity": "Measure how much each contact's or body's error contributes to the spread of arrival, speeds and"
+    " forces.",
     "restitution": "Measure the restitution of impacts by every damping law, clip and code, and compare it with closed"
     " forms.",
     "engine": "Check every normal law, damping and wall of LAMMPS in one impact each against theory, and name what is"

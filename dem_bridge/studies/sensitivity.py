@@ -1,0 +1,175 @@
+"""Sensitivity: which contact's error changes which measure, and what tolerance a wanted effect leaves a builder."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import Executor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from dem_bridge.ensembles.draw import VARIED, Variation
+from dem_bridge.ensembles.run import Progress, run_ensemble
+from dem_bridge.ensembles.sensitivity import Indices, sobol_indices
+from dem_bridge.errors import UsageError
+from dem_bridge.scene import Scene
+from dem_bridge.studies.study import FigureData, Map, Series, Study, Table, check_setting
+from dem_bridge.studies.texts import Texts
+from dem_bridge.trajectory import Floats
+
+TEXTS = Texts("sensitivity")
+#: parts of the spread at which the deviation of the arrival is measured for the tolerance
+_PARTS = (0.25, 0.5, 1.0)
+#: chains for each of them
+_CHAINS = 512
+#: spread without a setting: degrees, relative, or m
+_SPREADS = {"angle": 0.5, "mass": 0.01, "stiffness": 0.05, "velocity": 0.01, "gap": 1e-6}
+
+
+def study_sensitivity(
+    scene: Scene,
+    *,
+    vary: str = "angle",
+    spread: float | None = None,
+    base: int = 256,
+    effect: float = 0.01,
+    seed: int = 0,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> Study:
+    """Measure how much each contact's or body's error contributes to the spread of arrival, speeds and forces.
+
+    Sobol' indices of every measure are estimated from many chains that differ in the varied numbers only.
+
+    Parameters
+    ----------
+    scene : Scene
+        Intended chain.
+    vary : str
+        What varies: angle, mass, stiffness, velocity or gap.
+    spread : float
+        Standard deviation: degrees, relative, or m.  [default: angle 0.5, mass 0.01, stiffness 0.05, velocity 0.01,
+        gap 1e-6]
+    base : int
+        Number of base samples, a power of 2; for d varied numbers base (d + 2) chains are solved.
+    effect : float
+        Wanted relative standard deviation of the arrival, for which the tolerance is computed.
+    seed : int
+        Seed of the draws.
+    executor, progress : as in :func:`dem_bridge.ensemble`
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    UnsupportedScene
+        If the scene has no angles that could vary, or its chains cannot be solved in lanes.
+    UsageError
+        For a setting out of its range, and for chains whose wave does not reach the last body.
+
+    References
+    ----------
+    Saltelli et al. (2010), *Comput. Phys. Commun.* 181, 259.
+    """
+    if vary not in VARIED:
+        raise UsageError(f"vary = {vary!r}; allowed: {', '.join(VARIED)}")
+    check_setting("effect", effect, "a relative standard deviation above 0, up to 1", most=1.0)
+    size = _SPREADS[vary] if spread is None else spread
+    variation = Variation(scene=scene, vary={vary: size}, seed=seed)
+    links = scene.n_body - 1
+
+    def measures(values: dict[str, Floats]) -> Floats:
+        ratio = values["peak_velocity"][:, -1] / values["peak_velocity"][:, 0]
+        lines = [values["arrival_at_end"], ratio, *values["residence_time"][:, 1:-1].T]
+        return np.array([*lines, *values["peak_force"][:, :links].T])
+
+    indices = sobol_indices(variation, measures, base=base, executor=executor, progress=progress)
+    tolerances = _tolerances(variation, size, executor)
+    unit = {"angle": "degrees", "gap": "m"}.get(vary, "relative")
+    allowed = _allowed_spread(tolerances, effect)
+    texts = {"scene": scene.name, "vary": vary, "spread": size, "unit": unit, "chains": indices.chains}
+    return TEXTS.study(
+        {"scene": scene.name},
+        answer=(
+            TEXTS("arrival", share=indices.deviation[0] / indices.mean[0], **texts),
+            *(_largest(name, indices, row) for row, name in enumerate(("arrival at the last body", "V_out/V_in"))),
+            TEXTS("interactions", share=1.0 - float(np.sum(indices.first[0])), name="arrival at the last body"),
+            TEXTS("tolerance", effect=effect, allowed=allowed, **texts),
+        ),
+        tables=(_table(indices), TEXTS.table("tolerance", tolerances, unit=unit)),
+        figures=(_figure(indices, links, texts),),
+        provenance={"scene": scene.name, "scene_hash": scene.content_hash, "vary": {vary: size}, "seed": seed},
+    )
+
+
+def _name(column: tuple[str, int]) -> str:
+    key, place = column
+    return f"{key} of {'body' if key in ('mass', 'velocity') else 'contact'} {place}"
+
+
+def _largest(name: str, indices: Indices, row: int) -> str:
+    """Return the sentence on the number that contributes most to a measure."""
+    most = int(np.argmax(indices.first[row]))
+    low, high = indices.first_interval[:, row, most]
+    return TEXTS(
+        "largest", name=name, column=_name(indices.columns[most]), share=indices.first[row, most], low=low, high=high
+    )
+
+
+def _tolerances(variation: Variation, spread: float, executor: Executor | None) -> list[tuple[float, float]]:
+    """Return spreads, and the relative standard deviation of the arrival that each causes."""
+    ((key, _),) = variation.vary.items()
+    rows = []
+    for part in _PARTS:
+        smaller = replace(variation, vary={key: part * spread})
+        arrival = run_ensemble(smaller, _CHAINS, checks=0, executor=executor).values["arrival_at_end"]
+        rows.append((part * spread, float(np.nanstd(arrival) / np.nanmean(arrival))))
+    return rows
+
+
+def _allowed_spread(tolerances: list[tuple[float, float]], effect: float) -> float:
+    """Return the spread that causes the wanted deviation: by interpolation, beyond the measured ones in proportion."""
+    spreads, deviations = (np.log(column) for column in np.array(tolerances).T)
+    wanted = math.log(effect)
+    if wanted < deviations[0]:
+        return float(np.exp(spreads[0] + wanted - deviations[0]))
+    if wanted > deviations[-1]:
+        return float(np.exp(spreads[-1] + wanted - deviations[-1]))
+    return float(np.exp(np.interp(wanted, deviations, spreads)))
+
+
+def _table(indices: Indices) -> Table:
+    """Return the indices of arrival and V_out/V_in for each varied number."""
+    rows = []
+    for column, which in enumerate(indices.columns):
+        cells: list[float] = []
+        for row in (0, 1):
+            cells += [indices.first[row, column], *indices.first_interval[:, row, column], indices.total[row, column]]
+        rows.append((_name(which), *map(float, cells)))
+    return TEXTS.table("indices", rows)
+
+
+def _figure(indices: Indices, links: int, texts: dict[str, Any]) -> FigureData:
+    """Return the indices of arrival and V_out/V_in along the chain, and those of all measures as maps."""
+    places = np.array([place for _, place in indices.columns], dtype=float)
+
+    def line(row: int, label: str, style: str) -> Series:
+        low, high = indices.first_interval[:, row]
+        return Series(label=label, style=style, x=places, y=indices.first[row], bar=0.5 * (high - low))
+
+    lines = (line(0, "arrival at the last body", "reference"), line(1, "V_out/V_in", "verlet"))
+    bodies = np.arange(1.0, links)
+    middle = 2 + len(bodies)
+    maps = (
+        Map(label="first-order index", x=places, y=bodies, values=indices.first[2:middle]),
+        Map(label="first-order index", x=places, y=np.arange(float(links)), values=indices.first[middle:]),
+    )
+    panels = (
+        TEXTS.panel("along", lines, **texts),
+        TEXTS.panel("residence", map=maps[0], **texts),
+        TEXTS.panel("force", map=maps[1], **texts),
+    )
+    return replace(TEXTS.figure("sensitivity", panels, **texts), id=f"sensitivity-{texts['scene']}")
