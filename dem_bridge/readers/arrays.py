@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import io
+import json
 import math
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,9 @@ from numpy.typing import NDArray
 from dem_bridge.errors import UsageError
 from dem_bridge.readers.source import MOST_BYTES
 from dem_bridge.readers.tables import Entry, Table
+
+#: variables of a file that :meth:`.Trajectory.save` wrote which are read
+_OWN = ("time", "displacement", "velocity", "contact_force")
 
 
 def read_npz(path: Path) -> Table:
@@ -32,7 +38,7 @@ def read_npz(path: Path) -> Table:
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
         if isinstance(error, UsageError):
             raise
-        raise UsageError(f"the npz file is damaged ({error}); write it again") from error
+        raise UsageError(f"the npz file is damaged ({_short(error)}); write it again") from error
     if not arrays:
         raise UsageError("the npz file has no arrays; allowed: arrays such as time and velocity")
     return _table(arrays)
@@ -48,7 +54,7 @@ def read_npy(content: bytes) -> Table:
     except (OSError, ValueError, EOFError) as error:
         if isinstance(error, UsageError):
             raise
-        raise UsageError(f"the npy file is damaged ({error}); write it again") from error
+        raise UsageError(f"the npy file is damaged ({_short(error)}); write it again") from error
     if array.dtype.names:
         return _table({name: array[name] for name in array.dtype.names})
     if array.ndim != 2:
@@ -87,11 +93,17 @@ def _table(arrays: dict[str, NDArray[Any]]) -> Table:
         if array.dtype.kind in "SU":
             continue
         if array.size == 1 and name.lower() in ("dt", "timestep", "time_step", "dt_s"):
-            table.dt = float(array.ravel()[0])
-            table.notes.append(f"the time step is {table.dt:.9g} s, as the file states")
+            _state_step(table, float(array.ravel()[0]))
         else:
             table.entries += _entries(name, array, None)
     return table
+
+
+def _state_step(table: Table, dt: Any) -> None:
+    """Set the time step of a table and say so, if it is a number above 0."""
+    if isinstance(dt, float) and 0.0 < dt < math.inf:
+        table.dt = dt
+        table.notes.append(f"the time step is {dt:.9g} s, as the file states")
 
 
 def _entries(name: str, array: NDArray[Any], unit: str | None) -> Iterator[Entry]:
@@ -107,38 +119,85 @@ def _entries(name: str, array: NDArray[Any], unit: str | None) -> Iterator[Entry
 
 def read_netcdf(path: Path, first: bytes) -> Table:
     """Read the variables of a netCDF file (classic or netCDF-4) with their units."""
-    import xarray as xr
-
-    engine: Any = "scipy" if first.startswith(b"CDF") else "h5netcdf"
     try:
-        with xr.open_dataset(path, engine=engine, decode_times=False) as dataset:
-            if dataset.attrs.get("schema", "").startswith("dem-bridge/"):
-                return _own(dataset)
+        with ExitStack() as stack:
+            read = _classic if first.startswith(b"CDF") else _netcdf4
+            attributes, variables = read(path, stack)
+            own = _text(attributes.get("schema", "")).startswith("dem-bridge/")
             table = Table([])
-            for name, variable in dataset.variables.items():
-                _check_size(str(name), variable.shape, variable.dtype)
-                if variable.dtype.kind in "fiu":
-                    unit = str(variable.attrs.get("units", "")).partition(" since ")[0].strip() or None
-                    dims = [str(dim) for dim in variable.dims]
-                    order = sorted(range(len(dims)), key=lambda k: dims[k] not in ("time", "frame", "t", "step"))
-                    array = variable.transpose(*(variable.dims[k] for k in order)).values
-                    table.entries += _entries(str(name), array, unit)
+            for variable in variables:
+                if not own or variable.name in _OWN:
+                    table.entries += _variable(variable)
+            if own:
+                settings = json.loads(_text(attributes.get("provenance", "{}"))).get("settings", {})
+                _state_step(table, settings.get("dt"))
             return table
     except UsageError:
         raise
     except Exception as error:  # the libraries raise exceptions of many types for damaged files
-        raise UsageError(f"the netCDF file is damaged or of another kind ({error}); write it again") from error
+        raise UsageError(f"the netCDF file is damaged or of another kind ({_short(error)}); write it again") from error
 
 
-def _own(dataset: Any) -> Table:
-    """Return the samples of a file that :meth:`.Trajectory.save` wrote."""
-    import json
+@dataclass(frozen=True)
+class _Variable:
+    """Hold a variable of a netCDF file: ``values[()]`` are its numbers."""
 
-    names = {"time": "s", "displacement": "m", "velocity": "m/s", "contact_force": "N"}
-    table = Table([Entry(name, dataset[name].values, unit) for name, unit in names.items()])
-    table.entries = [entry for entry in table.entries if np.all(np.isfinite(entry.values))]
-    settings = json.loads(dataset.attrs.get("provenance", "{}")).get("settings", {})
-    if isinstance(dt := settings.get("dt"), float):
-        table.dt = dt
-        table.notes.append(f"the time step is {dt:.9g} s, as the file states")
-    return table
+    name: str
+    values: Any
+    dims: tuple[str, ...]
+    attributes: Mapping[str, Any]
+
+
+def _classic(path: Path, stack: ExitStack) -> tuple[Mapping[str, Any], list[_Variable]]:
+    """Return the attributes and the variables of a classic file."""
+    from scipy.io import netcdf_file
+
+    file = stack.enter_context(netcdf_file(path, "r", mmap=False))
+    return file._attributes, [
+        _Variable(name, variable.data, variable.dimensions, variable._attributes)
+        for name, variable in file.variables.items()
+    ]
+
+
+def _netcdf4(path: Path, stack: ExitStack) -> tuple[Mapping[str, Any], list[_Variable]]:
+    """Return the attributes and the variables of a netCDF-4 file."""
+    import h5py
+
+    file = stack.enter_context(h5py.File(path, "r"))
+    variables = []
+    for name, dataset in file.items():
+        if isinstance(dataset, h5py.Dataset) and dataset.dtype.kind in "fiu":
+            scales = [next(iter(dim.values()), None) for dim in dataset.dims]
+            dims = tuple("" if scale is None else str(scale.name).strip("/") for scale in scales)
+            # a coordinate is the scale of its own dimension
+            variables.append(_Variable(name, dataset, (name,) if dataset.ndim == 1 else dims, dict(dataset.attrs)))
+    return dict(file.attrs), variables
+
+
+def _variable(variable: _Variable) -> Iterator[Entry]:
+    """Yield a variable with time as its first dimension, or its components along x, y and z."""
+    shape, dtype = variable.values.shape, variable.values.dtype
+    if dtype.kind not in "fiu":
+        return
+    _check_size(variable.name, shape, dtype)
+    array = np.asarray(variable.values[()])
+    array = array.astype(array.dtype.newbyteorder("="))
+    attributes = variable.attributes
+    for name, apply in (("scale_factor", np.multiply), ("add_offset", np.add)):
+        if name in attributes:
+            array = apply(array, float(np.ravel(attributes[name])[0]))
+    order = sorted(range(array.ndim), key=lambda k: variable.dims[k] not in ("time", "frame", "t", "step"))
+    unit = _text(attributes.get("units", "")).partition(" since ")[0].strip() or None
+    array = array.transpose(order)
+    if variable.name not in _OWN or np.all(np.isfinite(array)):
+        yield from _entries(variable.name, array, unit)
+
+
+def _text(value: Any) -> str:
+    """Return an attribute as text."""
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+def _short(error: Exception) -> str:
+    """Return the message of another library's exception in one short line."""
+    return " ".join(str(error).split())[:120]

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dem_bridge.errors import UsageError
 from dem_bridge.trajectory import Floats
 
 #: a decimal number with this many significant digits distinguishes all doubles
@@ -36,10 +37,19 @@ def numbers(values: NDArray[Any]) -> tuple[Floats, Floats]:
     try:
         array = texts.astype(np.float64)
     except ValueError:  # the exponents of Fortran, 1.0D-03
-        array = np.array([text.upper().replace(b"D", b"E") for text in texts.ravel().tolist()]).astype(np.float64)
-        array = array.reshape(texts.shape)
+        array = np.array([_number(text) for text in texts.ravel().tolist()]).reshape(texts.shape)
     rounding = np.where(np.isfinite(array), rounding_of_texts(texts, array), 0.0)
     return array, np.where(missing, math.nan, rounding)
+
+
+def _number(text: bytes) -> float:
+    """Return the number of a text, which may have an exponent of Fortran; raise UsageError if it is none."""
+    try:
+        return float(text.upper().replace(b"D", b"E"))
+    except ValueError as error:
+        raise UsageError(
+            f"{text[:40].decode('latin-1')!r} is not a number; allowed: numbers; correct the file"
+        ) from error
 
 
 def rounding_of_texts(texts: NDArray[np.bytes_], values: Floats) -> Floats:
@@ -135,7 +145,7 @@ def _rounding(
 
 def _of_singles(examined: Floats, rounding: Floats, values: Floats) -> Floats:
     """Return the rounding error of single precision if all numbers are single-precision numbers, else 0."""
-    with np.errstate(over="ignore", under="ignore"):
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         off = np.abs(values - values.astype(np.float32))
         half = _half_spacing(values, np.float32)
     finite = np.isfinite(values)

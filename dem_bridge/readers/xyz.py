@@ -96,6 +96,8 @@ def _with_velocities(frames: Frames) -> Frames:
     if momenta is None or error is None or "velocity" in columns or "mass" not in columns:
         return replace(frames, columns=columns, rounding=rounding)
     mass = columns["mass"][:, :, None]
+    if not np.all(mass > 0.0):
+        raise UsageError("the file has masses that are not above 0; allowed: positive masses, or velocities")
     columns["velocity"] = momenta / mass
     rounding["velocity"] = (error + np.abs(columns["velocity"]) * rounding["mass"][:, :, None]) / mass
     rounding["velocity"] += 0.5 * np.spacing(np.abs(columns["velocity"]))

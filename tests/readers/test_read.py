@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import gzip
+import io
+import zipfile
+import zlib
+from base64 import b64encode
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +20,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.io import netcdf_file
 
+from dem_bridge.errors import UsageError
 from dem_bridge.readers import Record, read_record
 from dem_bridge.trajectory import Trajectory
 from tests.helpers.export_chains import CROSSED
@@ -245,6 +250,88 @@ def _written(kind: str, folder: Path) -> tuple[Path, dict[str, Any]]:
     return (path / "dump*.liggghts" if kind == "liggghts files" else path), dt
 
 
+_KINDS = {"f4": "Float32", "f8": "Float64", "i4": "Int32"}
+
+
+class _Vtu:
+    """Write an unstructured grid of XML with every encoding that VTK has."""
+
+    def __init__(self, encoding: str, *, packed: bool = False, word: str = "<u4") -> None:
+        self.encoding, self.packed, self.word, self.appended = encoding, packed, word, b""
+
+    def _block(self, content: bytes) -> tuple[bytes, bytes]:
+        """Return the header and the data of an array, in two blocks if they are compressed."""
+        if not self.packed:
+            return np.array([len(content)], self.word).tobytes(), content
+        size = max(8, len(content) // 2)
+        parts = [content[at : at + size] for at in range(0, len(content), size)]
+        last = len(parts[-1]) % size
+        blocks = list(map(zlib.compress, parts))
+        return np.array([len(parts), size, last, *map(len, blocks)], self.word).tobytes(), b"".join(blocks)
+
+    def array(self, name: str, values: np.ndarray) -> str:
+        """Return the element of an array."""
+        values = np.ascontiguousarray(values)
+        width = f' NumberOfComponents="{values.shape[1]}"' if values.ndim > 1 else ""
+        head = f'<DataArray type="{_KINDS[values.dtype.str[1:]]}" Name="{name}"{width}'
+        if self.encoding == "ascii":
+            return f'{head} format="ascii">{" ".join(map(repr, values.ravel().tolist()))}</DataArray>'
+        header, data = self._block(values.tobytes())
+        text = b64encode(header) + b64encode(data) if self.packed else b64encode(header + data)
+        if self.encoding == "binary":
+            return f'{head} format="binary">\n{text.decode()}\n</DataArray>'
+        element = f'{head} format="appended" offset="{len(self.appended)}"/>'
+        self.appended += text if self.encoding == "base64" else header + data
+        return element
+
+    def file(self, k: int, *, kind: str = "f8", time: bool = True) -> bytes:
+        """Return the file of a sample, with names of YADE."""
+        points = np.outer(PLACES + RUN.displacement[k], [0.0, 1.0, 0.0]).astype(kind)
+        velocity = np.outer(RUN.velocity[k], [0.0, 1.0, 0.0]).astype(kind)
+        field = f"<FieldData>{self.array('TimeValue', RUN.time[k : k + 1])}</FieldData>" if time else ""
+        data = (
+            self.array("linVelVec", velocity)
+            + self.array("radii", np.full(N, 9e-3))
+            + self.array("id", np.arange(N, dtype="i4"))
+        )
+        text = f'<VTKFile type="UnstructuredGrid" byte_order="LittleEndian" header_type="UInt{8 * int(self.word[2:])}"'
+        text += ' compressor="vtkZLibDataCompressor"' * self.packed
+        text += f'><UnstructuredGrid>{field}<Piece NumberOfPoints="{N}" NumberOfCells="0">'
+        text += (
+            f"<PointData>{data}</PointData><Points>{self.array('Points', points)}</Points></Piece></UnstructuredGrid>"
+        )
+        coded = "base64" if self.encoding == "base64" else "raw"
+        tail = b'<AppendedData encoding="%s">\n_%s\n</AppendedData>' % (coded.encode(), self.appended)
+        self.appended, content = b"", self.appended
+        return b'<?xml version="1.0"?>\n' + text.encode() + (tail if content else b"") + b"</VTKFile>\n"
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary", "raw", "base64"])
+@pytest.mark.parametrize(("packed", "word"), [(False, "<u4"), (False, "<u8"), (True, "<u4"), (True, "<u8")])
+def test_xml_of_vtk_is_read_in_every_encoding(encoding: str, packed: bool, word: str, tmp_path: Path) -> None:
+    writer = _Vtu(encoding, packed=packed, word=word)
+    for k in range(N_T):
+        (tmp_path / f"chain.{k}.vtu").write_bytes(writer.file(k))
+    _agrees(read_record(tmp_path, CROSSED))
+
+
+def test_a_series_of_vtk_has_the_times_of_its_list(tmp_path: Path) -> None:
+    sets = []
+    for k in range(N_T):
+        (tmp_path / f"chain_{k}.vtu").write_bytes(_Vtu("raw").file(k, kind="f4", time=False))
+        sets.append(f'<DataSet timestep="{RUN.time[k]:.9g}" part="0" file="chain_{k}.vtu"/>')
+    (tmp_path / "chain.pvd").write_text(
+        f'<VTKFile type="Collection"><Collection>{"".join(sets)}</Collection></VTKFile>'
+    )
+    record = read_record(tmp_path / "chain.pvd", CROSSED)
+    _agrees(record)
+    # single precision: half an ulp of the value
+    assert np.max(record.rounding["velocity"]) == 0.5 * np.spacing(np.float32(np.max(np.abs(RUN.velocity))))
+    (tmp_path / "chain_3.vtu").unlink()
+    with pytest.raises(UsageError, match=r"the data set chain_3\.vtu of the series is missing; copy all files"):
+        read_record(tmp_path / "chain.pvd", CROSSED)
+
+
 FORMATS = ("npz", "npz of rows", "xarray", "amber", "traj", "extxyz", "liggghts", "liggghts.gz", "liggghts files",
            "vtk", "vtk with ids", "vtk binary with ids")  # fmt: skip
 
@@ -257,3 +344,177 @@ def test_every_format_is_read_whatever_the_name_of_its_file(kind: str, tmp_path:
     assert record.dt == how.get("dt")
     assert "velocity" in record.values
     assert ("displacement" in record.values) == (kind not in ("npz of rows", "xarray"))
+
+
+#: what stopped new users: each is read now, and what was assumed is said
+FIRST = RUN.velocity[:, :1]
+_TRIED = {
+    "no ending": (_table("t,v0,v1,v2,v3", RUN.time, RUN.velocity), "run", ""),
+    "t without unit": (_table("t,v0,v1,v2,v3", RUN.time, RUN.velocity), "run.csv", "time has no unit in the file"),
+    "two bodies": (_table("t,v1,v3", RUN.time, RUN.velocity[:, [1, 3]]), "run.csv", "velocity of 2 of 4 bodies"),
+    "velocities alone": (_table("time_s,v_0_m_per_s", RUN.time, FIRST), "run.csv", ""),
+    "later times": (_table("t,v0,x1", RUN.time[5:], FIRST[5:], FIRST[5:]), "run.csv", "positions are not used"),
+    "other columns": (_table("t,v0,ke", RUN.time, FIRST, RUN.time), "run.csv", "not used: 'ke'"),
+    "no headings": (_table("", RUN.time, RUN.velocity, delimiter=" "), "run.txt", "its first row shows"),
+    "steps": (_table("# step v0", np.arange(N_T), FIRST, delimiter=" "), "run.txt", "step numbers times"),
+    "comment with dt": ("# dt = 2e-7\n" + _table("t,v0", RUN.time, FIRST), "run.csv", "time step is 2e-07 s"),
+    "decimal commas": (_table("t;v0", RUN.time, FIRST, delimiter=";").replace(".", ","), "a", "decimal commas"),
+    "an empty cell": (_table("t,v0", RUN.time, FIRST) + "1.0,\n", "run.csv", "1 of 14 samples have empty"),
+    "Fortran": (_table("t v0", RUN.time, FIRST, number="%.16e", delimiter=" ").replace("e", "D"), "a", ""),
+}
+
+
+@pytest.mark.parametrize("kind", _TRIED)
+def test_what_stopped_new_users_is_read_and_said(kind: str, tmp_path: Path) -> None:
+    text, name, said = _TRIED[kind]
+    record = _read(tmp_path, text, name, dt=INTERVAL if kind == "steps" else None)
+    later = {key: getattr(RUN, key)[5:] for key in ("time", "velocity", "displacement", "contact_force")}
+    _agrees(record, replace(RUN, **later) if kind == "later times" else RUN)
+    assert any(said in sentence for sentence in record.recognised) or not said, record.recognised
+    if kind == "comment with dt":
+        assert record.dt == 2e-7
+
+
+@pytest.mark.parametrize(
+    ("how", "found"),
+    [
+        ({}, r"has no times; name their column \(--columns\), such as 'time \[s\]'; its columns are 'a', 'b', 'c'"),
+        ({"columns": {"z": "time"}}, "columns has 'z', which the file does not have; it has 'a', 'b', 'c'"),
+        ({"columns": {"a": "tome"}}, "columns names 'a' as 'tome', which is unknown; allowed: time, step, body"),
+        ({"columns": ["t", "v0"]}, "2 headings were given in columns, the file has 3 columns; give one for each"),
+        ({"columns": ["t", "v", "u"]}, "columns of velocity without the number of a body, .* crossed_3 has 4; number"),
+        ({"columns": ["t", "v0", "v7"]}, "velocity of body 7; the scene crossed_3 has 4: allowed are 0 to 3"),
+        ({"columns": ["t", "v0", "v1 (knots)"]}, "the unit 'knots' of velocity is unknown; allowed: m/s, mm/s"),
+        ({"columns": ["t", "v0", "v1"], "bodies": [0]}, "1 bodies were given, the file has 2 columns of velocity"),
+        ({"columns": ["t", "v0", "v0"]}, "velocity of body 0 twice"),
+        ({"columns": ["step", "v0", "v1"]}, r"step numbers but no times; give the time step in s \(FILE@DT\)"),
+        ({"columns": ["v0", "v1", "t"]}, "sample 1 is at 1 s and sample 0 at 1 s; allowed: increasing times"),
+        ({"units": "lj"}, "units = 'lj' is unknown; allowed: si, cgs"),
+        ({"units": {"time": "h"}}, "the unit 'h' of time is unknown; allowed: s, sec"),
+        ({"units": {"speed": "m/s"}}, "units of 'speed'; allowed: time, velocity"),
+        ({"axis": "w"}, "axis = 'w'; allowed: x, y or z"),
+        ({"dt": 0.0}, r"dt = 0\.0; allowed: a number above 0 \(s\)"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_read_is_refused_in_one_line(how: dict[str, Any], found: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=found) as error:
+        _read(tmp_path, "a,b,c\n0,0.8,1\n1e-6,0.7,1\n", **how)
+    assert "\n" not in str(error.value)
+
+
+def test_what_is_stated_is_obeyed(tmp_path: Path) -> None:
+    text = _table("a,b,c", 1e3 * RUN.time, 1e3 * RUN.velocity[:, 2], RUN.velocity[:, 0])
+    names = {"a": "time [ms]", "b": "velocity 2 [mm/s]", "c": "v0"}
+    for how in (
+        {"columns": names},
+        {"columns": list(names.values())},
+        {"columns": ["t", "v2 (mm/s)", "v0 (m/s)"], "units": {"time": "ms"}},
+        {"columns": ["t [ms]", "v [mm/s]", "v [m/s]"], "bodies": [2, 0]},
+    ):
+        record = _read(tmp_path, text, **how)
+        _agrees(record)
+        assert sorted(record.columns["velocity"]) == [0, 2]
+
+
+def _frame(x: np.ndarray, v: np.ndarray, ids: np.ndarray, names: str = "id x vx", step: int = 0) -> str:
+    rows = [f"{i} {a!r} {b!r}" for i, a, b in zip(ids.tolist(), x.tolist(), v.tolist(), strict=True)]
+    head = ["ITEM: TIMESTEP", str(step), "ITEM: NUMBER OF ATOMS", str(len(x)), "ITEM: BOX BOUNDS ff ff ff"]
+    return "\n".join([*head, *["0 1"] * 3, f"ITEM: ATOMS {names}", *rows]) + "\n"
+
+
+def test_the_order_of_atoms_is_that_of_their_positions_and_a_mirrored_chain_is_turned(tmp_path: Path) -> None:
+    x, v = PLACES + RUN.displacement, RUN.velocity
+    ids = np.array([7, 3, 9, 1])
+    frames = [_frame(x[k], v[k], ids, step=k) for k in range(N_T)]
+    record = _read(tmp_path, "".join(frames), "run.dump", dt=INTERVAL)
+    _agrees(record)
+    assert any("order of their positions" in sentence for sentence in record.recognised)
+    mirrored = [_frame(1.0 - x[k], -v[k], np.arange(1, N + 1), step=k) for k in range(N_T)]
+    record = _read(tmp_path, "".join(mirrored), "run.dump", dt=INTERVAL)
+    assert any("mirrored" in sentence for sentence in record.recognised)
+    np.testing.assert_array_equal(record.values["velocity"], v)
+    # ids in the reverse order are believed: to name the cause is the judge's part
+    reverse = [_frame(x[k], v[k], np.arange(N, 0, -1), step=k) for k in range(N_T)]
+    record = _read(tmp_path, "".join(reverse), "run.dump", dt=INTERVAL)
+    np.testing.assert_array_equal(record.values["velocity"], v[:, ::-1])
+
+
+def test_a_dump_of_some_bodies_or_of_velocities_alone_is_read(tmp_path: Path) -> None:
+    x, two = PLACES + RUN.displacement, [1, 3]
+    some = [_frame(x[k, two], RUN.velocity[k, two], np.array([2, 4]), step=k) for k in range(N_T)]
+    record = _read(tmp_path, "".join(some), "run.dump", dt=INTERVAL)
+    _agrees(record)
+    assert record.columns["velocity"] == (1, 3)
+    alone = [_frame(RUN.velocity[k], RUN.velocity[k], np.arange(1, N + 1), "id c_1 vx", k) for k in range(N_T)]
+    record = _read(tmp_path, "".join(alone), "run.dump", dt=INTERVAL)
+    _agrees(record)
+    assert set(record.values) == {"velocity"}
+
+
+@pytest.mark.parametrize(("stride", "dt"), [(60, INTERVAL / 60), (1, None)])
+def test_the_time_step_follows_from_step_numbers_unless_they_count_frames(
+    stride: int, dt: float | None, tmp_path: Path
+) -> None:
+    ids = np.arange(1, N + 1)
+    frames = [_frame(PLACES, RUN.velocity[k], ids, step=stride * k) for k in range(N_T)]
+    times = [f"ITEM: TIME\n{time!r}\n" for time in RUN.time.tolist()]
+    record = _read(tmp_path, "".join(map("".join, zip(times, frames, strict=True))), "run.dump")
+    assert record.dt == (None if dt is None else pytest.approx(dt, rel=1e-8))
+
+
+def test_values_that_contradict_the_scene_are_not_refused(tmp_path: Path) -> None:
+    record = _read(tmp_path, _table("t,v0,v1,v2,v3", RUN.time, 1e3 * RUN.velocity[:, ::-1]))
+    np.testing.assert_allclose(record.values["velocity"], 1e3 * RUN.velocity[:, ::-1], rtol=1e-15)
+
+
+@pytest.mark.parametrize("word", ["nan", "inf", "-NaN"])
+def test_a_run_that_failed_is_refused_where_it_did(word: str, tmp_path: Path) -> None:
+    text = f"t,v0\n0,0.8\n1e-6,{word}\n"
+    with pytest.raises(UsageError, match=r"velocity of body 0 at 1e-06 s is -?(nan|inf); allowed: finite"):
+        _read(tmp_path, text)
+
+
+def test_objects_and_arrays_of_another_size_are_never_loaded(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="'v' has the type object; allowed: numbers; write float64"):
+        read_record(_npz(tmp_path, time=RUN.time, v=np.array([None, {}], dtype=object)), CROSSED)
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (10**9, 40)})
+    with zipfile.ZipFile(tmp_path / "huge.npz", "w") as archive:
+        archive.writestr("v.npy", header.getvalue())
+    with pytest.raises(UsageError, match=r"'v' has the shape \(1000000000, 40\), more than 512 MiB; write fewer"):
+        read_record(tmp_path / "huge.npz", CROSSED)
+
+
+@pytest.mark.parametrize("kind", ["csv", *(kind for kind in FORMATS if kind != "liggghts files")])
+def test_damage_is_refused_in_one_line_or_does_no_harm(kind: str, tmp_path: Path) -> None:
+    how: dict[str, Any] = {}
+    if kind == "csv":
+        content = _table("t,v0,v1,v2,v3", RUN.time, RUN.velocity).encode()
+    else:
+        path, how = _written(kind, tmp_path)
+        if path.is_dir():
+            path = next(file for file in path.iterdir() if "bounding" not in file.name)
+        content = path.read_bytes()
+    rng, refused = np.random.default_rng(0), 0
+    for _ in range(12):
+        at, cut, new = (
+            rng.integers(len(content)),
+            rng.choice([0, 1, 100, len(content)]),
+            rng.bytes(int(rng.integers(9))),
+        )
+        damaged = tmp_path / "damaged"
+        damaged.write_bytes(content[:at] + new + content[at + cut :])
+        refusal = _refusal(damaged, how)
+        refused += bool(refusal)
+        assert "\n" not in refusal
+        assert len(refusal) < 700
+    assert refused >= 3
+
+
+def _refusal(path: Path, how: dict[str, Any]) -> str:
+    """Return the message with which a file is refused, or "" if it is read."""
+    try:
+        read_record(path, CROSSED, **how)
+    except UsageError as error:
+        return str(error)
+    return ""
