@@ -43,7 +43,13 @@ class QuantityErrors:
 
     @property
     def uncertainty(self) -> float:
-        """Uncertainty of the largest error."""
+        """Uncertainty of the largest error: how much larger or smaller the largest error of all samples may be."""
+        size = np.abs(self.error)
+        return max(float(np.max(size + self.explained)) - self.value, self.value - float(np.max(size - self.explained)))
+
+    @property
+    def floor(self) -> float:
+        """Largest error that digits and reference explain."""
         return float(np.max(self.explained))
 
     @property
@@ -121,7 +127,7 @@ def _errors(record: Record, samples: ReferenceSamples, rows: Sequence[NDArray[np
             quantity=name,
             scale=samples.largest[name],
             error=values - now,
-            explained=record.rounding[name] + by_time + samples.uncertainty[name],
+            explained=record.rounding[name] + by_time + samples.bounds[name][rows[0]][:, columns],
             columns=tuple(columns),
             reference_uncertainty=samples.uncertainty[name],
         )

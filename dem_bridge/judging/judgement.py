@@ -136,7 +136,7 @@ class Judgement(Mapping[str, Any]):
         """
         name, (_, part) = next(iter(self.worst.items()))
         flat = [item.flat for item in self.convergence if item.quantity == name and not math.isnan(item.flat)]
-        return cast("float | None", plain(part.relative(max(part.uncertainty, *flat, 0.0))))
+        return cast("float | None", plain(part.relative(max([part.floor, *flat]))))
 
     @property
     def cause(self) -> str:

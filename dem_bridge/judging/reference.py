@@ -43,6 +43,8 @@ class ReferenceSamples:
     """"velocity" and "displacement", ``(n_t, n_body)``, and "contact_force", ``(n_t, n_contact)``; SI."""
     uncertainty: Mapping[str, float]
     """Largest error of each quantity over all samples, in its unit."""
+    bounds: Mapping[str, Floats]
+    """Largest error of each quantity at each sample: that of forces is large where a damped contact closes."""
     largest: Mapping[str, float]
     """Largest magnitude of each quantity over all bodies or contacts and times: the scale of errors."""
 
@@ -88,13 +90,13 @@ def reference_at(scene: Scene, time: Floats) -> ReferenceSamples:
     run = solve(Case(scene=scene, backend="reference", resolution=Resolution(), sampling=sampling), RunCache())
     rows = slice(len(given) - len(time), None)
     values = {name: getattr(run, name)[rows] for name in UNITS}
+    largest = {name: run.uncertainty[name] for name in ("velocity", "displacement")}
+    bounds = {name: np.broadcast_to(bound, values[name].shape) for name, bound in largest.items()}
+    bounds["contact_force"] = contact_force_uncertainty(scene, run)[rows]
     return ReferenceSamples(
         time=time,
         values=values,
-        uncertainty={
-            "velocity": run.uncertainty.velocity,
-            "displacement": run.uncertainty.displacement,
-            "contact_force": float(np.max(contact_force_uncertainty(scene, run)[rows], initial=0.0)),
-        },
+        uncertainty={name: float(np.max(bound, initial=0.0)) for name, bound in bounds.items()},
+        bounds=bounds,
         largest={name: float(np.max(np.abs(array), initial=0.0)) for name, array in values.items()},
     )

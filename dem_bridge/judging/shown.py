@@ -195,7 +195,7 @@ def _floor(judgement: Judgement) -> str:
     """Return the sentence on the floor."""
     name, (_, part) = next(iter(judgement.worst.items()))
     floor = math.nan if judgement.floor is None else judgement.floor
-    flat = floor > part.relative(part.uncertainty)
+    flat = floor > part.relative(part.floor)
     return TEXTS("flat" if flat else "floor", floor=floor, quantity=name.replace("_", " "))
 
 
