@@ -12,6 +12,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from dem_bridge.ensembles.run import pool_of
 from dem_bridge.ensembles.solve import check_solvable, solve_chains, steps_for
 from dem_bridge.errors import UsageError
 from dem_bridge.trajectory import Floats
+
+if TYPE_CHECKING:
+    from scipy.stats._resampling import BootstrapResult
 
 #: part of an index's interval
 CONFIDENCE = 0.95
@@ -101,31 +105,35 @@ def sobol_indices(
             " value of a measure, because the wave does not reach its place; give a longer duration or a smaller spread"
         )
     rows = len(values)
-    parts = values[:, 2 * base :].reshape(rows, count, base).transpose(1, 0, 2)
     deviation = values[:, : 2 * base].std(axis=1)
-    # a constant measure has no variance that could be explained
-    scale = np.where(deviation > 0.0, deviation, 1.0)[:, None]
-    middle = values[:, : 2 * base].mean(axis=1)[:, None]
-    scaled = {
-        "f_A": (values[:, :base] - middle) / scale,
-        "f_B": (values[:, base : 2 * base] - middle) / scale,
-        "f_AB": (parts - middle) / scale,
+    middle = values[:, : 2 * base].mean(axis=1)
+    # what varies by less than the error of the runs has no variance that could be explained: its indices are nan
+    varies = np.flatnonzero(deviation > 1e-2 * accuracy * np.abs(middle))
+    scaled = (values[varies] - middle[varies, None]) / deviation[varies, None]
+    samples = {
+        "f_A": scaled[:, :base],
+        "f_B": scaled[:, base : 2 * base],
+        "f_AB": scaled[:, 2 * base :].reshape(len(varies), count, base).transpose(1, 0, 2),
     }
-    result = estimate(func=scaled, n=base, rng=np.random.default_rng(variation.seed))
-    interval = result.bootstrap(confidence_level=CONFIDENCE, n_resamples=_RESAMPLES)
-    ends = {
-        name: np.array(
-            [getattr(interval, name).confidence_interval.low, getattr(interval, name).confidence_interval.high]
-        )
-        for name in ("first_order", "total_order")
-    }
+    result = estimate(func=samples, n=base, rng=np.random.default_rng(variation.seed))
+    with np.errstate(invalid="ignore", divide="ignore"):  # an index that no resampling changes has no interval: nan
+        interval = result.bootstrap(confidence_level=CONFIDENCE, n_resamples=_RESAMPLES)
+
+    def filled(part: Floats) -> Floats:
+        out = np.full((rows, count), np.nan)
+        out[varies] = part
+        return out
+
+    def ends(part: BootstrapResult) -> Floats:
+        return np.array([filled(part.confidence_interval.low), filled(part.confidence_interval.high)])
+
     return Indices(
         columns=variation.columns,
-        first=result.first_order,
-        first_interval=ends["first_order"],
-        total=result.total_order,
-        total_interval=ends["total_order"],
-        mean=middle[:, 0],
+        first=filled(result.first_order),
+        first_interval=ends(interval.first_order),
+        total=filled(result.total_order),
+        total_interval=ends(interval.total_order),
+        mean=middle,
         deviation=deviation,
         chains=len(uniform),
     )

@@ -68,6 +68,14 @@ def test_a_base_that_is_no_power_of_two_is_refused() -> None:
         sobol_indices(VARIATION, _measures, base=100)
 
 
+def test_a_measure_that_does_not_vary_has_no_indices() -> None:
+    indices = sobol_indices(
+        VARIATION, lambda values: np.stack([values["arrival_at_end"], np.ones(len(values["peak_force"]))]), base=16
+    )
+    assert np.all(np.isfinite(indices.first[0]))
+    assert np.all(np.isnan(indices.first[1]))
+
+
 def test_the_study_names_what_matters_and_the_tolerance() -> None:
     study = db.study("sensitivity", THREE, vary="stiffness", spread=0.1, base=32, effect=0.01)
     sentences = " ".join(study.answer)

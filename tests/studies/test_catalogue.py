@@ -207,7 +207,7 @@ TINY: dict[str, tuple[Scene | None, dict[str, Any]]] = {
     "precision": (CROSSED, {}),
     "measurement": (CROSSED, {"files": [str(MEASURED)], "parameters": ["angle=0.1"], "samples": 10}),
     "scatter": (CROSSED, {"count": 2, "spread": 1.0}),
-    "sensitivity": (CROSSED, {"base": 2, "spread": 0.1}),
+    "sensitivity": (CROSSED, {"base": 16, "spread": 0.1}),
     "styles": (CROSSED, {"dt": 1e-7}),
     "restitution": (None, {"laws": ["mass_velocity"], "backends": ["verlet"]}),
     "engine": (None, {"match": "hertz-coeff_restitution-pair", "known_defects": "ok"}),
