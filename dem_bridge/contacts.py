@@ -60,6 +60,20 @@ class Contacts:
         """Return the stored energy, J; parameters as in :meth:`force`."""
         return self._evaluated("energy", overlap, which)
 
+    def damping_force(self, overlap: Floats, rate: Floats, which: NDArray[np.int64]) -> Floats:
+        """Return the damping force of the contacts ``which`` before a clip, N; 0 where the overlap is not above 0.
+
+        Parameters
+        ----------
+        overlap, rate : ndarray
+            Overlaps (m) and their rates (m/s), ``(..., n_which)``.
+        which : ndarray of int
+            Indices of the contacts.
+        """
+        closed = np.maximum(overlap, 0.0)
+        factor = self.damping[which] * closed ** self.damping_power[which] * rate
+        return np.asarray(np.where(overlap > 0.0, factor, 0.0))
+
     def _evaluated(self, quantity: Literal["force", "energy"], overlap: Floats, which: NDArray[np.int64]) -> Floats:
         """Evaluate force or energy of each contact by its power or its law."""
         if not self.laws:

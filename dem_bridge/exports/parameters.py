@@ -69,7 +69,7 @@ def _deck_of(scene: Scene, settings: Mapping[str, Any]) -> _Deck:
 
 def _unit_of(models: Sequence[str | None]) -> str:
     """Return the unit of the stiffness in ``pair_coeff`` for these models."""
-    unit_of_model = {"hertz": "N/m^2", "hooke": "N/m", None: "N/m^2"}
+    unit_of_model = {"hertz": "N/m^2", "dmt": "N/m^2", "hooke": "N/m", None: "N/m^2"}
     units = {unit_of_model[model] for model in models}
     return units.pop() if len(units) == 1 else "N/m^2 or N/m"
 
@@ -99,6 +99,8 @@ def contacts(scene: Scene, run: Trajectory | None = None, **deck_settings: Any) 
     if (damping := scene.damping) is not None:
         name = _DAMPING_NAMES.get(damping.law, "damping") + "_not_clipped" * (not damping.clip)
         values[name], details[name] = damping.coefficient, {"unit": DAMPING_LAWS[damping.law]}
+    if (adhesion := scene.adhesion) is not None:
+        values[f"pull_off_{adhesion.law}"] = adhesion.pull_off
     fields = {"title": f"Contacts of {scene.name}", "notes": tuple(notes), "provenance": origin(scene, run)}
     return tabulate("contacts", values, details=details, **fields)
 

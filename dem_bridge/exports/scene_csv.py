@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.errors import SceneError
-from dem_bridge.scene import BY_RESTITUTION, DAMPING_LAWS, Damping, Scene, Wall
+from dem_bridge.scene import ADHESION_LAWS, BY_RESTITUTION, DAMPING_LAWS, Adhesion, Damping, Scene, Wall
 
 #: the data: quantities by heading, and the columns of exported tables that are not read
 _DATA = json.loads(Path(__file__).with_name("scene_csv.json").read_text(encoding="utf-8"))
@@ -29,6 +29,8 @@ BODY, CONTACT, PLACE = (_DATA[key] for key in ("bodies", "contacts", "place"))
 DERIVED = frozenset(_DATA["derived"])
 #: laws of damping, of which a table may have one; one that is not clipped has another column
 _LAWS = frozenset(quantity for quantity in CONTACT.values() if quantity.partition(",")[0] in DAMPING_LAWS)
+#: laws of adhesion, of which a table may have one
+_ADHESIONS = frozenset(ADHESION_LAWS)
 _WALLS = ("wall_left", "wall_right")
 #: largest relative difference between static overlaps in a table and those of the precompression (round-off of a sum)
 _EQUILIBRIUM_WITHIN = 1e-12
@@ -105,12 +107,14 @@ def scene_of_csv(
     for side, row in walls.items():
         quantities = [quantity for quantity in ("stiffness", "exponent", "gap") if quantity in sheet.headings]
         columns[side] = Wall(**{quantity: sheet.number(row, quantity) for quantity in quantities})
+    # walls that are arguments have no cells, and neither damping nor adhesion
+    without = sum(scene_fields.get(side) is not None for side in _WALLS)
     for quantity in _LAWS & set(sheet.headings):
         law, _, unclipped = quantity.partition(", ")
-        # walls that are arguments have no cell for damping and are not damped
-        undamped = sum(scene_fields.get(side) is not None for side in _WALLS)
-        coefficient = (*sheet.numbers(quantity, order), *(float(law in BY_RESTITUTION),) * undamped)
+        coefficient = (*sheet.numbers(quantity, order), *(float(law in BY_RESTITUTION),) * without)
         columns["damping"] = Damping(law=law, coefficient=coefficient, clip=False if unclipped else None)
+    for law in set(ADHESION_LAWS) & set(sheet.headings):
+        columns["adhesion"] = Adhesion(law=law, pull_off=(*sheet.numbers(law, order), *(0.0,) * without))
     twice = next((key for key in columns if scene_fields.get(key) is not None), None)
     if twice is not None:
         raise SceneError(twice, problem="is both in the table and an argument", allowed="one of the two", where=file)
@@ -155,7 +159,7 @@ def _sheet(text: str, file: str, quantities: Mapping[str, str], needed: Sequence
             if name not in DERIVED:
                 raise _fault("is unknown", allowed, file, line, name)
             continue
-        if quantity in headings or (quantity in _LAWS and _LAWS & set(headings)):
+        if quantity in headings or any(quantity in laws and laws & set(headings) for laws in (_LAWS, _ADHESIONS)):
             raise _fault("repeats the quantity of another column", "one of them", file, line, name)
         headings[quantity] = name
     for quantity in needed:
@@ -196,7 +200,9 @@ def _located(
 ) -> SceneError:
     """Return an error of Scene with the file, line and column of the cell that caused it."""
     sheet, row, quantity = contacts, None, error.key
-    if match := re.fullmatch(r"(mass|velocity|stiffness|exponent|gap|damping\.coefficient)\[(\d+)\]", error.key):
+    if match := re.fullmatch(
+        r"(mass|velocity|stiffness|exponent|gap|damping\.coefficient|adhesion\.pull_off)\[(\d+)\]", error.key
+    ):
         quantity, row = match[1], int(match[2])
         if quantity in ("mass", "velocity"):
             sheet = bodies
@@ -204,6 +210,8 @@ def _located(
             row = [*links, *walls.values()][row]
         if quantity == "damping.coefficient":
             quantity = next(law for law in _LAWS if law in contacts.headings)
+        elif quantity == "adhesion.pull_off":
+            quantity = next(law for law in _ADHESIONS if law in contacts.headings)
     elif error.key.partition(".")[0] in walls:
         side, _, quantity = error.key.partition(".")
         row = walls[side]

@@ -51,8 +51,7 @@ def contact_force_uncertainty(scene: Scene | None, trajectory: Trajectory) -> Fl
 
     def largest(overlap: Floats, speed: Floats) -> Floats:
         pressed = np.maximum(overlap, 0.0)
-        damped = np.where(overlap > 0.0, c.damping * pressed**c.damping_power * speed, 0.0)
-        return c.force(pressed, every) + damped
+        return c.force(pressed, every) + c.damping_force(overlap, speed, every)
 
     speed = np.abs(closing)
     change = np.abs(largest(overlap + 2.0 * u_x, speed + 2.0 * u_v) - largest(overlap, speed))

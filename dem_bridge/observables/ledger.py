@@ -99,10 +99,8 @@ def _dissipated(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats]:
     relative = slope[:, c.left] - slope[:, c.right]
 
     def power(pressed: Floats, speed: Floats) -> Floats:
-        damping = c.damping * pressed**c.damping_power * speed
-        if c.clip:
-            damping = np.maximum(damping, -c.force(pressed, every))
-        return np.asarray(np.where(pressed > 0.0, damping * speed, 0.0))
+        damping = c.damping_force(pressed, speed, every)
+        return (np.maximum(damping, -c.force(pressed, every)) if c.clip else damping) * speed
 
     def at(when: Floats, nodes: int) -> tuple[Floats, Floats]:
         pressed = hermite(trajectory, overlap, closing, when, nodes=nodes)

@@ -39,7 +39,7 @@ def from_pattern(file: forms.PatternScene) -> Scene:
         angles=_angles(pattern, first, row),
         law=pattern.law,
         gap=gap if table is None else (table.gap, *gap),
-        **forms.in_common(file) | dict(_flat_walls(file, (*first, *row), materials)),
+        **forms.in_common(file, (*first, *row)) | dict(_flat_walls(file, (*first, *row), materials)),
     )
     if table is None:
         return scene

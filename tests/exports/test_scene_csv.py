@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import dem_bridge as db
 from dem_bridge.errors import DemBridgeError, SceneError, UsageError
 from dem_bridge.exports.scene_csv import BODY, CONTACT, DERIVED, PLACE, scene_of_csv
-from dem_bridge.scene import DAMPING_LAWS, Damping, Scene, Wall
+from dem_bridge.scene import DAMPING_LAWS, Adhesion, Damping, Scene, Wall
 from dem_bridge.scene_file import load_scene, shipped_scenes
 from tests.helpers.export_chains import CROSSED, RAW
 from tests.helpers.strategies import ANY, damped_scenes, examples, scenes
@@ -66,6 +66,22 @@ def test_exported_tables_of_random_scenes_are_these_scenes(scene: Scene) -> None
 def test_every_damping_law_has_a_column_of_its_own(law: str, clip: bool) -> None:
     scene = replace(RAW, damping=Damping(law=law, coefficient=1e-6 if law == "kuwabara-kono" else 0.5, clip=clip))
     assert _back(scene) == scene
+
+
+@pytest.mark.parametrize("damped", [True, False])
+def test_the_adhesion_has_a_column_of_its_own(damped: bool) -> None:
+    damping = Damping(law="dashpot", coefficient=1.0) if damped else None
+    pull_off = tuple(0.1 + k for k in range(THREE.n_contact))
+    glued = replace(THREE, exponent=2.5, damping=damping, adhesion=Adhesion(law="dmt", pull_off=pull_off))
+    assert _back(glued) == glued
+    text = str(db.export(glued, table="contacts", format="csv", with_run=False))
+    assert "pull_off_dmt_N" in text
+    # the planted fault: another pull-off force is another scene
+    bodies = str(db.export(glued, table="bodies", format="csv"))
+    other = scene_of_csv(bodies, file="b", contacts=text.replace("1.1", "1.2"), **_beside(glued))
+    assert other.content_hash != glued.content_hash
+    with pytest.raises(SceneError, match="column 'pull_off_dmt_N' repeats the quantity of another column"):
+        scene_of_csv(bodies, file="b", contacts=text.replace("exponent", "pull_off_jkr_N", 1), **_beside(glued))
 
 
 @pytest.mark.parametrize("scene", [CROSSED, RAW, replace(RAW, damping=None), THREE])

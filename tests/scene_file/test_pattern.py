@@ -234,6 +234,17 @@ def test_optional_physics_is_as_in_the_other_forms() -> None:
     assert scene.damping == Damping(law="dashpot", coefficient=(2.0,) * 3)
 
 
+def test_a_surface_energy_gives_the_pull_off_forces_of_spheres_only() -> None:
+    more = '[chain.adhesion]\nlaw = "dmt"\nsurface_energy = 0.05\n'
+    scene = parse_scene(file(BALL, keys="repeat = 2\ngap = 1e-6", more=more))
+    radii = [body.radius for body in known(scene).bodies]
+    expected = [4.0 * math.pi * 0.05 / (1.0 / one + 1.0 / two) for one, two in pairwise(radii)]
+    assert len(expected) == 2
+    assert scene.contacts.pull_off.tolist() == pytest.approx(expected, rel=1e-11)
+    with pytest.raises(SceneError, match=r"adhesion\.surface_energy requires radii"):
+        parse_scene(file(BALL, ROD, keys="repeat = 2\ngap = 1e-6", more=more))
+
+
 def test_a_chain_without_a_striker_is_at_rest_or_moves_as_it_is_said_to() -> None:
     still = parse_scene(file(BALL, SOFT, striker="", more="[chain.precompression]\nforce = 1.0\n"))
     assert (still.n_body, set(still.velocity)) == (6, {0.0})
