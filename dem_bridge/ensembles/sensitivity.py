@@ -8,6 +8,7 @@ is the part that stays while all others are known (Sobol' 2001, *Math. Comput. S
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -116,7 +117,8 @@ def sobol_indices(
         "f_AB": scaled[:, 2 * base :].reshape(len(varies), count, base).transpose(1, 0, 2),
     }
     result = estimate(func=samples, n=base, rng=np.random.default_rng(variation.seed))
-    with np.errstate(invalid="ignore", divide="ignore"):  # an index that no resampling changes has no interval: nan
+    with np.errstate(invalid="ignore", divide="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # an index that no resampling changes has no interval: nan
         interval = result.bootstrap(confidence_level=CONFIDENCE, n_resamples=_RESAMPLES)
 
     def filled(part: Floats) -> Floats:
