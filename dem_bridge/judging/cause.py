@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.judging.fitting import Fit
+from dem_bridge.judging.search import FINALISTS, Candidate, Search
+from dem_bridge.readers.record import Record
 from dem_bridge.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -39,34 +42,6 @@ CAUSES = (
 )
 
 
-class Record(Protocol):
-    """What a file holds, in SI: see :class:`dem_bridge.readers.Record`."""
-
-    @property
-    def name(self) -> str:
-        """The file as it was named."""
-
-    @property
-    def time(self) -> Floats:
-        """Times, s, increasing."""
-
-    @property
-    def values(self) -> Mapping[str, Floats]:
-        """Samples of each quantity, ``(n_t, n_columns)``."""
-
-    @property
-    def columns(self) -> Mapping[str, tuple[int, ...]]:
-        """Body or contact of each column."""
-
-    @property
-    def rounding(self) -> Mapping[str, Floats]:
-        """Largest rounding error of each value, and of each "time"."""
-
-    @property
-    def dt(self) -> float | None:
-        """Time step of the code, s, if it is known."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """The likely cause of the difference between files and their scene.
@@ -93,9 +68,94 @@ class Diagnosis:
     parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
+#: least effect, in floors, for which a cause is named
+FLOORS = 50.0
+#: rms and largest residual, in units of the noise, at which the digits of a file explain the difference
+EXPLAINED, LARGEST = 1.5, 12.0
+#: error relative to the scale that a code of unknown method may have
+SMALL = 1e-6
+#: which of several causes that fit equally well is named
+PRIORITY = (
+    *("none", "units", "order-of-bodies", "sampling-shift", "half-step-velocity", "first-order-integrator", "clip"),
+    *("missed-contact", "tension", "gravity", "missing-sqrt-radius", "modulus", "stiffness-scale", "stiffness"),
+    *("mass", "exponent", "damping", "time-shift", "time-scale"),
+)
+
+
 def diagnose(scene: Scene, records: Sequence[Record], floor: Mapping[str, float] | None = None) -> Diagnosis:
     """Return the likely cause of the difference between the ``records`` and the exact motion of their ``scene``.
 
     ``floor`` is the round-off floor of each quantity in its unit, in addition to the digits of the files.
     """
-    return Diagnosis(cause="unknown", evidence="No hypothesis has been tested.")
+    if scene.law is not None:
+        return Diagnosis(cause="unknown", evidence="Hypotheses are not available for contact laws that are functions.")
+    record = min(records, key=lambda record: math.inf if record.dt is None else record.dt)
+    search = Search(scene, record, floor or {})
+    none = search.decide(Candidate(search.none, np.zeros(0), 1.0))
+    if _explained(none):
+        return Diagnosis(cause="none", evidence="Time step and digits explain the difference.")
+    fits = sorted((search.decide(candidate) for candidate in search.finalists()[:FINALISTS]), key=lambda fit: fit.rms)
+    return name_cause(search, none, fits)
+
+
+def _explained(fit: Fit) -> bool:
+    """Return whether the digits of the file explain the residual."""
+    return fit.rms < EXPLAINED and fit.largest < LARGEST
+
+
+def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
+    """Return the diagnosis for fits that are sorted by what they leave."""
+    best = fits[0] if fits else none
+    small = none.error < SMALL
+    left = best.rms / none.rms
+    explained = bool(fits) and (_explained(best) or left < 1e-3 or (left < 1.0 / FLOORS and best.error < SMALL))
+    if not explained:
+        if small:
+            return Diagnosis(cause="none", evidence=f"The difference is {none.error:.2g} of the largest value.")
+        return Diagnosis(
+            cause="unknown",
+            evidence=f"No hypothesis explains the difference; the nearest ({best.hypothesis.cause}"
+            f" {best.hypothesis.where}) leaves {best.rms / none.rms:.2g} of it.",
+        )
+    effect = search.effect(best)
+    if effect < FLOORS:
+        return Diagnosis(cause="unknown", evidence=f"The difference is {effect:.3g} floors, below {FLOORS:g}.")
+    count = sum(block.values.size for block in search.data.blocks)
+    equal = [fit for fit in fits if _as_good(fit, best, count)]
+    equal.sort(key=lambda fit: PRIORITY.index(fit.hypothesis.cause) if fit.hypothesis.nameable else 99)
+    named = [fit for fit in equal if fit.hypothesis.nameable]
+    if not named or (best.hypothesis not in [fit.hypothesis for fit in named] and not _explained(named[0])):
+        return Diagnosis(cause="unknown", evidence="A cause outside the list fits best.")
+    first = named[0]
+    places = {fit.hypothesis.where for fit in named if fit.hypothesis.cause == first.hypothesis.cause}
+    where = first.hypothesis.where if len(places) == 1 else ""
+    alternatives = tuple(dict.fromkeys(fit.hypothesis.cause for fit in named[1:]))
+    return Diagnosis(
+        cause=first.hypothesis.cause,
+        alternatives=tuple(name for name in alternatives if name != first.hypothesis.cause),
+        where=where,
+        evidence=_sentence(first, none),
+        parameters=_parameters(first),
+    )
+
+
+def _as_good(fit: Fit, best: Fit, count: int) -> bool:
+    """Return whether the samples cannot tell a fit from the best one."""
+    if not _explained(best):
+        return fit.rms < 1.5 * best.rms
+    return _explained(fit) and count * (fit.rms**2 - best.rms**2) < 60.0 * max(best.rms, 1.0) ** 2
+
+
+def _sentence(fit: Fit, none: Fit) -> str:
+    hypothesis = fit.hypothesis
+    values = [number for pair in _parameters(fit).values() for number in pair]
+    left = f"It leaves {fit.error:.2g} of the largest value, where the scene leaves {none.error:.2g}."
+    return f"{hypothesis.evidence.format(*values)} {left}"
+
+
+def _parameters(fit: Fit) -> dict[str, tuple[float, float]]:
+    """Return the fitted value with its standard deviation."""
+    if fit.hypothesis.size == 0:
+        return {}
+    value, p, deviation = fit.hypothesis.value, float(fit.parameters[0]), float(fit.deviation[0])
+    return {"value": (value(p), abs(value(p + deviation) - value(p)))}

@@ -12,7 +12,7 @@ import tempfile
 import time
 import traceback
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -22,8 +22,8 @@ import numpy as np
 
 import dem_bridge as db
 from dem_bridge.judging.cause import diagnose
+from dem_bridge.readers.record import Record
 from tests.helpers.planted.cases import Case, draw
-from tests.helpers.planted.chains import Floats
 from tests.helpers.planted.files import rounded
 
 #: effects below so many floors need not be named
@@ -70,26 +70,14 @@ class Answer:
         return str(self.place) in digits or "wall" in self.where
 
 
-@dataclass(frozen=True, kw_only=True)
-class OwnRecord:
-    """What the file of a case holds, read by no code of the package."""
-
-    name: str
-    time: Floats
-    values: Mapping[str, Floats]
-    columns: Mapping[str, tuple[int, ...]]
-    rounding: Mapping[str, Floats]
-    dt: float | None
-
-
-def own_record(case: Case) -> OwnRecord:
+def own_record(case: Case) -> Record:
     """Return the record of a case, without a file."""
     planted, digits = case.planted, case.planted.setting.digits
     values = {name: rounded(data, digits) for name, data in planted.run.values.items()}
     exponents = {name: np.floor(np.log10(np.maximum(np.abs(data), 1e-300))) for name, data in values.items()}
     rounding = {name: np.maximum(0.5 * 10.0 ** (exponents[name] + 1 - digits), 1e-300) for name in values}
     bodies = tuple(planted.setting.bodies or range(planted.chain.n_body))
-    return OwnRecord(
+    return Record(
         name=f"case{case.seed}",
         time=planted.run.time,
         values=values,

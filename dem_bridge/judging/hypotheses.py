@@ -1,0 +1,314 @@
+"""Hypotheses: what each cause changes in a scene or in its samples, with the values from which a fit starts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.judging.model import Model, System, system_of
+from dem_bridge.scene import Scene
+
+Floats = NDArray[np.float64]
+
+
+class Variant(NamedTuple):
+    """A changed system and the way in which its motion was written into a file."""
+
+    system: System
+    shift: float = 0.0
+    """s; the file has at time t the state of the time ``scale t - shift``."""
+    scale: float = 1.0
+    late: float = 0.0
+    """s; velocities are those of a time earlier by this much."""
+    lag: int = 0
+    """Samples by which the file is late."""
+    factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Of velocity, displacement and contact force."""
+    order: tuple[int, ...] | None = None
+    """Body of the scene for each body of the file."""
+    method: int | None = None
+    """Fixed-step method of :mod:`.kernels`, if the hypothesis requires one."""
+    dt: float | None = None
+    """Its step, s, if the hypothesis determines it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A possible cause.
+
+    ``make`` returns the variant for parameters; ``starts`` are parameters from which a fit starts, all of one length,
+    which is 0 where nothing is fitted; ``evidence`` is a sentence for the value that ``value`` computes from the first
+    parameter. ``nameable`` is False for causes outside the list, which are fitted as competitors.
+    """
+
+    cause: str
+    make: Callable[[Floats], Variant]
+    evidence: str
+    starts: tuple[tuple[float, ...], ...] = ((),)
+    where: str = ""
+    value: Callable[[float], float] = float
+    family: str = ""
+    nameable: bool = True
+    bounds: tuple[float, float] = (-math.inf, math.inf)
+    probe: float | None = 1e-3
+    """First parameter at which the motion is compared with the scene's; None: only the starts are tried."""
+    logarithmic: bool = False
+    """The scene itself is at the parameter minus infinity."""
+    reach: float = 1.5
+    """Largest first guess by linear extrapolation."""
+
+    @property
+    def size(self) -> int:
+        """Number of fitted parameters."""
+        return len(self.starts[0])
+
+
+LOG_STARTS = ((0.0,), (0.7,), (-0.7,))
+WIDE_STARTS = (*LOG_STARTS, (1.6,), (-1.6,), (2.7,), (-2.7,))
+
+
+class Changes:
+    """The changes of a scene that hypotheses make, with damping constants that follow masses and stiffnesses."""
+
+    def __init__(self, scene: Scene, model: Model) -> None:
+        self.scene, self.model, self.base = scene, model, model.system
+        law = scene.damping.law if scene.damping is not None else ""
+        #: powers of stiffness and effective mass in the damping constants
+        self.powers = {"kuwabara-kono": (1.0, 0.0), "mass_velocity": (0.0, 1.0)}.get(
+            law, (0.5, 0.5) if law in ("coeff_restitution", "tsuji") else (0.0, 0.0)
+        )
+
+    def with_factors(self, mass: Floats | float = 1.0, stiffness: Floats | float = 1.0) -> System:
+        """Return the system with factors on masses ``(n,)`` and stiffnesses ``(n + 1,)``."""
+        base = self.base
+        masses, constants = base.mass * mass, base.stiffness * stiffness
+        damping = base.damping
+        if any(self.powers) and base.damped:
+            ratio = _effective(masses) / _effective(base.mass)
+            damping = damping * np.broadcast_to(stiffness, damping.shape) ** self.powers[0] * ratio ** self.powers[1]
+        load = (base.free - self.scene.gravity) * base.mass
+        return base.changed(mass=masses, stiffness=constants, damping=damping, free=self.scene.gravity + load / masses)
+
+    def one_mass(self, body: int) -> Callable[[Floats], Variant]:
+        """Return the change of the mass of one body by the factor exp(parameter)."""
+        return lambda p: Variant(self.with_factors(mass=_single(self.scene.n_body, body, math.exp(p[0]))))
+
+    def one_stiffness(self, place: int) -> Callable[[Floats], Variant]:
+        """Return the change of the stiffness of one contact of the line by the factor exp(parameter)."""
+        size = self.scene.n_body + 1
+        return lambda p: Variant(self.with_factors(stiffness=_single(size, place, math.exp(p[0]))))
+
+    def bent(self, change: float) -> System:
+        """Return the system with other exponents n, on which the powers of damping forces depend, too."""
+        base, law = self.base, self.scene.damping.law if self.scene.damping is not None else ""
+        rate = {"kuwabara-kono": 1.0, "coeff_restitution": 0.5, "tsuji": 0.5}.get(law, 0.0)
+        return base.changed(
+            exponent=base.exponent + change, damping_power=np.maximum(base.damping_power + rate * change, 0.0)
+        )
+
+    def places(self) -> NDArray[np.int64]:
+        """Return the place on the line of each contact of the scene."""
+        c = self.scene.contacts
+        return np.asarray(np.where(c.left == self.scene.n_body, 0, c.left + 1))
+
+    def damping(self, law: int, clipped: bool) -> tuple[Callable[[Floats], Variant], float]:
+        """Return a change to one of the three shapes of damping, and the constant at which it is one percent.
+
+        The shapes are constant, by the effective mass, by the stiffness (Kuwabara-Kono) and by the square root of both
+        (restitution).
+        """
+        base, n = self.base, self.base.exponent
+        mass, depth = _effective(base.mass), max(self.model.depth, 1e-12)
+        present = base.stiffness > 0.0
+        middle = int(np.argmax(base.stiffness))
+        critical = 2.0 * np.sqrt((n - 1.0) * base.stiffness * depth ** (n - 2.0) * mass)
+        shape, power = (
+            (np.ones_like(n), np.zeros_like(n)),
+            (mass, np.zeros_like(n)),
+            (base.stiffness, np.maximum(n - 2.0, 0.0)),
+            (np.sqrt(mass * base.stiffness), np.maximum(0.5 * n - 1.0, 0.0)),
+        )[law]
+        unit = 0.01 * critical[middle] / (shape[middle] * depth ** power[middle])
+
+        def make(p: Floats) -> Variant:
+            damping = np.where(present, shape * unit * p[0], 0.0)
+            return Variant(base.changed(damping=damping, damping_power=power, clipped=clipped))
+
+        return make, float(unit)
+
+
+def _effective(mass: Floats) -> Floats:
+    """Return the effective mass of each contact of the line, walls included."""
+    inverse = np.concatenate([[0.0], 1.0 / mass, [0.0]])
+    return np.asarray(1.0 / (inverse[:-1] + inverse[1:]))
+
+
+def _single(size: int, index: int, factor: float) -> Floats:
+    values = np.ones(size)
+    values[index] = factor
+    return values
+
+
+DAMPING_NAMES = ("dashpot", "mass_velocity", "kuwabara-kono", "coeff_restitution")
+
+
+def global_hypotheses(scene: Scene, model: Model) -> Iterator[Hypothesis]:
+    """Yield the hypotheses that concern the whole chain and are fitted by continuous parameters, or have none."""
+    change = Changes(scene, model)
+    base = model.system
+    yield Hypothesis(
+        "stiffness-scale",
+        lambda p: Variant(change.with_factors(stiffness=math.exp(p[0]))),
+        "All stiffnesses are {0:.6g} +- {1:.2g} of the scene's.",
+        WIDE_STARTS,
+        value=math.exp,
+        family="factor",
+    )
+    yield Hypothesis(
+        "mass",
+        lambda p: Variant(change.with_factors(mass=math.exp(p[0]))),
+        "All masses are {0:.6g} +- {1:.2g} of the scene's.",
+        WIDE_STARTS,
+        value=math.exp,
+        family="factor",
+    )
+    yield Hypothesis(
+        "exponent",
+        lambda p: Variant(change.bent(p[0])),
+        "The exponent n differs from the scene's by {0:.6g} +- {1:.2g}.",
+        ((0.0,), (0.25,), (-0.25,), (0.5,), (-0.5,)),
+        bounds=(-1.4, 3.0),
+    )
+    yield from _patterns(scene, change)
+    yield from _damping(scene, change)
+    yield from _gravity(scene, change)
+    yield Hypothesis("tension", lambda p: Variant(base.changed(pulls=True)), "Open contacts pull.")
+    yield Hypothesis(
+        "time-scale",
+        lambda p: Variant(base, scale=math.exp(p[0])),
+        "Times of the file are to be multiplied by {0:.8g} +- {1:.2g}.",
+        ((0.0,), (0.3,), (-0.3,)),
+        value=math.exp,
+    )
+    yield Hypothesis(
+        "start speed",
+        lambda p: Variant(base.changed(velocity=base.velocity * math.exp(p[0]))),
+        "Start velocities are {0:.6g} +- {1:.2g} of the scene's.",
+        LOG_STARTS,
+        value=math.exp,
+        nameable=False,
+    )
+    yield Hypothesis(
+        "drag",
+        lambda p: Variant(base._replace(drag=base.drag + p[0] / scene.duration)),
+        "Every body is dragged.",
+        ((0.0,), (0.1,)),
+        nameable=False,
+    )
+
+
+def _patterns(scene: Scene, change: Changes) -> Iterator[Hypothesis]:
+    """Yield factors on stiffnesses that differ between contacts: moduli, and a missing sqrt(R*).
+
+    Stiffnesses of walls are numbers of a scene, in which neither a radius nor a modulus enters.
+    """
+    base = change.base
+    inner = np.zeros(scene.n_body + 1, dtype=bool)
+    inner[1:-1] = base.stiffness[1:-1] > 0.0
+    moduli, radii = [np.ones(scene.n_body)], [np.cbrt(base.mass)]
+    patterns: list[tuple[str, Floats]] = []
+    if scene.geometry is not None:
+        radii.insert(0, np.array([body.radius for body in scene.geometry.bodies]))
+        young = np.array([body.material.youngs_modulus for body in scene.geometry.bodies])
+        compliance = np.array([1.0 - body.material.poissons_ratio**2 for body in scene.geometry.bodies]) / young
+        inverse = _effective(1.0 / compliance)
+        moduli = [np.append(1.0, young) / inverse, np.append(young, 1.0) / inverse, _effective(young) / inverse]
+    patterns += [("modulus", np.append(pattern, 1.0)[: len(inner)]) for pattern in moduli]
+    patterns += [("missing-sqrt-radius", 1.0 / np.sqrt(_effective(radius))) for radius in radii]
+    patterns.append(("missing-sqrt-radius", 1.0 / np.where(base.stiffness > 0.0, base.stiffness, 1.0)))
+    seen: list[Floats] = []
+    for cause, pattern in patterns:
+        relative = pattern / np.exp(np.mean(np.log(pattern[inner]))) if inner.any() else np.ones(len(inner))
+        relative = np.where(inner, relative, 1.0)
+        uniform = np.ptp(relative[inner]) < 1e-9 if inner.any() else True
+        if (uniform and np.all(inner == (base.stiffness > 0.0))) or (uniform and cause != "modulus"):
+            continue
+        if any(np.max(np.abs(relative - other)) < 1e-9 for other in seen):
+            continue
+        seen.append(relative)
+        words = "Stiffnesses lack sqrt(R*)" if cause != "modulus" else "Stiffnesses have another modulus"
+        yield Hypothesis(
+            cause,
+            lambda p, full=relative: Variant(  # type: ignore[misc]
+                change.with_factors(stiffness=np.where(inner, full * math.exp(p[0]), 1.0))
+            ),
+            f"{words} in the contacts between bodies (mean factor {{0:.6g}} +- {{1:.2g}}).",
+            WIDE_STARTS,
+            value=math.exp,
+            probe=1e-3 if uniform else None,
+        )
+
+
+def _damping(scene: Scene, change: Changes) -> Iterator[Hypothesis]:
+    """Yield other damping, and another clip."""
+    base = change.base
+    if base.damped:
+        yield Hypothesis(
+            "clip",
+            lambda p: Variant(base._replace(clipped=not base.clipped)),
+            "The net contact force is {}clipped at zero.".format("not " if base.clipped else ""),
+        )
+        yield Hypothesis(
+            "damping",
+            lambda p: Variant(base.changed(damping=base.damping * math.exp(p[0]))),
+            "The damping is {0:.6g} +- {1:.2g} of the scene's.",
+            LOG_STARTS,
+            value=math.exp,
+        )
+        yield Hypothesis(
+            "damping", lambda p: Variant(base.changed(damping=0.0 * base.damping)), "Contacts are not damped."
+        )
+    for law, name in enumerate(DAMPING_NAMES):
+        for clipped in (True, False):
+            make, unit = change.damping(law, clipped)
+            yield Hypothesis(
+                "damping",
+                make,
+                f"Contacts are damped ({name}, {'clipped' if clipped else 'not clipped'}, constant {{0:.6g}}"
+                " +- {1:.2g}).",
+                ((0.0,), (1.0,), (0.1,), (10.0,)),
+                value=lambda p, unit=unit: unit * p,  # type: ignore[misc]
+                probe=None if base.damped else 1e-2,
+                reach=100.0,
+                bounds=(0.0, 400.0),
+                family=f"damping {law}",
+            )
+
+
+def _gravity(scene: Scene, change: Changes) -> Iterator[Hypothesis]:
+    base, g = change.base, scene.gravity
+    unit = change.model.speed / scene.duration
+    starts = tuple({(-g / unit,): None, (9.81 / unit,): None, (-9.81 / unit,): None, (0.0,): None})
+    sentence = "The acceleration by gravity differs from the scene's by {0:.6g} +- {1:.2g} m/s^2."
+    yield Hypothesis(
+        "gravity",
+        lambda p: Variant(base._replace(free=base.free + p[0] * unit)),
+        sentence,
+        starts,
+        value=lambda p: p * unit,
+        reach=1e6,
+    )
+    if scene.precompression > 0.0 and g != 0.0:
+        yield Hypothesis(
+            "gravity",
+            lambda p: Variant(system_of(replace(scene, gravity=g + p[0] * unit))),
+            sentence,
+            starts,
+            value=lambda p: p * unit,
+            reach=1e6,
+        )

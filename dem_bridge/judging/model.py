@@ -1,0 +1,147 @@
+"""Fast motion of a changed scene at the times of a file: exact, or by the method and at the step of another code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.backends.driven import Driven, driven_of
+from dem_bridge.backends.scales import natural_scales
+from dem_bridge.judging import kernels
+from dem_bridge.scene import Scene
+
+Floats = NDArray[np.float64]
+
+#: tolerance of a step of the adaptive method; the error of velocities is some ten times larger
+TOLERANCE = 1e-11
+
+
+class System(NamedTuple):
+    """The numbers of a scene along its line: contact j is in front of body j, contacts 0 and n are with walls."""
+
+    mass: Floats
+    velocity: Floats
+    free: Floats
+    """Acceleration of each body without contacts, m/s^2."""
+    stiffness: Floats
+    exponent: Floats
+    gap: Floats
+    damping: Floats
+    damping_power: Floats
+    pull_off: Floats
+    drag: float
+    driven: Driven
+    clipped: bool
+    pulls: bool
+    hertz: bool
+    damped: bool
+    adhesive: bool
+    first_step: float
+
+    def changed(self, **values: object) -> System:
+        """Return the system with other numbers."""
+        system = self._replace(**values)  # type: ignore[arg-type]
+        return system._replace(
+            hertz=bool(np.all(system.exponent == 2.5)),
+            damped=bool(np.any(system.damping > 0.0)),
+            adhesive=bool(np.any(system.pull_off > 0.0)),
+        )
+
+
+def system_of(scene: Scene) -> System:
+    """Return the numbers of a scene whose contacts are powers of the overlap."""
+    c, n = scene.contacts, scene.n_body
+    place = np.where(c.left == n, 0, c.left + 1)
+
+    def along(values: Floats, absent: float) -> Floats:
+        out = np.full(n + 1, absent)
+        out[place] = values
+        return out
+
+    return System(
+        mass=np.array(scene.mass),
+        velocity=np.array(scene.velocity),
+        free=scene.free_acceleration,
+        stiffness=along(c.stiffness, 0.0),
+        exponent=along(c.exponent, 2.5 if np.all(c.exponent == 2.5) else float(c.exponent[0])),
+        gap=along(c.gap, 0.0),
+        damping=along(c.damping, 0.0),
+        damping_power=along(c.damping_power, 0.0),
+        pull_off=along(c.pull_off, 0.0),
+        drag=scene.drag,
+        driven=driven_of(scene),
+        clipped=bool(c.clip),
+        pulls=False,
+        hertz=False,
+        damped=False,
+        adhesive=False,
+        first_step=1e-4 * scene.duration,
+    ).changed()
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Samples of a motion: displacement, velocity, acceleration ``(n_t, n)``, force along the line ``(n_t, n + 1)``."""
+
+    displacement: Floats
+    velocity: Floats
+    acceleration: Floats
+    force: Floats
+
+
+class Model:
+    """The motion of a scene with other numbers, at given times."""
+
+    def __init__(self, scene: Scene) -> None:
+        from scipy.integrate import DOP853
+
+        self.scene, self.system = scene, system_of(scene)
+        speed, depth = natural_scales(scene)
+        self.speed = speed if speed > 0.0 else 1.0
+        self.depth = float(np.max(depth, initial=0.0))
+        weights = np.array(DOP853.B)
+        self._pair = np.array(DOP853.A[: len(weights), : len(weights)]), weights, np.array([DOP853.E3, DOP853.E5])
+
+    def exact(self, system: System, times: Floats, tolerance: float = TOLERANCE) -> Motion:
+        """Return the motion at ``times`` (s, not falling, from 0) by an adaptive method of order 8."""
+        return Motion(*kernels.adaptive(system, np.ascontiguousarray(times), self.speed, tolerance, *self._pair))
+
+    def stepped(self, system: System, steps: NDArray[np.int64], dt: float, method: int = kernels.VERLET) -> Motion:
+        """Return the motion after ``steps`` steps of ``dt`` (s) by a method of :mod:`.kernels`."""
+        return Motion(*kernels.fixed(system, steps, dt, method, self.speed))
+
+    def stepped_at(self, system: System, times: Floats, dt: float, method: int = kernels.VERLET) -> Motion:
+        """Return the motion at ``times`` (s) by steps of ``dt`` (s), interpolated where times are between steps.
+
+        The interpolation is Hermite's of third degree, in displacements by velocities, in velocities by accelerations.
+        """
+        place = times / dt
+        below = np.floor(place + 1e-5).astype(np.int64)
+        fraction = place - below
+        if np.max(np.abs(fraction), initial=0.0) < 2e-5 + 1e-9 * float(np.max(place, initial=0.0)):
+            return self.stepped(system, below, dt, method)
+        steps, inverse = np.unique(np.concatenate([below, below + 1]), return_inverse=True)
+        motion = self.stepped(system, steps, dt, method)
+        low, high = np.split(inverse, 2)
+        s = fraction[:, None]
+
+        def between(value: Floats, slope: Floats) -> Floats:
+            first, last = value[low], value[high]
+            rise, bend = last - first, dt * slope[low]
+            return np.asarray(
+                first
+                + s * (bend + s * (3 * rise - 2 * bend - dt * slope[high] + s * (bend + dt * slope[high] - 2 * rise)))
+            )
+
+        def line(value: Floats) -> Floats:
+            return np.asarray(value[low] + s * (value[high] - value[low]))
+
+        return Motion(
+            between(motion.displacement, motion.velocity),
+            between(motion.velocity, motion.acceleration),
+            line(motion.acceleration),
+            line(motion.force),
+        )
