@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import ast
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -88,3 +91,13 @@ def test_property_tests_take_the_same_examples_every_time_and_are_not_timed() ->
     settings = hypothesis.settings.default
     assert settings is not None
     assert (settings.derandomize, settings.deadline, settings.database) == (True, None, None)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads are counted in /proc")
+def test_linear_algebra_takes_one_thread() -> None:
+    # on two busy cores two threads take 30 times as long for the small matrices here
+    code = "import tests, numpy, os; print(len(os.listdir('/proc/self/task')))"
+    environment = {key: value for key, value in os.environ.items() if key != "OPENBLAS_NUM_THREADS"}
+    environment["PYTHONPATH"] = str(Path(__file__).parents[1])
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout == "1\n"
