@@ -82,8 +82,8 @@ class FileErrors:
         """
         first: tuple[float, float, QuantityErrors, int] | None = None
         for part in self.quantities.values():
-            excess = np.abs(part.error) / np.maximum(part.explained, np.finfo(float).tiny)
-            rows = np.flatnonzero((excess > 1.0).any(axis=1))
+            excess = (np.abs(part.error) - part.explained) / (part.scale or 1.0)
+            rows = np.flatnonzero((excess > 0.0).any(axis=1))
             if len(rows):
                 column = int(np.argmax(excess[rows[0]]))
                 candidate = (float(self.record.time[rows[0]]), -float(excess[rows[0], column]), part, column)

@@ -45,6 +45,10 @@ class Addition:
     notes: tuple[str, ...] = ()
 
 
+#: the diagnosis of files without an error that can be seen
+EXPLAINED = Diagnosis(cause="none", evidence="Digits and reference explain all values.")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Judgement(Mapping[str, Any]):
     """The judgement of one or several files of one scene: a mapping with the keys :data:`KEYS`, all JSON-able.
@@ -224,7 +228,7 @@ def judge_records(scene: Scene, records: Sequence[Record], *, tolerance: float |
         scene=scene,
         files=files,
         convergence=convergence(files),
-        diagnosis=diagnose(scene, judged, floor),
+        diagnosis=diagnose(scene, judged, floor) if any(file.first_divergence(scene) for file in files) else EXPLAINED,
         tolerance=tolerance,
         assumed=tuple(notes),
     )

@@ -117,12 +117,21 @@ def _file_name(file: FileErrors) -> str:
 
 def _share(part: QuantityErrors, value: float) -> str:
     """Return a value relative to the scale as text."""
-    return f"{part.relative(value):.1e}"
+    return _two_digits(part.relative(value))
+
+
+def _two_digits(value: float) -> str:
+    """Return a number with two digits, as a power of ten unless it is of ordinary size.
+
+    >>> _two_digits(3.4e-5), _two_digits(0.1089), _two_digits(88.2)
+    ('3.4e-05', '0.11', '88')
+    """
+    return f"{value:.2g}" if 1e-3 <= value < 99.5 else f"{value:.1e}"
 
 
 def _error_text(file: FileErrors, part: QuantityErrors) -> str:
     """Return the largest error of a quantity as a sentence without a subject."""
-    numbers = {"error": f"{part.value:.1e} {part.unit}", "uncertainty": f"{part.uncertainty:.0e} {part.unit}"}
+    numbers = {"error": f"{_two_digits(part.value)} {part.unit}", "uncertainty": f"{part.uncertainty:.0e} {part.unit}"}
     if part.scale == 0.0:
         return TEXTS("error_without_scale", **numbers)
     time = amount(float(file.record.time[part.worst[0]]), "s", 4)
@@ -257,7 +266,7 @@ def _verdicts(judgement: Judgement) -> Iterator[Verdict]:
             cause=judgement.cause,
             words=WORDS[name],
             name=file.record.name,
-            error=f"{part.value:.1e} {part.unit}",
+            error=f"{_two_digits(part.value)} {part.unit}",
             relative=_share(part, part.value),
             bound=f"{part.uncertainty:.0e} {part.unit}",
         )

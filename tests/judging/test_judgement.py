@@ -98,6 +98,8 @@ def test_digits_that_straddle_the_tolerance_are_undecided(diagnosis: list[Diagno
     assert judgement.floor == pytest.approx(0.005 / 0.8, rel=1e-6)
     assert judgement.first_divergence is None
     assert "no error can be seen" in str(judgement)
+    diagnosis[0] = Diagnosis(cause="mass", evidence="Never.")
+    assert judge_records(CHAIN, [rough]).cause == "none"
 
 
 @pytest.mark.parametrize(
