@@ -6,8 +6,9 @@ This module uses observables, but no verdicts and no outcomes.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import cast
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,8 @@ from dem_bridge.trajectory import VOCABULARY, Floats, Trajectory
 SAMPLED = tuple(name for name, (_, _, axis) in VOCABULARY.items() if "time" in axis)
 #: largest difference of equal sample times, relative to the interval between samples (round-off of files)
 SAME_TIME = 1e-6
+#: fewest samples of each run in a common interval of time for an interpolation
+FEWEST_SAMPLES = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,6 +142,10 @@ class Comparison:
         Number of common sample times.
     notes : tuple of str
         Sentences on the scenes, peak forces and sample times.
+    interpolation : mapping of str to float
+        Estimated error of each quantity that was interpolated, in its unit; empty if the sample times are the same.
+    undecided : bool
+        True if the interpolation error decides whether the velocities differ by more than the tolerance.
     """
 
     differences: tuple[Difference, ...]
@@ -146,17 +153,24 @@ class Comparison:
     divergence: tuple[float, int] | None
     samples: int
     notes: tuple[str, ...]
+    interpolation: Mapping[str, float] = field(default_factory=dict)
+    undecided: bool = False
 
 
 def compare_runs(run: Trajectory, reference: Trajectory, tolerance: float = 0.0) -> Comparison:
-    """Compare all quantities that two runs have, at their common sample times.
+    """Compare all quantities that two runs have, at their common sample times, or interpolated if these are few.
 
     ``tolerance`` is the difference of velocities, relative to the largest of the reference, beyond which the runs have
-    diverged. Raises UsageError for runs of different numbers of bodies, or without a common sample time.
+    diverged. Raises UsageError for runs of different numbers of bodies, or without common times.
     """
     if not 0.0 <= tolerance < math.inf:
         raise UsageError(f"tolerance = {tolerance!r}; allowed: a number >= 0")
-    first, second, notes = at_common_times(run, reference)
+    interpolation: dict[str, float] = {}
+    common = at_common_times(run, reference)
+    if common is None:
+        first, second, interpolation, notes = interpolated(run, reference)
+    else:
+        first, second, notes = common
     labelled = (("the first run", first), ("the second run", second))
     hashes = [trajectory.provenance.get("scene_hash") for _, trajectory in labelled]
     if None not in hashes and hashes[0] != hashes[1]:
@@ -172,19 +186,26 @@ def compare_runs(run: Trajectory, reference: Trajectory, tolerance: float = 0.0)
         else:
             differences.append(difference(name, first, second))
     velocities = all(_known(trajectory, "velocity") for _, trajectory in labelled)
+    # a divergence must exceed the error of the interpolation, too; between the two nothing is decided
+    scale = float(np.max(np.abs(second.velocity))) if velocities else 1.0
+    margin = interpolation.get("velocity", 0.0) / scale if scale else 0.0
+    divergence = first_divergence(first, second, tolerance + margin) if velocities else None
+    within = not velocities or first_divergence(first, second, max(0.0, tolerance - margin)) is None
     return Comparison(
         differences=tuple(differences),
         unknown=tuple(unknown),
-        divergence=first_divergence(first, second, tolerance) if velocities else None,
+        divergence=divergence,
         samples=len(first.time),
         notes=notes,
+        interpolation=interpolation,
+        undecided=divergence is None and margin > 0.0 and (margin > tolerance or not within),
     )
 
 
-def at_common_times(run: Trajectory, reference: Trajectory) -> tuple[Trajectory, Trajectory, tuple[str, ...]]:
+def at_common_times(run: Trajectory, reference: Trajectory) -> tuple[Trajectory, Trajectory, tuple[str, ...]] | None:
     """Return both runs at their common sample times, and sentences on the samples that were left out.
 
-    Samples are not interpolated. Raises UsageError if the runs have no common time after the start.
+    Returns None if fewer than half of the samples of either run in the common interval are common.
     """
     if np.array_equal(run.time, reference.time):
         return run, reference, ()
@@ -193,12 +214,9 @@ def at_common_times(run: Trajectory, reference: Trajectory) -> tuple[Trajectory,
     near -= run.time - reference.time[near - 1] < reference.time[np.minimum(near, len(reference.time) - 1)] - run.time
     off = np.abs(run.time - reference.time[near])
     here = np.flatnonzero(off <= SAME_TIME * interval)
-    if len(here) < 2:
-        raise UsageError(
-            f"the runs, of {len(run.time)} samples up to {run.time[-1]:g} s and {len(reference.time)} samples up to"
-            f" {reference.time[-1]:g} s, have no sample times in common except the start; allowed: at least one common"
-            " time (samples are not interpolated); solve both with the same samples"
-        )
+    end = min(run.time[-1], reference.time[-1]) + SAME_TIME * interval
+    if len(here) < 2 or 2 * len(here) < min(np.sum(run.time <= end), np.sum(reference.time <= end)):
+        return None
     there, notes = near[here], []
     if len(here) < max(len(run.time), len(reference.time)):
         notes.append(
@@ -208,6 +226,61 @@ def at_common_times(run: Trajectory, reference: Trajectory) -> tuple[Trajectory,
     if np.any(off[here] > 0.0):
         notes.append(f"the common sample times differ by up to {float(np.max(off[here])):.1e} s")
     return _rows(run, here, reference.time[there]), _rows(reference, there, reference.time[there]), tuple(notes)
+
+
+def interpolated(
+    run: Trajectory, reference: Trajectory
+) -> tuple[Trajectory, Trajectory, dict[str, float], tuple[str, ...]]:
+    """Return both runs at the sample times of the one with fewer samples, at which the other is interpolated.
+
+    Displacements are interpolated by Hermite polynomials with the velocities as slopes; velocities and forces by the
+    Hermite polynomials of a cubic spline. Returns also the error of each interpolated quantity, and a sentence. Raises
+    UsageError for runs without a common interval of at least four samples of either.
+
+    The error is estimated by interpolating every second sample at the omitted ones: at half the spacing it is smaller
+    by four for second order, and by more for the fourth order of smooth motion.
+    """
+    end = min(run.time[-1], reference.time[-1])
+    begin = max(run.time[0], reference.time[0])
+    counts = [int(np.sum((begin <= each.time) & (each.time <= end))) for each in (run, reference)]
+    if min(counts) < FEWEST_SAMPLES or not end > begin:
+        raise UsageError(
+            f"the runs, of {len(run.time)} samples up to {run.time[-1]:g} s and {len(reference.time)} samples up to"
+            f" {reference.time[-1]:g} s, have {min(counts)} samples in a common interval of time; allowed: at least"
+            f" {FEWEST_SAMPLES} of each; solve both with the same samples"
+        )
+    fine, coarse = (run, reference) if counts[0] >= counts[1] else (reference, run)
+    rows = np.flatnonzero((begin <= coarse.time) & (coarse.time <= end))
+    time = coarse.time[rows]
+    between = fine.time[1:-1:2]
+    errors, values = dict[str, float](), dict[str, Any]()
+    for name in SAMPLED:
+        samples, slopes = getattr(fine, name), fine.velocity if name == "displacement" else None
+        values[name] = _between(fine.time, samples, slopes, time)
+        halved = _between(fine.time[::2], samples[::2], None if slopes is None else slopes[::2], between)
+        if np.all(np.isfinite(samples)):
+            errors[name] = 0.25 * float(np.max(np.abs(halved - samples[1:-1:2]), initial=0.0))
+    sampled = replace(fine, time=time, **values)
+    compared = _rows(coarse, rows, time)
+    which = "first" if fine is run else "second"
+    note = (
+        f"the sample times differ: the {which} run is interpolated (Hermite) at the {len(time)} times of the other up"
+        f" to {time[-1]:g} s; the error of the interpolation is about "
+        + " and ".join(f"{error:.1e} {VOCABULARY[name][0]}" for name, error in errors.items())
+    )
+    first, second = (sampled, compared) if fine is run else (compared, sampled)
+    return first, second, errors, (note,)
+
+
+def _between(time: Floats, values: Floats, slopes: Floats | None, wanted: Floats) -> Floats:
+    """Return values at other times, by slopes that are known or those of a cubic spline; nan where there are nans."""
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline
+
+    if len(time) < 2 or not np.all(np.isfinite(values)):
+        return np.full((len(wanted), values.shape[1]), math.nan)
+    if slopes is not None and np.all(np.isfinite(slopes)):
+        return np.asarray(CubicHermiteSpline(time, values, slopes)(wanted))
+    return np.asarray(CubicSpline(time, values)(wanted))
 
 
 def _rows(run: Trajectory, rows: NDArray[np.intp], time: Floats) -> Trajectory:

@@ -161,7 +161,9 @@ def test_contact_forces_are_compared_at_all_samples_and_have_no_bar() -> None:
 def test_runs_are_compared_at_the_times_that_both_have(every: int) -> None:
     fine = free_flight(samples=8)
     coarse = free_flight(samples=8 // every)
-    mine, _, notes = at_common_times(fine, coarse)
+    common = at_common_times(fine, coarse)
+    assert common is not None
+    mine, _, notes = common
     assert np.array_equal(mine.time, coarse.time)
     np.testing.assert_array_equal(mine.velocity, fine.velocity[::every])
     np.testing.assert_array_equal(mine.displacement, fine.displacement[::every])
@@ -174,7 +176,9 @@ def test_times_that_are_rounded_are_the_same(off: float, row: int) -> None:
     reference = free_flight(samples=8)
     time = reference.time.copy()
     time[row] += off
-    mine, other, notes = at_common_times(replace(reference, time=time), reference)
+    common = at_common_times(replace(reference, time=time), reference)
+    assert common is not None
+    mine, other, notes = common
     assert np.array_equal(mine.time, other.time)
     assert len(mine.time) == 9
     assert bool(notes) == bool(time[row] != reference.time[row])
@@ -191,9 +195,47 @@ def test_a_sample_that_one_lacks_is_left_out_and_the_rest_stays_in_step(lost: in
     assert all(one.value == 0.0 for one in found.differences)
 
 
-def test_runs_that_share_the_start_alone_are_refused() -> None:
-    with pytest.raises(UsageError, match=r"have no sample times in common except the start; .* not interpolated"):
-        compare_runs(free_flight(duration=1.0), free_flight(duration=1.01))
+def _swinging(samples: int, duration: float = 1.0) -> Trajectory:
+    """Return a run in which body i swings as sin((i + 1) t), sampled at other times than another."""
+    time, rate = np.linspace(0.0, duration, samples + 1)[:, None], np.arange(1.0, 4.0)
+    moved = {"displacement": np.sin(rate * time) / rate, "velocity": np.cos(rate * time)}
+    return free_flight(samples=samples, duration=duration, contact_force=np.sin(time) * np.ones((1, 2)), **moved)
+
+
+@pytest.mark.parametrize(("samples", "duration"), [(37, 1.0), (40, 1.01), (90, 0.97)])
+@pytest.mark.parametrize("swapped", [False, True])
+def test_runs_at_other_times_are_interpolated_and_the_error_is_said(
+    samples: int, duration: float, swapped: bool
+) -> None:
+    runs = [_swinging(60), _swinging(samples, duration)]
+    first, second = runs[::-1] if swapped else runs
+    compared = compare_runs(first, second, 1e-3)
+    which = "first" if (samples < 60) != swapped else "second"
+    assert compared.notes[0].startswith(f"the sample times differ: the {which} run is interpolated (Hermite) at the ")
+    assert set(compared.interpolation) == {"displacement", "velocity", "contact_force"}
+    for entry in compared.differences:
+        if entry.quantity in compared.interpolation:
+            # both are the same motion: all of the difference is the interpolation's, and the estimate covers it
+            assert entry.value * entry.scale <= compared.interpolation[entry.quantity] < 1e-4, entry.quantity
+    assert (compared.divergence, compared.undecided) == (None, False)
+
+
+def test_a_difference_below_the_interpolation_error_is_undecided_and_a_larger_one_is_not() -> None:
+    run, reference = _swinging(60), _swinging(37)
+    error = compare_runs(run, reference, 1e-3).interpolation["velocity"]
+    assert compare_runs(run, reference, 0.1 * error).undecided
+    changed = replace(reference, velocity=reference.velocity * (1.0 + 10.0 * error))
+    found = compare_runs(run, changed, 2.0 * error)
+    assert found.divergence is not None
+    assert not found.undecided
+    assert compare_runs(run, changed, 10.0 * error).undecided
+    assert compare_runs(run, changed, 20.0 * error).divergence is None
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+def test_runs_of_too_few_samples_at_other_times_are_refused(samples: int) -> None:
+    with pytest.raises(UsageError, match=r"have \d samples in a common interval of time; allowed: at least 4 of each"):
+        compare_runs(free_flight(samples=samples, duration=0.93), free_flight(duration=1.0))
 
 
 def test_what_one_does_not_know_is_said_and_not_compared() -> None:

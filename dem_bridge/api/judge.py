@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeGuard, cast
 
 from dem_bridge.errors import UsageError
+from dem_bridge.readers.source import File, with_step
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import scene_of
 
 if TYPE_CHECKING:
     from dem_bridge.judging.judgement import Judgement
-
-#: a file of a code, with or without its time step
-File = str | Path | tuple[str | Path, float | None]
 
 
 def judge(
@@ -99,7 +95,7 @@ def judge(
     if scene is None:
         raise UsageError("no scene was given; give the scene of the files, a shipped name or the path of a scene file")
     scene = scene_of(scene)
-    named = [_with_step(file) for file in (files if _is_several(files) else [cast(File, files)])]
+    named = [with_step(file) for file in (files if _is_several(files) else [cast(File, files)])]
     reading = {"columns": columns, "units": units, "bodies": bodies, "axis": axis}
     if command is not None:
         if named:
@@ -122,25 +118,3 @@ def _is_several(files: File | Sequence[File]) -> TypeGuard[Sequence[File]]:
     """Return False for a single file, which a pair of a path and a time step is, too."""
     pair = isinstance(files, tuple) and len(files) == 2 and not isinstance(files[1], str | Path | tuple)
     return not (pair or isinstance(files, str | Path))
-
-
-def _with_step(file: File) -> tuple[Path, float | None]:
-    """Return the path and the time step of a file that was given as FILE, FILE@DT or (path, dt).
-
-    >>> _with_step("run.csv@1e-7"), _with_step("run.csv")[1], _with_step(("run.csv", 2e-7))[1]
-    ((PosixPath('run.csv'), 1e-07), None, 2e-07)
-    """
-    if isinstance(file, tuple):
-        path, step = Path(file[0]), file[1]
-    else:
-        name, sign, text = str(file).rpartition("@")
-        if not sign or Path(file).exists():
-            return Path(file), None
-        path, step = Path(name), math.nan
-        with suppress(ValueError):
-            step = float(text)
-    if step is not None and not 0.0 < step < math.inf:
-        raise UsageError(
-            f"{file}: the time step is not a number above 0; give FILE@DT with DT in s, such as {path}@1e-7"
-        )
-    return path, step

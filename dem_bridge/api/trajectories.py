@@ -97,8 +97,7 @@ def read_trajectory(
     scene : Scene, str or Path, optional
         Scene of the run; not needed for the format "nc".
     format : {"lammpstrj", "extxyz", "traj", "csv", "nc"}, optional
-        LAMMPS text dump (with ``id`` and ``x``, and if possible ``vx`` and ``fx``), extended XYZ, ASE trajectory, CSV
-        or netCDF; the default follows from the ending of ``path``.
+        Format of the file; it follows from the content in any case, and "nc" requires a file of dem_bridge.
     units : {"si", "cgs", "micro", "nano", "metal", "real", "ase"}, optional
         Units of a file that does not state them; the default is "ase" for the format "traj" and "si" for others.
     dt : float, optional
@@ -127,11 +126,14 @@ def read_trajectory(
     >>> run.velocity[1].tolist(), run.provenance["assumed"][0]
     ([0.0, 0.7], 'displacements are relative to the first frame')
     """
-    from dem_bridge.exports.trajectories import format_of
+    from dem_bridge.exports.trajectories import SUFFIXES, format_of
+    from dem_bridge.readers.arrays import own_netcdf
+    from dem_bridge.readers.trajectories import read
 
     path = Path(path)
-    chosen = format_of(path, format)
-    if chosen == "nc":
+    chosen = format_of(path, format) if format is not None else SUFFIXES.get(path.suffix.lower(), "by content")
+    own = own_netcdf(path)
+    if own or format == "nc" or (chosen == "nc" and (own is None or scene is None)):
         if units is not None or dt is not None:
             raise UsageError(
                 f"{path}: units and dt do not apply to netCDF, which has SI units and times; leave them out"
@@ -139,16 +141,17 @@ def read_trajectory(
         return load_trajectory(path)
     if scene is None:
         raise UsageError(
-            f"{path}: no scene was given, but a file of format {chosen!r} has no contacts and masses; give the scene of"
+            f"{path}: no scene was given, but a file of another program has no contacts and masses; give the scene of"
             " this run (--scene)"
         )
-    from dem_bridge.readers.trajectories import read
-
     return read(path, _scene(scene), chosen, units=units, dt=dt)
 
 
 def compare(run: Trajectory, reference: Trajectory, *, tolerance: float = 0.0) -> Comparison:
     """Compare two runs at their common sample times, quantity by quantity.
+
+    If few sample times are common, the run with more samples is interpolated at the times of the other (Hermite), and
+    the error of the interpolation is stated.
 
     Parameters
     ----------
@@ -168,7 +171,7 @@ def compare(run: Trajectory, reference: Trajectory, *, tolerance: float = 0.0) -
     Raises
     ------
     UsageError
-        If the runs have different numbers of bodies or no common sample times; samples are not interpolated.
+        If the runs have different numbers of bodies or no common interval of time.
 
     Examples
     --------

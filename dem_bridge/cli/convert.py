@@ -10,6 +10,7 @@ import click
 
 import dem_bridge
 from dem_bridge.cli.options import with_options
+from dem_bridge.errors import UsageError
 
 if TYPE_CHECKING:
     from dem_bridge.differences import Difference
@@ -49,9 +50,15 @@ def compare(
 ) -> None:
     """Compare two trajectory files A and B.
 
-    The output has the largest difference of each quantity, relative to B, and time and body of the first divergence.
+    A file may be given as FILE@DT, with the time step of its run in s. The output has the largest difference of each
+    quantity, relative to B, and time and body of the first divergence.
     """
-    runs = [_read(path, scene, settings) for path in (first, second)]
+    from dem_bridge.readers.source import with_step
+
+    named = [with_step(file) for file in (first, second)]
+    runs = [_read(path, scene, settings if step is None else settings | {"dt": step}) for path, step in named]
+    if "dt" in settings:
+        _check_ends([run for run, (_, step) in zip(runs, named, strict=True) if step is None], settings["dt"])
     comparison = dem_bridge.compare(*runs, tolerance=tolerance or 0.0)
     for entry in comparison.differences:
         click.echo(_sentence(entry))
@@ -61,6 +68,10 @@ def compare(
     limit = f"differ by more than {tolerance:g} of the largest velocity" if tolerance else "differ"
     if not compared:
         click.echo("velocities are not compared")
+    elif comparison.undecided:
+        click.echo(
+            f"undecided: the interpolation error decides whether velocities {limit}; sample both at the same times"
+        )
     elif comparison.divergence is None:
         click.echo(f"velocities do not {limit} at any of {comparison.samples} samples")
     else:
@@ -68,8 +79,22 @@ def compare(
         click.echo(f"velocities first {limit} at {time:.9g} s, body {body}")
         if not tolerance:
             click.echo("give --tolerance to see when the difference matters")
-    if tolerance is not None:
-        sys.exit(1 if comparison.divergence is not None else 0 if compared else 4)
+    if tolerance is None:
+        click.echo("no --tolerance was given: the exit code is 0 whatever the difference")
+        return
+    decided = compared and not comparison.undecided
+    sys.exit(1 if comparison.divergence is not None else 0 if decided else 4)
+
+
+def _check_ends(runs: list[Trajectory], dt: float) -> None:
+    """Raise UsageError if one time step was used for two files, whose times then contradict the scene."""
+    notes = [(run.time[-1], run.provenance.get("assumed", ())) for run in runs]
+    ends = [end for end, assumed in notes if any(note.startswith("times are step numbers") for note in assumed)]
+    if len(ends) == 2 and abs(ends[0] - ends[1]) > 1e-6 * max(ends):
+        raise UsageError(
+            f"--dt {dt:g} was given for both files, which then end at {ends[0]:.6g} s and {ends[1]:.6g} s; allowed: the"
+            " time step of each file; give A@DT and B@DT"
+        )
 
 
 def _sentence(entry: Difference) -> str:

@@ -138,6 +138,17 @@ def read_netcdf(path: Path, first: bytes) -> Table:
         raise UsageError(f"the netCDF file is damaged or of another kind ({_short(error)}); write it again") from error
 
 
+def own_netcdf(path: Path) -> bool | None:
+    """Return True if :meth:`.Trajectory.save` wrote a netCDF-4 file, None if the file is no such file or damaged."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return _text(file.attrs.get("schema", "")).startswith("dem-bridge/trajectory/")
+    except (OSError, RuntimeError, ValueError):
+        return None
+
+
 @dataclass(frozen=True)
 class _Variable:
     """Hold a variable of a netCDF file: ``values[()]`` are its numbers."""
@@ -166,7 +177,9 @@ def _netcdf4(path: Path, stack: ExitStack) -> tuple[Mapping[str, Any], list[_Var
     file = stack.enter_context(h5py.File(path, "r"))
     variables = []
     for name, dataset in file.items():
-        if isinstance(dataset, h5py.Dataset) and dataset.dtype.kind in "fiu":
+        # a dimension without a coordinate is a data set of zeros
+        bare = _text(dataset.attrs.get("NAME", "")).startswith("This is a netCDF dimension but not")
+        if isinstance(dataset, h5py.Dataset) and dataset.dtype.kind in "fiu" and not bare:
             scales = [next(iter(dim.values()), None) for dim in dataset.dims]
             dims = tuple("" if scale is None else str(scale.name).strip("/") for scale in scales)
             # a coordinate is the scale of its own dimension

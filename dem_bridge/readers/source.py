@@ -5,7 +5,9 @@ from __future__ import annotations
 import bz2
 import gzip
 import lzma
+import math
 import zlib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,8 @@ from dem_bridge.errors import UsageError
 
 #: largest size of a file, after decompression, bytes
 MOST_BYTES = 2**29
+#: a file of a code, with or without its time step
+File = str | Path | tuple[str | Path, float | None]
 _PACKED: dict[bytes, Any] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ": lzma.open}
 
 
@@ -50,3 +54,25 @@ def text_of(content: bytes) -> str:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
         return content.decode("latin-1")
+
+
+def with_step(file: File) -> tuple[Path, float | None]:
+    """Return the path and the time step of a file that was given as FILE, FILE@DT or (path, dt).
+
+    >>> with_step("run.csv@1e-7"), with_step("run.csv")[1], with_step(("run.csv", 2e-7))[1]
+    ((PosixPath('run.csv'), 1e-07), None, 2e-07)
+    """
+    if isinstance(file, tuple):
+        path, step = Path(file[0]), file[1]
+    else:
+        name, sign, text = str(file).rpartition("@")
+        if not sign or Path(file).exists():
+            return Path(file), None
+        path, step = Path(name), math.nan
+        with suppress(ValueError):
+            step = float(text)
+    if step is not None and not 0.0 < step < math.inf:
+        raise UsageError(
+            f"{file}: the time step is not a number above 0; give FILE@DT with DT in s, such as {path}@1e-7"
+        )
+    return path, step

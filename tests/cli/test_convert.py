@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -73,6 +74,30 @@ def test_compare_says_what_where_and_when(folder: Path) -> None:
     within = _asked("compare", folder / "other.nc", folder / "run.nc", "--tolerance", "1e-9")
     assert within.exit_code == 0
     assert "velocities do not differ by more than 1e-09 of the largest velocity at any of 13 samples" in within.stdout
+
+
+def test_without_a_tolerance_the_exit_code_is_said_to_mean_nothing(folder: Path) -> None:
+    done = _asked("compare", folder / "other.nc", folder / "run.nc")
+    assert done.exit_code == 0
+    assert done.stdout.endswith("no --tolerance was given: the exit code is 0 whatever the difference\n")
+    assert "no --tolerance" not in _asked("compare", folder / "other.nc", folder / "run.nc", "--tolerance", "0").stdout
+
+
+def test_each_file_has_its_own_time_step_and_one_for_both_must_not_contradict_the_scene(folder: Path) -> None:
+    """Two dumps of one run without times: 100 and 50 steps a sample, so 1 and 2 of the time step."""
+    text = re.sub(r"ITEM: TIME\n.*\n", "", (folder / "theirs.lammpstrj").read_text())
+    halved = re.sub(r"(?<=TIMESTEP\n)\d+", lambda found: str(int(found[0]) // 2), text)
+    (folder / "fine.dump").write_text(text)
+    (folder / "coarse.dump").write_text(halved)
+    dt = RAW.duration / 1200
+    scene = ("--scene", folder / "raw.toml", "--tolerance", "0")
+    fine, coarse = f"{folder / 'fine.dump'}@{dt!r}", f"{folder / 'coarse.dump'}@{2 * dt!r}"
+    assert _asked("compare", fine, coarse, *scene).exit_code == 0
+    assert _asked("compare", folder / "fine.dump", coarse, "--dt", repr(dt), *scene).exit_code == 0
+    done = _asked("compare", folder / "fine.dump", folder / "coarse.dump", "--dt", repr(dt), *scene)
+    assert done.exit_code == 2
+    assert "was given for both files, which then end at 0.0002 s and 0.0001 s; allowed: the time step of" in done.stderr
+    assert "give A@DT and B@DT" in done.stderr
 
 
 def test_without_velocities_nothing_is_decided(folder: Path) -> None:

@@ -13,6 +13,7 @@ import ase
 import ase.io
 import numpy as np
 import pytest
+import xarray as xr
 from ase.calculators.singlepoint import SinglePointCalculator
 
 import dem_bridge as db
@@ -330,7 +331,7 @@ def test_a_csv_that_cannot_be_is_refused_by_name(text: str, found: str, tmp_path
         ("text.lammpstrj", {"dt": -1.0}, r"dt = -1\.0; allowed"),
         ("text.csv", {"units": "metal"}, "the file is not a table, its line 'hello' is no row"),
         ("run.nc", {"dt": 1.0}, "units and dt do not apply to netCDF"),
-        ("run.pdb", {}, "the file type is not clear from"),
+        ("run.pdb", {}, "no such file"),
     ],
 )
 def test_files_and_settings_that_cannot_be_are_refused(
@@ -349,6 +350,27 @@ def test_files_and_settings_that_cannot_be_are_refused(
 def test_a_file_without_its_scene_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="give the scene of this run"):
         db.read_trajectory(tmp_path / "run.csv")
+
+
+@pytest.mark.parametrize("name", ["run", "run.csv", "run.pdb", "run.nc"])
+@pytest.mark.parametrize("kind", ["nc", "dump", "foreign netCDF"])
+def test_the_content_decides_about_the_format_and_not_the_name(name: str, kind: str, tmp_path: Path) -> None:
+    run, path = made_up(CROSSED), tmp_path / name
+    if kind == "nc":
+        run.save(path)
+    elif kind == "dump":
+        path.write_text(foreign_dump(CROSSED, run))
+    else:
+        dims = ("time", "body")
+        data = {"velocity": (dims, run.velocity), "displacement": (dims, run.displacement)}
+        xr.Dataset(data, coords={"time": run.time}).to_netcdf(path, engine="h5netcdf")
+    if (kind, name) == ("dump", "run.nc"):
+        with pytest.raises(UsageError, match="not a netCDF-4 file"):
+            db.read_trajectory(path, CROSSED)
+        return
+    found = db.read_trajectory(path, CROSSED)
+    np.testing.assert_array_equal(found.velocity, run.velocity)
+    assert (found.provenance["backend"] == "file") == (kind != "nc")
 
 
 @pytest.mark.lammps
