@@ -23,6 +23,8 @@ TEXTS = Texts("sensitivity")
 _PARTS = (0.25, 0.5, 1.0)
 #: chains for each of them
 _CHAINS = 512
+#: the measures in the table and in the answer; residence times and forces are in the maps
+MEASURES = ("arrival at the last body", "velocity of the last body over that of the first")
 #: spread without a setting: degrees, relative, or m
 _SPREADS = {"angle": 0.5, "mass": 0.01, "stiffness": 0.05, "velocity": 0.01, "gap": 1e-6}
 
@@ -95,8 +97,8 @@ def study_sensitivity(
         {"scene": scene.name},
         answer=(
             TEXTS("arrival", share=indices.deviation[0] / indices.mean[0], **texts),
-            *(_largest(name, indices, row) for row, name in enumerate(("arrival at the last body", "V_out/V_in"))),
-            TEXTS("interactions", share=1.0 - float(np.sum(indices.first[0])), name="arrival at the last body"),
+            *(_largest(name, indices, row) for row, name in enumerate(MEASURES)),
+            TEXTS("interactions", sum=float(np.nansum(indices.first[0])), name=MEASURES[0]),
             TEXTS("tolerance", effect=effect, allowed=allowed, **texts),
         ),
         tables=(_table(indices), TEXTS.table("tolerance", tolerances, unit=unit)),
@@ -142,7 +144,7 @@ def _allowed_spread(tolerances: list[tuple[float, float]], effect: float) -> flo
 
 
 def _table(indices: Indices) -> Table:
-    """Return the indices of arrival and V_out/V_in for each varied number."""
+    """Return the indices of :data:`MEASURES` for each varied number."""
     rows = []
     for column, which in enumerate(indices.columns):
         cells: list[float] = []
@@ -153,14 +155,14 @@ def _table(indices: Indices) -> Table:
 
 
 def _figure(indices: Indices, links: int, texts: dict[str, Any]) -> FigureData:
-    """Return the indices of arrival and V_out/V_in along the chain, and those of all measures as maps."""
+    """Return the indices of :data:`MEASURES` along the chain, and those of all measures as maps."""
     places = np.array([place for _, place in indices.columns], dtype=float)
 
     def line(row: int, label: str, style: str) -> Series:
         low, high = indices.first_interval[:, row]
         return Series(label=label, style=style, x=places, y=indices.first[row], bar=0.5 * (high - low))
 
-    lines = (line(0, "arrival at the last body", "reference"), line(1, "V_out/V_in", "verlet"))
+    lines = (line(0, MEASURES[0], "reference"), line(1, MEASURES[1], "verlet"))
     bodies = np.arange(1.0, links)
     middle = 2 + len(bodies)
     maps = (
