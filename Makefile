@@ -8,7 +8,7 @@ PYTEST := -n auto
 # without bytecode every process of the tests, and every process that a test starts, would compile all modules again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup verify test test-all bench docs lint pins clean
+.PHONY: setup verify test test-all bench docs lint peers pins clean
 
 setup: $(STAMP)
 
@@ -40,6 +40,12 @@ bench: $(STAMP)
 	$(BIN)/python -m tests.bench.bench_paper
 	$(BIN)/python -m tests.bench.bench_horizon
 	$(BIN)/python -m tests.bench.bench_plan
+
+# docs/peers.md: one chain in other codes, judged; their packages are in an environment of their own
+peers: $(STAMP)
+	test -x $(VENV)-peers/bin/python || $(PYTHON) -m venv $(VENV)-peers
+	$(VENV)-peers/bin/python -m pip install --quiet --disable-pip-version-check $$($(BIN)/python -c "import tomllib; print(*tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']['peers'])")
+	DEM_BRIDGE_PEERS=$(CURDIR)/$(VENV)-peers/bin/python $(BIN)/python docs/recipes/report.py
 
 # docs/_build/index.html; a warning is an error, and all pages are read because a page that is not gives no warning
 docs: $(STAMP)
