@@ -11,8 +11,9 @@ import re
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import BlockedScript, DemBridgeError, SceneError, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import defects_of
-from dem_bridge.lmp.process import EngineReport, run_deck, workspace
+from dem_bridge.lmp.process import run_deck, workspace
 from dem_bridge.lmp.reader.deck import UNITS, ReadScript, read_script
 from dem_bridge.lmp.reader.scene import ReadDeck, read_deck
 from dem_bridge.lmp.reader.script import Command, Script
@@ -162,7 +163,7 @@ def deck_run(path: Path, scene: Scene, *, engine: Engine | None = None, time_lim
         lines = target.read_text(encoding="utf-8-sig").splitlines(keepends=True)
         lines.insert(run.line - 1, _dump_line(_every(deck, scene)))
         target.write_text("".join(lines), encoding="utf-8")
-        report: EngineReport = run_deck(folder, path.name, time_limit=time_limit, engine=engine)
+        report = run_deck(folder, path.name, time_limit=time_limit, engine=engine or Engine.chosen())
         log = folder / "log.lammps"
         builds = re.findall(r"^Dangerous builds\s*=\s*(\d+)", log.read_text(errors="replace"), re.MULTILINE)
         yield DeckRun(
@@ -224,7 +225,7 @@ def deck_limits(scene: Scene, run: DeckRun, error: float, *, largest: float) -> 
     limits = [
         *_of_numerics(scene, run, error),
         *_of_contacts(run),
-        *_of_scene(scene, run.deck),
+        *_of_scene(scene, run),
         *_of_neighbours(run, largest),
         *_of_own_dump(run.deck),
     ]
@@ -242,15 +243,8 @@ def _of_numerics(scene: Scene, run: DeckRun, error: float) -> Iterator[Limit]:
             advice="use one `timestep` for all runs",
         )
         return
-    sampling = Sampling(count=scene.samples)
-
-    def solve(backend: str, dt: float | None = None, radius: float | None = None) -> Floats:
-        resolution = Resolution(dt=dt, surrogate_radius=radius)
-        case = Case(scene=scene, backend=backend, resolution=resolution, sampling=sampling, uncertainty=False)
-        return case.solve().velocity
-
     try:
-        reference, exact = solve("reference"), solve("verlet", dt)
+        reference, exact = _velocity(scene, "reference"), _velocity(scene, "verlet", dt)
         speed = float(np.max(np.abs(reference)))
         step = float(np.max(np.abs(exact - reference))) / speed
         yield Limit(
@@ -261,7 +255,7 @@ def _of_numerics(scene: Scene, run: DeckRun, error: float) -> Iterator[Limit]:
         )
         roundoff = 0.0
         if radius is not None:
-            roundoff = float(np.max(np.abs(solve("verlet", dt, radius) - exact))) / speed
+            roundoff = float(np.max(np.abs(_velocity(scene, "verlet", dt, radius) - exact))) / speed
             yield Limit(
                 what="particle radius",
                 found=f"{radius:.6g} m",
@@ -277,6 +271,14 @@ def _of_numerics(scene: Scene, run: DeckRun, error: float) -> Iterator[Limit]:
         )
     except DemBridgeError as problem:
         yield Limit(what="time step and radius", found=str(problem), effect=math.nan, advice="judge two time steps")
+
+
+def _velocity(scene: Scene, backend: str, dt: float | None = None, radius: float | None = None) -> Floats:
+    """Return the velocities of a scene by one of our codes."""
+    resolution = Resolution(dt=dt, surrogate_radius=radius)
+    sampling = Sampling(count=scene.samples)
+    case = Case(scene=scene, backend=backend, resolution=resolution, sampling=sampling, uncertainty=False)
+    return case.solve().velocity
 
 
 def _of_contacts(run: DeckRun) -> Iterator[Limit]:
@@ -303,8 +305,9 @@ def _of_contacts(run: DeckRun) -> Iterator[Limit]:
         )
 
 
-def _of_scene(scene: Scene, deck: UserDeck) -> Iterator[Limit]:
-    """Yield the properties in which the deck differs from the scene."""
+def _of_scene(scene: Scene, run: DeckRun) -> Iterator[Limit]:
+    """Yield the properties in which the deck differs from the scene, each with its effect by a twin."""
+    deck = run.deck
     if deck.read is None:
         found = "; ".join(deck.problems[:3])
         yield Limit(
@@ -320,9 +323,21 @@ def _of_scene(scene: Scene, deck: UserDeck) -> Iterator[Limit]:
             yield Limit(
                 what=name.replace("_", " "),
                 found=difference,
-                effect=math.nan,
+                effect=_effect(scene, name, theirs, run.dt),
                 advice="make the deck and the scene agree",
             )
+
+
+def _effect(scene: Scene, name: str, value: Any, dt: float | None) -> float:
+    """Return the effect of another value of one field on velocities, relative to the largest; nan if it is unknown."""
+    if dt is None:
+        return math.nan
+    try:
+        plain = _velocity(scene, "verlet", dt)
+        changed = _velocity(replace(scene, **{name: value}), "verlet", dt)
+        return float(np.max(np.abs(changed - plain)) / np.max(np.abs(plain)))
+    except DemBridgeError:
+        return math.nan
 
 
 def _difference(ours: object, theirs: object) -> str:

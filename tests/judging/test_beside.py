@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import dem_bridge as db
-from dem_bridge.errors import UsageError
+from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.scene_file.text import scene_toml
 from tests.helpers.command_line import Done, assert_one_line, run_here
 from tests.helpers.foreign import FAKE, PAIR
@@ -70,3 +71,81 @@ def test_files_and_command_exclude_each_other(fake: str) -> None:
         db.judge("run.csv", PAIR, command=fake)
     with pytest.raises(UsageError, match="no scene"):
         db.judge(command=fake)
+
+
+#: a deck as people write it: units cgs, beads of 1 cm, damping, few digits and no velocities in its dump
+DECK = """
+units cgs
+atom_style sphere
+boundary f f f
+comm_modify vel yes
+newton off
+region b block -1 12 -1 1 -1 1
+create_box 1 b
+variable i loop 2
+label beads
+variable x equal 1.0*(v_i-1)
+create_atoms 1 single $x 0 0
+next i
+jump SELF beads
+read_or_not
+pair_style granular
+pair_coeff * * hertz/material 7e11 {damping} 0.3 tangential linear_nohistory 0 0 damping viscoelastic
+group first id 1
+velocity first set 80 0 0
+fix 1 all nve/sphere
+timestep 1e-7
+dump 1 all custom 100 dump.pair id x y z
+run 500
+run 500
+"""
+
+
+def _deck(folder: Path, damping: float) -> Path:
+    deck = folder / "in.pair"
+    atoms = "set group all diameter 1.0\nset group all mass 8.0\nneighbor 0.05 bin\nneigh_modify delay 0"
+    deck.write_text(DECK.format(damping=damping).replace("read_or_not", "include atoms.in"))
+    (folder / "atoms.in").write_text(f"{atoms}\n")
+    return deck
+
+
+@pytest.mark.lammps
+@pytest.mark.parametrize("damping", [0.0, 500.0])
+def test_a_deck_is_run_as_it_is_and_its_limits_are_named(tmp_path: Path, damping: float) -> None:
+    deck = _deck(tmp_path, damping)
+    scene = replace(db.scene_from_deck(deck), damping=None, samples=50)
+    before = sorted(tmp_path.iterdir())
+    judgement = db.judge(deck, scene, tolerance=1e-3)
+    assert sorted(tmp_path.iterdir()) == before
+    (table,) = (table for table in judgement.study.tables if table.id.startswith("limits"))
+    limits = {str(row[0]): float(row[2]) for row in table.rows}
+    velocity = judgement.error["velocity"]
+    error = velocity["value"] / velocity["scale"]
+    rest = limits["neither time step nor radius"]
+    if damping:
+        assert limits["damping"] > 1e-7
+        assert rest == pytest.approx(limits["damping"], rel=0.5)  # errors of different bodies and times add up
+    else:
+        assert limits["time step"] == pytest.approx(error, rel=1e-4)
+        assert rest < 1e-9
+        assert "damping" not in limits
+    # beads of 5 mm round off more than the deck of dem-bridge, by far less than the time step
+    assert 1e-14 < limits["particle radius"] < 1e-9
+    assert limits["own dump 1"] > 0.0
+    assert limits["newton"] == 0.0
+    assert limits["neighbour list"] == 0.0
+    assert any("no velocities" in str(row[1]) for row in table.rows)
+    assert dict(judgement.addition.lines)["limits"].startswith("in.pair: ")
+
+
+@pytest.mark.lammps
+def test_a_deck_that_lammps_refuses_ends_with_its_error(tmp_path: Path) -> None:
+    deck = _deck(tmp_path, 0.0)
+    deck.write_text(deck.read_text().replace("fix 1 all nve/sphere", "fix 1 all nve/cube"))
+    with pytest.raises(RunBroken, match="nve/cube"):
+        db.judge(deck, PAIR)
+    deck.write_text(deck.read_text().replace("run 500", "print run"))
+    with pytest.raises(UsageError, match="no run command"):
+        db.judge(deck, PAIR)
+    with pytest.raises(UsageError, match="has its own time step"):
+        db.judge(f"{deck}@1e-7", PAIR)
