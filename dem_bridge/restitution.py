@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from dem_bridge.scene import Scene
 
 Floats = NDArray[np.float64]
+#: speed of separation, relative to that of approach, that round-off gives to overdamped contacts, which never open
+ROUND_OFF = 1e-14
 
 
 def impact_facts(scene: Scene) -> dict[str, Any] | None:
@@ -104,26 +106,33 @@ def restitution(
     x, v = (np.hstack([values, at_rest]) for values in (displacement, velocity))
     overlap, rate = x[:, left] - x[:, right] - facts["gap"], v[:, left] - v[:, right]
     free = {"acceleration": facts["acceleration"], "drag": facts["drag"]}
-    approach = _approach(_Flight(overlap[0], rate[0], **free), crossing_time)
+    start = _Flight(overlap[0], rate[0], **free)
+    closing = _closing(start, crossing_time)
+    approach = float(start.rate_at(closing))
+    if not approach > 0.0:
+        return math.nan
     spring = facts["clipped_spring"]
     open_again = overlap <= 0.0
     if spring is not None:
         open_again |= (rate < 0.0) & (_net_force(spring, overlap, rate) <= 0.0)
     after = np.flatnonzero(open_again & (time > crossing_time))
-    if not approach > 0.0 or not len(after):
+    pull, coarse = facts["acceleration"], bool(time[1] > crossing_time - closing)
+    if len(after):
+        first = int(after[0])
+        flight = _Flight(overlap[first], rate[first], **free)
+        opening = _opening(flight, crossing_time - time[first], spring)
+        separation = -float(flight.rate_at(opening))
+        if not separation > ROUND_OFF * approach:
+            return math.nan
+        # a later impact ends after the flight that follows the first one, which lasts longer than this
+        if pull <= 0.0 or time[first] + opening - crossing_time < 2.0 * separation / pull:
+            return separation / approach
+    elif pull <= 0.0 or not coarse:
         return math.nan
-    first = int(after[0])
-    flight = _Flight(overlap[first], rate[first], **free)
-    opening = _opening(flight, crossing_time - time[first], spring)
-    separation = -flight.rate_at(opening)
-    # a later impact ends after the flight that follows the first one, which lasts longer than this
-    pull = facts["acceleration"]
-    if pull > 0.0 and not time[first] + opening - crossing_time < 2.0 * separation / pull:
-        raise UsageError(
-            f"the samples are {time[1] - time[0]:.3g} s apart, and none is in the first flight after the impact at"
-            f" {crossing_time:.6g} s, so its restitution is unknown; solve the scene with more samples"
-        )
-    return separation / approach
+    raise UsageError(
+        f"the samples are {time[1] - time[0]:.3g} s apart, and none is in the first flight after the impact at"
+        f" {crossing_time:.6g} s, so its restitution is unknown; solve the scene with more samples"
+    )
 
 
 def _net_force(spring: list[float], overlap: Floats | float, rate: Floats | float) -> Floats:
@@ -132,13 +141,12 @@ def _net_force(spring: list[float], overlap: Floats | float, rate: Floats | floa
     return np.asarray(stiffness * np.maximum(overlap, 0.0) ** (n - 1.0 - power) + damping * rate)
 
 
-def _approach(flight: _Flight, latest: float) -> float:
-    """Return the rate with which the contact closes before the time ``latest``; nan if it does not."""
+def _closing(flight: _Flight, latest: float) -> float:
+    """Return the time at which the contact closes, before the time ``latest``."""
     if flight.overlap == 0.0 and flight.rate > 0.0:
-        return flight.rate
+        return 0.0
     turn = flight.turn
-    start = turn if flight.rate <= 0.0 and turn > 0.0 else 0.0
-    return flight.rate_at(_root(flight.overlap_at, start, latest))
+    return _root(flight.overlap_at, turn if flight.rate <= 0.0 and turn > 0.0 else 0.0, latest)
 
 
 def _opening(flight: _Flight, earliest: float, spring: list[float] | None) -> float:
