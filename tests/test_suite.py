@@ -21,7 +21,9 @@ BROAD = {name for name, kind in vars(errors).items() if isinstance(kind, type) a
 BROAD |= {"Exception", "AssertionError", "OSError", "RuntimeError", "ValueError"}
 CLOCKS = {f"time.{name}" for name in ("time", "monotonic", "perf_counter", "process_time", "sleep")}
 #: files that may wait for an event, and those that are not tests
-WITH_CLOCKS = ("tests/helpers/processes.py", "tests/bench/timing.py", "tests/bench/bench_")
+WITH_CLOCKS = (
+    "tests/helpers/processes.py", "tests/bench/timing.py", "tests/bench/bench_", "tests/judging/measure_causes.py",
+)  # fmt: skip
 
 
 def wordless_errors(tree: ast.AST) -> Iterator[int]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -55,18 +54,16 @@ def test_no_shell_reads_the_command(tmp_path: Path) -> None:
         ("import sys; print('noise'); sys.exit('no contact law')", "exit code 1: no contact law"),
         ("print('all is well')", r"wrote no file \{out\}.*its last line was: all is well"),
         ("import os; os.kill(os.getpid(), 9)", "by SIGKILL without a message"),
-        ("import time; time.sleep(60)", "did not end within the time limit of 0.5 s"),
+        ("import time; time.sleep(1e6)", "did not end within the time limit of 0.5 s"),
     ],
 )
 def test_a_failed_run_is_told_with_its_last_line(code: str, problem: str) -> None:
-    began = time.perf_counter()
     with (
         pytest.raises(RunBroken, match=problem) as caught,
         foreign_runs(Command.of([sys.executable, "-S", "-c", code, "{dt}", "{out}"]), PAIR, (1e-7,), time_limit=0.5),
     ):
         pass
     assert caught.value.exit_code == 3
-    assert time.perf_counter() - began < 10.0
 
 
 @pytest.mark.parametrize(
