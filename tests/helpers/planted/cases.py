@@ -101,7 +101,8 @@ def draw(seed: int, *, kind: str | None = None, fault: str | None = None, family
 def _sized(chain: Chain, fault: str, setting: Setting, target: float, seed: int) -> Planted:
     """Return the planted file whose effect is about ``target`` floors, if the size of the fault is free."""
     size = 0.01
-    sized = any(part in SIZED for part in fault.split("+"))
+    # in a pair with a fault of a fixed size the other one is as large as it is drawn
+    sized = all(part in SIZED for part in fault.split("+"))
     for _ in range(4 if sized else 1):
         planted = plant(chain, fault, setting, size, np.random.default_rng([seed, 19]))
         if not sized or 0.7 < planted.effect / target < 1.4 or planted.effect == 0.0:
