@@ -22,7 +22,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_all_tutorials_are_there() -> None:
-    assert NAMES == ["choose-dt-and-table", "judge-my-code", "trust-my-chain"]
+    assert NAMES == ["choose-dt-and-table", "compare-with-a-measurement", "judge-my-code", "trust-my-chain"]
 
 
 @pytest.mark.lammps

@@ -18,6 +18,7 @@ from scipy.stats import norm, qmc
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.campaign import Progress
+from dem_bridge.errors import UsageError
 from dem_bridge.measurement.parameters import Parameter, changed
 from dem_bridge.measurement.readings import Reading
 from dem_bridge.observables.registry import OBSERVABLES
@@ -155,6 +156,12 @@ class Prediction:
                 continue
             value = OBSERVABLES[reading.quantity].value(scene, run)[reading.place]
             parts.append(np.full(len(reading.value), value - shift * (reading.quantity == "arrival")))
+        for reading, part in zip(self.readings, parts, strict=True):
+            if not np.all(np.isfinite(part)):
+                raise UsageError(
+                    f"{reading.label} is measured, but {self.backend} has no value of it on {scene.name} within"
+                    f" {scene.duration:g} s; leave it out, choose a longer duration or another backend"
+                )
         return np.concatenate(parts)
 
     @cached_property

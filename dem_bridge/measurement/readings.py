@@ -167,6 +167,8 @@ def _lines(file: Path) -> list[tuple[int, list[str]]]:
     if len(lines) < 2:
         raise UsageError("the file has no values; allowed: a line of headings, then lines of numbers")
     delimiter = max(",;\t", key=lines[0][1].count)
+    if delimiter not in lines[0][1]:
+        return [(nth, line.split()) for nth, line in lines]
     return [(nth, next(csv.reader([line], delimiter=delimiter))) for nth, line in lines]
 
 

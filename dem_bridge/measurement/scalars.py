@@ -110,7 +110,8 @@ def _pulse(prediction: Prediction, comparison: Comparison, reading: Reading) -> 
     # factor and shift are linear functionals of the values, and so are their errors
     functional = np.linalg.pinv(columns) / own * np.array([[peak], [pace]])
     inputs, systematic = (functional @ part[rows] for part in (comparison.of_parameters, comparison.of_measurement))
-    numerical = np.abs(functional) @ comparison.numerical[rows]
+    known = bool(np.all(np.isfinite(comparison.numerical[rows])))
+    numerical = np.abs(functional) @ comparison.numerical[rows] if known else np.full(2, np.inf)
     of_input = np.sqrt(np.sum(inputs**2, axis=1))
     of_data = np.sqrt(np.sum((functional * own) ** 2, axis=1) + np.sum(systematic**2, axis=1))
     time = float(reading.time[top])
@@ -141,7 +142,7 @@ def joint_of(scalars: Iterable[Scalar], comparison: Comparison) -> Joint | None:
 
     They are few, so this statistic shows a small common shift of all pulses that is lost among thousands of values.
     """
-    pulses = [one for one in scalars if len(one.weights)]
+    pulses = [one for one in scalars if len(one.weights) and np.isfinite(one.numerical)]
     if not pulses:
         return None
     effects = np.hstack([comparison.of_parameters, comparison.of_measurement])

@@ -40,6 +40,8 @@ BEYOND = 1.0
 MOST_PANELS = 6
 #: factor and unit of times in tables and figures
 _MICRO = 1e6
+#: value of parameters of the measurement that changes nothing
+_BASE = {"gain": "1", "time": "0"}
 _UNIT = {"velocity": "m/s", "displacement": "m", "contact_force": "N"}
 
 
@@ -146,10 +148,10 @@ def _completed(
     scene: Scene, measurement: Measurement | None, files: Sequence[str], parameters: Sequence[str], fit: Sequence[str]
 ) -> Measurement:
     """Return the measurement with the files, parameters and fit of the command."""
-    if measurement is None and not files:
+    if not files and (measurement is None or not measurement.files):
         raise UsageError(
-            f"{scene.name} has no measurement; allowed: a scene file with [measurement] file = 'NAME.csv', or --file"
-            " NAME.csv"
+            f"{scene.name} has no file of measured values; allowed: a scene file with [measurement] file = 'NAME.csv',"
+            " or --file NAME.csv"
         )
     base = measurement or Measurement(files=())
     declared = dict(base.parameters)
@@ -262,16 +264,16 @@ def _interval(one: Fitted) -> dict[str, str]:
     >>> from dem_bridge.measurement.parameters import Parameter
     >>> stiffness = Parameter(kind="stiffness", place=None, uncertainty=0.01)
     >>> _interval(Fitted(parameter=stiffness, change=0.0203, uncertainty=1.4e-3, low=0.0175, high=0.0231))
-    {'amount': '2.03 % +- 0.28 % above', 'low': '1.75 %', 'high': '2.31 %'}
+    {'amount': "2.03 % +- 0.28 % above the scene's value", 'low': '1.75 %', 'high': '2.31 %'}
     """
     unit = KINDS[one.parameter.kind].unit
     factor, shown = {"": (100.0, " %"), "s": (_MICRO, " µs"), "1": (1.0, "")}.get(unit, (1.0, f" {unit}"))
     half = 0.5 * factor * (one.high - one.low)
     digits = min(max(0, 1 - math.floor(math.log10(half))), 9) if half > 0.0 else 3
     change, low, high = (factor * value for value in (one.change, one.low, one.high))
-    side = "above" if change >= 0.0 else "below"
+    side, base = "above" if change >= 0.0 else "below", _BASE.get(one.parameter.kind, "the scene's value")
     return {
-        "amount": f"{abs(change):.{digits}f}{shown} +- {half:.{digits}f}{shown} {side}",
+        "amount": f"{abs(change):.{digits}f}{shown} +- {half:.{digits}f}{shown} {side} {base}",
         "low": f"{low:.{digits}f}{shown}",
         "high": f"{high:.{digits}f}{shown}",
     }

@@ -29,8 +29,9 @@ def _read(folder: Path, text: str) -> tuple[Reading, ...]:
         "# comment\nt (us);body;v (mm/s);sigma (mm/s)\n10;3;250;10\n10;1;500;20\n0;1;125;20\n",
         "time_us,velocity_3_m_per_s,velocity_3_uncertainty_m_per_s,velocity_1_m_per_s,u_velocity_1_m_per_s\n"
         "0,,,0.125,0.02\n10,0.25,0.01,0.5,0.02\n",
+        LONG.replace(",", "  "),
     ],
-    ids=["long", "units", "wide"],
+    ids=["long", "units", "wide", "blanks"],
 )
 def test_layouts_and_units_give_the_same_values_by_place_and_in_order(tmp_path: Path, text: str) -> None:
     one, three = _read(tmp_path, text)

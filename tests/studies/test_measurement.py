@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +46,7 @@ def test_a_bias_is_a_difference_of_the_model_and_is_fitted(tmp_path: Path) -> No
     (row,) = next(item for item in found.tables if item.id == "fit").as_json()
     assert row["low"] < 0.02 < row["high"]
     assert re.search(r"stiffness is [12]\.\d\d % \+- 0\.\d\d % above the scene's value", found.answer[2])
-    assert "With them the scene explains the measurement" in found.answer[3]
+    assert "With the fitted values the scene explains the measurement" in found.answer[3]
 
 
 def test_a_right_model_passes_and_a_digitised_figure_is_not_called_data(tmp_path: Path) -> None:
@@ -86,13 +87,24 @@ def test_forces_and_a_coarse_run_of_another_code_are_compared(tmp_path: Path) ->
     assert 0.0 < row["E"] < row["u_num"] < 2.0
 
 
+def test_a_value_that_the_scene_never_has_is_refused(tmp_path: Path) -> None:
+    scene = db.load_scene(_scene(tmp_path, 1.0))
+    (tmp_path / "arrival.csv").write_text("body,arrival_us,uncertainty_us\n3,90,5\n")
+    settings: dict[str, Any] = {"files": [str(tmp_path / "arrival.csv")], "samples": 10}
+    (row,) = db.study("measurement", scene, **settings).tables[-1].as_json()
+    assert row["series"] == "arrival of body 3"
+    short = replace(scene, duration=3e-5)
+    with pytest.raises(UsageError, match="arrival of body 3 is measured, but reference has no value of it on row"):
+        db.study("measurement", short, **settings)
+
+
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
         ({"files": ["none.csv"]}, "none.csv: the file of [measurement] cannot be read (No such file or directory)"),
         (
             {"files": []},
-            "row has no measurement; allowed: a scene file with [measurement] file = 'NAME.csv', or --file",
+            "row has no file of measured values; allowed: a scene file with [measurement] file = 'NAME.csv', or --file",
         ),
         ({"coverage": 0.0}, "coverage = 0.0; allowed: a number > 0, up to 10"),
         ({"samples": 2}, "samples = 2; allowed: a whole number from 10"),
