@@ -224,13 +224,31 @@ def judge_records(scene: Scene, records: Sequence[Record], *, tolerance: float |
     end = max(float(record.time[-1]) for record in judged)
     if end > scene.duration * (1.0 + 1e-9):
         notes.append(f"The scene ends at {scene.duration:.6g} s; the reference was continued to {end:.6g} s.")
+    converging = convergence(files)
     return Judgement(
         scene=scene,
         files=files,
-        convergence=convergence(files),
-        diagnosis=diagnose(scene, judged, floor) if any(file.first_divergence(scene) for file in files) else EXPLAINED,
+        convergence=converging,
+        diagnosis=_diagnosis(scene, files, floor, converging),
         tolerance=tolerance,
         assumed=tuple(notes),
+    )
+
+
+def _diagnosis(
+    scene: Scene, files: Sequence[FileErrors], floor: Mapping[str, float], converging: Sequence[Convergence]
+) -> Diagnosis:
+    """Return the likely cause; errors without a cause that fall to nothing with the time step are those of the step."""
+    if not any(file.first_divergence(scene) for file in files):
+        return EXPLAINED
+    diagnosis = diagnose(scene, [file.record for file in files], floor)
+    if diagnosis.cause != "unknown" or not converging or not all(part.vanishes for part in converging):
+        return diagnosis
+    order = min(part.order.value for part in converging if part.order is not None)
+    return Diagnosis(
+        cause="none",
+        evidence=f"The errors of all files fall with the time step at an order of {order:.2f} or more, as those of an"
+        " integrator do.",
     )
 
 

@@ -23,6 +23,9 @@ SHAPE = 3.0
 #: errors that fall by less than this share of what those of first order do, from one time step to a finer one, do not
 #: follow the time step any more
 FLAT = 0.5
+#: order of velocity-Verlet, and the largest uncertainty of an order that leaves a few per cent of the finest error to
+#: anything but the time step
+SECOND, CLEAN = 2.0, 0.05
 #: samples that all files need in common; with fewer the errors in the common interval of time are used
 COMMON = 8
 Rows = NDArray[np.int64]
@@ -65,6 +68,14 @@ class Convergence:
     """None: fewer than two errors stand above the floor."""
     flat: float
     """Root mean square error at which errors stop to fall with the time step; nan if they fall to the finest one."""
+
+    @property
+    def vanishes(self) -> bool:
+        """True if three files or more, all of them, show that the errors fall to nothing at second order or above."""
+        order = self.order
+        if order is None or len(order.steps) < max(3, len(self.dt)) or not math.isnan(self.flat):
+            return False
+        return order.value - order.uncertainty > SECOND - CLEAN and order.uncertainty < CLEAN
 
 
 def convergence(files: Sequence[FileErrors]) -> tuple[Convergence, ...]:

@@ -210,9 +210,9 @@ def _floor(judgement: Judgement) -> str:
 
 def _advice(judgement: Judgement) -> Iterator[str]:
     """Yield what to do next."""
-    yield TEXTS.data["advice"][judgement.cause]
-    tolerance = judgement.tolerance
-    if tolerance is not None and judgement.outcome == Outcome.FAIL and judgement.order:
+    tolerance, fails = judgement.tolerance, judgement.outcome == Outcome.FAIL
+    yield TEXTS("reduce") if fails and judgement.cause == "none" else TEXTS.data["advice"][judgement.cause]
+    if tolerance is not None and fails and judgement.order:
         steps = []
         for name, order in judgement.order.items():
             file, part = judgement.worst[name]

@@ -232,6 +232,18 @@ def test_the_text_states_outcome_error_order_cause_and_advice(convergent: Judgem
     assert text["next"] == "Nothing needs to be corrected. A smaller time step gives smaller errors."
 
 
+def test_errors_that_vanish_with_the_step_need_no_cause(diagnosis: list[Diagnosis]) -> None:
+    diagnosis[0] = Diagnosis(cause="unknown", evidence="None fits.")
+    judgement = judge_records(CHAIN, [record(dt=dt) for dt in STEPS])
+    assert (judgement.outcome, judgement.cause) == ("PASS", "none")
+    assert "at an order of 2.00 or more" in judgement.evidence
+    # two files do not show it, nor do those of first order, nor a wrong stiffness, which remains
+    assert judge_records(CHAIN, [record(dt=dt) for dt in STEPS[:2]]).cause == "unknown"
+    assert judge_records(CHAIN, [record(dt=dt, method="leapfrog") for dt in STEPS]).cause == "unknown"
+    wrong = replace(CHAIN, stiffness=(4e9, 5.001e9, 4.5e9, 6e9))
+    assert judge_records(CHAIN, [record(wrong, dt=dt) for dt in STEPS]).cause == "unknown"
+
+
 def test_half_steps_are_named_by_their_orders(diagnosis: list[Diagnosis]) -> None:
     judgement = judge_records(CHAIN, [record(dt=dt, method="leapfrog") for dt in STEPS], tolerance=1e-4)
     text = dict(lines(judgement))
