@@ -10,6 +10,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.judging import beside
 from dem_bridge.scene_file.text import scene_toml
 from tests.helpers.command_line import Done, assert_one_line, run_here
 from tests.helpers.foreign import FAKE, PAIR
@@ -36,18 +37,28 @@ def test_a_velocity_verlet_code_is_of_second_order_and_equals_our_twin(fake: str
     assert [figure.id for figure in judgement.study.figures] == ["errors", "work-precision"]
 
 
+@pytest.fixture
+def alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No other code runs beside a foreign one, which saves a second."""
+    monkeypatch.setattr(beside, "BESIDE", {})
+
+
+@pytest.mark.usefixtures("alone")
 def test_velocities_of_the_half_step_are_of_first_order(fake: str) -> None:
     judgement = db.judge(scene=PAIR, command=f"{fake} half", dt=(4e-7, 2e-7, 1e-7))
+    assert judgement.cause == "half-step-velocity"
     assert judgement.order["velocity"]["value"] == pytest.approx(1.0, abs=0.02)
     assert judgement.order["displacement"]["value"] == pytest.approx(2.0, abs=0.02)
 
 
+@pytest.mark.usefixtures("alone")
 def test_a_soft_code_does_not_converge(fake: str) -> None:
     judgement = db.judge(scene=PAIR, command=f"{fake} soft", dt=(2e-7, 1e-7), tolerance=1e-3)
     assert judgement.outcome == "FAIL"
     assert abs(judgement.order["velocity"]["value"]) < 0.1
 
 
+@pytest.mark.usefixtures("alone")
 def test_the_command_line_judges_a_command_and_names_its_failure(fake: str, tmp_path: Path) -> None:
     (tmp_path / "pair.toml").write_text(scene_toml(PAIR))
 
