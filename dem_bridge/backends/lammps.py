@@ -110,6 +110,7 @@ class LammpsGranular:
             "deck_hash": deck.content_hash,
             "atom_types": deck.types,
             "pair_style": report.pair_style,
+            "energies": [[step * plan.step, *energies] for step, energies in sorted(report.energies.items())],
         }
         if written.tables is not None:
             provenance["table"] = {
@@ -118,7 +119,7 @@ class LammpsGranular:
                 "files": len(written.tables.tables),
                 "predicted_error": predicted_error(scene, written.tables),
                 "predicted_energy_error": predicted_energy_error(written.tables),
-                **measured(scene, written.tables, dense, plan, report.potential_energy),
+                **measured(scene, written.tables, dense, plan, {step: pe for step, (pe, _) in report.energies.items()}),
             }
         # the engine's own share of the processor, and not only ours
         cost = replace(run.cost, cpu=run.cost.cpu + report.cpu)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from dem_bridge.exports.parameters import origin
 from dem_bridge.exports.table import Table, column, with_uncertainty
-from dem_bridge.observables.ledger import energy_ledger
+from dem_bridge.observables.ledger import Ledger, energy_ledger
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
@@ -22,6 +24,7 @@ def ledger(scene: Scene, run: Trajectory) -> Table:
         f"work of the drive {entries.work[-1]:.9g} J; dissipated by drag {entries.drag[-1]:.9g} J; walls do no work",
         f"balance: the sum of all entries changes by {np.max(np.abs(entries.balance)):.2g} J at most",
     ]
+    notes += _engine_notes(entries, run)
     dissipated = with_uncertainty(
         "dissipated", "dissipated until the end", "J", entries.dissipated[-1], entries.dissipated_uncertainty
     )
@@ -37,3 +40,17 @@ def ledger(scene: Scene, run: Trajectory) -> Table:
         notes=tuple(notes),
         provenance=origin(scene, run),
     )
+
+
+def _engine_notes(entries: Ledger, run: Trajectory) -> Iterator[str]:
+    """Yield the energies that LAMMPS itself reports at the end of its run, beside those of the ledger."""
+    reported = run.provenance.get("energies")
+    if not reported:
+        return
+    _, potential, kinetic = reported[-1]
+    of_ledger, scale = float(entries.kinetic[-1]), max(float(entries.kinetic.max()), np.finfo(float).tiny)
+    difference = abs(kinetic - of_ledger) / scale
+    yield f"kinetic energy at the end by LAMMPS (thermo ke) {kinetic:.9g} J; difference {difference:.1e} of the largest"
+    stored = float(entries.stored[-1].sum())
+    comment = f"the contacts store {stored:.9g} J" if potential else "granular styles report none, and no dissipation"
+    yield f"potential energy at the end by LAMMPS (thermo pe) {potential:.9g} J: {comment}"

@@ -95,17 +95,17 @@ def loop_time(text: str) -> float:
     return sum(float(seconds) for seconds in re.findall(r"^Loop time of (\S+) on", text, re.MULTILINE))
 
 
-def potential_energy(text: str) -> dict[int, float]:
-    """Return step -> potential energy (J) from the columns step, time, pe, ke, etotal of a log.
+def energies(text: str) -> dict[int, tuple[float, float]]:
+    """Return step -> potential and kinetic energy (J) from the columns step, time, pe, ke, etotal of a log.
 
     Examples
     --------
-    >>> potential_energy("      1000  2e-05 0.0014 0.0011 0.0025")
-    {1000: 0.0014}
+    >>> energies("      1000  2e-05 0.0014 0.0011 0.0025")
+    {1000: (0.0014, 0.0011)}
     """
     number = r"[-+]?\d\S*"
-    rows = re.findall(rf"^ *(\d+) +{number} +({number}) +{number} +{number} *$", text, flags=re.MULTILINE)
-    return {int(step): float(energy) for step, energy in rows}
+    rows = re.findall(rf"^ *(\d+) +{number} +({number}) +({number}) +{number} *$", text, flags=re.MULTILINE)
+    return {int(step): (float(potential), float(kinetic)) for step, potential, kinetic in rows}
 
 
 def pair_style(text: str) -> str:

@@ -61,8 +61,8 @@ class EngineReport:
     """Peak memory of one process, bytes; 0 if unknown."""
     pair_style: str = ""
     """Name of the pair style with the suffix that LAMMPS chose; '' if the log does not contain it."""
-    potential_energy: Mapping[int, float] = field(default_factory=dict)
-    """Potential energy by step, J, as far as the log contains it."""
+    energies: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    """Potential and kinetic energy by step, J, as far as the log contains them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -258,7 +258,7 @@ class _Task:
                 " right mpiexec next to it or first on PATH"
             )
         text = self._read(_LOG)
-        of_steps: dict[str, Any] = {"loop": log.loop_time(text), "potential_energy": log.potential_energy(text)}
+        of_steps: dict[str, Any] = {"loop": log.loop_time(text), "energies": log.energies(text)}
         return EngineReport(ranks=self.engine.ranks, pair_style=log.pair_style(text), **of_steps, **values)
 
     def ask_module(self) -> Build:
