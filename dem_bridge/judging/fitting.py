@@ -19,6 +19,8 @@ QUANTITIES = ("velocity", "displacement", "contact_force")
 REPEATED = 1e-11
 #: runs by the method of another code are limited to so many steps
 MOST_STEPS = 400_000
+#: durations of the scene up to which its motion is computed
+FARTHEST = 3.0
 #: tolerance of the adaptive method in a search and for the decision
 SEARCH, DECISION = 1e-9, 1e-13
 
@@ -32,6 +34,7 @@ class Block(NamedTuple):
     sigma: Floats
     present: NDArray[np.bool_]
     scale: float
+    rounding: Floats
 
 
 class Stepping(NamedTuple):
@@ -64,7 +67,7 @@ class Data:
         scene = model.scene
         contacts = scene.contacts
         places = np.where(contacts.left == scene.n_body, 0, contacts.left + 1)
-        base = model.exact(model.system, np.maximum(self.time, 0.0))
+        base = model.exact(model.system, np.clip(self.time, 0.0, FARTHEST * scene.duration))
         late = record.rounding.get("time")
         late = np.zeros(len(self.time)) if late is None else np.asarray(late)
         self.blocks: list[Block] = []
@@ -81,7 +84,7 @@ class Data:
             slope = np.abs((base.acceleration, base.velocity, np.gradient(base.force, self.time, axis=0))[quantity])
             noise = (rounding**2 + (late[:, None] * slope[:, columns]) ** 2) / 3.0
             sigma = np.sqrt(noise + (REPEATED * scale) ** 2 + floor.get(name, 0.0) ** 2)
-            self.blocks.append(Block(quantity, values, columns, sigma, np.isfinite(values), scale))
+            self.blocks.append(Block(quantity, values, columns, sigma, np.isfinite(values), scale, rounding))
             digits = float(np.max(np.where(np.isfinite(values), rounding, 0.0), initial=0.0))
             self.floors.append(max(digits, 1e-12 * scale, floor.get(name, 0.0)))
         steps = np.diff(self.time)
@@ -96,7 +99,8 @@ class Data:
             behind = time[-1] + np.arange(1, abs(variant.lag) + 1) * self.interval
             time = np.concatenate([ahead, time]) if variant.lag > 0 else np.concatenate([time, behind])[-variant.lag :]
         times = variant.scale * time[:rows] - variant.shift
-        positive = np.maximum(times, 0.0)
+        # far beyond its duration a scene's motion would take long, and says no more
+        positive = np.clip(times, 0.0, FARTHEST * self.model.scene.duration)
         if variant.method is not None and variant.dt is not None:
             stepping = Stepping(variant.method, variant.dt)
         if stepping is None:

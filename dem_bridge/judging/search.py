@@ -24,9 +24,11 @@ LINEAR = 0.1
 #: masses and stiffnesses of single bodies and contacts that are fitted after the linear ranking
 PLACES = 4
 #: hypotheses that are fitted in the first window, and by all samples
-FITTED, FINALISTS = 16, 5
+FITTED, FINALISTS = 16, 6
 #: ... and of one cause
 SAME = 3
+#: steps in an interval of samples that are tried
+DIVISORS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 16, 20, 25, 30, 32, 40, 50, 64, 80, 100)
 #: part of the scene's own residual that a hypothesis may leave to be fitted further
 LEFT = 0.6
 
@@ -96,6 +98,8 @@ class Search:
         extra = 1e-3 * float(np.max(self.errors[:rows]))
         start = self.fitter.residual(self.base, rows, extra)
         size = math.sqrt(float(np.sum(start**2)))
+        # methods of other codes have a time-step error of their own
+        whole = self.data.residual([value[:rows] for value in self.exact], extra)
         large = float(np.max(self.errors[:rows])) > LINEAR
         out = []
         for hypothesis in hypotheses:
@@ -108,11 +112,13 @@ class Search:
             if hypothesis.size > 0 and hypothesis.probe is not None:
                 probe = np.array(hypothesis.starts[0])
                 probe[0] = hypothesis.probe
-                change = self.fitter.residual(hypothesis.make(probe), rows, extra) - start
+                variant = hypothesis.make(probe)
+                origin = start if variant.method is None else whole
+                change = self.fitter.residual(variant, rows, extra) - origin
                 norm = float(np.sum(change**2))
                 if norm > 0.0:
-                    factor = -float(np.sum(change * start)) / norm
-                    left = math.sqrt(float(np.sum((start + factor * change) ** 2))) / size
+                    factor = -float(np.sum(change * origin)) / norm
+                    left = math.sqrt(float(np.sum((origin + factor * change) ** 2))) / size
                     if hypothesis.logarithmic:
                         guess = hypothesis.probe + (math.log(factor) if factor > 0.0 else -3.0)
                         left = left if factor > 0.0 else 1.0
@@ -206,7 +212,7 @@ class Search:
             elif method != kernels.RK4:
                 trial = self._found_step(candidate.hypothesis, candidate.parameters, method, best)
             else:
-                continue
+                trial = self._tried_steps(candidate.hypothesis, best)
             if trial.rms < best.rms:
                 best = trial
             if best.rms < 1.2:
@@ -242,6 +248,14 @@ class Search:
         differences = self.data.largest(prediction, self.exact)
         floors = (max(three) for three in zip(self.data.floors, left, step, strict=True))
         return max(difference / floor for difference, floor in zip(differences, floors, strict=True))
+
+    def effect_of_noise(self, none: Fit) -> float:
+        """Return what the scene leaves in floors of the file: its digits and the time-step error of its code."""
+        method, dt = none.stepping or Stepping(kernels.VERLET, self.data.dt or self.step)
+        by_steps = self.data.predict(self.base, self.rows, DECISION, Stepping(method, dt))
+        left = self.data.largest(by_steps if none.stepping is not None else self.exact, self._values)
+        floors = map(max, self.data.floors, self.data.largest(by_steps, self.exact))
+        return max(difference / floor for difference, floor in zip(left, floors, strict=True))
 
     @property
     def _values(self) -> list[Floats]:
@@ -343,6 +357,25 @@ class Search:
             if after <= 0.0:
                 break
             amplitude = after
+        return best
+
+    def _tried_steps(self, hypothesis: Hypothesis, exact: Fit) -> Fit:
+        """Return the best fit by the Runge-Kutta method of order 4 at steps that divide the interval of samples."""
+        p, end, best = exact.parameters, float(self.data.time[-1]), exact
+        if not self.data.even or exact.error > 0.1:
+            return exact
+        fits = []
+        for count in DIVISORS:
+            dt = self.data.interval / count
+            if end / dt > MOST_STEPS / 10:
+                break
+            with np.errstate(all="ignore"):
+                stepping = Stepping(kernels.RK4, dt)
+                prediction = self.data.predict(hypothesis.make(p), self.rows, DECISION, stepping)
+                fits.append(self._fit(hypothesis, p, self.data.residual(prediction), None, stepping))
+        least_left = min(fits, key=lambda fit: fit.rms, default=exact)
+        if least_left.rms < 0.5 * best.rms and least_left.stepping is not None:
+            best = self._improved(hypothesis, p, least_left.stepping, rounds=4)
         return best
 
     def fitter_shape(self, nuisance: list[Floats]) -> Floats:
