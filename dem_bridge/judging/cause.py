@@ -73,8 +73,8 @@ class Diagnosis:
 FLOORS = 50.0
 #: rms and largest residual, in units of the noise, at which the digits of a file explain the difference
 EXPLAINED, LARGEST = 1.5, 12.0
-#: error relative to the scale that a code of unknown method may have
-SMALL = 1e-6
+#: error relative to the scale that a code of unknown method may have, beside a cause and without
+SMALL, SMALLEST = 1e-6, 1e-7
 #: files that are examined
 MOST_FILES = 3
 #: causes whose effect grows with the time step
@@ -131,11 +131,10 @@ def _explained(fit: Fit) -> bool:
 def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
     """Return the diagnosis for fits that are sorted by what they leave."""
     best = fits[0] if fits else none
-    small = none.error < SMALL
     left = best.rms / none.rms
     explained = bool(fits) and (_explained(best) or left < 1e-3 or (left < 1.0 / FLOORS and best.error < SMALL))
     if not explained:
-        if small:
+        if none.error < SMALLEST:
             return Diagnosis(cause="none", evidence=f"The difference is {none.error:.2g} of the largest value.")
         return Diagnosis(
             cause="unknown",
@@ -143,7 +142,7 @@ def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
             f" {best.hypothesis.where}) leaves {best.rms / none.rms:.2g} of it.",
         )
     effect = search.effect(best)
-    if effect < FLOORS and small:
+    if effect < FLOORS and none.error < SMALL:
         return Diagnosis(cause="none", evidence=f"The difference is {none.error:.2g} of the largest value.")
     if effect < FLOORS:
         return Diagnosis(cause="unknown", evidence=f"The difference is {effect:.3g} floors, below {FLOORS:g}.")
