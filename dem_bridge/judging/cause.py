@@ -73,8 +73,10 @@ class Diagnosis:
 FLOORS = 50.0
 #: rms and largest residual, in units of the noise, at which the digits of a file explain the difference
 EXPLAINED, LARGEST = 1.5, 12.0
-#: error relative to the scale that a code of unknown method may have, beside a cause and without
-SMALL, SMALLEST = 1e-6, 1e-7
+#: error relative to the scale that a code of unknown method may have beside a cause
+SMALL = 1e-6
+#: ... and without: so many times the error of an adaptive method at a tolerance of 1e-11
+ADAPTIVE = 10.0
 #: files that are examined
 MOST_FILES = 3
 #: causes whose effect grows with the time step
@@ -134,7 +136,7 @@ def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
     left = best.rms / none.rms
     explained = bool(fits) and (_explained(best) or left < 1e-3 or (left < 1.0 / FLOORS and best.error < SMALL))
     if not explained:
-        if none.error < SMALLEST:
+        if none.error < min(SMALL, ADAPTIVE * search.adaptive_error()):
             return Diagnosis(cause="none", evidence=f"The difference is {none.error:.2g} of the largest value.")
         return Diagnosis(
             cause="unknown",

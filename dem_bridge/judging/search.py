@@ -257,6 +257,14 @@ class Search:
         floors = map(max, self.data.floors, self.data.largest(by_steps, self.exact))
         return max(difference / floor for difference, floor in zip(left, floors, strict=True))
 
+    def adaptive_error(self) -> float:
+        """Return the error of an adaptive method that steps through contacts, relative to the scale of a quantity."""
+        loose = self.data.predict(self.base, self.rows, 1e-11)
+        return max(
+            error / block.scale
+            for error, block in zip(self.data.largest(loose, self.exact), self.data.blocks, strict=True)
+        )
+
     @property
     def _values(self) -> list[Floats]:
         return [block.values for block in self.data.blocks]

@@ -32,7 +32,7 @@ def accelerations(x: np.ndarray, v: np.ndarray, numbers: dict[str, np.ndarray]) 
         overlap > 0.0
     )
     force = np.maximum(force, 0.0)
-    return (np.append(0.0, force[:-1]) - force) / numbers["mass"] + numbers["gravity"]
+    return np.asarray((np.append(0.0, force[:-1]) - force) / numbers["mass"] + numbers["gravity"])
 
 
 def record_of(*, digits: int = 9, dt_stated: bool = True, half: bool = False, **changes: object) -> Record:
