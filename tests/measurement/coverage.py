@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -45,7 +44,7 @@ def main() -> None:
     own = np.full(len(right), NOISE)
     start = compare(prediction, parameters[1:], count=100, seed=0)
     none = compare(prediction, (), count=100, seed=0)
-    joint, pulses, decided, shares, began = 0, 0, 0, [], time.perf_counter()
+    joint, pulses, decided, shares = 0, 0, 0, []
     covered = {"stiffness alone": 0, "stiffness, start velocity uncertain": 0, "stiffness of both fitted": 0}
     velocity_covered, found = 0, []
     random = np.random.default_rng(2009)
@@ -70,7 +69,7 @@ def main() -> None:
                 velocity_covered += best[1].low < 0.0 < best[1].high
             elif not others:
                 found.append((best[0].change, best[0].uncertainty))
-    print(f"{SEEDS} seeds in {time.perf_counter() - began:.0f} s; 2 bodies, 120 times, noise {NOISE} m/s")
+    print(f"{SEEDS} seeds; 2 bodies, 120 times, noise {NOISE} m/s")
     change, uncertainty = np.array(found).T
     print(f"stiffness found: {np.mean(change):.4f}, scatter {np.std(change):.5f}, stated {np.mean(uncertainty):.5f}")
     for name, count in covered.items():
