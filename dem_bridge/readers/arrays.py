@@ -108,8 +108,8 @@ def _state_step(table: Table, dt: Any) -> None:
 
 def _entries(name: str, array: NDArray[Any], unit: str | None) -> Iterator[Entry]:
     """Yield an array, or its components along x, y and z if it has three dimensions."""
-    if array.ndim > 2:
-        array = np.squeeze(array, axis=tuple(k for k in range(array.ndim - 2) if array.shape[k] == 1))
+    while array.ndim > 2 and 1 in array.shape:
+        array = np.squeeze(array, axis=array.shape.index(1))
     if array.ndim == 3 and array.shape[2] in (2, 3):
         for k in range(array.shape[2]):
             yield Entry(name, array[:, :, k], unit, axis=k)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dem_bridge.errors import UsageError
-from dem_bridge.readers.digits import numbers, scaled
+from dem_bridge.readers.digits import numbers, scaled, step_of
 from dem_bridge.readers.headings import DIMENSIONS, STYLES, Heading, heading_of, scale_of
 from dem_bridge.readers.record import QUANTITIES, Draft
 from dem_bridge.readers.tables import Entry, Table
@@ -119,7 +119,7 @@ def _named(table: Table, scene: Scene, choices: Choices, notes: list[str]) -> li
         stated = isinstance(choices.units, str) or choices.states(heading.quantity)
         if unit is None and heading.quantity in DIMENSIONS and not stated:
             notes.append(f"{heading.quantity} has no unit in the file and is read in {DIMENSIONS[heading.quantity]}")
-        if entry.heading in columns:
+        if choices.columns is not None and entry.heading in columns:
             notes.append(f"column {entry.heading!r} is {text!r}, as stated")
     if unused:
         notes.append(
@@ -175,11 +175,14 @@ def _times(
     """Return the times of the rows with their rounding errors, and the time step."""
     dt = choices.dt if choices.dt is not None else table.dt
     times = [(heading, entry) for heading, entry in named if heading.quantity == "time"]
+    steps = next((entry for heading, entry in named if heading.quantity == "step"), None)
     if times:
         heading, entry = times[0]
         unit = choices.scale("time", heading.unit or entry.unit)
-        return *scaled(*numbers(np.ravel(entry.values)), unit), dt
-    steps = next((entry for heading, entry in named if heading.quantity == "step"), None)
+        time, rounding = scaled(*numbers(np.ravel(entry.values)), unit)
+        if dt is None and steps is not None and steps.values.shape == time.shape:
+            dt = step_of(time, rounding, numbers(steps.values)[0], notes)
+        return time, rounding, dt
     if steps is not None and dt is not None:
         notes.append(f"times are step numbers times the time step of {dt:.9g} s")
         values = numbers(np.ravel(steps.values))[0] * dt
@@ -301,9 +304,10 @@ def _long(
     names, column = np.unique(ids.astype(np.int64), return_inverse=True)
     cell = row * len(names) + column
     if len(np.unique(cell)) != len(cell):
-        twice = cell[np.flatnonzero(np.diff(np.sort(cell)) == 0)[0]] if len(cell) > 1 else 0
+        twice = np.sort(cell)[np.flatnonzero(np.diff(np.sort(cell)) == 0)[0]]
         raise UsageError(
-            f"body {names[column[twice % len(cell)]]} occurs twice at one time; allowed: each body once at each time"
+            f"body {names[twice % len(names)]} occurs twice at {times[twice // len(names)]:.9g} s; allowed: once at"
+            " each time; write times with more digits"
         )
     where = np.full((len(times), len(names)), -1)
     where.flat[cell] = np.arange(len(cell))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.readers.assemble import Choices, from_sides
-from dem_bridge.readers.digits import scaled
+from dem_bridge.readers.digits import scaled, step_of
 from dem_bridge.readers.frames import Frames
 from dem_bridge.readers.headings import STYLES
 from dem_bridge.readers.record import Draft
@@ -95,18 +95,6 @@ def times_of(frames: Frames, choices: Choices, scale: float, notes: list[str]) -
     notes.append(f"times are step numbers (without them: frame numbers) times the time step of {dt:.9g} s")
     time = frames.step * dt
     return time, 0.5 * np.spacing(time), dt
-
-
-def step_of(time: Floats, rounding: Floats, step: Floats | None, notes: list[str]) -> float | None:
-    """Return the time step that follows from times and step numbers; None if the numbers may be those of frames."""
-    if step is None or len(step) < 2 or np.any(np.diff(step) < 1.0) or np.all(np.diff(step) == 1.0):
-        return None
-    dt = float((time[-1] - time[0]) / (step[-1] - step[0]))
-    if not dt > 0.0 or np.any(np.abs(time - dt * step) > 2.0 * rounding + 1e-9 * time[-1]):
-        return None
-    dt = float(f"{dt:.9g}")
-    notes.append(f"the time step is {dt:.9g} s by the times and step numbers of the file")
-    return dt
 
 
 def axis_of(frames: Frames, choices: Choices) -> int:

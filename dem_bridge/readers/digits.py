@@ -204,3 +204,15 @@ def _roundest(low: float, high: float) -> float:
             place = 10.0 ** (math.floor(math.log10(candidate)) - digits + 1)
             return candidate if high - low <= 0.1 * place else math.nan
     return math.nan
+
+
+def step_of(time: Floats, rounding: Floats, step: Floats | None, notes: list[str]) -> float | None:
+    """Return the time step that follows from times and step numbers; None if the numbers may be those of frames."""
+    if step is None or len(step) < 2 or np.any(np.diff(step) < 1.0) or np.all(np.diff(step) == 1.0):
+        return None
+    dt = float((time[-1] - time[0]) / (step[-1] - step[0]))
+    if not dt > 0.0 or np.any(np.abs(time - dt * step) > 2.0 * rounding + 1e-9 * time[-1]):
+        return None
+    dt = float(f"{dt:.9g}")
+    notes.append(f"the time step is {dt:.9g} s by the times and step numbers of the file")
+    return dt

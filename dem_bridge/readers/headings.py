@@ -115,6 +115,11 @@ def heading_of(text: str) -> Heading | None:
     (Heading(quantity='velocity', index=7, unit=None, axis=0), 0.001, None)
     """
     text = text.strip().strip("\"'#").strip()
+    return _meaning(text) or (_meaning(text[2:]) if re.match("[vcf]_", text) else None)  # v_vx3: a variable of LAMMPS
+
+
+def _meaning(text: str) -> Heading | None:
+    """Return the meaning of a heading without quotes."""
     match = _HEADING.fullmatch(text)
     if match is None:
         return None
@@ -122,6 +127,8 @@ def heading_of(text: str) -> Heading | None:
     quantity, axis = next((_NAMES[key] for key in (name, name.replace("_", "")) if key in _NAMES), ("", None))
     if not quantity:
         return None
+    if quantity == "force" and re.match("contact", text, re.IGNORECASE):
+        quantity = "contact_force"
     index = next((match[key] for key in ("before", "before_", "after", "after_", "last", "last_") if match[key]), None)
     unit = match["bracket"] or match["plain"]
     if match["plain"] and (quantity not in DIMENSIONS or match["plain"].strip("()") not in UNITS[DIMENSIONS[quantity]]):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
+from dem_bridge.readers.headings import UNITS, heading_of
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _STEP = re.compile(r"(?i)\b(?:dt|time[ _]?step|delta_?t)\b\s*(?:\[s\]|\(s\))?\s*[=:]\s*([0-9.eE+-]+)")
@@ -58,6 +59,8 @@ def read_text(text: str) -> Table:
         )
     delimiter = _delimiter_of_numbers(plain[begin]) or " "
     rows = _split(plain[begin:], delimiter)
+    while len(rows[0]) > 1 and not any(row[-1] for row in rows if row):
+        rows = [row[:-1] for row in rows]
     count = len(rows[0])
     for nth, row in enumerate(rows):
         if len(row) != count:
@@ -110,24 +113,60 @@ def _split(lines: Sequence[str], delimiter: str) -> list[list[str]]:
 
 
 def _headings(heads: list[str], comments: list[str], count: int, delimiter: str) -> tuple[list[str], bool]:
-    """Return the headings of ``count`` columns and True, or the numbers of the columns and False."""
-    for line in (*reversed(heads), *reversed(comments)):
-        text = line.lstrip("#%/! ").strip()
-        choices = [row for mark in {delimiter, ",", "\t", ";"} if mark != " " for row in _split([text], mark)]
-        choices += [
-            text.split(),
-            re.findall(r"[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))*", text),
-            re.split(r"\s{2,}", text),
-        ]
-        for cells in choices:
-            if len(cells) == count and not all(_NUMBER.fullmatch(cell) for cell in cells):
-                return [cell.strip().strip('"') for cell in cells], True
-    if heads:
-        raise UsageError(
-            f"the rows have {count} values, which is not the number of headings in {heads[-1][:60]!r}; allowed: one"
-            " heading for each value; give the headings (--columns)"
-        )
-    return [str(nth) for nth in range(count)], False
+    """Return the headings of ``count`` columns and True, or the numbers of the columns and False.
+
+    Of the lines that have ``count`` cells, the one with the most known headings counts, else the last that is no
+    comment. A line of units adds them to the headings.
+    """
+    rows = [row for line in heads for row in _cells(line, count, delimiter)]
+    said = [row for line in comments for row in _cells(line, count, delimiter)]
+    units = next((row for row in (*rows, *said) if all(_is_unit(cell) for cell in row)), None)
+    best = max((*rows, *said), key=_known_headings, default=None)
+    if best is None or (best not in rows and _known_headings(best) == 0) or best is units:
+        if heads and not rows:
+            raise UsageError(
+                f"the rows have {count} values, which is not the number of headings in {heads[-1][:60]!r}; allowed: one"
+                " heading for each value; give the headings (--columns)"
+            )
+        return [str(nth) for nth in range(count)], False
+    if units is not None:
+        best = [f"{cell} [{unit.strip('[]() ')}]" for cell, unit in zip(best, units, strict=True)]
+    return best, True
+
+
+def _cells(line: str, count: int, delimiter: str) -> Iterator[list[str]]:
+    """Yield the ways in which a line of words has ``count`` cells."""
+    text = line.lstrip("#%/! ").strip()
+    choices = [
+        row for mark in dict.fromkeys((delimiter, ",", "\t", ";")) if mark != " " for row in _split([text], mark)
+    ]
+    choices += [
+        text.split(),
+        re.findall(r"[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))*", text),
+        re.split(r"\s{2,}", text),
+    ]
+    for cells in choices:
+        if cells[count:] and not any(cells[count:]):
+            cells = cells[:count]
+        if len(cells) == count and not all(_NUMBER.fullmatch(cell) for cell in cells):
+            yield [cell.strip().strip('"') for cell in cells]
+
+
+def _known_headings(cells: Sequence[str]) -> int:
+    """Return the number of cells that are known headings."""
+    count = 0
+    for cell in cells:
+        try:
+            count += heading_of(cell) is not None
+        except UsageError:  # a known name with an unknown unit
+            count += 1
+    return count
+
+
+def _is_unit(cell: str) -> bool:
+    """Return True for a unit in brackets, or one that is longer than a letter, which might be a name."""
+    bare = cell.strip("[]() ")
+    return any(bare in units for units in UNITS.values()) and (bare != cell or len(bare) > 1 or bare == "s")
 
 
 def _column(cells: Sequence[str], heading: str) -> NDArray[np.bytes_]:

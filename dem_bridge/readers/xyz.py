@@ -15,6 +15,7 @@ from dem_bridge.readers.frames import EXTRA_COLUMNS, FrameCollector, Frames
 
 _PAIR = re.compile(r"(\w+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)'|([^\s,]+))")
 _STEP = re.compile(r"(?i)\b(?:time[ _]?step|step)\b\s*[:=]\s*(\d+)")
+_ROW = re.compile(r"[-+0-9.eE\s,;]+")
 #: names of columns in the property list, with the names here
 _VECTORS = {
     "pos": "position", "positions": "position", "velo": "velocity", "vel": "velocity", "velocity": "velocity",
@@ -27,11 +28,9 @@ _PLAIN = "species:S:1:pos:R:3"
 def looks_like_xyz(text: str) -> bool:
     """Return True if a text begins as an XYZ file: a number of atoms, a comment, a line for each atom."""
     lines = text[:10000].splitlines()[:3]
-    return (
-        len(lines) == 3
-        and lines[0].strip().isdigit()
-        and ("Properties=" in lines[1] or bool(re.match(r"\s*[A-Za-z]\w*\s+\S+\s+\S+\s+\S+", lines[2])))
-    )
+    if len(lines) < 3 or not lines[0].strip().isdigit():
+        return False
+    return "Properties=" in lines[1] or (not _ROW.fullmatch(lines[1]) and len(lines[2].split()) >= 4)
 
 
 def read_xyz(texts: Iterable[str]) -> Frames:

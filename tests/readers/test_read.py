@@ -23,7 +23,7 @@ from scipy.io import netcdf_file
 from dem_bridge.errors import UsageError
 from dem_bridge.readers import Record, read_record
 from dem_bridge.trajectory import Trajectory
-from tests.helpers.export_chains import CROSSED
+from tests.helpers.export_chains import CROSSED, PAIR
 from tests.helpers.export_runs import made_up
 
 RUN = made_up(CROSSED)
@@ -373,6 +373,44 @@ def test_what_stopped_new_users_is_read_and_said(kind: str, tmp_path: Path) -> N
     assert any(said in sentence for sentence in record.recognised) or not said, record.recognised
     if kind == "comment with dt":
         assert record.dt == 2e-7
+
+
+#: two samples of two bodies, as other codes and programs write them
+_HABITS = {
+    "a row of units": "t,v0,v1\nms,mm/s,mm/s\n0,800,0\n1e-3,700,100\n",
+    "units in a comment": "# t v0 v1\n# [ms] [mm/s] [mm/s]\n0 800 0\n1e-3 700 100\n",
+    "prose before headings": "# Output of code\n# t v0 v1\n0 .8 0\n1e-6 .7 .1\n",
+    "prose alone": "# Output of code\n0 .8 0\n1e-6 .7 .1\n",
+    "a separator line": "sep=;\nt;v0;v1\n0;0,8;0\n1e-6;0,7;0,1\n",
+    "tabs at the ends": "t\tv0\tv1\t\n0\t.8\t0\t\n1e-6\t.7\t.1\t\n",
+    "commas at the ends": "t,v0,v1\n0,.8,0,\n1e-6,.7,.1,\n",
+    "brackets and blanks": "# time [s]   v_0 [m/s]   v_1 [m/s]\n0 .8 0\n1e-6 .7 .1\n",
+    "quotes": '"time [s]","v_0 [m/s]","v_1 [m/s]"\n"0","0.8","0"\n"1e-6","0.7","0.1"\n',
+    "fix ave/time": "# Time-averaged data for fix 1\n# TimeStep v_vx1 v_vx2\n0 .8 0\n10 .7 .1\n",
+    "plot of YADE": "# i\tt\tv0\tv1\n0\t0\t0.8\t0\n10\t1e-6\t.7\t.1\n",
+    "index of pandas": ",t,v0,v1\n0,0,.8,0\n1,1e-6,.7,.1\n",
+    "sorted by body": "time,body,v\n0,0,.8\n1e-6,0,.7\n0,1,0\n1e-6,1,.1\n",
+    "ids from 1": "time,id,vx,vy,vz\n0,1,.8,0,0\n0,2,0,0,0\n1e-6,1,.7,0,0\n1e-6,2,.1,0,0\n",
+    "vectors": "t,vx0,vy0,vz0,vx1,vy1,vz1\n0,0,0,.8,0,0,0\n1e-6,0,0,.7,0,0,.1\n",
+    "plain XYZ": "2\nTimestep: 0\n1 0 0 0 .8 0 0\n1 1 0 0 0 0 0\n2\nTimestep: 10\n1 0 0 0 .7 0 0\n1 1 0 0 .1 0 0\n",
+}
+
+
+@pytest.mark.parametrize("habit", _HABITS)
+def test_habits_of_text_files(habit: str, tmp_path: Path) -> None:
+    (tmp_path / "run").write_text(_HABITS[habit])
+    record = read_record(tmp_path / "run", PAIR, dt=1e-7)
+    np.testing.assert_allclose(record.values["velocity"], [[0.8, 0.0], [0.7, 0.1]], rtol=1e-15)
+    np.testing.assert_allclose(record.time, [0.0, 1e-6], rtol=1e-15)
+    assert record.columns["velocity"] == (0, 1)
+
+
+def test_a_body_that_occurs_twice_is_named(tmp_path: Path) -> None:
+    (tmp_path / "run").write_text("t,body,v\n0,0,1\n0,1,1\n1,0,1\n1,1,1\n1,1,2\n")
+    with pytest.raises(
+        UsageError, match="body 1 occurs twice at 1 s; allowed: once at each time; write times with more"
+    ):
+        read_record(tmp_path / "run", PAIR)
 
 
 @pytest.mark.parametrize(
