@@ -86,7 +86,14 @@ class Search:
         if len(over) == 0:
             return [self.rows]
         first = int(np.flatnonzero(self.errors > min(1e-3, 0.02 * float(np.max(self.errors))))[0])
-        rows = max(int(over[0]) + 1, first + 8)
+        return self._doubled(max(int(over[0]) + 1, first + 8))
+
+    def _early_windows(self) -> list[int]:
+        """Return numbers of samples from where the difference begins: where bodies collide often, a small one grows."""
+        return self._doubled(int(np.flatnonzero(self.errors > 0.1 * float(np.max(self.errors)))[0]) + 8)
+
+    def _doubled(self, rows: int) -> list[int]:
+        """Return a number of samples, and twice as many each up to all."""
         windows = []
         while rows < self.rows:
             windows.append(rows)
@@ -174,7 +181,10 @@ class Search:
     # ------------------------------------------------------------------ fits
     def finalists(self) -> list[Candidate]:
         """Return the hypotheses that leave least of the difference, fitted by all samples."""
-        windows = self.windows()
+        return self._fitted(self.windows()) or self._fitted(self._early_windows())
+
+    def _fitted(self, windows: list[int]) -> list[Candidate]:
+        """Return the hypotheses that leave least, ranked in the first window and fitted in each of them."""
         candidates = self.rank(self.hypotheses(windows[0]), windows[0])
         kept: list[Candidate] = []
         for candidate in candidates:

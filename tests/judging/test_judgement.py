@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.judging import judgement as module
 from dem_bridge.judging.cause import CAUSES, Diagnosis
@@ -266,3 +268,18 @@ def test_the_page_has_the_picture_first_and_the_json_of_the_contract(convergent:
     assert data["schema"] == "dem-bridge/verdicts/1"
     assert [verdict["outcome"] for verdict in data["verdicts"]] == ["PASS"] * 3
     assert (tmp_path / "tables" / "errors.csv").is_file()
+
+
+@pytest.mark.slow
+def test_a_contact_is_named_where_a_small_difference_grows_in_many_collisions(tmp_path: Path) -> None:
+    scene = db.load_scene("decelerating-40")
+    stiffness = list(scene.stiffness)
+    stiffness[17] *= 1.05
+    wrong = replace(scene, stiffness=tuple(stiffness))
+    run = db.solve(wrong, backend="verlet", dt=2e-8, uncertainty=False)
+    db.write_trajectory(run, wrong, tmp_path / "wrong.csv", layout="wide")
+    began = time.process_time()
+    judgement = db.judge((tmp_path / "wrong.csv", 2e-8), scene)
+    assert (judgement.cause, judgement.where, judgement.outcome) == ("stiffness", "contact 17", "FAIL")
+    # 41 bodies and 501 samples; 10 s are promised for a command, of which a start takes one
+    assert time.process_time() - began < 9.0 * 2
