@@ -7,6 +7,7 @@ are not fitted. The declared uncertainty of a fitted parameter is not used: the 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,7 +54,7 @@ class Fit:
     declared: Joint | None = None
     """The joint comparison of the fitted changes with the declared uncertainties of the parameters."""
     undetermined: tuple[str, ...] = ()
-    """Parameters that the values do not determine together; nothing is fitted then."""
+    """Parameters that the values do not determine, or not apart from each other; nothing is fitted then."""
 
 
 def fit_parameters(
@@ -88,10 +89,17 @@ def fit_parameters(
         return white(_derivatives(prediction, parameters, x))
 
     start = slopes(np.zeros(len(parameters)))
-    if names := _undetermined(start, parameters):
+    names = _undetermined(start, parameters)
+    result = None
+    if not names:
+        # far off, the best values may be none that a scene can have
+        with suppress(UsageError):
+            result = least_squares(misfit, np.zeros(len(parameters)), jac=slopes, x_scale="jac", xtol=1e-6, ftol=1e-10)
+            names = _undetermined(result.jac, parameters)
+    if result is None or names:
         joint = Joint(statistic=float(np.sum(misfit(np.zeros(len(parameters))) ** 2)), count=len(own))
+        names = names or tuple(parameter.name for parameter in parameters)
         return Fit(fitted=(), joint=joint, correlation=1.0, values=prediction.simulated, undetermined=names)
-    result = least_squares(misfit, np.zeros(len(parameters)), jac=slopes, x_scale="jac", xtol=1e-6, ftol=1e-10)
     covariance = np.linalg.inv(result.jac.T @ result.jac)
     errors = np.sqrt(np.diag(covariance))
     least = float(np.sum(result.fun**2))

@@ -132,6 +132,12 @@ def test_parameters_that_velocities_do_not_tell_apart_are_not_fitted() -> None:
     assert (found.fitted, found.undetermined) == ((), ("stiffness", "mass"))
 
 
+def test_a_fit_that_ends_where_no_scene_is_gives_no_values() -> None:
+    readings = readings_of(-truth(), 9)  # a sensor with the wrong sign
+    found = fitted(Prediction(scene=ROW, readings=readings), readings, {"stiffness": 0.01}, "stiffness")
+    assert (found.fitted, found.undetermined) == ((), ("stiffness",))
+
+
 def test_arrival_and_peak_are_unbiased_by_noise_and_show_a_late_pulse() -> None:
     late = (
         motion(TIMES - 1e-6, speed=1.0)[0]
