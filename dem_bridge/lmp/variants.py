@@ -150,15 +150,15 @@ def _flat_law(scene: Scene, contact: int, radius: float, style: str) -> str:
     c, (damping, etas) = scene.contacts, damping_model(scene)
     body = min(int(c.left[contact]), int(c.right[contact]))
     body = body if body < scene.n_body else int(c.right[contact])
-    if c.pull_off[contact] > 0.0:
-        raise UnsupportedScene("planes of fix wall/gran have no adhesion here")
     mass, clip = float(scene.mass[body]), scene.damped and c.clip
     beta, n, damped, power = (float(x[contact]) for x in (c.stiffness, c.exponent, c.damping, c.damping_power))
     if style == "granular":
         eta = float(etas[contact])
         if damping == "viscoelastic":
             eta, damping = (eta / mass, damping) if eta * power > 0.0 else (eta, "velocity")
-        return coefficients(beta, n, eta, radius, damping=damping, clip=clip)
+        return coefficients(beta, n, eta, radius, damping=damping, clip=clip, pull_off=float(c.pull_off[contact]))
+    if c.pull_off[contact] > 0.0:
+        raise UnsupportedScene(f"a wall {style} has no adhesion")
     if n != CLASSIC[style]:
         raise UnsupportedScene(f"a wall {style} has n = {CLASSIC[style]} only")
     if damped > 0.0 and power != n - 2.0:
@@ -167,6 +167,28 @@ def _flat_law(scene: Scene, contact: int, radius: float, style: str) -> str:
     root = math.sqrt(radius) if n == 2.5 else 1.0
     gamma = damped / (mass * root) or SMALLEST_GAMMA
     return f"{beta / root!r} NULL {gamma!r} NULL 0 0{' limit_damping' * clip}"
+
+
+def hertz_material(deck: Deck, *, poisson: float = 0.25) -> Deck:
+    """Return the deck with ``hertz/material`` in place of ``hertz``: K = (4/3) E / (2 (1 - nu^2)) for equal materials.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+    poisson : float
+        Poisson's ratio nu that is written; E follows from it and the stiffness.
+    """
+
+    def of_material(row: re.Match[str]) -> str:
+        return f"{row[1]}hertz/material {1.5 * (1.0 - poisson**2) * float(row[2])!r} {row[3]} {poisson!r} "
+
+    text, places = re.subn(
+        r"^(pair_coeff +\d+ .*?)hertz (\S+) (\S+) ", of_material, deck.files[deck.input_file], flags=re.MULTILINE
+    )
+    if not places:
+        raise UnsupportedScene("no contact has the model hertz")
+    return _changed(deck, {deck.input_file: text})
 
 
 def hertz_history(deck: Deck, scene: Scene, peak_overlap: NDArray[np.float64]) -> Deck:

@@ -28,7 +28,15 @@ from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import require
-from dem_bridge.lmp.variants import CLASSIC, flat_walls, frozen_walls, hertz_history, newton_off, with_restart
+from dem_bridge.lmp.variants import (
+    CLASSIC,
+    flat_walls,
+    frozen_walls,
+    hertz_history,
+    hertz_material,
+    newton_off,
+    with_restart,
+)
 from dem_bridge.progress import listening
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import FigureData, Series, Study
@@ -141,6 +149,7 @@ _HISTORY: dict[str, Any] = {
 WAYS = (
     Way(name="granular"),
     Way(name="granular, types per body", deck=lambda base: base.of(types="per-body")),
+    Way(name="granular, hertz/material", deck=lambda base: hertz_material(base.deck)),
     Way(name="granular, newton off", deck=lambda base: newton_off(base.deck)),
     Way(name="granular, restart halfway", deck=lambda base: with_restart(base.deck), changes=Base.restart_error),
     Way(name="granular, fix wall/gran", deck=_planes(), style="fix wall/gran"),

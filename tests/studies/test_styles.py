@@ -16,8 +16,8 @@ from dem_bridge.errors import BackendUnavailable, UnsupportedScene
 from dem_bridge.lmp import variants
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.lmp.variants import flat_walls, newton_off, with_restart
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.lmp.variants import flat_walls, hertz_material, newton_off, with_restart
+from dem_bridge.scene import Adhesion, Damping, Scene, Wall
 from dem_bridge.studies.styles import COLUMNS, LEAST_SHOWN, WAYS, Base, Row, Way, base_of, rows_of, study_of
 from dem_bridge.verification.verdict import Outcome
 
@@ -124,6 +124,7 @@ def test_a_suffix_says_what_it_found(held: tuple[Row, ...]) -> None:
 SPRINGS = replace(DASHED, name="springs", exponent=2.0, stiffness=(4e6, 5e6), duration=1e-3, damping=None,
     wall_left=Wall(stiffness=6e6, gap=1e-6), wall_right=Wall(stiffness=7e6, gap=1e-7))  # fmt: skip
 DAMPED_SPRINGS = replace(SPRINGS, name="damped-springs", damping=Damping(law="dashpot", coefficient=5.0))
+GLUED = replace(DASHED, name="glued", damping=None, adhesion=Adhesion(law="dmt", pull_off=(0.5, 0.6, 0.7, 0.8)))
 #: scene -> styles of walls that can express it
 WALLS = {
     HELD: ("/region", " hertz/history"),
@@ -131,6 +132,7 @@ WALLS = {
     DASHED: ("/region",),
     SPRINGS: ("/region", " hooke", " hooke/history"),
     DAMPED_SPRINGS: ("/region", " hooke", " hooke/history"),
+    GLUED: ("/region",),
 }
 
 
@@ -145,7 +147,15 @@ def test_one_scene_with_walls_of_every_style_has_one_answer(scene: Scene) -> Non
     others = [way for way in OF if "fix " in way and way not in (*ways, "granular, fix wall/gran")]
     for row in rows_of(base, tuple(OF[way] for way in others)):
         assert row.outcome is Outcome.NOT_RUN, row
-        assert re.search("has n = 2.* only|no dashpot|effective mass", row.reason)
+        assert re.search("has n = 2.* only|no dashpot|no adhesion|effective mass", row.reason)
+
+
+def test_planes_with_the_pull_off_force_of_a_pair_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    law = variants._flat_law
+    wrong = replace(GLUED, adhesion=Adhesion(law="dmt", pull_off=(0.5, 0.6, 0.35, 0.4)))  # R_eff = R/2
+    monkeypatch.setattr(variants, "_flat_law", lambda scene, at, radius, style: law(wrong, at, radius, style))
+    [row] = _rows(GLUED, OF["granular, fix wall/gran"])
+    assert row.outcome is Outcome.FAIL, row
 
 
 def test_an_undamped_classic_wall_of_the_pinned_release_is_nan(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -240,6 +250,9 @@ FAULTS: dict[str, Callable[[Base], Deck]] = {
     ),
     "history: a radius wrong by 1e-6": lambda base: _changed(
         _history(base), r"^(3 1 )(\S+)", _times(1 + 1e-6), data=True
+    ),
+    "hertz/material: E of one contact wrong by 1e-8": lambda base: _changed(
+        hertz_material(base.deck), r"^(pair_coeff.*hertz/material )(\S+)(?=.*# contact 1)", _times(1 + 1e-8)
     ),
     "restart: velocities lost": lambda base: with_restart(base.deck, after="velocity all set 0 0 0"),
     "restart: a velocity lost": lambda base: with_restart(base.deck, after="set atom 3 vx 0"),

@@ -132,7 +132,7 @@ def usual_impact(law: str, clip: bool | None = None) -> Impact:
     ----------
     law : str
         Damping law.
-    clipped : bool, optional
+    clip : bool, optional
         None: not clipped where the coefficient is a restitution, which only then is that of the impact.
 
     Examples
@@ -143,8 +143,8 @@ def usual_impact(law: str, clip: bool | None = None) -> Impact:
     dashpot: 0.50000, clipped 0.55028
     mass_velocity: 0.50000, clipped 0.55028
     kuwabara-kono: 0.50000, clipped 0.53156
-    restitution: 0.50000, clipped 0.55028
     tsuji: 0.49992, clipped 0.55022
+    coeff_restitution: 0.50000, clipped 0.55028
     """
     impact = Impact(law=law, coefficient=1.0, clip=law not in BY_RESTITUTION if clip is None else clip)
     mass, stiffness, value = impact.effective_mass, impact.stiffness, USUAL
