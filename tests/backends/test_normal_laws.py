@@ -221,10 +221,11 @@ def test_dmt_in_fixed_steps_is_within_an_uncertainty_that_falls_with_the_step(so
 @pytest.mark.parametrize("damping", [None, Damping(law="kuwabara-kono", coefficient=1e-5, clip=False)], ids=str)
 def test_lammps_dmt_repeats_the_twin_that_keeps_positions(damping: Damping | None, solved: Solve) -> None:
     scene = replace(ADHESIVE, damping=damping)
-    run = solved(scene, ENGINE, dt=STEP, uncertainty=False)
-    radius = run.provenance["settings"]["surrogate_radius"]
-    for factor in (1.0, 4.0):  # E and gamma of the deck follow from its radius
-        run = db.solve(scene, backend=ENGINE, dt=STEP, surrogate_radius=factor * radius, uncertainty=False)
+    first = solved(scene, ENGINE, dt=STEP, uncertainty=False)
+    radius = first.provenance["settings"]["surrogate_radius"]
+    # E and gamma of the deck follow from its radius
+    other = db.solve(scene, backend=ENGINE, dt=STEP, surrogate_radius=4.0 * radius, uncertainty=False)
+    for run, factor in ((first, 1.0), (other, 4.0)):
         twin = db.solve(scene, backend=TWIN, dt=STEP, surrogate_radius=factor * radius, uncertainty=False)
         assert _far(run, twin) < 1e-11
         assert np.max(np.abs(run.contact_force - twin.contact_force)) < 1e-9 * np.max(twin.peak_force)
