@@ -164,36 +164,44 @@ def restored_times(
 ) -> tuple[Floats, Floats, str | None]:
     """Return times with few digits as multiples of one interval, their rounding errors, and a sentence about it.
 
-    Times are restored only if all are multiples of one interval within their rounding errors. An interval by which
-    ``duration`` is divided into ``samples`` or another number of parts is tried first, then a multiple of the time step
-    ``dt``, then the number with the fewest digits. Without a restored interval the times are returned as they are, with
-    None.
+    Times are restored only if all are multiples of one interval within their rounding errors, counted from 0 or from
+    the first time. An interval by which ``duration`` is divided into ``samples`` or another number of parts is tried
+    first, then a multiple of the time step ``dt``, then the number with the fewest digits. Without a restored interval
+    the times are returned as they are, with None.
     """
     count = len(time)
-    if count < 3 or np.any(np.diff(time) <= 0.0):
+    if count < 3 or np.any(np.diff(time) <= 0.0) or np.max(rounding) <= 4.0 * np.spacing(time[-1]):
         return time, rounding, None
     mean = float(time[-1] - time[0]) / (count - 1)
-    if np.max(rounding) <= 4.0 * np.spacing(time[-1]):
-        return time, rounding, None
     first = round(float(time[0]) / mean)
-    order = np.arange(first, first + count, dtype=np.float64)
-    counted = order > 0
-    slack = rounding[counted] + 4.0 * np.spacing(time[counted])
-    low = float(np.max((time[counted] - slack) / order[counted]))
-    high = float(np.min((time[counted] + slack) / order[counted]))
-    if low > high or (first == 0 and abs(time[0]) > rounding[0]) or order[0] < 0:
-        return time, rounding, None
+    for start, slack_of_start, begin in ((0.0, 0.0, first), (float(time[0]), float(rounding[0]), 0)):
+        order = np.arange(begin, begin + count, dtype=np.float64)
+        counted = order > 0
+        slack = rounding[counted] + slack_of_start + 4.0 * np.spacing(time[counted])
+        low = float(np.max((time[counted] - start - slack) / order[counted]))
+        high = float(np.min((time[counted] - start + slack) / order[counted]))
+        at_zero = begin > 0 or abs(time[0] - start) <= rounding[0]
+        if 0.0 < low <= high and begin >= 0 and at_zero:
+            interval, slack_of_interval = _interval(low, high, duration, samples, dt)
+            restored = start + order * interval
+            left = slack_of_start + slack_of_interval * order + 0.5 * np.spacing(restored)
+            after = f" after {start:.9g} s" if start else ""
+            said = f"times have few digits and are multiples of {interval:.9g} s{after}; they are restored to these"
+            return restored, np.minimum(left, rounding), said
+    return time, rounding, None
+
+
+def _interval(low: float, high: float, duration: float, samples: int, dt: float | None) -> tuple[float, float]:
+    """Return the interval between two bounds that is the most probable, and its largest error."""
     middle = 0.5 * (low + high)
     parts = max(1, round(duration / middle))
     candidates = [duration / samples, duration / parts if (high - low) * parts < 0.2 * middle else math.nan]
     candidates += [dt * round(middle / dt) if dt and high - low < dt else math.nan]
     fitting = [each for each in candidates if low <= each <= high] or [_roundest(low, high)]
-    interval = fitting[0] if math.isfinite(fitting[0]) else middle
+    if not math.isfinite(fitting[0]):
+        return middle, 0.5 * (high - low)
     # several intervals fit where times have very few digits
-    slack_of_interval = max(abs(each - interval) for each in fitting) if interval != middle else 0.5 * (high - low)
-    left = slack_of_interval * order + 0.5 * np.spacing(order * interval)
-    said = f"times have few digits and are multiples of {interval:.9g} s; they are restored to these multiples"
-    return order * interval, np.minimum(left, rounding), said
+    return fitting[0], max(abs(each - fitting[0]) for each in fitting)
 
 
 def _roundest(low: float, high: float) -> float:

@@ -143,6 +143,12 @@ def test_rounded_times_are_restored_to_the_interval_of_the_scene_or_of_the_time_
     record = read_record(tmp_path / "run.csv", scene, dt=9e-8)
     np.testing.assert_allclose(record.time, other, rtol=1e-15)
     assert record.dt == 9e-8
+    # ... also after a first time that is no multiple
+    (tmp_path / "run.csv").write_text(_table("t,v0", 1e-7 + time, np.cos(time), number="%.6g"))
+    record = read_record(tmp_path / "run.csv", scene)
+    np.testing.assert_allclose(record.time, 1e-7 + time, rtol=1e-6, atol=1e-13)
+    assert np.max(record.rounding["time"]) < 1e-12 < 0.5e-6 * time[-1]
+    assert any("multiples of 3.33333333e-06 s after 1e-07 s" in sentence for sentence in record.recognised)
 
 
 def _npz(tmp_path: Path, **arrays: Any) -> Path:
