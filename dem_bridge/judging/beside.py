@@ -13,9 +13,10 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling, backend, unsupported_reason
 from dem_bridge.errors import DemBridgeError, UsageError
-from dem_bridge.judging.deck import DeckRun, deck_limits, deck_run
+from dem_bridge.judging.deck import DeckRun, deck_run
 from dem_bridge.judging.foreign import TIME_LIMIT, Command, ForeignRun, default_steps, foreign_runs
 from dem_bridge.judging.judgement import Addition, Judgement, judge_records
+from dem_bridge.judging.limits import deck_limits
 from dem_bridge.judging.reference import reference_at
 from dem_bridge.notebook import quantity as amount
 from dem_bridge.readers import Record, read_record

@@ -160,3 +160,13 @@ def test_a_deck_that_lammps_refuses_ends_with_its_error(tmp_path: Path) -> None:
         db.judge(deck, PAIR)
     with pytest.raises(UsageError, match="has its own time step"):
         db.judge(f"{deck}@1e-7", PAIR)
+
+
+@pytest.mark.lammps
+@pytest.mark.parametrize("reverse", [False, True])
+def test_a_deck_is_compared_with_the_scene_from_either_end(reverse: bool) -> None:
+    deck = Path(__file__).parents[1] / "data" / "decks" / "in.brass"
+    judgement = db.judge(deck, db.scene_from_deck(deck, reverse=reverse))
+    assert judgement.outcome == "PASS"
+    (table,) = (table for table in judgement.study.tables if table.id.startswith("limits"))
+    assert {str(row[0]) for row in table.rows if float(row[2]) > 0.0} == {"time step", "particle radius"}
