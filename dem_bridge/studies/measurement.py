@@ -150,8 +150,8 @@ def _completed(
     """Return the measurement with the files, parameters and fit of the command."""
     if not files and (measurement is None or not measurement.files):
         raise UsageError(
-            f"{scene.name} has no file of measured values; allowed: a scene file with [measurement] file = 'NAME.csv',"
-            " or --file NAME.csv"
+            f"{scene.name} has no file of measured values; allowed: the path of a scene file (a loaded Scene does not"
+            " hold it) with [measurement] file = 'NAME.csv', or --file NAME.csv (in Python: files=['NAME.csv'])"
         )
     base = measurement or Measurement(files=())
     declared = dict(base.parameters)

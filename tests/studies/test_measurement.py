@@ -104,7 +104,7 @@ def test_a_value_that_the_scene_never_has_is_refused(tmp_path: Path) -> None:
         ({"files": ["none.csv"]}, "none.csv: the file of [measurement] cannot be read (No such file or directory)"),
         (
             {"files": []},
-            "row has no file of measured values; allowed: a scene file with [measurement] file = 'NAME.csv', or --file",
+            "row has no file of measured values; allowed: the path of a scene file (a loaded Scene does not hold it)",
         ),
         ({"coverage": 0.0}, "coverage = 0.0; allowed: a number > 0, up to 10"),
         ({"samples": 2}, "samples = 2; allowed: a whole number from 10"),
