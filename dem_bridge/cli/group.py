@@ -26,6 +26,7 @@ from dem_bridge.cli.judge import judge
 from dem_bridge.cli.new import new
 from dem_bridge.cli.options import check_output, print_json, with_options
 from dem_bridge.cli.regress import regress
+from dem_bridge.cli.store import store_group
 from dem_bridge.cli.studies import study as study_group
 from dem_bridge.errors import BlockedScript, DemBridgeError, UnsupportedScene
 from dem_bridge.files import check_file, write_whole
@@ -204,6 +205,7 @@ _COMMANDS = (
     compare,
     judge,
     import_group,
+    store_group,
 )
 for _command in _COMMANDS:
     main.add_command(_command)

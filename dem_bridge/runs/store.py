@@ -15,7 +15,7 @@ Scenes with laws that are functions have no key and are always run, for their ha
 digits; so has an engine that would have to be started to be identified, such as a script.
 
 An entry is one file: a line with the sha256 of the rest, a line of JSON, the arrays as numpy writes them. One that
-does not fit its checksum is removed and computed again.
+does not fit its checksum is set aside and computed again.
 """
 
 from __future__ import annotations
@@ -53,15 +53,17 @@ _PACKAGE = Path(__file__).parents[1]
 LIMIT = 2_000_000_000
 #: parts of the package that judge, show and tell: no number of a trajectory passes through them
 NOT_IN_RUNS = (
-    "api", "campaign", "cli", "differences", "doctor", "exports", "planning", "plot", "regression", "report", "studies",
-    "sweep", "verification",
+    "api", "campaign", "cli", "differences", "doctor", "ensembles", "exports", "judging", "measurement", "planning",
+    "plot", "readers", "regression", "report", "studies", "sweep", "verification",
 )  # fmt: skip
 #: ... and none of a study's
 NOT_IN_STUDIES = ("api", "cli", "doctor", "exports", "plot", "regression", "report")
 _VARIABLES = ("LD_LIBRARY_PATH", "LD_PRELOAD", "NUMBA_CPU_FEATURES", "NUMBA_CPU_NAME", "NUMBA_DISABLE_JIT", "NUMBA_OPT",
               "OMP_NUM_THREADS", "PYTHONPATH")  # fmt: skip
 _CPU = ("vendor_id", "cpu family", "model", "model name", "flags", "CPU implementer", "CPU part", "Features")
-_SUFFIX = ".run"
+SUFFIX = ".run"
+#: ... of an entry that was damaged
+DAMAGED = ".damaged"
 #: files of the package that are code, or texts and tables in place of code
 _SOURCES = (".py", ".template", ".toml", ".json", ".j2")
 #: s for which the answer holds that the code is that of this process; it takes 3 ms
@@ -69,6 +71,9 @@ _SAME_CODE = 1.0
 #: s, after which what a killed process left half written goes
 _LEFT_BEHIND = 86_400.0
 Array = NDArray[Any]
+#: key -> what determined it, of the latest keys of this process: entries keep it, so that :mod:`.inspect` can explain
+_DETERMINED: dict[str, dict[str, Any]] = {}
+_MOST_DETERMINED = 1_000
 
 
 def run_key(
@@ -113,11 +118,56 @@ def _key(
     of_engine = None if engine is None else _engine(engine)
     if engine is not None and of_engine is None:
         return None
-    whole = {
+    whole = _determined_by(kind, scenes, of_engine, without, parts)
+    key = hashlib.sha256(json.dumps(whole, sort_keys=True, default=_plain).encode()).hexdigest()
+    _DETERMINED[key] = whole | {"code": code_hashes(without)}
+    while len(_DETERMINED) > _MOST_DETERMINED:
+        del _DETERMINED[next(iter(_DETERMINED))]
+    return key
+
+
+def determined_by(key: str) -> Mapping[str, Any] | None:
+    """Return what determined a key that this process made; None for others. Code is by part of the package."""
+    whole = _DETERMINED.get(key)
+    return None if whole is None else json.loads(json.dumps(whole, default=_plain))
+
+
+def present(before: Mapping[str, Any], scene: Scene) -> dict[str, Any]:
+    """Return what would determine a run now that was determined by ``before``, with the same settings; JSON types."""
+    of_engine = None if before["engine"] is None else _engine_now(before["engine"])
+    without = NOT_IN_RUNS if before["kind"] == "run" else (*NOT_IN_RUNS, "uncertainty")
+    now = _determined_by(before["kind"], [scene], of_engine, without, before["parts"]) | {"code": code_hashes(without)}
+    return dict(json.loads(json.dumps(now, default=_plain)))
+
+
+def _engine_now(before: Mapping[str, Any]) -> dict[str, object]:
+    """Return what identifies today the LAMMPS at the place of an earlier one; without files if there is none."""
+    which = Path(before["which"]) if before["which"] else None
+    place = {"python": which} if which is not None and which.name.startswith("python") else {"lmp": which}
+    try:
+        engine = Engine(lmp_args=tuple(before["arguments"]), ranks=before["ranks"], **place)
+        return _engine(engine) or {"files": []}
+    except (UsageError, OSError):
+        return {"files": []}
+
+
+def _plain(number: Any) -> Any:
+    return number.item()
+
+
+def _determined_by(
+    kind: str,
+    scenes: Sequence[Scene],
+    of_engine: Mapping[str, object] | None,
+    without: tuple[str, ...],
+    parts: Mapping[str, object],
+) -> dict[str, Any]:
+    """Return everything that determines a result, as JSON types."""
+    return {
         "schema": SCHEMA,
         "kind": kind,
         "scenes": [
-            (scene.content_hash, scene.spacing, *((scene.name, scene.description) if engine else ()))
+            (scene.content_hash, scene.spacing, *((scene.name, scene.description) if of_engine is not None else ()))
             for scene in scenes
         ],
         "parts": parts,
@@ -127,8 +177,6 @@ def _key(
         "machine": _machine(),
         "variables": {name: os.environ.get(name) for name in _VARIABLES},
     }
-    text = json.dumps(whole, sort_keys=True, default=lambda number: number.item())
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def default_folder() -> Path | None:
@@ -213,7 +261,7 @@ class Store:
         self._write(key, arrays, {})
 
     def _path(self, key: str) -> Path:
-        return self.folder / f"{key}{_SUFFIX}"
+        return self.folder / f"{key}{SUFFIX}"
 
     def _read(self, key: str) -> tuple[dict[str, Array], dict[str, Any]] | None:
         if self.recompute:
@@ -224,7 +272,7 @@ class Store:
             self._same_code_until = now + _SAME_CODE
         path = self._path(key)
         try:
-            entry = _unpacked(key, path.read_bytes())
+            entry = unpacked(key, path.read_bytes())
         except FileNotFoundError:
             return None
         except OSError as error:
@@ -232,8 +280,8 @@ class Store:
             return None
         except ValueError as error:
             with suppress(OSError):  # a folder that may only be read: it is not trusted next time either
-                path.unlink(missing_ok=True)
-            self._say(f"{path}: is damaged ({error}); it is computed again")
+                path.replace(path.with_suffix(DAMAGED))
+            self._say(f"{path}: is damaged ({error}); it is set aside as {DAMAGED} and computed again")
             return None
         with suppress(OSError):  # likewise: what is only read has no last use
             os.utime(path)
@@ -243,7 +291,8 @@ class Store:
         if not self._writes or self._outdated():
             return
         date = datetime.now(UTC).isoformat(timespec="seconds")
-        whole = _packed({"schema": SCHEMA, "key": key, "made": date, **details}, arrays)
+        about = {"schema": SCHEMA, "key": key, "made": date, "determined_by": determined_by(key)}
+        whole = _packed({**about, **details}, arrays)
         if len(whole) > self.limit // 2:
             return
         try:
@@ -260,9 +309,9 @@ class Store:
         for entry in os.scandir(self.folder):
             with suppress(FileNotFoundError):  # another process was here
                 about = entry.stat()
-                if entry.name.endswith(_SUFFIX):
+                if entry.name.endswith(SUFFIX):
                     entries.append((about.st_mtime_ns, about.st_size, entry.path))
-                elif entry.name.endswith(".part") and now - about.st_mtime > _LEFT_BEHIND:
+                elif entry.name.endswith((".part", DAMAGED)) and now - about.st_mtime > _LEFT_BEHIND:
                     os.unlink(entry.path)
         total = sum(size for _, size, _ in entries)
         if total > self.limit:
@@ -297,7 +346,7 @@ def _packed(details: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
     return b"\n".join([hashlib.sha256(content).hexdigest().encode(), content])
 
 
-def _unpacked(key: str, whole: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
+def unpacked(key: str, whole: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
     """Return the arrays and details of an entry; ValueError unless they are as written, and under that key."""
     checksum, _, content = whole.partition(b"\n")
     if checksum != hashlib.sha256(content).hexdigest().encode():
@@ -319,6 +368,18 @@ def code_hash(without: tuple[str, ...] = (), package: Path = _PACKAGE) -> str:
             text = file.read_bytes()
             digest.update(f"{name} {len(text)}\n".encode() + text)
     return digest.hexdigest()
+
+
+@cache
+def code_hashes(without: tuple[str, ...] = ()) -> dict[str, str]:
+    """Return sha256 of each part of the package, apart from the parts ``without``: 12 digits."""
+    parts: dict[str, Any] = {}
+    for file in _sources(_PACKAGE):
+        name = file.relative_to(_PACKAGE).as_posix()
+        part = name.removesuffix(".py").split("/")[0]
+        if part not in without:
+            parts.setdefault(part, hashlib.sha256()).update(name.encode() + file.read_bytes())
+    return {part: digest.hexdigest()[:12] for part, digest in parts.items()}
 
 
 @cache

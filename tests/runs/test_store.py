@@ -138,12 +138,12 @@ def test_arrays_come_back_bit_for_bit(tmp_path: Path) -> None:
 
 
 def _is_not_trusted(store: Store, whole: bytes) -> None:
-    [file] = store.folder.iterdir()
+    [file] = store.folder.glob("*.run")
     file.write_bytes(whole)
     assert store.load(KEY, SCENE) is None
     assert "is damaged" in store.trouble
     assert "\n" not in store.trouble
-    assert list(store.folder.iterdir()) == []  # the next run makes it anew
+    assert list(store.folder.glob("*.run")) == []  # the next run makes it anew
     store.save(KEY, _run())
 
 
@@ -152,7 +152,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Store, bytes]:
     """A store with one entry, and what is in its file."""
     store = Store(tmp_path_factory.mktemp("kept"))
     store.save(KEY, _run())
-    [file] = store.folder.iterdir()
+    [file] = store.folder.glob("*.run")
     return store, file.read_bytes()
 
 
@@ -527,7 +527,7 @@ def test_an_entry_that_may_not_be_read_is_computed_again() -> None:
         store = Store(name)
         store.save(KEY, _run())
         store.folder.chmod(0o755)
-        [file] = store.folder.iterdir()
+        [file] = store.folder.glob("*.run")
         file.chmod(0o000)
         with _nobody():
             assert store.load(KEY, SCENE) is None
