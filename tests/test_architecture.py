@@ -192,6 +192,7 @@ def test_only_the_report_draws_and_only_it_and_notebooks_fill_pages(library: str
                 "cli.new",
                 "cli.options",
                 "cli.regress",
+                "cli.store",
                 "cli.studies",
             },
         ),
