@@ -30,6 +30,8 @@ KEYS = (
 )
 #: multiple of the scene's duration beyond which a scene that stays together (walls, load, drive) is not continued
 LONGEST = 20.0
+#: largest value of a run that has not failed, in SI units
+LARGEST = 1e100
 #: most values of a quantity of a file that are judged; of larger files every second, third ... sample is taken
 MOST_VALUES = 2_000_000
 
@@ -291,13 +293,13 @@ def _checked(record: Record, scene: Scene) -> tuple[Record, list[str]]:
     if len(record.time) < 2:
         raise UsageError(f"{record.name} has a single sample; allowed: two or more samples at increasing times")
     for name, values in record.values.items():
-        if len(wrong := np.argwhere(~np.isfinite(values))):
+        if len(wrong := np.argwhere(~(np.abs(values) < LARGEST))):
             row, column = wrong[0].tolist()
             axis = "contact" if name == "contact_force" else "body"
             raise UsageError(
-                f"{record.name} has {len(wrong)} values of {name.replace('_', ' ')} that are not finite, the first at"
-                f" {record.time[row]:.6g} s, {axis} {record.columns[name][column]}; remove these samples, or run the"
-                " code again with a smaller time step"
+                f"{record.name} has {len(wrong)} values of {name.replace('_', ' ')} that are not finite or above"
+                f" {LARGEST:g}, the first at {record.time[row]:.6g} s, {axis} {record.columns[name][column]}; remove"
+                " these samples, or run the code again with a smaller time step"
             )
     return record, notes
 
