@@ -173,7 +173,9 @@ def series(path: Path) -> list[Path]:
     else:
         candidates = [file for file in path.parent.glob(path.name) if file.is_file()] if "*" in path.name else []
     if not candidates:
-        raise UsageError("there is no such file; allowed: a file, a folder or a pattern of files with a frame each")
+        raise UsageError(
+            "there is no such file; allowed: a file, a folder or a pattern of files with a frame each; correct the name"
+        )
     kinds = Counter(re.sub(r"\d+", "#", file.name) for file in candidates)
     usual = max(kinds, key=lambda kind: (kinds[kind], -len(kind)))
     chosen = [file for file in candidates if re.sub(r"\d+", "#", file.name) == usual]

@@ -23,7 +23,7 @@ from dem_bridge.readers.chain import axis_of, draft_of_frames, style_of
 from dem_bridge.readers.digits import rounding_error
 from dem_bridge.readers.frames import Frames
 from dem_bridge.readers.headings import STYLES
-from dem_bridge.readers.read import load
+from dem_bridge.readers.read import load, series
 from dem_bridge.readers.record import Record
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Cost, Floats, Trajectory
@@ -254,6 +254,14 @@ def _check_start(samples: _Samples, scene: Scene) -> None:
         )
 
 
+def _hash(path: Path) -> str:
+    """Return the sha256 of a file, or of the files of a folder or pattern one after the other."""
+    digest = hashlib.sha256()
+    for file in series(path):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
 def _trajectory(path: Path, samples: _Samples, scene: Scene, format: str) -> Trajectory:
     """Return the trajectory of the samples, with the file and the assumptions in its provenance."""
     n_t = len(samples.time)
@@ -282,7 +290,7 @@ def _trajectory(path: Path, samples: _Samples, scene: Scene, format: str) -> Tra
             "scene_hash": scene.content_hash,
             "settings": {"format": format, "units": samples.units},
             "versions": {"dem-bridge": __version__},
-            "file": {"name": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()},
+            "file": {"name": path.name, "sha256": _hash(path)},
             "resolution": dict(samples.digits),
             "peaks": "samples",
             "assumed": list(samples.assumed),

@@ -107,7 +107,9 @@ class _Legacy:
             elif word == "FIELD":
                 for _ in range(int(words[2])):
                     field = self.line()
-                    if field is None or len(field) < 4:
+                    while field is not None and (len(field) != 4 or field[3].lower() not in _TYPES):
+                        field = self.line()  # the metadata of the array before
+                    if field is None:
                         raise UsageError("the VTK file is cut off; write it again")
                     values = self.values(int(field[1]) * int(field[2]), field[3]).reshape(int(field[2]), int(field[1]))
                     if of_points:

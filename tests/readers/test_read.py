@@ -20,6 +20,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.io import netcdf_file
 
+import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.readers import Record, read_record
 from dem_bridge.trajectory import Trajectory
@@ -312,6 +313,25 @@ class _Vtu:
         return b'<?xml version="1.0"?>\n' + text.encode() + (tail if content else b"") + b"</VTKFile>\n"
 
 
+def test_legacy_files_of_newer_vtk_have_metadata_and_cells_in_two_arrays(tmp_path: Path) -> None:
+    """As the library of VTK writes version 5.1, with the time as a field and three points in a line."""
+    note = "METADATA\nINFORMATION 1\nNAME L2_NORM_RANGE LOCATION vtkDataArray\nDATA 2 0 1\n\n"
+    for k in range(N_T):
+        points, velocity = (
+            " ".join(f"{value:.17g} 0 0" for value in row) for row in (PLACES + RUN.displacement[k], RUN.velocity[k])
+        )
+        text = "# vtk DataFile Version 5.1\nvtk output\nASCII\nDATASET POLYDATA\n"
+        text += (
+            f"FIELD FieldData 1\nTimeValue 1 1 double\n{RUN.time[k]:.17g}\n{note}POINTS {N} double\n{points}\n{note}"
+        )
+        text += f"VERTICES {N + 1} {N}\nOFFSETS vtktypeint64\n0 1 2 3 4\nCONNECTIVITY vtktypeint64\n0 1 2 3\n"
+        text += f"POINT_DATA {N}\nFIELD FieldData 2\nid 1 {N} int\n1 2 3 4\n{note}v 3 {N} double\n{velocity}\n{note}"
+        (tmp_path / f"chain{k}.vtk").write_text(text)
+    record = read_record(tmp_path, CROSSED)
+    _agrees(record)
+    assert set(record.values) == {"velocity", "displacement"}
+
+
 @pytest.mark.parametrize("encoding", ["ascii", "binary", "raw", "base64"])
 @pytest.mark.parametrize(("packed", "word"), [(False, "<u4"), (False, "<u8"), (True, "<u4"), (True, "<u8")])
 def test_xml_of_vtk_is_read_in_every_encoding(encoding: str, packed: bool, word: str, tmp_path: Path) -> None:
@@ -319,6 +339,16 @@ def test_xml_of_vtk_is_read_in_every_encoding(encoding: str, packed: bool, word:
     for k in range(N_T):
         (tmp_path / f"chain.{k}.vtu").write_bytes(writer.file(k))
     _agrees(read_record(tmp_path, CROSSED))
+
+
+def test_a_folder_is_also_a_complete_trajectory(tmp_path: Path) -> None:
+    path, how = _written("liggghts files", tmp_path)
+    for each in (path, path.parent):
+        run = db.read_trajectory(each, CROSSED, **how)
+        np.testing.assert_allclose(run.velocity, RUN.velocity, atol=1e-11)
+        assert len(run.provenance["file"]["sha256"]) == 64
+    with pytest.raises(UsageError, match="there is no such file; allowed: a file, a folder or a pattern of files"):
+        read_record(tmp_path / "none*.vtk", CROSSED)
 
 
 def test_a_series_of_vtk_has_the_times_of_its_list(tmp_path: Path) -> None:
