@@ -170,7 +170,7 @@ def plant(chain: Chain, fault: str, setting: Setting, size: float, rng: np.rando
         # the error of both is at most about their difference
         other = "dop853" if setting.integrator == "fine" else "fine"
         smooth = _shown(integrate(change.chain, replace(setting, integrator=other)), setting)
-    floor, effect = {}, 0.0
+    floor, effect, relative = {}, 0.0, 0.0
     for name, values in right.values.items():
         largest = float(np.max(np.abs(smooth.values[name])))
         scale = max(1.0, float(np.max(np.abs(faulty.values[name]))) / largest)
@@ -178,6 +178,7 @@ def plant(chain: Chain, fault: str, setting: Setting, size: float, rng: np.rando
         floor[name] = max(half_unit(faulty.values[name], setting.digits), error, 1e-14 * largest * scale)
         difference = float(np.max(np.abs(faulty.values[name][rows] - values)))
         # in a wrong unit of time nearly all rows are later than the exact motion is computed
+        relative = max(relative, difference / largest)
         effect = max(effect, (difference if rows.sum() > 0.1 * len(rows) else largest) / floor[name])
     return Planted(
         chain=chain,
@@ -185,7 +186,8 @@ def plant(chain: Chain, fault: str, setting: Setting, size: float, rng: np.rando
         fault=fault,
         parameters=change.parameters,
         truth=change.truth,
-        also=change.also,
+        # an adaptive code of an unknown tolerance errs by 1e-8 of the largest value
+        also=change.also | ({"none"} if relative < 1e-8 and not setting.dt_stated else frozenset()),
         where=change.where,
         effect=effect,
         floor=floor,
@@ -426,7 +428,11 @@ def one_gap(chain: Chain, setting: Setting, size: float, rng: np.random.Generato
     contact = _struck(chain, rng, len(chain.stiffness))
     changed = replace(chain, gap=chain.gap.copy())
     changed.gap[contact] += 2e-6 * size
-    return Change(chain=changed, truth=frozenset({"unknown"}), where=contact, parameters={"contact": contact})
+    # all bodies but the first see a later impact
+    also = SHIFTED if contact == 0 and setting.bodies is not None and 0 not in setting.bodies else frozenset()
+    return Change(
+        chain=changed, truth=frozenset({"unknown"}), also=also, where=contact, parameters={"contact": contact}
+    )
 
 
 def drag(chain: Chain, setting: Setting, size: float, rng: np.random.Generator) -> Change:
@@ -467,8 +473,8 @@ def softening(chain: Chain, setting: Setting, size: float, rng: np.random.Genera
     contact = _struck(chain, rng, len(chain.stiffness))
     changed = replace(chain, power=chain.power.copy())
     changed.power[contact] -= 0.1 * size
-    # one collision at one overlap hardly tells the exponent from the stiffness
-    also = frozenset({"exponent", "stiffness"})
+    # in few digits one collision at one overlap hardly tells the exponent from the stiffness
+    also = frozenset({"exponent"}) | ({"stiffness"} if setting.digits <= 8 else frozenset())
     return Change(chain=changed, truth=frozenset({"unknown"}), also=also, where=contact)
 
 
