@@ -28,7 +28,7 @@ from dem_bridge.cli.options import check_output, print_json, with_options
 from dem_bridge.cli.regress import regress
 from dem_bridge.cli.store import store_group
 from dem_bridge.cli.studies import study as study_group
-from dem_bridge.errors import BlockedScript, DemBridgeError, UnsupportedScene
+from dem_bridge.errors import BlockedScript, DemBridgeError, UnsupportedScene, UsageError
 from dem_bridge.files import check_file, write_whole
 
 if TYPE_CHECKING:
@@ -237,6 +237,7 @@ def _summary(run: Trajectory) -> dict[str, Any]:
         "peak_force_uncertainty_N": uncertainty["peak_force"],
         "last_crossing_time_s": float(crossed[-1]) if len(crossed) else None,
         "crossing_time_uncertainty_s": uncertainty["crossing_time"],
+        **({"restitution": known(_restitution(run))} if "impact" in run.provenance else {}),
         "roundoff_floor_relative": known(run.uncertainty.roundoff_floor),
         **{f"table_{name}_relative": table[name] for name in errors if table},
         "steps": run.cost.steps,
@@ -245,6 +246,14 @@ def _summary(run: Trajectory) -> dict[str, Any]:
         "cpu_s": round(run.cost.cpu, 4),
         "versions": run.provenance["versions"],
     }
+
+
+def _restitution(run: Trajectory) -> float:
+    """Return the restitution of an impact, nan where its samples do not show it."""
+    try:
+        return run.restitution
+    except UsageError:
+        return float("nan")
 
 
 def _summary_lines(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:

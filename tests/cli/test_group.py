@@ -256,3 +256,12 @@ def test_the_paper_is_verified_alone(tmp_path: Path) -> None:
     done = run_here("verify", "paper", "decelerating-40", cwd=tmp_path)
     assert done.returncode == 2
     assert_one_line(done, "'paper' stands for all shipped scenes", "give it alone")
+
+
+def test_the_summary_of_an_impact_has_its_restitution(tmp_path: Path) -> None:
+    words = ("run", "lammps-hertz-restitution", "--backend", "scipy")
+    summary = json.loads(run_here(*words, "--json", cwd=tmp_path).stdout)
+    assert summary["restitution"] == pytest.approx(0.5, abs=1e-11)
+    assert "restitution                  0.5" in run_here(*words, cwd=tmp_path).stdout.splitlines()
+    other = run_here("run", "decelerating-40", "--backend", "bca", "--json", cwd=tmp_path)
+    assert "restitution" not in json.loads(other.stdout)
