@@ -59,7 +59,7 @@ def judge_command(
     with foreign_runs(parsed, scene, default_steps(scene) if steps is None else steps, time_limit=time_limit) as runs:
         records = [_record(run.out, scene, run.name, run.dt, reading) for run in runs]
     judgement = judge_records(scene, records, tolerance=tolerance)
-    return replace(judgement, addition=_work_precision(judgement, parsed.name, runs))
+    return replace(judgement, addition=_work_precision(judgement, parsed.name, runs, time_limit))
 
 
 def judge_files(
@@ -95,7 +95,7 @@ def _record(path: Path, scene: Scene, name: str, dt: float | None, reading: Mapp
         raise UsageError(str(error).replace(str(path), f"output of {name}")) from error
 
 
-def _work_precision(judgement: Judgement, name: str, runs: Sequence[ForeignRun]) -> Addition:
+def _work_precision(judgement: Judgement, name: str, runs: Sequence[ForeignRun], time_limit: float) -> Addition:
     """Return error and cost of a foreign code, of our twin and of LAMMPS at the same steps."""
     quantity = next(iter(judgement.worst))
     by_dt = {file.record.dt: file.quantities[quantity] for file in judgement.files}
@@ -107,7 +107,7 @@ def _work_precision(judgement: Judgement, name: str, runs: Sequence[ForeignRun])
     notes = []
     for code in BESIDE:
         try:
-            results += _own_runs(judgement.scene, code, quantity, sorted(parts, reverse=True))
+            results += _own_runs(judgement.scene, code, quantity, sorted(parts, reverse=True), time_limit)
         except DemBridgeError as problem:
             notes.append(TEXTS("not_beside", code=BESIDE[code][0], problem=problem))
     rows = [(run.code, run.dt, run.error, _order_to_next(results, run), run.wall, run.cpu) for run in results]
@@ -124,7 +124,7 @@ def _work_precision(judgement: Judgement, name: str, runs: Sequence[ForeignRun])
     )
 
 
-def _own_runs(scene: Scene, code: str, quantity: str, steps: Sequence[float]) -> list[CodeRun]:
+def _own_runs(scene: Scene, code: str, quantity: str, steps: Sequence[float], time_limit: float) -> list[CodeRun]:
     """Return error and cost of one of our codes at these steps."""
     chosen = backend(code)
     if reason := unsupported_reason(chosen, scene) or chosen.availability().reason:
@@ -133,7 +133,13 @@ def _own_runs(scene: Scene, code: str, quantity: str, steps: Sequence[float]) ->
     reference = reference_at(scene, sampling.times(scene.duration))
     results = []
     for dt in (steps[0], *steps):  # the first one is repeated, because it may load the engine or compile
-        case = Case(scene=scene, backend=code, resolution=Resolution(dt=dt), sampling=sampling, uncertainty=False)
+        case = Case(
+            scene=scene,
+            backend=code,
+            resolution=Resolution(dt=dt, time_limit=time_limit),
+            sampling=sampling,
+            uncertainty=False,
+        )
         run = case.solve(chosen)
         error = float(np.max(np.abs(getattr(run, quantity) - reference.values[quantity])))
         relative = error / scale if (scale := reference.largest[quantity]) > 0.0 else math.nan
@@ -170,8 +176,7 @@ def _limits(judgement: Judgement, run: DeckRun) -> Addition:
     """Return what limits the accuracy of a deck."""
     name = run.deck.path.name
     file = next(file for file in judgement.files if file.record.name == name)
-    part = file.quantities["velocity"]
-    limits = deck_limits(judgement.scene, run, part.relative(part.value), largest=part.scale)
+    limits = deck_limits(judgement.scene, run, file)
     rows = [(limit.what, limit.found, limit.effect, limit.advice) for limit in limits]
     suspects = [limit for limit in limits if limit.effect != 0.0]
     shown = [

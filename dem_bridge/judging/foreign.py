@@ -41,6 +41,7 @@ class ForeignRun:
     """Program and time step, for tables and messages."""
     dt: float
     out: Path
+    """File of the samples, a folder, or a pattern of files with a frame each."""
     wall: float
     cpu: float
 
@@ -183,14 +184,14 @@ def _run(command: Command, scene: Scene, dt: float, folder: Path, time_limit: fl
     if ended.code != 0:
         raise RunBroken(f"{name} ended {ended.how}" + (f": {said}" if said else " without a message"))
     found = folder / out
-    if not found.is_file():  # some writers add an ending
-        others = [path for path in folder.glob(f"{out}.*") if path.is_file()]
-        if len(others) != 1:
+    if not found.exists():  # some writers add an ending, or write a file for each frame
+        others = sorted(folder.glob(f"{out}*"))
+        if not others:
             raise RunBroken(
                 f"{name} ended without error but wrote no file {{{out}}}; the command must write its samples there"
                 + (f" (its last line was: {said})" if said else "")
             )
-        found = others[0]
+        found = others[0] if len(others) == 1 else folder / f"{out}*"
     return ForeignRun(name=name, dt=dt, out=found, wall=ended.wall, cpu=ended.cpu)
 
 

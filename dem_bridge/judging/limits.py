@@ -13,6 +13,7 @@ import numpy as np
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import DemBridgeError
 from dem_bridge.judging.deck import DeckRun, UserDeck, differences
+from dem_bridge.judging.error import FileErrors
 from dem_bridge.lmp.known_defects import defects_of
 from dem_bridge.lmp.reader.deck import UNITS
 from dem_bridge.runs.case import Case
@@ -35,8 +36,8 @@ class Limit:
     advice: str
 
 
-def deck_limits(scene: Scene, run: DeckRun, error: float, *, largest: float) -> tuple[Limit, ...]:
-    """Return what limits the accuracy of a deck, the largest effect first.
+def deck_limits(scene: Scene, run: DeckRun, errors: FileErrors) -> tuple[Limit, ...]:
+    """Return what limits the accuracy of a deck: the largest effect first, unknown ones after those that are known.
 
     Parameters
     ----------
@@ -44,22 +45,26 @@ def deck_limits(scene: Scene, run: DeckRun, error: float, *, largest: float) -> 
         The scene that the deck should be of.
     run : DeckRun
         Its run.
-    error : float
-        Largest velocity error of the run, relative to ``largest``.
-    largest : float
-        Largest velocity of the reference, m/s.
+    errors : FileErrors
+        Errors of its velocities.
     """
     limits = [
-        *_of_numerics(scene, run, error),
+        *_of_numerics(scene, run, errors),
         *_of_contacts(run),
         *_of_scene(scene, run),
-        *_of_neighbours(run, largest),
+        *_of_neighbours(run, errors.quantities["velocity"].scale),
         *_of_own_dump(run.deck),
     ]
-    return tuple(sorted(limits, key=lambda limit: -1.0 if math.isnan(limit.effect) else -limit.effect))
+    return tuple(sorted(limits, key=_place))
 
 
-def _of_numerics(scene: Scene, run: DeckRun, error: float) -> Iterator[Limit]:
+def _place(limit: Limit) -> tuple[int, float]:
+    """Return the place of a limit: effects by size, then unknown ones, then those without an effect."""
+    unknown = math.isnan(limit.effect)
+    return (1, 0.0) if unknown else (2 * int(limit.effect == 0.0), -limit.effect)
+
+
+def _of_numerics(scene: Scene, run: DeckRun, errors: FileErrors) -> Iterator[Limit]:
     """Yield the effects of the time step and of the radius, by twins of the scene, and what neither explains."""
     dt, radius = run.dt, run.deck.radius
     if dt is None:
@@ -90,14 +95,29 @@ def _of_numerics(scene: Scene, run: DeckRun, error: float) -> Iterator[Limit]:
                 advice="take a smaller radius with the same stiffness: positions then round off less"
                 " (dem-bridge deck writes such a deck)",
             )
+        rest = _difference_from_twin(scene, errors, exact - reference) / speed
         yield Limit(
             what="neither time step nor radius",
-            found="the difference that is left",
-            effect=max(0.0, error - step - roundoff),
-            advice="compare contact law, damping, tables and start with the scene: see the other rows and the cause",
+            found="difference from a twin with this time step",
+            effect=max(0.0, rest - roundoff),
+            advice="compare contact law, tables, damping and start with the scene: see the other rows and the cause",
         )
     except DemBridgeError as problem:
         yield Limit(what="time step and radius", found=str(problem), effect=math.nan, advice="judge two time steps")
+
+
+def _difference_from_twin(scene: Scene, errors: FileErrors, twin: Floats) -> float:
+    """Return the largest difference of a file from a twin, m/s, at the sample times of the scene that the file has.
+
+    ``twin`` are the errors of the twin, ``(n_t, n_body)``. The result is nan if the file has none of these times.
+    """
+    times = Sampling(count=scene.samples).times(scene.duration)
+    part, found = errors.quantities["velocity"], errors.record.time
+    rows = np.clip(np.searchsorted(times, found - 0.5 * times[1]), 0, len(times) - 1)
+    same = np.abs(times[rows] - found) <= 1e-9 * times[-1]
+    if not np.any(same):
+        return math.nan
+    return float(np.max(np.abs(part.error[same] - twin[rows[same]][:, part.columns])))
 
 
 def _velocity(scene: Scene, backend: str, dt: float | None = None, radius: float | None = None) -> Floats:
@@ -136,7 +156,8 @@ def _of_scene(scene: Scene, run: DeckRun) -> Iterator[Limit]:
     """Yield the properties in which the deck differs from the scene, each with its effect by a twin."""
     deck = run.deck
     if deck.read is None:
-        found = "; ".join(deck.problems[:3])
+        found = "; ".join(deck.problems)
+        found = found if len(found) <= 160 else f"{found[:157]}..."
         yield Limit(
             what="comparison with the scene",
             found=f"the deck cannot be read as a scene: {found}",
@@ -203,7 +224,7 @@ def _of_own_dump(deck: UserDeck) -> Iterator[Limit]:
         columns = dump.rest[5:]
         if len(dump.rest) > 3 and dump.rest[2] == "custom" and not {"vx", "vy", "vz"} & {*columns}:
             yield Limit(
-                what=f"own dump {dump.rest[0]}",
+                what=f"columns of own dump {dump.rest[0]}",
                 found="no velocities",
                 effect=math.nan,
                 advice="add vx vy vz: velocities are the sharpest observable",
@@ -219,8 +240,8 @@ def _of_own_dump(deck: UserDeck) -> Iterator[Limit]:
         if digits is None or (digits[2] == "g" and int(digits[1]) < 15):
             count = int(digits[1]) if digits else _DIGITS
             yield Limit(
-                what=f"own dump {dump.rest[0]}",
-                found=f"{count} digits",
+                what=f"digits of own dump {dump.rest[0]}",
+                found=f"{count}",
                 effect=0.5 * 10.0 ** (1 - count),
                 advice=f"`dump_modify {dump.rest[0]} format float %.17g`: positions lose more, by the size of the box"
                 " over the displacements",

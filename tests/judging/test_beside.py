@@ -142,7 +142,7 @@ def test_a_deck_is_run_as_it_is_and_its_limits_are_named(tmp_path: Path, damping
         assert "damping" not in limits
     # beads of 5 mm round off more than the deck of dem-bridge, by far less than the time step
     assert 1e-14 < limits["particle radius"] < 1e-9
-    assert limits["own dump 1"] > 0.0
+    assert limits["digits of own dump 1"] > 0.0
     assert limits["newton"] == 0.0
     assert limits["neighbour list"] == 0.0
     assert any("no velocities" in str(row[1]) for row in table.rows)
@@ -170,3 +170,15 @@ def test_a_deck_is_compared_with_the_scene_from_either_end(reverse: bool) -> Non
     assert judgement.outcome == "PASS"
     (table,) = (table for table in judgement.study.tables if table.id.startswith("limits"))
     assert {str(row[0]) for row in table.rows if float(row[2]) > 0.0} == {"time step", "particle radius"}
+
+
+@pytest.mark.lammps
+def test_a_coarse_table_limits_a_deck(tmp_path: Path) -> None:
+    db.write_deck(PAIR, tmp_path, style="table", dt=1e-8, table_points=50, table_lines=16)
+    judgement = db.judge(tmp_path / "in.pair", PAIR)
+    (table,) = (table for table in judgement.study.tables if table.id.startswith("limits"))
+    limits = {str(row[0]): float(row[2]) for row in table.rows}
+    error = judgement.error["velocity"]["value"] / judgement.error["velocity"]["scale"]
+    assert limits["neither time step nor radius"] == pytest.approx(error, rel=0.1)  # the step is 1e-8 s
+    assert limits["time step"] < 0.05 * error
+    assert {row[1] for row in table.rows if row[0] == "table points"} == {"50 points, spline"}

@@ -40,6 +40,20 @@ def test_a_deck_is_written_for_the_time_step() -> None:
         assert "variable dt          index 1e-07" in run.out.read_text()
 
 
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        ("mkdir {out}", "out"),
+        ("touch {out}.npz", "out.npz"),
+        ("touch {out}.1.vtk {out}.2.vtk", "out*"),
+    ],
+)
+def test_an_output_may_have_another_ending_or_be_several_files(words: str, name: str) -> None:
+    with foreign_runs(Command.of(["sh", "-c", f"{words}; : {{dt}}"]), PAIR, (1e-7,)) as (run,):
+        assert run.out.name == name
+        assert run.out.exists() or [*run.out.parent.glob(run.out.name)]
+
+
 def test_no_shell_reads_the_command(tmp_path: Path) -> None:
     code = tmp_path / "a b;touch broken.py"
     code.write_text("import sys; open(sys.argv[1], 'w').write(repr(sys.argv[3:]))")
