@@ -19,7 +19,7 @@ from dem_bridge.trajectory import Floats
 #: dimension of a unit style by SI unit
 _STYLE_KEYS = {"s": "time", "m": "length", "m/s": "velocity", "N": "force", "kg": "mass"}
 #: quantities that have a column for each body or contact
-_SAMPLED = (*QUANTITIES, "position", "force_left", "force_right", "force")
+_SAMPLED = (*QUANTITIES, "position", "force_left", "force_right")
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def draft_of_table(name: str, table: Table, scene: Scene, choices: Choices) -> D
     """Return the draft of a record from the columns or arrays of a file."""
     notes = list(table.notes)
     named = _named(table, scene, choices, notes)
-    named = _of_axis(named, choices, notes)
+    named = _forces(_of_axis(named, choices, notes), scene, notes)
     time, time_rounding, dt = _times(named, table, choices, notes)
     draft = Draft(name=name, time=time, time_rounding=time_rounding, dt=dt, notes=notes)
     draft.headings = tuple(entry.heading for entry in table.entries)
@@ -73,6 +73,7 @@ def draft_of_table(name: str, table: Table, scene: Scene, choices: Choices) -> D
     pairs = [pair for block in blocks.values() for pair in block]
     wide = any(entry.values.ndim > 1 or heading.index is not None for heading, entry in pairs)
     bodies = [entry for heading, entry in named if heading.quantity == "body"]
+    bodies.sort(key=lambda entry: entry.heading.lower().startswith("contact"))
     if bodies and not wide and bodies[0].values.shape == (len(time),):
         sampled = _long(draft, bodies[0], blocks, scene, choices)
     else:
@@ -167,6 +168,24 @@ def _of_axis(named: list[tuple[Heading, Entry]], choices: Choices, notes: list[s
     else:
         return named
     return [(heading, entry) for heading, entry in named if heading.axis in (None, axis)]
+
+
+def _forces(named: list[tuple[Heading, Entry]], scene: Scene, notes: list[str]) -> list[tuple[Heading, Entry]]:
+    """Return the entries with forces as contact forces if their columns are the contacts; else without forces."""
+    forces = [(heading, entry) for heading, entry in named if heading.quantity == "force"]
+    if not forces:
+        return named
+    others = [(heading, entry) for heading, entry in named if heading.quantity != "force"]
+    by_contact = any(h.quantity == "body" and e.heading.lower().startswith("contact") for h, e in others)
+    indices = sorted(heading.index for heading, _ in forces if heading.index is not None)
+    count = scene.n_contact
+    widths = [entry.values.shape[1] for _, entry in forces if entry.values.ndim == 2]
+    as_many = indices in ([*range(count)], [*range(1, count + 1)]) or widths == [count]
+    if by_contact or (as_many and count != scene.n_body):
+        notes.append("forces are those of the contacts, because the file has one for each contact")
+        return others + [(replace(heading, quantity="contact_force"), entry) for heading, entry in forces]
+    notes.append("forces are not used, because they may be net forces; headings such as contact_force_3 are used")
+    return others
 
 
 def _times(

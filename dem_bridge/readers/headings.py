@@ -127,10 +127,11 @@ def _meaning(text: str) -> Heading | None:
     quantity, axis = next((_NAMES[key] for key in (name, name.replace("_", "")) if key in _NAMES), ("", None))
     if not quantity:
         return None
-    if quantity == "force" and re.match("contact", text, re.IGNORECASE):
-        quantity = "contact_force"
     index = next((match[key] for key in ("before", "before_", "after", "after_", "last", "last_") if match[key]), None)
     unit = match["bracket"] or match["plain"]
+    of_contact = re.match("contact", text, re.IGNORECASE) and (index is not None or unit)
+    if of_contact and quantity in ("force", "body"):
+        quantity = "contact_force"
     if match["plain"] and (quantity not in DIMENSIONS or match["plain"].strip("()") not in UNITS[DIMENSIONS[quantity]]):
         return None
     found = Heading(quantity, None if index is None else int(index), (unit or "").strip() or None, axis)

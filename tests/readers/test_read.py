@@ -441,6 +441,31 @@ def test_habits_of_text_files(habit: str, tmp_path: Path) -> None:
     assert record.columns["velocity"] == (0, 1)
 
 
+@pytest.mark.parametrize(
+    ("head", "used"),
+    [
+        ("t,F0,F1,F2", True), ("t,f_1,f_2,f_3", True), ("t,contact_force_0,contact_force_1,contact_force_2", True),
+        ("t,contact 0 force (N),contact 1 force (N),contact 2 force (N)", True),
+        ("t,contact_0_N,contact_1_N,contact_2_N", True),
+        ("t,v0,fx,f1", False),
+    ],
+)  # fmt: skip
+def test_forces_are_those_of_contacts_only_if_they_say_so_or_are_as_many(head: str, used: bool, tmp_path: Path) -> None:
+    record = _read(tmp_path, _table(head, RUN.time, RUN.contact_force))
+    assert record.columns == ({"contact_force": (0, 1, 2)} if used else {"velocity": (0,)})
+    if used:
+        _agrees(record)
+    else:
+        assert any("forces are not used" in sentence for sentence in record.recognised)
+
+
+def test_a_long_table_of_contacts_is_read(tmp_path: Path) -> None:
+    columns = (np.repeat(RUN.time, 3), np.tile(np.arange(3), N_T), RUN.contact_force.ravel())
+    record = _read(tmp_path, _table("time_s,contact,force_N", *columns))
+    _agrees(record)
+    assert record.columns == {"contact_force": (0, 1, 2)}
+
+
 def test_a_body_that_occurs_twice_is_named(tmp_path: Path) -> None:
     (tmp_path / "run").write_text("t,body,v\n0,0,1\n0,1,1\n1,0,1\n1,1,1\n1,1,2\n")
     with pytest.raises(
