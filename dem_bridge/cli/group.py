@@ -277,6 +277,8 @@ def _summary_lines(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
 def command() -> None:
     """Run :func:`main` as a program and end the process at once, because the normal exit of Python takes 0.3 s."""
     gc.set_threshold(100_000)  # otherwise a tenth of the time of an import is a search for garbage
+    # matrices are small: threads of numpy's library that wait for each other would take most of the time of a command
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     code: str | int | None = 1
     try:
         main()

@@ -31,6 +31,18 @@ def test_help_needs_no_numpy(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+def test_a_command_uses_one_thread_for_linear_algebra_unless_the_caller_sets_more(tmp_path: Path) -> None:
+    for preset, expected in (("", "1"), ("3", "3")):
+        code = (
+            f"import os, sys; os.environ.pop('OPENBLAS_NUM_THREADS', None); preset = {preset!r};"
+            "os.environ.update({'OPENBLAS_NUM_THREADS': preset} if preset else {});"
+            "from dem_bridge.cli import group;"
+            "group.main = lambda: print(os.environ['OPENBLAS_NUM_THREADS'], 'numpy' in sys.modules); group.command()"
+        )
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
+        assert done.stdout == f"{expected} False\n"
+
+
 def test_scenes_lists_every_shipped_scene(tmp_path: Path) -> None:
     done = run_here("scenes", cwd=tmp_path)
     assert done.returncode == 0

@@ -28,6 +28,7 @@ from dem_bridge.report.page import write_study
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Damping, Scene
+from dem_bridge.studies.study import Study
 from dem_bridge.studies.verification import SCHEMA, Verification, verification_of
 from dem_bridge.studies.verify import plan_scene
 from dem_bridge.verification.assess import SceneStudy, assess_scene
@@ -160,6 +161,13 @@ def test_what_is_not_verified_goes_by_what_was_run(
     lines = verification_of([study], accuracy=1e-3, wall=1.0).not_verified
     assert [line for line in lines if words in line], lines
     assert any("by a second method" in line for line in lines) == bool({"damping", "drag"} & set(changes))
+
+
+def test_every_sentence_of_an_answer_is_typeset(tmp_path: Path) -> None:
+    sentences = tuple(f"The error of beta_{place} is 1e-06." for place in range(4))
+    write_study(Study(id="four", title="Four sentences", answer=sentences), tmp_path)
+    for place in range(4):
+        assert f"β<sub>{place}</sub> is 1×10<sup>−6</sup>." in _text(tmp_path)
 
 
 def test_the_json_has_the_keys_of_the_contract(page: Path) -> None:
