@@ -95,22 +95,22 @@ def judge(
     if scene is None:
         raise UsageError("no scene was given; give the scene of the files, a shipped name or the path of a scene file")
     scene = scene_of(scene)
-    named = [with_step(file) for file in (files if _is_several(files) else [cast(File, files)])]
+    paths = [with_step(file) for file in (files if _is_several(files) else [cast(File, files)])]
     reading = {"columns": columns, "units": units, "bodies": bodies, "axis": axis}
     if command is not None:
-        if named:
-            raise UsageError(f"command and {len(named)} files were given; give one or the other")
+        if paths:
+            raise UsageError(f"command and {len(paths)} files were given; give one or the other")
         steps = [dt] if isinstance(dt, int | float) else dt
         return judge_command(scene, command, steps, tolerance=tolerance, time_limit=time_limit, **reading)
     if dt is not None:
-        if not isinstance(dt, int | float) or len(named) != 1:
-            raise UsageError(f"dt = {dt!r} was given for {len(named)} files; give each file its own time step, FILE@DT")
-        named = [(named[0][0], float(dt))]
-    decks = [path for path, _ in named if is_deck(path)]
-    for path, step in named:
+        if not isinstance(dt, int | float) or len(paths) != 1:
+            raise UsageError(f"dt = {dt!r} was given for {len(paths)} files; give each file its own time step, FILE@DT")
+        paths = [(paths[0][0], float(dt))]
+    decks = [path for path, _ in paths if is_deck(path)]
+    for path, step in paths:
         if path in decks and step is not None:
             raise UsageError(f"{path} is a LAMMPS deck, which has its own time step; leave out @{step:g}")
-    others = [(path, step) for path, step in named if path not in decks]
+    others = [(path, step) for path, step in paths if path not in decks]
     return judge_files(scene, others, decks, tolerance=tolerance, time_limit=time_limit, **reading)
 
 

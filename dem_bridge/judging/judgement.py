@@ -103,8 +103,9 @@ class Judgement(Mapping[str, Any]):
         if self.tolerance is None:
             outcomes = {"none": Outcome.PASS, "unknown": Outcome.UNDECIDED}
             return outcomes.get(self.cause, Outcome.FAIL).value
-        found = set(self.outcomes.values())
-        return next(one for one in (Outcome.FAIL, Outcome.UNDECIDED, Outcome.PASS) if one in found).value
+        by_quantity = set(self.outcomes.values())
+        ordered = (Outcome.FAIL, Outcome.UNDECIDED, Outcome.PASS)
+        return next(outcome for outcome in ordered if outcome in by_quantity).value
 
     @property
     def exit_code(self) -> int:
@@ -122,8 +123,8 @@ class Judgement(Mapping[str, Any]):
     @property
     def first_divergence(self) -> dict[str, Any] | None:
         """Time, body and quantity of the first error that digits and reference do not explain; None without one."""
-        found = [first for file in self.judged if (first := file.first_divergence(self.scene)) is not None]
-        return min(found, key=lambda first: float(first["time"]), default=None)
+        divergences = [first for file in self.judged if (first := file.first_divergence(self.scene)) is not None]
+        return min(divergences, key=lambda first: float(first["time"]), default=None)
 
     @property
     def order(self) -> dict[str, dict[str, float]]:
@@ -161,12 +162,12 @@ class Judgement(Mapping[str, Any]):
 
     @property
     def evidence(self) -> str:
-        """What speaks for the cause, in one sentence."""
+        """The evidence for the cause, in one sentence."""
         return self.diagnosis.evidence
 
     @property
     def recognised(self) -> list[str]:
-        """What was assumed in reading and judging the files, as sentences."""
+        """Assumptions in reading and judging the files, as sentences."""
         read = [f"{file.record.name}: {text}" for file in self.files for text in file.record.recognised]
         return [*read, *self.assumed]
 

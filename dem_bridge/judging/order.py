@@ -96,8 +96,8 @@ def convergence(files: Sequence[FileErrors]) -> tuple[Convergence, ...]:
         return ()
     rows = _common_rows([file.record.time for file in chosen], [file.record.name for file in chosen])
     shared = [name for name in chosen[0].quantities if all(name in file.quantities for file in chosen)]
-    found = (_convergence([file.quantities[name] for file in chosen], rows, with_step) for name in shared)
-    return tuple(part for part in found if part is not None)
+    parts = (_convergence([file.quantities[name] for file in chosen], rows, with_step) for name in shared)
+    return tuple(part for part in parts if part is not None)
 
 
 def _common_rows(times: Sequence[Floats], names: Sequence[str]) -> list[Rows]:

@@ -24,13 +24,13 @@ UNITS: Mapping[str, str] = MappingProxyType({"velocity": "m/s", "displacement": 
 
 @dataclass(frozen=True, kw_only=True)
 class _GivenTimes(Sampling):
-    """Sampling at any times: ``given`` (s) starts with 0 and increases."""
+    """Sampling at any times: ``instants`` (s) start with 0 and increase."""
 
-    given: tuple[float, ...]
+    instants: tuple[float, ...]
 
     def times(self, duration: float) -> NDArray[np.float64]:
         """Return the given times."""
-        return np.array(self.given)
+        return np.array(self.instants)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,11 +84,11 @@ def reference_at(scene: Scene, time: Floats) -> ReferenceSamples:
         )
     if reason := unsupported_reason(backend("reference"), scene):
         raise UnsupportedScene(f"there is no reference solution of {scene.name}, so nothing can be judged: {reason}")
-    given = time if time[0] == 0.0 else np.concatenate([[0.0], time])
+    instants = time if time[0] == 0.0 else np.concatenate([[0.0], time])
     scene = replace(scene, duration=float(time[-1]))
-    sampling = _GivenTimes(count=len(given) - 1, given=tuple(given.tolist()))
+    sampling = _GivenTimes(count=len(instants) - 1, instants=tuple(instants.tolist()))
     run = solve(Case(scene=scene, backend="reference", resolution=Resolution(), sampling=sampling), RunCache())
-    rows = slice(len(given) - len(time), None)
+    rows = slice(len(instants) - len(time), None)
     values = {name: getattr(run, name)[rows] for name in UNITS}
     largest = {name: run.uncertainty[name] for name in ("velocity", "displacement")}
     bounds = {name: np.broadcast_to(bound, values[name].shape) for name, bound in largest.items()}
