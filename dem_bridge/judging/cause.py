@@ -99,11 +99,17 @@ def diagnose(scene: Scene, records: Sequence[Record], floor: Mapping[str, float]
     """
     if scene.law is not None:
         return Diagnosis(cause="unknown", evidence="Hypotheses are not available for contact laws that are functions.")
+    with np.errstate(all="ignore"):  # a hypothesis may have no motion
+        return _diagnose_files(scene, records, floor or {})
+
+
+def _diagnose_files(scene: Scene, records: Sequence[Record], floor: Mapping[str, float]) -> Diagnosis:
+    """Return the diagnosis of all files together."""
     ordered = sorted(records, key=lambda record: math.inf if record.dt is None else record.dt)
-    first = _diagnose_file(scene, ordered[0], floor or {})
+    first = _diagnose_file(scene, ordered[0], floor)
     if first.cause in ("none", "unknown"):
         for record in ordered[1:MOST_FILES]:
-            other = _diagnose_file(scene, record, floor or {})
+            other = _diagnose_file(scene, record, floor)
             if other.cause in BY_STEP or (first.cause == other.cause == "unknown"):
                 return other
     return first

@@ -24,9 +24,11 @@ LINEAR = 0.1
 #: masses and stiffnesses of single bodies and contacts that are fitted after the linear ranking
 PLACES = 4
 #: hypotheses that are fitted in the first window, and by all samples
-FITTED, FINALISTS = 16, 6
+FITTED, FINALISTS = 24, 6
 #: ... and of one cause
-SAME = 3
+SAME = 4
+#: part of the samples in the first window
+SHORTEST = 40
 #: steps in an interval of samples that are tried
 DIVISORS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 16, 20, 25, 30, 32, 40, 50, 64, 80, 100)
 #: part of the scene's own residual that a hypothesis may leave to be fitted further
@@ -83,21 +85,13 @@ class Search:
     def windows(self) -> list[int]:
         """Return numbers of samples: until the difference is no longer linear in its cause, and twice as many each."""
         over = np.flatnonzero(self.errors > LINEAR)
-        if len(over) == 0:
-            return [self.rows]
-        first = int(np.flatnonzero(self.errors > min(1e-3, 0.02 * float(np.max(self.errors))))[0])
-        return self._doubled(max(int(over[0]) + 1, first + 8))
-
-    def _early_windows(self) -> list[int]:
-        """Return numbers of samples from where the difference begins: where bodies collide often, a small one grows."""
-        return self._doubled(int(np.flatnonzero(self.errors > 0.1 * float(np.max(self.errors)))[0]) + 8)
-
-    def _doubled(self, rows: int) -> list[int]:
-        """Return a number of samples, and twice as many each up to all."""
-        windows = []
-        while rows < self.rows:
-            windows.append(rows)
-            rows *= 2
+        # time-step errors are below a fiftieth of an effect that can be named
+        first = int(np.flatnonzero(self.errors >= min(1e-2, 0.05 * float(np.max(self.errors))))[0])
+        linear = int(over[0]) + 1 - first if len(over) else self.rows
+        length, windows = max(min(linear, self.rows // SHORTEST), 8), []
+        while first + length < self.rows:
+            windows.append(first + length)
+            length *= 2
         return [*windows, self.rows]
 
     def rank(self, hypotheses: Iterable[Hypothesis], rows: int) -> list[Candidate]:
@@ -172,25 +166,30 @@ class Search:
         second = [candidate.hypothesis for candidate in self.rank(stiffnesses, rows)[:PLACES]]
         return [*first, *second, *(missed[hypothesis.where] for hypothesis in second)]
 
-    def hypotheses(self, rows: int) -> list[Hypothesis]:
-        """Return all hypotheses, of single places those that resemble the difference most."""
+    def everywhere(self) -> list[Hypothesis]:
+        """Return the hypotheses that do not concern a single place."""
         everywhere = [*sample_hypotheses(self.data, self.exact), *half_steps(self.data, self.step)]
-        everywhere += global_hypotheses(self.scene, self.model)
-        return [*everywhere, *self.places(rows)]
+        return [*everywhere, *global_hypotheses(self.scene, self.model)]
 
     # ------------------------------------------------------------------ fits
     def finalists(self) -> list[Candidate]:
         """Return the hypotheses that leave least of the difference, fitted by all samples."""
-        return self._fitted(self.windows()) or self._fitted(self._early_windows())
+        windows = self.windows()
+        return self._fitted(windows) or self._fitted([self.rows])
 
     def _fitted(self, windows: list[int]) -> list[Candidate]:
-        """Return the hypotheses that leave least, ranked in the first window and fitted in each of them."""
-        candidates = self.rank(self.hypotheses(windows[0]), windows[0])
-        kept: list[Candidate] = []
-        for candidate in candidates:
-            same = [other for other in kept if other.hypothesis.cause == candidate.hypothesis.cause]
-            if candidate.left < 0.97 and len(same) < SAME and len(kept) < FITTED:
-                kept.append(candidate)
+        """Return the hypotheses that leave least in each of the windows."""
+        everywhere, kept = self.everywhere(), list[Candidate]()
+        # where a difference begins it is linear in its cause, and a little later causes differ more
+        for rows in dict.fromkeys((windows[0], windows[min(2, len(windows) - 1)])):
+            fresh = [
+                candidate for candidate in self.rank([*everywhere, *self.places(rows)], rows) if candidate.left < 0.97
+            ]
+            for candidate in fresh:
+                same = [other for other in kept if other.hypothesis.cause == candidate.hypothesis.cause]
+                again = any(_alike(other, candidate) for other in same)
+                if len(same) < SAME and len(kept) < FITTED and not again:
+                    kept.append(candidate)
         for rows in windows:
             extra = 1e-3 * float(np.max(self.errors[:rows]))
             start = float(np.sqrt(np.mean(self.fitter.residual(self.base, rows, extra) ** 2)))
@@ -222,7 +221,7 @@ class Search:
             elif method != kernels.RK4:
                 trial = self._found_step(candidate.hypothesis, candidate.parameters, method, best)
             else:
-                trial = self._tried_steps(candidate.hypothesis, best)
+                trial = self._tried_steps(candidate.hypothesis, best, kernels.RK4)
             if trial.rms < best.rms:
                 best = trial
             if best.rms < 1.2:
@@ -356,8 +355,10 @@ class Search:
             return best
         p = np.clip(p + change[:-1], *hypothesis.bounds)
         end = float(self.data.time[-1])
+        # damping forces at half-step velocities make the methods first order
+        power = 1.0 if variant.system.damped else 2.0
         for _ in range(4):
-            dt = self.step * math.sqrt(amplitude)
+            dt = self.step * amplitude ** (1.0 / power)
             count = self.data.interval / dt
             if self.data.even and abs(count - round(count)) < max(0.2, 0.02 * count) and round(count) > 0:
                 dt = self.data.interval / round(count)
@@ -371,14 +372,14 @@ class Search:
             if fit.rms < 1.2:
                 break
             change = least(derivative, -residual)
-            p, after = np.clip(p + change[:-1], *hypothesis.bounds), (dt / self.step) ** 2 + float(change[-1])
+            p, after = np.clip(p + change[:-1], *hypothesis.bounds), (dt / self.step) ** power + float(change[-1])
             if after <= 0.0:
                 break
             amplitude = after
         return best
 
-    def _tried_steps(self, hypothesis: Hypothesis, exact: Fit) -> Fit:
-        """Return the best fit by the Runge-Kutta method of order 4 at steps that divide the interval of samples."""
+    def _tried_steps(self, hypothesis: Hypothesis, exact: Fit, method: int) -> Fit:
+        """Return the best fit by a method at steps that divide the interval of samples."""
         p, end, best = exact.parameters, float(self.data.time[-1]), exact
         if not self.data.even or exact.error > 0.1:
             return exact
@@ -388,7 +389,7 @@ class Search:
             if end / dt > MOST_STEPS / 10:
                 break
             with np.errstate(all="ignore"):
-                stepping = Stepping(kernels.RK4, dt)
+                stepping = Stepping(method, dt)
                 prediction = self.data.predict(hypothesis.make(p), self.rows, DECISION, stepping)
                 fits.append(self._fit(hypothesis, p, self.data.residual(prediction), None, stepping))
         least_left = min(fits, key=lambda fit: fit.rms, default=exact)
@@ -399,6 +400,13 @@ class Search:
     def fitter_shape(self, nuisance: list[Floats]) -> Floats:
         """Return a nuisance in units of the noise."""
         return np.concatenate([(e / b.sigma).ravel() for e, b in zip(nuisance, self.data.blocks, strict=True)])
+
+
+def _alike(first: Candidate, second: Candidate) -> bool:
+    """Return whether two candidates are one hypothesis with nearly one start."""
+    one, other = first.hypothesis, second.hypothesis
+    same = (one.cause, one.where, one.evidence) == (other.cause, other.where, other.evidence)
+    return same and bool(np.allclose(first.parameters, second.parameters, rtol=0.3, atol=1e-12))
 
 
 def _missed(change: Changes, place: int) -> Any:
