@@ -73,8 +73,10 @@ class Diagnosis:
 FLOORS = 50.0
 #: rms and largest residual, in units of the noise, at which the digits of a file explain the difference
 EXPLAINED, LARGEST = 1.5, 12.0
-#: error relative to the scale that a code of unknown method may have beside a cause
+#: error relative to the scale that a code of unknown method may have
 SMALL = 1e-6
+#: part of the difference that a cause may leave to such a code, each with the largest error that is left
+LOOSE = ((1.0 / FLOORS, SMALL), (1e-3, 2e-5))
 #: ... and without: so many times the error of an adaptive method at a tolerance of 1e-11
 ADAPTIVE = 10.0
 #: files that are examined
@@ -140,7 +142,8 @@ def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
     """Return the diagnosis for fits that are sorted by what they leave."""
     best = fits[0] if fits else none
     left = best.rms / none.rms
-    explained = bool(fits) and (_explained(best) or left < 1e-3 or (left < 1.0 / FLOORS and best.error < SMALL))
+    loosely = any(left < share and best.error < error for share, error in LOOSE)
+    explained = bool(fits) and (_explained(best) or loosely)
     if not explained:
         if none.error < min(SMALL, ADAPTIVE * search.adaptive_error()):
             return Diagnosis(cause="none", evidence=f"The difference is {none.error:.2g} of the largest value.")

@@ -83,10 +83,12 @@ class Data:
             rounding = np.broadcast_to(np.asarray(record.rounding.get(name, 0.0), dtype=np.float64), values.shape)
             slope = np.abs((base.acceleration, base.velocity, np.gradient(base.force, self.time, axis=0))[quantity])
             noise = (rounding**2 + (late[:, None] * slope[:, columns]) ** 2) / 3.0
-            sigma = np.sqrt(noise + (REPEATED * scale) ** 2 + floor.get(name, 0.0) ** 2)
+            # in another unit values may be far smaller than those of the scene
+            size = min(scale, float(np.nanmax(np.abs(values), initial=0.0)) or scale)
+            sigma = np.sqrt(noise + (REPEATED * size) ** 2 + floor.get(name, 0.0) ** 2)
             self.blocks.append(Block(quantity, values, columns, sigma, np.isfinite(values), scale, rounding))
             digits = float(np.max(np.where(np.isfinite(values), rounding, 0.0), initial=0.0))
-            self.floors.append(max(digits, 1e-12 * scale, floor.get(name, 0.0)))
+            self.floors.append(max(digits, 1e-12 * size, floor.get(name, 0.0)))
         steps = np.diff(self.time)
         self.interval = float(np.median(steps)) if len(steps) else float(self.time[-1])
         self.even = bool(len(steps)) and bool(np.ptp(steps) < 1e-6 * self.interval)

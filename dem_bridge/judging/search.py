@@ -318,7 +318,8 @@ class Search:
         if derivative is not None and len(p):
             normal = np.maximum(np.sum(derivative**2, axis=0), 1e-300)
             deviation = max(rms, 1.0) / np.sqrt(normal)
-        scaled = np.concatenate([np.broadcast_to(b.sigma / b.scale, b.values.shape).ravel() for b in self.data.blocks])
+        factors = hypothesis.make(p).factors
+        scaled = np.concatenate([(b.sigma / (b.scale * abs(factors[b.quantity]))).ravel() for b in self.data.blocks])
         error = float(np.max(np.abs(residual) * scaled))
         return Fit(hypothesis, p, rms, float(np.max(np.abs(residual))), error, deviation, stepping)
 
