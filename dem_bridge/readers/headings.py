@@ -72,6 +72,10 @@ _HEADING = re.compile(
 )
 
 
+#: most characters of a heading
+_LONGEST = 80
+
+
 @dataclass(frozen=True)
 class Heading:
     """Hold the meaning of a heading."""
@@ -120,7 +124,7 @@ def heading_of(text: str) -> Heading | None:
 
 def _meaning(text: str) -> Heading | None:
     """Return the meaning of a heading without quotes."""
-    match = _HEADING.fullmatch(text)
+    match = _HEADING.fullmatch(text) if len(text) <= _LONGEST else None
     if match is None:
         return None
     name = re.sub(r"[_\s.-]", "_", match["name"].lower())

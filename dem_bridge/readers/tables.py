@@ -6,6 +6,7 @@ import csv
 import io
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +18,8 @@ from dem_bridge.readers.headings import UNITS, heading_of
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _STEP = re.compile(r"(?i)\b(?:dt|time[ _]?step|delta_?t)\b\s*(?:\[s\]|\(s\))?\s*[=:]\s*([0-9.eE+-]+)")
+#: number of lines before the numbers in which headings are searched
+_MOST_COMMENTS = 50
 _COMMENTS = ("#", "%", "//", "!")
 
 
@@ -48,7 +51,6 @@ class Table:
 def read_text(text: str) -> Table:
     """Read a table of numbers with headings, or without (then they are the numbers of the columns, from 0)."""
     lines = [line for line in text.splitlines() if line.strip()]
-    comments = [line.strip() for line in lines if line.lstrip().startswith(_COMMENTS)]
     rows_at = [k for k, line in enumerate(lines) if not line.lstrip().startswith(_COMMENTS)]
     plain = [lines[k] for k in rows_at]
     begin = next((k for k, line in enumerate(plain) if _delimiter_of_numbers(line) is not None), None)
@@ -57,6 +59,8 @@ def read_text(text: str) -> Table:
             f"the file is not a table, its line {(plain or lines)[:2][-1].strip()[:40]!r} is no row of numbers;"
             " allowed: a row of headings, then rows of numbers separated by commas, semicolons, tabs or blanks"
         )
+    before = lines[: rows_at[begin]]
+    comments = [line.strip() for line in before if line.lstrip().startswith(_COMMENTS)][-_MOST_COMMENTS:]
     delimiter = _delimiter_of_numbers(plain[begin]) or " "
     rows = _split(plain[begin:], delimiter)
     while len(rows[0]) > 1 and not any(row[-1] for row in rows if row):
@@ -68,7 +72,7 @@ def read_text(text: str) -> Table:
                 f"row {nth + 1} of the numbers has {len(row)} values, the first row has {count}; allowed: the same"
                 " number in every row; write the file again if it is cut off"
             )
-    headings, named = _headings(plain[:begin], comments, count, delimiter)
+    headings, named = _headings(plain[:begin][-_MOST_COMMENTS:], comments, count, delimiter)
     table = Table([], named=named)
     if delimiter in ";\t" and any("," in cell for cell in rows[0]):
         rows = [[cell.replace(",", ".") for cell in row] for row in rows]
@@ -137,12 +141,13 @@ def _headings(heads: list[str], comments: list[str], count: int, delimiter: str)
 def _cells(line: str, count: int, delimiter: str) -> Iterator[list[str]]:
     """Yield the ways in which a line of words has ``count`` cells."""
     text = line.lstrip("#%/! ").strip()
-    choices = [
-        row for mark in dict.fromkeys((delimiter, ",", "\t", ";")) if mark != " " for row in _split([text], mark)
-    ]
+    choices: list[list[str]] = []
+    with suppress(UsageError):  # a comment may be longer than a cell can be
+        for mark in dict.fromkeys((delimiter, ",", "\t", ";")):
+            choices += _split([text], mark) if mark != " " else []
     choices += [
         text.split(),
-        re.findall(r"[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))*", text),
+        re.findall(r"[^\s\[(]+(?:\s*(?:\[[^\]\[]*\]|\([^)(]*\)))*", text),
         re.split(r"\s{2,}", text),
     ]
     for cells in choices:

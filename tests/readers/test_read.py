@@ -466,6 +466,14 @@ def test_a_long_table_of_contacts_is_read(tmp_path: Path) -> None:
     assert record.columns == {"contact_force": (0, 1, 2)}
 
 
+@pytest.mark.parametrize(
+    "before", ["# " + "a[" * 200_000, "# x\n" * 50_000 + "# y", "#" + " (" * 100_000], ids=["a[", "x", "("]
+)
+def test_long_comments_neither_stop_nor_slow_down_the_reading(before: str, tmp_path: Path) -> None:
+    record = _read(tmp_path, f"{before}\nt,v0\n0,0.8\n1e-6,0.7\n")
+    assert record.values["velocity"].tolist() == [[0.8], [0.7]]
+
+
 def test_a_body_that_occurs_twice_is_named(tmp_path: Path) -> None:
     (tmp_path / "run").write_text("t,body,v\n0,0,1\n0,1,1\n1,0,1\n1,1,1\n1,1,2\n")
     with pytest.raises(
