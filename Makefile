@@ -40,6 +40,7 @@ bench: $(STAMP)
 	$(BIN)/python -m tests.bench.bench_paper
 	$(BIN)/python -m tests.bench.bench_horizon
 	$(BIN)/python -m tests.bench.bench_plan
+	$(BIN)/python -m tests.bench.bench_ensembles
 
 # docs/peers.md: one chain in other codes, judged; their packages are in an environment of their own
 peers: $(STAMP)

@@ -16,6 +16,7 @@ NAMES = sorted(file.stem for file in FOLDER.glob("bench_*.py"))
 LAST_LINES = {
     "bench_backends": r"dem-bridge --help .*\d",
     "bench_bars": r"blanes-moan .*crossing_time .* 2 .*100\.00 %",
+    "bench_ensembles": r"bare LAMMPS at dt = 1e-07 s: \d",
     "bench_horizon": r"2e\+04 steps, and all else: \d+ s",
     "bench_integrators": r"1e-04 .*blanes-moan, alone|blanes-moan, alone .*\d",
     "bench_lammps": r"drag, LAMMPS - twin; order .*\d\.\de-\d\d; -?\d",
