@@ -77,8 +77,9 @@ EXPLAINED, LARGEST = 1.5, 12.0
 SMALL = 1e-6
 #: part of the difference that a cause may leave to such a code, each with the largest error that is left
 LOOSE = ((1.0 / FLOORS, SMALL), (1e-3, 2e-5))
-#: ... and without: so many times the error of an adaptive method at a tolerance of 1e-11
-ADAPTIVE = 10.0
+#: ... and without a cause: so many times the error of an adaptive method at a tolerance of 1e-11, because the
+#: tolerances of a code, absolute ones among them, are unknown
+ADAPTIVE = 100.0
 #: files that are examined
 MOST_FILES = 3
 #: causes whose effect grows with the time step
