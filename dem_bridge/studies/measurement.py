@@ -33,6 +33,12 @@ from dem_bridge.trajectory import Floats
 from dem_bridge.verification.verdict import Outcome, Verdict
 
 TEXTS = Texts("measurement")
+#: sentences of an outcome, on the values and on the fitted parameters
+_SENTENCES = {
+    Outcome.PASS: ("agrees", "parameters-agree"),
+    Outcome.MODEL_DIFFERENCE: ("differs", "parameters-differ"),
+    Outcome.UNDECIDED: ("undecided", "parameters-undecided"),
+}
 #: a joint statistic that a right model exceeds as rarely as ``coverage`` standard deviations is undecided; as rarely as
 #: this many more, it is a difference of the model. With coverage 2: once in 22 and once in 370 right models
 BEYOND = 1.0
@@ -194,7 +200,7 @@ def _verdict(
         backend=backend,
         reference="measurement",
         outcome=outcome,
-        sentence=TEXTS(outcome.value, quantity=words, error=error, validation=validation, p=p),
+        sentence=TEXTS(_SENTENCES[outcome][0], quantity=words, error=error, validation=validation, p=p),
         difference=error,
         scale=scale,
         unit=QUANTITIES[quantity].unit,
@@ -221,7 +227,7 @@ def _verdict_on_parameters(scene: Scene, fitted: Fit, declared: Joint, coverage:
         backend=backend,
         reference="measurement",
         outcome=outcome,
-        sentence=TEXTS(f"parameters-{outcome.value}", names=names, p=p),
+        sentence=TEXTS(_SENTENCES[outcome][1], names=names, p=p),
         difference=abs(largest.change),
         scale=1.0,
         unit=KINDS[largest.parameter.kind].unit,

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-import dem_bridge as db
 from dem_bridge.ensembles.draw import Variation
 from dem_bridge.ensembles.sensitivity import sobol_indices
 from dem_bridge.ensembles.solve import solve_chains, steps_for
@@ -74,15 +73,3 @@ def test_a_measure_that_does_not_vary_has_no_indices() -> None:
     )
     assert np.all(np.isfinite(indices.first[0]))
     assert np.all(np.isnan(indices.first[1]))
-
-
-def test_the_study_names_what_matters_and_the_tolerance() -> None:
-    study = db.study("sensitivity", THREE, vary="stiffness", spread=0.1, base=32, effect=0.01)
-    sentences = " ".join(study.answer)
-    assert "stiffness of contact 1 contributes most to the variance of the arrival" in sentences
-    spreads, deviations = np.array(study.tables[1].rows, dtype=float).T
-    # for small errors the deviation is proportional to the spread
-    allowed = float(sentences.split("kept to a standard deviation of ")[1].split()[0])
-    assert allowed == pytest.approx(0.01 * spreads[-1] / deviations[-1], rel=0.05)
-    with pytest.raises(UsageError, match="vary = 'colour'; allowed: angle"):
-        db.study("sensitivity", THREE, vary="colour")
