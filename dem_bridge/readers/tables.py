@@ -63,16 +63,16 @@ def read_text(text: str) -> Table:
     comments = [line.strip() for line in before if line.lstrip().startswith(_COMMENTS)][-_MOST_COMMENTS:]
     delimiter = _delimiter_of_numbers(plain[begin]) or " "
     rows = _split(plain[begin:], delimiter)
-    while len(rows[0]) > 1 and not any(row[-1] for row in rows if row):
-        rows = [row[:-1] for row in rows]
-    count = len(rows[0])
+    count = fewest = len(rows[0])
     for nth, row in enumerate(rows):
         if len(row) != count:
             raise UsageError(
                 f"row {nth + 1} of the numbers has {len(row)} values, the first row has {count}; allowed: the same"
                 " number in every row; write the file again if it is cut off"
             )
-    headings, named = _headings(plain[:begin][-_MOST_COMMENTS:], comments, count, delimiter)
+    while fewest > 1 and not any(row[fewest - 1] for row in rows):  # empty columns at the end may have no heading
+        fewest -= 1
+    headings, named = _headings(plain[:begin][-_MOST_COMMENTS:], comments, (fewest, count), delimiter)
     table = Table([], named=named)
     if delimiter in ";\t" and any("," in cell for cell in rows[0]):
         rows = [[cell.replace(",", ".") for cell in row] for row in rows]
@@ -116,14 +116,15 @@ def _split(lines: Sequence[str], delimiter: str) -> list[list[str]]:
         raise UsageError(f"the file is not a table ({error}); write it again") from error
 
 
-def _headings(heads: list[str], comments: list[str], count: int, delimiter: str) -> tuple[list[str], bool]:
-    """Return the headings of ``count`` columns and True, or the numbers of the columns and False.
+def _headings(heads: list[str], comments: list[str], counts: tuple[int, int], delimiter: str) -> tuple[list[str], bool]:
+    """Return the headings of the columns and True, or the numbers of the columns and False.
 
-    Of the lines that have ``count`` cells, the one with the most known headings counts, else the last that is no
-    comment. A line of units adds them to the headings.
+    Of the lines that have as many cells, the one with the most known headings counts, else the last that is no comment.
+    A line of units adds them to the headings. ``counts`` are the fewest headings and the number of columns.
     """
-    rows = [row for line in heads for row in _cells(line, count, delimiter)]
-    said = [row for line in comments for row in _cells(line, count, delimiter)]
+    count = counts[1]
+    rows = [row for line in heads for row in _cells(line, counts, delimiter)]
+    said = [row for line in comments for row in _cells(line, counts, delimiter)]
     units = next((row for row in (*rows, *said) if all(_is_unit(cell) for cell in row)), None)
     best = max((*rows, *said), key=_known_headings, default=None)
     if best is None or (best not in rows and _known_headings(best) == 0) or best is units:
@@ -138,8 +139,9 @@ def _headings(heads: list[str], comments: list[str], count: int, delimiter: str)
     return best, True
 
 
-def _cells(line: str, count: int, delimiter: str) -> Iterator[list[str]]:
-    """Yield the ways in which a line of words has ``count`` cells."""
+def _cells(line: str, counts: tuple[int, int], delimiter: str) -> Iterator[list[str]]:
+    """Yield the ways in which a line of words has as many cells as there are columns, or the fewest of ``counts``."""
+    fewest, count = counts
     text = line.lstrip("#%/! ").strip()
     choices: list[list[str]] = []
     with suppress(UsageError):  # a comment may be longer than a cell can be
@@ -151,8 +153,8 @@ def _cells(line: str, count: int, delimiter: str) -> Iterator[list[str]]:
         re.split(r"\s{2,}", text),
     ]
     for cells in choices:
-        if cells[count:] and not any(cells[count:]):
-            cells = cells[:count]
+        if fewest <= len(cells) < count or not any(cells[count:]):
+            cells = [*cells, *[""] * (count - len(cells))][:count] if len(cells) >= fewest else cells
         if len(cells) == count and not all(_NUMBER.fullmatch(cell) for cell in cells):
             yield [cell.strip().strip('"') for cell in cells]
 
