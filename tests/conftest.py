@@ -6,6 +6,7 @@ fails instead, so that CI cannot pass without the code under test.
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 from collections.abc import Callable, Iterator
@@ -49,6 +50,16 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
             return group_of(nodeid, config.rootpath)
 
     return ByFileOrFolder(config, log)
+
+
+def pytest_collection() -> None:
+    """Search for no garbage while tests are collected, which takes a fifth of the time and finds none."""
+    gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
 
 
 def group_of(nodeid: str, root: Path) -> str:
