@@ -330,9 +330,9 @@ def _figures(compared: Comparison, fitted: Fit | None, name: str, coverage: floa
         return
     shown = [series[k] for k in np.unique(np.linspace(0, len(series) - 1, min(MOST_PANELS, len(series))).astype(int))]
     best = fitted.values if fitted is not None and fitted.fitted else None
-    for id, panel in (("overlay", _overlay), ("differences", _differences)):
+    for id, panel in (("measurement-overlay", _overlay), ("measurement-differences", _differences)):
         panels = [panel(compared, reading, best, name, coverage) for reading in shown]
-        yield TEXTS.figure(f"measurement-{id}", panels, name=name, k=f"{coverage:g}")
+        yield TEXTS.figure(id, panels, name=name, k=f"{coverage:g}")
 
 
 def _overlay(compared: Comparison, reading: Reading, best: Floats | None, name: str, coverage: float) -> Panel:
