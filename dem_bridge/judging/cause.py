@@ -75,9 +75,9 @@ FLOORS = 50.0
 EXPLAINED, LARGEST = 1.5, 12.0
 #: error relative to the scale that a code of unknown method may have
 SMALL = 1e-6
-#: part of the difference that a cause may leave to such a code, each with the largest error that is left
-LOOSE = ((1.0 / FLOORS, SMALL), (1e-3, 2e-5))
-#: ... and without a cause: so many times the error of an adaptive method at a tolerance of 1e-11, because the
+#: part of the difference that a cause may leave to a code of unknown method, and the largest error that is left
+LITTLE, LITTLE_ERROR = 1e-3, 2e-5
+#: its usual error: so many times the error of an adaptive method at a tolerance of 1e-11, because the
 #: tolerances of a code, absolute ones among them, are unknown
 ADAPTIVE = 100.0
 #: files that are examined
@@ -143,10 +143,11 @@ def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
     """Return the diagnosis for fits that are sorted by what they leave."""
     best = fits[0] if fits else none
     left = best.rms / none.rms
-    loosely = any(left < share and best.error < error for share, error in LOOSE)
+    usual = min(SMALL, ADAPTIVE * search.adaptive_error())
+    loosely = (left < 1.0 / FLOORS and best.error < usual) or (left < LITTLE and best.error < LITTLE_ERROR)
     explained = bool(fits) and (_explained(best) or loosely)
     if not explained:
-        if none.error < min(SMALL, ADAPTIVE * search.adaptive_error()):
+        if none.error < usual:
             return Diagnosis(cause="none", evidence=f"The difference is {none.error:.2g} of the largest value.")
         return Diagnosis(
             cause="unknown",
