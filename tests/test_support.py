@@ -97,6 +97,7 @@ def test_gravity_alone_is_what_a_theory_refuses() -> None:
     assert GRAVITY not in supports_of("bca").features
 
 
-def test_every_feature_is_supported_by_a_backend() -> None:
+def test_every_feature_but_jkr_adhesion_is_supported_by_a_backend() -> None:
+    # a scene may state JKR adhesion, and every backend refuses it by name
     supported = {feature for name in BACKENDS for feature in supports_of(name).features}
-    assert [feature.label for feature in FEATURES if feature not in supported] == []
+    assert [feature.label for feature in FEATURES if feature not in supported] == ["JKR adhesion"]
