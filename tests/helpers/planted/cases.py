@@ -116,11 +116,18 @@ def _sized(chain: Chain, fault: str, setting: Setting, target: float, seed: int)
 
 
 def _single_causes(planted: Planted, size: float, seed: int) -> frozenset[str]:
-    """Return the causes of a fault of a pair whose other fault has an effect below 50 floors."""
+    """Return the causes of a fault of a pair whose other fault has an effect below 50 floors, alone or beside it."""
     names = planted.fault.split("+")
     seeds = np.random.default_rng([seed, 19]).integers(1 << 30, size=2)
     alone = [
         plant(planted.chain, name, planted.setting, size, np.random.default_rng(own))
         for name, own in zip(names, seeds, strict=True)
     ]
-    return frozenset().union(*(a.truth for a, b in (alone, alone[::-1]) if b.effect < 50.0))
+    causes = frozenset[str]()
+    for a, b in (alone, alone[::-1]):
+        beside = b.effect
+        if len(a.run.time) == len(planted.run.time) and "units" not in names:
+            changes = (np.max(np.abs(planted.run.values[q] - a.run.values[q])) / planted.floor[q] for q in a.floor)
+            beside = min(beside, max(changes))
+        causes |= a.truth if beside < 50.0 else frozenset()
+    return causes
