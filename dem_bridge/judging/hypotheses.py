@@ -68,6 +68,8 @@ class Hypothesis:
         return len(self.starts[0])
 
 
+#: logarithm of the largest factor of a hypothesis
+LARGEST_LOGARITHM = 7.0
 LOG_STARTS = ((0.0,), (0.7,), (-0.7,))
 WIDE_STARTS = (*LOG_STARTS, (1.6,), (-1.6,), (2.7,), (-2.7,))
 
@@ -96,12 +98,12 @@ class Changes:
 
     def one_mass(self, body: int) -> Callable[[Floats], Variant]:
         """Return the change of the mass of one body by the factor exp(parameter)."""
-        return lambda p: Variant(self.with_factors(mass=_single(self.scene.n_body, body, math.exp(p[0]))))
+        return lambda p: Variant(self.with_factors(mass=_single(self.scene.n_body, body, _factor(p[0]))))
 
     def one_stiffness(self, place: int) -> Callable[[Floats], Variant]:
         """Return the change of the stiffness of one contact of the line by the factor exp(parameter)."""
         size = self.scene.n_body + 1
-        return lambda p: Variant(self.with_factors(stiffness=_single(size, place, math.exp(p[0]))))
+        return lambda p: Variant(self.with_factors(stiffness=_single(size, place, _factor(p[0]))))
 
     def bent(self, change: float) -> System:
         """Return the system with other exponents n, on which the powers of damping forces depend, too."""
@@ -148,6 +150,11 @@ def _effective(mass: Floats) -> Floats:
     return np.asarray(1.0 / (inverse[:-1] + inverse[1:]))
 
 
+def _factor(logarithm: float) -> float:
+    """Return the factor of a logarithm; beyond a thousand it stays, because a fit may try any number."""
+    return math.exp(min(max(logarithm, -LARGEST_LOGARITHM), LARGEST_LOGARITHM))
+
+
 def _single(size: int, index: int, factor: float) -> Floats:
     values = np.ones(size)
     values[index] = factor
@@ -163,18 +170,18 @@ def global_hypotheses(scene: Scene, model: Model) -> Iterator[Hypothesis]:
     base = model.system
     yield Hypothesis(
         "stiffness-scale",
-        lambda p: Variant(change.with_factors(stiffness=math.exp(p[0]))),
+        lambda p: Variant(change.with_factors(stiffness=_factor(p[0]))),
         "All stiffnesses are {0:.6g} +- {1:.2g} of the scene's.",
         WIDE_STARTS,
-        value=math.exp,
+        value=_factor,
         family="factor",
     )
     yield Hypothesis(
         "mass",
-        lambda p: Variant(change.with_factors(mass=math.exp(p[0]))),
+        lambda p: Variant(change.with_factors(mass=_factor(p[0]))),
         "All masses are {0:.6g} +- {1:.2g} of the scene's.",
         WIDE_STARTS,
-        value=math.exp,
+        value=_factor,
         family="factor",
     )
     yield Hypothesis(
@@ -190,17 +197,17 @@ def global_hypotheses(scene: Scene, model: Model) -> Iterator[Hypothesis]:
     yield Hypothesis("tension", lambda p: Variant(base.changed(pulls=True)), "Open contacts pull.")
     yield Hypothesis(
         "time-scale",
-        lambda p: Variant(base, scale=math.exp(p[0])),
+        lambda p: Variant(base, scale=_factor(p[0])),
         "Times of the file are to be multiplied by {0:.8g} +- {1:.2g}.",
         ((0.0,), (0.3,), (-0.3,)),
-        value=math.exp,
+        value=_factor,
     )
     yield Hypothesis(
         "start speed",
-        lambda p: Variant(base.changed(velocity=base.velocity * math.exp(p[0]))),
+        lambda p: Variant(base.changed(velocity=base.velocity * _factor(p[0]))),
         "Start velocities are {0:.6g} +- {1:.2g} of the scene's.",
         LOG_STARTS,
-        value=math.exp,
+        value=_factor,
         nameable=False,
     )
     yield Hypothesis(
@@ -245,11 +252,11 @@ def _patterns(scene: Scene, change: Changes) -> Iterator[Hypothesis]:
         yield Hypothesis(
             cause,
             lambda p, full=relative: Variant(  # type: ignore[misc]
-                change.with_factors(stiffness=np.where(inner, full * math.exp(p[0]), 1.0))
+                change.with_factors(stiffness=np.where(inner, full * _factor(p[0]), 1.0))
             ),
             f"{words} in the contacts between bodies (mean factor {{0:.6g}} +- {{1:.2g}}).",
             WIDE_STARTS,
-            value=math.exp,
+            value=_factor,
             probe=1e-3 if uniform else None,
         )
 
@@ -265,10 +272,10 @@ def _damping(scene: Scene, change: Changes) -> Iterator[Hypothesis]:
         )
         yield Hypothesis(
             "damping",
-            lambda p: Variant(base.changed(damping=base.damping * math.exp(p[0]))),
+            lambda p: Variant(base.changed(damping=base.damping * _factor(p[0]))),
             "The damping is {0:.6g} +- {1:.2g} of the scene's.",
             LOG_STARTS,
-            value=math.exp,
+            value=_factor,
         )
         yield Hypothesis(
             "damping", lambda p: Variant(base.changed(damping=0.0 * base.damping)), "Contacts are not damped."

@@ -89,7 +89,7 @@ def half_steps(data: Data, first_step: float) -> Iterator[Hypothesis]:
     for cause, method, part, words in kinds:
 
         def make(p: Floats, method: int = method, part: float = part) -> Variant:
-            step = dt if dt is not None else unit * math.exp(p[0])
+            step = dt if dt is not None else unit * math.exp(min(max(p[0], -50.0), 50.0))
             return Variant(base, late=part * step, method=method, dt=step)
 
         if dt is not None:
