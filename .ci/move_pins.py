@@ -62,7 +62,9 @@ def as_constraints(pins: Versions, before: str = "") -> str:
 def lower_bounds(pyproject: str) -> Versions:
     """Of all that pyproject.toml asks for, by :func:`key`."""
     project: dict[str, Any] = tomllib.loads(pyproject)["project"]
-    asked = [*project["dependencies"], *(one for some in project["optional-dependencies"].values() for one in some)]
+    # codes that are only judged have no pins
+    extras = [some for extra, some in project["optional-dependencies"].items() if extra != "peers"]
+    asked = [*project["dependencies"], *(one for some in extras for one in some)]
     found = (re.match(r"([\w.-]+)\s*>=\s*([\d.]+)", one) for one in asked)
     return {key(one[1]): one[2] for one in found if one}
 

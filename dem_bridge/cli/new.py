@@ -31,7 +31,7 @@ _MEASUREMENT = """
 #kind = "measured"             # or "digitised" (a published figure), or "synthetic"
 #fit = ["stiffness"]           # parameters to fit
 #[measurement.parameters]      # standard uncertainties, here relative to the scene's values
-#stiffness = 0.02
+#stiffness = 0.02             # standard uncertainty, relative
 """
 
 

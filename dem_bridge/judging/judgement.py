@@ -71,6 +71,8 @@ class Judgement(Mapping[str, Any]):
     """Sentences on what was assumed in judging, beside those of the readers."""
     addition: Addition = Addition()
     """Work-precision of a foreign code, or the limits of a deck."""
+    time_unit: float = 1.0
+    """Unit in which the times of the files must be for the errors, s: not 1 if the files state another one."""
 
     @property
     def judged(self) -> tuple[FileErrors, ...]:
@@ -92,6 +94,8 @@ class Judgement(Mapping[str, Any]):
         """Outcome of each quantity against the tolerance; empty without a tolerance."""
         if self.tolerance is None:
             return {}
+        if self.time_unit != 1.0:
+            return dict.fromkeys(self.worst, Outcome.FAIL)
         return {
             name: judge(part.value, part.uncertainty, self.tolerance * part.scale)
             for name, (_, part) in self.worst.items()
@@ -220,6 +224,17 @@ def judge_records(scene: Scene, records: Sequence[Record], *, tolerance: float |
     if not records:
         raise UsageError("no file was given; give at least one file of the scene")
     _check_steps(records)
+    for unit in _units_of_time(scene, records):
+        judgement = judge_records(scene, [_at(record, unit) for record in records], tolerance=tolerance)
+        if judgement.cause == "none":
+            diagnosis = Diagnosis(
+                cause="units",
+                alternatives=("time-scale",),
+                evidence=f"Times are {1.0 / unit:.4g} times too large. In a unit of {unit:g} s, time step and digits"
+                " explain the difference.",
+            )
+            note = f"The errors are those of the files with times in a unit of {unit:g} s."
+            return replace(judgement, diagnosis=diagnosis, time_unit=unit, assumed=(*judgement.assumed, note))
     judged, assumed = zip(*(_checked(record, scene) for record in records), strict=True)
     files = file_errors(scene, judged)
     floor = {name: part.reference_uncertainty for file in files for name, part in file.quantities.items()}
@@ -303,6 +318,20 @@ def _checked(record: Record, scene: Scene) -> tuple[Record, list[str]]:
                 " these samples, or run the code again with a smaller time step"
             )
     return record, notes
+
+
+def _units_of_time(scene: Scene, records: Sequence[Record]) -> list[float]:
+    """Return the units of time, s, in which files would end with the scene whose times go far beyond it."""
+    end = max((float(record.time[-1]) for record in records if len(record.time)), default=0.0)
+    if not LONGEST * scene.duration < end < math.inf:
+        return []
+    return [unit for unit in (1e-3, 1e-6, 1e-9) if 0.3 < end * unit / scene.duration < 3.0]
+
+
+def _at(record: Record, unit: float) -> Record:
+    """Return a record whose times are in a unit, s."""
+    rounding = dict(record.rounding) | {"time": unit * record.rounding["time"]}
+    return replace(record, time=unit * record.time, rounding=rounding)
 
 
 def _stays_together(scene: Scene) -> bool:
