@@ -71,7 +71,7 @@ def _walls(scene: Scene) -> list[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Variation:
-    """What varies in a scene, by how much, and how it is drawn.
+    """Variation of a scene: what varies, by how much, and how it is drawn.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ class Ensemble:
 
     @property
     def agreement(self) -> str:
-        """How well the sample agrees with the other codes, in one sentence."""
+        """Agreement of the sample with the other codes, in one sentence."""
         parts = []
         for code, rows in self.checked.groupby("code", sort=False):
             failures = rows[rows["failure"] != ""]

@@ -1,4 +1,4 @@
-"""What limits the accuracy of somebody's LAMMPS deck: measured by twins of the scene, or read in the deck."""
+"""Measure what limits the accuracy of a LAMMPS deck by twins of the scene, or read it in the deck."""
 
 from __future__ import annotations
 

@@ -191,10 +191,10 @@ class Search:
         everywhere, kept = self.everywhere(), list[Candidate]()
         # where a difference begins it is linear in its cause, and a little later causes differ more
         for rows in dict.fromkeys((windows[0], windows[min(2, len(windows) - 1)])):
-            fresh = [
+            ranked = [
                 candidate for candidate in self.rank([*everywhere, *self.places(rows)], rows) if candidate.left < 0.97
             ]
-            for candidate in fresh:
+            for candidate in ranked:
                 same = [other for other in kept if other.hypothesis.cause == candidate.hypothesis.cause]
                 again = any(_alike(other, candidate) for other in same)
                 if len(same) < SAME and len(kept) < FITTED and not again:

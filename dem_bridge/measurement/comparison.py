@@ -105,7 +105,7 @@ class Comparison:
     """Errors by the parameters of the scene, ``(n, n_sample)``: their covariance is the product with the transpose."""
     of_measurement: Floats
     """Errors by the parameters of the measurement, ``(n, n_parameter)``, in the same sense."""
-    own: Floats
+    noise: Floats
     """Standard uncertainties of the values themselves."""
     count: int
     """Number of samples of the parameters."""
@@ -122,7 +122,7 @@ class Comparison:
 
     def rows(self, reading: Reading) -> slice:
         """Return the place of a reading in the arrays."""
-        sizes = [len(one.value) for one in self.readings]
+        sizes = [len(item.value) for item in self.readings]
         nth = self.readings.index(reading)
         return slice(sum(sizes[:nth]), sum(sizes[: nth + 1]))
 
@@ -145,7 +145,7 @@ class Comparison:
     def joint(self, quantity: str | None = None) -> Joint:
         """Return the joint comparison of all values of a quantity, or of all."""
         rows = self.of(quantity)
-        sigma = np.hypot(self.own, self.numerical)[rows]
+        sigma = np.hypot(self.noise, self.numerical)[rows]
         factor = np.hstack([self.of_parameters, self.of_measurement])[rows]
         whitened = Whitening(sigma, factor)(self.error[rows])
         return Joint(statistic=float(np.sum(whitened**2)), count=int(np.sum(rows)))
@@ -159,7 +159,7 @@ class Comparison:
 
     def of(self, quantity: str | None) -> NDArray[np.bool_]:
         """Return which values are of a quantity, ``(n,)``; None means all."""
-        parts = [np.full(len(one.value), quantity in (None, one.quantity)) for one in self.readings]
+        parts = [np.full(len(item.value), quantity in (None, item.quantity)) for item in self.readings]
         return np.concatenate(parts)
 
 
@@ -173,7 +173,7 @@ def compare(
 ) -> Comparison:
     """Compare the readings of a prediction with it; ``count`` samples of the uncertain parameters are run."""
     readings = prediction.readings
-    own = np.concatenate([reading.uncertainty for reading in readings])
+    noise = np.concatenate([reading.uncertainty for reading in readings])
     of_scene = [parameter for parameter in parameters if not parameter.of_measurement]
     _, changes = prediction.samples(of_scene, count=count, seed=seed, progress=progress)
     spread = (changes - np.mean(changes, axis=0)) / np.sqrt(count - 1.0)
@@ -184,10 +184,10 @@ def compare(
         measured=np.concatenate([reading.value for reading in readings]),
         numerical=prediction.numerical,
         input=np.sqrt(np.sum(spread**2, axis=0)),
-        data=np.sqrt(own**2 + np.sum(systematic**2, axis=1)),
-        of_parameters=spread.T if of_scene else np.zeros((len(own), 0)),
+        data=np.sqrt(noise**2 + np.sum(systematic**2, axis=1)),
+        of_parameters=spread.T if of_scene else np.zeros((len(noise), 0)),
         of_measurement=systematic,
-        own=own,
+        noise=noise,
         count=count,
     )
 
@@ -195,6 +195,6 @@ def compare(
 def measurement_effects(prediction: Prediction, parameters: Sequence[Parameter]) -> Floats:
     """Return the effect of one standard uncertainty of each parameter of the measurement, ``(n, n_parameter)``."""
     columns = [
-        prediction.at([one], [one.uncertainty]) - prediction.simulated for one in parameters if one.of_measurement
+        prediction.at([item], [item.uncertainty]) - prediction.simulated for item in parameters if item.of_measurement
     ]
     return np.stack(columns, axis=1) if columns else np.zeros((len(prediction.simulated), 0))

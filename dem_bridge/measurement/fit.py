@@ -58,7 +58,11 @@ class Fit:
 
 
 def fit_parameters(
-    prediction: Prediction, parameters: Sequence[Parameter], others: Sequence[Parameter], measured: Floats, own: Floats
+    prediction: Prediction,
+    parameters: Sequence[Parameter],
+    others: Sequence[Parameter],
+    measured: Floats,
+    noise: Floats,
 ) -> Fit:
     """Fit some parameters to the measured values.
 
@@ -70,7 +74,7 @@ def fit_parameters(
         The parameters to fit.
     others : sequence of Parameter
         Further uncertain parameters, whose effects count as errors of the values.
-    measured, own : ndarray, shape (n,)
+    measured, noise : ndarray, shape (n,)
         The measured values and their standard uncertainties.
 
     Returns
@@ -78,7 +82,7 @@ def fit_parameters(
     Fit
     """
     sizes = np.array([parameter.uncertainty for parameter in parameters])
-    sigma = np.hypot(own, prediction.numerical)
+    sigma = np.hypot(noise, prediction.numerical)
     factor = _derivatives(prediction, others, np.zeros(len(others)))
     white = Whitening(sigma, factor)
 
@@ -97,7 +101,7 @@ def fit_parameters(
             result = least_squares(misfit, np.zeros(len(parameters)), jac=slopes, x_scale="jac", xtol=1e-6, ftol=1e-10)
             names = _undetermined(result.jac, parameters)
     if result is None or names:
-        joint = Joint(statistic=float(np.sum(misfit(np.zeros(len(parameters))) ** 2)), count=len(own))
+        joint = Joint(statistic=float(np.sum(misfit(np.zeros(len(parameters))) ** 2)), count=len(noise))
         names = names or tuple(parameter.name for parameter in parameters)
         return Fit(fitted=(), joint=joint, correlation=1.0, values=prediction.simulated, undetermined=names)
     covariance = np.linalg.inv(result.jac.T @ result.jac)
@@ -116,7 +120,7 @@ def fit_parameters(
     correlation = np.abs(covariance / np.outer(errors, errors) - np.eye(len(errors)))
     return Fit(
         fitted=tuple(fitted),
-        joint=Joint(statistic=least, count=max(1, len(own) - len(parameters))),
+        joint=Joint(statistic=least, count=max(1, len(noise) - len(parameters))),
         correlation=float(np.max(correlation)),
         values=prediction.at(parameters, (result.x * sizes).tolist()),
         # in declared uncertainties, whose own covariance is 1
@@ -163,11 +167,11 @@ def _undetermined(slopes: Floats, parameters: Sequence[Parameter]) -> tuple[str,
     """Return the names of parameters that values with these derivatives do not determine together; empty if they do."""
     lengths = np.linalg.norm(slopes, axis=0)
     if not np.all(lengths > 0.0):
-        return tuple(one.name for one, length in zip(parameters, lengths, strict=True) if not length > 0.0)
+        return tuple(item.name for item, length in zip(parameters, lengths, strict=True) if not length > 0.0)
     _, sizes, directions = np.linalg.svd(slopes / lengths, full_matrices=False)
     if sizes[-1] > LEAST_RANK * sizes[0]:
         return ()
-    return tuple(one.name for one, part in zip(parameters, directions[-1], strict=True) if abs(part) > 0.1)
+    return tuple(item.name for item, part in zip(parameters, directions[-1], strict=True) if abs(part) > 0.1)
 
 
 def _end(misfit: Callable[[Floats], Floats], best: Floats, direction: Floats, least: float) -> float:

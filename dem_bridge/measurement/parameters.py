@@ -114,7 +114,7 @@ class Parameter:
 
     @property
     def of_measurement(self) -> bool:
-        """Whether it belongs to the chain of measurement: a gain or a time of zero."""
+        """True for a parameter of the chain of measurement: a gain or a time of zero."""
         return KINDS[self.kind].change is None
 
 

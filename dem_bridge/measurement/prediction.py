@@ -81,8 +81,8 @@ class Prediction:
     def _of_run(self) -> Floats:
         parts = []
         for reading in self.readings:
-            own = np.asarray(OBSERVABLES[reading.quantity].uncertainty(self.scene, self.run))
-            worst = np.max(own, axis=0) if reading.sampled else own
+            errors = np.asarray(OBSERVABLES[reading.quantity].uncertainty(self.scene, self.run))
+            worst = np.max(errors, axis=0) if reading.sampled else errors
             parts.append(np.full(len(reading.value), worst[reading.place]))
         return np.concatenate(parts)
 
@@ -101,7 +101,7 @@ class Prediction:
     def at(self, parameters: Sequence[Parameter], changes: Sequence[float]) -> Floats:
         """Return the values with these changes of parameters, ``(n,)``."""
         gain, shift = (
-            sum(change for one, change in zip(parameters, changes, strict=True) if one.kind == kind)
+            sum(change for item, change in zip(parameters, changes, strict=True) if item.kind == kind)
             for kind in ("gain", "time")
         )
         scene = changed(self.scene, parameters, changes)
@@ -113,7 +113,7 @@ class Prediction:
     @cached_property
     def _amplified(self) -> Floats:
         """1 for values that a gain multiplies, 0 for times."""
-        return np.concatenate([np.full(len(one.value), float(one.quantity != "arrival")) for one in self.readings])
+        return np.concatenate([np.full(len(item.value), float(item.quantity != "arrival")) for item in self.readings])
 
     def samples(
         self, parameters: Sequence[Parameter], *, count: int, seed: int, progress: Progress | None = None

@@ -78,7 +78,7 @@ class Reading:
 
     @property
     def sampled(self) -> bool:
-        """Whether the values have times."""
+        """True if the values have times."""
         return QUANTITIES[self.quantity].sampled
 
     @property

@@ -89,31 +89,31 @@ _PARTS = ("simulated", "measured", "numerical", "input", "data")
 def _pulse(prediction: Prediction, comparison: Comparison, reading: Reading) -> list[Scalar]:
     """Return arrival and peak of a series; nothing for displacements, and for a pulse that is not seen."""
     rows = comparison.rows(reading)
-    own, simulated = comparison.own[rows], comparison.simulated[rows]
+    noise, simulated = comparison.noise[rows], comparison.simulated[rows]
     top = int(np.argmax(np.abs(simulated)))
     peak = float(abs(simulated[top]))
-    if reading.quantity == "displacement" or len(own) < 4 or not peak > LEAST_PEAK * float(np.median(own)):
+    if reading.quantity == "displacement" or len(noise) < 4 or not peak > LEAST_PEAK * float(np.median(noise)):
         return []
     pace = peak / max(float(np.max(np.abs(prediction.slope[rows]))), 1e-300)
 
     def misfit(x: Floats) -> Floats:
-        return np.asarray((x[0] * prediction.series(reading, -x[1] * pace) - reading.value) / own)
+        return np.asarray((x[0] * prediction.series(reading, -x[1] * pace) - reading.value) / noise)
 
     def slopes(x: Floats) -> Floats:
         early, middle, late = (prediction.series(reading, (step - x[1]) * pace) for step in (-_STEP, 0.0, _STEP))
-        return np.asarray(np.stack([middle, -x[0] * (late - early) / (2.0 * _STEP)], axis=1) / own[:, None])
+        return np.asarray(np.stack([middle, -x[0] * (late - early) / (2.0 * _STEP)], axis=1) / noise[:, None])
 
     fitted = least_squares(misfit, np.array([1.0, 0.0]), jac=slopes)
     columns = slopes(fitted.x)
     if not fitted.success or np.linalg.matrix_rank(columns / np.linalg.norm(columns, axis=0), tol=1e-3) < 2:
         return []
     # factor and shift are linear functionals of the values, and so are their errors
-    functional = np.linalg.pinv(columns) / own * np.array([[peak], [pace]])
+    functional = np.linalg.pinv(columns) / noise * np.array([[peak], [pace]])
     inputs, systematic = (functional @ part[rows] for part in (comparison.of_parameters, comparison.of_measurement))
-    known = bool(np.all(np.isfinite(comparison.numerical[rows])))
-    numerical = np.abs(functional) @ comparison.numerical[rows] if known else np.full(2, np.inf)
+    finite = bool(np.all(np.isfinite(comparison.numerical[rows])))
+    numerical = np.abs(functional) @ comparison.numerical[rows] if finite else np.full(2, np.inf)
     of_input = np.sqrt(np.sum(inputs**2, axis=1))
-    of_data = np.sqrt(np.sum((functional * own) ** 2, axis=1) + np.sum(systematic**2, axis=1))
+    of_data = np.sqrt(np.sum((functional * noise) ** 2, axis=1) + np.sum(systematic**2, axis=1))
     time = float(reading.time[top])
     what = reading.quantity.replace("contact_", "")
     values = (
@@ -142,18 +142,18 @@ def joint_of(scalars: Iterable[Scalar], comparison: Comparison) -> Joint | None:
 
     They are few, so this statistic shows a small common shift of all pulses that is lost among thousands of values.
     """
-    pulses = [one for one in scalars if len(one.weights) and np.isfinite(one.numerical)]
+    pulses = [item for item in scalars if len(item.weights) and np.isfinite(item.numerical)]
     if not pulses:
         return None
     effects = np.hstack([comparison.of_parameters, comparison.of_measurement])
-    rows = [comparison.rows(one.reading) for one in pulses]
-    factor = np.stack([one.weights @ effects[row] for one, row in zip(pulses, rows, strict=True)])
-    covariance = factor @ factor.T + np.diag([one.numerical**2 for one in pulses])
-    for i, one in enumerate(pulses):
+    rows = [comparison.rows(item.reading) for item in pulses]
+    factor = np.stack([item.weights @ effects[row] for item, row in zip(pulses, rows, strict=True)])
+    covariance = factor @ factor.T + np.diag([item.numerical**2 for item in pulses])
+    for i, item in enumerate(pulses):
         for j, other in enumerate(pulses):
-            if one.reading is other.reading:
-                covariance[i, j] += np.sum(one.weights * other.weights * comparison.own[rows[i]] ** 2)
-    errors, scale = np.array([one.error for one in pulses]), np.sqrt(np.diag(covariance))
+            if item.reading is other.reading:
+                covariance[i, j] += np.sum(item.weights * other.weights * comparison.noise[rows[i]] ** 2)
+    errors, scale = np.array([item.error for item in pulses]), np.sqrt(np.diag(covariance))
     scaled = errors / scale
     statistic = scaled @ np.linalg.solve(covariance / np.outer(scale, scale), scaled)
     return Joint(statistic=float(statistic), count=len(pulses))

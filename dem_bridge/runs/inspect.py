@@ -50,13 +50,13 @@ class Entry:
 
 def entries(store: Store) -> Iterator[Entry]:
     """Yield the entries of a store, the latest used first; only the first lines of the files are read."""
-    found = []
+    files = []
     with suppress(FileNotFoundError), os.scandir(store.folder) as folder:
         for file in folder:
             with suppress(FileNotFoundError):  # another process was here
                 if file.name.endswith(SUFFIX):
-                    found.append((file.stat().st_mtime, file.stat().st_size, Path(file.path)))
-    for used, size, path in sorted(found, reverse=True):
+                    files.append((file.stat().st_mtime, file.stat().st_size, Path(file.path)))
+    for used, size, path in sorted(files, reverse=True):
         details = _details(path)
         yield Entry(
             key=path.stem,

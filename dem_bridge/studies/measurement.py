@@ -118,7 +118,7 @@ def study_measurement(
     readings = read_measurement(measurement.files, scene)
     prediction = Prediction(scene=scene, readings=readings, backend=backend, dt=dt)
     compared = compare(prediction, declared, count=samples, seed=seed, progress=progress)
-    fitted = fit_parameters(prediction, to_fit, others, compared.measured, compared.own) if to_fit else None
+    fitted = fit_parameters(prediction, to_fit, others, compared.measured, compared.noise) if to_fit else None
     scalars = scalars_of(prediction, compared)
     verdicts = [_verdict(scene, compared, scalars, quantity, coverage, backend) for quantity in _quantities(readings)]
     if fitted is not None and fitted.declared is not None:
@@ -130,8 +130,8 @@ def study_measurement(
         tables=(
             TEXTS.table("joint", _joint_rows(compared, scalars, fitted)),
             *([TEXTS.table("fit", map(_fit_row, fitted.fitted))] if fitted and fitted.fitted else []),
-            *([TEXTS.table("scalars", [_scalar_row(one, coverage) for one in scalars])] if scalars else []),
-            TEXTS.table("series", [_series_row(compared, one, coverage) for one in readings]),
+            *([TEXTS.table("scalars", [_scalar_row(item, coverage) for item in scalars])] if scalars else []),
+            TEXTS.table("series", [_series_row(compared, item, coverage) for item in readings]),
         ),
         figures=tuple(_figures(compared, fitted, measurement.name, coverage)),
         verdicts=tuple(verdicts),
@@ -143,7 +143,7 @@ def study_measurement(
             "source": measurement.source,
             "kind": measurement.kind,
             "parameters": dict(measurement.parameters),
-            "fit": [one.name for one in to_fit],
+            "fit": [item.name for item in to_fit],
             **{"coverage": coverage, "samples": samples, "seed": seed},
             "run": dict(prediction.run.provenance),
         },
@@ -213,14 +213,14 @@ def _verdict(
 
 def _joints(compared: Comparison, scalars: Sequence[Scalar], quantity: str) -> tuple[Joint, Joint | None]:
     """Return the joint comparisons of the values of a quantity, and of the arrivals and peaks of its pulses."""
-    return compared.joint(quantity), joint_of([one for one in scalars if one.reading.quantity == quantity], compared)
+    return compared.joint(quantity), joint_of([item for item in scalars if item.reading.quantity == quantity], compared)
 
 
 def _verdict_on_parameters(scene: Scene, fitted: Fit, declared: Joint, coverage: float, backend: str) -> Verdict:
     """Return the verdict on the fitted parameters: whether the scene's values have their declared uncertainties."""
     outcome, p = _outcome(declared.p, coverage), declared.p
-    names = ", ".join(one.parameter.name for one in fitted.fitted)
-    largest = max(fitted.fitted, key=lambda one: abs(one.change) / one.parameter.uncertainty)
+    names = ", ".join(item.parameter.name for item in fitted.fitted)
+    largest = max(fitted.fitted, key=lambda item: abs(item.change) / item.parameter.uncertainty)
     return Verdict(
         scene=scene.name,
         quantity="parameters",
@@ -254,7 +254,7 @@ def _answer(
     if fitted is not None and fitted.undetermined:
         yield TEXTS("undetermined", names=" and ".join(fitted.undetermined))
     elif fitted is not None:
-        parts = [TEXTS("fitted-one", name=one.parameter.name, **_interval(one)) for one in fitted.fitted]
+        parts = [TEXTS("fitted-one", name=item.parameter.name, **_interval(item)) for item in fitted.fitted]
         yield TEXTS("fitted", parts="; ".join(parts), level=LEVEL)
         explained = fitted.joint.deviations <= coverage + BEYOND
         before, after = compared.joint(), fitted.joint
@@ -264,7 +264,7 @@ def _answer(
     yield TEXTS("share", share=share, count=len(compared.error), **what)
 
 
-def _interval(one: Fitted) -> dict[str, str]:
+def _interval(item: Fitted) -> dict[str, str]:
     """Return the change of a fitted parameter, and the ends of its interval, in words with two digits of its width.
 
     >>> from dem_bridge.measurement.parameters import Parameter
@@ -272,12 +272,12 @@ def _interval(one: Fitted) -> dict[str, str]:
     >>> _interval(Fitted(parameter=stiffness, change=0.0203, uncertainty=1.4e-3, low=0.0175, high=0.0231))
     {'amount': "2.03 % +- 0.28 % above the scene's value", 'low': '1.75 %', 'high': '2.31 %'}
     """
-    unit = KINDS[one.parameter.kind].unit
+    unit = KINDS[item.parameter.kind].unit
     factor, shown = {"": (100.0, " %"), "s": (_MICRO, " µs"), "1": (1.0, "")}.get(unit, (1.0, f" {unit}"))
-    half = 0.5 * factor * (one.high - one.low)
+    half = 0.5 * factor * (item.high - item.low)
     digits = min(max(0, 1 - math.floor(math.log10(half))), 9) if half > 0.0 else 3
-    change, low, high = (factor * value for value in (one.change, one.low, one.high))
-    side, base = "above" if change >= 0.0 else "below", _BASE.get(one.parameter.kind, "the scene's value")
+    change, low, high = (factor * value for value in (item.change, item.low, item.high))
+    side, base = "above" if change >= 0.0 else "below", _BASE.get(item.parameter.kind, "the scene's value")
     return {
         "amount": f"{abs(change):.{digits}f}{shown} +- {half:.{digits}f}{shown} {side} {base}",
         "low": f"{low:.{digits}f}{shown}",
@@ -299,18 +299,18 @@ def _joint_rows(
         yield "fitted parameters, with declared uncertainties", float(declared.count), declared.statistic, declared.p
 
 
-def _fit_row(one: Fitted) -> tuple[str | float, ...]:
-    unit = KINDS[one.parameter.kind].unit or "relative"
-    numbers = (one.change, one.uncertainty, one.low, one.high, one.parameter.uncertainty)
-    return (one.parameter.name, unit, *numbers)
+def _fit_row(item: Fitted) -> tuple[str | float, ...]:
+    unit = KINDS[item.parameter.kind].unit or "relative"
+    numbers = (item.change, item.uncertainty, item.low, item.high, item.parameter.uncertainty)
+    return (item.parameter.name, unit, *numbers)
 
 
-def _scalar_row(one: Scalar, coverage: float) -> tuple[str | float, ...]:
-    factor = _MICRO if one.unit == "s" else 1.0
-    numbers = (one.simulated, one.measured, one.error, one.numerical, one.input, one.data, one.validation)
-    place = f"{QUANTITIES[one.reading.quantity].axis} {one.reading.place}"
-    unit = "µs" if one.unit == "s" else one.unit
-    return (one.name, place, unit, *(factor * number for number in numbers), one.word(coverage))
+def _scalar_row(item: Scalar, coverage: float) -> tuple[str | float, ...]:
+    factor = _MICRO if item.unit == "s" else 1.0
+    numbers = (item.simulated, item.measured, item.error, item.numerical, item.input, item.data, item.validation)
+    place = f"{QUANTITIES[item.reading.quantity].axis} {item.reading.place}"
+    unit = "µs" if item.unit == "s" else item.unit
+    return (item.name, place, unit, *(factor * number for number in numbers), item.word(coverage))
 
 
 def _series_row(compared: Comparison, reading: Reading, coverage: float) -> tuple[str | float, ...]:
@@ -374,7 +374,7 @@ def _csv(compared: Comparison, coverage: float) -> str:
     writer.writerow(("quantity", "place", "time_s", "S", "D", "E", "u_num", "u_input", "u_D", "u_val", "outcome"))
     arrays = [compared.simulated, compared.measured, compared.error, compared.numerical, compared.input]
     columns = [array.tolist() for array in (*arrays, compared.data, compared.validation)]
-    places = [(one.quantity, one.place, time) for one in compared.readings for time in one.time.tolist()]
+    places = [(item.quantity, item.place, time) for item in compared.readings for time in item.time.tolist()]
     for place, *numbers in zip(places, *columns, compared.words(coverage), strict=True):
         writer.writerow((*place, *numbers))
     return text.getvalue()

@@ -135,12 +135,12 @@ def _tolerances(variation: Variation, spread: float, executor: Executor | None) 
 def _allowed_spread(tolerances: list[tuple[float, float]], effect: float) -> float:
     """Return the spread that causes the wanted deviation: by interpolation, beyond the measured ones in proportion."""
     spreads, deviations = (np.log(column) for column in np.array(tolerances).T)
-    wanted = math.log(effect)
-    if wanted < deviations[0]:
-        return float(np.exp(spreads[0] + wanted - deviations[0]))
-    if wanted > deviations[-1]:
-        return float(np.exp(spreads[-1] + wanted - deviations[-1]))
-    return float(np.exp(np.interp(wanted, deviations, spreads)))
+    target = math.log(effect)
+    if target < deviations[0]:
+        return float(np.exp(spreads[0] + target - deviations[0]))
+    if target > deviations[-1]:
+        return float(np.exp(spreads[-1] + target - deviations[-1]))
+    return float(np.exp(np.interp(target, deviations, spreads)))
 
 
 def _table(indices: Indices) -> Table:
