@@ -173,7 +173,7 @@ def plant(chain: Chain, fault: str, setting: Setting, size: float, rng: np.rando
     floor, effect, relative = {}, 0.0, 0.0
     for name, values in right.values.items():
         largest = float(np.max(np.abs(smooth.values[name])))
-        scale = max(1.0, float(np.max(np.abs(faulty.values[name]))) / largest)
+        scale = max(1.0, float(np.max(np.abs(faulty.values[name]))) / (largest or 1.0))
         error = float(np.max(np.abs(stepped.values[name] - smooth.values[name]))) * scale
         floor[name] = max(half_unit(faulty.values[name], setting.digits), error, 1e-14 * largest * scale)
         difference = float(np.max(np.abs(faulty.values[name][rows] - values)))
