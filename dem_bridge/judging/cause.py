@@ -86,7 +86,7 @@ MOST_FILES = 3
 BY_STEP = ("half-step-velocity", "first-order-integrator", "time-shift", "sampling-shift")
 #: noise of single precision: what the nearest hypothesis leaves at least, and the largest error relative to the scale
 NOISY, LARGEST_NOISE = 0.3, 5.0
-#: which of several causes that fit equally well is named: where nothing collides a contact is missed, in any unit of time
+#: which of several causes that fit equally well is named; where nothing collides, it is a missed contact
 PRIORITY = (
     *("none", "missed-contact", "units", "order-of-bodies", "sampling-shift", "half-step-velocity"),
     *(
