@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 from numpy.polynomial import Chebyshev
+from numpy.typing import NDArray
 
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.geometry import Body, Geometry
@@ -53,6 +54,10 @@ class Chains:
 
     def __len__(self) -> int:
         return len(self.mass)
+
+    def rows(self, which: NDArray[np.int64]) -> Chains:
+        """Return some of the chains."""
+        return Chains(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
 
     def scene(self, scene: Scene, nth: int) -> Scene:
         """Return the scene of the ``nth`` chain."""
@@ -104,10 +109,10 @@ class Variation:
             if key not in VARIED:
                 raise UsageError(f"vary has the key {key!r}; allowed: {', '.join(VARIED)}")
             meaning, most = VARIED[key]
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= most < value + most:
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not (number and 0.0 < value <= most and value < math.inf):
                 upper = "" if most == math.inf else f" and at most {most:g}"
-                if not (most == math.inf and isinstance(value, int | float) and 0.0 < value < math.inf):
-                    raise UsageError(f"vary[{key!r}] = {value!r}; allowed: a number above 0{upper} ({meaning})")
+                raise UsageError(f"vary[{key!r}] = {value!r}; allowed: a number above 0{upper} ({meaning})")
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
             raise UsageError(f"seed = {self.seed!r}; allowed: a whole number >= 0")
         if self.sampler not in SAMPLERS:

@@ -6,7 +6,7 @@ import math
 import os
 import tempfile
 import weakref
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Result, run_cases
+from dem_bridge.campaign import Progress, Result, run_cases
 from dem_bridge.ensembles.draw import BLOCK, Variation
 from dem_bridge.ensembles.result import Ensemble
 from dem_bridge.ensembles.solve import OBSERVABLES, check_solvable, difference, solve_chains, steps_for
@@ -33,12 +33,11 @@ if TYPE_CHECKING:
 #: bytes from which on an array is a file
 _IN_MEMORY = 256 * 2**20
 #: chains that the number of steps is chosen with
-_PILOT = 32
+PILOT = 32
 #: codes that repeat a sample of the chains
 CHECKS = ("reference", "lammps-granular")
 #: samples by which the largest velocity of a checked chain is found; forces and crossings need none
 _SAMPLES_OF_CHECK = 500
-Progress = Callable[[float, int, str], None]
 
 
 def run_ensemble(
@@ -60,7 +59,7 @@ def run_ensemble(
     if not isinstance(accuracy, int | float) or not 1e-9 <= accuracy <= 0.1:
         raise UsageError(f"accuracy = {accuracy!r}; allowed: a number from 1e-9 to 0.1")
     check_solvable(scene)
-    steps = steps_for(scene, variation.block(0, min(n, _PILOT)), accuracy, samples)
+    steps = steps_for(scene, variation.block(0, min(n, PILOT)), accuracy, samples)
     sizes = [min(BLOCK, n - first) for first in range(0, n, BLOCK)]
     arrays, folder = _arrays(scene, n, samples)
     with pool_of(executor) as pool:

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dem_bridge.campaign import Progress
 from dem_bridge.ensembles.draw import BLOCK, Variation
-from dem_bridge.ensembles.run import pool_of
+from dem_bridge.ensembles.run import PILOT, pool_of
 from dem_bridge.ensembles.solve import check_solvable, solve_chains, steps_for
 from dem_bridge.errors import UsageError
 from dem_bridge.trajectory import Floats
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 CONFIDENCE = 0.95
 #: resamplings of the bootstrap
 _RESAMPLES = 200
-#: chains with which the number of steps is chosen
-_PILOT = 32
 #: reads the measures of many chains from their observables: ``(n_measure, n_chain)``
 Measures = Callable[[dict[str, Floats]], Floats]
 
@@ -62,7 +61,7 @@ def sobol_indices(
     base: int = 256,
     accuracy: float = 1e-4,
     executor: Executor | None = None,
-    progress: Callable[[float, int, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> Indices:
     """Return the Sobol' indices of measures of a chain.
 
@@ -93,7 +92,7 @@ def sobol_indices(
         raise UsageError(f"base = {base!r}; allowed: a power of 2 from 2 on, such as 256")
     check_solvable(variation.scene)
     count = len(variation.columns)
-    steps = steps_for(variation.scene, variation.block(0, _PILOT), accuracy)
+    steps = steps_for(variation.scene, variation.block(0, PILOT), accuracy)
     sample = qmc.Sobol(2 * count, scramble=True, rng=np.random.default_rng(variation.seed)).random(base)
     first, second = sample[:, :count], sample[:, count:]
     mixed = np.repeat(first[None], count, axis=0)
@@ -147,7 +146,7 @@ def _solved(
     uniform: Floats,
     steps: int,
     executor: Executor | None,
-    progress: Callable[[float, int, str], None] | None,
+    progress: Progress | None,
 ) -> Floats:
     """Return the measures of the chains of numbers between 0 and 1, ``(n_measure, n_chain)``."""
     blocks = [uniform[first : first + BLOCK] for first in range(0, len(uniform), BLOCK)]

@@ -70,24 +70,25 @@ def solve_chains(scene: Scene, chains: Chains, steps: int, keep: int = 0) -> dic
     RunBroken
         If a velocity is not finite, because the step is too long.
     """
-    parts = [_group(scene, chains, first, steps, keep) for first in range(0, len(chains), LANES)]
+    groups = (np.arange(first, first + LANES) for first in range(0, len(chains), LANES))
+    # where fewer chains are left the last of them is repeated
+    parts = [_group(scene, chains.rows(np.minimum(rows, len(chains) - 1)), steps, keep) for rows in groups]
     return {name: np.concatenate([part[name] for part in parts])[: len(chains)] for name in parts[0]}
 
 
-def _group(scene: Scene, chains: Chains, first: int, steps: int, keep: int) -> dict[str, Floats]:
-    """Return the observables of a group of chains, the last of them repeated where fewer are left."""
-    rows = np.minimum(np.arange(first, first + LANES), len(chains) - 1)
+def _group(scene: Scene, chains: Chains, steps: int, keep: int) -> dict[str, Floats]:
+    """Return the observables of a group of as many chains as there are lanes."""
     n, links, c = scene.n_body, scene.n_body - 1, scene.contacts
     # contact k of the line is between places k and k + 1: the wall on the left, the chain, the wall on the right
     line = np.arange(1, n) if scene.wall_left is None else np.append(np.arange(1, n), 0)
     line = line if scene.wall_right is None else np.append(line, n)
 
     def bodies(values: Floats, rest: float) -> Floats:
-        return np.ascontiguousarray(np.pad(values[rows], ((0, 0), (1, 1)), constant_values=rest).T)
+        return np.ascontiguousarray(np.pad(values, ((0, 0), (1, 1)), constant_values=rest).T)
 
     def contacts(values: Floats) -> Floats:
         out = np.zeros((n + 1, LANES))
-        out[line] = values[rows].T
+        out[line] = values.T
         return out
 
     power = np.full(n + 1, 2.5)
@@ -95,7 +96,7 @@ def _group(scene: Scene, chains: Chains, first: int, steps: int, keep: int) -> d
     law = 0 if np.all(power[line] == 2.5) else 1 if np.all(power[line] == 2.0) else 2
     gap = chains.gap if scene.precompression == 0.0 else -_static_overlaps(scene, chains)
     weight = chains.mass * scene.gravity + np.asarray(scene.load)
-    resting = np.tile(resting_acceleration(scene), (len(chains), 1))
+    resting = np.tile(resting_acceleration(scene), (LANES, 1))
     crossing, peak, fastest, kept = march(
         bodies(chains.mass, math.inf),
         bodies(chains.velocity, 0.0),

@@ -16,6 +16,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Progress, Result, run_cases
+from dem_bridge.ensembles.draw import LEAST_ANGLE as LEAST_ANGLE
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TEXTS = Texts("scatter")
-#: smallest angle between neighbours, degrees: at 0 the contact is a line
-LEAST_ANGLE = 0.05
 #: observables that are compared with those of the chain with the intended angles
 OBSERVABLES = ("arrival_at_end", "residence_time", "peak_force")
 

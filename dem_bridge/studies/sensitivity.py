@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from dem_bridge.campaign import Progress
 from dem_bridge.ensembles.draw import VARIED, Variation
-from dem_bridge.ensembles.run import Progress, run_ensemble
+from dem_bridge.ensembles.run import run_ensemble
 from dem_bridge.ensembles.sensitivity import Indices, sobol_indices
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
