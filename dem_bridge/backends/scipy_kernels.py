@@ -166,7 +166,7 @@ def margins(rows, state, elastic, contacts, n, clip, touch, unnoticed, out):  # 
     """Write how far each contact is from a change of its state, for each state in ``rows``; arrays as above.
 
     Positive while it keeps its state; in units of the overlap ``touch`` (m) and the force ``unnoticed`` (N). An
-    undamped contact, or one that is not ``clip``, ends with its overlap: its force is no second condition.
+    undamped contact, or any without ``clip``, ends with its overlap: its force is no second condition.
     """
     for row in range(len(rows)):
         for i in range(len(contacts)):

@@ -71,8 +71,9 @@ _SAME_CODE = 1.0
 #: s, after which what a killed process left half written goes
 _LEFT_BEHIND = 86_400.0
 Array = NDArray[Any]
-#: key -> what determined it, of the latest keys of this process: entries keep it, so that :mod:`.inspect` can explain
-_DETERMINED: dict[str, dict[str, Any]] = {}
+#: key -> what determined it, and the parts without code in it, of the latest keys of this process: entries keep it, so
+#: that :mod:`.inspect` can explain
+_DETERMINED: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {}
 _MOST_DETERMINED = 1_000
 
 
@@ -120,7 +121,7 @@ def _key(
         return None
     whole = _determined_by(kind, scenes, of_engine, without, parts)
     key = hashlib.sha256(json.dumps(whole, sort_keys=True, default=_plain).encode()).hexdigest()
-    _DETERMINED[key] = whole | {"code": code_hashes(without)}
+    _DETERMINED[key] = whole, without
     while len(_DETERMINED) > _MOST_DETERMINED:
         del _DETERMINED[next(iter(_DETERMINED))]
     return key
@@ -128,16 +129,22 @@ def _key(
 
 def determined_by(key: str) -> Mapping[str, Any] | None:
     """Return what determined a key that this process made; None for others. Code is by part of the package."""
-    whole = _DETERMINED.get(key)
-    return None if whole is None else json.loads(json.dumps(whole, default=_plain))
+    if key not in _DETERMINED:
+        return None
+    whole, without = _DETERMINED[key]
+    return _with_parts_of_code(whole, without)
 
 
 def present(before: Mapping[str, Any], scene: Scene) -> dict[str, Any]:
     """Return what would determine a run now that was determined by ``before``, with the same settings; JSON types."""
     of_engine = None if before["engine"] is None else _engine_now(before["engine"])
     without = NOT_IN_RUNS if before["kind"] == "run" else (*NOT_IN_RUNS, "uncertainty")
-    now = _determined_by(before["kind"], [scene], of_engine, without, before["parts"]) | {"code": code_hashes(without)}
-    return dict(json.loads(json.dumps(now, default=_plain)))
+    return _with_parts_of_code(_determined_by(before["kind"], [scene], of_engine, without, before["parts"]), without)
+
+
+def _with_parts_of_code(whole: Mapping[str, Any], without: tuple[str, ...]) -> dict[str, Any]:
+    """Return what determines a result as JSON types, the code by part of the package."""
+    return dict(json.loads(json.dumps({**whole, "code": code_hashes(without)}, default=_plain)))
 
 
 def _engine_now(before: Mapping[str, Any]) -> dict[str, object]:
