@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeGuard, cast
 
 from dem_bridge.errors import UsageError
+from dem_bridge.lmp.engine import Engine
 from dem_bridge.readers.source import File, with_step
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import scene_of
@@ -27,6 +28,12 @@ def judge(
     units: Mapping[str, str] | str | None = None,
     bodies: Sequence[int] | None = None,
     axis: str | None = None,
+    variables: Mapping[str, str] | None = None,
+    engine: Engine | None = None,
+    lmp: str | Path | None = None,
+    lmp_args: str | None = None,
+    python: str | Path | None = None,
+    ranks: int | None = None,
 ) -> Judgement:
     """Judge files of any code against the reference solution of their scene, at the times of the files.
 
@@ -59,6 +66,11 @@ def judge(
         Body of each column, from 0, the struck end, if the files do not state it.
     axis : {"x", "y", "z"}, optional
         Axis along which the chain lies.
+    variables : mapping of str to str, optional
+        Values of variables of decks, as LAMMPS accepts them by ``-var``.
+    engine : Engine, optional
+        Which LAMMPS runs decks, in place of ``lmp``, ``lmp_args``, ``python`` and ``ranks``, which are as in
+        :func:`solve`.
 
     Returns
     -------
@@ -111,7 +123,19 @@ def judge(
         if path in decks and step is not None:
             raise UsageError(f"{path} is a LAMMPS deck, which has its own time step; leave out @{step:g}")
     others = [(path, step) for path, step in paths if path not in decks]
-    return judge_files(scene, others, decks, tolerance=tolerance, time_limit=time_limit, **reading)
+    lammps = Engine.named(engine, lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
+    if not decks and (variables or lammps):
+        raise UsageError(f"{'variables were' if variables else 'a LAMMPS was'} given, but no file is a LAMMPS deck")
+    return judge_files(
+        scene,
+        others,
+        decks,
+        tolerance=tolerance,
+        time_limit=time_limit,
+        engine=lammps,
+        variables=variables,
+        **reading,
+    )
 
 
 def _is_several(files: File | Sequence[File]) -> TypeGuard[Sequence[File]]:

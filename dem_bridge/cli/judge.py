@@ -34,6 +34,8 @@ def judge(
         raise UsageError("no FILE[@DT] was given; give files of a code, a LAMMPS deck, or --command")
     if len(steps := settings.get("dt", ())) == 1 and "command" not in settings:
         settings["dt"] = steps[0]
+    if "variables" in settings:
+        settings["variables"] = dict(settings["variables"])
     judgement = dem_bridge.judge(list(files), scene, **settings)
     if folder is not None:
         judgement.save(folder)

@@ -18,6 +18,7 @@ from dem_bridge.judging.foreign import TIME_LIMIT, Command, ForeignRun, default_
 from dem_bridge.judging.judgement import Addition, Judgement, judge_records
 from dem_bridge.judging.limits import deck_limits
 from dem_bridge.judging.reference import reference_at
+from dem_bridge.lmp.engine import Engine
 from dem_bridge.notebook import quantity as amount
 from dem_bridge.readers import Record, read_record
 from dem_bridge.runs.case import Case
@@ -69,12 +70,17 @@ def judge_files(
     *,
     tolerance: float | None = None,
     time_limit: float = TIME_LIMIT,
+    engine: Engine | None = None,
+    variables: Mapping[str, str] | None = None,
     **reading: Any,
 ) -> Judgement:
-    """Judge files, and decks that are run for it."""
+    """Judge files, and decks that are run for it by an engine with these variables."""
     with ExitStack() as stack:
         records = [read_record(path, scene, dt=dt, **reading) for path, dt in files]
-        runs = [stack.enter_context(deck_run(path, scene, time_limit=time_limit)) for path in decks]
+        runs = [
+            stack.enter_context(deck_run(path, scene, engine=engine, variables=variables, time_limit=time_limit))
+            for path in decks
+        ]
         records += [_record(run.out, scene, run.deck.path.name, run.dt, reading) for run in runs]
     judgement = judge_records(scene, records, tolerance=tolerance)
     additions = [_limits(judgement, run) for run in runs]

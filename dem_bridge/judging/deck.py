@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +20,7 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import run_deck, workspace
 from dem_bridge.lmp.reader.deck import UNITS, ReadScript, read_script
 from dem_bridge.lmp.reader.scene import ReadDeck, read_deck
-from dem_bridge.lmp.reader.script import Command, Script
+from dem_bridge.lmp.reader.script import Command, Script, given_variables
 from dem_bridge.scene import Scene
 
 #: the added dump, and its file
@@ -92,8 +92,11 @@ def is_deck(path: Path) -> bool:
     return b"\0" not in head and b"ITEM:" not in head and _DECK.search(head.decode(errors="replace")) is not None
 
 
-def user_deck(path: Path, scene: Scene) -> UserDeck:
-    """Read a deck, as far as it can be read; body 0 is at the end where the deck is most like the scene."""
+def user_deck(path: Path, scene: Scene, variables: Mapping[str, str] | None = None) -> UserDeck:
+    """Read a deck, as far as it can be read; body 0 is at the end where the deck is most like the scene.
+
+    ``variables``: values that LAMMPS is given by ``-var``.
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
@@ -104,16 +107,19 @@ def user_deck(path: Path, scene: Scene) -> UserDeck:
 
     commands: list[Command] = []
     try:
-        for command in Script(opened).commands(path.name, text):
+        for command in Script(opened, given_variables(variables)).commands(path.name, text):
             commands.append(command)
     except BlockedScript:
         pass  # the loop does not end: LAMMPS will say so
-    state = read_script(text, file=path.name, opened=opened)
+    state = read_script(text, file=path.name, opened=opened, variables=variables)
     read: ReadDeck | None = None
     mirrored = False
     problems: tuple[str, ...] = ()
     try:
-        both = [read_deck(text, file=path.name, opened=opened, reverse=reverse) for reverse in (False, True)]
+        both = [
+            read_deck(text, file=path.name, opened=opened, reverse=reverse, variables=variables)
+            for reverse in (False, True)
+        ]
         mirrored = len(differences(scene, both[1].scene)) < len(differences(scene, both[0].scene))
         read = both[int(mirrored)]
     except BlockedScript as error:
@@ -124,7 +130,14 @@ def user_deck(path: Path, scene: Scene) -> UserDeck:
 
 
 @contextmanager
-def deck_run(path: Path, scene: Scene, *, engine: Engine | None = None, time_limit: float) -> Iterator[DeckRun]:
+def deck_run(
+    path: Path,
+    scene: Scene,
+    *,
+    engine: Engine | None = None,
+    variables: Mapping[str, str] | None = None,
+    time_limit: float,
+) -> Iterator[DeckRun]:
     """Run a copy of a deck with a dump of ours; its files are removed after the context.
 
     Raises
@@ -136,10 +149,12 @@ def deck_run(path: Path, scene: Scene, *, engine: Engine | None = None, time_lim
     RunBroken
         If LAMMPS stops with an error.
     """
-    deck = user_deck(path, scene)
+    engine = (engine or Engine.chosen()).with_variables(variables or {})
+    deck = user_deck(path, scene, variables)
     run = next((command for command in deck.commands if command.name == "run"), None)
     if run is None:
-        raise UsageError(f"{path}: the deck has no run command that can be read; give a deck that runs")
+        cause = next((text for text in deck.problems if "variable" in text), "")
+        raise UsageError(cause or f"{path}: the deck has no run command that can be read; give a deck that runs")
     with workspace() as folder:
         for name in _named_paths(deck):
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -149,7 +164,7 @@ def deck_run(path: Path, scene: Scene, *, engine: Engine | None = None, time_lim
         lines = target.read_text(encoding="utf-8-sig").splitlines(keepends=True)
         lines.insert(run.line - 1, _dump_line(_every(deck, scene)))
         target.write_text("".join(lines), encoding="utf-8")
-        report = run_deck(folder, path.name, time_limit=time_limit, engine=engine or Engine.chosen())
+        report = run_deck(folder, path.name, time_limit=time_limit, engine=engine)
         log = folder / "log.lammps"
         if deck.read is not None:
             _put_in_order(folder / _FILE, mirrored=deck.mirrored)

@@ -12,7 +12,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -137,6 +137,17 @@ class Engine:
         defaults = {"HYDRA_LAUNCHER": "fork", "OMP_WAIT_POLICY": "passive"}
         # the caller may itself be an MPI rank, whose variables must not reach the child
         return {**defaults, **{k: v for k, v in settings.items() if not k.startswith(_OF_A_RANK)}}
+
+    def with_variables(self, values: Mapping[str, str]) -> Engine:
+        """Return the engine that defines these variables before it reads a deck.
+
+        Examples
+        --------
+        >>> Engine().with_variables({"dt": "1e-7"}).lmp_args
+        ('-var', 'dt', '1e-7')
+        """
+        words = [word for name, value in values.items() for word in ("-var", name, value)]
+        return replace(self, lmp_args=(*self.lmp_args, *words))
 
     def note(self, bodies: int) -> str:
         """Return a hint about the number of ranks for so many bodies; '' if there is none.

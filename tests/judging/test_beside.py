@@ -150,6 +150,26 @@ def test_a_deck_is_run_as_it_is_and_its_limits_are_named(tmp_path: Path, damping
 
 
 @pytest.mark.lammps
+def test_variables_of_a_deck_reach_lammps_and_the_reading(tmp_path: Path) -> None:
+    deck = _deck(tmp_path, 0.0)
+    scene = replace(db.scene_from_deck(deck), samples=50)
+    deck.write_text(deck.read_text().replace("timestep 1e-7", "timestep ${step}").replace("run 500", "run ${half}"))
+    errors = {}
+    for step, half in (("2e-7", "250"), ("1e-7", "500")):
+        judgement = db.judge(deck, scene, variables={"step": step, "half": half}, lmp_args="-nonbuf")
+        errors[step] = judgement.error["velocity"]["value"]
+        assert [file.record.dt for file in judgement.files] == [pytest.approx(float(step))]
+    # velocity-Verlet: twice the step, four times the error
+    assert errors["2e-7"] / errors["1e-7"] == pytest.approx(4.0, rel=0.02)
+    with pytest.raises(UsageError, match=r"variable half, which is not defined.*--var NAME=VALUE"):
+        db.judge(deck, scene, variables={"step": "1e-7"})
+    csv = tmp_path / "t.csv"
+    csv.write_text("time_s,velocity_0\n0,0\n")
+    with pytest.raises(UsageError, match="variables were given, but no file is a LAMMPS deck"):
+        db.judge(csv, scene, variables={"step": "1e-7"})
+
+
+@pytest.mark.lammps
 def test_a_deck_that_lammps_refuses_ends_with_its_error(tmp_path: Path) -> None:
     deck = _deck(tmp_path, 0.0)
     deck.write_text(deck.read_text().replace("fix 1 all nve/sphere", "fix 1 all nve/cube"))

@@ -16,7 +16,7 @@ from dem_bridge.lmp.reader import liggghts
 from dem_bridge.lmp.reader.fixes import Fixes, Forces
 from dem_bridge.lmp.reader.pairs import Pairs
 from dem_bridge.lmp.reader.particles import Particles
-from dem_bridge.lmp.reader.script import Command, Opened, Script
+from dem_bridge.lmp.reader.script import Command, Opened, Script, given_variables
 
 #: SI values of the units of length, time and mass; units of force and stiffness follow (manual, command units)
 UNITS = {
@@ -255,9 +255,7 @@ def read_script(text: str, *, file: str, opened: Opened, variables: Mapping[str,
     BlockedScript
         If the script does not end. Commands that are invalid or unsupported are in ``blockers`` of the result's script.
     """
-    initial: dict[str, tuple[str, tuple[str, ...]]]
-    initial = {name: ("index", (value,)) for name, value in (variables or {}).items()}
-    script = Script(opened, initial, silent=SILENT - {"dump", "dump_modify"})
+    script = Script(opened, given_variables(variables), silent=SILENT - {"dump", "dump_modify"})
     state = ReadScript(script, Particles(script), Pairs(script))
     if liggghts.is_liggghts(text):
         state.fixes.liggghts = state.particles.keep_density = True

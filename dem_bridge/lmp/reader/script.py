@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from dem_bridge.errors import BlockedScript, SceneError
@@ -315,6 +315,11 @@ class Script:
             return f"{int((match[1] == match[3]) == (match[2] == '=='))}"
 
         return self.evaluated(command, _COMPARISON.sub(compared, condition)) != 0.0
+
+
+def given_variables(values: Mapping[str, str] | None) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Return variables as LAMMPS defines them by its argument ``-var``, for :class:`Script`."""
+    return {name: ("index", (value,)) for name, value in (values or {}).items()}
 
 
 def _after_label(command: Command, lines: list[tuple[int, str]]) -> int:
