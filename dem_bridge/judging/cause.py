@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.judging.fitting import Fit
-from dem_bridge.judging.search import FINALISTS, Candidate, Search
+from dem_bridge.judging.search import Search
 from dem_bridge.judging.single import on_single_grid
 from dem_bridge.readers.record import Record
 from dem_bridge.scene import Scene
@@ -73,6 +73,8 @@ class Diagnosis:
 FLOORS = 50.0
 #: rms and largest residual, in units of the noise, at which the digits of a file explain the difference
 EXPLAINED, LARGEST = 1.5, 12.0
+#: ... and the largest residual in floors, if it is larger in units of the noise
+LARGEST_FLOORS = 3.0
 #: error relative to the scale that a code of unknown method may have
 SMALL = 1e-6
 #: part of the difference that a cause may leave to a code of unknown method, and the largest error that is left
@@ -80,6 +82,8 @@ LITTLE, LITTLE_ERROR = 1e-3, 2e-5
 #: its usual error: so many times the error of an adaptive method at a tolerance of 1e-11, because the
 #: tolerances of a code, absolute ones among them, are unknown
 ADAPTIVE = 100.0
+#: part of the difference that a right code may show where nothing has moved
+AT_REST = 0.1
 #: files that are examined
 MOST_FILES = 3
 #: causes whose effect grows with the time step
@@ -130,40 +134,43 @@ def _diagnose_files(scene: Scene, records: Sequence[Record], floor: Mapping[str,
 def _diagnose_file(scene: Scene, record: Record, floor: Mapping[str, float]) -> Diagnosis:
     """Return the diagnosis of one file."""
     search = Search(scene, record, floor)
-    none = search.decide(Candidate(search.none, np.zeros(0), 1.0))
+    none = search.decision.decide(search.none, np.zeros(0))
     if _explained(none):
         return Diagnosis(cause="none", evidence="Time step and digits explain the difference.")
-    fits = sorted((search.decide(candidate) for candidate in search.finalists()[:FINALISTS]), key=lambda fit: fit.rms)
+    fits = search.fits()
     diagnosis = name_cause(search, none, fits)
     if diagnosis.cause != "unknown" or (fits and fits[0].rms < NOISY * none.rms) or not on_single_grid(search.data):
         return diagnosis
-    if none.error > LARGEST_NOISE or search.effect_of_noise(none) < FLOORS:
+    if none.error > LARGEST_NOISE or search.decision.effect_of_noise(none) < FLOORS:
         return diagnosis
     sentence = f"The samples are numbers of single precision, and differ by {none.error:.2g} of the largest value."
     return Diagnosis(cause="single-precision", evidence=sentence)
 
 
 def _explained(fit: Fit) -> bool:
-    """Return whether the digits of the file explain the residual."""
-    return fit.rms < EXPLAINED and fit.largest < LARGEST
+    """Return whether the digits of the file explain the residual.
+
+    Small values have more decimals than large ones, so that the error of a code without steps shows in a few of them.
+    """
+    return fit.rms < EXPLAINED and (fit.largest < LARGEST or fit.floors < LARGEST_FLOORS)
 
 
 def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
     """Return the diagnosis for fits that are sorted by what they leave."""
     best = fits[0] if fits else none
     left = best.rms / none.rms
-    usual = min(SMALL, ADAPTIVE * search.adaptive_error())
+    usual = _usual_error(search, best)
     loosely = (left < 1.0 / FLOORS and best.error < usual) or (left < LITTLE and best.error < LITTLE_ERROR)
     explained = bool(fits) and (_explained(best) or loosely)
     if not explained:
-        if none.error < usual:
+        if none.error < _usual_error(search, none) and search.decision.error_at_rest() < AT_REST * none.error:
             return Diagnosis(cause="none", evidence=f"The difference is {none.error:.2g} of the largest value.")
         return Diagnosis(
             cause="unknown",
             evidence=f"No hypothesis explains the difference; the nearest ({best.hypothesis.cause}"
             f" {best.hypothesis.where}) leaves {best.rms / none.rms:.2g} of it.",
         )
-    effect = search.effect(best)
+    effect = search.decision.effect(best)
     if effect < FLOORS and none.error < SMALL:
         return Diagnosis(cause="none", evidence=f"The difference is {none.error:.2g} of the largest value.")
     if effect < FLOORS:
@@ -189,6 +196,11 @@ def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
         evidence=_sentence(first, none),
         parameters=_parameters(first),
     )
+
+
+def _usual_error(search: Search, fit: Fit) -> float:
+    """Return the error relative to the scale that a code of unknown method usually has."""
+    return min(SMALL, ADAPTIVE * search.decision.adaptive_error(fit))
 
 
 def _equal_radii(scene: Scene) -> bool:

@@ -56,6 +56,8 @@ class Fit:
     """Largest residual relative to the scale of its quantity."""
     deviation: Floats
     stepping: Stepping | None = None
+    floors: float = 0.0
+    """Largest residual in units of the rounding of the largest value."""
 
 
 class Data:

@@ -226,12 +226,13 @@ def judge_records(scene: Scene, records: Sequence[Record], *, tolerance: float |
     _check_steps(records)
     for unit in _units_of_time(scene, records):
         judgement = judge_records(scene, [_at(record, unit) for record in records], tolerance=tolerance)
-        if judgement.cause == "none":
+        if judgement.cause in ("none", "units"):
+            right = judgement.cause == "none"
+            rest = "time step and digits explain the difference." if right else judgement.evidence
             diagnosis = Diagnosis(
                 cause="units",
-                alternatives=("time-scale",),
-                evidence=f"Times are {1.0 / unit:.4g} times too large. In a unit of {unit:g} s, time step and digits"
-                " explain the difference.",
+                alternatives=("time-scale",) if right else (),
+                evidence=f"Times are {1.0 / unit:.4g} times too large. In a unit of {unit:g} s: {rest}",
             )
             note = f"The errors are those of the files with times in a unit of {unit:g} s."
             return replace(judgement, diagnosis=diagnosis, time_unit=unit, assumed=(*judgement.assumed, note))

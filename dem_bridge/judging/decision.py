@@ -1,0 +1,266 @@
+"""Fits of hypotheses to all samples of a file, by the method and at the step of its code, as far as they are known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.judging import kernels
+from dem_bridge.judging.fitting import DECISION, MOST_STEPS, Data, Fit, Stepping, least
+from dem_bridge.judging.hypotheses import Hypothesis, Variant
+
+Floats = NDArray[np.float64]
+
+#: methods that a right code may have
+METHODS = (kernels.VERLET, kernels.DRIFT_FIRST, kernels.RK4)
+#: steps in an interval of samples that are tried
+DIVISORS = (*range(1, 21), 24, 25, 30, 32, 40, 50, 64, 80, 100)
+#: rms in units of the noise at which the search for method and step ends
+ENOUGH = 1.2
+#: errors in units of the noise that digits do not explain
+RESOLVED = 12.0
+#: steps that are tried in a row, each found from the error at the one before
+ROUNDS = 10
+
+
+class Decision:
+    """The last fits of hypotheses to one file."""
+
+    def __init__(self, data: Data) -> None:
+        self.data, self.rows = data, len(data.time)
+        self.base = Variant(data.model.system)
+        self.exact = data.predict(self.base, self.rows, DECISION)
+        self.errors = data.errors(self.exact)
+        self.step = self._step()
+
+    def _step(self) -> float:
+        """Return a step (s) that resolves the contacts: that of the file, if runs with it are short."""
+        end, model = float(self.data.time[-1]), self.data.model
+        if self.data.dt is not None and end / self.data.dt <= MOST_STEPS:
+            return float(self.data.dt)
+        system, depth = model.system, max(model.depth, 1e-15)
+        stiffness = (system.exponent - 1.0) * system.stiffness * depth ** (system.exponent - 2.0)
+        rate = math.sqrt(float(np.max(stiffness)) * 2.0 / float(np.min(system.mass)))
+        return max(min(end / 2e4, 0.1 / rate if rate > 0.0 else end), end / MOST_STEPS)
+
+    def time_step_error(self) -> list[Floats]:
+        """Return the error of velocity Verlet at the step of the search, for each block; 0 where it is unstable."""
+        with np.errstate(all="ignore"):
+            stepped = self.data.predict(self.base, self.rows, DECISION, Stepping(kernels.VERLET, self.step))
+            out = [np.nan_to_num(after - before) for after, before in zip(stepped, self.exact, strict=True)]
+        sane = all(np.max(np.abs(e), initial=0.0) < 3.0 * b.scale for e, b in zip(out, self.data.blocks, strict=True))
+        return out if sane else [0.0 * np.nan_to_num(e) for e in self.exact]
+
+    # ------------------------------------------------------------------ fits
+    def decide(self, hypothesis: Hypothesis, p: Floats, stepping: Stepping | None = None) -> Fit:
+        """Return the best fit of a hypothesis from parameters ``p``; ``stepping`` is that of the code, if known."""
+        if hypothesis.make(p).method is not None:
+            return self._rounded(hypothesis, p)
+        best = self._evaluated(hypothesis, p)
+        dt, end = self.data.dt, float(self.data.time[-1])
+        if best.rms < ENOUGH or (dt is not None and end / dt > MOST_STEPS):
+            return best
+        for trial in self._stepped(hypothesis, best, stepping):
+            best = trial if trial.rms < best.rms else best
+            if best.rms < ENOUGH:
+                break
+        return best
+
+    def _stepped(self, hypothesis: Hypothesis, exact: Fit, stepping: Stepping | None) -> Iterator[Fit]:
+        """Yield the best fits by methods of fixed steps: at the step of the file, or at a step that is to be found."""
+        if stepping is not None:
+            yield self._improved(hypothesis, exact.parameters, stepping)
+        if self.data.dt is not None:
+            for method in METHODS:
+                yield self._improved(hypothesis, exact.parameters, Stepping(method, self.data.dt))
+            return
+        for method in (kernels.VERLET, kernels.DRIFT_FIRST):
+            yield self._found_step(hypothesis, exact, method)
+        if stepping is None and self.data.even and exact.error < 0.1:
+            for method in METHODS[::-1]:
+                yield self._tried_steps(hypothesis, exact, method)
+
+    def _rounded(self, hypothesis: Hypothesis, p: Floats) -> Fit:
+        """Return the fit of a method of another code, at a step that divides the interval of samples if one fits."""
+        trials = [p]
+        if hypothesis.size and self.data.even:
+            count = round(math.exp(-p[0]))
+            trials += [np.array([-math.log(k)]) for k in range(max(1, count - 2), count + 3)]
+        return min((self._fit(hypothesis, trial, self._residual(hypothesis, trial)) for trial in trials), key=_rms)
+
+    def _evaluated(self, hypothesis: Hypothesis, p: Floats) -> Fit:
+        """Return the fit by the exact motion, after two linear improvements."""
+        derivative = self._derivative(hypothesis, p)
+        fits = []
+        for _ in range(3 if hypothesis.size else 1):
+            residual = self._residual(hypothesis, p)
+            fits.append(self._fit(hypothesis, p, residual, derivative))
+            p = np.clip(p + least(derivative, -residual), *hypothesis.bounds)
+        return min(fits, key=_rms)
+
+    def _improved(self, hypothesis: Hypothesis, p: Floats, stepping: Stepping) -> Fit:
+        """Return the best fit by a method of fixed step, whose derivatives are those of the exact motion."""
+        derivative = self._derivative(hypothesis, p)
+        best: Fit | None = None
+        for _ in range(5 if hypothesis.size else 1):
+            residual = self._residual(hypothesis, p, stepping)
+            fit, before = self._fit(hypothesis, p, residual, derivative, stepping), best
+            best = fit if best is None or fit.rms < best.rms else best
+            if before is not None and fit.rms > 0.9995 * before.rms:
+                break
+            p = np.clip(p + least(derivative, -residual), *hypothesis.bounds)
+        assert best is not None
+        return best
+
+    def _found_step(self, hypothesis: Hypothesis, exact: Fit, method: int) -> Fit:
+        """Return the best fit by a method whose step is found from the size of its error.
+
+        The error is taken to grow by a power of the step. The power is 2 at first, and then that of the last two steps:
+        damping forces at half-step velocities add an error of order 1.
+        """
+        p, dt, power, best = exact.parameters, self.step, 2.0, exact
+        derivative = self._derivative(hypothesis, p)
+        smooth, start, last = self._residual(hypothesis, p), p, (0.0, 0.0)
+        for _ in range(ROUNDS):
+            stepping = Stepping(method, dt)
+            residual = self._residual(hypothesis, p, stepping)
+            fit = self._fit(hypothesis, p, residual, derivative, stepping)
+            best = fit if fit.rms < best.rms else best
+            if fit.rms < ENOUGH:
+                return self._improved(hypothesis, p, stepping)
+            error = residual - smooth - derivative @ (p - start)
+            size = float(np.sqrt(np.mean(error**2)))
+            if last[0] and abs(math.log(dt / last[0])) > 0.1 and size > 0.0:
+                power = min(max(math.log(size / last[1]) / math.log(dt / last[0]), 1.0), 4.0)
+            columns = np.column_stack([derivative, error])
+            change = least(columns, -residual)
+            if not last[0]:
+                linear = self._fit(hypothesis, p + change[:-1], residual + columns @ change)
+                best = linear if linear.rms < best.rms else best
+            growth = 1.0 + float(change[-1])
+            last, p = (dt, size), np.clip(p + change[:-1], *hypothesis.bounds)
+            if not 0.0 < growth < 1e9:
+                break
+            dt = self._whole(dt * growth ** (1.0 / power))
+            if float(self.data.time[-1]) / dt > MOST_STEPS or (dt == last[0] and not hypothesis.size):
+                break
+        return best
+
+    def _whole(self, dt: float) -> float:
+        """Return the step nearby that divides the interval of samples."""
+        count = self.data.interval / dt
+        near = self.data.even and abs(count - round(count)) < max(0.2, 0.02 * count) and round(count) > 0
+        return self.data.interval / round(count) if near else dt
+
+    def _tried_steps(self, hypothesis: Hypothesis, exact: Fit, method: int) -> Fit:
+        """Return the best fit by a method at steps that divide the interval of samples."""
+        p, end = exact.parameters, float(self.data.time[-1])
+        derivative = self._derivative(hypothesis, p)
+        trials = []
+        for count in DIVISORS:
+            stepping = Stepping(method, self.data.interval / count)
+            if end / stepping.dt > MOST_STEPS / 10:
+                break
+            residual = self._residual(hypothesis, p, stepping)
+            change = least(derivative, -residual)
+            left = float(np.sqrt(np.mean((residual + derivative @ change) ** 2)))
+            trials.append((left, p + change, stepping))
+        if not trials:
+            return exact
+        left, p, stepping = min(trials, key=lambda trial: trial[0])
+        if not left < 0.5 * exact.rms:
+            return exact
+        return self._improved(hypothesis, np.clip(p, *hypothesis.bounds), stepping)
+
+    def _residual(self, hypothesis: Hypothesis, p: Floats, stepping: Stepping | None = None) -> Floats:
+        """Return the residual of a hypothesis in units of the noise."""
+        with np.errstate(all="ignore"):
+            return self.data.residual(self.data.predict(hypothesis.make(p), self.rows, DECISION, stepping))
+
+    def _derivative(self, hypothesis: Hypothesis, p: Floats) -> Floats:
+        """Return the derivative of the residual by each parameter, in units of the noise."""
+        if hypothesis.size == 0:
+            return np.zeros((sum(block.values.size for block in self.data.blocks), 0))
+        step, tolerance = 1e-4, DECISION if float(np.max(self.errors)) < 1e-4 else 1e-11
+
+        def residual(q: Floats) -> Floats:
+            return self.data.residual(self.data.predict(hypothesis.make(q), self.rows, tolerance))
+
+        centre = residual(p)
+        return np.stack([(residual(p + step * unit) - centre) / step for unit in np.eye(len(p))], axis=1)
+
+    def _fit(
+        self,
+        hypothesis: Hypothesis,
+        p: Floats,
+        residual: Floats,
+        derivative: Floats | None = None,
+        stepping: Stepping | None = None,
+    ) -> Fit:
+        deviation = np.zeros(len(p))
+        rms = float(np.sqrt(np.mean(residual**2)))
+        if derivative is not None and len(p):
+            normal = np.maximum(np.sum(derivative**2, axis=0), 1e-300)
+            deviation = max(rms, 1.0) / np.sqrt(normal)
+        factors = hypothesis.make(p).factors
+        scaled = np.concatenate([(b.sigma / (b.scale * abs(factors[b.quantity]))).ravel() for b in self.data.blocks])
+        sizes = np.abs(residual) * scaled
+        units = [
+            np.full(b.values.size, floor / b.scale) for b, floor in zip(self.data.blocks, self.data.floors, strict=True)
+        ]
+        floors = float(np.max(sizes / np.concatenate(units)))
+        largest = float(np.max(np.abs(residual)))
+        return Fit(hypothesis, p, rms, largest, float(np.max(sizes)), deviation, stepping, floors)
+
+    # ------------------------------------------------------------------ effects
+    def effect(self, fit: Fit) -> float:
+        """Return the largest difference between a fit and the scene in floors of the file.
+
+        The floor is the largest of the digits of the file, the time-step error of its code, and what the fit leaves. A
+        hypothesis about the method is about the time-step error itself, which is then no part of the floor.
+        """
+        variant = fit.hypothesis.make(fit.parameters)
+        prediction = self.data.predict(variant, self.rows, DECISION)
+        stepped = prediction
+        if fit.stepping is not None:
+            stepped = self.data.predict(variant, self.rows, DECISION, fit.stepping)
+        left, step = self.data.largest(stepped, self._values), self.data.largest(stepped, prediction)
+        differences = self.data.largest(prediction, self.exact)
+        floors = (max(three) for three in zip(self.data.floors, left, step, strict=True))
+        return max(difference / floor for difference, floor in zip(differences, floors, strict=True))
+
+    def effect_of_noise(self, none: Fit) -> float:
+        """Return what the scene leaves in floors of the file: its digits and the time-step error of its code."""
+        method, dt = none.stepping or Stepping(kernels.VERLET, self.data.dt or self.step)
+        by_steps = self.data.predict(self.base, self.rows, DECISION, Stepping(method, dt))
+        left = self.data.largest(by_steps if none.stepping is not None else self.exact, self._values)
+        floors = map(max, self.data.floors, self.data.largest(by_steps, self.exact))
+        return max(difference / floor for difference, floor in zip(left, floors, strict=True))
+
+    def adaptive_error(self, fit: Fit) -> float:
+        """Return the error of an adaptive method that steps through contacts, relative to the scale of a quantity."""
+        variant = fit.hypothesis.make(fit.parameters)
+        loose, fine = (self.data.predict(variant, self.rows, tolerance) for tolerance in (1e-11, DECISION))
+        sizes = (block.scale * abs(variant.factors[block.quantity]) for block in self.data.blocks)
+        return max(error / size for error, size in zip(self.data.largest(loose, fine), sizes, strict=True))
+
+    def error_at_rest(self) -> float:
+        """Return the largest error where bodies have not moved yet, and no code errs, relative to the scale."""
+        largest = 0.0
+        for block, value in zip(self.data.blocks, self.exact, strict=True):
+            start = self.base.system.velocity[block.columns] if block.quantity == 0 else 0.0
+            error = np.where(np.abs(value - start) < block.sigma, np.abs(value - block.values), 0.0)
+            error = np.where(block.present & (block.quantity < 2) & (error > RESOLVED * block.sigma), error, 0.0)
+            largest = max(largest, float(np.max(error)) / block.scale)
+        return largest
+
+    @property
+    def _values(self) -> list[Floats]:
+        return [block.values for block in self.data.blocks]
+
+
+def _rms(fit: Fit) -> float:
+    return fit.rms
