@@ -16,6 +16,8 @@ from dem_bridge.runs.store import default_folder
 from dem_bridge.scene import Scene
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from dem_bridge.campaign import Progress
     from dem_bridge.regression.run import Regression
 
@@ -31,6 +33,7 @@ def regress(
     dt: float | None = None,
     since: Mapping[str, Any] | None = None,
     jobs: int | None = None,
+    executor: Executor | None = None,
     progress: Progress | None = None,
     engine: Engine | None = None,
     lmp: str | Path | None = None,
@@ -66,6 +69,9 @@ def regress(
         ``as_json()`` of an earlier regression; comparisons then state what is new, fixed or still failing.
     jobs : int, optional
         Number of runs at the same time; the default is the number of cores.
+    executor : concurrent.futures.Executor, optional
+        Where runs are made instead, such as ``dask.distributed.Client(...).get_executor()``. The results do not depend
+        on it.
     progress : callable, optional
         Function of the completed runs, their total number and a label.
     engine, lmp, lmp_args, python, ranks
@@ -94,6 +100,7 @@ def regress(
     >>> [(run.comparisons[0].change.value, run.exit_code) for run in (first, second)]
     [('NEW', 0), ('SAME', 0)]
     """
+    from dem_bridge.campaign import jobs_of
     from dem_bridge.regression.run import Selection, compare_engines, regress_scenes, with_since
 
     if scenes is None:
@@ -110,15 +117,16 @@ def regress(
         update=update,
     )
     engine = Engine.named(engine, lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks) or Engine.chosen()
+    where = jobs_of(jobs, executor)
     if against is None:
-        regression = regress_scenes(selection, engine=engine, jobs=jobs, progress=progress)
+        regression = regress_scenes(selection, engine=engine, jobs=where, progress=progress)
     elif update:
         raise UsageError(
             "update and against were both given; allowed: one of them, because a comparison with another LAMMPS"
             " writes no baselines"
         )
     else:
-        regression = compare_engines(selection, engine_of(against), engine=engine, jobs=jobs, progress=progress)
+        regression = compare_engines(selection, engine_of(against), engine=engine, jobs=where, progress=progress)
     if since is not None:
         regression = with_since(regression, since, "since")
     if regression.texts:

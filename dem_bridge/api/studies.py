@@ -16,6 +16,8 @@ from dem_bridge.scene_file import scene_of
 from dem_bridge.scene_file.measurement import measurement_of
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from dem_bridge.campaign import Progress
     from dem_bridge.studies.study import Study
 
@@ -29,6 +31,7 @@ def study(
     *,
     folder: str | Path | None = None,
     jobs: int | None = None,
+    executor: Executor | None = None,
     progress: Progress | None = None,
     store: bool | str | Path = True,
     recompute: bool = False,
@@ -51,6 +54,9 @@ def study(
         Folder for the page (``index.html``), tables, figures and JSON. None: no files are written.
     jobs : int, optional
         Number of runs at a time. None: one for each core.
+    executor : concurrent.futures.Executor, optional
+        Where runs are made instead, such as ``dask.distributed.Client(...).get_executor()``. The results do not depend
+        on it.
     progress : callable, optional
         Function that is called with (done, total, label).
     store : bool, str or Path
@@ -79,6 +85,7 @@ def study(
     >>> result.id, result.exit_code, [table.id for table in result.tables]
     ('scatter', 0, ['scatter', 'along-the-chain'])
     """
+    from dem_bridge.campaign import jobs_of
     from dem_bridge.studies.catalogue import study_named
 
     function = study_named(name)
@@ -89,8 +96,10 @@ def study(
         raise UsageError(f"study {name!r} has scenes of its own, and {scene!r} was given; leave the scene out")
     lammps = Engine.named(engine, lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
     options = dict(settings)
-    if jobs is not None:
-        options["jobs"] = jobs
+    if executor is not None and "executor" in parameters:
+        options["executor"] = executor
+    elif (where := jobs_of(jobs, executor)) is not None:
+        options["jobs"] = where
     if "engine" in parameters or lammps is not None:
         options["engine"] = lammps or Engine.chosen()
     if "store" in parameters or recompute:

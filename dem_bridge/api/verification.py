@@ -14,6 +14,8 @@ from dem_bridge.scene import Scene
 from dem_bridge.scene_file import scene_of
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from dem_bridge.campaign import Progress
     from dem_bridge.runs.store import Store
     from dem_bridge.studies.verification import Verification
@@ -29,6 +31,7 @@ def verify(
     folder: str | Path | None = None,
     bundle: str | Path | None = None,
     jobs: int | None = None,
+    executor: Executor | None = None,
     progress: Progress | None = None,
     engine: Engine | None = None,
     lmp: str | Path | None = None,
@@ -53,6 +56,9 @@ def verify(
         Folder for all that a reviewer needs to repeat the verification.
     jobs : int, optional
         Number of runs at a time. None: one for each core.
+    executor : concurrent.futures.Executor, optional
+        Where runs are made instead, such as ``dask.distributed.Client(...).get_executor()``. The results do not depend
+        on it.
     progress : callable, optional
         Function that is called with (done, total, label).
     engine : Engine, optional
@@ -83,6 +89,7 @@ def verify(
     >>> found.exit_code, found.verdicts[0].quantity, found.verdicts[0].outcome.value
     (0, 'velocity', 'PASS')
     """
+    from dem_bridge.campaign import jobs_of
     from dem_bridge.runs.store import Store
     from dem_bridge.studies.verify import DEFAULT_ACCURACY, verify_scenes
 
@@ -107,7 +114,7 @@ def verify(
     kept = Store.opened(store, recompute=recompute)
     settings: dict[str, Any] = {
         "accuracy": accuracy,
-        "jobs": jobs,
+        "jobs": jobs_of(jobs, executor),
         "progress": progress,
         "engine": lammps,
         "store": kept,

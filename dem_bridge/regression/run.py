@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend, supports_of
-from dem_bridge.campaign import Progress, Result, run_cases
+from dem_bridge.campaign import Jobs, Progress, Result, run_cases
 from dem_bridge.errors import BackendUnavailable, RunBroken, SceneError, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import defects_between
@@ -229,7 +229,7 @@ def _check_backends(names: Sequence[str], allowed: Sequence[str]) -> None:
 
 
 def regress_scenes(
-    selection: Selection, *, engine: Engine | None = None, jobs: int | None = None, progress: Progress | None = None
+    selection: Selection, *, engine: Engine | None = None, jobs: Jobs = None, progress: Progress | None = None
 ) -> Regression:
     """Run the selected scenes again and compare them with their baselines; a scene without a baseline is NEW.
 
@@ -280,7 +280,7 @@ def compare_engines(
     other: Engine,
     *,
     engine: Engine | None = None,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Progress | None = None,
 ) -> Regression:
     """Run the same decks with two LAMMPS and compare the results of ``engine`` with those of ``other``.

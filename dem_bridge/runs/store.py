@@ -251,12 +251,12 @@ class Store:
             provenance=details["provenance"] | {"scene": scene.name, "stored": details["made"]},
         )
 
-    def save(self, key: str, run: Trajectory) -> None:
-        """Keep a trajectory."""
+    def save(self, key: str, run: Trajectory) -> bool:
+        """Keep a trajectory; return False if it could not be kept."""
         arrays = {name: getattr(run, name) for name in ("time", *VOCABULARY)}
         arrays |= {f"{name}_uncertainty": value for name, value in run.uncertainty.items()}
         details = {"cost": asdict(run.cost), "uncertainty": run.uncertainty.as_json()}
-        self._write(key, arrays, {**details, "provenance": dict(run.provenance)})
+        return self._write(key, arrays, {**details, "provenance": dict(run.provenance)})
 
     def load_arrays(self, key: str) -> dict[str, Array] | None:
         """Return the arrays that :meth:`save_arrays` kept, None if there are none."""
@@ -294,14 +294,14 @@ class Store:
             os.utime(path)
         return entry
 
-    def _write(self, key: str, arrays: Mapping[str, Array], details: Mapping[str, Any]) -> None:
+    def _write(self, key: str, arrays: Mapping[str, Array], details: Mapping[str, Any]) -> bool:
         if not self._writes or self._outdated():
-            return
+            return False
         date = datetime.now(UTC).isoformat(timespec="seconds")
         about = {"schema": SCHEMA, "key": key, "made": date, "determined_by": determined_by(key)}
         whole = _packed({**about, **details}, arrays)
         if len(whole) > self.limit // 2:
-            return
+            return False
         try:
             write_whole(self.folder, {self._path(key).name: whole})
             self._room -= len(whole)
@@ -309,6 +309,7 @@ class Store:
                 self._make_room()
         except (UsageError, OSError) as error:
             self._cannot_write(error)
+        return self._writes
 
     def _make_room(self) -> None:
         """Down to nine tenths of the limit if it is passed. Between two looks other processes may pass it a little."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Progress, run_cases
+from dem_bridge.campaign import Jobs, Progress, run_cases
 from dem_bridge.differences import difference
 from dem_bridge.drive import Drive
 from dem_bridge.errors import UnsupportedScene, UsageError
@@ -70,7 +70,7 @@ def study_bands(
     scene: Scene,
     *,
     engine: Engine | None = None,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Progress | None = None,
     store: Store | None = None,
     tolerance: float = TOLERANCE,

@@ -8,7 +8,6 @@ position over an overlap, ``2^-24 L / overlap`` for positions of size L.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from dem_bridge.backends.splitting import FUSED
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.twin import solve_plan
-from dem_bridge.campaign import Progress
+from dem_bridge.campaign import Jobs, Progress, threads_for
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
@@ -79,7 +78,7 @@ class Rounded:
         return ROUNDING * self.length / self.dt
 
 
-def study_precision(scene: Scene | None = None, *, jobs: int | None = None, progress: Progress | None = None) -> Study:
+def study_precision(scene: Scene | None = None, *, jobs: Jobs = None, progress: Progress | None = None) -> Study:
     """Measure the digits of the velocities that LAMMPS' single and mixed precision modes leave.
 
     One scene (decelerating-40, or the one that is given) is also run at larger time steps and compared with the
@@ -114,7 +113,7 @@ def study_precision(scene: Scene | None = None, *, jobs: int | None = None, prog
             progress(len(finished), len(work), item[0].name)
         return result
 
-    with ThreadPoolExecutor(max_workers=jobs or len(os.sched_getaffinity(0))) as threads:
+    with ThreadPoolExecutor(threads_for(jobs)) as threads:
         results = list(threads.map(measured, work))
     rows = [row for of_scene in results[: len(scenes)] for row in of_scene]
     steps = [row for of_step in results[len(scenes) :] for row in of_step]

@@ -15,7 +15,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.campaign import Progress, Result, run_groups
+from dem_bridge.campaign import Jobs, Progress, Result, run_groups
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.conserved import energy_parts, energy_uncertainty
 from dem_bridge.observables.registry import LARGEST, OBSERVABLES, Observable
@@ -89,7 +89,7 @@ def study_rule_of_thumb(
     scene: Scene | None = None,
     *,
     engine: Engine | None = None,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Progress | None = None,
     store: Store | None = None,
 ) -> Study:

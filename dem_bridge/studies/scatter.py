@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Progress, Result, run_cases
+from dem_bridge.campaign import Jobs, Progress, Result, run_cases
 from dem_bridge.ensembles.draw import LEAST_ANGLE as LEAST_ANGLE
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.runs.case import Case
@@ -135,7 +135,7 @@ def study_scatter(
     spread: float = 0.5,
     count: int = 200,
     seed: int = 0,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Progress | None = None,
     store: Store | None = None,
 ) -> Study:

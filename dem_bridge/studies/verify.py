@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Any
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Progress, Result, run_groups
+from dem_bridge.campaign import Jobs, Progress, Result, run_groups
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.cache import RunCache
@@ -38,7 +39,7 @@ def verify_scenes(
     scenes: Sequence[Scene],
     *,
     accuracy: float = DEFAULT_ACCURACY,
-    jobs: int | None = 1,
+    jobs: Jobs = 1,
     progress: Progress | None = None,
     engine: Engine | None = None,
     store: Store | None = None,
@@ -153,6 +154,6 @@ def study_without_runs(scene: Scene, error: RunBroken | UnsupportedScene | Usage
 
 
 def check_jobs(jobs: object) -> None:
-    """Raise UsageError unless ``jobs`` is a positive integer or None."""
-    if jobs is not None:
+    """Raise UsageError unless ``jobs`` is a positive integer, an executor or None."""
+    if jobs is not None and not isinstance(jobs, Executor):
         check_setting("jobs", jobs, "a whole number >= 1, or None for all cores", least=1)

@@ -135,7 +135,7 @@ def test_without_lammps_the_twin_still_answers(monkeypatch: pytest.MonkeyPatch) 
             return Result(case=case, failure=BackendUnavailable("no engine here"))
         return run_case(case, **settings)
 
-    monkeypatch.setattr("dem_bridge.campaign.run_case", missing)
+    monkeypatch.setattr("dem_bridge.campaign.tasks.run_case", missing)
     found = _chain_study()
     assert "the velocity error of velocity-Verlet on short is" in found.answer[0]
     assert not found.tables[1].rows

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge import campaign
 from dem_bridge.backends import splitting
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.backends.scipy_dop853 import DEFAULT_RTOL, ScipyDop853
 from dem_bridge.backends.verlet import Verlet
+from dem_bridge.campaign import run as campaign_run
 from dem_bridge.campaign import run_cases, run_groups
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
@@ -100,7 +100,7 @@ def test_cases_that_share_nothing_repeat_runs(
     scene: Scene, kind: str, solves: Counter[tuple[Any, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # the fault that the tests above catch
-    monkeypatch.setattr(campaign, "parts_of", lambda case, cache: None)
+    monkeypatch.setattr(campaign_run, "parts_of", lambda case, cache: None)
     plan = plan_scene(scene, ACCURACY)
     assert plan.runs is not None
     other = replace(plan.runs.reference, backend="scipy")

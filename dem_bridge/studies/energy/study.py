@@ -7,7 +7,6 @@ touch adds a jump of known size and random phase (:mod:`dem_bridge.physics.touch
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling, backend
-from dem_bridge.campaign import Progress
+from dem_bridge.campaign import Jobs, Progress, threads_for
 from dem_bridge.scene import Scene
 from dem_bridge.studies.energy.walk import (
     BEAD,
@@ -110,7 +109,7 @@ def runs_of() -> tuple[Run, ...]:
     )
 
 
-def study_energy(*, contacts: int = 1_000_000, jobs: int | None = None, progress: Progress | None = None) -> Study:
+def study_energy(*, contacts: int = 1_000_000, jobs: Jobs = None, progress: Progress | None = None) -> Study:
     """Measure the energy error over many contacts against its prediction by backward error analysis.
 
     Three beads between two walls are run by velocity-Verlet, by the method of order 4 at the same number of force
@@ -144,7 +143,7 @@ def study_energy(*, contacts: int = 1_000_000, jobs: int | None = None, progress
         count = int(run.share * contacts)
         return replace(run, walk=long_run(backend(run.code), run.scene, run.resolution, count, tell))
 
-    with ThreadPoolExecutor(max_workers=jobs or len(os.sched_getaffinity(0))) as threads:
+    with ThreadPoolExecutor(threads_for(jobs)) as threads:
         runs = list(threads.map(made, todo))
     times, measured, predicted = within_contact()
     return TEXTS.study(

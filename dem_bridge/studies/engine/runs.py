@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dem_bridge.campaign import Progress
+from dem_bridge.campaign import Jobs, Progress, threads_for
 from dem_bridge.errors import BackendUnavailable, RunBroken
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import run_deck, workspace
@@ -38,7 +38,7 @@ def run_impacts(
     steps: Sequence[Steps],
     *,
     engine: Engine,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Progress | None = None,
 ) -> list[EngineRun]:
     """Run impacts by LAMMPS, ``jobs`` processes at a time.
@@ -52,7 +52,7 @@ def run_impacts(
     engine : Engine
         The LAMMPS.
     jobs : int, optional
-        Number of processes at a time. None: one for each core.
+        Number of processes at a time. Otherwise one for each core.
     progress : callable, optional
         Function that is called with (done, total, label).
 
@@ -64,7 +64,7 @@ def run_impacts(
     pairs = list(zip(impacts, steps, strict=True))
     chunks = [pairs[at : at + BATCH] for at in range(0, len(pairs), BATCH)]
     runs: list[EngineRun] = []
-    with ThreadPoolExecutor(jobs) as pool:
+    with ThreadPoolExecutor(threads_for(jobs)) as pool:
         for chunk, results in zip(chunks, pool.map(lambda part: list(_batch(part, engine)), chunks), strict=True):
             runs += results
             if progress is not None:

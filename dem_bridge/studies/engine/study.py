@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.campaign import Progress
+from dem_bridge.campaign import Jobs, Progress
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of
@@ -124,7 +124,7 @@ def study_engine(
     *,
     match: str = "",
     known_defects: str = "fail",
-    jobs: int | None = None,
+    jobs: Jobs = None,
     engine: Engine | None = None,
     progress: Progress | None = None,
 ) -> Study:
@@ -182,7 +182,7 @@ def rows_of(
     engine: Engine,
     version: int,
     *,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Progress | None = None,
 ) -> list[Row]:
     """Run and judge impacts."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend, supports_of
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.campaign import Progress, Result, run_case, run_cases
+from dem_bridge.campaign import Jobs, Progress, Result, run_case, run_cases
 from dem_bridge.errors import BackendUnavailable, DemBridgeError, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.case import Case
@@ -86,7 +86,7 @@ def study_extremes(
     match: str | None = None,
     quick: bool = False,
     engine: Engine | None = None,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Progress | None = None,
     store: Store | None = None,
 ) -> Study:

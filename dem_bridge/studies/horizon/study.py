@@ -19,7 +19,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.twin import solve_dense, solve_plan
-from dem_bridge.campaign import Progress, run_cases
+from dem_bridge.campaign import Jobs, Progress, run_cases
 from dem_bridge.dense import MOST_STEPS
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
@@ -55,7 +55,7 @@ def study_horizon(
     perturbations: int = 8,
     seed: int = 0,
     engine: Engine | None = None,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Progress | None = None,
     store: Store | None = None,
 ) -> Study:

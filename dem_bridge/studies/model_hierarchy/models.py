@@ -15,7 +15,7 @@ import numpy as np
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Progress, Result, run_cases
+from dem_bridge.campaign import Jobs, Progress, Result, run_cases
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.runs.case import Case
@@ -174,7 +174,7 @@ class Bench:
     """Runs models and reads them, each once."""
 
     hierarchy: ModelHierarchy
-    jobs: int | None = None
+    jobs: Jobs = None
     progress: Progress | None = None
     store: Store | None = None
     until: float = math.inf
@@ -282,7 +282,7 @@ def least_scene(
     accuracy: float,
     observables: object,
     window: str,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Progress | None = None,
     store: Store | None = None,
 ) -> Scene:

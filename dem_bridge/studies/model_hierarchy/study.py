@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from dem_bridge.campaign import Progress
+from dem_bridge.campaign import Jobs, Progress
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.runs.store import Store
@@ -39,7 +39,7 @@ def study_model_hierarchy(
     draws: int = 3,
     numerics: bool = True,
     engine: Engine | None = None,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Progress | None = None,
     store: Store | None = None,
 ) -> Study:

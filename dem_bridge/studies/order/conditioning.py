@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Progress, run_cases
+from dem_bridge.campaign import Jobs, Progress, run_cases
 from dem_bridge.errors import RunBroken
 from dem_bridge.observables.errors import read
 from dem_bridge.physics.exact import Scaling, scaling
@@ -59,7 +59,7 @@ class ConditionNumber:
 
 
 def conditions(
-    scene: Scene, *, jobs: int | None = None, progress: Progress | None = None, store: Store | None = None
+    scene: Scene, *, jobs: Jobs = None, progress: Progress | None = None, store: Store | None = None
 ) -> tuple[ConditionNumber, ...]:
     """Return the condition numbers of a scene that :data:`~dem_bridge.studies.order.touch.SIMILAR` covers.
 

@@ -11,7 +11,7 @@ import numpy as np
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.blanes_moan import SRKN_6B
 from dem_bridge.backends.reference import SERIES
-from dem_bridge.campaign import Progress, run_cases
+from dem_bridge.campaign import Jobs, Progress, run_cases
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.physics.touch import touch_coefficient
 from dem_bridge.runs.case import Case
@@ -49,7 +49,7 @@ LAWS, FINE_PHASES = (2.0, 2.5), np.linspace(0.0, 1.0, 145)
 def study_order(
     scene: Scene | None = None,
     *,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Progress | None = None,
     store: Store | None = None,
 ) -> Study:

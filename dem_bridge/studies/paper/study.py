@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +11,7 @@ from typing import Any
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import BACKENDS
-from dem_bridge.campaign import Progress, Result, run_groups
+from dem_bridge.campaign import Jobs, Progress, Result, run_groups, threads_for
 from dem_bridge.differences import difference
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.cache import RunCache
@@ -86,7 +85,7 @@ TERMS = ("lammps", SCIPY, "ode45", "bca", "adiabatic")
 def verify_paper(
     *,
     accuracy: float = DEFAULT_ACCURACY,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Progress | None = None,
     engine: Engine | None = None,
     store: Store | None = None,
@@ -114,7 +113,7 @@ def verify_paper(
     if progress is not None:
         progress(0.0, 1, "choosing time steps")
     # what chooses them is mostly compiled, and leaves the interpreter to others
-    with ThreadPoolExecutor(max_workers=jobs or len(os.sched_getaffinity(0))) as threads:
+    with ThreadPoolExecutor(threads_for(jobs)) as threads:
         plans = list(threads.map(plan, scenes))
     main = [load_scene(name) for name in MAIN]
     sets = [scatter.cases_of(scene, spread=extent.spread, count=extent.chains) for scene in main]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling
-from dem_bridge.campaign import Progress, Result, run_cases
+from dem_bridge.campaign import Jobs, Progress, Result, run_cases
 from dem_bridge.errors import BackendUnavailable, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.physics.impact import RestitutionLaw, restitution_obtained, restitution_to_write
@@ -101,7 +101,7 @@ class Measured:
 def study_restitution(
     *,
     engine: Engine | None = None,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Progress | None = None,
     store: Store | None = None,
     laws: Sequence[str] = LAWS,

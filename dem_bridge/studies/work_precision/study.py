@@ -14,7 +14,7 @@ from typing import Any
 
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.campaign import Progress, run_cases
+from dem_bridge.campaign import Jobs, Progress, run_cases
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.case import Case
@@ -45,7 +45,7 @@ def study_work_precision(
     scene: Scene,
     *,
     engine: Engine | None = None,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Progress | None = None,
     store: Store | None = None,
     limit: float = LIMIT,

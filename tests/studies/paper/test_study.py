@@ -16,9 +16,9 @@ import pytest
 from click.testing import CliRunner
 
 import dem_bridge as db
-from dem_bridge import campaign
 from dem_bridge.backends import lammps
 from dem_bridge.backends.base import BACKENDS, Resolution
+from dem_bridge.campaign import tasks
 from dem_bridge.cli import main
 from dem_bridge.differences import difference
 from dem_bridge.errors import BackendUnavailable, UsageError
@@ -230,7 +230,7 @@ def test_a_second_report_judges_and_draws_nothing(small: None, tmp_path: Path, m
     words = ("verify", "paper", "--accuracy", "1e-4", "-j", "1", "-o")
     assert CliRunner().invoke(main, [*words, str(tmp_path / "first")]).exit_code == 0
     for module, name in (
-        (campaign, "run_case"), (study, "read_paper"), (verify, "assess_scene"), (images, "svg_of"),
+        (tasks, "run_case"), (study, "read_paper"), (verify, "assess_scene"), (images, "svg_of"),
     ):  # fmt: skip
         monkeypatch.setattr(module, name, Mock(side_effect=AssertionError(f"{name} is called again")))
     done = CliRunner().invoke(main, [*words, str(tmp_path / "second")])

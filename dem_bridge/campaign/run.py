@@ -5,83 +5,55 @@ What the store has is not run, and what is the same is run once.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import pickle
-import signal
-import sys
-import threading
-import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
+from dataclasses import replace
 from functools import partial
-from types import ModuleType
 
-from dem_bridge.backends.base import Backend, Sampling, backend, unsupported_reason
-from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
+from dem_bridge.backends.base import Sampling
+from dem_bridge.campaign.executors import run_by_executor
+from dem_bridge.campaign.pool import run_in_processes
+from dem_bridge.campaign.results import Progress, Result, run_case
+from dem_bridge.campaign.tasks import Outcome, Task, perform_task
+from dem_bridge.errors import UsageError
 from dem_bridge.progress import listening
 from dem_bridge.runs.cache import RunCache, load_run
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
-from dem_bridge.trajectory import UNKNOWN, Trajectory
-from dem_bridge.uncertainty.estimate import TWIN, parts_of, solve
+from dem_bridge.trajectory import UNKNOWN
+from dem_bridge.uncertainty.estimate import TWIN, parts_of
 
 #: s that a worker needs until it can begin: what takes less in all is run here
 _START = 2.0
 
-
-@dataclass(frozen=True, kw_only=True)
-class Result:
-    """A case with its trajectory, or with the reason why there is none."""
-
-    case: Case
-    trajectory: Trajectory | None = None
-    failure: UnsupportedScene | BackendUnavailable | RunBroken | UsageError | None = None
-    key: str | None = None
-    """What decides the result: the key of the run in the store, and the failure; None: nothing that could be told."""
+#: number of processes; None: as many as pay; or where cases are run instead
+Jobs = int | Executor | None
 
 
-class Crashed(RunBroken):
-    """A backend raised what none should: a fault of ours. ``log`` has the traceback."""
+def jobs_of(jobs: int | None, executor: Executor | None) -> Jobs:
+    """Return where cases are run, from the two arguments that say so; UsageError if both are given."""
+    if executor is None:
+        return jobs
+    if jobs is not None:
+        raise UsageError(f"jobs = {jobs!r} and executor = {executor!r} were both given; allowed: one of them")
+    if not isinstance(executor, Executor):
+        raise UsageError(f"executor = {executor!r}; allowed: a concurrent.futures.Executor, or None")
+    return executor
 
 
-#: done, total, what is being done
-Progress = Callable[[float, int, str], None]
-
-
-def run_case(
-    case: Case, *, everything: bool = False, by: Backend | None = None, cache: RunCache | None = None
-) -> Result:
-    """Run one case; an unsupported scene, a missing engine or a broken run is a result.
-
-    ``everything``: wrong settings and crashes are results, too. ``by``: a backend in place of the one that the case
-    names. ``cache``: where runs and families are looked for and kept.
-    """
-    try:
-        chosen = by or backend(case.backend, case.engine)
-        reason = unsupported_reason(chosen, case.scene)
-        if reason:
-            return Result(case=case, failure=UnsupportedScene(reason))
-        return Result(case=case, trajectory=solve(case, cache, chosen if by else None))
-    except (UnsupportedScene, BackendUnavailable, RunBroken) as error:
-        return Result(case=case, failure=error)
-    except Exception as error:
-        if not everything:
-            raise
-        if isinstance(error, UsageError):
-            return Result(case=case, failure=error)
-        # as text: not every exception can travel from another process
-        return Result(case=case, failure=Crashed(f"{type(error).__name__}: {error}", log=traceback.format_exc()))
+def threads_for(jobs: Jobs) -> int:
+    """Return the number of threads for work that is not done by cases: the cores, unless ``jobs`` is a number."""
+    return jobs if isinstance(jobs, int) else len(os.sched_getaffinity(0))
 
 
 def run_cases(
     cases: Sequence[Case],
     *,
-    jobs: int | None = 1,
+    jobs: Jobs = 1,
     progress: Progress | None = None,
     store: Store | None = None,
     everything: bool = False,
@@ -92,8 +64,9 @@ def run_cases(
     Parameters
     ----------
     cases : sequence of Case
-    jobs : int or None
-        Number of runs at a time; None: as many as there are cores, where other processes are worth their start.
+    jobs : int, Executor or None
+        Number of runs at a time; None: as many as there are cores, where other processes are worth their start. An
+        executor (``concurrent.futures``) runs the cases where it wants; the results do not depend on it.
     progress : callable, optional
         Called with (done, total, label); done follows the time that runs are expected to take.
     store : Store, optional
@@ -108,9 +81,10 @@ def run_cases(
     UsageError
         For a law that cannot go to another process, with ``jobs`` above 1.
     RunBroken
-        If one of the processes dies.
+        If no process can begin, or the executor takes no more cases. A case whose process dies twice is no error, but
+        a broken result (:class:`Crashed`).
     """
-    if jobs is not None and jobs > 1:
+    if isinstance(jobs, int) and jobs > 1:
         for scene in {id(case.scene): case.scene for case in cases}.values():
             if reason := _stays(scene):
                 raise UsageError(
@@ -150,18 +124,40 @@ def run_cases(
         store.save(key, result.trajectory)
         return replace(result, key=key)
 
-    def keep(name: str, result: Result, others: RunCache) -> None:
-        del remaining[name]
-        cache.adopt(others)
-        results[name] = stored(result)
-        say(result.case.label)
-
-    _run_all(todo, jobs, keep, say, partial(_run_alone, everything=everything))
+    shared = _shared(todo, left, parts)
+    tasks = [
+        Task(
+            name=name,
+            case=case,
+            everything=everything,
+            key=keys[case],
+            folder=None if store is None else store.folder,
+            limit=0 if store is None else store.limit,
+            shared=name in shared,
+        )
+        # the longest first: then all cores end at about the same time
+        for name, case in sorted(todo.items(), key=lambda item: -item[1].expected)
+    ]
+    with closing(_outcomes(tasks, jobs, say)) as outcomes:
+        for task, outcome in outcomes:
+            del remaining[task.name]
+            if outcome.error is not None:
+                raise outcome.error
+            assert outcome.result is not None
+            result = replace(outcome.result, case=task.case)
+            if outcome.cache is not None:
+                cache.adopt(outcome.cache)
+                if outcome.kept and result.trajectory is not None:
+                    cache.keep(task.case, replace(result.trajectory, uncertainty=UNKNOWN))
+            if store is not None:
+                store.trouble = store.trouble or outcome.trouble
+            results[task.name] = replace(result, key=task.key) if outcome.kept else stored(result)
+            say(task.case.label)
     for name, case in left.items():
         if todo.get(name) == case:
             continue
-        broken = [results[part] for part in map(_name, parts[name] or ()) if part in todo and results[part].failure]
-        result = broken[0] if broken else run_case(case, everything=everything, cache=cache)
+        failed = [results[part] for part in map(_name, parts[name] or ()) if part in todo and results[part].failure]
+        result = failed[0] if failed else run_case(case, everything=everything, cache=cache)
         results[name] = stored(replace(result, case=case))
     if progress is not None:
         progress(len(cases), len(cases), "")
@@ -195,16 +191,21 @@ def _steps(case: Case) -> tuple[Scene, float | None, Sampling]:
     return case.scene, case.resolution.dt, case.sampling
 
 
-def _run_alone(case: Case, *, everything: bool) -> tuple[Result, RunCache]:
-    """Run one case; return the result, and all runs and families that were made for it."""
-    cache = RunCache()
-    return run_case(case, everything=everything, cache=cache), cache
+def _shared(
+    todo: Mapping[str, Case], left: Mapping[str, Case], parts: Mapping[str, tuple[Case, ...] | None]
+) -> set[str]:
+    """Return the names of cases whose runs or families other cases need."""
+    needed = [part for of_case in parts.values() for part in of_case or ()]
+    # a twin that is solved with its family for another twin is no task
+    twins = {_steps(case) for case in (*needed, *left.values()) if case.backend == TWIN and _name(case) not in todo}
+    shared = {str(_name(part)) for part in needed}
+    return shared | {name for name, case in todo.items() if case.backend == TWIN and _steps(case) in twins}
 
 
 def run_groups(
     groups: Sequence[Sequence[Case]],
     *,
-    jobs: int | None = 1,
+    jobs: Jobs = 1,
     progress: Progress | None = None,
     store: Store | None = None,
     cache: RunCache | None = None,
@@ -215,86 +216,27 @@ def run_groups(
     return [tuple(next(results) for _ in group) for group in groups]
 
 
-def _run_all(
-    cases: dict[str, Case],
-    jobs: int | None,
-    keep: Callable[[str, Result, RunCache], None],
-    say: Callable[[str, float], None],
-    run: Callable[[Case], tuple[Result, RunCache]],
-) -> None:
-    # the longest first: then all cores end at about the same time
-    names = sorted(cases, key=lambda name: -cases[name].expected)
-    away = {name: cases[name] for name in names if jobs is not None or not _stays(cases[name].scene, of_main=True)}
-    workers = _workers(jobs, away.values())
-    if workers > 1:
-        _run_away(away, workers, keep, run)
-    for name in names:
-        if workers > 1 and name in away:
+def _outcomes(
+    tasks: Sequence[Task], jobs: Jobs, say: Callable[[str, float], None]
+) -> Generator[tuple[Task, Outcome], None, None]:
+    """Yield each task with its outcome: first those that go elsewhere, as they come, then those that stay here."""
+    away = [task for task in tasks if isinstance(jobs, int) or not _stays(task.case.scene, of_main=True)]
+    if isinstance(jobs, Executor):
+        yield from run_by_executor(away, jobs)
+    elif (workers := _workers(jobs, [task.case for task in away])) > 1:
+        main = any(_stays(task.case.scene, of_main=True) for task in away)
+        yield from run_in_processes(away, workers, main=main)
+    else:
+        away = []
+    gone = {task.name for task in away}
+    for task in tasks:
+        if task.name in gone:
             continue
-        label = cases[name].label
+        label = task.case.label
         say(label, 0.0)
-        with listening(partial(_within, say, label, cases[name].expected)):
-            result, others = run(cases[name])
-        keep(name, result, others)
-
-
-def _run_away(
-    cases: dict[str, Case],
-    workers: int,
-    keep: Callable[[str, Result, RunCache], None],
-    run: Callable[[Case], tuple[Result, RunCache]],
-) -> None:
-    """Run cases in other processes."""
-    others, ended = set(multiprocessing.active_children()), False
-    # spawn: compiled code and engines do not survive a fork of a process with threads
-    executor = ProcessPoolExecutor(
-        max_workers=workers,
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=_begin,
-    )
-    try:
-        with _bare_main(any(_stays(case.scene, of_main=True) for case in cases.values())):
-            futures = {executor.submit(run, case): name for name, case in cases.items()}
-        for future in as_completed(futures):
-            keep(futures[future], *future.result())
-        ended = True
-    except BrokenProcessPool as error:
-        raise RunBroken(
-            f"one of {workers} processes died ({error}); where memory is short, or it cannot begin, take jobs = 1"
-        ) from error
-    finally:
-        if not ended:
-            for worker in set(multiprocessing.active_children()) - others:
-                worker.terminate()
-        executor.shutdown(wait=False, cancel_futures=True)
-
-
-def _begin() -> None:
-    """Leave Ctrl-C to the program that started this worker, and end the worker when that program ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    assert parent is not None  # a worker has one
-
-    def leave() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=leave, daemon=True).start()
-
-
-@contextmanager
-def _bare_main(needed: bool) -> Iterator[None]:
-    """Hide the main program from new processes, unless they need it.
-
-    A program that runs as a whole when it is imported, without ``if __name__ == "__main__"``, would run again in each.
-    """
-    main = sys.modules["__main__"]
-    if not needed:
-        sys.modules["__main__"] = ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = main
+        with listening(partial(_within, say, label, task.case.expected)):
+            outcome = perform_task(replace(task, folder=None))
+        yield task, outcome
 
 
 def _workers(jobs: int | None, cases: Iterable[Case]) -> int:

@@ -20,10 +20,10 @@ import pytest
 from click.testing import CliRunner
 
 import dem_bridge as db
-from dem_bridge import campaign
 from dem_bridge.backends.base import Availability, Resolution, Sampling
 from dem_bridge.backends.verlet import Verlet
-from dem_bridge.campaign import Crashed, Result, run_cases
+from dem_bridge.campaign import Crashed, Result, pool, results, run_cases
+from dem_bridge.campaign.run import _workers
 from dem_bridge.cli import main
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.features import CONTACT_FUNCTIONS, OTHER_EXPONENTS, SEVERAL_MOVING
@@ -81,7 +81,7 @@ class Fake:
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch) -> Fake:
     backend = Fake()
-    for module in (campaign, case_module):
+    for module in (results, case_module):
         monkeypatch.setattr(module, "backend", lambda name, engine: backend)
     return backend
 
@@ -174,7 +174,7 @@ def test_a_case_with_uncertainty_and_the_same_without_are_one_run(
         solved.append(case)
         return solve(case)
 
-    monkeypatch.setattr(campaign, "solve", counted)
+    monkeypatch.setattr("dem_bridge.campaign.results.solve", counted)
     results = run_cases(_cases_with_and_without(), store=Store(tmp_path))
     assert _known(results) == [False, True, False]
     assert solved == [_cases_with_and_without()[1]]
@@ -281,14 +281,14 @@ def test_the_cores_are_used_where_it_pays(monkeypatch: pytest.MonkeyPatch) -> No
     chain = Scene(name="chain", duration=1e-3, mass=(1e-2,) * 40, stiffness=(4e9,) * 39, velocity=(0.8,) * 40)
     long = _case(backend="scipy", scene=chain)
     short = _case(backend="bca")
-    assert campaign._workers(None, []) == 1
-    assert campaign._workers(None, [short] * 10) == 1
-    assert campaign._workers(None, [long]) == 1
-    assert campaign._workers(None, [long] * 3) == 3  # no more than there is to do
-    assert campaign._workers(None, [long] * 30) == 8
-    assert campaign._workers(None, [replace(long, engine=Engine(ranks=3))] * 30) == 2
-    assert campaign._workers(5, [short] * 3) == 3
-    assert campaign._workers(1, [long] * 30) == 1
+    assert _workers(None, []) == 1
+    assert _workers(None, [short] * 10) == 1
+    assert _workers(None, [long]) == 1
+    assert _workers(None, [long] * 3) == 3  # no more than there is to do
+    assert _workers(None, [long] * 30) == 8
+    assert _workers(None, [replace(long, engine=Engine(ranks=3))] * 30) == 2
+    assert _workers(5, [short] * 3) == 3
+    assert _workers(1, [long] * 30) == 1
 
 
 def test_two_processes_give_what_one_gives_bit_for_bit_and_it_is_stored(tmp_path: Path) -> None:
@@ -306,7 +306,7 @@ def test_two_processes_give_what_one_gives_bit_for_bit_and_it_is_stored(tmp_path
 def test_no_process_is_started_where_all_is_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cases = [_case(1e-6), _case(1e-7)]
     run_cases(cases, store=Store(tmp_path))
-    monkeypatch.setattr(campaign, "ProcessPoolExecutor", None)
+    monkeypatch.setattr(pool, "_Process", None)
     assert None not in _steps(run_cases(cases, jobs=2, store=Store(tmp_path)))
 
 
@@ -342,11 +342,15 @@ class Deadly:
         return os._exit, (1,)
 
 
-def test_a_process_that_dies_is_one_line() -> None:
-    cases = [_case(dt, scene=replace(SCENE, law=Deadly())) for dt in (1e-6, 1e-7)]
-    with pytest.raises(RunBroken, match=r"one of 2 processes died .* take jobs = 1") as caught:
-        run_cases(cases, jobs=2)
-    assert "\n" not in str(caught.value)
+def test_a_case_whose_process_dies_twice_is_broken_and_the_others_are_not(tmp_path: Path) -> None:
+    cases = [_case(), _case(scene=replace(SCENE, law=Deadly())), _case(1e-7), _case(2e-7)]
+    first, deadly, *others = run_cases(cases, jobs=2, store=Store(tmp_path))
+    assert None not in _steps((first, *others))
+    assert isinstance(deadly.failure, Crashed)
+    assert str(deadly.failure) == "three: verlet at dt = 1e-06 s: its process died twice"
+    # what is known of both
+    assert re.fullmatch(r"(process \d+ ended with exit code 1\n?){2}", deadly.failure.log)
+    assert len(list(tmp_path.iterdir())) == 3
 
 
 LONG_PROGRAM = """
@@ -410,7 +414,7 @@ def test_processes_end_with_the_program_that_started_them(how: signal.Signals, t
 def test_a_second_verification_runs_nothing_and_says_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = replace(SCENE, name="short", duration=1.5e-4, samples=50, spacing=18e-3)
     first = verify_scenes([scene], accuracy=1e-4, store=Store(tmp_path))
-    monkeypatch.setattr(campaign, "backend", None)
+    monkeypatch.setattr(results, "backend", None)
     monkeypatch.setattr(Verlet, "run", None)  # the step is not looked for either
     monkeypatch.setattr(verify, "assess_scene", None)  # nothing is judged again
     second = verify_scenes([scene], accuracy=1e-4, store=Store(tmp_path))

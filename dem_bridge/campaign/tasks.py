@@ -1,0 +1,182 @@
+"""What travels between a campaign and the processes that work for it: tasks there, outcomes back.
+
+A task is pickled to bytes, so that every executor can carry it. Where there is a store, the worker itself writes the
+run into it; then only the key travels back, not the arrays.
+"""
+
+from __future__ import annotations
+
+import pickle
+import traceback
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+from dem_bridge.campaign.results import Crashed, Result, run_case
+from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.runs.cache import RunCache
+from dem_bridge.runs.case import Case
+from dem_bridge.runs.store import Store
+from dem_bridge.version import __version__
+
+#: s of expected work that travel together
+_CHUNK = 1.0
+#: chunks for each worker, so that all workers end at about the same time
+_CHUNKS_EACH = 4
+#: a worker may take the time limit of a case, this factor times its expected time, and so many s
+_FACTOR, _MARGIN = 100.0, 60.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """A case that a worker solves."""
+
+    name: str
+    case: Case
+    everything: bool = False
+    """Wrong settings and crashes are results, too."""
+    key: str | None = None
+    """Key of the run in the store."""
+    folder: Path | None = None
+    """Folder of the store; None: the run travels back."""
+    limit: int = 0
+    """Size limit of the store, bytes."""
+    shared: bool = False
+    """Other cases need the runs and families that are made for it."""
+    version: str = __version__
+
+    @property
+    def patience(self) -> float:
+        """Wall time after which its worker is taken for hanging, s.
+
+        An engine ends its run by itself after the time limit of the case (an hour unless the settings say otherwise);
+        the time that other codes are expected to take is a rough estimate.
+        """
+        return self.case.resolution.time_limit + _FACTOR * self.case.expected + _MARGIN
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a worker made of a task."""
+
+    result: Result | None = None
+    error: Exception | None = None
+    """What the campaign stops with, in place of a result."""
+    kept: bool = False
+    """The run is in the store, and not in the result."""
+    cache: RunCache | None = None
+    """Runs and families that others need."""
+    trouble: str = ""
+    """Problem with the store."""
+
+
+def perform(packed: bytes) -> Outcome:
+    """Solve the case of a pickled task; never raises. What a worker does."""
+    try:
+        task = pickle.loads(packed)
+    except Exception as error:
+        return Outcome(error=RunBroken(f"a case cannot be read in another process: {type(error).__name__}: {error}"))
+    if task.version != __version__:
+        return Outcome(
+            error=UsageError(
+                f"a worker has dem_bridge {__version__}; allowed: {task.version}, as here; install it on the workers"
+            )
+        )
+    return perform_task(task)
+
+
+def perform_task(task: Task) -> Outcome:
+    """Solve the case of a task; never raises."""
+    cache = RunCache()
+    try:
+        result = run_case(task.case, everything=task.everything, cache=cache)
+    except Exception as error:
+        return Outcome(error=_portable(error))
+    shared = cache if task.shared else None
+    # the key again, for an engine may have become another meanwhile, and another machine has other keys
+    run, key = result.trajectory, task.case.key if task.folder is not None and task.key is not None else None
+    if run is None or task.folder is None or key is None or key != task.key:
+        return Outcome(result=result, cache=shared)
+    store = _store(task.folder, task.limit)
+    if not store.save(key, run):
+        return Outcome(result=result, cache=shared, trouble=store.trouble)
+    cache.runs.pop(replace(task.case, uncertainty=False), None)
+    return Outcome(result=replace(result, trajectory=None), kept=True, cache=shared, trouble=store.trouble)
+
+
+def perform_all(chunk: Sequence[bytes]) -> list[Outcome]:
+    """Solve the cases of pickled tasks one by one. What a worker of an executor does."""
+    return [perform(packed) for packed in chunk]
+
+
+def _with_run(task: Task, outcome: Outcome) -> Outcome | None:
+    """Return an outcome with its run, read from the store; None: the run is not there."""
+    if not outcome.kept or outcome.result is None:
+        return outcome
+    assert task.folder is not None
+    assert task.key is not None
+    run = _store(task.folder, task.limit).load(task.key, task.case.scene)
+    if run is None:
+        return None
+    provenance = {name: value for name, value in run.provenance.items() if name != "stored"}  # it was made just now
+    return replace(outcome, result=replace(outcome.result, trajectory=replace(run, provenance=provenance)))
+
+
+@cache
+def _store(folder: Path, limit: int) -> Store:
+    return Store(folder, limit=limit)
+
+
+def _portable(error: Exception) -> Exception:
+    """Return an exception that can travel to another process."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return Crashed(f"{type(error).__name__}: {error}", log=traceback.format_exc())
+    return error
+
+
+class Work:
+    """The tasks that are still to be done, and how often each has ended its worker."""
+
+    def __init__(self, tasks: Sequence[Task], workers: int) -> None:
+        self.pending = deque(_chunks(tasks, workers))
+        self._deaths: dict[str, str] = {}
+
+    def lost(self, tasks: Sequence[Task], how: str) -> Iterator[tuple[Task, Outcome]]:
+        """Take tasks whose worker died; each is done once more, alone, and is then broken. Yield the broken ones."""
+        for task in tasks:
+            if (before := self._deaths.get(task.name)) is not None:
+                yield task, broken(task, f"{task.case.label}: its process died twice", f"{before}\n{how}")
+            else:
+                self._deaths[task.name] = how
+                self.pending.appendleft([task])
+
+    def done(self, task: Task, outcome: Outcome) -> Iterator[tuple[Task, Outcome]]:
+        """Yield a task and its outcome; one whose run is not in the store is done again, and the run travels back."""
+        complete = _with_run(task, outcome)
+        if complete is None:
+            self.pending.appendleft([replace(task, folder=None)])
+        else:
+            yield task, complete
+
+
+def broken(task: Task, message: str, log: str) -> Outcome:
+    """Return the outcome of a case whose worker did not survive it."""
+    return Outcome(result=Result(case=task.case, failure=Crashed(message, log=log)))
+
+
+def _chunks(tasks: Sequence[Task], workers: int) -> Iterator[list[Task]]:
+    """Yield tasks in their order, short ones together."""
+    work = sum(min(task.case.expected, _CHUNK) for task in tasks)
+    most, chunk, seconds = min(_CHUNK, work / (workers * _CHUNKS_EACH)), list[Task](), 0.0
+    for task in tasks:
+        if chunk and seconds + task.case.expected > most:
+            yield chunk
+            chunk, seconds = [], 0.0
+        chunk.append(task)
+        seconds += task.case.expected
+    if chunk:
+        yield chunk
