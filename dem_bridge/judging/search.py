@@ -132,15 +132,12 @@ class Search:
             )
             for k, place in enumerate(change.places())
         ]  # fmt: skip
-        missed = {
-            f"contact {k}": Hypothesis(
-                "missed-contact", _missed(change, int(place)), f"Contact {k} never acts.", where=f"contact {k}"
-            )
+        missed = [
+            Hypothesis("missed-contact", _missed(change, int(place)), f"Contact {k} never acts.", where=f"contact {k}")
             for k, place in enumerate(change.places())
-        }
-        first = [candidate.hypothesis for candidate in self.rank(masses, rows)[:PLACES]]
-        second = [candidate.hypothesis for candidate in self.rank(stiffnesses, rows)[:PLACES]]
-        return [*first, *second, *(missed[hypothesis.where] for hypothesis in second)]
+        ]
+        kinds = (masses, stiffnesses, missed)
+        return [candidate.hypothesis for kind in kinds for candidate in self.rank(kind, rows)[:PLACES]]
 
     def everywhere(self) -> list[Hypothesis]:
         """Return the hypotheses that do not concern a single place."""
