@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from dem_bridge.errors import UsageError
+from dem_bridge.leftovers import owned, sweep
 
 
 def check_file(path: Path) -> None:
@@ -46,7 +47,8 @@ def write_whole(folder: Path, texts: Mapping[str, str | bytes]) -> None:
     """
     check_folder(folder)
     try:
-        with TemporaryDirectory(dir=folder) as temporary:
+        sweep(folder)
+        with TemporaryDirectory(prefix=owned(".dem-bridge"), dir=folder) as temporary:
             for name, text in texts.items():
                 part, target = Path(temporary, name), folder / name
                 check_file(next(parent for parent in target.parents if parent.exists()) / target.name)

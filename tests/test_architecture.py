@@ -23,7 +23,7 @@ ROOT = PACKAGE.parent
 
 #: layer -> modules and packages in it; a package's modules may import each other
 LAYERS = {
-    1: ("errors", "accuracy", "progress", "stopwatch", "version"),
+    1: ("errors", "accuracy", "leftovers", "progress", "stopwatch", "version"),
     2: ("physics", "files", "compiled", "checked", "notebook", "notebook_sketch"),
     3: ("scene", "contacts", "damping", "geometry", "drive", "features", "support", "restitution"),
     4: ("lmp", "scene_file", "timescales", "trajectory", "dense"),

@@ -17,6 +17,8 @@ class Entry(NamedTuple):
     attribute: str
     method: str
     purpose: str
+    uncertainty: str = ""
+    """The module of the family or rule from which its uncertainty follows; '': its runs state theirs."""
 
 
 _FILE = Path(__file__).with_name("catalogue.json")

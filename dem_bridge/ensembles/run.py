@@ -21,6 +21,7 @@ from dem_bridge.ensembles.draw import BLOCK, Variation
 from dem_bridge.ensembles.result import Ensemble
 from dem_bridge.ensembles.solve import OBSERVABLES, check_solvable, difference, solve_chains, steps_for
 from dem_bridge.errors import UsageError
+from dem_bridge.leftovers import owned
 from dem_bridge.observables.registry import observable_named
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
@@ -126,7 +127,7 @@ def _arrays(scene: Scene, n: int, samples: int | None) -> tuple[dict[str, Floats
         if 8 * math.prod(shape) < _IN_MEMORY:
             arrays[name] = np.empty(shape)
             continue
-        folder = folder or Path(tempfile.mkdtemp(prefix="dem-bridge-ensemble-"))
+        folder = folder or Path(tempfile.mkdtemp(prefix=owned("dem-bridge-ensemble")))
         arrays[name] = np.lib.format.open_memmap(folder / f"{name}.npy", mode="w+", dtype=float, shape=shape)
     return arrays, folder
 

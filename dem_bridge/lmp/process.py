@@ -23,6 +23,7 @@ from tempfile import TemporaryDirectory, gettempdir
 from typing import Any
 
 from dem_bridge.errors import BackendUnavailable, RunBroken
+from dem_bridge.leftovers import owned, remove_unmapped, sweep
 from dem_bridge.lmp import log
 from dem_bridge.lmp.engine import STYLES, Build, Engine, lacks, remedy
 
@@ -176,8 +177,10 @@ def workspace() -> Iterator[Path]:
     RunBroken
         If the folder cannot be created or written.
     """
+    sweep(Path(gettempdir()))
+    _sweep_dead()
     try:
-        with TemporaryDirectory(prefix="dem-bridge-", ignore_cleanup_errors=True) as name:
+        with TemporaryDirectory(prefix=owned("dem-bridge"), ignore_cleanup_errors=True) as name:
             try:
                 yield Path(name)
             except RunBroken as error:
@@ -416,6 +419,12 @@ def _sweep(pid: int) -> None:
     for path in SHARED_MEMORY.glob(f"mpich_shm_{pid:x}_*"):
         with suppress(OSError):  # it belongs to another user
             path.unlink()
+
+
+@cache
+def _sweep_dead() -> None:
+    """Remove the shared memory of MPI libraries whose processes were killed with their parents, once in a process."""
+    remove_unmapped(SHARED_MEMORY, "mpich_shm_*")
 
 
 def _wait(child: subprocess.Popen[bytes], began: float, time_limit: float, watch: Callable[[], None] | None) -> Ended:

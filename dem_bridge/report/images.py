@@ -15,8 +15,9 @@ from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING, TypeVar
 
+from dem_bridge.runs.code import code_of_all, digest
 from dem_bridge.runs.recall import recall
-from dem_bridge.runs.store import Store, code_hash
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies.study import FigureData
 from dem_bridge.verification.assess import SceneStudy
@@ -72,7 +73,7 @@ def _recall(
     **shown: object,
 ) -> Svg:
     """Return a picture from the store, or draw it if the runs, the code of the report or a library are new."""
-    drawing = {"code": code_hash(), "matplotlib": version("matplotlib"), "pillow": version("pillow")}
+    drawing = {"code": digest(code_of_all()), "matplotlib": version("matplotlib"), "pillow": version("pillow")}
     return recall(store, f"picture {name}", keys, draw, scenes=scenes, drawing=drawing, shown=shown)
 
 

@@ -4,8 +4,8 @@ A key is a sha256 over
 
 scene     content hash, which does not have the name, and spacing, which radii in a deck can follow
 settings  backend, every field of Resolution, Sampling, with or without uncertainty
-code      versions of Python, dem_bridge and the libraries that compute, and the text of every module of this package
-          that numbers pass through
+code      versions of Python, dem_bridge and the libraries that compute, and the text of the modules of this package
+          that the numbers of this backend pass through (:mod:`.code`)
 machine   processor with its instruction set, C library, variables that change what is loaded or compiled: last digits
           depend on them
 LAMMPS    path, arguments, ranks, versions, size and time of its files, so that a new build is another key; with the
@@ -14,16 +14,17 @@ LAMMPS    path, arguments, ranks, versions, size and time of its files, so that 
 Scenes with laws that are functions have no key and are always run, for their hash knows these at 61 overlaps to 12
 digits; so has an engine that would have to be started to be identified, such as a script.
 
-An entry is one file: a line with the sha256 of the rest, a line of JSON, the arrays as numpy writes them. One that
-does not fit its checksum is set aside and computed again.
+An entry is one file: a line with the sha256 of the rest, a line of JSON with type and shape of each array, the arrays'
+bytes. One that does not fit its checksum is set aside and computed again. It is written under another name and renamed,
+which is atomic on local and on network file systems; nothing is ever locked.
 """
 
 from __future__ import annotations
 
 import hashlib
 import importlib.util
-import io
 import json
+import math
 import os
 import platform
 import time
@@ -40,41 +41,38 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, versions_of
 from dem_bridge.errors import UsageError
-from dem_bridge.files import check_folder, write_whole
+from dem_bridge.files import check_folder
+from dem_bridge.leftovers import owned, sweep
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.code import changed_since_start, code_of_run, code_of_studies, digest
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, VOCABULARY, Cost, Trajectory, Uncertainty
 
-SCHEMA = "dem-bridge/store/2"
+SCHEMA = "dem-bridge/store/3"
 #: names the folder; empty: no store
 VARIABLE = "DEM_BRIDGE_STORE"
-_PACKAGE = Path(__file__).parents[1]
-#: bytes; beyond, what was not used for the longest time goes first
+#: its largest size in MB; beyond, what was not used for the longest time goes first
+LIMIT_VARIABLE = "DEM_BRIDGE_STORE_LIMIT"
 LIMIT = 2_000_000_000
-#: parts of the package that judge, show and tell: no number of a trajectory passes through them
-NOT_IN_RUNS = (
-    "api", "campaign", "cli", "differences", "doctor", "ensembles", "exports", "judging", "measurement", "planning",
-    "plot", "readers", "regression", "report", "studies", "sweep", "verification",
-)  # fmt: skip
-#: ... and none of a study's
-NOT_IN_STUDIES = ("api", "cli", "doctor", "exports", "plot", "regression", "report")
 _VARIABLES = ("LD_LIBRARY_PATH", "LD_PRELOAD", "NUMBA_CPU_FEATURES", "NUMBA_CPU_NAME", "NUMBA_DISABLE_JIT", "NUMBA_OPT",
               "OMP_NUM_THREADS", "PYTHONPATH")  # fmt: skip
 _CPU = ("vendor_id", "cpu family", "model", "model name", "flags", "CPU implementer", "CPU part", "Features")
+#: kind of a run that was made without its uncertainty
+_WITHOUT = "run without uncertainty"
 SUFFIX = ".run"
 #: ... of an entry that was damaged
 DAMAGED = ".damaged"
-#: files of the package that are code, or texts and tables in place of code
-_SOURCES = (".py", ".template", ".toml", ".json", ".j2")
+#: ... of one that is being written
+_PART = ".part"
 #: s for which the answer holds that the code is that of this process; it takes 3 ms
 _SAME_CODE = 1.0
-#: s, after which what a killed process left half written goes
+#: s, after which what a killed process of another machine left half written goes
 _LEFT_BEHIND = 86_400.0
 Array = NDArray[Any]
-#: key -> what determined it, and the parts without code in it, of the latest keys of this process: entries keep it, so
-#: that :mod:`.inspect` can explain
-_DETERMINED: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {}
-_MOST_DETERMINED = 1_000
+#: key -> what determined it, and the code by file, of the latest keys of this process: entries keep it, so that
+#: :mod:`.inspect` can explain
+_DETERMINED: dict[str, tuple[dict[str, Any], Mapping[str, str]]] = {}
+_MOST_DETERMINED = 10_000
 
 
 def run_key(
@@ -97,10 +95,9 @@ def run_key(
     """
     if backend in ENGINE_BACKENDS:
         engine = engine or Engine.chosen()
-    parts = {"backend": backend, "resolution": asdict(resolution), "samples": sampling.count}
-    if uncertainty:
-        return _key("run", [scene], engine, NOT_IN_RUNS, parts)
-    return _key("run without uncertainty", [scene], engine, (*NOT_IN_RUNS, "uncertainty"), parts)
+    parts = {"backend": backend, "resolution": vars(resolution), "samples": sampling.count}
+    code = code_of_run(backend, uncertainty=uncertainty)
+    return _key("run" if uncertainty else _WITHOUT, [scene], engine, code, parts)
 
 
 def study_key(question: str, scenes: Sequence[Scene], **settings: object) -> str | None:
@@ -108,43 +105,44 @@ def study_key(question: str, scenes: Sequence[Scene], **settings: object) -> str
 
     ``settings``: everything else that determines them, JSON-able. The code of the studies is part of the key.
     """
-    return _key(question, scenes, None, NOT_IN_STUDIES, settings)
+    return _key(question, scenes, None, code_of_studies(), settings)
 
 
 def _key(
-    kind: str, scenes: Sequence[Scene], engine: Engine | None, without: tuple[str, ...], parts: Mapping[str, object]
+    kind: str, scenes: Sequence[Scene], engine: Engine | None, code: Mapping[str, str], parts: Mapping[str, object]
 ) -> str | None:
     if any(scene.law is not None for scene in scenes):
         return None
     of_engine = None if engine is None else _engine(engine)
     if engine is not None and of_engine is None:
         return None
-    whole = _determined_by(kind, scenes, of_engine, without, parts)
-    key = hashlib.sha256(json.dumps(whole, sort_keys=True, default=_plain).encode()).hexdigest()
-    _DETERMINED[key] = whole, without
+    whole = _determined_by(kind, scenes, of_engine, parts)
+    text = json.dumps({**whole, "code": digest(code)}, sort_keys=True, default=_plain)
+    key = hashlib.sha256(text.encode()).hexdigest()
+    _DETERMINED[key] = whole, code
     while len(_DETERMINED) > _MOST_DETERMINED:
         del _DETERMINED[next(iter(_DETERMINED))]
     return key
 
 
 def determined_by(key: str) -> Mapping[str, Any] | None:
-    """Return what determined a key that this process made; None for others. Code is by part of the package."""
+    """Return what determined a key that this process made, as JSON types, the code by file; None for others."""
     if key not in _DETERMINED:
         return None
-    whole, without = _DETERMINED[key]
-    return _with_parts_of_code(whole, without)
+    whole, code = _DETERMINED[key]
+    return _as_json({**whole, "code": code})
 
 
 def present(before: Mapping[str, Any], scene: Scene) -> dict[str, Any]:
     """Return what would determine a run now that was determined by ``before``, with the same settings; JSON types."""
     of_engine = None if before["engine"] is None else _engine_now(before["engine"])
-    without = NOT_IN_RUNS if before["kind"] == "run" else (*NOT_IN_RUNS, "uncertainty")
-    return _with_parts_of_code(_determined_by(before["kind"], [scene], of_engine, without, before["parts"]), without)
+    whole = _determined_by(before["kind"], [scene], of_engine, before["parts"])
+    code = code_of_run(before["parts"]["backend"], uncertainty=before["kind"] != _WITHOUT)
+    return _as_json({**whole, "code": code})
 
 
-def _with_parts_of_code(whole: Mapping[str, Any], without: tuple[str, ...]) -> dict[str, Any]:
-    """Return what determines a result as JSON types, the code by part of the package."""
-    return dict(json.loads(json.dumps({**whole, "code": code_hashes(without)}, default=_plain)))
+def _as_json(whole: Mapping[str, Any]) -> dict[str, Any]:
+    return dict(json.loads(json.dumps(whole, default=_plain)))
 
 
 def _engine_now(before: Mapping[str, Any]) -> dict[str, object]:
@@ -166,10 +164,9 @@ def _determined_by(
     kind: str,
     scenes: Sequence[Scene],
     of_engine: Mapping[str, object] | None,
-    without: tuple[str, ...],
     parts: Mapping[str, object],
 ) -> dict[str, Any]:
-    """Return everything that determines a result, as JSON types."""
+    """Return everything that determines a result but the code of this package, as JSON types."""
     return {
         "schema": SCHEMA,
         "kind": kind,
@@ -179,7 +176,6 @@ def _determined_by(
         ],
         "parts": parts,
         "engine": of_engine,
-        "code": code_hash(without),
         "versions": versions_of("dem-bridge", "numpy", "scipy", "numba", "llvmlite", "ase"),
         "machine": _machine(),
         "variables": {name: os.environ.get(name) for name in _VARIABLES},
@@ -193,6 +189,18 @@ def default_folder() -> Path | None:
         return Path(os.path.abspath(Path(variable).expanduser())) if variable else None
     cache_home = Path(os.environ.get("XDG_CACHE_HOME", ""))
     return (cache_home if cache_home.is_absolute() else Path("~/.cache").expanduser()) / "dem-bridge"
+
+
+def _limit() -> int:
+    """Return the largest size of a store, bytes."""
+    text = os.environ.get(LIMIT_VARIABLE, "")
+    try:
+        limit = 1e6 * float(text) if text else LIMIT
+        if not 0.0 <= limit < math.inf:
+            raise ValueError
+    except ValueError:
+        raise UsageError(f"{LIMIT_VARIABLE} = {text!r}; allowed: the largest size of the store in MB") from None
+    return int(limit)
 
 
 class Store:
@@ -215,6 +223,7 @@ class Store:
             check_folder(self.folder)
         except UsageError as error:
             self._cannot_write(error)
+        sweep(self.folder)
 
     @classmethod
     def opened(cls, choice: object = True, *, recompute: bool = False) -> Store | None:
@@ -231,7 +240,7 @@ class Store:
             folder = Path(choice).expanduser()
         else:
             raise UsageError(f"store = {choice!r}; allowed: True, False or the path of a folder")
-        return None if folder is None else cls(folder, recompute=recompute)
+        return None if folder is None else cls(folder, limit=_limit(), recompute=recompute)
 
     def load(self, key: str, scene: Scene) -> Trajectory | None:
         """Return the trajectory of a key, None if there is none.
@@ -261,7 +270,7 @@ class Store:
     def load_arrays(self, key: str) -> dict[str, Array] | None:
         """Return the arrays that :meth:`save_arrays` kept, None if there are none."""
         entry = self._read(key)
-        return None if entry is None else entry[0]
+        return None if entry is None else {name: array.copy() for name, array in entry[0].items()}
 
     def save_arrays(self, key: str, arrays: Mapping[str, Array]) -> None:
         """Keep named arrays, of any kind of number."""
@@ -303,13 +312,23 @@ class Store:
         if len(whole) > self.limit // 2:
             return False
         try:
-            write_whole(self.folder, {self._path(key).name: whole})
+            self._place(key, whole)
             self._room -= len(whole)
             if self._room < 0:
                 self._make_room()
         except (UsageError, OSError) as error:
             self._cannot_write(error)
         return self._writes
+
+    def _place(self, key: str, whole: bytes) -> None:
+        """Write an entry under a name of this process and rename it: at any time it is there as a whole or not."""
+        part = self.folder / f"{owned(key[:12])}{os.urandom(4).hex()}{_PART}"
+        try:
+            with part.open("xb") as file:
+                file.write(whole)
+            part.replace(self._path(key))
+        finally:
+            part.unlink(missing_ok=True)
 
     def _make_room(self) -> None:
         """Down to nine tenths of the limit if it is passed. Between two looks other processes may pass it a little."""
@@ -319,7 +338,7 @@ class Store:
                 about = entry.stat()
                 if entry.name.endswith(SUFFIX):
                     entries.append((about.st_mtime_ns, about.st_size, entry.path))
-                elif entry.name.endswith((".part", DAMAGED)) and now - about.st_mtime > _LEFT_BEHIND:
+                elif entry.name.endswith((_PART, DAMAGED)) and now - about.st_mtime > _LEFT_BEHIND:
                     os.unlink(entry.path)
         total = sum(size for _, size, _ in entries)
         if total > self.limit:
@@ -332,7 +351,7 @@ class Store:
 
     def _outdated(self) -> bool:
         """Return True if the code on disk is younger than this process, so that it is unknown which of the two ran."""
-        if not _changed_since_start():
+        if not changed_since_start():
             return False
         self._say("dem_bridge has changed on disk since this process began: nothing is stored; start it again")
         return True
@@ -346,12 +365,13 @@ class Store:
 
 
 def _packed(details: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
-    body = io.BytesIO()
-    body.write(json.dumps({**details, "arrays": list(arrays)}).encode() + b"\n")
-    for array in arrays.values():
-        np.save(body, np.asarray(array), allow_pickle=False)
-    content = body.getbuffer()
-    return b"\n".join([hashlib.sha256(content).hexdigest().encode(), content])
+    parts = {name: np.asarray(array, order="C") for name, array in arrays.items()}
+    forms = {name: (part.dtype.str, part.shape) for name, part in parts.items()}
+    if any(part.dtype.hasobject for part in parts.values()):
+        raise TypeError("arrays of objects cannot be kept in the store")
+    line = json.dumps({**details, "arrays": forms}).encode()
+    content = b"\n".join([line, b"".join(part.tobytes() for part in parts.values())])
+    return hashlib.sha256(content).hexdigest().encode() + b"\n" + content
 
 
 def unpacked(key: str, whole: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -359,54 +379,18 @@ def unpacked(key: str, whole: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
     checksum, _, content = whole.partition(b"\n")
     if checksum != hashlib.sha256(content).hexdigest().encode():
         raise ValueError("its checksum does not fit")
-    body = io.BytesIO(content)
-    details = json.loads(body.readline())
-    if (details["schema"], details["key"]) != (SCHEMA, key):
-        raise ValueError("it is the entry of another key")
-    return {name: np.load(body, allow_pickle=False) for name in details["arrays"]}, details
-
-
-@cache
-def code_hash(without: tuple[str, ...] = (), package: Path = _PACKAGE) -> str:
-    """Return sha256 over modules, the deck's template and texts of studies, apart from the parts ``without``."""
-    digest = hashlib.sha256()
-    for file in _sources(package):
-        name = file.relative_to(package).as_posix()
-        if name.removesuffix(".py").split("/")[0] not in without:
-            text = file.read_bytes()
-            digest.update(f"{name} {len(text)}\n".encode() + text)
-    return digest.hexdigest()
-
-
-@cache
-def code_hashes(without: tuple[str, ...] = ()) -> dict[str, str]:
-    """Return sha256 of each part of the package, apart from the parts ``without``: 12 digits."""
-    parts: dict[str, Any] = {}
-    for file in _sources(_PACKAGE):
-        name = file.relative_to(_PACKAGE).as_posix()
-        part = name.removesuffix(".py").split("/")[0]
-        if part not in without:
-            parts.setdefault(part, hashlib.sha256()).update(name.encode() + file.read_bytes())
-    return {part: digest.hexdigest()[:12] for part, digest in parts.items()}
-
-
-@cache
-def _sources(package: Path) -> tuple[Path, ...]:
-    scenes = package / "scenes"  # they have keys of their own
-    files = (file for suffix in _SOURCES for file in package.rglob(f"*{suffix}"))
-    return tuple(sorted(file for file in files if scenes not in file.parents))
-
-
-def _changed_since_start(package: Path = _PACKAGE) -> bool:
-    # the time of change and not of the text: a copy of an older file is a change, too
-    return max(file.stat().st_ctime for file in _sources(package)) > _started()
-
-
-@cache
-def _started() -> float:
-    """Return when this process began, s since the epoch: the end of that tick, before any import of this package."""
-    ticks = int(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19])
-    return time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + (ticks + 1) / os.sysconf("SC_CLK_TCK")
+    line, _, body = content.partition(b"\n")
+    try:
+        details = json.loads(line)
+        if (details["schema"], details["key"]) != (SCHEMA, key):
+            raise ValueError("it is the entry of another key")
+        arrays, start = {}, 0
+        for name, (form, shape) in details["arrays"].items():
+            arrays[name] = np.ndarray(shape, form, body, start)
+            start += arrays[name].nbytes
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"it is no entry of a store: {error!r}") from error
+    return arrays, dict(details)
 
 
 @cache

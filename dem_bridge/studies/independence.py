@@ -17,14 +17,13 @@ from pathlib import Path
 from types import MappingProxyType
 
 from dem_bridge.backends.base import BACKENDS
-from dem_bridge.uncertainty.estimate import SOURCES
 
 #: what every backend speaks: nothing in it solves anything
 LANGUAGE = frozenset(
     f"dem_bridge.{name}"
     for name in (
-        "backends.base", "compiled", "contacts", "errors", "features", "progress", "runs.cache", "runs.case",
-        "runs.store", "scene", "stopwatch", "support", "trajectory",
+        "backends.base", "compiled", "contacts", "errors", "features", "leftovers", "progress", "runs.cache",
+        "runs.case", "runs.code", "runs.store", "scene", "stopwatch", "support", "trajectory",
     )
 )  # fmt: skip
 #: modules through which nothing reaches the values of a run. ``tabled`` gives the twin the tables of a deck for the
@@ -72,8 +71,8 @@ def _reached(backend: str, without: frozenset[str] = frozenset()) -> frozenset[s
 
 def _reached_by_uncertainty(backend: str) -> frozenset[str]:
     """Modules that a run of a backend and its uncertainty import."""
-    sources = [module for module, backends in SOURCES.items() if backend in backends]
-    return _reached(backend).union(*(_closure(module, LANGUAGE) for module in sources))
+    source = BACKENDS[backend].uncertainty
+    return _reached(backend) | (_closure(source, LANGUAGE) if source else frozenset())
 
 
 def _closure(start: str, stops: frozenset[str]) -> frozenset[str]:

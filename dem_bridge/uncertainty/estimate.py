@@ -12,14 +12,12 @@ theories, and any other backend      none: the uncertainty is that which the run
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from types import MappingProxyType
 from typing import TYPE_CHECKING, cast
 
 from dem_bridge import progress
-from dem_bridge.backends.base import ENGINE_BACKENDS, Backend, Replicating, Resolution, backend
+from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Backend, Replicating, Resolution, backend
 from dem_bridge.compiled import started
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
@@ -29,15 +27,11 @@ if TYPE_CHECKING:
     from dem_bridge.uncertainty.family import TwinFamily
 
 TWIN = "verlet"
-#: module of the family or rule -> backends that take their uncertainty from it
-SOURCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "dem_bridge.uncertainty.twins": (*ENGINE_BACKENDS, TWIN, "ase"),
-        "dem_bridge.uncertainty.own_steps": ("blanes-moan",),
-        "dem_bridge.uncertainty.replicas": ("reference", "ode45", "scipy"),
-    }
+#: backends that take their uncertainty from a family of twins, from their own steps, and from replicas
+TWINS, OWN_STEPS, REPLICAS = (
+    tuple(name for name, entry in BACKENDS.items() if entry.uncertainty == f"dem_bridge.uncertainty.{source}")
+    for source in ("twins", "own_steps", "replicas")
 )
-TWINS, OWN_STEPS, REPLICAS = SOURCES.values()
 
 
 def solve(case: Case, cache: RunCache | None = None, code: Backend | None = None) -> Trajectory:

@@ -15,6 +15,7 @@ from dem_bridge.cli import main
 from dem_bridge.errors import UsageError
 from dem_bridge.runs import inspect, store
 from dem_bridge.runs.case import Case
+from dem_bridge.runs.code import code_of_run
 from dem_bridge.runs.store import DAMAGED, SUFFIX, VARIABLE, Store
 from dem_bridge.scene import Scene
 
@@ -50,19 +51,11 @@ def test_an_entry_is_used_again_until_something_changes(kept: Store, monkeypatch
     }
 
 
-def test_changed_code_is_named_by_its_part(kept: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = store.code_hashes(store.NOT_IN_RUNS)
-    monkeypatch.setattr(store, "code_hashes", lambda without: {**before, "backends": "another"})
+def test_changed_code_is_named_by_its_file(kept: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = dict(code_of_run("verlet", uncertainty=False))
+    monkeypatch.setattr(store, "code_of_run", lambda *_, **__: {**before, "backends/twin.py": "another"})
     texts = {text for _, text in inspect.why(kept, PAIR)}
-    assert texts == {"not used again: the code (backends, uncertainty) changed"} or texts == {
-        "not used again: the code (backends) changed"
-    }
-
-
-def test_words_of_a_report_are_in_no_key_of_a_run() -> None:
-    parts = store.code_hashes(store.NOT_IN_RUNS)
-    assert {"backends", "scene", "lmp", "uncertainty"} <= set(parts)
-    assert not {"report", "cli", "studies", "judging", "readers", "ensembles", "measurement"} & set(parts)
+    assert texts == {"not used again: the code (backends/twin.py) changed"}
 
 
 def test_a_damaged_entry_is_set_aside(kept: Store) -> None:

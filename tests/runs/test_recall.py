@@ -114,7 +114,7 @@ def test_an_entry_makes_no_class_but_plain_data_of_this_package(tmp_path: Path, 
 
 def test_changed_code_is_another_value(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert recall(Store(tmp_path), "value", ["key"], lambda: 1) == 1
-    monkeypatch.setattr(store_module, "code_hash", lambda *_: "of another version")
+    monkeypatch.setattr(store_module, "digest", lambda *_: "of another version")
     assert recall(Store(tmp_path), "value", ["key"], lambda: 2) == 2
 
 

@@ -25,14 +25,14 @@ from dem_bridge.backends import base
 from dem_bridge.backends.base import CHOICES, ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs import code
 from dem_bridge.runs import store as module
-from dem_bridge.runs.store import NOT_IN_RUNS, NOT_IN_STUDIES, Store, code_hash, default_folder, run_key, study_key
+from dem_bridge.runs.store import Store, default_folder, run_key, study_key
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, VOCABULARY, Trajectory, Uncertainty
 from tests.conftest import Solve
 from tests.helpers.fake_runs import free_flight
 from tests.helpers.three_bodies import THREE
-from tests.test_architecture import INNER, MODULES, PACKAGE, _ours
 
 SCENE = replace(THREE, samples=20)
 KEY = "0" * 64
@@ -242,15 +242,22 @@ def test_backend_and_samples_are_in_the_key() -> None:
     assert len({_key(), _key(backend="reference"), _key(samples=21)}) == 3
 
 
+def _changed_file(name: str) -> Any:
+    """Return a stand-in for ``code_of_run`` after a change of a file."""
+    real = code.code_of_run
+
+    def changed(*words: Any, **settings: Any) -> dict[str, str]:
+        return {file: "changed" if file == name else text for file, text in real(*words, **settings).items()}
+
+    return changed
+
+
 def test_the_key_of_a_run_without_uncertainty_is_another_and_ignores_the_code_of_the_uncertainty(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert _key(uncertainty=False) != _key()
-    real = module.code_hash
     before = _key(), _key(uncertainty=False)
-    monkeypatch.setattr(
-        module, "code_hash", lambda left_out: "changed" if "uncertainty" not in left_out else real(left_out)
-    )
+    monkeypatch.setattr(module, "code_of_run", _changed_file("uncertainty/twins.py"))
     assert (_key() == before[0], _key(uncertainty=False) == before[1]) == (False, True)
 
 
@@ -263,23 +270,11 @@ def test_another_version_is_another_key(package: str, monkeypatch: pytest.Monkey
     assert _key() != before
 
 
-@pytest.mark.parametrize("what", ["_machine", "code_hash"])
+@pytest.mark.parametrize("what", ["_machine", "digest"])
 def test_another_machine_or_code_is_another_key(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     before = _key(), study_key("scatter", [SCENE])
     monkeypatch.setattr(module, what, lambda *_: "another")
     assert not {_key(), study_key("scatter", [SCENE])} & set(before)
-
-
-@pytest.mark.parametrize(("file", "counts"), [("studies/pages/claims.toml", True), ("scenes/one.toml", False)])
-def test_a_text_of_a_study_is_code_and_a_scene_is_not(file: str, counts: bool, tmp_path: Path) -> None:
-    def written(name: str, text: str) -> str:
-        path = tmp_path / name / file
-        path.parent.mkdir(parents=True)
-        path.write_text(text)
-        return code_hash((), tmp_path / name)
-
-    assert (written("before", "a = 1") != written("after", "a = 2")) is counts
-    assert code_hash(("studies",), tmp_path / "before") == code_hash(("studies",), tmp_path / "after")
 
 
 @pytest.mark.parametrize("variable", ["NUMBA_DISABLE_JIT", "LD_PRELOAD"])
@@ -394,62 +389,16 @@ def test_the_module_of_this_environment_is_known_without_being_loaded() -> None:
 # our own code
 
 
-def test_code_that_changes_is_another_hash_and_code_that_only_shows_is_not(tmp_path: Path) -> None:
-    package = tmp_path / "package"
-    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
-
-    def now() -> tuple[str, str]:
-        # what a new process would find
-        module._sources.cache_clear()
-        return code_hash.__wrapped__(NOT_IN_RUNS, package), code_hash.__wrapped__(NOT_IN_STUDIES, package)
-
-    before = now()
-    assert before == (code_hash(NOT_IN_RUNS), code_hash(NOT_IN_STUDIES))
-    for name, runs, studies in (
-        ("backends/twin.py", True, True),
-        ("lmp/deck.py", True, True),
-        ("lmp/deck.template", True, True),
-        ("verification/checks.py", False, True),
-        ("report/page.py", False, False),
-    ):
-        file = package / name
-        text = file.read_text(encoding="utf-8")
-        file.write_text(text + "\n# another line")
-        after = now()
-        assert (after[0] != before[0], after[1] != before[1]) == (runs, studies), name
-        file.write_text(text)
-    (package / "backends" / "new.py").write_text("")
-    assert now()[0] != before[0]
-
-
-@pytest.mark.parametrize(
-    ("folders", "left_out"),
-    [(("backends", "lmp"), (*NOT_IN_RUNS, "uncertainty")), (("uncertainty",), NOT_IN_RUNS)],
-    ids=["run", "uncertainty"],
-)
-def test_no_number_of_a_trajectory_passes_through_what_the_key_leaves_out(
-    folders: tuple[str, ...], left_out: tuple[str, ...]
-) -> None:
-    wanted = [name for name in INNER if name.split(".")[1] in folders]
-    passed: set[str] = set()
-    while wanted:
-        if (name := wanted.pop()) not in passed:
-            passed.add(name)
-            wanted += _ours(name) - {"dem_bridge"}
-    assert not {name.split(".")[1] for name in passed} & set(left_out)
-    assert {name.split(".")[1] for name in MODULES if "." in name} >= set(NOT_IN_RUNS) | set(NOT_IN_STUDIES)
-
-
 def test_code_that_changed_under_a_running_process_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert not module._changed_since_start()
+    assert not code.changed_since_start()
     store = Store(tmp_path)
     store.save(KEY, _run())
     package = tmp_path / "package"
     package.mkdir()
     (package / "twin.py").write_text("")
     os.utime(package / "twin.py", (1, 1))  # a copy keeps the time of its text
-    assert module._changed_since_start(package)
-    monkeypatch.setattr(module, "_started", lambda: 0.0)
+    assert code.changed_since_start(package)
+    monkeypatch.setattr(code, "_started", lambda: 0.0)
     assert store.load(KEY, SCENE) is None
     store.save("1" * 64, _run())
     assert [file.name for file in tmp_path.glob("*.run")] == [f"{KEY}.run"]
@@ -567,6 +516,18 @@ def test_beyond_the_limit_what_was_not_used_for_the_longest_time_goes_first(tmp_
     assert there == [keys[0], *keys[-len(there) + 1 :]]
     assert len(there) >= 7  # no more than need be: nine tenths of the limit, and one
     assert store.trouble == ""
+
+
+def test_the_limit_is_that_of_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for text, limit in (("", module.LIMIT), ("0.5", 500_000), ("0", 0)):
+        monkeypatch.setenv(module.LIMIT_VARIABLE, text)
+        store = Store.opened(tmp_path)
+        assert store is not None
+        assert store.limit == limit
+    for text in ("-1", "nan", "inf", "2 GB"):
+        monkeypatch.setenv(module.LIMIT_VARIABLE, text)
+        with pytest.raises(UsageError, match=f"DEM_BRIDGE_STORE_LIMIT = '{text}'; allowed: the largest size"):
+            Store.opened(tmp_path)
 
 
 def test_what_takes_more_than_half_of_the_limit_is_not_kept(tmp_path: Path) -> None:

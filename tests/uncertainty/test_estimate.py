@@ -16,7 +16,7 @@ from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.scene import Damping, Scene
 from dem_bridge.trajectory import QUANTITIES
-from dem_bridge.uncertainty.estimate import SOURCES, estimate_uncertainty, looser_cases, solve
+from dem_bridge.uncertainty.estimate import OWN_STEPS, REPLICAS, TWINS, estimate_uncertainty, looser_cases, solve
 from dem_bridge.uncertainty.twins import twin_family, twin_resolution
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=20)
@@ -42,7 +42,7 @@ def solved_twins(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, bool]]:
 
 
 def test_every_solution_of_the_equations_has_an_uncertainty() -> None:
-    listed = {name for names in SOURCES.values() for name in names}
+    listed = {*TWINS, *OWN_STEPS, *REPLICAS}
     assert listed == {name for name in BACKENDS if backend(name).equations == "hertz"}
 
 

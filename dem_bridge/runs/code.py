@@ -1,0 +1,142 @@
+"""Hash the code that determines a result: the modules that its numbers pass through, and no others.
+
+The modules of a run are those that its backend imports, directly or through others, and with an uncertainty those of
+its family or rule as well. Imports are read from the text, so that nothing is imported. Modules that schedule, keep or
+show runs are left out. Values that a study reads from runs depend on the whole package but for the parts that show.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import time
+from collections.abc import Iterable, Mapping
+from functools import cache
+from pathlib import Path
+
+from dem_bridge.backends.catalogue import BACKENDS
+from dem_bridge.leftovers import started
+
+PACKAGE = Path(__file__).parents[1]
+#: parts of the package that schedule, keep, judge or show runs: no number of a trajectory passes through them
+NOT_IN_RUNS = (
+    "api", "campaign", "cli", "differences", "doctor", "ensembles", "exports", "judging", "measurement", "notebook",
+    "notebook_sketch", "planning", "plot", "readers", "regression", "report", "runs", "studies", "sweep",
+    "verification",
+)  # fmt: skip
+#: parts of the package that no number of a study passes through
+NOT_IN_STUDIES = ("api", "cli", "doctor", "exports", "notebook", "notebook_sketch", "plot", "regression", "report")
+#: it selects the family or rule of each backend, which the catalogue names: its imports are those of all backends
+_DISPATCH = "dem_bridge.uncertainty.estimate"
+#: files of the package that are code, or texts and tables in place of code
+_DATA = (".template", ".toml", ".json", ".j2")
+_FOR_TYPES = re.compile(r"^if TYPE_CHECKING:\n(?:[ \t]+.*\n|\n)*", re.MULTILINE)
+_IMPORT = re.compile(r"^[ \t]*(?:from (\S+) import (\([^)]*\)|.*)|import (\S+))", re.MULTILINE)
+#: the name of a file
+_QUOTED = re.compile(r'"(\w[\w.-]*\.[a-z0-9]+)"')
+
+
+@cache
+def code_of_run(backend: str, *, uncertainty: bool, package: Path = PACKAGE) -> Mapping[str, str]:
+    """Return the files that a run of a backend depends on, with the first 12 digits of their sha256."""
+    entry = BACKENDS[backend]
+    roots = [entry.module, *([_DISPATCH, entry.uncertainty] if uncertainty and entry.uncertainty else [])]
+    files: set[Path] = set()
+    for module in _closure(roots, package):
+        file = _file(module, package)
+        assert file is not None  # a closure has modules of the package only
+        files |= {file, *_named_in(file)}
+    return _hashes(files, package)
+
+
+@cache
+def code_of_studies(package: Path = PACKAGE) -> Mapping[str, str]:
+    """Return the files that a value read from runs may depend on, with the first 12 digits of their sha256."""
+    return _hashes((file for file in sources(package) if _part(file, package) not in NOT_IN_STUDIES), package)
+
+
+@cache
+def code_of_all(package: Path = PACKAGE) -> Mapping[str, str]:
+    """Return all files of the package that are code, with the first 12 digits of their sha256."""
+    return _hashes(sources(package), package)
+
+
+@cache
+def sources(package: Path = PACKAGE) -> tuple[Path, ...]:
+    """Return the modules, templates, texts and tables of the package, without the shipped scenes."""
+    scenes = package / "scenes"  # they have keys of their own
+    files = (file for suffix in (".py", *_DATA) for file in package.rglob(f"*{suffix}"))
+    return tuple(sorted(file for file in files if scenes not in file.parents))
+
+
+def changed_since_start(package: Path = PACKAGE) -> bool:
+    """Return True if a file of the package is younger than this process."""
+    # the time of change and not of the text: a copy of an older file is a change, too
+    return max(file.stat().st_ctime for file in sources(package)) > _started()
+
+
+@cache
+def _started() -> float:
+    """Return when this process began, s since the epoch: the end of that tick, before any import of this package."""
+    ticks = started(os.getpid()) + 1
+    return time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + ticks / os.sysconf("SC_CLK_TCK")
+
+
+def digest(code: Mapping[str, str]) -> str:
+    """Return one sha256 for the hashes of files."""
+    return hashlib.sha256(repr(sorted(code.items())).encode()).hexdigest()
+
+
+def _closure(modules: Iterable[str], package: Path) -> set[str]:
+    """Return modules with all that they import, directly or through others, apart from what is in no run."""
+    wanted, reached = list(modules), set[str]()
+    while wanted:
+        if (module := wanted.pop()) not in reached:
+            reached.add(module)
+            wanted += _imports(module, package)
+    return reached
+
+
+@cache
+def _imports(module: str, package: Path) -> frozenset[str]:
+    """Return the modules of the package that a module imports, also within functions, and the folder that has it."""
+    file = _file(module, package)
+    assert file is not None
+    names = {module.rpartition(".")[0]}
+    if module != _DISPATCH:
+        for source, items, name in _IMPORT.findall(_FOR_TYPES.sub("", file.read_text(encoding="utf-8"))):
+            names |= {name, source, *(f"{source}.{item}" for item in re.findall(r"\w+", items))}
+    parts = ((name, name.split(".")) for name in names)
+    ours = {name for name, part in parts if part[0] == "dem_bridge" and len(part) > 1 and part[1] not in NOT_IN_RUNS}
+    return frozenset(name for name in ours if _file(name, package) is not None)
+
+
+@cache
+def _file(module: str, package: Path) -> Path | None:
+    """Return the file of a module of the package; None if there is none."""
+    place = package.joinpath(*module.split(".")[1:])
+    return next((file for file in (place.with_suffix(".py"), place / "__init__.py") if file.is_file()), None)
+
+
+@cache
+def _named_in(file: Path) -> frozenset[Path]:
+    """Return the files in the folder of a module that its text names: data, and scripts that it starts."""
+    names = set(_QUOTED.findall(file.read_text(encoding="utf-8")))
+    return frozenset(path for name in names if (path := file.with_name(name)).is_file())
+
+
+def _part(file: Path, package: Path) -> str:
+    """Return the part of the package that a file belongs to: the name of a folder or of a module beside it."""
+    return file.relative_to(package).parts[0].removesuffix(".py")
+
+
+def _hashes(files: Iterable[Path], package: Path) -> dict[str, str]:
+    """Return the first 12 digits of the sha256 of each file, by its path within the package."""
+    return dict(sorted((file.relative_to(package).as_posix(), _hash(file)) for file in files))
+
+
+@cache
+def _hash(file: Path) -> str:
+    """Return the first 12 digits of the sha256 of a file."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()[:12]

@@ -1,0 +1,149 @@
+"""The code in a key: a change of a module makes the runs anew whose numbers pass through it, and no others."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dem_bridge.backends.catalogue import BACKENDS
+from dem_bridge.runs import code
+from dem_bridge.runs.code import NOT_IN_RUNS, NOT_IN_STUDIES, PACKAGE, code_of_all, code_of_run, code_of_studies
+from tests.test_architecture import MODULES, _ours
+
+#: (backend, with its uncertainty): all kinds of runs
+RUNS = [(name, uncertainty) for name in BACKENDS for uncertainty in (False, True)]
+LAMMPS = ("lammps-granular", "lammps-table")
+TWINS = (*LAMMPS, "verlet", "ase")
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A copy of the package whose files can be edited."""
+    copy = tmp_path / "package"
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__", "scenes"))
+    return copy
+
+
+def _forget() -> None:
+    """Forget what was read from files, as a new process."""
+    for function in vars(code).values():
+        if hasattr(function, "cache_clear"):
+            function.cache_clear()
+
+
+def _now(package: Path) -> dict[tuple[str, bool] | str, str]:
+    """Return the hash in the key of each kind of run, and of a study, as a new process would find it."""
+    _forget()
+    kinds: dict[tuple[str, bool] | str, str] = {
+        "study": code.digest(code_of_studies(package)),
+        "picture": code.digest(code_of_all(package)),
+    }
+    for name, bars in RUNS:
+        kinds[name, bars] = code.digest(code_of_run(name, uncertainty=bars, package=package))
+    return kinds
+
+
+def _of(*backends: str, only_uncertainty: bool = False) -> set[tuple[str, bool] | str]:
+    return {(name, bars) for name, bars in RUNS if name in backends and (bars or not only_uncertainty)}
+
+
+EVERY = _of(*BACKENDS)
+#: file -> the runs that a change of it makes anew
+EDITS: dict[str, set[tuple[str, bool] | str]] = {
+    "report/page.py": set(),
+    "report/templates/study.html.j2": set(),
+    "cli/terminal.py": set(),
+    "cli/options.json": set(),
+    "api/studies.py": set(),
+    "studies/pages/claims.toml": set(),
+    "verification/checks.py": set(),
+    "judging/cause.py": set(),
+    "notebook.py": set(),
+    "campaign/run.py": set(),
+    "runs/store.py": set(),
+    "backends/taylor.py": _of("reference"),
+    "backends/blanes_moan.py": _of("blanes-moan"),
+    "backends/dormand_prince.py": _of("ode45"),
+    "backends/bca.py": _of("bca", "adiabatic"),
+    "backends/ase_verlet.py": _of("ase"),
+    "backends/scipy_kernels.py": _of("scipy", "reference"),
+    # where the laws dissipate, the prescan of all codes with a fixed step but ASE's is a run of the twin
+    "backends/twin.py": _of("verlet", "blanes-moan", *LAMMPS) | _of("ase", only_uncertainty=True),
+    "lmp/deck.template": _of(*LAMMPS),
+    "lmp/worker.py": _of(*LAMMPS),
+    "uncertainty/twins.py": _of(*TWINS, only_uncertainty=True),
+    "uncertainty/own_steps.py": _of("blanes-moan", only_uncertainty=True),
+    "uncertainty/replicas.py": _of("reference", "scipy", "ode45", only_uncertainty=True),
+    "physics/hertz.py": EVERY,
+    "scene.py": EVERY,
+}
+
+
+def test_a_change_makes_the_runs_anew_whose_numbers_pass_through_it_and_no_others(package: Path) -> None:
+    before = _now(package)
+    for name, anew in EDITS.items():
+        file = package / name
+        text = file.read_text(encoding="utf-8")
+        file.write_text(f"{text}\n# another line")
+        after = _now(package)
+        file.write_text(text)
+        changed = {kind for kind, value in after.items() if value != before[kind]}
+        assert changed - {"study", "picture"} == anew, name
+        assert ("study" in changed) == (name.removesuffix(".py").split("/")[0] not in NOT_IN_STUDIES), name
+        assert "picture" in changed, name
+    _forget()
+
+
+def test_a_module_that_a_kernel_begins_to_import_is_in_its_key(package: Path) -> None:
+    # within a function and over several lines, too
+    (package / "backends" / "new.py").write_text("")
+    file = package / "backends" / "bca.py"
+    file.write_text(file.read_text() + "\ndef f():\n    from dem_bridge.backends import (\n        new,\n    )\n")
+    _forget()
+    assert "backends/new.py" in code_of_run("bca", uncertainty=False, package=package)
+    assert "backends/new.py" not in code_of_run("ode45", uncertainty=False, package=package)
+    _forget()
+
+
+@pytest.mark.parametrize(("backend", "uncertainty"), RUNS)
+def test_the_imports_read_from_the_text_are_those_of_the_parser(backend: str, uncertainty: bool) -> None:
+    entry = BACKENDS[backend]
+    wanted = [entry.module, *([entry.uncertainty] if uncertainty and entry.uncertainty else [])]
+    passed: set[str] = set()
+    while wanted:
+        if (name := wanted.pop()) not in passed:
+            passed.add(name)
+            if name != "dem_bridge.backends.base":  # it imports the engine for types only
+                wanted += [other for other in _ours(name) - {"dem_bridge"} if other.split(".")[1] not in NOT_IN_RUNS]
+    files = {MODULES[name].relative_to(PACKAGE).as_posix() for name in passed}
+    assert files <= set(code_of_run(backend, uncertainty=uncertainty)) | {"drive.py", "lmp/engine.py"}
+
+
+def test_the_parts_that_are_left_out_exist() -> None:
+    assert {name.split(".")[1] for name in MODULES if "." in name} >= set(NOT_IN_RUNS) | set(NOT_IN_STUDIES)
+
+
+RUN = """
+import sys
+import dem_bridge as db
+from dem_bridge.backends.base import backend, Resolution, Sampling
+name = sys.argv[1]
+scene = db.load_scene("dimer-1-1")
+backend(name).run(scene, Resolution(), Sampling(count=1))
+print(*sorted(name for name in sys.modules if name.startswith("dem_bridge.")))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.lammps
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_what_a_process_imports_for_a_run_is_in_the_key(backend: str) -> None:
+    done = subprocess.run([sys.executable, "-c", RUN, backend], capture_output=True, text=True, check=True)
+    names = [name for name in done.stdout.split() if name.split(".")[1] not in NOT_IN_RUNS]
+    files = {MODULES[name].relative_to(PACKAGE).as_posix() for name in names}
+    assert "scene.py" in files
+    assert files - set(code_of_run(backend, uncertainty=False)) <= {"leftovers.py", "version.py"}
