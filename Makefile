@@ -8,7 +8,7 @@ PYTEST := -n auto
 # without bytecode every process of the tests, and every process that a test starts, would compile all modules again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup verify test test-all bench docs lint peers pins clean
+.PHONY: setup verify test test-all bench docs lint peers pins wheels clean
 
 setup: $(STAMP)
 
@@ -61,6 +61,10 @@ lint: $(STAMP)
 # new versions in, everything run beside the old ones, what differs listed; see docs/inherit.md
 pins: $(STAMP)
 	$(PYTHON) .ci/move_pins.py $(ARGS)
+
+# build both files of a release and use the wheel in empty environments; the table of docs/quality.md
+wheels:
+	$(PYTHON) .ci/wheels.py $(ARGS)
 
 clean:
 	rm -rf $(VENV) $(VENV)-new reports/latest docs/_build

@@ -84,9 +84,11 @@ def python() -> Finding:
 def packages() -> Finding:
     """Check that the required packages are installed and not too old; extras are not checked."""
     faults: dict[str, str] = {}
-    lines = [line for line in metadata.requires("dem-bridge") or [] if "extra ==" not in line]
-    for line in lines:
-        requirement = Requirement(line)
+    required = [
+        Requirement(line.partition(";")[0]) for line in metadata.requires("dem-bridge") or [] if "extra ==" not in line
+    ]
+    for requirement in required:
+        line = str(requirement)
         try:
             installed = metadata.version(requirement.name)
         except metadata.PackageNotFoundError:
@@ -97,7 +99,7 @@ def packages() -> Finding:
             faults[line] = f"{requirement.name} {installed} is older than {bound}"
     return Finding(
         name="packages",
-        state=", ".join(faults.values()) or f"all {len(lines)} required packages are installed",
+        state=", ".join(faults.values()) or f"all {len(required)} required packages are installed",
         remedy="pip install " + " ".join(f"'{line}'" for line in faults) if faults else "",
     )
 

@@ -10,9 +10,9 @@ import platform
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import version
 from typing import Any
 
+from dem_bridge.backends.base import versions_of
 from dem_bridge.lmp.coefficients import MODELS, damping_model
 from dem_bridge.studies.closed_form import closed_form_table
 from dem_bridge.studies.study import Claim, Study, Table
@@ -116,8 +116,7 @@ def _provenance(studies: Sequence[SceneStudy], accuracy: float, wall: float) -> 
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "accuracy": accuracy,
-        "versions": {"dem_bridge": __version__, "python": platform.python_version()}
-        | {name: version(name) for name in packages},
+        "versions": {"dem_bridge": __version__, "python": platform.python_version()} | versions_of(*packages),
         "lammps": dict(engines[-1]) if engines else {},
         "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
         "wall": round(wall, 2),

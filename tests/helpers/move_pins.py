@@ -1,4 +1,4 @@
-"""Load the program ``.ci/move_pins.py`` as a module, for the folder of CI is no package."""
+"""Load the programs of ``.ci`` as modules, because that folder is no package."""
 
 from __future__ import annotations
 
@@ -9,3 +9,5 @@ sys.path.insert(0, str(Path(__file__).parent.parent.parent / ".ci"))
 
 import move_pins as move_pins
 import parts as parts
+import quality as quality
+import wheels as wheels

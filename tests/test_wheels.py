@@ -1,0 +1,61 @@
+"""Files of a release: what the wheel must have, where it is tried, and the table of the page."""
+
+from __future__ import annotations
+
+import doctest
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tests.helpers.move_pins import quality, wheels
+
+ROOT = Path(__file__).parent.parent
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+WORKFLOW = (ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8")
+CONTAINER = (ROOT / "Containerfile").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("module", [quality, wheels])
+def test_the_examples_of_the_programs(module: object) -> None:
+    result = doctest.testmod(module)  # type: ignore[arg-type]
+    assert (result.failed, result.attempted > 0) == (0, True)
+
+
+def test_a_release_without_a_scene_or_with_caches_and_data_is_caught() -> None:
+    package = {"dem_bridge/py.typed", "dem_bridge/scenes/a.toml"}
+    beside = {"docs/x.md", "README.md", "PKG-INFO"}
+    assert wheels.wrong_contents(package | {"dem_bridge-0.1.dist-info/RECORD"}, package | beside, package) == []
+    assert wheels.wrong_contents(package - {"dem_bridge/py.typed"}, package, package) == [
+        "wheel: no dem_bridge/py.typed"
+    ]
+    for more in ("tests/data/big.npz", ".venv/bin/python", "dem_bridge/__pycache__/a.pyc"):
+        assert wheels.wrong_contents(package, package | beside | {more}, package) == [f"sdist: {more}"]
+
+
+def test_a_table_keeps_rows_that_were_not_measured_again_and_must_be_there() -> None:
+    page = quality.PAGE.read_text(encoding="utf-8")
+    assert quality.with_rows(page, "wheels", []) == page
+    assert "\n| 3.99.0 | x |\n<!-- end of wheels -->" in quality.with_rows(page, "wheels", [("3.99.0", "x")])
+    with pytest.raises(SystemExit, match="no table 'wheel'"):
+        quality.with_rows(page, "wheel", [])
+
+
+def test_the_workflow_runs_what_developers_run_on_every_python_that_is_promised() -> None:
+    promised = re.findall(r"Python :: (3\.\d+)", " ".join(PYPROJECT["project"]["classifiers"]))
+    assert promised[0] == PYPROJECT["project"]["requires-python"].removeprefix(">=")
+    quoted = ", ".join(f'"{version}"' for version in promised)
+    assert f"python: [{quoted}]" in WORKFLOW
+    assert "run: bash .ci/run" in WORKFLOW
+    # a version, never a branch that moves
+    for action in re.findall(r"uses: (\S+)", WORKFLOW):
+        assert re.fullmatch(r"actions/[a-z-]+@v\d+\.\d+\.\d+", action)
+
+
+def test_the_container_has_all_files_that_a_build_needs() -> None:
+    for name in re.findall(r"^COPY (?!--)(.+) \S+$", CONTAINER, re.MULTILINE):
+        assert all((ROOT / part).exists() for part in name.split())
+    project = PYPROJECT["project"]
+    needed = {"pyproject.toml", project["readme"], *project["license-files"], "dem_bridge", "constraints.txt"}
+    assert needed <= set(" ".join(re.findall(r"^COPY (.+)$", CONTAINER, re.MULTILINE)).split())
