@@ -170,7 +170,8 @@ def dop853(chain: Chain, time: Floats, rtol: float = 1e-11, compiled: bool = Fal
         return np.concatenate([y[n:] / unit, acceleration(y[:n] * unit, y[n:])])
 
     start = np.concatenate([np.zeros(n), chain.velocity])
-    span, largest = (0.0, float(time[-1])), chain.duration / 100.0
+    # a single sample at the start needs a span, too
+    span, largest = (0.0, max(float(time[-1]), 1e-6 * unit)), chain.duration / 100.0
     run = solve_ivp(slope, span, start, method="DOP853", t_eval=time, rtol=rtol, atol=rtol, max_step=largest)
     assert run.success
     return run.y[:n].T * unit, run.y[n:].T
