@@ -135,7 +135,7 @@ def _diagnose_file(scene: Scene, record: Record, floor: Mapping[str, float]) -> 
     """Return the diagnosis of one file."""
     search = Search(scene, record, floor)
     none = search.decision.decide(search.none, np.zeros(0))
-    if _explained(none):
+    if _explained(none) or _nearly_explained(none):
         return Diagnosis(cause="none", evidence="Time step and digits explain the difference.")
     fits = search.fits()
     diagnosis = name_cause(search, none, fits)
@@ -148,11 +148,16 @@ def _diagnose_file(scene: Scene, record: Record, floor: Mapping[str, float]) -> 
 
 
 def _explained(fit: Fit) -> bool:
-    """Return whether the digits of the file explain the residual.
+    """Return whether the digits of the file explain the residual."""
+    return fit.rms < EXPLAINED and fit.largest < LARGEST
 
-    Small values have more decimals than large ones, so that the error of a code without steps shows in a few of them.
+
+def _nearly_explained(fit: Fit) -> bool:
+    """Return whether the digits of the file explain the residual but for a few small values.
+
+    Small values have more decimals than large ones, so that the error of a code without steps shows in them.
     """
-    return fit.rms < EXPLAINED and (fit.largest < LARGEST or fit.floors < LARGEST_FLOORS)
+    return fit.rms < EXPLAINED and fit.floors < LARGEST_FLOORS
 
 
 def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
@@ -161,7 +166,7 @@ def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
     left = best.rms / none.rms
     usual = _usual_error(search, best)
     loosely = (left < 1.0 / FLOORS and best.error < usual) or (left < LITTLE and best.error < LITTLE_ERROR)
-    explained = bool(fits) and (_explained(best) or loosely)
+    explained = bool(fits) and (_explained(best) or _nearly_explained(best) or loosely)
     if not explained:
         if none.error < _usual_error(search, none) and search.decision.error_at_rest() < AT_REST * none.error:
             return Diagnosis(cause="none", evidence=f"The difference is {none.error:.2g} of the largest value.")

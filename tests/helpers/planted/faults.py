@@ -175,10 +175,10 @@ def plant(chain: Chain, fault: str, setting: Setting, size: float, rng: np.rando
         largest = float(np.max(np.abs(smooth.values[name])))
         scale = max(1.0, float(np.max(np.abs(faulty.values[name]))) / (largest or 1.0))
         error = float(np.max(np.abs(stepped.values[name] - smooth.values[name]))) * scale
-        floor[name] = max(half_unit(faulty.values[name], setting.digits), error, 1e-14 * largest * scale)
+        floor[name] = max(half_unit(faulty.values[name], setting.digits), error, 1e-14 * largest * scale, 1e-300)
         difference = float(np.max(np.abs(faulty.values[name][rows] - values)))
         # in a wrong unit of time nearly all rows are later than the exact motion is computed
-        relative = max(relative, difference / largest)
+        relative = max(relative, difference / (largest or 1.0))
         effect = max(effect, (difference if rows.sum() > 0.1 * len(rows) else largest) / floor[name])
     return Planted(
         chain=chain,
