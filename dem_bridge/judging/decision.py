@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,9 @@ Floats = NDArray[np.float64]
 #: methods that a right code may have
 METHODS = (kernels.VERLET, kernels.DRIFT_FIRST, kernels.RK4)
 #: steps in an interval of samples that are tried
-DIVISORS = (*range(1, 21), 24, 25, 30, 32, 40, 50, 64, 80, 100)
+DIVISORS = (*range(1, 21), 25, 30, 40, 50, 64, 80, 100)
+#: hypotheses for which they are tried leave less than so many times what the best one leaves
+PROMISING = 10.0
 #: rms in units of the noise at which the search for method and step ends
 ENOUGH = 1.2
 #: errors in units of the noise that digits do not explain
@@ -55,33 +57,37 @@ class Decision:
         return out if sane else [0.0 * np.nan_to_num(e) for e in self.exact]
 
     # ------------------------------------------------------------------ fits
-    def decide(self, hypothesis: Hypothesis, p: Floats, stepping: Stepping | None = None) -> Fit:
-        """Return the best fit of a hypothesis from parameters ``p``; ``stepping`` is that of the code, if known."""
+    def decide(self, hypothesis: Hypothesis, p: Floats, rival: Fit | None = None) -> Fit:
+        """Return the best fit of a hypothesis from parameters ``p``; ``rival`` is the best of other hypotheses."""
         if hypothesis.make(p).method is not None:
             return self._rounded(hypothesis, p)
         best = self._evaluated(hypothesis, p)
         dt, end = self.data.dt, float(self.data.time[-1])
         if best.rms < ENOUGH or (dt is not None and end / dt > MOST_STEPS):
             return best
-        for trial in self._stepped(hypothesis, best, stepping):
+        for trial in self._stepped(hypothesis, best, rival):
             best = trial if trial.rms < best.rms else best
             if best.rms < ENOUGH:
                 break
         return best
 
-    def _stepped(self, hypothesis: Hypothesis, exact: Fit, stepping: Stepping | None) -> Iterator[Fit]:
+    def _stepped(self, hypothesis: Hypothesis, exact: Fit, rival: Fit | None) -> Iterator[Fit]:
         """Yield the best fits by methods of fixed steps: at the step of the file, or at a step that is to be found."""
-        if stepping is not None:
-            yield self._improved(hypothesis, exact.parameters, stepping)
+        p = exact.parameters
         if self.data.dt is not None:
             for method in METHODS:
-                yield self._improved(hypothesis, exact.parameters, Stepping(method, self.data.dt))
+                yield self._improved(hypothesis, p, Stepping(method, self.data.dt))
             return
+        # the file was written by one method and step, whatever its cause
+        known = rival is not None and rival.rms < ENOUGH
+        if known and rival is not None and rival.stepping is not None:
+            yield self._improved(hypothesis, p, rival.stepping)
         for method in (kernels.VERLET, kernels.DRIFT_FIRST):
             yield self._found_step(hypothesis, exact, method)
-        if stepping is None and self.data.even and exact.error < 0.1:
+        promising = rival is None or exact.rms < PROMISING * rival.rms
+        if self.data.even and exact.error < 0.1 and promising and not known:
             for method in METHODS[::-1]:
-                yield self._tried_steps(hypothesis, exact, method)
+                yield from self._tried_steps(hypothesis, p, method, DIVISORS)
 
     def _rounded(self, hypothesis: Hypothesis, p: Floats) -> Fit:
         """Return the fit of a method of another code, at a step that divides the interval of samples if one fits."""
@@ -119,35 +125,56 @@ class Decision:
         """Return the best fit by a method whose step is found from the size of its error.
 
         The error is taken to grow by a power of the step. The power is 2 at first, and then that of the last two steps:
-        damping forces at half-step velocities add an error of order 1.
+        damping forces at half-step velocities add an error of order 1. At last the steps nearby are tried, because an
+        error at the kink of a contact law depends on where a step meets it. Small values have no more weight than
+        large ones, whatever their digits.
         """
         p, dt, power, best = exact.parameters, self.step, 2.0, exact
+        weight = self._weight(0.1 * exact.error)
         derivative = self._derivative(hypothesis, p)
-        smooth, start, last = self._residual(hypothesis, p), p, (0.0, 0.0)
+        smooth, start, last, nearest = self._residual(hypothesis, p), p, (0.0, 0.0), (math.inf, 0.0, p)
         for _ in range(ROUNDS):
             stepping = Stepping(method, dt)
             residual = self._residual(hypothesis, p, stepping)
             fit = self._fit(hypothesis, p, residual, derivative, stepping)
-            best = fit if fit.rms < best.rms else best
             if fit.rms < ENOUGH:
                 return self._improved(hypothesis, p, stepping)
+            best = fit if fit.rms < best.rms else best
             error = residual - smooth - derivative @ (p - start)
-            size = float(np.sqrt(np.mean(error**2)))
+            size = float(np.sqrt(np.mean((weight * error) ** 2)))
             if last[0] and abs(math.log(dt / last[0])) > 0.1 and size > 0.0:
                 power = min(max(math.log(size / last[1]) / math.log(dt / last[0]), 1.0), 4.0)
             columns = np.column_stack([derivative, error])
-            change = least(columns, -residual)
+            change = least(weight[:, None] * columns, -weight * residual)
+            left = residual + columns @ change
             if not last[0]:
-                linear = self._fit(hypothesis, p + change[:-1], residual + columns @ change)
+                linear = self._fit(hypothesis, p + change[:-1], left)
                 best = linear if linear.rms < best.rms else best
             growth = 1.0 + float(change[-1])
             last, p = (dt, size), np.clip(p + change[:-1], *hypothesis.bounds)
             if not 0.0 < growth < 1e9:
                 break
             dt = self._whole(dt * growth ** (1.0 / power))
-            if float(self.data.time[-1]) / dt > MOST_STEPS or (dt == last[0] and not hypothesis.size):
+            nearest = min(nearest, (float(np.sqrt(np.mean((weight * left) ** 2))), dt, p), key=lambda item: item[0])
+            if float(self.data.time[-1]) / dt > MOST_STEPS:
                 break
-        return best
+            if dt == last[0]:
+                fit = self._improved(hypothesis, p, stepping)
+                best = fit if fit.rms < best.rms else best
+                break
+        if best.rms < ENOUGH:
+            return best
+        count = self.data.interval / nearest[1] if nearest[1] else 0.0
+        if not self.data.even or count < 2.0 or exact.error > 0.1:
+            return best
+        counts = range(int(0.88 * count), int(1.12 * count) + 2)
+        return min((best, *self._tried_steps(hypothesis, nearest[2], method, counts)), key=_rms)
+
+    def _weight(self, extra: float) -> Floats:
+        """Return the factor on residuals in units of the noise for a noise of ``extra`` scales in addition."""
+        return np.concatenate(
+            [(b.sigma / np.sqrt(b.sigma**2 + (extra * b.scale) ** 2)).ravel() for b in self.data.blocks]
+        )
 
     def _whole(self, dt: float) -> float:
         """Return the step nearby that divides the interval of samples."""
@@ -155,25 +182,27 @@ class Decision:
         near = self.data.even and abs(count - round(count)) < max(0.2, 0.02 * count) and round(count) > 0
         return self.data.interval / round(count) if near else dt
 
-    def _tried_steps(self, hypothesis: Hypothesis, exact: Fit, method: int) -> Fit:
-        """Return the best fit by a method at steps that divide the interval of samples."""
-        p, end = exact.parameters, float(self.data.time[-1])
-        derivative = self._derivative(hypothesis, p)
+    def _tried_steps(self, hypothesis: Hypothesis, p: Floats, method: int, counts: Sequence[int]) -> Iterator[Fit]:
+        """Yield the best fits by a method at steps of which so many make the interval, and at those between."""
+        derivative, steps = self._derivative(hypothesis, p), 0.0
         trials = []
-        for count in DIVISORS:
+        for place, count in enumerate(counts):
             stepping = Stepping(method, self.data.interval / count)
-            if end / stepping.dt > MOST_STEPS / 10:
+            steps += float(self.data.time[-1]) / stepping.dt
+            if steps > 2 * MOST_STEPS:
                 break
             residual = self._residual(hypothesis, p, stepping)
             change = least(derivative, -residual)
             left = float(np.sqrt(np.mean((residual + derivative @ change) ** 2)))
-            trials.append((left, p + change, stepping))
+            trials.append((left, place, np.clip(p + change, *hypothesis.bounds), stepping))
         if not trials:
-            return exact
-        left, p, stepping = min(trials, key=lambda trial: trial[0])
-        if not left < 0.5 * exact.rms:
-            return exact
-        return self._improved(hypothesis, np.clip(p, *hypothesis.bounds), stepping)
+            return
+        _, place, p, stepping = min(trials, key=lambda trial: trial[0])
+        yield self._improved(hypothesis, p, stepping)
+        below, above = counts[max(place - 1, 0)], counts[min(place + 1, len(counts) - 1)]
+        between = [count for count in range(below + 1, above) if count != counts[place]]
+        if between:
+            yield from self._tried_steps(hypothesis, p, method, between)
 
     def _residual(self, hypothesis: Hypothesis, p: Floats, stepping: Stepping | None = None) -> Floats:
         """Return the residual of a hypothesis in units of the noise."""

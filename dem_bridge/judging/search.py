@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.judging.decision import ENOUGH, Decision
+from dem_bridge.judging.decision import Decision
 from dem_bridge.judging.fitting import DECISION, SEARCH, Data, Fit, Fitter
 from dem_bridge.judging.hypotheses import LOG_STARTS, Changes, Hypothesis, Variant, global_hypotheses
 from dem_bridge.judging.model import Model
@@ -188,11 +188,10 @@ class Search:
 
     def fits(self) -> list[Fit]:
         """Return the last fits of the finalists, those that leave least first."""
-        fits, stepping = list[Fit](), None
+        fits = list[Fit]()
         for candidate in self.finalists()[:FINALISTS]:
-            fits.append(self.decision.decide(candidate.hypothesis, candidate.parameters, stepping))
-            # the file was written by one method and step, whatever its cause
-            stepping = fits[-1].stepping if fits[-1].rms < ENOUGH else stepping
+            best = min(fits, key=lambda fit: fit.rms, default=None)
+            fits.append(self.decision.decide(candidate.hypothesis, candidate.parameters, best))
         return sorted(fits, key=lambda fit: fit.rms)
 
 
