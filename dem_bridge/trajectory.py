@@ -20,11 +20,14 @@ from numpy.typing import NDArray
 from dem_bridge.errors import UsageError
 from dem_bridge.files import check_file
 from dem_bridge.stopwatch import Stopwatch
+from dem_bridge.version import schema_fault
 
 if TYPE_CHECKING:
     import xarray as xr
 
 SCHEMA = "dem-bridge/trajectory/2"
+#: the schema before, which calls uncertainties ``*_bar`` and has no parts of them
+PREVIOUS = "dem-bridge/trajectory/1"
 #: quantities with an uncertainty: two are sampled in time, two have one value per contact
 SAMPLED, PER_CONTACT = ("velocity", "displacement"), ("peak_force", "crossing_time")
 QUANTITIES = (*SAMPLED, *PER_CONTACT)
@@ -377,8 +380,8 @@ def load_trajectory(path: str | Path) -> Trajectory:
     except OSError as error:
         raise UsageError(f"{path}: not a netCDF-4 file ({error}); write one with Trajectory.save") from error
     schema = dataset.attrs.get("schema", "none")
-    if schema != SCHEMA:
-        raise UsageError(f"{path}: schema {schema!r}; this version reads {SCHEMA!r}")
+    if schema not in (PREVIOUS, SCHEMA):
+        raise UsageError(f"{path}: {schema_fault(schema, PREVIOUS, SCHEMA)}")
     try:
         return _from_dataset(dataset)
     except (KeyError, TypeError, ValueError) as error:
@@ -386,11 +389,13 @@ def load_trajectory(path: str | Path) -> Trajectory:
 
 
 def _from_dataset(dataset: xr.Dataset) -> Trajectory:
-    estimates = {name: dataset[f"{name}_uncertainty"].values for name in QUANTITIES}
+    suffix = "bar" if dataset.attrs["schema"] == PREVIOUS else "uncertainty"
+    estimates = {name: dataset[f"{name}_{suffix}"].values for name in QUANTITIES}
+    about = UNKNOWN.as_json() if suffix == "bar" else json.loads(dataset.attrs["uncertainty"])
     return Trajectory(
         time=dataset["time"].values,
         **{name: dataset[name].values for name in VOCABULARY},
-        uncertainty=Uncertainty.from_json(estimates, json.loads(dataset.attrs["uncertainty"])),
+        uncertainty=Uncertainty.from_json(estimates, about),
         cost=cost_from_json(json.loads(dataset.attrs["cost"])),
         provenance=json.loads(dataset.attrs["provenance"]),
     )

@@ -23,6 +23,7 @@ from dem_bridge.backends.base import Sampling
 from dem_bridge.errors import UsageError
 from dem_bridge.trajectory import Cost, Floats, Trajectory, Uncertainty
 from dem_bridge.verification.verdict import plain
+from dem_bridge.version import schema_fault
 
 SCHEMA = "dem-bridge/baseline/1"
 #: quantities of a run in a baseline
@@ -163,7 +164,7 @@ def baseline_of_text(text: str) -> Baseline:
         raise _InvalidBaseline(f"the file is not JSON or is truncated: {error}") from error
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         schema = document.get("schema") if isinstance(document, dict) else None
-        raise _InvalidBaseline(f"schema = {schema!r}; allowed: {SCHEMA!r}")
+        raise _InvalidBaseline(schema_fault(schema, SCHEMA))
     _check("", document, _FORM["file"])
     _check("accuracy", document["accuracy"], dict.fromkeys(document["accuracy"], _FORM["entry of accuracy"]))
     return _parse(document)

@@ -25,6 +25,7 @@ from dem_bridge.scene_file import load_scene, shipped_scenes
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.uncertainty.step_choice import step_for_accuracy
 from dem_bridge.verification.roles import assign_roles
+from dem_bridge.version import schema_fault
 
 SCHEMA = "dem-bridge/regression/1"
 FOLDER = Path("reports/baselines")
@@ -331,7 +332,7 @@ def with_since(regression: Regression, past: Mapping[str, Any], where: str) -> R
     """
     if not isinstance(past, dict) or past.get("schema") != SCHEMA:
         schema = past.get("schema") if isinstance(past, dict) else None
-        raise UsageError(f"{where}: schema = {schema!r}; allowed: {SCHEMA!r}, as written by regress --json")
+        raise UsageError(f"{where}: {schema_fault(schema, SCHEMA)}; write such a file with regress --json")
     try:
         failed = {(entry["scene"], entry["backend"]): Change(entry["change"]).fails for entry in past["comparisons"]}
     except (KeyError, TypeError, ValueError) as error:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from dem_bridge.errors import UsageError
-from dem_bridge.runs.store import DAMAGED, SUFFIX, Store, present, unpacked
+from dem_bridge.runs.store import DAMAGED, SUFFIX, OtherSchema, Store, present, unpacked
 from dem_bridge.scene import Scene
 
 #: the parts that determine a result beside its settings, in the order in which a difference is named, in words
@@ -105,6 +105,8 @@ def check(store: Store) -> tuple[int, list[str]]:
         path, count = store.folder / f"{entry.key}{SUFFIX}", count + 1
         try:
             unpacked(entry.key, path.read_bytes())
+        except OtherSchema:
+            continue  # another version of dem_bridge, which may be in use beside this one, reads it
         except FileNotFoundError:
             count -= 1  # another process removed it
         except (OSError, ValueError, KeyError, TypeError) as error:

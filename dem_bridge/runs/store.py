@@ -47,6 +47,7 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.code import changed_since_start, code_of_run, code_of_studies, digest
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, VOCABULARY, Cost, Trajectory, Uncertainty
+from dem_bridge.version import schema_fault
 
 SCHEMA = "dem-bridge/store/3"
 #: names the folder; empty: no store
@@ -374,6 +375,10 @@ def _packed(details: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
     return hashlib.sha256(content).hexdigest().encode() + b"\n" + content
 
 
+class OtherSchema(ValueError):
+    """Report an entry of another version of the store, which has no fault."""
+
+
 def unpacked(key: str, whole: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
     """Return the arrays and details of an entry; ValueError unless they are as written, and under that key."""
     checksum, _, content = whole.partition(b"\n")
@@ -382,8 +387,10 @@ def unpacked(key: str, whole: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
     line, _, body = content.partition(b"\n")
     try:
         details = json.loads(line)
-        if (details["schema"], details["key"]) != (SCHEMA, key):
+        if details["key"] != key:
             raise ValueError("it is the entry of another key")
+        if details["schema"] != SCHEMA:
+            raise OtherSchema(schema_fault(details["schema"], SCHEMA))
         arrays, start = {}, 0
         for name, (form, shape) in details["arrays"].items():
             arrays[name] = np.ndarray(shape, form, body, start)

@@ -33,10 +33,13 @@ from dem_bridge.scene_file.forms import (
 from dem_bridge.scene_file.impact import ImpactScene, from_impact
 from dem_bridge.scene_file.pattern import from_pattern
 from dem_bridge.scene_file.physical import from_cylinders, from_spheres
+from dem_bridge.version import advice_on_schema
 
 #: the two main examples: the paper's chains of figures 2 and 3
 MAIN_SCENES = ("accelerating-40", "decelerating-40")
 
+#: schema of scene files; a file may name it: schema = "dem-bridge/scene/1"
+SCHEMA = "dem-bridge/scene/1"
 #: folders of the shipped scenes, by their kind
 _FOLDERS: Mapping[Literal["chain", "benchmark", "all"], tuple[str, ...]] = {
     "chain": ("scenes",),
@@ -160,6 +163,9 @@ def _parse_form(text: str, where: str, folder: Path) -> Any:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError
         raise SceneError("", problem=f"is not TOML: {error}", allowed="TOML 1.0", where=where) from error
+    if (schema := table.pop("schema", SCHEMA)) != SCHEMA:
+        advice = advice_on_schema(schema, SCHEMA)
+        raise SceneError("schema", value=schema, allowed=repr(SCHEMA), advice=advice, where=where)
     form = _form(table)
     try:
         return form.model_validate(with_force_of_file(table, folder))
