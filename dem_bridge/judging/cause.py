@@ -84,6 +84,8 @@ LITTLE, LITTLE_ERROR = 1e-3, 2e-5
 ADAPTIVE = 100.0
 #: part of the difference that a right code may show where nothing has moved
 AT_REST = 0.1
+#: difference relative to the scale that no cause makes: units differ by at most 1e9
+UNSTABLE = 1e12
 #: files that are examined
 MOST_FILES = 3
 #: causes whose effect grows with the time step
@@ -137,6 +139,9 @@ def _diagnose_file(scene: Scene, record: Record, floor: Mapping[str, float]) -> 
     none = search.decision.decide(search.none, np.zeros(0))
     if _explained(none) or _nearly_explained(none):
         return Diagnosis(cause="none", evidence="Time step and digits explain the difference.")
+    if (size := float(np.max(search.errors))) > UNSTABLE:
+        sentence = f"Values grow to {size:.2g} of the largest value of the scene, as those of an unstable step do."
+        return Diagnosis(cause="unknown", evidence=sentence)
     fits = search.fits()
     diagnosis = name_cause(search, none, fits)
     if diagnosis.cause != "unknown" or (fits and fits[0].rms < NOISY * none.rms) or not on_single_grid(search.data):
@@ -168,7 +173,10 @@ def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
     loosely = (left < 1.0 / FLOORS and best.error < usual) or (left < LITTLE and best.error < LITTLE_ERROR)
     explained = bool(fits) and (_explained(best) or _nearly_explained(best) or loosely)
     if not explained:
-        if none.error < _usual_error(search, none) and search.decision.error_at_rest() < AT_REST * none.error:
+        usual = _usual_error(search, none)
+        if search.data.dt is None and none.floors < FLOORS:
+            usual = SMALL
+        if none.error < usual and search.decision.error_at_rest() < AT_REST * none.error:
             return Diagnosis(cause="none", evidence=f"The difference is {none.error:.2g} of the largest value.")
         return Diagnosis(
             cause="unknown",
@@ -193,6 +201,11 @@ def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
     if uniform:
         cause = _uniform_name(search.scene, uniform[0]) if cause == "stiffness-scale" else cause
         causes |= dict.fromkeys(("modulus", *(["missing-sqrt-radius"] if _equal_radii(search.scene) else [])))
+    variant = first.hypothesis.make(first.parameters)
+    if cause == "missed-contact":
+        causes["stiffness"] = None  # which is 0
+    if cause == "units" and variant.scale != 1.0 and variant.factors == (1.0, 1.0, 1.0):
+        causes["time-scale"] = None  # by a power of ten
     places = {fit.hypothesis.where for fit in named if fit.hypothesis.cause == first.hypothesis.cause}
     return Diagnosis(
         cause=cause,
@@ -209,11 +222,8 @@ def _usual_error(search: Search, fit: Fit) -> float:
 
 
 def _equal_radii(scene: Scene) -> bool:
-    """Return whether a factor sqrt(R*) is the same for all contacts, as far as the scene tells."""
-    if scene.geometry is not None:
-        return len({body.radius for body in scene.geometry.bodies}) == 1
-    stiffness = scene.contacts.stiffness
-    return bool(np.ptp(stiffness) <= 1e-9 * np.max(stiffness))
+    """Return whether a factor sqrt(R*) may be the same for all contacts: a scene of numbers alone has no radii."""
+    return scene.geometry is None or len({body.radius for body in scene.geometry.bodies}) == 1
 
 
 def _uniform_name(scene: Scene, fit: Fit) -> str:

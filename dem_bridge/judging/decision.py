@@ -24,6 +24,8 @@ PROMISING = 10.0
 ENOUGH = 1.2
 #: errors in units of the noise that digits do not explain
 RESOLVED = 12.0
+#: part of a difference that the best step leaves of noise, at least
+UNEXPLAINED = 0.3
 #: steps that are tried in a row, each found from the error at the one before
 ROUNDS = 10
 
@@ -262,10 +264,16 @@ class Decision:
         return max(difference / floor for difference, floor in zip(differences, floors, strict=True))
 
     def effect_of_noise(self, none: Fit) -> float:
-        """Return what the scene leaves in floors of the file: its digits and the time-step error of its code."""
-        method, dt = none.stepping or Stepping(kernels.VERLET, self.data.dt or self.step)
-        by_steps = self.data.predict(self.base, self.rows, DECISION, Stepping(method, dt))
-        left = self.data.largest(by_steps if none.stepping is not None else self.exact, self._values)
+        """Return what the scene leaves in floors of the file: its digits and the time-step error of its code.
+
+        A step that is found in noise is none: where the file states no step, the error of a step that resolves the
+        contacts counts, and noise is what no step explains.
+        """
+        known = none.stepping if self.data.dt is not None else None
+        if known is None and none.rms < UNEXPLAINED * float(np.sqrt(np.mean(self.data.residual(self.exact) ** 2))):
+            return 0.0
+        by_steps = self.data.predict(self.base, self.rows, DECISION, known or Stepping(kernels.VERLET, self.step))
+        left = self.data.largest(by_steps if known is not None else self.exact, self._values)
         floors = map(max, self.data.floors, self.data.largest(by_steps, self.exact))
         return max(difference / floor for difference, floor in zip(left, floors, strict=True))
 

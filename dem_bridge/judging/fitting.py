@@ -94,6 +94,9 @@ class Data:
         steps = np.diff(self.time)
         self.interval = float(np.median(steps)) if len(steps) else float(self.time[-1])
         self.even = bool(len(steps)) and bool(np.ptp(steps) < 1e-6 * self.interval)
+        #: False if the step of the file is in another unit of time than its rows, which are no multiples of it
+        count = self.interval / self.dt if self.dt is not None else 1.0
+        self.whole = not self.even or abs(count - round(count)) < 1e-3 * max(count, 1.0)
 
     def motion(self, variant: Variant, rows: int, tolerance: float, stepping: Stepping | None) -> tuple[Motion, Floats]:
         """Return the motion of a variant at the first ``rows`` times of the file, and its times (s)."""
@@ -109,7 +112,7 @@ class Data:
             stepping = Stepping(variant.method, variant.dt)
         if stepping is None:
             return self.model.exact(variant.system, positive, tolerance), times
-        dt = stepping.dt * variant.scale
+        dt = stepping.dt * (variant.scale if self.whole else 1.0)
         return self.model.stepped_at(variant.system, positive, dt, stepping.method), times
 
     def predict(
@@ -173,12 +176,11 @@ class Fitter:
     """Fits of hypotheses to one file, with the time-step error of its code as a nuisance of unknown amplitude."""
 
     def __init__(self, data: Data, nuisance: list[Floats] | None, tolerance: float) -> None:
-        self.data, self.nuisance, self.calls, self.tolerance = data, nuisance, 0, tolerance
+        self.data, self.nuisance, self.tolerance = data, nuisance, tolerance
         self._shapes: dict[tuple[int, float], tuple[Floats, float]] = {}
 
     def residual(self, variant: Variant, rows: int, extra: float, stepping: Stepping | None = None) -> Floats:
         """Return the residual of a variant after the nuisance has been fitted."""
-        self.calls += 1
         prediction = self.data.predict(variant, rows, self.tolerance, stepping)
         if self.data.coverage(prediction) < 0.5:
             return np.full(sum(value.size for value in prediction), 1e6)

@@ -211,6 +211,10 @@ def fixed(system, steps, dt, method, speed):  # type: ignore[no-untyped-def]
             count = reached(v, a, count, speed)
         if method != VERLET:
             accelerations(step * dt, x, v, n, system, f, a)
-        forces(x, v, n, system, f)
+        pv[:] = v
+        if method == VERLET and step > 0:
+            # codes of this method write the forces that they have: those at the velocities of half a step before
+            pv -= 0.5 * dt * a
+        forces(x, pv, n, system, f)
         out_x[row], out_v[row], out_a[row], out_f[row] = x, v, a, f
     return out_x, out_v, out_a, out_f

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,8 +80,8 @@ class Search:
         # methods of other codes have a time-step error of their own
         whole = self.data.residual([value[:rows] for value in self.exact], extra)
         large = float(np.max(self.errors[:rows])) > LINEAR
-        out = []
-        for hypothesis in hypotheses:
+
+        def first(hypothesis: Hypothesis) -> Candidate:
             best = Candidate(hypothesis, np.array(hypothesis.starts[0]), math.inf)
             trials = (
                 [np.clip(np.array(p), *hypothesis.bounds) for p in hypothesis.starts]
@@ -87,6 +89,8 @@ class Search:
                 else []
             )
             if hypothesis.size > 0 and hypothesis.probe is not None:
+                if not hypothesis.logarithmic:
+                    trials = [trial for trial in trials if trial.any()]  # the scene itself
                 probe = np.array(hypothesis.starts[0])
                 probe[0] = hypothesis.probe
                 variant = hypothesis.make(probe)
@@ -111,7 +115,14 @@ class Search:
                 left = math.sqrt(float(np.sum(self.fitter.residual(hypothesis.make(trial), rows, extra) ** 2))) / size
                 if left < best.left:
                     best = Candidate(hypothesis, trial, left)
-            out.append(best)
+            return best
+
+        def quietly(hypothesis: Hypothesis) -> Candidate:
+            with np.errstate(all="ignore"):  # which each thread has for itself
+                return first(hypothesis)
+
+        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+            out = list(threads.map(quietly, hypotheses))
         return sorted(out, key=lambda candidate: candidate.left)
 
     def places(self, rows: int) -> list[Hypothesis]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -35,8 +37,10 @@ def accelerations(x: np.ndarray, v: np.ndarray, numbers: dict[str, np.ndarray]) 
     return np.asarray((np.append(0.0, force[:-1]) - force) / numbers["mass"] + numbers["gravity"])
 
 
-def record_of(*, digits: int = 9, dt_stated: bool = True, half: bool = False, **changes: object) -> Record:
-    """Return the file of a velocity-Verlet code that runs SCENE with changed numbers."""
+def record_of(
+    *, digits: int = 9, dt_stated: bool = True, half: bool = False, single: bool = False, **changes: object
+) -> Record:
+    """Return the file of a velocity-Verlet code that runs SCENE with changed numbers, perhaps in single precision."""
     numbers = {
         "mass": np.array(SCENE.mass),
         "stiffness": np.array([*SCENE.stiffness, 4e9]),
@@ -47,6 +51,8 @@ def record_of(*, digits: int = 9, dt_stated: bool = True, half: bool = False, **
     }
     time = np.linspace(0.0, SCENE.duration, ROWS)
     dt = SCENE.duration / (ROWS - 1) / STEPS
+    # the first body starts at the origin
+    origin = np.float32(0.018 * np.arange(5)).astype(float)
     x, v = np.zeros(5), np.array(SCENE.velocity)
     a, out = accelerations(x, v, numbers), [(x.copy(), v.copy())]
     for _ in range(ROWS - 1):
@@ -55,6 +61,8 @@ def record_of(*, digits: int = 9, dt_stated: bool = True, half: bool = False, **
             x, early = x + dt * v, v
             a = accelerations(x, v, numbers)
             v = v + 0.5 * dt * a
+            if single:
+                x, v = np.float32(x + origin) - origin, np.float32(v).astype(float)
         out.append((x.copy(), (early if half else v).copy()))
     values = {
         name: np.array(part) for name, part in zip(("displacement", "velocity"), zip(*out, strict=True), strict=True)
@@ -94,6 +102,8 @@ def test_the_model_is_the_twin_at_each_step_and_the_reference_without() -> None:
         steps = np.arange(51) * 50
         stepped = model.stepped(model.system, steps, scene.duration / 2500, VERLET)
         assert np.max(np.abs(stepped.velocity - twin.velocity)) < 1e-12
+        # forces of some hundred newtons; those of a dashpot are of the velocities half a step before
+        assert np.max(np.abs(stepped.force[1:, 1:] - twin.contact_force[1:])) < 1e-8
 
 
 FIELDS = {name: getattr(SCENE, name) for name in ("name", "duration", "mass", "stiffness", "velocity", "wall_right")}
@@ -139,6 +149,10 @@ def test_a_planted_fault_is_named_with_its_place(cause: str) -> None:
     diagnosis = diagnose(SCENE, [record_of(**changes)])  # type: ignore[arg-type]
     assert diagnosis.cause == cause
     assert diagnosis.where == where
+    if cause == "missed-contact":
+        assert "stiffness" in diagnosis.alternatives
+    if cause == "stiffness-scale":
+        assert {"mass", "modulus", "missing-sqrt-radius"} <= set(diagnosis.alternatives)
     if cause == "mass":
         value, deviation = diagnosis.parameters["value"]
         assert abs(value - 1.02) < max(5.0 * deviation, 1e-7)
@@ -159,6 +173,31 @@ def test_samples_of_other_times_units_and_orders_are_named() -> None:
     late = diagnose(SCENE, [with_values(late=1)])
     assert late.cause == "sampling-shift"
     assert "time-shift" in late.alternatives
+
+
+def test_a_step_that_is_stated_in_another_unit_than_the_times_is_believed() -> None:
+    record = record_of(digits=15)
+    scaled = replace(record, time=1.3279 * record.time)
+    assert diagnose(SCENE, [scaled]).cause == "time-scale"
+
+
+@pytest.mark.parametrize("quantities", [("displacement", "velocity"), ("velocity",)])
+def test_single_precision_is_seen_by_the_grid_of_the_values(quantities: tuple[str, ...]) -> None:
+    def partial(record: Record) -> Record:
+        return replace(record, values={name: record.values[name] for name in quantities})
+
+    assert diagnose(SCENE, [partial(record_of(digits=12, single=True))]).cause == "single-precision"
+    # a fault in double precision, outside of the list, is on no grid
+    two = {"mass": changed(SCENE.mass, 1, 1.02), "stiffness": changed(STIFFNESS, 3, 0.97)}
+    assert diagnose(SCENE, [partial(record_of(digits=12, **two))]).cause == "unknown"  # type: ignore[arg-type]
+
+
+def test_values_of_an_unstable_step_have_no_cause() -> None:
+    record = record_of()
+    grown = {name: data * 10.0 ** np.linspace(0.0, 40.0, ROWS)[:, None] for name, data in record.values.items()}
+    diagnosis = diagnose(SCENE, [replace(record, values=grown)])
+    assert diagnosis.cause == "unknown"
+    assert "unstable step" in diagnosis.evidence
 
 
 def test_two_faults_and_small_ones_are_unknown() -> None:
