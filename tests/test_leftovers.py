@@ -6,7 +6,6 @@ import mmap
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -63,7 +62,7 @@ def test_shared_memory_goes_when_no_process_maps_it(tmp_path: Path) -> None:
     for path in (unused, mapped, young):
         path.write_bytes(b"0" * 100)
     for path in (unused, mapped):
-        os.utime(path, (1.0, time.time() - 60.0))
+        os.utime(path, (1.0, 1.0))
     with mapped.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ):
         remove_unmapped(tmp_path, "mpich_shm_*")
         assert sorted(tmp_path.iterdir()) == [mapped, young]

@@ -14,6 +14,7 @@ from pathlib import Path
 from dem_bridge.campaign.pool import SLICE
 from dem_bridge.campaign.tasks import Outcome, Task, Work, broken, perform_all
 from dem_bridge.errors import RunBroken
+from dem_bridge.leftovers import owned
 
 #: workers of an executor that does not tell their number
 _WORKERS = 16
@@ -66,7 +67,7 @@ def workers_of(executor: Executor) -> int:
 def _shares(executor: Executor, folder: Path) -> bool:
     """Return True if a worker sees the files of a folder; otherwise runs travel back by the executor."""
     try:
-        with tempfile.NamedTemporaryFile(dir=folder, suffix=".part") as file:
+        with tempfile.NamedTemporaryFile(prefix=owned("shared"), dir=folder, suffix=".part") as file:
             future = executor.submit(os.path.exists, file.name)
             while not future.done():
                 wait([future], timeout=SLICE)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import random
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
@@ -17,7 +18,7 @@ from dem_bridge.backends.base import Sampling
 from dem_bridge.campaign.executors import run_by_executor
 from dem_bridge.campaign.pool import run_in_processes
 from dem_bridge.campaign.results import Progress, Result, run_case
-from dem_bridge.campaign.tasks import Outcome, Task, perform_task
+from dem_bridge.campaign.tasks import Outcome, Task, is_stored, perform_task, with_run
 from dem_bridge.errors import UsageError
 from dem_bridge.progress import listening
 from dem_bridge.runs.cache import RunCache, load_run
@@ -134,9 +135,9 @@ def run_cases(
             folder=None if store is None else store.folder,
             limit=0 if store is None else store.limit,
             shared=name in shared,
+            recompute=store is not None and store.recompute,
         )
-        # the longest first: then all cores end at about the same time
-        for name, case in sorted(todo.items(), key=lambda item: -item[1].expected)
+        for name, case in sorted(todo.items(), key=_turn)
     ]
     with closing(_outcomes(tasks, jobs, say)) as outcomes:
         for task, outcome in outcomes:
@@ -162,6 +163,14 @@ def run_cases(
     if progress is not None:
         progress(len(cases), len(cases), "")
     return tuple(_as_of(case, results[name]) for case, name in zip(cases, names, strict=True))
+
+
+def _turn(item: tuple[str, Case]) -> tuple[float, float]:
+    """Return by what cases are ordered: the longest first, so that all cores end at about the same time.
+
+    Those that take about as long are in random order, so that two campaigns over one store do not run the same.
+    """
+    return -float(f"{item[1].expected:.1g}"), random.random()
 
 
 def _name(case: Case) -> str | None:
@@ -235,7 +244,8 @@ def _outcomes(
         label = task.case.label
         say(label, 0.0)
         with listening(partial(_within, say, label, task.case.expected)):
-            outcome = perform_task(replace(task, folder=None))
+            stored = with_run(task, Outcome(result=Result(case=task.case), kept=True)) if is_stored(task) else None
+            outcome = stored or perform_task(replace(task, folder=None))
         yield task, outcome
 
 

@@ -45,6 +45,8 @@ class Task:
     """Size limit of the store, bytes."""
     shared: bool = False
     """Other cases need the runs and families that are made for it."""
+    recompute: bool = False
+    """The run is made even if the store has it."""
     version: str = __version__
 
     @property
@@ -88,7 +90,9 @@ def perform(packed: bytes) -> Outcome:
 
 
 def perform_task(task: Task) -> Outcome:
-    """Solve the case of a task; never raises."""
+    """Solve the case of a task; never raises. A run that another campaign has stored meanwhile is not made again."""
+    if is_stored(task):
+        return Outcome(result=Result(case=task.case), kept=True)
     cache = RunCache()
     try:
         result = run_case(task.case, everything=task.everything, cache=cache)
@@ -111,7 +115,14 @@ def perform_all(chunk: Sequence[bytes]) -> list[Outcome]:
     return [perform(packed) for packed in chunk]
 
 
-def _with_run(task: Task, outcome: Outcome) -> Outcome | None:
+def is_stored(task: Task) -> bool:
+    """Return True if the store has the run of a task, and no other case needs what is made for it."""
+    if task.folder is None or task.key is None or task.shared or task.recompute:
+        return False
+    return _store(task.folder, task.limit).has(task.key)
+
+
+def with_run(task: Task, outcome: Outcome) -> Outcome | None:
     """Return an outcome with its run, read from the store; None: the run is not there."""
     if not outcome.kept or outcome.result is None:
         return outcome
@@ -156,7 +167,7 @@ class Work:
 
     def done(self, task: Task, outcome: Outcome) -> Iterator[tuple[Task, Outcome]]:
         """Yield a task and its outcome; one whose run is not in the store is done again, and the run travels back."""
-        complete = _with_run(task, outcome)
+        complete = with_run(task, outcome)
         if complete is None:
             self.pending.appendleft([replace(task, folder=None)])
         else:

@@ -261,6 +261,10 @@ class Store:
             provenance=details["provenance"] | {"scene": scene.name, "stored": details["made"]},
         )
 
+    def has(self, key: str) -> bool:
+        """Return True if there is an entry of a key, damaged or not."""
+        return self._path(key).exists()
+
     def save(self, key: str, run: Trajectory) -> bool:
         """Keep a trajectory; return False if it could not be kept."""
         arrays = {name: getattr(run, name) for name in ("time", *VOCABULARY)}

@@ -91,7 +91,7 @@ def _steps(results: tuple[Result, ...]) -> list[float | None]:
 
 
 def test_results_stand_in_the_order_of_the_cases_whatever_runs_first(fake: Fake) -> None:
-    steps = [1e-6, 1e-7, 4e-6, 1e-8]
+    steps = [1e-11, 1e-12, 1e-6, 1e-13]  # so fine that each takes much longer than the next
     results = run_cases([_case(dt) for dt in steps])
     assert _steps(results) == steps
     assert [result.case.resolution.dt for result in results] == steps
@@ -222,26 +222,26 @@ def test_laws_that_are_functions_are_never_stored_nor_taken_for_each_other(fake:
 
 
 def test_failures_are_results_and_are_never_stored(fake: Fake, tmp_path: Path) -> None:
-    fake.fails[1e-7] = RunBroken("LAMMPS: ERROR: Lost atoms", log="last words")
+    fake.fails[1e-12] = RunBroken("LAMMPS: ERROR: Lost atoms", log="last words")
     heavy = replace(SCENE, gravity=9.81)
     for _ in range(2):
-        fine, broken, refused = run_cases([_case(), _case(1e-7), _case(scene=heavy)], store=Store(tmp_path))
+        fine, broken, refused = run_cases([_case(), _case(1e-12), _case(scene=heavy)], store=Store(tmp_path))
         assert fine.trajectory is not None
         assert isinstance(broken.failure, RunBroken)
         assert str(refused.failure).startswith("the scene has gravity; supported: ")
-    assert [dt for _, dt in fake.runs] == [1e-7, 1e-6, 1e-7]
+    assert [dt for _, dt in fake.runs] == [1e-12, 1e-6, 1e-12]
     assert len(list(tmp_path.iterdir())) == 1
 
 
 @pytest.mark.parametrize("end", [KeyboardInterrupt("Ctrl-C"), UsageError("dt = 1e-06; too coarse")], ids=repr)
 def test_what_was_finished_before_the_end_is_stored(end: BaseException, fake: Fake, tmp_path: Path) -> None:
-    cases = [_case(dt) for dt in (1e-8, 1e-7, 1e-6)]
+    cases = [_case(dt) for dt in (1e-13, 1e-12, 1e-6)]
     fake.fails[1e-6] = end
     with pytest.raises(type(end), match=re.escape(str(end))):
         run_cases(cases, store=Store(tmp_path))
     fake.fails.clear()
     run_cases(cases, store=Store(tmp_path))
-    assert [dt for _, dt in fake.runs] == [1e-8, 1e-7, 1e-6, 1e-6]
+    assert [dt for _, dt in fake.runs] == [1e-13, 1e-12, 1e-6, 1e-6]
 
 
 def test_a_run_is_not_stored_if_its_key_has_changed_meanwhile(

@@ -1,0 +1,126 @@
+"""A campaign as a program that can be killed, and what is left of it.
+
+``python -m tests.helpers.survival STORE CASES JOBS`` prints a line of JSON: a digest of all trajectories, their number,
+how many are from the store, and the problem with the store.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tests.helpers.processes import PATIENCE, all_end, happens
+
+ROOT = Path(__file__).parents[2]
+COUNTED = Path(__file__).with_name("counted")
+
+
+def main(folder: str, count: str, jobs: str) -> None:
+    """Run the campaign and print what came out."""
+    from dem_bridge.backends.base import Resolution, Sampling
+    from dem_bridge.campaign import run_cases
+    from dem_bridge.runs.case import Case
+    from dem_bridge.runs.store import Store
+    from dem_bridge.scene import Scene
+
+    scenes = [
+        Scene(name=f"n{n}", duration=2e-4, mass=(1e-2,) * 3, stiffness=(4e9,) * 2, velocity=(0.5 + 1e-3 * n, 0.0, 0.0))
+        for n in range(int(count))
+    ]
+    settings: dict[str, Any] = {"resolution": Resolution(dt=5e-10), "sampling": Sampling(count=20)}
+    cases = [Case(scene=scene, backend="verlet", uncertainty=False, **settings) for scene in scenes]
+    store = Store(folder)
+    results = run_cases(cases, jobs=int(jobs), store=store)
+    runs = [result.trajectory for result in results if result.trajectory is not None]
+    digest = hashlib.sha256(b"".join(run.velocity.tobytes() for run in runs)).hexdigest()
+    stored = sum("stored" in run.provenance for run in runs)
+    print(json.dumps({"digest": digest, "runs": len(runs), "stored": stored, "trouble": store.trouble}))
+
+
+@dataclass
+class Survival:
+    """Campaigns over one store, and the runs that they made."""
+
+    folder: Path
+    cases: int
+    jobs: int = 2
+    store: Path = field(init=False)
+    temporary: Path = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.store, self.temporary = self.folder / "store", self.folder / "temporary"
+        self.temporary.mkdir(parents=True)
+
+    def begin(self, *, halt: int = sys.maxsize) -> subprocess.Popen[str]:
+        """Start a campaign, in a session of its own; it begins no run when so many have ended in all."""
+        path = os.pathsep.join([str(COUNTED), str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)])
+        own = {"DEM_BRIDGE_COUNT": str(self.folder / "count"), "DEM_BRIDGE_HALT": str(halt)}
+        return subprocess.Popen(
+            [sys.executable, "-m", "tests.helpers.survival", str(self.store), str(self.cases), str(self.jobs)],
+            env={**os.environ, "PYTHONPATH": path, "TMPDIR": str(self.temporary), **own},
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+
+    def begin_and_kill(self, *, ended: int, whole: bool) -> None:
+        """Start a campaign, and kill it, or its main process only, when so many runs have ended in all."""
+        program = self.begin(halt=ended + self.jobs)
+        assert happens(lambda: self.counted("end") >= ended or program.poll() is not None)
+        assert program.poll() is None, program.communicate()
+        (os.killpg if whole else os.kill)(program.pid, signal.SIGKILL)
+        program.communicate(timeout=PATIENCE)
+
+    def finish(self, program: subprocess.Popen[str]) -> dict[str, Any]:
+        """Return what a campaign prints when it is let end; no process of it remains."""
+        out, err = program.communicate(timeout=PATIENCE)
+        assert (program.returncode, err) == (0, "")
+        return dict(json.loads(out))
+
+    def counted(self, word: str) -> int:
+        """Return how many runs have begun ("begin") or ended ("end")."""
+        path = self.folder / "count"
+        lines = path.read_text().splitlines() if path.exists() else []
+        return sum(line.startswith(word) for line in lines)
+
+    def processes(self) -> list[int]:
+        """Return the processes of all campaigns over this store, with their workers."""
+        mark = f"DEM_BRIDGE_COUNT={self.folder / 'count'}".encode()
+        return [int(path.parent.name) for path in Path("/proc").glob("[0-9]*/environ") if mark in _content(path)]
+
+    def all_ended(self) -> bool:
+        """Return whether all processes of all campaigns end."""
+        return all_end(self.processes())
+
+    def left(self) -> list[str]:
+        """Return what lies in the folders of the store and of temporary files beside entries."""
+        names = [path.name for folder in (self.store, self.temporary) for path in folder.iterdir()]
+        return [name for name in names if not name.endswith(".run")]
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError:  # it has ended, or is of another user
+        return b""
+
+
+def moments(seed: int, number: int, most: int) -> Sequence[int]:
+    """Return numbers of runs after which a campaign is killed, at random shares of its progress, in order."""
+    draw = random.Random(seed)
+    return sorted(draw.randint(0, most) for _ in range(number))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
