@@ -84,7 +84,7 @@ class Search:
         def first(hypothesis: Hypothesis) -> Candidate:
             best = Candidate(hypothesis, np.array(hypothesis.starts[0]), math.inf)
             trials = (
-                [np.clip(np.array(p), *hypothesis.bounds) for p in hypothesis.starts]
+                [np.clip(np.array(p), *hypothesis.bounds) for p in hypothesis.starts if p != (0.0,)]
                 if large or hypothesis.size == 0
                 else []
             )
