@@ -243,8 +243,11 @@ def _uniform_name(scene: Scene, fit: Fit) -> str:
 
 
 def _as_good(fit: Fit, best: Fit, count: int) -> bool:
-    """Return whether the samples cannot tell a fit from the best one."""
-    if not _explained(best):
+    """Return whether the samples cannot tell a fit from the best one.
+
+    Where a few values are not explained by their digits, the sum of squares is that of these values.
+    """
+    if not _explained(best) or best.largest >= LARGEST:
         return fit.rms < 1.5 * best.rms
     return _explained(fit) and count * (fit.rms**2 - best.rms**2) < 60.0 * max(best.rms, 1.0) ** 2
 

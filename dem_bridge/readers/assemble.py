@@ -137,8 +137,8 @@ def _unnamed(table: Table, scene: Scene, notes: list[str]) -> list[str]:
     near = 1e-3 * float(np.max(np.abs(start), initial=0.0))
     velocities = [f"velocity {k}" for k in range(n)]
     choices = {n + 1: ["time", *velocities], 2 * n + 1: ["time", *(f"displacement {k}" for k in range(n)), *velocities]}
-    starts = near and first[0] == 0.0 and np.all(np.abs(first[-n:] - start) <= near)
-    if starts and count in choices and (count == n + 1 or not np.any(first[1 : n + 1])):
+    starts = count in choices and near and first[0] == 0.0 and np.all(np.abs(first[-n:] - start) <= near)
+    if starts and (count == n + 1 or not np.any(first[1 : n + 1])):
         what = "velocities" if count == n + 1 else "displacements, then velocities"
         notes.append(f"the file has no headings; its first row shows that its columns are the time and {what}")
         return choices[count]

@@ -482,6 +482,12 @@ def test_a_body_that_occurs_twice_is_named(tmp_path: Path) -> None:
         read_record(tmp_path / "run", PAIR)
 
 
+def test_columns_without_headings_that_are_not_all_bodies_are_to_be_named(tmp_path: Path) -> None:
+    text = _table("", RUN.time, RUN.velocity[:, [1, 3]], delimiter=" ")
+    with pytest.raises(UsageError, match="has 3 columns without headings; give their meaning in their order"):
+        _read(tmp_path, text, "run.txt")
+
+
 @pytest.mark.parametrize(
     ("how", "found"),
     [
