@@ -53,7 +53,7 @@ def test_it_is_a_mapping_with_the_keys_of_the_contract(convergent: Judgement) ->
 def test_a_step_longer_than_the_time_between_samples_is_noted(diagnosis: list[Diagnosis]) -> None:
     assert not any("longer" in text for text in judge_records(CHAIN, [record(dt=1e-6)]).recognised)
     doubtful = judge_records(CHAIN, [replace(record(dt=1e-6), dt=1e-3)])
-    assert any("the time step, 0.001 s, is longer than the time between samples" in s for s in doubtful.recognised)
+    assert any("the step, 0.001 s, is longer than the sampling" in s for s in doubtful.recognised)
 
 
 def test_the_finest_step_is_judged(convergent: Judgement) -> None:
