@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import SceneError
 
+#: largest number of bodies of a scene
+MOST_BODIES = 1_000_000
 #: magnitudes between which products and powers of inputs stay within double precision
 SMALLEST, LARGEST = 1e-40, 1e40
 

@@ -11,22 +11,44 @@
     ├── NotAsymptotic        results that do not allow an extrapolation             exit 2
     └── RunBroken            a run that started and failed                          exit 3
 
-Every message is one line that says what was asked, what was found, what is allowed and what to do; that of an input
-script has such a line for each command that cannot be read.
+Every message is one line of at most 500 printable characters that says what was asked, what was found, what is allowed
+and what to do; that of an input script has such a line for each command that cannot be read.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 
+#: exceptions that damaged data cause in code that parses them; a reader of files turns each into a UsageError
+OF_DAMAGED_DATA = (ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError)
 #: largest number of commands that the error of an input script lists
 MOST_BLOCKERS = 50
+#: largest number of characters of a message, and of those at its end that a longer one keeps
+MOST_CHARACTERS, _AT_END = 500, 160
+
+
+def one_line(text: str) -> str:
+    r"""Return a text as one line of at most 500 printable characters; a longer one loses its middle.
+
+    >>> one_line("a\x1b[31m\nb"), len(one_line("long " * 1000))
+    ('a\\x1b[31m b', 500)
+    """
+    line = re.sub(r"\s*[\n\r\t\v\f]+\s*", " ", text[: 100 * MOST_CHARACTERS]).strip()
+    if not line.isprintable():
+        line = "".join(sign if sign.isprintable() else ascii(sign)[1:-1] for sign in line)
+    if len(line) <= MOST_CHARACTERS:
+        return line
+    return f"{line[: MOST_CHARACTERS - _AT_END - 5]} ... {line[-_AT_END:]}"
 
 
 class DemBridgeError(Exception):
     """Base class of all errors that dem_bridge raises on purpose."""
 
     exit_code = 2
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(one_line(str(message)))
 
 
 class UsageError(DemBridgeError, ValueError):
@@ -69,7 +91,7 @@ class SceneError(DemBridgeError, ValueError):
     ) -> None:
         self.key, self.value, self.problem, self.allowed = key, value, problem, allowed
         self.advice, self.where = advice, where
-        text = problem or f"= {value!r}"
+        text = problem or f"= {_shown(value)}"
         parts = [f"{where}: {key} {text}" if key else f"{where}: {text}", f"allowed: {allowed}"]
         super().__init__("; ".join(parts + ([advice] if advice else [])))
 
@@ -78,6 +100,14 @@ class SceneError(DemBridgeError, ValueError):
         return SceneError(
             key, allowed=self.allowed, value=self.value, problem=self.problem, advice=self.advice, where=where
         )
+
+
+def _shown(value: object) -> str:
+    """Return a value as text; a number with thousands of digits or a deeply nested list only by its type."""
+    try:
+        return repr(value)
+    except (ValueError, RecursionError):
+        return f"a {type(value).__name__} that is too long to be shown"
 
 
 class BlockedScript(SceneError):

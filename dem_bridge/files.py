@@ -1,7 +1,8 @@
-"""Atomic writing of files: either all of them appear completely, or none."""
+"""Reading of files of bounded size, and atomic writing: either all files appear completely, or none."""
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,6 +10,69 @@ from tempfile import TemporaryDirectory
 
 from dem_bridge.errors import UsageError
 from dem_bridge.leftovers import owned, sweep
+
+#: largest size of a text that describes a scene (a scene file, a table of bodies, a deck, a baseline), bytes
+MOST_TEXT = 2**26
+#: largest size of a file of samples and of the arrays in it, bytes
+MOST_BYTES = 2**29
+#: variable with the folder below which the files must be that scenes and decks name
+FILES_BELOW = "DEM_BRIDGE_FILES_BELOW"
+
+
+def checked_file(path: str | Path, most: int = MOST_TEXT) -> Path:
+    """Return a path; raise OSError, with the reason as ``strerror``, unless it is a regular file of at most ``most``.
+
+    Devices and pipes, whose content may never end, are never opened.
+    """
+    try:
+        path = Path(path)
+        if path.exists() and not path.is_file():
+            code, kind = (errno.EISDIR, "a directory") if path.is_dir() else (errno.EINVAL, "a device or a pipe")
+            raise OSError(code, f"Is {kind}")
+        if path.stat().st_size > most:
+            raise OSError(errno.EFBIG, f"it has more than {most >> 20} MiB")
+    except (ValueError, RuntimeError):  # a NUL in the name, or a circle of symbolic links
+        raise OSError(errno.EINVAL, "it is no valid name of a file") from None
+    return path
+
+
+def text_of_file(path: str | Path, most: int = MOST_TEXT) -> str:
+    """Return the text of a file in UTF-8; raise OSError with the reason as ``strerror`` if it cannot be read."""
+    content = checked_file(path, most).read_bytes()
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = "\0"
+    if "\0" in text:
+        raise OSError(errno.EILSEQ, "it is not a text file in UTF-8")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def named_file(folder: Path, name: str, below: str | Path | None = None) -> Path:
+    """Return the path of a file that the content of another file names, relative to the ``folder`` of the latter.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the file that names the other one.
+    name : str
+        The name, as it is written.
+    below : str or Path, optional
+        Folder below which the file must be. None: ``$DEM_BRIDGE_FILES_BELOW``, or else ``folder``.
+
+    Raises
+    ------
+    OSError
+        If the file is not below that folder; ``strerror`` has the reason.
+    """
+    try:
+        allowed = Path(below or os.environ.get(FILES_BELOW) or folder).resolve()
+        inside = (folder / name).resolve().is_relative_to(allowed)
+    except (ValueError, RuntimeError):
+        raise OSError(errno.EINVAL, "it is no valid name of a file") from None
+    if not inside:
+        raise OSError(errno.EACCES, f"it is not below the folder {allowed}; name another folder by --files-below")
+    return folder / name
 
 
 def check_file(path: Path) -> None:
@@ -29,7 +93,7 @@ def check_folder(folder: Path) -> None:
         raise UsageError(f"{folder}: the folder cannot be written (no permission); choose another")
 
 
-def write_whole(folder: Path, texts: Mapping[str, str | bytes]) -> None:
+def write_whole(folder: Path, texts: Mapping[str, str | bytes], *, replace: bool = True) -> None:
     """Write all ``texts`` into ``folder``, or none of them.
 
     Parameters
@@ -39,12 +103,16 @@ def write_whole(folder: Path, texts: Mapping[str, str | bytes]) -> None:
     texts : mapping
         Name to content: text, or bytes for a picture. A name may contain folders, such as "figures/main.csv", which are
         created.
+    replace : bool
+        True: files that exist are replaced. False: they are an error.
 
     Raises
     ------
     UsageError
         If a file cannot be written.
     """
+    if not replace and (existing := [name for name in texts if (folder / name).exists()]):
+        raise UsageError(f"{folder / existing[0]}: the file exists; allowed: new files, or --force to replace them")
     check_folder(folder)
     try:
         sweep(folder)

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dem_bridge.checked import LARGEST, SMALLEST, Numbers, check_fields, checked_numbers
+from dem_bridge.checked import LARGEST, MOST_BODIES, SMALLEST, Numbers, check_fields, checked_numbers
 from dem_bridge.contacts import Contacts, Floats
 from dem_bridge.damping import BY_RESTITUTION as BY_RESTITUTION
 from dem_bridge.damping import DAMPING_LAWS as DAMPING_LAWS
@@ -185,8 +185,9 @@ class Scene:
             raise SceneError("description", value=self.description, allowed="one line of printable text")
         mass = checked_numbers("mass", self.mass, "a number > 0 (kg)", above=0.0)
         object.__setattr__(self, "mass", mass)
-        if not mass:
-            raise SceneError("mass", problem="is empty", allowed="at least one body")
+        if not 1 <= len(mass) <= MOST_BODIES:
+            problem = f"has {len(mass)} entries" if mass else "is empty"
+            raise SceneError("mass", problem=problem, allowed=f"at least one body, and at most {MOST_BODIES}")
         check_fields(self, _NUMBERS, sizes={"body": len(mass), "contact": len(mass) - 1})
         for name, kind in _PARTS.items():
             if not isinstance(part := getattr(self, name), kind | None):

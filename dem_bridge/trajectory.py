@@ -25,6 +25,8 @@ from dem_bridge.version import schema_fault
 if TYPE_CHECKING:
     import xarray as xr
 
+    from dem_bridge.netcdf import Contents
+
 SCHEMA = "dem-bridge/trajectory/2"
 #: the schema before, which calls uncertainties ``*_bar`` and has no parts of them
 PREVIOUS = "dem-bridge/trajectory/1"
@@ -165,7 +167,7 @@ class Uncertainty(_ReadOnly, Mapping[str, Any]):
         return cls(
             **{name: values[name] for name in QUANTITIES},
             parts=about["parts"],
-            roundoff_floor=math.nan if floor is None else floor,
+            roundoff_floor=math.nan if floor is None else float(floor),
             sampling=about["sampling"],
             cost=cost_from_json(about["cost"]),
         )
@@ -342,6 +344,8 @@ def cost_as_json(cost: Cost) -> dict[str, Any]:
 def cost_from_json(cost: Mapping[str, Any]) -> Cost:
     """Return the cost from the result of :func:`cost_as_json`."""
     numbers: dict[str, Any] = {name: math.nan if value is None else value for name, value in cost.items()}
+    if not all(isinstance(value, int | float) for value in numbers.values()):
+        raise TypeError("the cost has a value that is no number")
     return Cost(**numbers)
 
 
@@ -370,32 +374,41 @@ def load_trajectory(path: str | Path) -> Trajectory:
     Traceback (most recent call last):
     dem_bridge.errors.UsageError: missing.nc: no such file; allowed: a .nc file written by Trajectory.save
     """
-    import xarray as xr
+    from dem_bridge.netcdf import read_netcdf
 
     path = Path(path)
-    if not path.is_file():
+    if not path.exists():
         raise UsageError(f"{path}: no such file; allowed: a .nc file written by Trajectory.save")
     try:
-        dataset = xr.load_dataset(path, engine="h5netcdf")
-    except OSError as error:
-        raise UsageError(f"{path}: not a netCDF-4 file ({error}); write one with Trajectory.save") from error
-    schema = dataset.attrs.get("schema", "none")
+        contents = read_netcdf(path)
+    except UsageError as error:
+        raise UsageError(f"{path}: not a netCDF-4 file that can be read: {error}") from error
+    schema = contents.attributes.get("schema", "none")
     if schema not in (PREVIOUS, SCHEMA):
         raise UsageError(f"{path}: {schema_fault(schema, PREVIOUS, SCHEMA)}")
     try:
-        return _from_dataset(dataset)
-    except (KeyError, TypeError, ValueError) as error:
+        return _from_contents(contents)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError, MemoryError) as error:
         raise UsageError(f"{path}: a part is missing or wrong ({error}); write it again") from error
 
 
-def _from_dataset(dataset: xr.Dataset) -> Trajectory:
-    suffix = "bar" if dataset.attrs["schema"] == PREVIOUS else "uncertainty"
-    estimates = {name: dataset[f"{name}_{suffix}"].values for name in QUANTITIES}
-    about = UNKNOWN.as_json() if suffix == "bar" else json.loads(dataset.attrs["uncertainty"])
+def _from_contents(contents: Contents) -> Trajectory:
+    """Return the trajectory of a file; raise an exception if a part is missing or has another form."""
+    arrays = {variable.name: variable.values for variable in contents.variables}
+    about = {name: json.loads(str(contents.attributes[name])) for name in ("cost", "provenance")}
+    suffix, parts = "bar", UNKNOWN.as_json()
+    if contents.attributes["schema"] != PREVIOUS:
+        suffix, parts = "uncertainty", json.loads(str(contents.attributes["uncertainty"]))
+    forms = {"scene": str, "backend": str, "settings": dict}
+    provenance = about["provenance"]
+    if (
+        not all(isinstance(provenance.get(key, form()), form) for key, form in forms.items())
+        or arrays["velocity"].ndim != 2
+    ):
+        raise TypeError("the provenance has another form, or the velocity not two dimensions")
     return Trajectory(
-        time=dataset["time"].values,
-        **{name: dataset[name].values for name in VOCABULARY},
-        uncertainty=Uncertainty.from_json(estimates, about),
-        cost=cost_from_json(json.loads(dataset.attrs["cost"])),
-        provenance=json.loads(dataset.attrs["provenance"]),
+        **{name: arrays[name] for name in ("time", *VOCABULARY)},
+        uncertainty=Uncertainty.from_json({name: arrays[f"{name}_{suffix}"] for name in QUANTITIES}, parts),
+        cost=cost_from_json(about["cost"]),
+        provenance=provenance,
     )

@@ -24,7 +24,17 @@ ROOT = PACKAGE.parent
 #: layer -> modules and packages in it; a package's modules may import each other
 LAYERS = {
     1: ("errors", "accuracy", "leftovers", "progress", "stopwatch", "version"),
-    2: ("physics", "files", "compiled", "checked", "notebook", "notebook_sketch"),
+    2: (
+        "physics",
+        "files",
+        "isolated",
+        "isolated_child",
+        "netcdf",
+        "compiled",
+        "checked",
+        "notebook",
+        "notebook_sketch",
+    ),
     3: ("scene", "contacts", "damping", "geometry", "drive", "features", "support", "restitution"),
     4: ("lmp", "scene_file", "timescales", "trajectory", "dense"),
     5: ("backends", "observables", "runs"),
@@ -47,6 +57,8 @@ LAYERS = {
 #: imports within a layer, each with its reason
 SIDEWAYS = {
     ("plot", "api"): "theories are solved when they are to stand beside a run",
+    ("netcdf", "files"): "the size of a file is checked before it is read",
+    ("netcdf", "isolated"): "HDF5 may crash or never end on a damaged file",
     ("scene", "contacts"): "a scene gives its contacts as arrays",
     ("scene", "damping"): "a scene has damping",
     ("scene", "geometry"): "a scene may say what its bodies are",
@@ -208,16 +220,15 @@ def test_only_scene_files_defects_and_texts_of_studies_are_parsed() -> None:
     assert _importers("pydantic") == {"scene_file.load", "scene_file.forms"}
 
 
-def test_only_the_process_starts_processes_for_lammps() -> None:
-    assert {name for name in _importers("subprocess") if not name.startswith(("studies", "report", "cli"))} == {
-        "lmp.process"
-    }
+def test_only_the_process_starts_processes_for_lammps_and_one_reads_files_in_a_child() -> None:
+    importers = {name for name in _importers("subprocess") if not name.startswith(("studies", "report", "cli"))}
+    assert importers == {"lmp.process", "isolated"}
 
 
 def test_lower_layers_know_numpy_and_scipy_alone() -> None:
     standard = sys.stdlib_module_names | {"dem_bridge"}
     # both are imported when they are first used
-    others = {"dem_bridge.compiled": {"numba"}, "dem_bridge.notebook": {"jinja2"}}
+    others = {"dem_bridge.compiled": {"numba"}, "dem_bridge.notebook": {"jinja2"}, "dem_bridge.netcdf": {"h5py"}}
     for name in INNER:
         if LAYER_OF[_part(name)] <= 3:
             foreign = {imported.split(".")[0] for imported in _imports(MODULES[name])} - standard

@@ -66,3 +66,13 @@ def test_a_scene_error_seen_from_a_file_keeps_all_but_its_place() -> None:
 def test_a_broken_run_keeps_the_engines_last_words() -> None:
     assert RunBroken("LAMMPS: ERROR", log="last words").log == "last words"
     assert RunBroken("LAMMPS: ERROR").log == ""
+
+
+def test_a_message_is_one_printable_line_of_500_characters_at_most() -> None:
+    for kind in (UsageError, UnsupportedScene, BackendUnavailable, NotAsymptotic, RunBroken):
+        message = str(kind("file\x1b[2J\r\nname \udc80" + "long " * 1000 + "end"))
+        assert message.isprintable()
+        assert len(message) == 500
+        assert message.startswith("file\\x1b[2J name \\udc80")
+        assert message.endswith("end")
+    assert "too long to be shown" in str(SceneError("samples", value=10**5000, allowed="less"))

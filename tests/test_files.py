@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.files import write_whole
+from dem_bridge.files import named_file, text_of_file, write_whole
 
 
 def _all(folder: Path) -> list[str]:
@@ -39,3 +40,39 @@ def test_what_cannot_be_written_leaves_nothing_of_the_rest(tmp_path: Path, last:
         write_whole(tmp_path, {"a.txt": "after", "b/c/d.txt": "new", last: ""})
     assert _all(tmp_path) == before
     assert (tmp_path / "a.txt").read_text() == "before"
+
+
+def test_only_regular_files_of_bounded_size_are_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "large").write_bytes(b"12345")
+    (tmp_path / "binary").write_bytes(b"\xff\xfe\x00")
+    for path, reason in {
+        tmp_path / "pipe": "Is a device or a pipe",
+        Path("/dev/zero"): "Is a device or a pipe",
+        tmp_path: "Is a directory",
+        Path("a\0b"): "no valid name",
+        tmp_path / "gone": "No such file",
+    }.items():
+        with pytest.raises(OSError, match=reason):
+            text_of_file(path)
+    with pytest.raises(OSError, match="more than 0 MiB"):
+        text_of_file(tmp_path / "large", 4)
+    with pytest.raises(OSError, match="not a text file"):
+        text_of_file(tmp_path / "binary")
+
+
+def test_a_named_file_is_below_the_folder_unless_the_user_says_otherwise(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    (inner / "link").symlink_to("/etc/passwd")
+    assert named_file(inner, "sub/../force.csv") == inner / "sub/../force.csv"
+    for name in ("../up.csv", "/etc/passwd", "link", str(tmp_path / "up.csv"), "a\0"):
+        with pytest.raises(OSError, match=r"not below the folder|no valid name"):
+            named_file(inner, name)
+    assert named_file(inner, "../up.csv", tmp_path) == inner / "../up.csv"
+    monkeypatch.setenv("DEM_BRIDGE_FILES_BELOW", str(tmp_path))
+    assert named_file(inner, "../up.csv") == inner / "../up.csv"
+    with pytest.raises(OSError, match="not below"):
+        named_file(inner, "/etc/passwd")

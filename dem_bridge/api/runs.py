@@ -258,6 +258,7 @@ def write_deck(
     table_style: str = "spline",
     table_lines: int | None = None,
     table_points: int | None = None,
+    replace: bool = True,
     **unknown: object,
 ) -> tuple[Path, ...]:
     """Write the LAMMPS deck of a scene; it runs by ``lmp -in in.NAME`` in its folder.
@@ -272,6 +273,8 @@ def write_deck(
         The pair style.
     dt, accuracy, samples, surrogate_radius, geometry, types, table_style, table_lines, table_points : optional
         Settings as in :func:`solve`.
+    replace : bool
+        Whether files that exist are replaced; False: they are an error.
 
     Returns
     -------
@@ -281,7 +284,7 @@ def write_deck(
     Raises
     ------
     UsageError
-        For an unknown style or setting.
+        For an unknown style or setting, or a file that exists and may not be replaced.
     UnsupportedScene
         If LAMMPS cannot express the scene by this style.
 
@@ -307,7 +310,7 @@ def write_deck(
         resolution = _resolution_for(scene, writer, accuracy, resolution, sampling)
     deck = writer.deck(scene, resolution, sampling)
     folder = Path(folder)
-    write_whole(folder, deck.files)
+    write_whole(folder, deck.files, replace=replace)
     return tuple(folder / name for name in deck.files)
 
 

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import errno
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dem_bridge.errors import SceneError, UsageError
+from dem_bridge.files import text_of_file
 from dem_bridge.scene import Scene
 
 if TYPE_CHECKING:
     from dem_bridge.lmp.reader.scene import ReadDeck
 
-#: largest size of a file that is read, bytes
-_LARGEST_FILE = 1 << 28
 #: fields of a Scene that are columns of a table or parameters of scene_from_csv
 _IN_TABLES = ("mass", "velocity", "stiffness", "exponent", "gap", "name", "duration", "law")
 _SCENE_FIELDS = tuple(entry.name for entry in fields(Scene) if entry.init and entry.name not in _IN_TABLES)
@@ -98,6 +96,7 @@ def scene_from_deck(
     samples: int | None = None,
     reverse: bool | None = None,
     variables: Mapping[str, str] | None = None,
+    files_below: str | Path | None = None,
 ) -> Scene:
     """Return the scene of a LAMMPS input script in which every body is a sphere on one line.
 
@@ -127,6 +126,9 @@ def scene_from_deck(
         lowest coordinate if neither or both move.
     variables : mapping of str to str, optional
         Values of variables, as LAMMPS accepts them by ``-var``.
+    files_below : str or Path, optional
+        Folder below which the files must be that the script names. None: ``$DEM_BRIDGE_FILES_BELOW``, or else the
+        folder of the script.
 
     Returns
     -------
@@ -156,33 +158,26 @@ def scene_from_deck(
         samples=samples,
         reverse=reverse,
         variables=variables,
+        files_below=files_below,
     ).scene
 
 
-def deck_read(path: Path, **settings: Any) -> ReadDeck:
+def deck_read(path: Path, *, files_below: str | Path | None = None, **settings: Any) -> ReadDeck:
     """Return the scene of a LAMMPS input script, as :func:`scene_from_deck`, with notes on how it was read."""
+    from dem_bridge.lmp.opening import files_of, is_script
     from dem_bridge.lmp.reader.scene import read_deck
 
-    return read_deck(
-        _text(path, "a LAMMPS input script"),
-        file=path.name,
-        opened=lambda other: _regular(path.parent / other).read_text(encoding="utf-8"),
-        **settings,
-    )
-
-
-def _regular(path: Path) -> Path:
-    """Return the path of a file of bounded size; raise OSError if it is a device, a pipe or too large."""
-    if path.exists() and not path.is_dir() and not (path.is_file() and path.stat().st_size <= _LARGEST_FILE):
-        raise OSError(errno.EFBIG, f"not a file of at most {_LARGEST_FILE >> 20} MB")
-    return path
+    kind = "a LAMMPS input script"
+    text = _text(path, kind)
+    if text.strip() and not is_script(text):
+        raise SceneError("", problem="no line of the file is a command of LAMMPS", allowed=kind, where=str(path))
+    return read_deck(text, file=path.name, opened=files_of(path.parent, files_below), **settings)
 
 
 def _text(path: Path, allowed: str) -> str:
     """Return the text of a file; raise SceneError if it cannot be read."""
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:  # ValueError: a path with a NUL, or bytes that are not text
-        reason = error.strerror if isinstance(error, OSError) else "not a text file"
-        problem = f"the file cannot be read ({reason})"
+        return text_of_file(path)
+    except OSError as error:
+        problem = f"the file cannot be read ({error.strerror})"
         raise SceneError("", problem=problem, allowed=allowed, where=str(path)) from None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import dem_bridge
-from dem_bridge.cli.options import with_options
+from dem_bridge.cli.options import check_new, with_options
 from dem_bridge.errors import UsageError
 
 if TYPE_CHECKING:
@@ -33,12 +33,14 @@ def convert(
     format: str | None = None,
     spacing: float | None = None,
     layout: str = "long",
+    force: bool = False,
     **settings: Any,
 ) -> None:
     """Convert the trajectory file RUN to another format.
 
     RUN is a .nc, .lammpstrj, .extxyz, .traj or .csv file.
     """
+    check_new(output, force)
     trajectory = _read(run, scene, settings)
     dem_bridge.write_trajectory(trajectory, scene, output, format=format, spacing=spacing, layout=layout)
     click.echo(f"written: {output}")

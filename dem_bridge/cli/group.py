@@ -9,6 +9,7 @@ from __future__ import annotations
 import gc
 import json
 import os
+import select
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -24,15 +25,19 @@ from dem_bridge.cli.export import export
 from dem_bridge.cli.imports import import_group
 from dem_bridge.cli.judge import judge
 from dem_bridge.cli.new import new
-from dem_bridge.cli.options import check_output, print_json, with_options
+from dem_bridge.cli.options import check_new, check_output, print_json, with_options
 from dem_bridge.cli.regress import regress
 from dem_bridge.cli.store import store_group
 from dem_bridge.cli.studies import study as study_group
-from dem_bridge.errors import BlockedScript, DemBridgeError, UnsupportedScene, UsageError
-from dem_bridge.files import check_file, write_whole
+from dem_bridge.errors import BlockedScript, DemBridgeError, UnsupportedScene, UsageError, one_line
+from dem_bridge.files import FILES_BELOW, write_whole
 
 if TYPE_CHECKING:
     from dem_bridge.trajectory import Trajectory
+
+
+#: exit code if the reader of the output ended, as of a program that SIGPIPE stops
+PIPE_CLOSED = 141
 
 
 class _Group(click.Group):
@@ -54,6 +59,11 @@ class _Group(click.Group):
             text = text.splitlines()[-1]
         except DemBridgeError as error:
             text, code = str(error), error.exit_code
+        except BrokenPipeError as error:
+            if not output_is_closed():
+                raise
+            _discard_output()
+            raise SystemExit(PIPE_CLOSED) from error
         except click.UsageError as error:
             command = error.ctx.command_path if error.ctx else "dem-bridge"
             text, code = f"{error.format_message()} See: {command} --help", 2
@@ -61,17 +71,28 @@ class _Group(click.Group):
             text, code = f"{type(error).__name__}: {error}; the run was stopped", 3
         except KeyboardInterrupt:
             text, code = "interrupted; the run was stopped", 130
-        click.echo(f"dem-bridge: {' '.join(text.split())}", err=True)
+        click.echo(f"dem-bridge: {one_line(text)}", err=True)
         ctx.exit(code)
 
 
 @click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(dem_bridge.__version__, prog_name="dem-bridge")
-def main() -> None:
+@click.option(
+    "--files-below",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder below which the files must be that a scene or a deck names.  [default: its own folder]",
+)
+@click.pass_context
+def main(ctx: click.Context, files_below: Path | None) -> None:
     """Verify simulations of one-dimensional granular chains against LAMMPS.
 
     SCENE is the name of a shipped scene (see `dem-bridge scenes`) or the path of a scene file (.toml).
     """
+    if files_below is not None:
+        before = dict(os.environ)
+        os.environ[FILES_BELOW] = str(files_below.absolute())
+        ctx.call_on_close(lambda: os.environ.update(before) if FILES_BELOW in before else os.environ.pop(FILES_BELOW))
 
 
 @with_options("scenes")
@@ -114,12 +135,12 @@ def run(scene: str, as_json: bool, backend: str | None = None, output: Path | No
 
 
 @with_options("deck")
-def deck(scene: str, folder: Path, **settings: Any) -> None:
+def deck(scene: str, folder: Path, force: bool, **settings: Any) -> None:
     """Write the LAMMPS deck of SCENE.
 
     The deck runs in its folder by `lmp -in in.NAME`.
     """
-    for path in dem_bridge.write_deck(scene, folder, **settings):
+    for path in dem_bridge.write_deck(scene, folder, replace=force, **settings):
         click.echo(path)
 
 
@@ -127,6 +148,7 @@ def deck(scene: str, folder: Path, **settings: Any) -> None:
 def verify(
     scenes: tuple[str, ...],
     folder: Path,
+    force: bool,
     json_file: Path | None = None,
     junit_file: Path | None = None,
     known_defects: str = "fail",
@@ -138,7 +160,7 @@ def verify(
     """
     for file in (json_file, junit_file):
         if file is not None:
-            check_file(file)
+            check_new(file, force)
     with terminal.bar() as progress:
         verification = dem_bridge.verify(list(scenes) or None, folder=folder, progress=progress, **settings)
     if json_file is not None:
@@ -274,6 +296,18 @@ def _summary_lines(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield name, "none" if value is None else f"{value / size:.7g} {unit} {uncertainty}"
 
 
+def output_is_closed() -> bool:
+    """Return True if the program that reads the output, such as `head`, has ended."""
+    output = select.poll()
+    output.register(sys.stdout.fileno(), 0)
+    return any(event & select.POLLERR for _, event in output.poll(0))
+
+
+def _discard_output() -> None:
+    """Send further output nowhere, so that no message about the closed pipe follows."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def command() -> None:
     """Run :func:`main` as a program and end the process at once, because the normal exit of Python takes 0.3 s."""
     gc.set_threshold(100_000)  # otherwise a tenth of the time of an import is a search for garbage
@@ -281,11 +315,15 @@ def command() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     code: str | int | None = 1
     try:
-        main()
-    except SystemExit as end:
-        code = end.code
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except BrokenPipeError:
+        _discard_output()
+        code = PIPE_CLOSED
     if "multiprocessing.process" in sys.modules or isinstance(code, str):
         sys.exit(code)  # waits for child processes
-    sys.stdout.flush()
-    sys.stderr.flush()
     os._exit(code or 0)

@@ -10,7 +10,7 @@ import click
 
 import dem_bridge
 from dem_bridge.cli.options import check_new, with_options
-from dem_bridge.files import write_whole
+from dem_bridge.files import text_of_file, write_whole
 
 if TYPE_CHECKING:
     from dem_bridge.scene import Scene
@@ -24,7 +24,7 @@ def deck(script: Path, output: Path, force: bool, variables: tuple[tuple[str, st
 
     check_new(output, force)
     read = deck_read(script, variables=dict(variables), **settings)
-    text = script.read_text(encoding="utf-8", errors="replace")
+    text = text_of_file(script)
     for defect in (item for item in known_defects() if item.met_by(text)):
         releases = f"LAMMPS {defect.first} to {defect.last or 'the newest release'}"
         click.echo(f"dem-bridge: warning: {script}: with {releases}, it meets the {defect}", err=True)

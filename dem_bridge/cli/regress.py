@@ -13,7 +13,7 @@ import click
 from dem_bridge.cli import terminal
 from dem_bridge.cli.options import with_options
 from dem_bridge.errors import DemBridgeError, UsageError
-from dem_bridge.files import check_file, write_whole
+from dem_bridge.files import check_file, text_of_file, write_whole
 
 #: exit code with which git bisect skips a commit
 SKIP = 125
@@ -85,8 +85,8 @@ def _regress(
 def _read(file: Path) -> Any:
     """Return the contents of a JSON file; raise UsageError if it cannot be read."""
     try:
-        return json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        return json.loads(text_of_file(file))
+    except (OSError, ValueError, RecursionError) as error:
         raise UsageError(
             f"{file}: the file cannot be read ({error}); allowed: a file written by regress --json"
         ) from error

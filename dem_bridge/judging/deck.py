@@ -15,8 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from dem_bridge.errors import BlockedScript, SceneError, UsageError
+from dem_bridge.errors import BlockedScript, RunBroken, SceneError, UsageError
+from dem_bridge.files import MOST_BYTES, checked_file, text_of_file
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.lmp.opening import files_of
 from dem_bridge.lmp.process import run_deck, workspace
 from dem_bridge.lmp.reader.deck import UNITS, ReadScript, read_script
 from dem_bridge.lmp.reader.scene import ReadDeck, read_deck
@@ -85,7 +87,7 @@ class UserDeck:
 def is_deck(path: Path) -> bool:
     """Return True if a file is a LAMMPS input script, by its content."""
     try:
-        with path.open("rb") as file:
+        with checked_file(path, MOST_BYTES).open("rb") as file:
             head = file.read(100_000)
     except OSError:
         return False
@@ -98,13 +100,11 @@ def user_deck(path: Path, scene: Scene, variables: Mapping[str, str] | None = No
     ``variables``: values that LAMMPS is given by ``-var``.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise UsageError(f"{path}: the deck cannot be read ({error}); give a LAMMPS input script") from None
+        text = text_of_file(path)
+    except OSError as error:
+        raise UsageError(f"{path}: the deck cannot be read ({error.strerror}); give a LAMMPS input script") from None
 
-    def opened(name: str) -> str:
-        return (path.parent / name).read_text(encoding="utf-8")
-
+    opened = files_of(path.parent)
     commands: list[Command] = []
     try:
         for command in Script(opened, given_variables(variables)).commands(path.name, text):
@@ -166,6 +166,8 @@ def deck_run(
         target.write_text("".join(lines), encoding="utf-8")
         report = run_deck(folder, path.name, time_limit=time_limit, engine=engine)
         log = folder / "log.lammps"
+        if not (folder / _FILE).is_file():
+            raise RunBroken(f"{path}: LAMMPS ended without an error, but it ran no step; give a deck that runs")
         if deck.read is not None:
             _put_in_order(folder / _FILE, mirrored=deck.mirrored)
         text = log.read_text(errors="replace") if log.is_file() else ""

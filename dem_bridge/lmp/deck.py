@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +34,8 @@ _TEMPLATE = Path(__file__).with_name("deck.template")
 DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "fx")
 #: mass of a wall over that of its neighbour, where the engine's force depends on the effective mass
 HEAVY = 2.0**60
+#: largest number of characters of a comment from outside
+_LONGEST_COMMENT = 1000
 #: more groups of equal masses than this are read from a file, because each `set` visits every atom
 MOST_SETS = 300
 
@@ -207,6 +210,19 @@ def _header(scene: Scene, what: str) -> str:
     )
 
 
+def as_comment(text: str) -> str:
+    r"""Return a text as the words of a comment of a deck, which end with its line and have no meaning for LAMMPS.
+
+    Three quotation marks or an ampersand at the end would make LAMMPS read on after the line, also within a comment.
+
+    >>> print(as_comment('a \"\"\" at 2 \u00b5m &'))
+    a ''' at 2 \xb5m and
+    """
+    line = re.sub(r"[^ -~]", lambda sign: " " if sign[0].isspace() else ascii(sign[0])[1:-1], text)
+    line = re.sub('"{3,}', lambda quotes: "'" * len(quotes[0]), line)
+    return re.sub(r"[&\s]*&\s*$", " and", line)[:_LONGEST_COMMENT]
+
+
 def _lines(*lines: str) -> str:
     """Return lines as text."""
     return "".join(f"{line}\n" for line in lines)
@@ -227,7 +243,7 @@ def _input(line: _Line, plan: Schedule, floor: float | None) -> str:
         )
     return _TEMPLATE.read_text(encoding="utf-8").format(
         header=_header(scene, "LAMMPS deck"),
-        description=_lines(f"# {scene.description}") if scene.description else "",
+        description=_lines(f"# {as_comment(scene.description)}") if scene.description else "",
         scene=scene,
         plan=plan,
         kinds=int(np.max(line.types)),

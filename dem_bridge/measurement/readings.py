@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dem_bridge.errors import UsageError
+from dem_bridge.files import checked_file, text_of_file
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Floats
 
@@ -122,7 +123,7 @@ def read_measurement(files: Iterable[Path], scene: Scene) -> tuple[Reading, ...]
 
 def checksum(file: Path) -> str:
     """Return the sha256 of a file."""
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+    return hashlib.sha256(checked_file(file).read_bytes()).hexdigest()
 
 
 def _read(file: Path, scene: Scene, rows: Mapping[tuple[str, int], list[tuple[float, float, float]]]) -> None:
@@ -159,22 +160,26 @@ def _read(file: Path, scene: Scene, rows: Mapping[tuple[str, int], list[tuple[fl
 def _lines(file: Path) -> list[tuple[int, list[str]]]:
     """Return the rows of a table with their line numbers, without empty lines and comments; the first has headings."""
     try:
-        text = file.read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a text file"
-        raise UsageError(f"the file of [measurement] cannot be read ({reason}); allowed: a CSV file") from None
+        text = text_of_file(file)
+    except OSError as error:
+        raise UsageError(f"the file of [measurement] cannot be read ({error.strerror}); allowed: a CSV file") from None
     lines = [(nth, line) for nth, line in enumerate(text.splitlines(), start=1) if line.strip() and line[0] != "#"]
     if len(lines) < 2:
         raise UsageError("the file has no values; allowed: a line of headings, then lines of numbers")
     delimiter = max(",;\t", key=lines[0][1].count)
     if delimiter not in lines[0][1]:
         return [(nth, line.split()) for nth, line in lines]
-    return [(nth, next(csv.reader([line], delimiter=delimiter))) for nth, line in lines]
+    try:
+        return [(nth, next(csv.reader([line], delimiter=delimiter))) for nth, line in lines]
+    except csv.Error as error:
+        raise UsageError(f"the file is not CSV ({error}); write it again") from None
 
 
 def _columns(headings: list[str]) -> dict[int, _Column]:
     """Return the columns of a table by number; raise UsageError unless each value has a place and an uncertainty."""
     columns = {}
+    if not any(heading in ("body", "contact") or _HEADING.fullmatch(heading) for heading in headings):
+        raise UsageError("the file has no known heading; allowed: time, body, contact and quantities with their units")
     for nth, heading in enumerate(headings):
         if heading in ("body", "contact") or _SHARED.fullmatch(heading):
             continue

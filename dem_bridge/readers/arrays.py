@@ -6,9 +6,8 @@ import io
 import json
 import math
 import zipfile
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.readers.source import MOST_BYTES
+from dem_bridge.files import MOST_BYTES
+from dem_bridge.netcdf import Variable, read_netcdf
 from dem_bridge.readers.tables import Entry, Table
 
 #: variables of a file that :meth:`.Trajectory.save` wrote which are read
@@ -117,98 +117,42 @@ def _entries(name: str, array: NDArray[Any], unit: str | None) -> Iterator[Entry
         yield Entry(name, array, unit)
 
 
-def read_netcdf(path: Path, first: bytes) -> Table:
+def table_of_netcdf(path: Path) -> Table:
     """Read the variables of a netCDF file (classic or netCDF-4) with their units."""
-    try:
-        with ExitStack() as stack:
-            read = _classic if first.startswith(b"CDF") else _netcdf4
-            attributes, variables = read(path, stack)
-            own = _text(attributes.get("schema", "")).startswith("dem-bridge/")
-            table = Table([])
-            for variable in variables:
-                if not own or variable.name in _OWN:
-                    table.entries += _variable(variable)
-            if own:
-                settings = json.loads(_text(attributes.get("provenance", "{}"))).get("settings", {})
-                _state_step(table, settings.get("dt"))
-            return table
-    except UsageError:
-        raise
-    except Exception as error:  # the libraries raise exceptions of many types for damaged files
-        raise UsageError(f"the netCDF file is damaged or of another kind ({_short(error)}); write it again") from error
+    attributes, variables = read_netcdf(path)
+    own = str(attributes.get("schema", "")).startswith("dem-bridge/")
+    table = Table([])
+    for variable in variables:
+        if not own or variable.name in _OWN:
+            table.entries += _variable(variable)
+    if own:
+        with suppress(ValueError, RecursionError, AttributeError):
+            settings = json.loads(str(attributes.get("provenance", "{}"))).get("settings", {})
+            _state_step(table, settings.get("dt"))
+    return table
 
 
 def own_netcdf(path: Path) -> bool | None:
     """Return True if :meth:`.Trajectory.save` wrote a netCDF-4 file, None if the file is no such file or damaged."""
-    import h5py
-
     try:
-        with h5py.File(path, "r") as file:
-            return _text(file.attrs.get("schema", "")).startswith("dem-bridge/trajectory/")
-    except (OSError, RuntimeError, ValueError):
+        return str(read_netcdf(path, only_attributes=True).attributes.get("schema", "")).startswith(
+            "dem-bridge/trajectory/"
+        )
+    except UsageError:
         return None
 
 
-@dataclass(frozen=True)
-class _Variable:
-    """Hold a variable of a netCDF file: ``values[()]`` are its numbers."""
-
-    name: str
-    values: Any
-    dims: tuple[str, ...]
-    attributes: Mapping[str, Any]
-
-
-def _classic(path: Path, stack: ExitStack) -> tuple[Mapping[str, Any], list[_Variable]]:
-    """Return the attributes and the variables of a classic file."""
-    from scipy.io import netcdf_file
-
-    file = stack.enter_context(netcdf_file(path, "r", mmap=False))
-    return file._attributes, [
-        _Variable(name, variable.data, variable.dimensions, variable._attributes)
-        for name, variable in file.variables.items()
-    ]
-
-
-def _netcdf4(path: Path, stack: ExitStack) -> tuple[Mapping[str, Any], list[_Variable]]:
-    """Return the attributes and the variables of a netCDF-4 file."""
-    import h5py
-
-    file = stack.enter_context(h5py.File(path, "r"))
-    variables = []
-    for name, dataset in file.items():
-        # a dimension without a coordinate is a data set of zeros
-        bare = _text(dataset.attrs.get("NAME", "")).startswith("This is a netCDF dimension but not")
-        if isinstance(dataset, h5py.Dataset) and dataset.dtype.kind in "fiu" and not bare:
-            scales = [next(iter(dim.values()), None) for dim in dataset.dims]
-            dims = tuple("" if scale is None else str(scale.name).strip("/") for scale in scales)
-            # a coordinate is the scale of its own dimension
-            variables.append(_Variable(name, dataset, (name,) if dataset.ndim == 1 else dims, dict(dataset.attrs)))
-    return dict(file.attrs), variables
-
-
-def _variable(variable: _Variable) -> Iterator[Entry]:
+def _variable(variable: Variable) -> Iterator[Entry]:
     """Yield a variable with time as its first dimension, or its components along x, y and z."""
-    shape, dtype = variable.values.shape, variable.values.dtype
-    if dtype.kind not in "fiu":
-        return
-    _check_size(variable.name, shape, dtype)
-    array = np.asarray(variable.values[()])
-    array = array.astype(array.dtype.newbyteorder("="))
-    attributes = variable.attributes
+    array, attributes = variable.values, variable.attributes
     for name, apply in (("scale_factor", np.multiply), ("add_offset", np.add)):
-        if name in attributes:
-            array = apply(array, float(np.ravel(attributes[name])[0]))
+        if isinstance(factor := attributes.get(name), float):
+            array = apply(array, factor)
     order = sorted(range(array.ndim), key=lambda k: variable.dims[k] not in ("time", "frame", "t", "step"))
-    unit = _text(attributes.get("units", "")).partition(" since ")[0].strip() or None
+    unit = str(attributes.get("units", "")).partition(" since ")[0].strip() or None
     array = array.transpose(order)
     if variable.name not in _OWN or np.all(np.isfinite(array)):
         yield from _entries(variable.name, array, unit)
-
-
-def _text(value: Any) -> str:
-    """Return an attribute as text."""
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
 def _short(error: Exception) -> str:

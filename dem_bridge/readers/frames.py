@@ -104,6 +104,14 @@ class FrameCollector:
         return Frames(columns=columns, ids=self.ids, rounding=rounding, **fields)
 
 
+def whole_numbers(words: Iterable[str | bytes]) -> NDArray[np.int64]:
+    """Return ids as numbers; raise UsageError for an id that has more than 64 bits."""
+    try:
+        return np.array([int(word) for word in words], dtype=np.int64)
+    except OverflowError as error:
+        raise UsageError("the file has an id of more than 64 bits; allowed: whole numbers from 1") from error
+
+
 GROUPS = {"position": ("x", "y", "z"), "velocity": ("vx", "vy", "vz"), "force": ("fx", "fy", "fz")}
 
 
@@ -182,7 +190,7 @@ def _dump_columns(
     column = {
         name: np.array([row[k] for row in rows], dtype=np.bytes_) for k, name in enumerate(names) if name in needed
     }
-    ids = np.array([int(row[names.index("id")]) for row in rows], dtype=np.int64)
+    ids = whole_numbers([row[names.index("id")] for row in rows])
     return ids, grouped(column, len(rows))
 
 
@@ -206,7 +214,8 @@ def read_ase(path: Path) -> Frames:
     except UsageError:
         raise
     except Exception as error:  # the readers of ASE raise exceptions of many types
-        raise UsageError(f"ASE cannot read {label} or the next frame ({error}); write the file again") from error
+        reason = " ".join(str(error).split())[:120]
+        raise UsageError(f"ASE cannot read {label} or the next frame ({reason}); write the file again") from error
     return collector.frames(time=times, step=np.arange(float(collector.count)).tolist(), units=units)
 
 

@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from dem_bridge.errors import UsageError
-from dem_bridge.readers.arrays import read_netcdf, read_npy, read_npz
+from dem_bridge.files import MOST_BYTES, checked_file, named_file
+from dem_bridge.netcdf import is_netcdf
+from dem_bridge.readers.arrays import read_npy, read_npz, table_of_netcdf
 from dem_bridge.readers.assemble import Choices, draft_of_table
 from dem_bridge.readers.chain import draft_of_frames
 from dem_bridge.readers.frames import FrameCollector, Frames, read_ase, read_dump
 from dem_bridge.readers.record import Record
-from dem_bridge.readers.source import read_bytes, text_of
+from dem_bridge.readers.source import damage_as_usage_error, read_bytes, text_of
 from dem_bridge.readers.tables import Table, read_text
 from dem_bridge.readers.vtk import frame_of, places, read_legacy, read_pvd, read_xml
 from dem_bridge.readers.xyz import looks_like_xyz, read_xyz
@@ -77,14 +79,12 @@ def read_record(
     ([0.089, 0.569], [0.0005, 0.0005], 'time has no unit in the file and is read in s')
     """
     path = Path(path)
-    try:
-        choices = Choices(dt, columns, units, bodies, axis)
+    choices = Choices(dt, columns, units, bodies, axis)
+    with damage_as_usage_error(path):
         contents, default_units = load(path, choices)
         if isinstance(contents, Frames):
             return draft_of_frames(path.name, contents, scene, choices, default_units).record(scene)
         return draft_of_table(path.name, contents, scene, choices).record(scene)
-    except UsageError as error:
-        raise UsageError(f"{path}: {error}") from error
 
 
 def load(path: Path, choices: Choices) -> tuple[Table | Frames, str]:
@@ -92,10 +92,13 @@ def load(path: Path, choices: Choices) -> tuple[Table | Frames, str]:
     files = series(path)
     if len(files) > 1 or path.suffix.lower() == ".pvd":
         return _of_series(path, files, choices), "si"
-    with files[0].open("rb") as stream:
-        first = stream.read(16)
-    if first.startswith((b"CDF", b"\x89HDF")):
-        return read_netcdf(files[0], first), "si"
+    try:
+        with checked_file(files[0], MOST_BYTES).open("rb") as stream:
+            first = stream.read(16)
+    except OSError as error:
+        raise UsageError(f"the file cannot be read ({error.strerror}); give a file of samples") from error
+    if is_netcdf(first):
+        return table_of_netcdf(files[0]), "si"
     if first.startswith(b"PK"):
         return read_npz(files[0]), "si"
     if first.startswith(b"- of Ulm"):
@@ -130,7 +133,11 @@ def _of_series(path: Path, files: list[Path], choices: Choices) -> Frames:
     times = [""] * len(files)
     if path.suffix.lower() == ".pvd":
         sets = read_pvd(read_bytes(path))
-        times, files = [time for time, _ in sets], [path.parent / file for _, file in sets]
+        times = [time for time, _ in sets]
+        try:
+            files = [named_file(path.parent, file) for _, file in sets]
+        except OSError as error:
+            raise UsageError(f"a data set of the series cannot be read: {error.strerror}") from error
         if missing := [file for file in files if not file.is_file()]:
             raise UsageError(f"the data set {missing[0].name} of the series is missing; copy all files of the series")
     contents = map(read_bytes, files)
@@ -166,8 +173,11 @@ def _of_series(path: Path, files: list[Path], choices: Choices) -> Frames:
 
 def series(path: Path) -> list[Path]:
     """Return the files of a folder or a pattern, in the order of the last numbers in their names; else the file."""
-    if path.is_file():
-        return [path]
+    try:
+        if path.exists() and not path.is_dir():
+            return [path]
+    except (OSError, ValueError):  # the name is too long or contains a NUL
+        raise UsageError("this is no valid name of a file; correct it") from None
     if path.is_dir():
         candidates = [file for file in path.iterdir() if file.is_file() and re.search(r"\d", file.name)]
     else:

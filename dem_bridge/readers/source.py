@@ -7,31 +7,47 @@ import gzip
 import lzma
 import math
 import zlib
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from dem_bridge.errors import UsageError
+import numpy as np
 
-#: largest size of a file, after decompression, bytes
-MOST_BYTES = 2**29
+from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
+from dem_bridge.files import MOST_BYTES, checked_file
+
 #: a file of a code, with or without its time step
 File = str | Path | tuple[str | Path, float | None]
 _PACKED: dict[bytes, Any] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ": lzma.open}
 
 
+@contextmanager
+def damage_as_usage_error(path: Path) -> Iterator[None]:
+    """Turn the exceptions that damaged data cause into a UsageError with the name of the file."""
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from error
+    except OF_DAMAGED_DATA as error:
+        what = "needs too much memory" if isinstance(error, MemoryError) else "is damaged or not in its format"
+        raise UsageError(f"{path}: the file {what} ({type(error).__name__}); write it again") from error
+
+
 def read_bytes(path: Path) -> bytes:
     """Return the contents of a file, decompressed; raise UsageError if it is missing, damaged or too large."""
     try:
-        with path.open("rb") as file:
+        with checked_file(path, MOST_BYTES).open("rb") as file:
             content = file.read(MOST_BYTES + 1)
             opener = next((opener for magic, opener in _PACKED.items() if content.startswith(magic)), None)
             if opener is not None:
                 file.seek(0)
                 with opener(file, "rb") as stream:
                     content = stream.read(MOST_BYTES + 1)
-    except (OSError, EOFError, lzma.LZMAError, zlib.error) as error:
-        raise UsageError(f"the file cannot be read ({error}); write it again") from error
+    except (OSError, EOFError, lzma.LZMAError, zlib.error, ValueError) as error:
+        reason = error.strerror or error if isinstance(error, OSError) else error
+        raise UsageError(f"the file cannot be read ({reason}); write it again") from error
     if len(content) > MOST_BYTES:
         raise UsageError(f"the file has more than {MOST_BYTES >> 20} MiB; write fewer samples or use npz or netCDF")
     return bytes(content)

@@ -56,8 +56,8 @@ def read_text(text: str) -> Table:
     begin = next((k for k, line in enumerate(plain) if _delimiter_of_numbers(line) is not None), None)
     if begin is None:
         raise UsageError(
-            f"the file is not a table, its line {(plain or lines)[:2][-1].strip()[:40]!r} is no row of numbers;"
-            " allowed: a row of headings, then rows of numbers separated by commas, semicolons, tabs or blanks"
+            f"the file is not a table, because none of its {len(lines)} lines is a row of numbers; allowed: a row of"
+            " headings, then rows of numbers separated by commas, semicolons, tabs or blanks"
         )
     before = lines[: rows_at[begin]]
     comments = [line.strip() for line in before if line.lstrip().startswith(_COMMENTS)][-_MOST_COMMENTS:]
@@ -181,6 +181,6 @@ def _column(cells: Sequence[str], heading: str) -> NDArray[np.bytes_]:
     wrong = next((k for k, cell in enumerate(cells) if cell and not _NUMBER.fullmatch(cell)), None)
     if wrong is not None:
         raise UsageError(
-            f"column {heading!r} has {cells[wrong][:40]!r} in row {wrong + 1}; allowed: numbers; correct the file"
+            f"column {heading[:60]!r} has no number in row {wrong + 1}; allowed: numbers; correct the file"
         )
     return np.array(cells, dtype=np.bytes_)

@@ -25,6 +25,7 @@ from dem_bridge.readers.frames import Frames
 from dem_bridge.readers.headings import STYLES
 from dem_bridge.readers.read import load, series
 from dem_bridge.readers.record import Record
+from dem_bridge.readers.source import damage_as_usage_error
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Cost, Floats, Trajectory
 from dem_bridge.version import __version__
@@ -69,8 +70,8 @@ def read(path: Path, scene: Scene, format: str, *, units: str | None = None, dt:
     the time between frames of a file with neither. Raises UsageError for a missing atom or frame, another number of
     bodies, unknown units, and initial velocities or masses that are not those of the scene.
     """
-    try:
-        choices = Choices(dt=dt, units=units)
+    choices = Choices(dt=dt, units=units)
+    with damage_as_usage_error(path):
         contents, default = load(path, choices)
         if isinstance(contents, Frames):
             samples = _samples_of_frames(path.name, contents, scene, choices, default)
@@ -85,11 +86,9 @@ def read(path: Path, scene: Scene, format: str, *, units: str | None = None, dt:
         _check_complete(samples, scene)
         _check_times(samples.time)
         _check_start(samples, scene)
-    except UsageError as error:
-        raise UsageError(f"{path}: {error}") from error
-    if samples.time[-1] < scene.duration * (1.0 - ENDS_WITHIN):
-        samples.assumed.append(f"the file ends at {samples.time[-1]:.6g} s, the scene at {scene.duration:.6g} s")
-    return _trajectory(path, samples, scene, format)
+        if samples.time[-1] < scene.duration * (1.0 - ENDS_WITHIN):
+            samples.assumed.append(f"the file ends at {samples.time[-1]:.6g} s, the scene at {scene.duration:.6g} s")
+        return _trajectory(path, samples, scene, format)
 
 
 def _samples_of_frames(name: str, frames: Frames, scene: Scene, choices: Choices, default: str) -> _Samples:

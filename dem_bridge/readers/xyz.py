@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.readers.frames import EXTRA_COLUMNS, FrameCollector, Frames
+from dem_bridge.readers.frames import EXTRA_COLUMNS, FrameCollector, Frames, whole_numbers
 
 _PAIR = re.compile(r"(\w+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)'|([^\s,]+))")
 _STEP = re.compile(r"(?i)\b(?:time[ _]?step|step)\b\s*[:=]\s*(\d+)")
@@ -84,7 +84,7 @@ def _columns(
         elif (name in _SCALARS or name in EXTRA_COLUMNS) and width == 1:
             columns[_SCALARS.get(name, name)] = part[:, 0]
         elif name == "id":
-            ids = part[:, 0].astype(np.int64)
+            ids = whole_numbers(part[:, 0].tolist())
     return ids, columns
 
 

@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.base import Sampling
-from dem_bridge.errors import UsageError
+from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
+from dem_bridge.files import text_of_file
 from dem_bridge.trajectory import Cost, Floats, Trajectory, Uncertainty
 from dem_bridge.verification.verdict import plain
 from dem_bridge.version import schema_fault
@@ -29,8 +30,9 @@ SCHEMA = "dem-bridge/baseline/1"
 #: quantities of a run in a baseline
 QUANTITIES = ("velocity", "peak_force", "crossing_time")
 #: the data: form of a file and of its entries of accuracy; an entry is an object with these keys, a list of one form, a
-#: number, a number or null, text, or any of them
+#: number, text or an object (or null), or any of them
 _FORM = json.loads(Path(__file__).with_name("baseline_form.json").read_text(encoding="utf-8"))
+LARGEST_DOUBLE = float(np.finfo(float).max)
 _UNKNOWN = Cost(wall=math.nan, cpu=math.nan, steps=0, force_evaluations=0)
 
 
@@ -136,10 +138,10 @@ class Baseline:
 def read_baseline(path: Path) -> Baseline:
     """Read a baseline from a file; raise UsageError with the file and the fault if it is not valid."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        text = text_of_file(path)
+    except OSError as error:
         raise UsageError(
-            f"{path}: the file cannot be read ({error}); allowed: a baseline written by regress --update"
+            f"{path}: the file cannot be read ({error.strerror}); allowed: a baseline written by regress --update"
         ) from error
     try:
         baseline = baseline_of_text(text)
@@ -160,14 +162,22 @@ def baseline_of_text(text: str) -> Baseline:
     """Return the baseline that :meth:`Baseline.text` wrote; raise UsageError for any other text."""
     try:
         document = json.loads(text, parse_constant=_refuse_constant)
-    except json.JSONDecodeError as error:
+    except _InvalidBaseline:
+        raise
+    except (ValueError, RecursionError) as error:  # also a number of thousands of digits, or thousands of brackets
         raise _InvalidBaseline(f"the file is not JSON or is truncated: {error}") from error
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         schema = document.get("schema") if isinstance(document, dict) else None
         raise _InvalidBaseline(schema_fault(schema, SCHEMA))
     _check("", document, _FORM["file"])
-    _check("accuracy", document["accuracy"], dict.fromkeys(document["accuracy"], _FORM["entry of accuracy"]))
-    return _parse(document)
+    entries = document["accuracy"] if isinstance(document["accuracy"], dict) else {}
+    _check("accuracy", document["accuracy"], dict.fromkeys(entries, _FORM["entry of accuracy"]))
+    try:
+        return _parse(document)
+    except _InvalidBaseline:
+        raise
+    except OF_DAMAGED_DATA as error:
+        raise _InvalidBaseline(f"the entries contradict each other ({type(error).__name__})") from error
 
 
 def _check(where: str, value: Any, form: Any) -> None:
@@ -188,15 +198,15 @@ def _check(where: str, value: Any, form: Any) -> None:
         for k, entry in enumerate(value):
             _check(f"{where}[{k}]", entry, form[0])
     else:
-        number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_DOUBLE
         fits = {
             "text": isinstance(value, str),
             "number": number,
-            "number or null": number or value is None,
+            "object": isinstance(value, dict),
             "any": True,
         }
-        if not fits[form]:
-            allowed = "text" if form == "text" else "a finite number"
+        if not (fits[form.removesuffix(" or null")] or (value is None and form.endswith(" or null"))):
+            allowed = {"text": "text", "object": "an object"}.get(form.removesuffix(" or null"), "a finite number")
             raise _InvalidBaseline(f"{where} = {value!r}; allowed: {allowed}")
 
 

@@ -18,8 +18,8 @@ from packaging.requirements import Requirement
 
 from dem_bridge.backends.base import BACKENDS, backend
 from dem_bridge.backends.lammps import LammpsGranular
-from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
-from dem_bridge.files import write_whole
+from dem_bridge.errors import OF_DAMAGED_DATA, RunBroken, UnsupportedScene, UsageError
+from dem_bridge.files import text_of_file, write_whole
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.report.page import study_files
 from dem_bridge.report.pages import fill
@@ -153,9 +153,9 @@ def pinned(name: str) -> dict[str, str]:
 def _files_of(folder: Path) -> list[str]:
     """Return the names of the files of the bundle in ``folder``; empty if there is no bundle."""
     try:
-        schema = json.loads((folder / _MARK).read_text(encoding="utf-8"))["schema"]
-        names = [line.split("  ", 1)[1] for line in (folder / _SUMS).read_text(encoding="utf-8").splitlines()]
-    except (OSError, ValueError, KeyError, TypeError, IndexError):
+        schema = json.loads(text_of_file(folder / _MARK))["schema"]
+        names = [line.split("  ", 1)[1] for line in text_of_file(folder / _SUMS).splitlines()]
+    except (OSError, *OF_DAMAGED_DATA):
         return []
     inside = [name for name in names if (folder / name).resolve().is_relative_to(folder.resolve())]
     return [*inside, _SUMS] if schema == SCHEMA else []

@@ -23,12 +23,35 @@ WITHIN = 1.0 / 3.0
 ALMOST = 1e-6
 
 Record = dict[str, Any]
+_NUMBER = (int, float, type(None))
+_TEXT = (str, type(None))
+#: form of the parts of verdicts.json that are compared
+REPORT = {
+    "verdicts": [
+        dict.fromkeys(("scene", "quantity", "backend", "reference", "outcome"), str)
+        | dict.fromkeys(("difference", "scale", "tolerance"), _NUMBER)
+    ],
+    "claims": [
+        {"id": str, "outcome": str, "values": [{"name": str, "backend": str, "value": _NUMBER, "uncertainty": _NUMBER}]}
+    ],
+    "provenance": {"runs": [{"scene": str, "scene_hash": str, "deck_hash": _TEXT}]},
+}
 
 
 def main(words: list[str]) -> int:
     """Run the verification again, compare it, print the comparison and return the exit code."""
     here = Path(__file__).resolve().parent
-    bundle, before = (json.loads((here / name).read_text("utf-8")) for name in ("bundle.json", "report/verdicts.json"))
+    try:
+        return repeat(here, words)
+    except (OSError, ValueError) as error:
+        print(f"replay: {' '.join(str(error).split())[:480]}", file=sys.stderr)
+        return 2
+
+
+def repeat(here: Path, words: list[str]) -> int:
+    """Repeat the verification of the bundle in a folder as :func:`main`; ValueError for a file of another form."""
+    bundle = read_record(here / "bundle.json", {"verify": [str], "not_replayed": [str]})
+    before = read_record(here / "report" / "verdicts.json", REPORT)
     lines = [("CHANGED", f"{name} differs from the file of the bundle") for name in altered(here)]
     (here / "again" / "verdicts.json").unlink(missing_ok=True)
     command = [sys.executable, "-m", "dem_bridge.cli", "verify", *bundle["verify"], *words, "-o", "again"]
@@ -42,7 +65,7 @@ def main(words: list[str]) -> int:
             file=sys.stderr,
         )
         return 2
-    after = json.loads((here / "again" / "verdicts.json").read_text("utf-8"))
+    after = read_record(here / "again" / "verdicts.json", REPORT)
     lines += compared(before, after, bundle["not_replayed"])
     print()
     for word, text in lines:
@@ -52,19 +75,48 @@ def main(words: list[str]) -> int:
     return 1 if counts["CHANGED"] else 0
 
 
+def read_record(path: Path, form: Any) -> Record:
+    """Return the content of a JSON file; raise ValueError, in one line, unless it has a form, as :func:`check_form`."""
+    try:
+        record = json.loads(path.read_text("utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path.name} is not JSON: {str(error)[:100]}; take the file of the bundle again") from None
+    check_form(record, form, path.name)
+    return dict(record)
+
+
+def check_form(value: Any, form: Any, where: str) -> None:
+    """Raise ValueError unless a value has a form: a type or several, a list of one form, or an object with its keys."""
+    if isinstance(form, dict) and isinstance(value, dict):
+        for key, inner in form.items():
+            check_form(value.get(key, ...), inner, f"{where}: {key}")
+    elif isinstance(form, list) and isinstance(value, list):
+        for nth, entry in enumerate(value):
+            check_form(entry, form[0], f"{where}[{nth}]")
+    elif (
+        isinstance(form, dict | list) or not isinstance(value, form) or (isinstance(value, int) and abs(value) > 1e300)
+    ):
+        raise ValueError(f"{where} has another form than in a bundle; take the file of the bundle again")
+
+
 def altered(folder: Path) -> list[str]:
     """Return the files of the bundle that are missing or were changed."""
     names = []
     for line in (folder / "SHA256SUMS").read_text("utf-8").splitlines():
-        digest, name = line.split("  ", 1)
-        file = folder / name
-        if not file.is_file() or hashlib.sha256(file.read_bytes()).hexdigest() != digest:
+        digest, _, name = line.partition("  ")
+        file, inside = folder / name, not name.startswith("/") and ".." not in Path(name).parts
+        if not (inside and file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() == digest):
             names.append(name)
     return names
 
 
 def compared(before: Record, after: Record, not_replayed: list[str]) -> Iterator[tuple[str, str]]:
-    """Yield SAME, CHANGED or NOT REPLAYED with a description, for every verdict, deck and claim of two reports."""
+    """Yield SAME, CHANGED or NOT REPLAYED with a description, for every verdict, deck and claim of two reports.
+
+    Raises ValueError if a report has another form.
+    """
+    for record in (before, after):
+        check_form(record, REPORT, "verdicts.json")
     old, new = _verdicts(before), _verdicts(after)
     for key in {**old, **new}:
         name = f"{key[0]}: {key[1]} of {key[2]} against {key[3]}"

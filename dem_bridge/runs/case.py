@@ -6,11 +6,14 @@ from dataclasses import dataclass
 
 from dem_bridge.backends.base import ENGINE_BACKENDS, Backend, Resolution, Sampling, backend
 from dem_bridge.backends.reference import SERIES
+from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.store import run_key
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 
+#: largest memory of the samples of a run, bytes
+MOST_MEMORY = 2**32
 #: wall time of one core in s: per body and step for a fixed step, per body to a power for an adaptive one
 _PER_STEP = {"lammps-granular": 6e-8, "lammps-table": 6e-8, "verlet": 2e-9, "blanes-moan": 1e-8, "ase": 1e-6}
 _PER_BODIES = {"reference": (2e-4, 2.0), "scipy": (0.06, 0.85)}
@@ -32,6 +35,14 @@ class Case:
     """Which LAMMPS, for a backend that runs it; None: the default."""
     uncertainty: bool = True
     """Estimate the uncertainty of the run, too, which takes further runs; False: inf."""
+
+    def __post_init__(self) -> None:
+        size = 8 * (self.sampling.count + 1) * (2 * self.scene.n_body + self.scene.n_contact)
+        if size > MOST_MEMORY:
+            raise UsageError(
+                f"{self.scene.name}: {self.sampling.count} samples of {self.scene.n_body} bodies take"
+                f" {size / 2**30:.3g} GiB; allowed: {MOST_MEMORY >> 30} GiB; give fewer samples (--samples)"
+            )
 
     @property
     def label(self) -> str:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dem_bridge.errors import UsageError
+from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
 from dem_bridge.runs.store import DAMAGED, SUFFIX, OtherSchema, Store, present, unpacked
 from dem_bridge.scene import Scene
 
@@ -75,9 +75,13 @@ def _details(path: Path) -> dict[str, Any]:
         with path.open("rb") as file:
             file.readline(100)
             details = json.loads(file.readline(_MOST_JSON))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
-    return details if isinstance(details, dict) else {}
+    known = details if isinstance(details, dict) else {}
+    provenance = known.get("provenance") or {}
+    settings = provenance.get("settings") if isinstance(provenance, dict) else provenance
+    of_form = isinstance(settings or {}, dict) and isinstance(known.get("determined_by") or {}, dict)
+    return known if of_form and isinstance(known.get("arrays", []), list) else {}
 
 
 def _what(details: Mapping[str, Any]) -> str:
@@ -109,7 +113,7 @@ def check(store: Store) -> tuple[int, list[str]]:
             continue  # another version of dem_bridge, which may be in use beside this one, reads it
         except FileNotFoundError:
             count -= 1  # another process removed it
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, *OF_DAMAGED_DATA) as error:
             with suppress(OSError):
                 path.replace(path.with_suffix(DAMAGED))
             damaged.append(f"{path.name}: {error}; set aside as {path.stem}{DAMAGED}")

@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, versions_of
-from dem_bridge.errors import UsageError
+from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
 from dem_bridge.files import check_folder
 from dem_bridge.leftovers import owned, sweep
 from dem_bridge.lmp.engine import Engine
@@ -252,14 +252,18 @@ class Store:
         if entry is None:
             return None
         arrays, details = entry
-        return Trajectory(
-            **{name: arrays[name] for name in ("time", *VOCABULARY)},
-            uncertainty=Uncertainty.from_json(
-                {name: arrays[f"{name}_uncertainty"] for name in QUANTITIES}, details["uncertainty"]
-            ),
-            cost=Cost(**details["cost"]),
-            provenance=details["provenance"] | {"scene": scene.name, "stored": details["made"]},
-        )
+        try:
+            return Trajectory(
+                **{name: arrays[name] for name in ("time", *VOCABULARY)},
+                uncertainty=Uncertainty.from_json(
+                    {name: arrays[f"{name}_uncertainty"] for name in QUANTITIES}, details["uncertainty"]
+                ),
+                cost=Cost(**details["cost"]),
+                provenance=details["provenance"] | {"scene": scene.name, "stored": details["made"]},
+            )
+        except OF_DAMAGED_DATA as error:
+            self._say(f"{self._path(key)}: has another form ({type(error).__name__}); it is computed again")
+            return None
 
     def has(self, key: str) -> bool:
         """Return True if there is an entry of a key, damaged or not."""
@@ -299,7 +303,7 @@ class Store:
         except OSError as error:
             self._say(f"{path}: cannot be read ({error.strerror}); it is computed again")
             return None
-        except ValueError as error:
+        except OF_DAMAGED_DATA as error:
             with suppress(OSError):  # a folder that may only be read: it is not trusted next time either
                 path.replace(path.with_suffix(DAMAGED))
             self._say(f"{path}: is damaged ({error}); it is set aside as {DAMAGED} and computed again")

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import SceneError
+from dem_bridge.files import named_file, text_of_file
 
 #: largest deviation of a time from equal spacing, in intervals; times are written with few digits
 _DEVIATION = 1e-3
@@ -18,10 +19,12 @@ _FILE = "drive.file"
 _ALLOWED = "rows of two numbers, time in s and force in N, after an optional line of headings"
 
 
-def with_force_of_file(table: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
+def with_force_of_file(
+    table: Mapping[str, Any], folder: Path, files_below: str | Path | None = None
+) -> Mapping[str, Any]:
     """Return the table of a scene file with ``chain.drive.file`` (relative to ``folder``) replaced by its contents.
 
-    A table without this key is returned unchanged.
+    A table without this key is returned unchanged. The file must be below ``files_below``, as in :func:`.load_scene`.
 
     Raises
     ------
@@ -40,7 +43,12 @@ def with_force_of_file(table: Mapping[str, Any], folder: Path) -> Mapping[str, A
         raise SceneError(
             _FILE, problem=f"cannot be combined with shape = {drive.get('shape')!r}", allowed="shape = 'table'"
         )
-    force, interval = read_force(folder / drive["file"])
+    name = drive["file"]
+    try:
+        force, interval = read_force(named_file(folder, name, files_below))
+    except OSError as error:
+        problem = f"= {name!r} cannot be read: {error.strerror}"
+        raise SceneError(_FILE, problem=problem, allowed="a file below the folder of the scene file") from None
     values = {key: value for key, value in drive.items() if key != "file"} | {"force": force, "interval": interval}
     return {**table, "chain": {**chain, "drive": values}}
 
@@ -54,17 +62,18 @@ def read_force(path: Path) -> tuple[list[float], float]:
         If the file cannot be read or its times are not equally spaced.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = [(line, row) for line, row in enumerate(csv.reader(file), start=1) if any(map(str.strip, row))]
-    except (OSError, ValueError, csv.Error) as error:
-        raise SceneError(_FILE, problem=f"= {str(path)!r} cannot be read: {error}", allowed=_ALLOWED) from error
+        lines = csv.reader(text_of_file(path).splitlines())
+        rows = [(line, row) for line, row in enumerate(lines, start=1) if any(map(str.strip, row))]
+    except (OSError, csv.Error) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise SceneError(_FILE, problem=f"= {str(path)!r} cannot be read: {reason}", allowed=_ALLOWED) from error
     if rows and _numbers(rows[0][1]) is None:
         rows = rows[1:]
     readings = []
     for line, row in rows:
         numbers = _numbers(row)
         if numbers is None:
-            problem = f"= {str(path)!r} has {','.join(row)[:60]!r} in line {line}"
+            problem = f"= {str(path)!r} has a row that is not two finite numbers (line {line})"
             raise SceneError(_FILE, problem=problem, allowed=_ALLOWED)
         readings.append(numbers)
     if len(readings) < 2:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from dem_bridge.checked import checked_number
+from dem_bridge.checked import MOST_BODIES, checked_number
 from dem_bridge.damping import damping_law
 from dem_bridge.drive import Drive
 from dem_bridge.errors import SceneError
@@ -24,6 +24,7 @@ from dem_bridge.scene import Adhesion, Damping, Scene, Wall
 Positive = Annotated[float, Field(gt=0.0)]
 Angle = Annotated[float, Field(gt=0.0, le=90.0)]
 """Angle between the axes of two cylinders, degrees."""
+Count = Annotated[int, Field(ge=2, le=MOST_BODIES)]
 Numbers = float | list[float]
 
 
@@ -210,7 +211,7 @@ class MaterialTable(Table):
 class Cylinders(Table):
     """Table [chain.cylinders]."""
 
-    count: Annotated[int, Field(ge=2)]
+    count: Count
     radius: Positive
     height: Positive
     mass_gradient: float = 0.0
@@ -220,7 +221,7 @@ class Cylinders(Table):
 class Spheres(Table):
     """Table [chain.spheres]."""
 
-    count: Annotated[int, Field(ge=2)]
+    count: Count
     radius: Positive
     """Radius of the first sphere, m."""
     ratio: Positive = 1.0
@@ -336,7 +337,7 @@ class Pattern(Table):
     """Table [chain.pattern]."""
 
     cell: Annotated[list[BodyTable], Field(min_length=1)]
-    repeat: Annotated[int, Field(ge=1)] = 1
+    repeat: Annotated[int, Field(ge=1, le=MOST_BODIES)] = 1
     law: Literal["paper", "exact"] = "exact"
     angle: Angle | None = None
     angles: list[Angle] | None = None

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 from types import NoneType
@@ -20,6 +21,7 @@ from typing import Any, Literal, get_args
 from pydantic import BaseModel, ValidationError
 
 from dem_bridge.errors import SceneError, UsageError
+from dem_bridge.files import text_of_file
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file.drive import with_force_of_file
 from dem_bridge.scene_file.forms import (
@@ -81,13 +83,16 @@ def scene_of(source: Scene | str | Path) -> Scene:
     return source if isinstance(source, Scene) else load_scene(source)
 
 
-def load_scene(source: str | Path) -> Scene:
+def load_scene(source: str | Path, *, files_below: str | Path | None = None) -> Scene:
     """Return the scene of a shipped name, or of the ``.toml`` file at a path.
 
     Parameters
     ----------
     source : str or Path
         Name of a shipped scene or path of a scene file.
+    files_below : str or Path, optional
+        Folder below which the files must be that the scene file names. None: ``$DEM_BRIDGE_FILES_BELOW``, or else the
+        folder of the scene file.
 
     Raises
     ------
@@ -100,7 +105,7 @@ def load_scene(source: str | Path) -> Scene:
     72729932838.4
     """
     text, where, folder = _text_of(source)
-    return parse_scene(text, where=where, folder=folder)
+    return parse_scene(text, where=where, folder=folder, files_below=files_below)
 
 
 def read_form(source: str | Path) -> tuple[Any, Path]:
@@ -120,20 +125,23 @@ def _text_of(source: str | Path) -> tuple[str, str, Path]:
         return file.read_text(encoding="utf-8"), f"{name}.toml", Path(str(file)).parent
     path = Path(source)
     try:
-        is_file = path.is_file()
+        exists = path.exists() and not path.is_dir()
     except (OSError, ValueError):  # the name is too long or contains a NUL
-        is_file = False
-    if not is_file:
-        allowed = f"{', '.join(shipped_scenes('all'))}, or the path of a .toml file"
+        exists = False
+    if not exists:
+        likely = dict.fromkeys([*shipped_scenes()[:6], *get_close_matches(name, shipped_scenes("all"))])
+        allowed = f"{', '.join(likely)}, ... (dem-bridge scenes lists them), or the path of a .toml file"
         raise SceneError("", problem="there is no such scene or file", allowed=allowed, where=name)
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError("", problem=f"cannot be read: {error}", allowed="a TOML file in UTF-8", where=name) from error
-    return text, name, path.parent
+        return text_of_file(path), name, path.parent
+    except OSError as error:
+        problem = f"cannot be read: {error.strerror}"
+        raise SceneError("", problem=problem, allowed="a TOML file in UTF-8", where=name) from error
 
 
-def parse_scene(text: str, *, where: str = "scene", folder: str | Path = ".") -> Scene:
+def parse_scene(
+    text: str, *, where: str = "scene", folder: str | Path = ".", files_below: str | Path | None = None
+) -> Scene:
     """Return the scene of a TOML text.
 
     Parameters
@@ -144,20 +152,22 @@ def parse_scene(text: str, *, where: str = "scene", folder: str | Path = ".") ->
         Name of the file, for error messages.
     folder : str or Path
         Folder of the files that the text refers to.
+    files_below : str or Path, optional
+        Folder below which these files must be, as in :func:`load_scene`.
 
     Raises
     ------
     SceneError
         If the text is not a valid scene.
     """
-    form = _parse_form(text, where, Path(folder))
+    form = _parse_form(text, where, Path(folder), files_below)
     try:
         return _SCENE_FROM[type(form)](form)
     except SceneError as error:
         raise error.at(where, _file_key(error.key, type(form))) from None
 
 
-def _parse_form(text: str, where: str, folder: Path) -> Any:
+def _parse_form(text: str, where: str, folder: Path, files_below: str | Path | None = None) -> Any:
     """Return the tables of a TOML text as a form."""
     try:
         table = tomllib.loads(text)
@@ -168,7 +178,7 @@ def _parse_form(text: str, where: str, folder: Path) -> Any:
         raise SceneError("schema", value=schema, allowed=repr(SCHEMA), advice=advice, where=where)
     form = _form(table)
     try:
-        return form.model_validate(with_force_of_file(table, folder))
+        return form.model_validate(with_force_of_file(table, folder, files_below))
     except ValidationError as error:
         raise _in_one_line(error, form, where) from None
     except SceneError as error:

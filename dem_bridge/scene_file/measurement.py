@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from dem_bridge.errors import SceneError
+from dem_bridge.files import named_file
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file.load import read_form
 
@@ -57,9 +59,15 @@ def measurement_of(source: Scene | str | Path | None) -> Measurement | None:
     table = form.measurement
     if table is None:
         return None
-    files = [table.file] if isinstance(table.file, str) else table.file
+    try:
+        files = tuple(
+            named_file(folder, file) for file in ([table.file] if isinstance(table.file, str) else table.file)
+        )
+    except OSError as error:
+        problem, allowed = f"cannot be read: {error.strerror}", "files below the folder of the scene file"
+        raise SceneError("measurement.file", problem=problem, allowed=allowed, where=str(source)) from None
     return Measurement(
-        files=tuple(folder / file for file in files),
+        files=files,
         source=table.source,
         kind=table.kind,
         parameters=table.parameters,

@@ -12,7 +12,7 @@ from dataclasses import replace
 from itertools import accumulate, repeat
 from operator import mul
 
-from dem_bridge.checked import LARGEST, SMALLEST, checked_numbers
+from dem_bridge.checked import LARGEST, MOST_BODIES, SMALLEST, checked_numbers
 from dem_bridge.errors import SceneError
 from dem_bridge.geometry import ANGLE, Body, Material, crossings
 from dem_bridge.scene import Scene, Wall
@@ -88,6 +88,7 @@ def _cell(tables: Sequence[forms.BodyTable], materials: Materials, where: str) -
 
 def _row(pattern: forms.Pattern, materials: Materials) -> Bodies:
     """Return all bodies behind the striker, modified in the order that the module states."""
+    _check_size(pattern)
     cells = [_cell(pattern.cell, materials, "pattern.cell")] * pattern.repeat
     if pattern.step is not None:
         first = pattern.step.first
@@ -99,6 +100,17 @@ def _row(pattern: forms.Pattern, materials: Materials) -> Bodies:
     if pattern.decorate is not None:
         row = _decorated(row, pattern.decorate, _body(pattern.decorate, materials, "pattern.decorate"))
     return row if pattern.disorder is None else _of_random_size(row, pattern.disorder)
+
+
+def _check_size(pattern: forms.Pattern) -> None:
+    """Raise SceneError if the pattern has too many bodies; called before any of them exists."""
+    first = pattern.repeat if pattern.step is None else min(pattern.step.first, pattern.repeat)
+    count = first * len(pattern.cell)
+    count += 0 if pattern.step is None else (pattern.repeat - first) * len(pattern.step.cell)
+    count += 0 if pattern.decorate is None else (count - 1) // pattern.decorate.every
+    if count > MOST_BODIES:
+        problem = f"= {pattern.repeat} gives the chain {count} bodies"
+        raise SceneError("pattern.repeat", problem=problem, allowed=f"at most {MOST_BODIES} bodies")
 
 
 def _tapered(cells: Sequence[Bodies], taper: float) -> Iterator[Bodies]:

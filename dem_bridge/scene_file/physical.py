@@ -170,7 +170,11 @@ def _in_power(stiffness: float, n: float, matching_overlap: float | None) -> flo
     if matching_overlap is None:
         allowed = f"a number > 0 (m), the overlap at which a contact with n = {n!r} has the Hertz force"
         raise SceneError("contacts.matching_overlap", problem="is missing", allowed=allowed)
-    return rounded(stiffness * matching_overlap ** (HERTZ - n))
+    try:
+        return rounded(stiffness * matching_overlap ** (HERTZ - n))
+    except OverflowError:
+        problem = f"= {matching_overlap!r} gives a contact with n = {n!r} a stiffness that overflows"
+        raise SceneError("contacts.matching_overlap", problem=problem, allowed=f"up to {LARGEST:g} N/m^(n-1)") from None
 
 
 def _scene(

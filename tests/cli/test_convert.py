@@ -48,6 +48,12 @@ def test_a_run_goes_out_and_in_and_is_the_same(folder: Path, ending: str) -> Non
     out = folder / f"out.{ending}"
     done = _asked("convert", folder / "run.nc", "-o", out, "--scene", folder / "raw.toml")
     assert (done.exit_code, done.stdout, done.stderr) == (0, f"written: {out}\n", "")
+    out.write_bytes(written := out.read_bytes() + b" ")
+    again = _asked("convert", folder / "run.nc", "-o", out, "--scene", folder / "raw.toml")
+    assert (again.exit_code, out.read_bytes() == written) == (2, True)
+    assert "the file exists; allowed: a new file, or --force to replace it" in again.stderr
+    forced = _asked("convert", folder / "run.nc", "-o", out, "--scene", folder / "raw.toml", "--force")
+    assert (forced.exit_code, out.read_bytes() == written[:-1]) == (0, True)
     back = _asked("compare", out, folder / "run.nc", "--scene", folder / "raw.toml", "--tolerance", "0")
     assert back.exit_code == 0, back.output
     assert "velocities do not differ at any of 13 samples" in back.stdout

@@ -277,3 +277,54 @@ def test_the_summary_of_an_impact_has_its_restitution(tmp_path: Path) -> None:
     assert "restitution                  0.5" in run_here(*words, cwd=tmp_path).stdout.splitlines()
     other = run_here("run", "decelerating-40", "--backend", "bca", "--json", cwd=tmp_path)
     assert "restitution" not in json.loads(other.stdout)
+
+
+@pytest.mark.parametrize("size", [10, 100_000])
+def test_a_reader_that_ends_early_causes_no_message(size: int, tmp_path: Path) -> None:
+    code = (
+        "import sys, click, dem_bridge.cli.group as group\n"
+        f"group.main.add_command(click.Command('long', callback=lambda: click.echo('x' * {size})))\n"
+        "sys.argv = ['dem-bridge', 'long']\n"
+        "sys.stdin.readline()\n"
+        "group.command()\n"
+    )
+    words = [sys.executable, "-c", code]
+    pipe = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(words, cwd=tmp_path, **pipe) as process:  # type: ignore[call-overload]
+        process.stdout.close()
+        process.stdin.write(b"\n")
+        process.stdin.close()
+        assert process.stderr.read() == b""
+        assert process.wait(timeout=60.0) == 141
+
+
+def test_files_that_exist_are_replaced_only_by_force(tmp_path: Path) -> None:
+    (tmp_path / "deck").mkdir()
+    (tmp_path / "deck" / "data.decelerating-40").write_text("precious")
+    words = ("deck", "decelerating-40", "--dt", "1e-7", "-o", "deck")
+    done = run_here(*words, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "deck/data.decelerating-40: the file exists; allowed: new files, or --force" in done.stderr
+    assert [file.name for file in (tmp_path / "deck").iterdir()] == ["data.decelerating-40"]
+    assert (tmp_path / "deck" / "data.decelerating-40").read_text() == "precious"
+    assert run_here(*words, "--force", cwd=tmp_path).returncode == 0
+    assert (tmp_path / "deck" / "data.decelerating-40").read_text() != "precious"
+    for flag in ("--json", "--junit"):
+        (tmp_path / "v").write_text("precious")
+        done = run_here("verify", "decelerating-40", flag, "v", "-o", "report", cwd=tmp_path)
+        assert (done.returncode, (tmp_path / "v").read_text()) == (2, "precious")
+        assert "v: the file exists; allowed: a new file, or --force" in done.stderr
+    assert not (tmp_path / "report").exists()
+
+
+def test_files_of_a_scene_may_be_elsewhere_if_the_user_says_so(tmp_path: Path) -> None:
+    (tmp_path / "force.csv").write_text("0,1\n1,1\n")
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "inner" / "scene.toml").write_text(
+        "name = 'driven'\nduration = 1.0\n[chain]\nmass = [1.0]\nstiffness = []\nvelocity = [0.0]\n"
+        "[chain.drive]\nshape = 'table'\nfile = '../force.csv'\n"
+    )
+    words = ("export", "inner/scene.toml", "--table", "bodies", "--no-run")
+    done = run_here(*words, cwd=tmp_path)
+    assert (done.returncode, "name another folder by --files-below" in done.stderr) == (2, True)
+    assert run_here("--files-below", ".", *words, cwd=tmp_path).returncode == 0

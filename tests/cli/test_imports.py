@@ -105,7 +105,7 @@ def test_a_deck_becomes_a_scene_file(folder: Path) -> None:
         (("csv", "chain.csv", "--duration", "1", "-o", "m.toml", "--wall-left", "a"), "allowed: STIFFNESS[,GAP[,EXP"),
         (("csv", "chain.csv", "--duration", "1", "-o", "m.toml", "--wall-left", "1,2,3,4"), "allowed: STIFFNESS[,GAP"),
         (("csv", "chain.csv", "--duration", "1", "-o", "m.toml", "--wall-left=-1"), "wall_left.stiffness = -1.0"),
-        (("deck", "chain.csv", "-o", "mine.toml"), "chain.csv, line 2: `mass_kg, "),
+        (("deck", "chain.csv", "-o", "mine.toml"), "chain.csv: no line of the file is a command of LAMMPS"),
         (("deck", "in.test", "-o", "mine.toml", "--var", "dt"), "'dt'; allowed: NAME=VALUE"),
         (("deck", "in.test", "-o", "mine.toml", "--name", "a b"), "name = 'a b'; allowed: 1 to 100 of"),
         (("deck", ".", "-o", "mine.toml"), "cannot be read (Is a directory)"),

@@ -23,6 +23,7 @@ from dem_bridge.errors import SceneError
 from dem_bridge.lmp import deck as deck_module
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.deck import Deck, deck_of
+from dem_bridge.lmp.reader.script import Script
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file import MAIN_SCENES
 from tests.helpers.deck_reader import ReadDeck, read_deck
@@ -547,3 +548,21 @@ def test_a_damped_contact_has_granulars_law_where_that_has_it_and_a_table_with_a
     assert (beside.stiffness, beside.eta, beside.clip) == (0.0, 2.0, False)
     assert (dry.stiffness, dry.eta) == (0.0, 0.0)
     _assert_tables_say(read, scene)
+
+
+@pytest.mark.parametrize(
+    "text", ['a """ b', 'ends in """"""""', "ends in &", "ends in & & ", "a \u00b5m $x ${y} \U0001f600"]
+)
+def test_a_description_changes_no_command_of_a_deck(text: str) -> None:
+    plain, other = (_deck(replace(PAIR, description=said)).files["in.pair"] for said in ("plain", text))
+    assert other.isascii()
+
+    def commands(deck: str) -> list[tuple[str, ...]]:
+        return [command.words for command in Script(dict[str, str]().__getitem__).commands("in", deck)]
+
+    assert commands(other) == commands(plain)
+    assert len(other.splitlines()) == len(plain.splitlines())
+    described = other.splitlines()[1]
+    assert described.startswith("# ")
+    assert '"""' not in described
+    assert not described.rstrip().endswith("&")

@@ -274,3 +274,26 @@ def test_the_program_of_a_bundle_needs_nothing_but_python() -> None:
     code = "import sys; sys.path[:] = [p for p in sys.path if 'site-packages' not in p]; import runpy\n"
     code += f"runpy.run_path({str(Path(replay.__file__))!r})"
     subprocess.run([sys.executable, "-I", "-S", "-c", code], check=True)
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["", "[]", "{}", "[" * 100_000, "1" * 5000, '{"verdicts": 3}', '{"verdicts": [1], "claims": [], "provenance": {}}'],
+    ids=["empty", "list", "no keys", "deep", "digits", "number", "rows"],
+)
+def test_a_reshaped_report_is_one_line_and_no_traceback(content: str, tmp_path: Path) -> None:
+    (tmp_path / "bundle.json").write_text('{"verify": [], "not_replayed": []}')
+    (tmp_path / "report").mkdir()
+    (tmp_path / "report" / "verdicts.json").write_text(content)
+    with pytest.raises(ValueError, match=r"^verdicts\.json"):
+        replay.repeat(tmp_path, [])
+    with pytest.raises(ValueError, match="has another form"):
+        list(replay.compared([], {"verdicts": 3}, []))  # type: ignore[arg-type]
+
+
+def test_checksums_of_files_outside_of_a_bundle_are_not_read(tmp_path: Path) -> None:
+    (tmp_path / "outside").write_text("x")
+    (tmp_path / "in").mkdir()
+    digest = hashlib.sha256(b"x").hexdigest()
+    (tmp_path / "in" / "SHA256SUMS").write_text(f"{digest}  ../outside\n{digest}  {tmp_path}/outside\nno sum\n")
+    assert replay.altered(tmp_path / "in") == ["../outside", f"{tmp_path}/outside", ""]

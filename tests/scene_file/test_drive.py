@@ -94,9 +94,9 @@ WRONG_ROWS = {
     "a time goes back": ("0,0\n1e-4,1\n0.5e-4,1\n2e-4,1\n3e-4,1\n", "5e-05 s in line 3"),
     "it begins late": ("t,F\n1e-4,0\n2e-4,1\n3e-4,1\n", "begins at 0.0001 s in line 2"),
     "all at once": ("0,0\n0,1\n0,2\n", "0 s in line 2, 0 s after"),
-    "a word within": ("0,0\n1e-4,one\n2e-4,1\n", "has '1e-4,one' in line 2; allowed: rows of two numbers"),
-    "a third column": ("0,0,1\n1e-4,1,1\n", "has '1e-4,1,1' in line 2"),
-    "no number": ("0,0\n1e-4,nan\n", "has '1e-4,nan' in line 2"),
+    "a word within": ("0,0\n1e-4,zebra\n2e-4,1\n", "not two finite numbers (line 2); allowed: rows of two numbers"),
+    "a third column": ("0,0,1\n1e-4,1,1\n", "a row that is not two finite numbers (line 2)"),
+    "no number": ("0,0\n1e-4,nan\n", "a row that is not two finite numbers (line 2)"),
     "one force": ("t,F\n0,0\n", "has 1 forces; allowed: at least 2"),
     "nothing": ("", "has 0 forces"),
     "too short for the scene": ("0,0\n1e-4,1\n2e-4,1\n", "chain.drive.force ends at 0.0002 s"),
@@ -112,6 +112,7 @@ def test_a_wrong_row_is_named_in_one_line(text: str, said: str, tmp_path: Path) 
     assert said in message
     assert message.startswith(f"{path}: chain.drive.")
     assert "\n" not in message
+    assert "zebra" not in message, "a message quotes no content of a file of another kind"
     if "s in line" in said:
         assert "equally spaced from 0; resample the file" in message
 

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from dem_bridge.checked import MOST_BODIES
 from dem_bridge.lmp.reader.pairs import numbered
 from dem_bridge.lmp.reader.script import Command, Script, read
 
@@ -147,6 +148,7 @@ class Particles:
                 (self._atom if section == "Atoms" else self._velocity)(at)
             elif words[1:] == ("atoms",):
                 declared = self.script.whole(at, words[0])
+                at.fail_if(declared > MOST_BODIES, f"declares {declared} atoms", f"at most {MOST_BODIES}")
             elif words[1:] == ("atom", "types"):
                 self.types = self.script.whole(at, words[0])
             elif len(words) == 4 and words[2:] in (("xlo", "xhi"), ("ylo", "yhi"), ("zlo", "zhi")):

@@ -240,7 +240,7 @@ class Script:
             elif match["formula"] is not None:
                 text, place = self._bracketed(line, place, at)
                 digits = "%.20g"
-                if (form := re.fullmatch(rf"(.*):({_FORMAT.pattern})", text)) is not None:
+                if (form := re.fullmatch(rf"(.*):({_FORMAT.pattern})", text, re.ASCII)) is not None:
                     text, digits = form[1], form[2]
                 out.append(digits % self.evaluated(at, text))
             else:
