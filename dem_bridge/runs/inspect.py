@@ -81,7 +81,7 @@ def _details(path: Path) -> dict[str, Any]:
     provenance = known.get("provenance") or {}
     settings = provenance.get("settings") if isinstance(provenance, dict) else provenance
     of_form = isinstance(settings or {}, dict) and isinstance(known.get("determined_by") or {}, dict)
-    return known if of_form and isinstance(known.get("arrays", []), list) else {}
+    return known if of_form and isinstance(known.get("arrays") or {}, dict) else {}
 
 
 def _what(details: Mapping[str, Any]) -> str:
