@@ -358,12 +358,16 @@ def secondary_peak_force(force: Floats) -> Floats:
 
 def _quintic(value: Floats, slope: Floats, curvature: Floats, width: Floats) -> Floats:
     """Return the coefficients c_0..c_5 in u = (t - t_0)/width of the Hermite quintic, from data at both ends."""
-    s0, s1 = value
-    d0, d1 = slope * width
-    a0, a1 = 0.5 * curvature * width**2
-    rise, turn, bend = s1 - s0 - d0 - a0, d1 - d0 - 2.0 * a0, a1 - a0
+    return np.array(quintic.py_func(*value, *(slope * width), *(curvature * width**2)))
+
+
+@kernel(nogil=False)
+def quintic(value0, value1, slope0, slope1, curvature0, curvature1):  # type: ignore[no-untyped-def]
+    """Return the coefficients c_0..c_5 of the Hermite quintic on [0, 1], from numbers or arrays at both ends."""
+    half0 = 0.5 * curvature0
+    rise, turn, bend = value1 - value0 - slope0 - half0, slope1 - slope0 - 2.0 * half0, 0.5 * curvature1 - half0
     c3, c4 = 10.0 * rise - 4.0 * turn + bend, -15.0 * rise + 7.0 * turn - 2.0 * bend
-    return np.array([s0, d0, a0, c3, c4, 6.0 * rise - 3.0 * turn + bend])
+    return value0, slope0, half0, c3, c4, 6.0 * rise - 3.0 * turn + bend
 
 
 def _quartic(speed: Floats, value: Floats, slope: Floats, curvature: Floats, width: Floats) -> Floats:
@@ -379,20 +383,30 @@ def _quartic(speed: Floats, value: Floats, slope: Floats, curvature: Floats, wid
 
 @kernel(nogil=False)
 def _turning_point(polynomial):  # type: ignore[no-untyped-def]
-    """Return the root in [0, 1] of each derivative, ``(6, m)`` to ``(m,)``, by bisection.
-
-    Each derivative is > 0 at 0 and <= 0 at 1.
-    """
+    """Return the root in [0, 1] of each derivative, ``(6, m)`` to ``(m,)``; see :func:`turning_point`."""
     roots = np.zeros(polynomial.shape[1])
     for column in range(polynomial.shape[1]):
-        low, high = 0.0, 1.0
-        for _ in range(54):  # one bit of the root per bisection
-            middle, slope = 0.5 * (low + high), 0.0
-            for power in range(5, 0, -1):
-                slope = slope * middle + power * polynomial[power, column]
-            if slope > 0.0:
-                low = middle
-            else:
-                high = middle
-        roots[column] = 0.5 * (low + high)
+        _, c1, c2, c3, c4, c5 = polynomial[:, column]
+        roots[column] = turning_point(c1, c2, c3, c4, c5)
     return roots
+
+
+@kernel(nogil=False)
+def turning_point(c1, c2, c3, c4, c5):  # type: ignore[no-untyped-def]
+    """Return the root in [0, 1] of the derivative of a polynomial, by Newton's method within a bracket.
+
+    The derivative is > 0 at 0 and <= 0 at 1.
+    """
+    low, high, root = 0.0, 1.0, 0.5
+    for _ in range(60):
+        slope = c1 + root * (2.0 * c2 + root * (3.0 * c3 + root * (4.0 * c4 + root * 5.0 * c5)))
+        curvature = 2.0 * c2 + root * (6.0 * c3 + root * (12.0 * c4 + root * 20.0 * c5))
+        if slope > 0.0:
+            low = root
+        else:
+            high = root
+        following = root - slope / curvature if curvature < 0.0 else 0.5 * (low + high)
+        if abs(following - root) < 1e-15:
+            return root
+        root = following if low < following < high else 0.5 * (low + high)
+    return root

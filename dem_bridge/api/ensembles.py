@@ -33,8 +33,9 @@ def ensemble(
 ) -> Ensemble:
     """Solve many chains that differ from a scene in numbers only, drawn at random.
 
-    The chains are solved side by side in compiled batches on all cores, by the order-4 method of "blanes-moan", with
-    the fewest steps for the accuracy. A seeded sample of them is also solved by the reference and by LAMMPS.
+    The chains are solved side by side in compiled batches on all cores, by the order-4 method of "blanes-moan" with
+    corrected touches, with the fewest steps for the accuracy. A seeded sample of them is also solved by the reference
+    and by LAMMPS.
 
     Parameters
     ----------

@@ -4,8 +4,8 @@ All chains of a group have the same bodies, contacts and steps, and differ in nu
 each place along the line and one column for each chain, so that every operation is the same for all lanes. Places are
 those of :mod:`dem_bridge.backends.fused`: entry 0 is the left wall, then come the bodies, then the right wall; contact
 k is between places k and k + 1. The method is Blanes and Moan's SRKN_6^b (2002), as in
-:mod:`dem_bridge.backends.blanes_moan`; no force law and no step of the integration is shared with LAMMPS or the
-reference.
+:mod:`dem_bridge.backends.blanes_moan`, and steps that meet a touch are corrected by :mod:`.touch`. No force law and no
+step of the integration is shared with LAMMPS or the reference.
 
 Maximal compressions and largest velocities lie between steps. They are read from Hermite polynomials through the two
 ends of a step: of degree 5 through overlap, closing rate and closing acceleration, of degree 3 through velocity and
@@ -17,59 +17,11 @@ from __future__ import annotations
 import numpy as np
 
 from dem_bridge.compiled import kernel
+from dem_bridge.dense import quintic, turning_point
+from dem_bridge.ensembles.touch import law_power, touch_defect
 
 #: chains in a group; eight doubles fill one vector of AVX-512 and two of AVX2
 LANES = 8
-
-
-@kernel(nogil=False)
-def _force(stiffness, depth, law, exponent):  # type: ignore[no-untyped-def]
-    """Return the force of an overlap; ``law`` is 0 for n = 5/2, 1 for n = 2 and 2 for any other exponent n."""
-    closed = depth if depth > 0.0 else 0.0
-    if law == 0:
-        return stiffness * closed * np.sqrt(closed)
-    return stiffness * closed if law == 1 else stiffness * closed ** (exponent - 1.0)
-
-
-@kernel(nogil=False)
-def _quintic(part, step, ends):  # type: ignore[no-untyped-def]
-    """Return the value and the slope of the quintic polynomial through both ends of a step, at a part of the step.
-
-    ``ends`` has value, slope and second derivative at the begin of the step, then those at its end.
-    """
-    jump = ends[3] - ends[0]
-    slope0, slope1 = step * ends[1], step * ends[4]
-    bend0, bend1 = step * step * ends[2], step * step * ends[5]
-    third = 10.0 * jump - 6.0 * slope0 - 4.0 * slope1 - 1.5 * bend0 + 0.5 * bend1
-    fourth = -15.0 * jump + 8.0 * slope0 + 7.0 * slope1 + 1.5 * bend0 - bend1
-    fifth = 6.0 * jump - 3.0 * (slope0 + slope1) - 0.5 * (bend0 - bend1)
-    value = ends[0] + part * (slope0 + part * (0.5 * bend0 + part * (third + part * (fourth + part * fifth))))
-    slope = slope0 + part * (bend0 + part * (3.0 * third + part * (4.0 * fourth + part * 5.0 * fifth)))
-    return value, slope / step
-
-
-@kernel(nogil=False)
-def _turning_point(step, ends):  # type: ignore[no-untyped-def]
-    """Return the part of a step at which the closing rate is zero, and the overlap there; by bisection and Newton."""
-    low, high = 0.0, 1.0
-    part = ends[1] / (ends[1] - ends[4])
-    for _ in range(60):
-        closing = _quintic(part, step, ends)[1]
-        if closing > 0.0:
-            low = part
-        else:
-            high = part
-        away = 1e-6
-        ahead = _quintic(part + away, step, ends)[1]
-        change = closing * away / (closing - ahead) if closing != ahead else 0.0
-        guess = part + change
-        if not low < guess < high:
-            guess = 0.5 * (low + high)
-        if abs(guess - part) < 1e-12:
-            part = guess
-            break
-        part = guess
-    return part, _quintic(part, step, ends)[0]
 
 
 @kernel(nogil=False)
@@ -80,6 +32,8 @@ def _maximum(step, v0, a0, v1, a1):  # type: ignore[no-untyped-def]
     bend = 3.0 * (a0 + a1 - 2.0 * jump)
     # the slope a0 + tilt part + bend part^2 goes from above 0 to below: its root without cancellation
     root = np.sqrt(max(tilt * tilt - 4.0 * bend * a0, 0.0))
+    if root <= tilt:  # by underflow
+        return 1.0, v1
     part = 2.0 * a0 / (root - tilt)
     return part, _cubic(part, step, v0, a0, v1, a1)
 
@@ -94,16 +48,17 @@ def _cubic(part, step, v0, a0, v1, a1):  # type: ignore[no-untyped-def]
 
 @kernel()
 def march(  # type: ignore[no-untyped-def]
-    mass, velocity, weight, stiffness, overlap, exponent, law, resting, drifts, kicks, step, steps, keep,
+    mass, velocity, weight, stiffness, overlap, exponent, law, resting, rules, slow, drifts, kicks, step, steps, kept,
 ):  # fmt: skip
-    """Solve a group of chains, and return what is asked of an ensemble.
+    """Solve a group of chains, and return the observables of an ensemble.
 
     ``mass``, ``velocity``, ``weight (n_body + 2, n_lane)`` (walls: infinite mass), ``stiffness``, ``overlap``,
-    ``resting (n_body + 1, n_lane)``, ``exponent (n_body + 1,)`` and ``law`` (see :func:`_force`); a step of ``step``
-    seconds, ``steps`` of them. The results are the time of the first maximal compression of each contact (s; nan:
-    never), its largest force (N), the largest velocity of the body behind the contact until that time (m/s; the
-    first row is that of the wall, and the last body has no such time), ``(n_body + 1, n_lane)`` each, and the
-    velocities after every ``keep``-th step, ``(steps // keep + 1, n_body + 2, n_lane)`` (none for ``keep = 0``).
+    ``resting (n_body + 1, n_lane)``, ``exponent (n_body + 1,)`` and ``law`` (see :func:`.touch.law_power`); ``rules``
+    and ``slow`` are for :func:`.touch.touch_defect`; a step of ``step`` seconds, ``steps`` of them. The results are the
+    time of the first maximal compression of each contact (s; nan: never), its largest force (N), the largest velocity
+    of the body behind the contact until that time (m/s; the first row is that of the wall, and the last body has no
+    such time), ``(n_body + 1, n_lane)`` each. The velocities at the start and after equal numbers of steps are written
+    to ``kept (n_lane, n_kept, n_body)``, which may be empty.
     """
     places, lanes = mass.shape
     size, stages = places * lanes, len(drifts)
@@ -122,20 +77,20 @@ def march(  # type: ignore[no-untyped-def]
     )
     u0_next, a0_next = u0[lanes:], a0[lanes:]
     peak = np.zeros(size - lanes)
-    fastest, ends, crossing = v[: size - lanes].copy(), np.zeros(6), np.full(size - lanes, np.inf)
-    kept = np.zeros((steps // keep + 1 if keep > 0 else 0, places, lanes))
-    if keep > 0:
-        kept[0] = velocity
+    fastest, crossing = v[: size - lanes].copy(), np.full(size - lanes, np.inf)
     # the last body hands the impulse on to nobody, not to a wall either
     front, last_body = 0, (places - 2) * lanes
     for j in range(size - lanes):
-        f[j] = _force(beta[j], s[j], law, exponent[j // lanes])
+        f[j] = beta[j] * law_power(s[j], law, exponent[j // lanes])
         peak[j] = f[j]
         if v[j] != 0.0 or w[j] != 0.0 or f[j] != 0.0:
             front = min(j // lanes + 1, places - 2)
     for j in range(lanes, size - lanes):
         a[j] = rate[j] / step * (w[j] + f[j - lanes] - f[j])
+    keep = steps // (kept.shape[1] - 1) if kept.shape[1] > 1 else 0
     for nth in range(steps):
+        if keep > 0 and nth % keep == 0:
+            _store(kept, nth // keep, u, lanes)
         # a stage carries a disturbance to the next body and no further
         most = min(places - 2, front + stages)
         end = (most + 1) * lanes
@@ -156,12 +111,33 @@ def march(  # type: ignore[no-untyped-def]
             else:
                 for j in range(end):
                     s[j] += drift * (v[j] - v_next[j])
-                    f[j] = _force(beta[j], s[j], law, exponent[j // lanes])
+                    f[j] = beta[j] * law_power(s[j], law, exponent[j // lanes])
         last = kicks[stages]
         for j in range(end - lanes):
             gained = rate_next[j] * (w_next[j] + f[j] - f_next[j])
             u_next[j] = v_next[j] + last * gained
             a_next[j] = gained / step
+        touches = 0
+        for j in range(end):
+            touches += (s0[j] > 0.0) != (s[j] > 0.0)
+        if touches > 0:
+            for j in range(end):
+                if (s0[j] > 0.0) != (s[j] > 0.0):
+                    k, own = j // lanes, (rate[j] + rate_next[j]) / step
+                    before = a0[j] - a0_next[j] + own * beta[j] * law_power(s0[j], law, exponent[k])
+                    after = a[j] - a_next[j] + own * f[j]
+                    numbers = (own, beta[j], law, exponent[k], rules[k], slow, drifts, kicks, step)
+                    if s[j] > 0.0:
+                        impulse, moment = touch_defect(s0[j], u0[j] - u0_next[j], before, after, *numbers)
+                    else:
+                        impulse, moment = touch_defect(s[j], u_next[j] - u[j], after, before, *numbers)
+                        moment = step * impulse - moment
+                    if impulse != 0.0:
+                        _correct(j, lanes, impulse / step, moment / step, rate, v, u, s)
+                        for i in range(max(j - lanes, 0), min(j + 2 * lanes, size - lanes), lanes):
+                            f[i] = beta[i] * law_power(s[i], law, exponent[i // lanes])
+                        for i in range(max(j - lanes, lanes), min(j + 3 * lanes, size - lanes), lanes):
+                            a[i] = rate[i] / step * (w[i] + f[i - lanes] - f[i])
         while most > front and np.all(u[most * lanes : end] == 0.0) and np.all(f[(most - 1) * lanes : end] == 0.0):
             most -= 1
         front = most
@@ -176,14 +152,18 @@ def march(  # type: ignore[no-untyped-def]
                 if closing > 0.0 and opening <= 0.0 and max(s0[j], s[j]) > 0.0:
                     bend0, bend1 = a0[j] - a0_next[j], a[j] - a_next[j]
                     if max(abs(bend0), abs(bend1)) >= rest[j]:
-                        ends[:] = (s0[j], closing, bend0, s[j], opening, bend1)
-                        part, depth = _turning_point(step, ends)
+                        square = step * step
+                        c0, c1, c2, c3, c4, c5 = quintic(
+                            s0[j], s[j], step * closing, step * opening, square * bend0, square * bend1
+                        )
+                        part = turning_point(c1, c2, c3, c4, c5)
+                        depth = c0 + part * (c1 + part * (c2 + part * (c3 + part * (c4 + part * c5))))
                         if depth > 0.0:
                             if crossing[j] == np.inf:
                                 crossing[j] = (nth + part) * step
                                 # a body that is still accelerated then is fastest then
                                 fastest[j] = max(fastest[j], _cubic(part, step, u0[j], a0[j], u[j], a[j]))
-                            peak[j] = max(peak[j], _force(beta[j], depth, law, exponent[j // lanes]))
+                            peak[j] = max(peak[j], beta[j] * law_power(depth, law, exponent[j // lanes]))
                 if a0[j] > 0.0 and a[j] < 0.0:
                     part, top = _maximum(step, u0[j], a0[j], u[j], a[j])
                     if (nth + part) * step <= crossing[j] or j >= last_body:
@@ -191,6 +171,26 @@ def march(  # type: ignore[no-untyped-def]
         for j in range(end):
             open_still = ((nth + 1) * step <= crossing[j]) | (j >= last_body)
             fastest[j] = u[j] if (u[j] > fastest[j]) & open_still else fastest[j]
-        if keep > 0 and (nth + 1) % keep == 0:
-            kept[(nth + 1) // keep] = u.reshape(places, lanes)
-    return np.where(crossing < np.inf, crossing, np.nan), peak, fastest, kept
+    if keep > 0:
+        _store(kept, steps // keep, u, lanes)
+    return np.where(crossing < np.inf, crossing, np.nan), peak, fastest
+
+
+@kernel(nogil=False)
+def _correct(j, lanes, impulse, moment, rate, v, u, s):  # type: ignore[no-untyped-def]
+    """Add an impulse and its moment to both bodies of a contact; both are in units of the step, like ``rate``."""
+    for i, sign in ((j, -1.0), (j + lanes, 1.0)):
+        v[i] += sign * impulse * rate[i]
+        u[i] += sign * impulse * rate[i]
+        shift = sign * moment * rate[i]
+        s[i] += shift
+        if i >= lanes:
+            s[i - lanes] -= shift
+
+
+@kernel(nogil=False)
+def _store(kept, nth, u, lanes):  # type: ignore[no-untyped-def]
+    """Store the velocities of a sample chain by chain."""
+    for lane in range(lanes):
+        for i in range(kept.shape[2]):
+            kept[lane, nth, i] = u[(i + 1) * lanes + lane]

@@ -8,7 +8,7 @@ import tempfile
 import weakref
 from collections.abc import Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from shutil import rmtree
 from typing import TYPE_CHECKING, Any
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 #: bytes from which on an array is a file
-_IN_MEMORY = 256 * 2**20
+_IN_MEMORY = 8 * 2**20
 #: chains that the number of steps is chosen with
 PILOT = 32
 #: codes that repeat a sample of the chains
@@ -62,26 +62,26 @@ def run_ensemble(
     check_solvable(scene)
     steps = steps_for(scene, variation.block(0, min(n, PILOT)), accuracy, samples)
     sizes = [min(BLOCK, n - first) for first in range(0, n, BLOCK)]
-    arrays, folder = _arrays(scene, n, samples)
-    with pool_of(executor) as pool:
-        for nth, part in _blocks(pool, variation, sizes, steps, samples):
-            for name, values in part.items():
-                arrays[name][nth * BLOCK : nth * BLOCK + len(values)] = values
-            if progress is not None:
-                done = min(n, (nth + 1) * BLOCK)
-                progress(done, n, f"{scene.name}: {n} chains")
-    chosen = np.sort(np.random.default_rng([variation.seed, 1]).choice(n, size=min(checks, n), replace=False))
-    checked = _checked(variation, arrays, chosen.tolist(), store)
-    ensemble = Ensemble(variation=variation, values=arrays, accuracy=accuracy, steps=steps, checked=checked)
-    if folder is not None:
-        weakref.finalize(ensemble, rmtree, folder, ignore_errors=True)
+    with ExitStack() as stack:
+        arrays = _arrays(scene, n, samples, stack)
+        with pool_of(executor) as pool:
+            for nth, part in _blocks(pool, variation, sizes, steps, samples):
+                for name, rows in part.items():
+                    _opened(arrays[name])[nth * BLOCK : nth * BLOCK + len(rows)] = rows
+                if progress is not None:
+                    done = min(n, (nth + 1) * BLOCK)
+                    progress(done, n, f"{scene.name}: {n} chains")
+        values = {name: _opened(array) for name, array in arrays.items()}
+        chosen = np.sort(np.random.default_rng([variation.seed, 1]).choice(n, size=min(checks, n), replace=False))
+        checked = _checked(variation, values, chosen.tolist(), store)
+        ensemble = Ensemble(variation=variation, values=values, accuracy=accuracy, steps=steps, checked=checked)
+        weakref.finalize(ensemble, stack.pop_all().close)
     return ensemble
 
 
 def solve_block(variation: Variation, nth: int, count: int, steps: int, samples: int | None) -> dict[str, Floats]:
     """Return the observables of the first ``count`` chains of a block; what a worker of an executor does."""
-    keep = 0 if samples is None else steps // samples
-    return solve_chains(variation.scene, variation.block(nth, count), steps, keep)
+    return solve_chains(variation.scene, variation.block(nth, count), steps, samples or 0)
 
 
 @contextmanager
@@ -116,20 +116,29 @@ def _blocks(
             yield waiting.pop(future), future.result()
 
 
-def _arrays(scene: Scene, n: int, samples: int | None) -> tuple[dict[str, Floats], Path | None]:
-    """Return an array for each observable; large ones are files in a temporary folder."""
+def _arrays(scene: Scene, n: int, samples: int | None, stack: ExitStack) -> dict[str, Floats | Path]:
+    """Return an array for each observable; large ones are files in a temporary folder that the stack deletes."""
     lengths = {"": (), "body": (scene.n_body,), "contact": (scene.n_contact,)}
     shapes: dict[str, tuple[int, ...]] = {name: (n, *lengths[axis]) for name, axis in OBSERVABLES.items()}
     if samples is not None:
         shapes["velocity"] = (n, samples + 1, scene.n_body)
-    folder, arrays = None, {}
+    arrays: dict[str, Floats | Path] = {}
+    folder: Path | None = None
     for name, shape in shapes.items():
         if 8 * math.prod(shape) < _IN_MEMORY:
             arrays[name] = np.empty(shape)
             continue
-        folder = folder or Path(tempfile.mkdtemp(prefix=owned("dem-bridge-ensemble")))
-        arrays[name] = np.lib.format.open_memmap(folder / f"{name}.npy", mode="w+", dtype=float, shape=shape)
-    return arrays, folder
+        if folder is None:
+            folder = Path(tempfile.mkdtemp(prefix=owned("dem-bridge-ensemble")))
+            stack.callback(rmtree, folder, ignore_errors=True)
+        path = arrays[name] = folder / f"{name}.npy"
+        np.lib.format.open_memmap(path, mode="w+", dtype=float, shape=shape)
+    return arrays
+
+
+def _opened(array: Floats | Path) -> Floats:
+    """Return an array, mapped from its file if it is one: pages of a map that is closed take no memory."""
+    return np.asanyarray(np.load(array, mmap_mode="r+")) if isinstance(array, Path) else array
 
 
 def _checked(

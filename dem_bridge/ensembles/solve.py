@@ -14,6 +14,7 @@ from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.ensembles.draw import Chains
 from dem_bridge.ensembles.lanes import LANES, march
+from dem_bridge.ensembles.touch import jacobi_rules
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.physics.statics import static_forces
 from dem_bridge.scene import Scene
@@ -42,6 +43,8 @@ _FIRST_PHASE, _FACTOR = 1.0, math.sqrt(2.0)
 _SAFETY = 6.0
 #: the same for velocities at samples, whose scale is the largest velocity and not each one's own
 _SAFETY_OF_SAMPLES = 3.0
+#: least closing rate at which a touch is corrected, of the speed of the chain
+_SLOW = 1e-6
 #: most steps of a chain
 _MOST_STEPS = 10_000_000
 
@@ -52,7 +55,7 @@ def check_solvable(scene: Scene) -> None:
         raise UnsupportedScene(f"an ensemble of {scene.name} cannot be solved: {reason}")
 
 
-def solve_chains(scene: Scene, chains: Chains, steps: int, keep: int = 0) -> dict[str, Floats]:
+def solve_chains(scene: Scene, chains: Chains, steps: int, samples: int = 0) -> dict[str, Floats]:
     """Return the observables of chains, one row for each: see :data:`OBSERVABLES`.
 
     Parameters
@@ -62,22 +65,29 @@ def solve_chains(scene: Scene, chains: Chains, steps: int, keep: int = 0) -> dic
     chains : Chains
     steps : int
         Steps of each chain.
-    keep : int
-        Velocities after every ``keep``-th step are returned as "velocity", ``(n_chain, steps / keep + 1, n_body)``.
+    samples : int
+        With a divisor of ``steps`` the velocities at the start and at the ends of so many equal intervals are returned
+        as "velocity", ``(n_chain, samples + 1, n_body)``.
 
     Raises
     ------
     RunBroken
         If a velocity is not finite, because the step is too long.
     """
-    groups = (np.arange(first, first + LANES) for first in range(0, len(chains), LANES))
+    firsts = range(0, len(chains), LANES)
+    kept = np.empty((LANES * len(firsts), samples + 1 if samples else 0, scene.n_body))
     # where fewer chains are left the last of them is repeated
-    parts = [_group(scene, chains.rows(np.minimum(rows, len(chains) - 1)), steps, keep) for rows in groups]
-    return {name: np.concatenate([part[name] for part in parts])[: len(chains)] for name in parts[0]}
+    rows = [np.minimum(np.arange(first, first + LANES), len(chains) - 1) for first in firsts]
+    parts = [
+        _group(scene, chains.rows(of_group), steps, kept[first : first + LANES])
+        for first, of_group in zip(firsts, rows, strict=True)
+    ]
+    out = {name: np.concatenate([part[name] for part in parts])[: len(chains)] for name in parts[0]}
+    return out | ({"velocity": kept[: len(chains)]} if samples else {})
 
 
-def _group(scene: Scene, chains: Chains, steps: int, keep: int) -> dict[str, Floats]:
-    """Return the observables of a group of as many chains as there are lanes."""
+def _group(scene: Scene, chains: Chains, steps: int, kept: Floats) -> dict[str, Floats]:
+    """Return the observables of a group of as many chains as there are lanes; ``kept`` is filled."""
     n, links, c = scene.n_body, scene.n_body - 1, scene.contacts
     # contact k of the line is between places k and k + 1: the wall on the left, the chain, the wall on the right
     line = np.arange(1, n) if scene.wall_left is None else np.append(np.arange(1, n), 0)
@@ -97,7 +107,7 @@ def _group(scene: Scene, chains: Chains, steps: int, keep: int) -> dict[str, Flo
     gap = chains.gap if scene.precompression == 0.0 else -_static_overlaps(scene, chains)
     weight = chains.mass * scene.gravity + np.asarray(scene.load)
     resting = np.tile(resting_acceleration(scene), (LANES, 1))
-    crossing, peak, fastest, kept = march(
+    crossing, peak, fastest = march(
         bodies(chains.mass, math.inf),
         bodies(chains.velocity, 0.0),
         bodies(weight, 0.0),
@@ -106,11 +116,13 @@ def _group(scene: Scene, chains: Chains, steps: int, keep: int) -> dict[str, Flo
         power,
         law,
         contacts(resting),
+        jacobi_rules(power),
+        _SLOW * _speed(scene),
         SRKN_6B.drifts,
         SRKN_6B.kicks,
         scene.duration / steps,
         steps,
-        keep,
+        kept,
     )
     crossing, peak, fastest = (item.reshape(n + 1, LANES) for item in (crossing, peak, fastest))
     if not np.all(np.isfinite(fastest[1:])):
@@ -119,16 +131,20 @@ def _group(scene: Scene, chains: Chains, steps: int, keep: int) -> dict[str, Flo
     arrival = np.pad(crossing[:, :links], ((0, 0), (1, 0)), constant_values=np.nan)
     reached = np.where(np.arange(n) == 0, True, ~np.isnan(arrival))
     speed = np.where(reached & (fastest[1:].T > 0.0), fastest[1:].T, np.nan)
-    out = {
+    return {
         "arrival_at_end": arrival[:, -1],
         "crossing_time": crossing,
         "residence_time": np.pad(np.diff(arrival), ((0, 0), (0, 1)), constant_values=np.nan),
         "peak_velocity": speed,
         "peak_force": peak,
     }
-    if keep:
-        out["velocity"] = np.ascontiguousarray(np.moveaxis(kept[:, 1:-1], 2, 0))
-    return out
+
+
+def _speed(scene: Scene) -> float:
+    """Return the speed of the whole chain if all its energy at the start were in one motion, m/s."""
+    c, mass = scene.contacts, np.array(scene.mass)
+    stored = np.sum(c.stiffness / c.exponent * np.maximum(-c.gap, 0.0) ** c.exponent)
+    return math.sqrt((np.sum(mass * np.array(scene.velocity) ** 2) + 2.0 * float(stored)) / np.sum(mass))
 
 
 def _static_overlaps(scene: Scene, chains: Chains) -> Floats:
@@ -176,7 +192,7 @@ def steps_for(scene: Scene, chains: Chains, accuracy: float, samples: int | None
         trial = max(trial * _FACTOR, steps + 1.0)
         steps = every * max(1, math.ceil(trial / every))
         try:
-            values = solve_chains(scene, chains, steps, steps // samples if samples else 0)
+            values = solve_chains(scene, chains, steps, samples or 0)
         except RunBroken:
             continue
         if before is not None and _error(before[1], values) <= accuracy:
