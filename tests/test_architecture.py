@@ -41,6 +41,7 @@ LAYERS = {
     6: ("differences", "uncertainty", "readers"),
     7: (
         "campaign",
+        "cluster",
         "verification",
         "planning",
         "doctor",
@@ -213,6 +214,12 @@ def test_only_the_report_draws_and_only_it_and_notebooks_fill_pages(library: str
 )
 def test_only_the_command_line_speaks_to_terminals(library: str, where: set[str]) -> None:
     assert _importers(library) == where
+
+
+def test_only_its_own_module_imports_dask_and_only_when_it_connects() -> None:
+    assert _importers("distributed") == {"cluster"}
+    tree = ast.parse(MODULES["dem_bridge.cluster"].read_text(encoding="utf-8"))
+    assert not any(isinstance(node, ast.ImportFrom) and node.module == "distributed" for node in tree.body)
 
 
 def test_only_scene_files_defects_and_texts_of_studies_are_parsed() -> None:

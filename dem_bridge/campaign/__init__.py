@@ -1,7 +1,8 @@
 """Many cases on all cores or on a cluster: cases in, trajectories or the reasons why there are none out, in order."""
 
+from dem_bridge.campaign.executors import Jobs, map_in_threads
 from dem_bridge.campaign.results import Crashed, Progress, Result, run_case
-from dem_bridge.campaign.run import Jobs, jobs_of, run_cases, run_groups, threads_for
+from dem_bridge.campaign.run import jobs_of, run_cases, run_groups
 
 __all__ = [
     "Crashed",
@@ -9,8 +10,8 @@ __all__ = [
     "Progress",
     "Result",
     "jobs_of",
+    "map_in_threads",
     "run_case",
     "run_cases",
     "run_groups",
-    "threads_for",
 ]

@@ -6,16 +6,31 @@ import os
 import pickle
 import tempfile
 import time
-from collections.abc import Collection, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    FIRST_EXCEPTION,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
+from uuid import uuid4
 
-from dem_bridge.campaign.pool import SLICE
+from dem_bridge.campaign.pool import SLICE, run_in_processes
 from dem_bridge.campaign.tasks import Outcome, Task, Work, broken, perform_all
 from dem_bridge.errors import RunBroken
 from dem_bridge.leftovers import owned
 
+Item = TypeVar("Item")
+Value = TypeVar("Value")
+#: number of processes; None: as many as pay; or where cases are run instead
+Jobs = int | Executor | None
 #: workers of an executor that does not tell their number
 _WORKERS = 16
 
@@ -24,7 +39,8 @@ def run_by_executor(tasks: Sequence[Task], executor: Executor) -> Iterator[tuple
     """Yield each task with its outcome, as they come.
 
     The tasks of a chunk whose worker dies are done once more, each alone, and one that dies again is broken. Where
-    nothing comes for longer than the patience for all tasks that are away, these are broken.
+    nothing comes for longer than the patience for all tasks that are away, these are broken. A pool of processes that
+    is broken is replaced by processes of our own.
 
     Raises
     ------
@@ -38,16 +54,24 @@ def run_by_executor(tasks: Sequence[Task], executor: Executor) -> Iterator[tuple
     work, since = Work(tasks, workers_of(executor)), time.monotonic()
     try:
         while work.pending or away:
-            while work.pending:
-                chunk = work.pending.popleft()
-                away[_submit(executor, chunk)] = chunk
+            try:
+                while work.pending:
+                    future = _submit(executor, work.pending[0])
+                    away[future] = work.pending.popleft()
+            except BrokenExecutor:  # processes on this machine, of which one died: ours go on
+                rest = [task for chunk in (*away.values(), *work.pending) for task in chunk]
+                away.clear()
+                yield from run_in_processes(rest, workers_of(executor), main=False)
+                return
             done, _ = wait(away, timeout=SLICE, return_when=FIRST_COMPLETED)
             for future in done:
                 chunk, since = away.pop(future), time.monotonic()
                 try:
                     outcomes = future.result()
                 except (Exception, CancelledError) as error:
-                    yield from work.lost(chunk, f"{type(error).__name__}: {error}")
+                    # Dask has already tried a killed task on several workers
+                    again = len(chunk) > 1 or type(error).__name__ != "KilledWorker"
+                    yield from work.lost(chunk, f"{type(error).__name__}: {error}", again=again)
                     continue
                 for task, outcome in zip(chunk, outcomes, strict=True):
                     yield from work.done(task, outcome)
@@ -59,8 +83,26 @@ def run_by_executor(tasks: Sequence[Task], executor: Executor) -> Iterator[tuple
             future.cancel()
 
 
+def map_in_threads(function: Callable[[Item], Value], items: Iterable[Item], jobs: Jobs) -> list[Value]:
+    """Return the values of a function, computed by threads: ``jobs`` of them, or one for each core.
+
+    For work that leaves the interpreter to others: compiled code, or engines in processes of their own.
+    """
+    pool = ThreadPoolExecutor(jobs if isinstance(jobs, int) else len(os.sched_getaffinity(0)))
+    try:
+        futures = [pool.submit(function, item) for item in items]
+        while wait(futures, timeout=SLICE, return_when=FIRST_EXCEPTION).not_done:
+            for failed in (future for future in futures if future.done() and future.exception()):
+                failed.result()
+        return [future.result() for future in futures]
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
 def workers_of(executor: Executor) -> int:
-    """Return the number of workers of an executor, or a guess."""
+    """Return the number of workers of an executor, or a guess; the standard has no way to ask."""
+    if (client := getattr(executor, "_client", None)) is not None:  # of Dask
+        return sum(client.nthreads().values()) or _WORKERS
     return int(getattr(executor, "_max_workers", None) or _WORKERS)
 
 
@@ -78,7 +120,9 @@ def _shares(executor: Executor, folder: Path) -> bool:
 
 def _submit(executor: Executor, chunk: Sequence[Task]) -> Future[list[Outcome]]:
     try:
-        return executor.submit(perform_all, [pickle.dumps(task) for task in chunk])
+        return executor.submit(perform_all, [pickle.dumps(task) for task in chunk], uuid4().hex)
+    except BrokenExecutor:
+        raise
     except Exception as error:
         raise RunBroken(
             f"the executor takes no more cases ({type(error).__name__}: {error}); runs that ended are in the store:"

@@ -87,12 +87,12 @@ class _Process:
         self._since, self._outcome = time.monotonic(), None
         self._process: SpawnProcess = context.Process(target=_work, args=(theirs,), daemon=True)
         # Ctrl-C ends the campaign, which ends its processes: they never see it, not even while they begin
-        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
             with _bare_main(main):
                 self._process.start()
         finally:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
 
     @property

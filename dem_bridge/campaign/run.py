@@ -15,7 +15,7 @@ from dataclasses import replace
 from functools import partial
 
 from dem_bridge.backends.base import Sampling
-from dem_bridge.campaign.executors import run_by_executor
+from dem_bridge.campaign.executors import Jobs, run_by_executor
 from dem_bridge.campaign.pool import run_in_processes
 from dem_bridge.campaign.results import Progress, Result, run_case
 from dem_bridge.campaign.tasks import Outcome, Task, is_stored, perform_task, with_run
@@ -31,9 +31,6 @@ from dem_bridge.uncertainty.estimate import TWIN, parts_of
 #: s that a worker needs until it can begin: what takes less in all is run here
 _START = 2.0
 
-#: number of processes; None: as many as pay; or where cases are run instead
-Jobs = int | Executor | None
-
 
 def jobs_of(jobs: int | None, executor: Executor | None) -> Jobs:
     """Return where cases are run, from the two arguments that say so; UsageError if both are given."""
@@ -44,11 +41,6 @@ def jobs_of(jobs: int | None, executor: Executor | None) -> Jobs:
     if not isinstance(executor, Executor):
         raise UsageError(f"executor = {executor!r}; allowed: a concurrent.futures.Executor, or None")
     return executor
-
-
-def threads_for(jobs: Jobs) -> int:
-    """Return the number of threads for work that is not done by cases: the cores, unless ``jobs`` is a number."""
-    return jobs if isinstance(jobs, int) else len(os.sched_getaffinity(0))
 
 
 def run_cases(

@@ -110,8 +110,11 @@ def perform_task(task: Task) -> Outcome:
     return Outcome(result=replace(result, trajectory=None), kept=True, cache=shared, trouble=store.trouble)
 
 
-def perform_all(chunk: Sequence[bytes]) -> list[Outcome]:
-    """Solve the cases of pickled tasks one by one. What a worker of an executor does."""
+def perform_all(chunk: Sequence[bytes], number: str) -> list[Outcome]:
+    """Solve the cases of pickled tasks one by one. What a worker of an executor does.
+
+    ``number`` is another at each call: Dask takes calls with the same arguments for the same.
+    """
     return [perform(packed) for packed in chunk]
 
 
@@ -156,11 +159,16 @@ class Work:
         self.pending = deque(_chunks(tasks, workers))
         self._deaths: dict[str, str] = {}
 
-    def lost(self, tasks: Sequence[Task], how: str) -> Iterator[tuple[Task, Outcome]]:
-        """Take tasks whose worker died; each is done once more, alone, and is then broken. Yield the broken ones."""
+    def lost(self, tasks: Sequence[Task], how: str, *, again: bool = True) -> Iterator[tuple[Task, Outcome]]:
+        """Take tasks whose worker died; each is done once more, alone, and is then broken. Yield the broken ones.
+
+        ``again``: False if the worker died more than once already.
+        """
         for task in tasks:
-            if (before := self._deaths.get(task.name)) is not None:
-                yield task, broken(task, f"{task.case.label}: its process died twice", f"{before}\n{how}")
+            before = self._deaths.get(task.name)
+            if before is not None or not again:
+                log = how if before is None else f"{before}\n{how}"
+                yield task, broken(task, f"{task.case.label}: its process died twice", log)
             else:
                 self._deaths[task.name] = how
                 self.pending.appendleft([task])

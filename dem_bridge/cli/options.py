@@ -96,9 +96,22 @@ def _wall(value: str) -> Wall:
     return dem_bridge.Wall(**dict(zip(("stiffness", "gap", "exponent"), numbers, strict=False)))
 
 
+class _Cluster(click.ParamType[Any]):
+    """A Dask scheduler, to which the command is connected until it ends."""
+
+    name = "cluster"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the executor of the cluster."""
+        from dem_bridge.cluster import connected
+
+        return ctx.with_resource(connected(value)) if ctx is not None and isinstance(value, str) else value
+
+
 _TYPES: dict[str, Any] = {
     "assignments": _assignments,
     "backend": click.Choice(BACKENDS),
+    "cluster": _Cluster(),
     "file": click.Path(path_type=Path),
     "float": float,
     "int": int,

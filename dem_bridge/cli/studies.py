@@ -21,9 +21,9 @@ from dem_bridge.studies.catalogue import STUDIES, study_named
 _TYPES = {"float": click.FLOAT, "int": click.INT, "str": click.STRING}
 #: parameter that several studies have -> its options in the part "study" of options.json
 _SHARED = {
-    "executor": (),
+    "executor": ("executor",),
     "engine": ("lmp", "lmp_args", "python", "ranks"),
-    "jobs": ("jobs",),
+    "jobs": ("jobs", "executor"),
     "store": ("recompute",),
     "progress": (),
     "measurement": (),

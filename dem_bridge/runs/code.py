@@ -21,12 +21,14 @@ from dem_bridge.leftovers import started
 PACKAGE = Path(__file__).parents[1]
 #: parts of the package that schedule, keep, judge or show runs: no number of a trajectory passes through them
 NOT_IN_RUNS = (
-    "api", "campaign", "cli", "differences", "doctor", "ensembles", "exports", "judging", "measurement", "notebook",
-    "notebook_sketch", "planning", "plot", "readers", "regression", "report", "runs", "studies", "sweep",
+    "api", "campaign", "cli", "cluster", "differences", "doctor", "ensembles", "exports", "judging", "measurement",
+    "notebook", "notebook_sketch", "planning", "plot", "readers", "regression", "report", "runs", "studies", "sweep",
     "verification",
 )  # fmt: skip
 #: parts of the package that no number of a study passes through
-NOT_IN_STUDIES = ("api", "cli", "doctor", "exports", "notebook", "notebook_sketch", "plot", "regression", "report")
+NOT_IN_STUDIES = (
+    "api", "cli", "cluster", "doctor", "exports", "notebook", "notebook_sketch", "plot", "regression", "report",
+)  # fmt: skip
 #: it selects the family or rule of each backend, which the catalogue names: its imports are those of all backends
 _DISPATCH = "dem_bridge.uncertainty.estimate"
 #: files of the package that are code, or texts and tables in place of code

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +19,7 @@ from dem_bridge.backends.splitting import FUSED
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.twin import solve_plan
-from dem_bridge.campaign import Jobs, Progress, threads_for
+from dem_bridge.campaign import Jobs, Progress, map_in_threads
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
@@ -113,8 +112,7 @@ def study_precision(scene: Scene | None = None, *, jobs: Jobs = None, progress: 
             progress(len(finished), len(work), item[0].name)
         return result
 
-    with ThreadPoolExecutor(threads_for(jobs)) as threads:
-        results = list(threads.map(measured, work))
+    results = map_in_threads(measured, work, jobs)
     rows = [row for of_scene in results[: len(scenes)] for row in of_scene]
     steps = [row for of_step in results[len(scenes) :] for row in of_step]
     return TEXTS.study(

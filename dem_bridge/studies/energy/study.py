@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling, backend
-from dem_bridge.campaign import Jobs, Progress, threads_for
+from dem_bridge.campaign import Jobs, Progress, map_in_threads
 from dem_bridge.scene import Scene
 from dem_bridge.studies.energy.walk import (
     BEAD,
@@ -143,8 +142,7 @@ def study_energy(*, contacts: int = 1_000_000, jobs: Jobs = None, progress: Prog
         count = int(run.share * contacts)
         return replace(run, walk=long_run(backend(run.code), run.scene, run.resolution, count, tell))
 
-    with ThreadPoolExecutor(threads_for(jobs)) as threads:
-        runs = list(threads.map(made, todo))
+    runs = map_in_threads(made, todo, jobs)
     times, measured, predicted = within_contact()
     return TEXTS.study(
         {"step": STEP, "contact": CONTACT, "allowed": ALLOWED},

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
-from dem_bridge.campaign import Jobs, Progress, threads_for
+from dem_bridge.campaign import Jobs, Progress, map_in_threads
 from dem_bridge.errors import BackendUnavailable, RunBroken
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import run_deck, workspace
@@ -63,13 +63,16 @@ def run_impacts(
     """
     pairs = list(zip(impacts, steps, strict=True))
     chunks = [pairs[at : at + BATCH] for at in range(0, len(pairs), BATCH)]
-    runs: list[EngineRun] = []
-    with ThreadPoolExecutor(threads_for(jobs)) as pool:
-        for chunk, results in zip(chunks, pool.map(lambda part: list(_batch(part, engine)), chunks), strict=True):
-            runs += results
-            if progress is not None:
-                progress(len(runs), len(pairs), f"{chunk[-1][0].style}")
-    return runs
+    ended: list[int] = []
+
+    def run(chunk: Sequence[tuple[Impact, Steps]]) -> list[EngineRun]:
+        results = list(_batch(chunk, engine))
+        ended.append(len(results))
+        if progress is not None:
+            progress(sum(ended), len(pairs), f"{chunk[-1][0].style}")
+        return results
+
+    return list(chain.from_iterable(map_in_threads(run, chunks, jobs)))
 
 
 def _batch(pairs: Sequence[tuple[Impact, Steps]], engine: Engine) -> Iterator[EngineRun]:

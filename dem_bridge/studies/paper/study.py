@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from typing import Any
 
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import BACKENDS
-from dem_bridge.campaign import Jobs, Progress, Result, run_groups, threads_for
+from dem_bridge.campaign import Jobs, Progress, Result, map_in_threads, run_groups
 from dem_bridge.differences import difference
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.cache import RunCache
@@ -113,8 +112,7 @@ def verify_paper(
     if progress is not None:
         progress(0.0, 1, "choosing time steps")
     # what chooses them is mostly compiled, and leaves the interpreter to others
-    with ThreadPoolExecutor(threads_for(jobs)) as threads:
-        plans = list(threads.map(plan, scenes))
+    plans = map_in_threads(plan, scenes, jobs)
     main = [load_scene(name) for name in MAIN]
     sets = [scatter.cases_of(scene, spread=extent.spread, count=extent.chains) for scene in main]
     hierarchies = (
