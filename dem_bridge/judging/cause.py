@@ -169,11 +169,10 @@ def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
     """Return the diagnosis for fits that are sorted by what they leave."""
     best = fits[0] if fits else none
     left = best.rms / none.rms
-    usual = _usual_error(search, best)
+    usual = min(SMALL, ADAPTIVE * search.decision.adaptive_error())
     loosely = (left < 1.0 / FLOORS and best.error < usual) or (left < LITTLE and best.error < LITTLE_ERROR)
     explained = bool(fits) and (_explained(best) or _nearly_explained(best) or loosely)
     if not explained:
-        usual = _usual_error(search, none)
         if search.data.dt is None and none.floors < FLOORS:
             usual = SMALL
         if none.error < usual and search.decision.error_at_rest() < AT_REST * none.error:
@@ -214,11 +213,6 @@ def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
         evidence=_sentence(first, none),
         parameters=_parameters(first),
     )
-
-
-def _usual_error(search: Search, fit: Fit) -> float:
-    """Return the error relative to the scale that a code of unknown method usually has."""
-    return min(SMALL, ADAPTIVE * search.decision.adaptive_error(fit))
 
 
 def _equal_radii(scene: Scene) -> bool:

@@ -279,12 +279,11 @@ class Decision:
         floors = map(max, self.data.floors, self.data.largest(by_steps, self.exact))
         return max(difference / floor for difference, floor in zip(left, floors, strict=True))
 
-    def adaptive_error(self, fit: Fit) -> float:
+    def adaptive_error(self) -> float:
         """Return the error of an adaptive method that steps through contacts, relative to the scale of a quantity."""
-        variant = fit.hypothesis.make(fit.parameters)
-        loose, fine = (self.data.predict(variant, self.rows, tolerance) for tolerance in (1e-11, DECISION))
-        sizes = (block.scale * abs(variant.factors[block.quantity]) for block in self.data.blocks)
-        return max(error / size for error, size in zip(self.data.largest(loose, fine), sizes, strict=True))
+        loose = self.data.predict(self.base, self.rows, 1e-11)
+        errors = zip(self.data.largest(loose, self.exact), self.data.blocks, strict=True)
+        return max(error / block.scale for error, block in errors)
 
     def error_at_rest(self) -> float:
         """Return the largest error where bodies have not moved yet, and no code errs, relative to the scale."""

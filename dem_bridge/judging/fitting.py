@@ -132,6 +132,8 @@ class Data:
                 reversed_places = value.shape[1] - 1 - columns
                 columns = np.array(variant.order)[columns] if block.quantity < 2 else reversed_places
             value = value[:, columns] * variant.factors[block.quantity]
+            # an unstable motion is no absent sample
+            value[~np.isfinite(value)] = np.inf
             if block.quantity == 1 and self.from_first:
                 value = value - value[0]
             if early.any():
