@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 
 from dem_bridge import features
 from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling, run_provenance
-from dem_bridge.backends.scales import natural_scales, resting_acceleration
+from dem_bridge.backends.scales import (
+    in_common_frame,
+    in_rest_frame,
+    natural_scales,
+    pair_overlap,
+    resting_acceleration,
+)
 from dem_bridge.backends.scipy_dop853 import ScipyDop853
 from dem_bridge.backends.taylor import integrate
 from dem_bridge.compiled import interruptible
@@ -37,6 +43,8 @@ TOUCH = 1e-12
 #: runs for the bars: each one more realisation of round-off
 REALISATIONS = 6
 MOST_STEPS = 50_000_000
+#: power of two whose 28th power is far from the largest double
+_MOST_POWER = 30.0
 #: what the series can do themselves: they need 2 (n - 1) to be a whole number up to 8
 SERIES = Support(
     {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
@@ -62,9 +70,10 @@ class Reference(AlwaysAvailable):
 
     def replicas(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> list[Trajectory]:
         """Return runs of another order with every input moved by its last digit, up or down."""
-        directions = np.random.default_rng(20180305)
+        directions, (frame, velocity) = np.random.default_rng(20180305), in_common_frame(scene)
         return [
-            self.solve_series(_perturbed(scene, directions), sampling, order=SECOND_ORDER) for _ in range(REALISATIONS)
+            in_rest_frame(self.solve_series(_perturbed(frame, directions), sampling, order=SECOND_ORDER), velocity)
+            for _ in range(REALISATIONS)
         ]
 
     def solve_series(
@@ -72,43 +81,46 @@ class Reference(AlwaysAvailable):
     ) -> Trajectory:
         """Return a run by Taylor series whose last coefficients contribute ``accuracy`` of speeds and overlaps."""
         watch = Stopwatch()
+        original, (scene, frame) = scene, in_common_frame(scene)
         c, n, times = scene.contacts, scene.n_body, sampling.times(scene.duration)
         speed, depth = natural_scales(scene)
         of_left, of_right = np.full(n, -1), np.full(n, -1)
         inner_left, inner_right = c.left < n, c.right < n
         of_right[c.left[inner_left]] = np.flatnonzero(inner_left)
         of_left[c.right[inner_right]] = np.flatnonzero(inner_right)
+        unit = _time_unit(scene, speed, depth)
         x, v, force, deepest, crossing, steps, openings, closings = interruptible(
             integrate,
             np.array(scene.mass),
-            np.array(scene.velocity),
-            (c.left, c.right, c.stiffness, c.exponent, c.gap),
+            np.array(scene.velocity) * unit,
+            (c.left, c.right, c.stiffness * unit**2, c.exponent, c.gap),
             of_left,
             of_right,
-            scene.free_acceleration,
-            times,
+            scene.free_acceleration * unit**2,
+            times / unit,
             _unfelt(scene, speed, depth),
-            speed if speed > 0.0 else 1.0,
-            resting_acceleration(scene),
+            speed * unit if speed > 0.0 else 1.0,
+            resting_acceleration(scene) * unit**2,
             order,
             accuracy,
             MOST_STEPS,
         )
-        if steps >= MOST_STEPS or not np.all(np.isfinite(v)):
+        if not np.all(np.isfinite(v)):
             raise RunBroken(
                 f"reference on {scene.name}: no end after {steps} steps and {openings} openings; take backend='scipy'"
             )
         settings = {"order": order, "samples": sampling.count}
-        return Trajectory(
+        run = Trajectory(
             time=times,
             displacement=x,
-            velocity=v,
-            contact_force=force,
+            velocity=v / unit,
+            contact_force=force / unit**2,
             peak_force=c.stiffness * deepest ** (c.exponent - 1.0),
-            crossing_time=crossing,
+            crossing_time=crossing * unit,
             cost=Cost.since(watch, steps=steps, force_evaluations=steps * (order + 1)),
-            provenance=run_provenance(self, scene, settings) | {"openings": openings, "closings": closings},
+            provenance=run_provenance(self, original, settings) | {"openings": openings, "closings": closings},
         )
+        return in_rest_frame(run, frame)
 
 
 def _unfelt(scene: Scene, speed: float, depth: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -121,6 +133,20 @@ def _unfelt(scene: Scene, speed: float, depth: NDArray[np.float64]) -> NDArray[n
     lighter = np.minimum(mass[c.left], mass[c.right])
     felt = np.divide(lighter, carrier, out=np.ones_like(lighter), where=lighter < carrier)
     return np.asarray(TOUCH * depth * felt ** (1.0 / (c.exponent - 1.0)))
+
+
+def _time_unit(scene: Scene, speed: float, depth: NDArray[np.float64]) -> float:
+    """Return the unit of time, s, in which coefficients of the series are numbers: a power of two, 1 if that serves.
+
+    The series of a contact that is ``d`` deep and lasts ``t`` go in powers of ``sqrt(d)/t``, and a body that is light
+    enough makes that large.
+    """
+    if speed == 0.0 or not scene.n_contact:
+        return 1.0
+    depths = np.concatenate([depth, np.minimum(depth, pair_overlap(scene, speed))])
+    powers = np.log2(np.sqrt(depths) / speed)
+    low, high = float(np.min(powers)), float(np.max(powers))
+    return 1.0 if low > -_MOST_POWER and high < _MOST_POWER else 2.0 ** round(0.5 * (low + high))
 
 
 def _perturbed(scene: Scene, directions: np.random.Generator) -> Scene:

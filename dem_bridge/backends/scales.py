@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.scene import Scene
+from dem_bridge.trajectory import Trajectory
 
 #: part of a static force that is round-off: codes that keep positions lose a few digits of their overlaps
 RESTING = 1e-10
@@ -34,6 +36,46 @@ def natural_scales(scene: Scene) -> tuple[float, NDArray[np.float64]]:
         return speed, c.reach[c.law]
     depth = (c.exponent * energy / c.stiffness) ** (1.0 / c.exponent)
     return speed, depth + initial if held else depth
+
+
+def unfelt_overlap(scene: Scene) -> NDArray[np.float64]:
+    """Return the overlap of each contact, m, ``(n_contact,)``, below which it has no force that could matter.
+
+    It is 1e-12 of the overlap that the energy of the scene allows, and with n < 2 that of a collision at 1e-12 of the
+    largest speed. Bodies that are too light to carry that energy make less deep contacts, and less is felt there.
+    """
+    speed, depth = natural_scales(scene)
+    if scene.law is None and scene.precompression == 0.0 and speed > 0.0:
+        depth = np.minimum(depth, 1e3 * pair_overlap(scene, speed))
+    return np.asarray(1e-12 ** np.maximum(1.0, 2.0 / scene.contacts.exponent) * depth)
+
+
+def pair_overlap(scene: Scene, speed: float) -> NDArray[np.float64]:
+    """Return the overlap of each contact, m, ``(n_contact,)``, if its two bodies alone met at ``speed`` (m/s)."""
+    c, mobility = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    square = speed / (mobility[c.left] + mobility[c.right]) * speed
+    return np.asarray((0.5 * c.exponent * square / c.stiffness) ** (1.0 / c.exponent))
+
+
+def in_common_frame(scene: Scene) -> tuple[Scene, float]:
+    """Return the scene as seen by its slowest body, and the velocity (m/s) of that body, if all move the same way.
+
+    A velocity that all bodies have in common would leave few digits for those at which they meet. With a wall or drag
+    there is a frame at rest: the scene is returned as it is, with a velocity of 0.
+    """
+    slowest = min(scene.velocity, key=abs)
+    held = scene.wall_left is not None or scene.wall_right is not None or scene.drag > 0.0
+    if held or not all(velocity * slowest > 0.0 for velocity in scene.velocity):
+        return scene, 0.0
+    return replace(scene, velocity=tuple(velocity - slowest for velocity in scene.velocity)), slowest
+
+
+def in_rest_frame(run: Trajectory, velocity: float) -> Trajectory:
+    """Return a run of a scene in a frame that moves at ``velocity`` (m/s) as it is in the frame at rest."""
+    if velocity == 0.0:
+        return run
+    way = velocity * run.time[:, None]
+    return replace(run, velocity=run.velocity + velocity, displacement=run.displacement + way)
 
 
 def resting_speed(scene: Scene) -> float:

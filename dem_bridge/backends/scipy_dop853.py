@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dem_bridge import features
 from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling, run_provenance
+from dem_bridge.backends.scales import in_common_frame, in_rest_frame
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
 from dem_bridge.stopwatch import Stopwatch
@@ -49,12 +50,14 @@ class ScipyDop853(AlwaysAvailable):
         rtol = resolution.rtol if resolution.rtol is not None else DEFAULT_RTOL
         if rtol > self.largest_rtol:
             raise UsageError(f"rtol = {rtol:g} is too loose for {self.name}; allowed: up to {self.largest_rtol:g}")
-        integration = (DampedIntegration if scene.damped or scene.adhesive else Integration)(scene, sampling, rtol)
+        frame, velocity = in_common_frame(scene)
+        integration = (DampedIntegration if scene.damped or scene.adhesive else Integration)(frame, sampling, rtol)
         integration.run()
-        return Trajectory(
+        run = Trajectory(
             time=integration.times,
             **{name: getattr(integration, name) for name in VOCABULARY},
             cost=Cost.since(watch, steps=integration.steps, force_evaluations=integration.evaluations),
             provenance=run_provenance(self, scene, {"rtol": rtol, "samples": sampling.count})
             | {"restarts": integration.restarts},
         )
+        return in_rest_frame(run, velocity)

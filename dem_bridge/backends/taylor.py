@@ -25,6 +25,8 @@ from dem_bridge.compiled import kernel
 
 #: coefficients looked at for the length of a step: by symmetry some may vanish
 _TAIL = 5
+#: steps without an event after which the pace is examined
+_PATIENCE = 500_000
 
 
 @kernel()
@@ -132,8 +134,8 @@ def integrate(  # type: ignore[no-untyped-def]
 
     ``all_contacts``: left and right body, stiffness, exponent and gap of each contact; ``of_left``, ``of_right``:
     contacts of each body (-1: none); ``free``: acceleration of each body without contact; ``touch``: overlap of each
-    contact below which its force is nothing; ``resting``: its closing acceleration below which it is at rest; steps
-    reach ``most_steps`` where it gives up.
+    contact below which its force is nothing; ``resting``: its closing acceleration below which it is at rest; after
+    ``most_steps``, or where their coefficients are beyond doubles, it gives up, and velocities are nan from there on.
     """
     c_left, c_right, stiffness, exponent, gap = all_contacts
     n, k, rows, end = mass.shape[0], c_left.shape[0], times.shape[0], times[-1]
@@ -171,8 +173,10 @@ def integrate(  # type: ignore[no-untyped-def]
         else:
             _await(heap, j, 0, 0.0, c_left[j], c_right[j], s_all, v_all, weight_all, touch)
     now, row, steps, opened, shuttings, dirty = 0.0, 0, 0, 0, 0, True
-    while row < rows and steps < most_steps:
+    idle, since, patience = 0, 0.0, min(_PATIENCE, most_steps)
+    while row < rows and steps < most_steps and now >= 0.0:
         if dirty:
+            idle, since = 0, now
             # states of all that had series are already those of this moment
             for i in range(bodies):
                 where[body[i]] = -1
@@ -217,7 +221,9 @@ def integrate(  # type: ignore[no-untyped-def]
         while heap[0][1] >= 0 and heap[0][2] != stamp[heap[0][1]]:
             heappop(heap)
         due = heap[0][0]
-        steps += 1
+        steps, idle = steps + 1, idle + 1
+        if idle == patience and (now - since) * most_steps < (end - now) * patience:
+            break  # at this pace the end is beyond reach
         kind, which, near, r = 0, -1, -1, 0.0
         stop = min(due, end)
         if shut_count > 0:
@@ -352,6 +358,7 @@ def integrate(  # type: ignore[no-untyped-def]
             if shut[j] and j != joins and s_all[j] < touch[j] and v_all[c_left[j]] < v_all[c_right[j]]:
                 shut_count = _open(j, shut, shut_list, shut_at, shut_count)
                 dirty = True
+    out_v[row:] = np.nan
     return out_x, out_v, out_f, deepest, crossing, steps, opened, shuttings
 
 
