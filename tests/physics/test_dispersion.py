@@ -64,6 +64,16 @@ def test_equal_masses_have_one_branch_unfolded(m: float, k: float) -> None:
     assert chain.cutoff == pytest.approx(chain.frequency(math.pi), rel=1e-14)
 
 
+def test_a_folded_zone_ends_at_half_of_the_whole_one() -> None:
+    chain = _chain(0.01)
+    # of a cell of two equal masses the optical branch is the other half of the acoustic one, and is given once
+    assert chain.frequency(2.0) == pytest.approx(chain.frequency(math.pi - 2.0, optical=True), rel=1e-14)
+    with pytest.raises(ValueError, match="allowed: 0 to pi/2"):
+        chain.frequency(2.0, optical=True)
+    with pytest.raises(ValueError, match="allowed: 0 to pi/2"):
+        _chain((0.01, 0.02)).frequency(2.0)
+
+
 @given(m1=masses, m2=masses)
 def test_the_edges_of_the_branches_are_the_cutoff_and_the_gap(m1: float, m2: float) -> None:
     chain = _chain((m1, m2))

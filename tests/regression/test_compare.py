@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from dem_bridge.regression.baseline import Baseline
-from dem_bridge.regression.compare import Change, compare
+from dem_bridge.regression.compare import Accuracy, Change, compare, worst_outcome
 from dem_bridge.trajectory import Trajectory
 from tests.regression.test_baseline import small
 
@@ -79,6 +80,20 @@ def test_a_huge_value_is_not_its_own_excuse() -> None:
     velocity[1, 1] += 1e20
     velocity[3, 0] += 1e-6
     assert compare(small(), as_run(small(), velocity=velocity)).departures[0].count == 2
+    # of peak forces a contact's scale is at least a thousandth of the largest, which then hides the other contact
+    force = small().run.peak_force * np.array([1e12, 1.0 + 1e-6])
+    [found] = compare(small(), as_run(small(), peak_force=force)).departures
+    assert (found.count, found.largest_difference) == (2, pytest.approx(1e12))
+
+
+def test_what_failed_is_worse_than_what_is_undecided_in_any_order() -> None:
+    accuracy = Accuracy(error=0.1, uncertainty=0.0, tolerance=1e-3, outcome="PASS", by="reference")
+    for outcomes in itertools.permutations(("PASS", "FAIL", "UNDECIDED")):
+        some = {str(i): replace(accuracy, outcome=outcome) for i, outcome in enumerate(outcomes)}
+        # the documented exit codes: 1, a check failed, goes before 4, undecided
+        assert worst_outcome(some) == "FAIL"
+        without = {name: item for name, item in some.items() if item.outcome != "FAIL"}
+        assert worst_outcome(without) == "UNDECIDED"
 
 
 @pytest.mark.parametrize(
