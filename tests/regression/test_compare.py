@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge.regression.baseline import Baseline
-from dem_bridge.regression.compare import Accuracy, Change, compare, worst_outcome
+from dem_bridge.regression.baseline import Accuracy, Baseline
+from dem_bridge.regression.compare import Change, compare, worst_outcome
 from dem_bridge.trajectory import Trajectory
 from tests.regression.test_baseline import small
 
