@@ -16,6 +16,7 @@ NAMES = sorted(file.stem for file in FOLDER.glob("bench_*.py"))
 LAST_LINES = {
     "bench_backends": r"dem-bridge --help .*\d",
     "bench_bars": r"blanes-moan .*crossing_time .* 2 .*100\.00 %",
+    "bench_campaign": r"Dask, 4 runs of the twin: .* % of linear",
     "bench_ensembles": r"bare LAMMPS at dt = 1e-07 s: \d",
     "bench_horizon": r"2e\+04 steps, and all else: \d+ s",
     "bench_integrators": r"1e-04 .*blanes-moan, alone|blanes-moan, alone .*\d",
@@ -33,7 +34,7 @@ def test_make_bench_runs_every_benchmark() -> None:
 
 
 #: the benchmarks that take 2 to 10 s of CPU on their tiny case; `make test-all` starts these too
-DEEP = ("bench_backends", "bench_horizon", "bench_lammps", "bench_paper", "bench_plan")
+DEEP = ("bench_backends", "bench_campaign", "bench_horizon", "bench_lammps", "bench_paper", "bench_plan")
 
 
 @pytest.mark.lammps

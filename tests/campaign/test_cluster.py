@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from dem_bridge.campaign.executors import workers_of
 from dem_bridge.cluster import connected
 from dem_bridge.errors import UsageError
 from dem_bridge.runs.store import Store
-from tests.helpers.campaign_cases import mixed_cases, text_of
+from tests.helpers.campaign_cases import SHORT, mixed_cases, text_of
 from tests.helpers.command_line import run_here
 from tests.helpers.dask_cluster import Cluster, dask_cluster
 from tests.helpers.processes import happens
@@ -59,6 +60,25 @@ def test_a_killed_worker_costs_nothing_and_all_digits_are_those_of_one_process(
 
 def _names(folder: Path) -> list[str]:
     return sorted(file.name for file in folder.iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.lammps
+def test_tables_of_a_verification_are_equal_byte_for_byte_whoever_makes_the_runs(executor: Executor) -> None:
+    scene = replace(SHORT, samples=50, spacing=18e-3)
+    engines: tuple[dict[str, Any], ...] = (
+        {"jobs": 1},
+        {"jobs": 2},
+        {"executor": ThreadPoolExecutor(2)},
+        {"executor": executor},
+    )
+    verifications = [db.verify(scene, accuracy=1e-3, store=False, **engine) for engine in engines]
+    assert [verdict.quantity for verdict in verifications[0].verdicts]
+    texts = [
+        [verification.table().to_csv(), *(table.as_csv() for table in verification.tables)]
+        for verification in verifications
+    ]
+    assert texts == [texts[0]] * len(engines)
 
 
 @pytest.mark.slow

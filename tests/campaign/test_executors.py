@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -174,20 +175,38 @@ def test_jobs_and_executor_exclude_each_other() -> None:
 
 
 @contextmanager
-def _deaf_sleep(monkeypatch: pytest.MonkeyPatch, module: Any) -> Iterator[None]:
-    """Let signals arrive in another thread while this one sleeps in ``wait``, so that they do not wake it.
+def _interrupted_asleep(
+    monkeypatch: pytest.MonkeyPatch, module: Any, started: Path, release: Path | None = None
+) -> Iterator[None]:
+    """Send Ctrl-C when a case has started and the main thread sleeps, and do not let it wake this thread.
 
-    A signal that comes just before the sleep is lost in the same way: nothing interrupts the system call.
+    The signal arrives in another thread. One that comes just before the sleep is lost in the same way: nothing
+    interrupts the system call. ``release``: what is made a second after the signal.
     """
-    honest = module.wait
+    honest, sleeps = module.wait, threading.Event()
+    main = Path(f"/proc/self/task/{threading.get_native_id()}/stat")
 
     def wait(*arguments: Any, **keywords: Any) -> Any:
         signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        sleeps.set()
         return honest(*arguments, **keywords)
+
+    def is_asleep() -> bool:
+        time.sleep(0.01)
+        return main.read_text().rpartition(")")[2].split()[0] == "S"
+
+    def interrupt() -> None:
+        assert happens(started.exists)
+        assert sleeps.wait()
+        assert happens(lambda: all(is_asleep() for _ in range(5)))
+        os.kill(os.getpid(), signal.SIGINT)
+        if release is not None:
+            threading.Timer(1.0, release.touch).start()
 
     handler = signal.signal(signal.SIGINT, signal.default_int_handler)
     before = signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
     monkeypatch.setattr(module, "wait", wait)
+    threading.Thread(target=interrupt, daemon=True).start()
     try:
         yield
     finally:
@@ -200,21 +219,15 @@ def test_ctrl_c_that_comes_just_before_the_sleep_is_heard(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     started, release = tmp_path / "started", tmp_path / "release"
-
-    def interrupt() -> None:
-        assert happens(started.exists)
-        os.kill(os.getpid(), signal.SIGINT)
-
     cases = [with_action(wait_for, started, release), short_case()]
     work = {
         "processes": lambda: run_cases(cases, jobs=2),
         "executor": lambda: run_cases(cases, jobs=ThreadPoolExecutor(2)),
         "threads": lambda: map_in_threads(lambda case: wait_for(started, release), cases, 2),
     }
-    with _deaf_sleep(monkeypatch, pool if kind == "processes" else executors):
-        threading.Thread(target=interrupt, daemon=True).start()
-        with pytest.raises(KeyboardInterrupt):
-            work[kind]()
+    module = pool if kind == "processes" else executors
+    with _interrupted_asleep(monkeypatch, module, started), pytest.raises(KeyboardInterrupt):
+        work[kind]()
     # it is raised while the case still runs: nobody has released it
     assert not release.exists()
     release.touch()
@@ -228,14 +241,6 @@ def test_without_slices_ctrl_c_is_heard_when_the_case_has_ended(
     # the fault that the test above catches
     started, release = tmp_path / "started", tmp_path / "release"
     monkeypatch.setattr(executors, "SLICE", None)
-
-    def interrupt() -> None:
-        assert happens(started.exists)
-        os.kill(os.getpid(), signal.SIGINT)
-        threading.Timer(1.0, release.touch).start()
-
-    with _deaf_sleep(monkeypatch, executors):
-        threading.Thread(target=interrupt, daemon=True).start()
-        with pytest.raises(KeyboardInterrupt):
-            run_cases([with_action(wait_for, started, release)], jobs=ThreadPoolExecutor(1))
+    with _interrupted_asleep(monkeypatch, executors, started, release), pytest.raises(KeyboardInterrupt):
+        run_cases([with_action(wait_for, started, release)], jobs=ThreadPoolExecutor(1))
     assert release.exists()
