@@ -8,7 +8,7 @@ PYTEST := -n auto
 # without bytecode every process of the tests, and every process that a test starts, would compile all modules again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup verify test test-all bench docs lint peers pins wheels clean
+.PHONY: setup verify test test-all bench docs lint peers pins wheels mutate clean
 
 setup: $(STAMP)
 
@@ -66,6 +66,10 @@ pins: $(STAMP)
 # build both files of a release and use the wheel in empty environments; the table of docs/quality.md
 wheels:
 	$(PYTHON) .ci/wheels.py $(ARGS)
+
+# plant small faults one at a time and count those that no test catches; an hour or more, and it may be interrupted
+mutate: $(STAMP)
+	$(BIN)/python .ci/mutate.py $(ARGS)
 
 clean:
 	rm -rf $(VENV) $(VENV)-new reports/latest docs/_build

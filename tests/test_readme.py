@@ -22,7 +22,14 @@ NAMES = {
     "BCA": "bca",
 }
 GUIDES = sorted(str(page.relative_to(ROOT)) for page in (ROOT / "docs" / "howto").glob("*.md"))
-PAGES_WITH_COMMANDS = ["README.md", "docs/start.md", "docs/commands.md", "docs/regression.md", *GUIDES]
+PAGES_WITH_COMMANDS = [
+    "README.md",
+    "docs/start.md",
+    "docs/commands.md",
+    "docs/questions.md",
+    "docs/regression.md",
+    *GUIDES,
+]
 
 
 @pytest.mark.parametrize(("page", "count"), [("README.md", 6), ("docs/paper.md", 12)])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.helpers.move_pins import quality, wheels
+from tests.helpers.move_pins import mutate, quality, wheels
 
 ROOT = Path(__file__).parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -17,7 +17,7 @@ WORKFLOW = (ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8")
 CONTAINER = (ROOT / "Containerfile").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("module", [quality, wheels])
+@pytest.mark.parametrize("module", [mutate, quality, wheels])
 def test_the_examples_of_the_programs(module: object) -> None:
     result = doctest.testmod(module)  # type: ignore[arg-type]
     assert (result.failed, result.attempted > 0) == (0, True)
@@ -59,3 +59,13 @@ def test_the_container_has_all_files_that_a_build_needs() -> None:
     project = PYPROJECT["project"]
     needed = {"pyproject.toml", project["readme"], *project["license-files"], "dem_bridge", "constraints.txt"}
     assert needed <= set(" ".join(re.findall(r"^COPY (.+)$", CONTAINER, re.MULTILINE)).split())
+
+
+def test_the_sample_of_faults_is_the_same_every_time_and_changes_one_line_each() -> None:
+    faults = mutate.sample(8, seed=3)
+    assert faults == mutate.sample(12, seed=3)[:8]
+    assert faults != mutate.sample(8, seed=4)
+    for fault in faults:
+        assert fault.before != fault.after
+        assert fault.file in mutate.tests_of(fault.file)
+        assert len(mutate.tests_of(fault.file)) > 1
