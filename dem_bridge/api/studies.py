@@ -83,7 +83,7 @@ def study(
     >>> import dem_bridge as db
     >>> result = db.study("scatter", "decelerating-40", count=2, store=False)
     >>> result.id, result.exit_code, [table.id for table in result.tables]
-    ('scatter', 0, ['scatter', 'along-the-chain'])
+    ('scatter', 0, ['scatter', 'along-the-chain', 'tolerances'])
     """
     from dem_bridge.campaign import jobs_of
     from dem_bridge.studies.catalogue import study_named

@@ -1,40 +1,54 @@
 """Scatter of the contact angles: the effect of random errors of the angles between cylinders.
 
-The paper (section 4a) states such scatter as the reason why its measured fronts are uneven. A seeded set of chains, in
-which each angle differs from the intended one by a normal deviate, is solved by the reference; the result is the spread
-of the observables.
+The paper (section 4a) states such scatter as the reason why its measured fronts are uneven. Chains in which each angle
+differs from the intended one by a normal deviate are solved as an ensemble; the result is the spread of the
+observables, and the tolerance of the angles that a wanted spread allows. The study of the paper solves a seeded set of
+chains by the reference.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Jobs, Progress, Result, run_cases
 from dem_bridge.ensembles.draw import LEAST_ANGLE as LEAST_ANGLE
+from dem_bridge.ensembles.draw import VARIED, Variation
+from dem_bridge.ensembles.run import run_ensemble
+from dem_bridge.ensembles.solve import LANED, solve_chains
 from dem_bridge.errors import UnsupportedScene
+from dem_bridge.geometry import Geometry
+from dem_bridge.observables.fits import inner_bodies
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file.physical import rounded
 from dem_bridge.scene_file.physical import scattered as turned_by_chance
-from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table, check_setting
+from dem_bridge.studies.study import FigureData, Map, Panel, Series, Study, Table, check_setting
 from dem_bridge.studies.texts import Texts
 from dem_bridge.sweep import table_of
 from dem_bridge.trajectory import Floats
 from dem_bridge.verification.roles import REFERENCE
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 TEXTS = Texts("scatter")
 #: observables that are compared with those of the chain with the intended angles
 OBSERVABLES = ("arrival_at_end", "residence_time", "peak_force")
+#: names of the measures of a chain
+ARRIVAL, SPEED_RATIO = "arrival at the last body", "V_out/V_in"
+#: part of the chains that must keep within a tolerance, and the tolerances in the table
+SHARE, EFFECTS = 0.9, (0.01, 0.02, 0.05)
+#: spreads that tolerances are interpolated between, of the spread of the study, and chains with each of them
+_PARTS, _CHAINS = (0.02, 0.08, 0.3, 1.0, 3.0, 8.0), 512
+#: samples of the maps
+_SAMPLES = 120
+#: chains that the paper measured
+PAPER = ("decelerating-40", "accelerating-40")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,18 +59,31 @@ class ScatteredChains:
     spread: float
     """Standard deviation of each angle, degrees."""
     seed: int
-    table: pd.DataFrame
-    """See :func:`dem_bridge.sweep.table_of`; without the chains that broke."""
+    solver: str
+    """The reference, or "ensemble"."""
+    values: Mapping[str, Floats]
+    """Observable -> ``(n_chain, n_place)``, without the chains that broke; "velocity" of an ensemble."""
+    intended: Mapping[str, Floats]
+    """Observable -> ``(n_place,)`` of the chain with the intended angles."""
 
     @property
     def count(self) -> int:
         """Number of chains."""
-        return int(self.table["case"].nunique())
+        return len(self.values[OBSERVABLES[0]])
 
     def ratios(self, observable: str) -> Floats:
         """Return values relative to the chain with the intended angles, ``(n_chain, n_place)``."""
-        part = self.table[self.table["observable"] == observable]
-        return np.asarray((part["value"] / part["reference_value"]).to_numpy().reshape(self.count, -1))
+        with np.errstate(invalid="ignore", divide="ignore"):  # a wall that is not reached has no force
+            return np.asarray(self.values[observable] / self.intended[observable])
+
+    def measures(self) -> dict[str, Floats]:
+        """Return arrival and, for more than six bodies, V_out/V_in relative to the intended, ``(n_chain,)``."""
+        first, last = inner_bodies(self.scene)
+        measures = {ARRIVAL: self.ratios("arrival_at_end")[:, 0]}
+        if first < last:
+            time = self.ratios("residence_time")
+            measures[SPEED_RATIO] = time[:, first] / time[:, last]
+        return measures
 
     @property
     def residence_spread(self) -> Floats:
@@ -85,11 +112,7 @@ def scattered(scene: Scene, *, spread: float, seed: int) -> Scene:
     Errors are normal deviates with a standard deviation of ``spread`` degrees. Angles are reflected at 90 degrees and
     at 0. Raises UnsupportedScene where the scene has no angles.
     """
-    geometry = scene.geometry
-    if geometry is None or all(angle is None for angle in geometry.angle):
-        raise UnsupportedScene(
-            f"{scene.name} has no contact angles that could scatter; allowed: a scene in physical form with cylinders"
-        )
+    geometry = _geometry(scene)
     known_values = [k for k, angle in enumerate(geometry.angle) if angle is not None]
     turned = turned_by_chance(tuple(filter(None, geometry.angle)), scatter=spread, seed=seed)
     angles, stiffness = list(geometry.angle), list(scene.stiffness)
@@ -102,12 +125,33 @@ def scattered(scene: Scene, *, spread: float, seed: int) -> Scene:
     return replace(scene, name=name, stiffness=tuple(stiffness), geometry=off)
 
 
-def cases_of(scene: Scene, *, spread: float, count: int, seed: int = 0) -> list[Case]:
-    """Return the case of the intended chain, then of ``count`` scattered ones, with seeds from ``seed`` on."""
+def _geometry(scene: Scene) -> Geometry:
+    geometry = scene.geometry
+    if geometry is None or all(angle is None for angle in geometry.angle):
+        raise UnsupportedScene(
+            f"{scene.name} has no contact angles that could scatter; allowed: a scene in physical form with cylinders"
+        )
+    return geometry
+
+
+def _check_settings(spread: float, count: int, seed: int) -> None:
     check_setting("spread", spread, "a number of degrees > 0, up to 45", most=45.0)
     check_setting("count", count, "a whole number of chains from 2 to 100000", least=2, most=100_000)
     # a seed and its negative are the same to random.Random
     check_setting("seed", seed, "a whole number >= 0", least=0, most=math.inf)
+
+
+def _check_arrival(scene: Scene, crossing_time: Floats) -> None:
+    if not np.all(np.isfinite(crossing_time[: scene.n_body - 1])):
+        raise UnsupportedScene(
+            f"{scene.name}: the wave does not reach the last body within {scene.duration:g} s, so that there is no"
+            " arrival to compare; allowed: a longer duration"
+        )
+
+
+def cases_of(scene: Scene, *, spread: float, count: int, seed: int = 0) -> list[Case]:
+    """Return the case of the intended chain, then of ``count`` scattered ones, with seeds from ``seed`` on."""
+    _check_settings(spread, count, seed)
     chains = [scene, *(scattered(scene, spread=spread, seed=seed + i) for i in range(count))]
     # crossing times and peak forces are those of the run, not of its samples
     item = Sampling(count=1)
@@ -121,27 +165,60 @@ def chains_of(scene: Scene, results: Sequence[Result], *, spread: float, seed: i
     table = table[table["failure"] == ""]
     if intended.trajectory is None or table.empty:
         raise UnsupportedScene(f"{scene.name}: the reference has no run ({intended.failure})")
-    if not np.all(np.isfinite(intended.trajectory.crossing_time[: scene.n_body - 1])):
-        raise UnsupportedScene(
-            f"{scene.name}: the wave does not reach the last body within {scene.duration:g} s, so that there is no"
-            " arrival to compare; allowed: a longer duration"
-        )
-    return ScatteredChains(scene=scene, spread=spread, seed=seed, table=table)
+    _check_arrival(scene, intended.trajectory.crossing_time)
+    values, reference = {}, {}
+    for name, part in table.groupby("observable"):
+        shape = part["case"].nunique(), -1
+        values[name] = part["value"].to_numpy().reshape(shape)
+        reference[name] = part["reference_value"].to_numpy().reshape(shape)[0]
+    return ScatteredChains(scene=scene, spread=spread, seed=seed, solver=REFERENCE, values=values, intended=reference)
+
+
+def solve_scattered(
+    scene: Scene,
+    *,
+    spread: float,
+    count: int,
+    seed: int = 0,
+    samples: int | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> ScatteredChains:
+    """Solve an ensemble of chains whose angles fill the normal distributions evenly (Sobol' sequence)."""
+    _check_settings(spread, count, seed)
+    _geometry(scene)
+    variation = Variation(scene=scene, vary={"angle": spread}, seed=seed, sampler="sobol")
+    chains = run_ensemble(variation, count, samples=samples, checks=0, executor=executor, progress=progress)
+    intended = solve_chains(scene, variation.chains(np.full((1, len(variation.columns)), 0.5)), chains.steps)
+    _check_arrival(scene, intended["crossing_time"][0])
+    return ScatteredChains(
+        scene=scene,
+        spread=spread,
+        seed=seed,
+        solver="ensemble",
+        values={
+            name: values.reshape(count, -1) if values.ndim < 3 else values for name, values in chains.values.items()
+        },
+        intended={name: np.atleast_1d(values[0]) for name, values in intended.items()},
+    )
 
 
 def study_scatter(
     scene: Scene,
     *,
     spread: float = 0.5,
-    count: int = 200,
+    count: int = 2048,
     seed: int = 0,
+    effect: float = 0.01,
     jobs: Jobs = None,
+    executor: Executor | None = None,
     progress: Progress | None = None,
     store: Store | None = None,
 ) -> Study:
     """Measure how random errors of the contact angles change arrival, residence times and peak forces.
 
-    A seeded set of chains, each contact angle off by a normal deviate, is solved by the reference.
+    Each contact angle of an ensemble of chains is off by a normal deviate. Chains with forces that an ensemble cannot
+    solve, such as damping, are solved one by one by the reference.
 
     Parameters
     ----------
@@ -152,8 +229,12 @@ def study_scatter(
     count : int
         Number of chains.
     seed : int
-        Seed of the first chain; each further chain has the next.
-    jobs, progress, store : as in :func:`dem_bridge.study`
+        Seed of the draws.
+    effect : float
+        Wanted largest relative change of arrival and V_out/V_in in nine chains of ten, for which the tolerance of the
+        angles is computed.
+    jobs, store : as in :func:`dem_bridge.study`, for chains that the reference solves
+    executor, progress : as in :func:`dem_bridge.ensemble`
 
     Returns
     -------
@@ -166,21 +247,123 @@ def study_scatter(
     UsageError
         For a setting out of its range.
     """
-    cases = cases_of(scene, spread=spread, count=count, seed=seed)
-    chains = chains_of(scene, run_cases(cases, jobs=jobs, progress=progress, store=store), spread=spread, seed=seed)
+    check_setting("effect", effect, "a relative change above 0, up to 1", most=1.0)
+    if LANED.unsupported_reason(scene):
+        cases = cases_of(scene, spread=spread, count=count, seed=seed)
+        results = run_cases(cases, jobs=executor or jobs, progress=progress, store=store)
+        return study_of(chains_of(scene, results, spread=spread, seed=seed))
+    settings: dict[str, Any] = {"executor": executor, "progress": progress}
+    chains = solve_scattered(scene, spread=spread, count=count, seed=seed, samples=_SAMPLES, **settings)
+    return study_of(
+        chains, find_tolerances(chains, sorted({effect, *EFFECTS}), min(count, _CHAINS), **settings), effect
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tolerance:
+    """Spread of the angles by which nine chains of ten have a measure within a relative change of the intended."""
+
+    measure: str
+    effect: float
+    spread: float
+    """Standard deviation of each angle, degrees; nan: beyond the spreads that were tried."""
+    confirmed: float
+    """Change that nine of ten other chains with that spread keep within."""
+
+
+def find_tolerances(chains: ScatteredChains, effects: Sequence[float], count: int, **settings: Any) -> list[Tolerance]:
+    """Return the spreads for the effects, interpolated between those that are tried, and run each of them."""
+
+    def changes(spread: float, seed: int) -> dict[str, float]:
+        solved = solve_scattered(chains.scene, spread=spread, count=count, seed=seed, **settings)
+        return {name: float(np.nanquantile(np.abs(ratio - 1.0), SHARE)) for name, ratio in solved.measures().items()}
+
+    spreads = [part * chains.spread for part in _PARTS if part * chains.spread <= VARIED["angle"][1]]
+    tried = [changes(spread, chains.seed) for spread in spreads]
+    rows = []
+    for measure in tried[0]:
+        curve = np.maximum.accumulate([change[measure] for change in tried])
+        for effect in effects:
+            allowed = float(np.exp(np.interp(np.log(effect), np.log(curve), np.log(spreads), math.nan, math.nan)))
+            confirmed = math.nan if math.isnan(allowed) else changes(allowed, chains.seed + 1)[measure]
+            rows.append(Tolerance(measure=measure, effect=effect, spread=allowed, confirmed=confirmed))
+    return rows
+
+
+def study_of(chains: ScatteredChains, tolerances: Sequence[Tolerance] = (), effect: float = math.nan) -> Study:
+    """Return the study of a set of chains."""
+    scene, spread = chains.scene, chains.spread
     (mean, deviation), times, force = chains.arrival_shift, chains.residence_spread, chains.force_spread
     spreads = (("residence time of a body", times), ("peak force of a contact", force))
     arrival = {"spread": spread, "mean": mean, "deviation": deviation}
+    answer = [TEXTS("arrival", scene=scene.name, count=chains.count, **arrival)]
+    answer += [TEXTS("along", name=name, median=np.nanmedian(v), largest=np.nanmax(v)) for name, v in spreads]
+    for name, ratio in chains.measures().items():
+        low, high = np.nanquantile(ratio, [0.05, 0.95])
+        answer.append(TEXTS("middle", name=name, low=low - 1.0, high=high - 1.0))
+    for found in tolerances:
+        if found.effect == effect and math.isfinite(found.spread):
+            answer.append(TEXTS("tolerance", **vars(found), count=min(chains.count, _CHAINS)))
+    if scene.name in PAPER:
+        slower = "does not explain that" if mean < deviation else "may contribute to that"
+        answer.append(TEXTS("paper", median=np.nanmedian(times), slower=slower, **arrival))
+    tables = [table([chains]), _along(chains)]
+    if tolerances:
+        rows = [(t.measure, 100.0 * t.effect, t.spread, 100.0 * t.confirmed) for t in tolerances]
+        tables.append(TEXTS.table("tolerances", rows))
+    figures = [figure(chains), distributions(chains)]
+    if "velocity" in chains.values:
+        figures.append(maps(chains))
     return TEXTS.study(
         {"scene": scene.name},
-        answer=(
-            TEXTS("arrival", scene=scene.name, count=chains.count, **arrival),
-            *(TEXTS("along", name=name, median=np.nanmedian(v), largest=np.nanmax(v)) for name, v in spreads),
-        ),
-        tables=(table([chains]), _along(chains)),
-        figures=(figure(chains),),
-        provenance={"scene": scene.name, "scene_hash": scene.content_hash, "spread": spread, "seed": seed},
+        answer=tuple(answer),
+        tables=tuple(tables),
+        figures=tuple(figures),
+        provenance={"scene": scene.name, "scene_hash": scene.content_hash, "spread": spread, "seed": chains.seed},
     )
+
+
+def distributions(chains: ScatteredChains) -> FigureData:
+    """Return the distributions of the measures of a chain, and the wave speed along the chain."""
+    part = np.linspace(0.005, 0.995, 199)
+    styles = ("reference", "verlet")
+    lines = [
+        Series(label=name, style=style, x=np.nanquantile(ratio, part), y=part)
+        for (name, ratio), style in zip(chains.measures().items(), styles, strict=False)
+    ]
+    times = chains.values["residence_time"][:, 1:-1]
+    x = np.arange(1.0, 1.0 + times.shape[1])
+    with np.errstate(divide="ignore"):
+        # a time of zero or less is that of a body that the wave passes over: its speed has no upper end
+        slow, middle, fast = (chains.scene.spacing or 1.0) / np.nanquantile(times, [0.95, 0.5, 0.05], axis=0)
+    bounded = fast > 0.0
+    band = Series(
+        label="middle 90 %",
+        style="band",
+        x=x[bounded],
+        y=0.5 * (slow + fast)[bounded],
+        bar=0.5 * (fast - slow)[bounded],
+    )
+    speeds = [band, Series(label="median", style="reference", x=x[middle > 0.0], y=middle[middle > 0.0])]
+    unit = "bodies/s" if chains.scene.spacing is None else "m/s"
+    panels = (TEXTS.panel("distribution", lines), TEXTS.panel("speed", speeds, unit=unit))
+    settings = {"spread": chains.spread, "count": chains.count, "scene": chains.scene.name}
+    return replace(TEXTS.figure("distributions", panels, **settings), id=f"scatter-distributions-{chains.scene.name}")
+
+
+def maps(chains: ScatteredChains) -> FigureData:
+    """Return the map of the median velocity, and that of the width of the middle 90 %."""
+    velocity, scene = chains.values["velocity"], chains.scene
+    # sample by sample, so that memory does not grow with the number of chains times samples
+    rows = [np.quantile(velocity[:, row], [0.05, 0.5, 0.95], axis=0) for row in range(velocity.shape[1])]
+    low, middle, high = np.array(rows).transpose(1, 0, 2)
+    bodies, time = np.arange(float(scene.n_body)), np.linspace(0.0, 1e3 * scene.duration, len(rows))
+    panels = tuple(
+        TEXTS.panel(id, map=Map(label="velocity (m/s)", x=bodies, y=time, values=values))
+        for id, values in (("map-median", middle), ("map-width", high - low))
+    )
+    settings = {"spread": chains.spread, "count": chains.count, "scene": scene.name}
+    return replace(TEXTS.figure("maps", panels, **settings), id=f"scatter-maps-{scene.name}")
 
 
 def figure(chains: ScatteredChains) -> FigureData:
@@ -195,7 +378,10 @@ def figure(chains: ScatteredChains) -> FigureData:
         return TEXTS.panel(id, [band, Series(label="median", style="reference", x=x, y=middle)])
 
     panels = (panel("body", residence, 1), panel("contact", force, 0))
-    settings = {"spread": chains.spread, "count": chains.count, "seed": chains.seed}
+    one_by_one = chains.solver == REFERENCE
+    seeds = f"seeds from {chains.seed} on" if one_by_one else f"seed {chains.seed}"
+    settings = {"spread": chains.spread, "count": chains.count, "seeds": seeds}
+    settings["solver"] = "the reference" if one_by_one else "an ensemble"
     return replace(TEXTS.figure("scatter", panels, scene=name, **settings), id=f"scatter-{name}")
 
 

@@ -20,7 +20,10 @@ from dem_bridge.studies.scatter import (
     cases_of,
     chains_of,
     figure,
+    find_tolerances,
     scattered,
+    solve_scattered,
+    study_of,
     study_scatter,
 )
 
@@ -132,8 +135,59 @@ def test_spreads_are_those_of_numpy(found: ScatteredChains, results: tuple[Resul
     assert shapes == [(4, 1), (4, 41), (4, 40)]
 
 
+def _rods(**changes: object) -> Scene:
+    """Three crossed cylinders; with a drag the reference solves each chain."""
+    steel = db.Material(youngs_modulus=193e9, poissons_ratio=0.3, density=8000.0)
+    rods = [db.Body(shape="cylinder", radius=5e-3, height=1e-2, material=steel)] * 3
+    return replace(db.chain(name="rods", duration=2e-4, bodies=rods, velocity=0.5, angles=(30.0, 60.0)), **changes)  # type: ignore[arg-type]
+
+
+def test_an_ensemble_and_the_reference_have_the_same_intended_chain_and_spread() -> None:
+    chains = solve_scattered(_rods(), spread=1.0, count=256)
+    intended, *_ = run_cases(cases_of(_rods(), spread=1.0, count=2))
+    assert intended.trajectory is not None
+    assert chains.intended["peak_force"] == pytest.approx(intended.trajectory.peak_force, rel=1e-4)
+    assert chains.intended["arrival_at_end"] == pytest.approx(intended.trajectory.crossing_time[1], rel=1e-4)
+    single = chains_of(_rods(), run_cases(cases_of(_rods(), spread=1.0, count=40)), spread=1.0)
+    # the standard error of a deviation is 1/sqrt(2 n) of it: 11 % for 40 chains; three of them
+    assert single.arrival_shift[1] == pytest.approx(chains.arrival_shift[1], rel=0.35)
+    assert single.force_spread == pytest.approx(chains.force_spread, rel=0.35)
+
+
+def test_a_tolerance_that_was_found_is_confirmed_by_other_chains() -> None:
+    chains = solve_scattered(_rods(), spread=1.0, count=128)
+    assert list(chains.measures()) == ["arrival at the last body"]
+    small, large = find_tolerances(chains, (0.01, 0.9), 128)
+    assert 0.02 < small.spread < 8.0
+    assert small.confirmed == pytest.approx(small.effect, rel=0.25)
+    # a spread twice as large does not keep the tolerance
+    wide = solve_scattered(_rods(), spread=2.0 * small.spread, count=128, seed=1).measures()["arrival at the last body"]
+    assert np.quantile(np.abs(wide - 1.0), 0.9) > 1.5 * small.effect
+    assert math.isnan(large.spread)
+    assert math.isnan(large.confirmed)
+
+
+def test_the_study_of_an_ensemble_has_maps_tolerances_and_distributions() -> None:
+    study = study_scatter(_rods(), spread=1.0, count=64)
+    assert [table.id for table in study.tables] == ["scatter", "along-the-chain", "tolerances"]
+    width = study.figures[2].panels[1].map
+    assert width is not None
+    assert width.values.shape == (121, 3)
+    assert np.all(width.values >= 0.0)
+    assert np.all(width.values[0] == 0.0), "all chains start alike"
+    assert "other chains with that spread confirm it" in " ".join(study.answer)
+    one_by_one = study_scatter(_rods(drag=1.0), spread=1.0, count=3)
+    assert [table.id for table in one_by_one.tables] == ["scatter", "along-the-chain"]
+
+
+def test_the_speed_ratio_is_that_of_residence_times(found: ScatteredChains) -> None:
+    time = found.ratios("residence_time")
+    assert found.measures()["V_out/V_in"] == pytest.approx(time[:, 3] / time[:, 38])
+    assert "Does scatter explain the experiment?" in " ".join(study_of(found).answer)
+
+
 def test_the_tables_of_the_study_are_those_of_the_chains(found: ScatteredChains) -> None:
-    study = study_scatter(SCENE, spread=SPREAD, count=COUNT, seed=SEED)
+    study = study_of(found)
     told = json.loads(json.dumps(study.as_json(), allow_nan=False))
     assert told["provenance"] == {
         "scene": SCENE.name, "scene_hash": SCENE.content_hash, "spread": SPREAD, "seed": SEED
