@@ -45,7 +45,7 @@ def run_by_executor(tasks: Sequence[Task], executor: Executor) -> Iterator[tuple
     Raises
     ------
     RunBroken
-        If the executor takes no more tasks.
+        If the executor takes no more tasks, or drops those that it has.
     """
     away: dict[Future[list[Outcome]], list[Task]] = {}
     folder = next((task.folder for task in tasks if task.folder is not None), None)
@@ -68,7 +68,9 @@ def run_by_executor(tasks: Sequence[Task], executor: Executor) -> Iterator[tuple
                 chunk, since = away.pop(future), time.monotonic()
                 try:
                     outcomes = future.result()
-                except (Exception, CancelledError) as error:
+                except CancelledError as error:
+                    raise _gone("dropped the cases that it had", error) from error
+                except Exception as error:
                     # Dask has already tried a killed task on several workers
                     again = len(chunk) > 1 or type(error).__name__ != "KilledWorker"
                     yield from work.lost(chunk, f"{type(error).__name__}: {error}", again=again)
@@ -124,10 +126,15 @@ def _submit(executor: Executor, chunk: Sequence[Task]) -> Future[list[Outcome]]:
     except BrokenExecutor:
         raise
     except Exception as error:
-        raise RunBroken(
-            f"the executor takes no more cases ({type(error).__name__}: {error}); runs that ended are in the store:"
-            " call again with an executor that works"
-        ) from error
+        raise _gone("takes no more cases", error) from error
+
+
+def _gone(event: str, error: Exception) -> RunBroken:
+    """Return the error for an executor that was shut down, or lost its scheduler."""
+    return RunBroken(
+        f"the executor {event} ({' '.join(f'{type(error).__name__}: {error}'.split())}); runs that ended are in the"
+        " store if there is one: call again with an executor that works"
+    )
 
 
 def _patience(chunks: Collection[Sequence[Task]]) -> float:

@@ -170,14 +170,19 @@ def _work(connection: Connection) -> None:
     """Solve cases as they come, until there are no more. What a process does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # ... and engines, which they start, do not either
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
-    # an orderly end: engines are stopped and temporary folders deleted
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    signal.signal(signal.SIGTERM, _end)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     connection.send(None)
     with suppress(EOFError):
         while True:
             for packed in connection.recv():
                 connection.send(perform(packed))
+
+
+def _end(*_: object) -> None:
+    """End in order: engines are stopped and temporary folders deleted, which a second signal must not interrupt."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    sys.exit(128 + signal.SIGTERM)
 
 
 def _end_with_parent() -> None:

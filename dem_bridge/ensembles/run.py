@@ -7,7 +7,7 @@ import os
 import tempfile
 import weakref
 from collections.abc import Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from shutil import rmtree
@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Progress, Result, run_cases
+from dem_bridge.campaign import Progress, Result, run_cases, workers_of
 from dem_bridge.ensembles.draw import BLOCK, Variation
 from dem_bridge.ensembles.result import Ensemble
 from dem_bridge.ensembles.solve import OBSERVABLES, check_solvable, difference, solve_chains, steps_for
-from dem_bridge.errors import UsageError
+from dem_bridge.errors import DemBridgeError, UsageError
 from dem_bridge.leftovers import owned
 from dem_bridge.observables.registry import observable_named
 from dem_bridge.runs.case import Case
@@ -103,17 +103,34 @@ def _blocks(
     """Yield the blocks as they are solved; only a few are submitted at a time, so that memory is constant."""
     waiting: dict[Future[dict[str, Floats]], int] = {}
     pending = iter(enumerate(sizes))
-    most = 2 * (os.cpu_count() or 1)
+    most = 2 * workers_of(pool)
     while True:
         while len(waiting) < most and (following := next(pending, None)) is not None:
             nth, size = following
-            waiting[pool.submit(solve_block, variation, nth, size, steps, samples)] = nth
+            waiting[_submit(pool, variation, nth, size, steps, samples)] = nth
         if not waiting:
             return
         # in slices, so that Ctrl-C is not lost while nothing ends
         done, _ = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
         for future in done:
-            yield waiting.pop(future), future.result()
+            nth = waiting.pop(future)
+            try:
+                part = future.result()
+            except DemBridgeError:
+                raise
+            except Exception:  # its worker is gone: here
+                part = solve_block(variation, nth, sizes[nth], steps, samples)
+            yield nth, part
+
+
+def _submit(pool: Executor, *arguments: Any) -> Future[dict[str, Floats]]:
+    """Return the future of a block; it has failed already where a pool of processes is broken."""
+    try:
+        return pool.submit(solve_block, *arguments)
+    except BrokenExecutor as error:
+        future: Future[dict[str, Floats]] = Future()
+        future.set_exception(error)
+        return future
 
 
 def _arrays(scene: Scene, n: int, samples: int | None, stack: ExitStack) -> dict[str, Floats | Path]:

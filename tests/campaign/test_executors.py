@@ -70,6 +70,16 @@ class Silent(Executor):
         return Future()
 
 
+class Dropping(Executor):
+    """Cancel what it has."""
+
+    def submit(self, function: Any, /, *arguments: Any, **keywords: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        future.cancel()
+        future.set_running_or_notify_cancel()
+        return future
+
+
 class Closed(Executor):
     """Take nothing."""
 
@@ -147,9 +157,20 @@ def test_what_nobody_answers_is_broken_after_its_time(monkeypatch: pytest.Monkey
     assert str(result.failure) == "three: verlet at dt = 1e-06 s: nothing came back within 0.1 s"
 
 
-def test_an_executor_that_takes_nothing_is_one_line() -> None:
+def test_an_executor_that_takes_nothing_or_drops_all_is_one_line() -> None:
     with pytest.raises(RunBroken, match=r"the executor takes no more cases \(RuntimeError: it is shut down\)"):
         run_cases([short_case()], jobs=Closed())
+    # as that of a Dask scheduler that is gone
+    with pytest.raises(RunBroken, match="the executor dropped the cases that it had"):
+        run_cases([short_case()], jobs=Dropping())
+
+
+def test_blocks_of_an_ensemble_whose_worker_is_gone_are_solved_here() -> None:
+    expected, lost = (
+        db.ensemble("decelerating-40", {"angle": 0.5}, n=8, checks=0, executor=executor)
+        for executor in (ThreadPoolExecutor(1), Lost())
+    )
+    assert expected.table.equals(lost.table)
 
 
 @pytest.mark.slow
